@@ -1,0 +1,110 @@
+!> How a routine tells its caller that something is wrong.
+!!
+!! Nothing below `app/` stops or prints: a routine that can fail has a
+!! `type(status_type), intent(out)` argument. An *outcome* of a computation
+!! (converged, diverged, ...) is not an error; it is part of the result.
+module viscovib_status
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: status_type, set_ok, fail, show
+
+  !> Categories of failure; the driver's exit statuses follow them.
+  integer, parameter, public :: status_ok = 0
+  integer, parameter, public :: status_input_error = 2
+  integer, parameter, public :: status_io_error = 3
+
+  !> Longest message that reaches a caller through the flat bindings.
+  integer, parameter, public :: max_message = 512
+
+  type :: status_type
+    !> One of the `status_*` categories.
+    integer :: category = status_ok
+    !> One line that names the thing, its value and what is allowed.
+    character(len=:), allocatable :: message
+    !> The argument or key at fault, for callers that point at a place.
+    character(len=:), allocatable :: subject
+  contains
+    procedure :: failed
+  end type status_type
+
+  !> A number as it should look inside a message.
+  interface show
+    module procedure show_real, show_integer
+  end interface show
+
+contains
+
+  elemental logical function failed(self)
+    class(status_type), intent(in) :: self
+    failed = self%category /= status_ok
+  end function failed
+
+  subroutine set_ok(status)
+    type(status_type), intent(out) :: status
+    status%category = status_ok
+  end subroutine set_ok
+
+  !> Mark a failure.
+  subroutine fail(status, category, subject, message)
+    type(status_type), intent(out) :: status
+    integer, intent(in) :: category
+    character(len=*), intent(in) :: subject, message
+    status%category = category
+    status%subject = subject
+    status%message = message
+  end subroutine fail
+
+  pure function show_integer(value) result(text)
+    integer, intent(in) :: value
+    character(len=:), allocatable :: text
+    character(len=16) :: buffer
+    write (buffer, '(i0)') value
+    text = trim(buffer)
+  end function show_integer
+
+  !> The shortest of a few formats that still tells the value apart, plain
+  !! between 1e-4 and 1e7 and with an exponent outside.
+  pure function show_real(value) result(text)
+    real(wp), intent(in) :: value
+    character(len=:), allocatable :: text
+    character(len=40) :: buffer
+    character(len=16) :: form
+    real(wp) :: back
+    integer :: digits, e, last, tail, decade
+
+    if (value /= value) then
+      text = 'nan'
+      return
+    else if (abs(value) > huge(value)) then
+      text = trim(merge('-inf', 'inf ', value < 0.0_wp))
+      return
+    end if
+    decade = 0
+    if (value /= 0.0_wp) decade = floor(log10(abs(value)))
+    do digits = 6, 17
+      if (decade >= -4 .and. decade < 7) then
+        write (form, '(a,i0,a)') '(f0.', max(digits - 1 - decade, 1), ')'
+      else
+        write (form, '(a,i0,a)') '(es0.', digits - 1, 'e3)'
+      end if
+      write (buffer, form) value
+      read (buffer, *) back
+      if (abs(back - value) <= 0.0_wp) exit
+    end do
+    e = scan(buffer, 'E')
+    tail = len_trim(buffer)
+    if (e > 0) tail = e - 1
+    last = verify(buffer(:tail), '0', back=.true.)
+    if (buffer(last:last) == '.') last = last - 1
+    text = buffer(:last)
+    if (e > 0) text = text//'e'//show_integer(decade)
+    if (text(1:1) == '.') text = '0'//text
+    if (len(text) > 1) then
+      if (text(1:2) == '-.') text = '-0'//text(2:)
+    end if
+    if (text == '' .or. text == '-') text = '0'
+  end function show_real
+
+end module viscovib_status

@@ -1,0 +1,96 @@
+!> The Koltunov-Rzhanitsyn kernel R(t) = A exp(-beta t) t^(alpha-1).
+!!
+!! The kernel of seed paper 001; weakly singular at t = 0 for alpha < 1.
+!! With beta = 0 it is the Abel (power law) kernel, which has no integral.
+module viscovib_rzhanitsyn
+  use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
+  use viscovib_checks, only: check_finite, check_not_negative
+  use viscovib_complex_power, only: gamma_function, power_of_quadrant
+  use viscovib_kernel, only: kernel_type
+  use viscovib_kinds, only: wp
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: rzhanitsyn_kernel, new_rzhanitsyn
+
+  type, extends(kernel_type) :: rzhanitsyn_kernel
+    !> A (1/s^alpha).
+    real(wp) :: amplitude = 0.0_wp
+    !> Exponent of the singularity, 0 < alpha <= 1.
+    real(wp) :: alpha = 1.0_wp
+    !> Rate of the exponential factor (1/s), >= 0.
+    real(wp) :: beta = 0.0_wp
+    !> A Gamma(alpha), the factor of every transform.
+    real(wp), private :: factor = 0.0_wp
+  contains
+    procedure :: transform
+    procedure :: laplace
+    procedure :: value
+    procedure :: integral
+  end type rzhanitsyn_kernel
+
+contains
+
+  !> Checked constructor.
+  subroutine new_rzhanitsyn(kernel, amplitude, alpha, beta, status)
+    type(rzhanitsyn_kernel), intent(out) :: kernel
+    real(wp), intent(in) :: amplitude, alpha, beta
+    type(status_type), intent(out) :: status
+
+    call check_not_negative('amplitude', amplitude, status)
+    if (status%failed()) return
+    call check_finite('alpha', alpha, status)
+    if (status%failed()) return
+    if (alpha <= 0.0_wp .or. alpha > 1.0_wp) then
+      call fail(status, status_input_error, 'alpha', &
+                'alpha = '//show(alpha)//': must be in (0, 1]')
+      return
+    end if
+    call check_not_negative('beta', beta, status)
+    if (status%failed()) return
+    kernel%amplitude = amplitude
+    kernel%alpha = alpha
+    kernel%beta = beta
+    kernel%factor = amplitude*gamma_function(alpha)
+  end subroutine new_rzhanitsyn
+
+  !> R_c - i R_s = A Gamma(alpha) (beta + i mu)^(-alpha)
+  !! (seed paper 001 after (12); Gradshteyn-Ryzhik 3.944).
+  subroutine transform(self, mu, cosine, sine)
+    class(rzhanitsyn_kernel), intent(in) :: self
+    real(wp), intent(in) :: mu(:)
+    real(wp), intent(out) :: cosine(:), sine(:)
+
+    call power_of_quadrant(self%factor, self%alpha, self%beta, abs(mu), cosine, sine)
+    sine = sign(sine, mu)
+  end subroutine transform
+
+  !> A Gamma(alpha) (beta + s)^(-alpha), cut along s <= -beta.
+  subroutine laplace(self, s, transform)
+    class(rzhanitsyn_kernel), intent(in) :: self
+    complex(wp), intent(in) :: s(:)
+    complex(wp), intent(out) :: transform(:)
+    transform = self%factor*(self%beta + s)**(-self%alpha)
+  end subroutine laplace
+
+  subroutine value(self, t, r)
+    class(rzhanitsyn_kernel), intent(in) :: self
+    real(wp), intent(in) :: t(:)
+    real(wp), intent(out) :: r(:)
+    r = self%amplitude*exp(-self%beta*t)*t**(self%alpha - 1.0_wp)
+  end subroutine value
+
+  !> A Gamma(alpha) beta^(-alpha).
+  real(wp) function integral(self)
+    class(rzhanitsyn_kernel), intent(in) :: self
+    if (self%amplitude == 0.0_wp) then
+      integral = 0.0_wp
+    else if (self%beta > 0.0_wp) then
+      integral = self%factor*self%beta**(-self%alpha)
+    else
+      integral = ieee_value(integral, ieee_positive_inf)
+    end if
+  end function integral
+
+end module viscovib_rzhanitsyn

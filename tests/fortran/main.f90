@@ -1,0 +1,32 @@
+!> Fortran tests: `viscovib-tester [SUITE [TEST]]` runs all, one suite, or one
+!! test by name. The exit status is 1 if anything failed or nothing was run.
+program tester
+  use testing, only: report, select_test
+  use test_kernels, only: run_kernels
+  implicit none
+
+  character(len=64) :: suite, name
+  logical :: known
+
+  call get_command_argument(1, suite)
+  call get_command_argument(2, name)
+  call select_test(trim(name))
+  known = .false.
+
+  if (wants('kernels')) call run_kernels()
+
+  if (.not. known) then
+    write (*, '(2a)') 'no suite of this name: ', trim(suite)
+    stop 1
+  end if
+  if (report() > 0) stop 1
+
+contains
+
+  logical function wants(title)
+    character(len=*), intent(in) :: title
+    wants = suite == '' .or. suite == title
+    known = known .or. wants
+  end function wants
+
+end program tester
