@@ -1,0 +1,84 @@
+!> Small dense linear algebra, sized for a handful of unknowns.
+module viscovib_dense
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: invert
+
+contains
+
+  !> Inverse of a small complex matrix: by the adjugate for n <= 2, else by
+  !! Gauss-Jordan elimination with row pivoting.
+  pure subroutine invert(matrix, inverse, singular)
+    !> Shape (n, n).
+    complex(wp), intent(in) :: matrix(:, :)
+    complex(wp), intent(out) :: inverse(:, :)
+    !> True, and the inverse 0, if a pivot vanishes.
+    logical, intent(out) :: singular
+
+    select case (size(matrix, 1))
+    case (1)
+      singular = vanishes(matrix(1, 1))
+      inverse = (0.0_wp, 0.0_wp)
+      if (.not. singular) inverse(1, 1) = 1.0_wp/matrix(1, 1)
+    case (2)
+      call invert_two(matrix, inverse, singular)
+    case default
+      call invert_many(matrix, inverse, singular)
+    end select
+  end subroutine invert
+
+  elemental logical function vanishes(z)
+    complex(wp), intent(in) :: z
+    vanishes = .not. (abs(real(z)) + abs(aimag(z)) > 0.0_wp)
+  end function vanishes
+
+  pure subroutine invert_two(a, inverse, singular)
+    complex(wp), intent(in) :: a(2, 2)
+    complex(wp), intent(out) :: inverse(2, 2)
+    logical, intent(out) :: singular
+    complex(wp) :: determinant, factor
+
+    determinant = a(1, 1)*a(2, 2) - a(1, 2)*a(2, 1)
+    singular = vanishes(determinant)
+    inverse = (0.0_wp, 0.0_wp)
+    if (singular) return
+    factor = 1.0_wp/determinant
+    inverse(1, 1) = factor*a(2, 2)
+    inverse(2, 1) = -factor*a(2, 1)
+    inverse(1, 2) = -factor*a(1, 2)
+    inverse(2, 2) = factor*a(1, 1)
+  end subroutine invert_two
+
+  pure subroutine invert_many(matrix, inverse, singular)
+    complex(wp), intent(in) :: matrix(:, :)
+    complex(wp), intent(out) :: inverse(:, :)
+    logical, intent(out) :: singular
+    complex(wp) :: work(size(matrix, 1), 2*size(matrix, 1)), row(2*size(matrix, 1))
+    integer :: n, i, j, pivot
+
+    n = size(matrix, 1)
+    work = (0.0_wp, 0.0_wp)
+    work(:, :n) = matrix
+    do i = 1, n
+      work(i, n + i) = (1.0_wp, 0.0_wp)
+    end do
+    do j = 1, n
+      pivot = j - 1 + maxloc(abs(work(j:, j)), 1)
+      singular = vanishes(work(pivot, j))
+      if (singular) then
+        inverse = (0.0_wp, 0.0_wp)
+        return
+      end if
+      row = work(pivot, :)
+      work(pivot, :) = work(j, :)
+      work(j, :) = row/row(j)
+      do i = 1, n
+        if (i /= j) work(i, :) = work(i, :) - work(i, j)*work(j, :)
+      end do
+    end do
+    inverse = work(:, n + 1:)
+  end subroutine invert_many
+
+end module viscovib_dense

@@ -1,0 +1,106 @@
+!> What the flat routines share: building systems from arrays, and turning a
+!! status into numbers and text.
+module viscovib_binding_tools
+  use viscovib_catalogue, only: kernel_none, new_kernel
+  use viscovib_kernel, only: kernel_type
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type, new_load
+  use viscovib_mount, only: mount_parameters, mount_type, new_mount
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_response, only: response_options
+  use viscovib_status, only: fail, status_input_error, status_type
+  implicit none
+  private
+
+  public :: make_kernel, make_mount, make_load, make_options, report
+
+  !> Length of the flat mount: mass, inertia, offset, stiffness_x,
+  !! stiffness_phi, damping (4, column by column), cubic_scale, memory_scale,
+  !! geometry.
+  integer, parameter, public :: mount_length = 12
+  !> Kernel kind of the rotation that stands for "the same as in x".
+  integer, parameter, public :: kernel_as_x = -1
+
+contains
+
+  subroutine make_kernel(kernel, kind, data, status)
+    class(kernel_type), allocatable, intent(out) :: kernel
+    integer, intent(in) :: kind
+    real(wp), intent(in) :: data(:)
+    type(status_type), intent(out) :: status
+    if (kind == kernel_none) then
+      call fail(status, status_input_error, 'kernel', 'kernel: none given')
+    else
+      call new_kernel(kernel, kind, data, status)
+    end if
+  end subroutine make_kernel
+
+  subroutine make_mount(mount, flat, kind_x, data_x, kind_phi, data_phi, status)
+    type(mount_type), intent(out) :: mount
+    real(wp), intent(in) :: flat(mount_length), data_x(:), data_phi(:)
+    integer, intent(in) :: kind_x, kind_phi
+    type(status_type), intent(out) :: status
+    type(mount_parameters) :: parameters
+    type(kernel_holder) :: kernels(2)
+    integer :: n
+
+    parameters%mass = flat(1)
+    parameters%inertia = flat(2)
+    parameters%offset = flat(3)
+    parameters%stiffness_x = flat(4)
+    parameters%stiffness_phi = flat(5)
+    parameters%damping = reshape(flat(6:9), [2, 2])
+    parameters%cubic_scale = flat(10)
+    parameters%memory_scale = flat(11)
+    parameters%geometry = nint(flat(12))
+    n = 0
+    if (kind_x /= kernel_none) then
+      n = n + 1
+      call new_kernel(kernels(n)%kernel, kind_x, data_x, status)
+      if (status%failed()) return
+      parameters%kernel_x = n
+    end if
+    if (kind_phi == kernel_as_x) then
+      parameters%kernel_phi = parameters%kernel_x
+    else if (kind_phi /= kernel_none) then
+      n = n + 1
+      call new_kernel(kernels(n)%kernel, kind_phi, data_phi, status)
+      if (status%failed()) return
+      parameters%kernel_phi = n
+    end if
+    call new_mount(mount, parameters, kernels(:n), status)
+  end subroutine make_mount
+
+  !> Rows of `series`: forces on the coordinates, then the motion of the base.
+  subroutine make_load(load, orders, series, status)
+    type(load_type), intent(out) :: load
+    integer, intent(in) :: orders(:)
+    complex(wp), intent(in) :: series(:, :)
+    type(status_type), intent(out) :: status
+    integer :: n
+    n = size(series, 1) - 1
+    call new_load(load, n, orders, series(:n, :), series(n + 1, :), status)
+  end subroutine make_load
+
+  pure function make_options(harmonics, tolerance, max_iterations, relaxation, keep_history) &
+    result(options)
+    integer, intent(in) :: harmonics, max_iterations, keep_history
+    real(wp), intent(in) :: tolerance, relaxation
+    type(response_options) :: options
+    options%harmonics = harmonics
+    options%tolerance = tolerance
+    options%max_iterations = max_iterations
+    options%relaxation = relaxation
+    options%keep_history = keep_history /= 0
+  end function make_options
+
+  subroutine report(outcome, status, message)
+    type(status_type), intent(in) :: outcome
+    integer, intent(out) :: status
+    character(len=*), intent(out) :: message
+    status = outcome%category
+    message = ''
+    if (outcome%failed()) message = outcome%message
+  end subroutine report
+
+end module viscovib_binding_tools

@@ -1,0 +1,153 @@
+! Flat routines over the mount, for f2py. A mount is the vector described in
+! `viscovib_binding_tools` and two kernels; nothing is kept between calls.
+
+!> Undamped natural frequencies (rad/s) and mode shapes (columns).
+subroutine mount_modes(mount, omega, shapes, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_mount, report
+  use viscovib_mount, only: mount_type
+  use viscovib_status, only: status_type
+  implicit none
+  real(c_double), intent(in) :: mount(12)
+  real(c_double), intent(out) :: omega(2), shapes(2, 2)
+  integer(c_int), intent(out) :: status
+  character(len=512), intent(out) :: message
+  type(mount_type) :: system
+  type(status_type) :: outcome
+
+  omega = 0.0_c_double
+  shapes = 0.0_c_double
+  call make_mount(system, mount, 0, [0.0_c_double], 0, [0.0_c_double], outcome)
+  if (.not. outcome%failed()) call system%natural_modes(omega, shapes)
+  call report(outcome, status, message)
+end subroutine mount_modes
+
+!> Dynamic stiffness D(nu), shape (2, 2, n).
+subroutine mount_dynamic_stiffness(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, nu, n, &
+                                   stiffness, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
+  use viscovib_binding_tools, only: make_mount, report
+  use viscovib_mount, only: mount_type
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: kind_x, n_x, kind_phi, n_phi, n
+  real(c_double), intent(in) :: mount(12), data_x(n_x), data_phi(n_phi), nu(n)
+  complex(c_double_complex), intent(out) :: stiffness(2, 2, n)
+  integer(c_int), intent(out) :: status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(mount_type) :: system
+  type(status_type) :: outcome
+  complex(c_double_complex), allocatable :: fraction(:, :)
+
+  call make_mount(system, mount, kind_x, data_x, kind_phi, data_phi, outcome)
+  if (.not. outcome%failed()) then
+    allocate (fraction(n, system%n_memory()))
+    call system%retained(nu, fraction)
+    call system%dynamic_stiffness(nu, fraction, stiffness)
+  end if
+  call report(outcome, status, message)
+end subroutine mount_dynamic_stiffness
+
+!> What `mount_response` will do: the orders it keeps and the plan in words.
+subroutine mount_plan(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, series, &
+                      n_series, nu, n, method, harmonics, tolerance, max_iterations, relaxation, &
+                      keep_history, n_kept, kept, half_wave, n_samples, plan_method, text, status, &
+                      message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
+  use viscovib_binding_tools, only: make_load, make_mount, make_options, report
+  use viscovib_load, only: load_type
+  use viscovib_mount, only: mount_type
+  use viscovib_response_plan, only: new_response_plan, response_plan_type
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: kind_x, n_x, kind_phi, n_phi, n_series, n
+  integer(c_int), intent(in) :: orders(n_series), method, harmonics, max_iterations, keep_history
+  real(c_double), intent(in) :: mount(12), data_x(n_x), data_phi(n_phi), nu(n)
+  complex(c_double_complex), intent(in) :: series(3, n_series)
+  real(c_double), intent(in) :: tolerance, relaxation
+  integer(c_int), intent(out) :: n_kept, kept(200), half_wave, n_samples, plan_method
+  character(len=2048), intent(out) :: text
+  integer(c_int), intent(out) :: status
+  character(len=512), intent(out) :: message
+  type(mount_type) :: system
+  type(load_type) :: load
+  type(response_plan_type) :: plan
+  type(status_type) :: outcome
+
+  n_kept = 0
+  kept = 0
+  half_wave = 0
+  n_samples = 0
+  plan_method = 0
+  text = ''
+  call make_mount(system, mount, kind_x, data_x, kind_phi, data_phi, outcome)
+  if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
+  if (.not. outcome%failed()) then
+    call new_response_plan(plan, system, load, nu, method, &
+                           make_options(harmonics, tolerance, max_iterations, relaxation, &
+                                        keep_history), outcome)
+  end if
+  if (.not. outcome%failed()) then
+    n_kept = size(plan%set%orders)
+    kept(:n_kept) = plan%set%orders
+    half_wave = merge(1, 0, plan%set%half_wave)
+    n_samples = plan%set%n_samples
+    plan_method = plan%method
+    text = plan%text
+  end if
+  call report(outcome, status, message)
+end subroutine mount_plan
+
+!> Forced response at each nu. The load is a Fourier series: column j of
+!! `series` (force on x, force on phi, motion of the base) belongs to orders(j).
+subroutine mount_response(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, series, &
+                          n_series, nu, n, method, harmonics, tolerance, max_iterations, &
+                          relaxation, n_history, n_kept, coefficients, outcomes, iterations, rate, &
+                          corrections, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
+  use viscovib_binding_tools, only: make_load, make_mount, make_options, report
+  use viscovib_forced_response, only: forced_response
+  use viscovib_load, only: load_type
+  use viscovib_mount, only: mount_type
+  use viscovib_response, only: response_type
+  use viscovib_response_plan, only: new_response_plan, response_plan_type
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: kind_x, n_x, kind_phi, n_phi, n_series, n
+  integer(c_int), intent(in) :: orders(n_series), method, harmonics, max_iterations
+  !> Rows of `corrections` (0: history not kept) and orders kept, both as the
+  !! plan says.
+  integer(c_int), intent(in) :: n_history, n_kept
+  real(c_double), intent(in) :: mount(12), data_x(n_x), data_phi(n_phi), nu(n)
+  complex(c_double_complex), intent(in) :: series(3, n_series)
+  real(c_double), intent(in) :: tolerance, relaxation
+  complex(c_double_complex), intent(out) :: coefficients(n_kept, 2, n)
+  integer(c_int), intent(out) :: outcomes(n), iterations(n)
+  real(c_double), intent(out) :: rate(n), corrections(n_history, n)
+  integer(c_int), intent(out) :: status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(mount_type) :: system
+  type(load_type) :: load
+  type(response_plan_type) :: plan
+  type(response_type) :: response
+  type(status_type) :: outcome
+
+  call make_mount(system, mount, kind_x, data_x, kind_phi, data_phi, outcome)
+  if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
+  if (.not. outcome%failed()) then
+    call new_response_plan(plan, system, load, nu, method, &
+                           make_options(harmonics, tolerance, max_iterations, relaxation, &
+                                        n_history), outcome)
+  end if
+  if (.not. outcome%failed()) then
+    call forced_response(plan, system, load, nu, response)
+    coefficients = response%coefficients
+    outcomes = response%outcome
+    iterations = response%iterations
+    rate = response%rate
+    if (size(response%corrections, 1) == n_history) corrections = response%corrections
+  end if
+  call report(outcome, status, message)
+end subroutine mount_response

@@ -1,0 +1,87 @@
+!> Which harmonics a periodic solution keeps, how many samples of a period
+!! that takes, and the passage between the two (Fourier alternation).
+!!
+!! u(t) = Im sum_k X_k exp(i k nu t), the mean being Im X_0. With half-wave
+!! symmetry, u(t + T/2) = -u(t), only odd orders and half a period are kept.
+!! A force of degree d in harmonics up to K reaches order dK; a period of N
+!! samples folds it back below K only for N <= (d+1)K, so N > (d+1)K keeps the
+!! kept harmonics free of aliasing. For the few dozen samples of one period a
+!! table of sines beats an FFT, above all for several solutions at once.
+module viscovib_harmonic_set
+  use viscovib_constants, only: pi
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: lane_product, n_lanes
+  implicit none
+  private
+
+  public :: harmonic_set_type, new_harmonic_set
+
+  type :: harmonic_set_type
+    !> Orders kept, ascending.
+    integer, allocatable :: orders(:)
+    logical :: half_wave = .false.
+    !> Samples of half a period (half_wave) or of a period.
+    integer :: n_samples = 0
+    !> Shapes (2*size(orders), n_samples) and its counterpart back.
+    real(wp), allocatable, private :: synthesis(:, :), analysis(:, :)
+  contains
+    procedure :: to_samples
+    procedure :: to_harmonics
+  end type harmonic_set_type
+
+contains
+
+  pure subroutine new_harmonic_set(set, highest, half_wave, degree)
+    type(harmonic_set_type), intent(out) :: set
+    !> Highest order K >= 1; lowered by one if even under half-wave symmetry.
+    integer, intent(in) :: highest
+    logical, intent(in) :: half_wave
+    !> Degree of the force; 0: not a polynomial. Then twice the samples of a
+    !! cubic are taken, which leaves aliasing of the order of u^7.
+    integer, intent(in) :: degree
+    integer :: k, s, i, n, period, j
+
+    set%half_wave = half_wave
+    if (half_wave) then
+      set%orders = [(k, k=1, highest, 2)]
+    else
+      set%orders = [(k, k=0, highest)]
+    end if
+    n = size(set%orders)
+    period = merge(degree + 1, 8, degree > 0)*set%orders(n) + 1
+    if (half_wave) then
+      set%n_samples = period/2 + 1
+      period = 2*set%n_samples
+    else
+      set%n_samples = period
+    end if
+    allocate (set%synthesis(2*n, set%n_samples), set%analysis(set%n_samples, 2*n))
+    do s = 1, set%n_samples
+      do i = 1, n
+        j = modulo(set%orders(i)*(s - 1), period)
+        set%synthesis(2*i - 1, s) = sin(2.0_wp*pi*j/period)
+        set%synthesis(2*i, s) = cos(2.0_wp*pi*j/period)
+      end do
+    end do
+    set%analysis = transpose(set%synthesis)*2.0_wp/set%n_samples
+    if (.not. half_wave) set%analysis(:, 1:2) = 0.5_wp*set%analysis(:, 1:2)
+  end subroutine new_harmonic_set
+
+  !> Samples of one coordinate from its harmonics.
+  pure subroutine to_samples(self, harmonics, samples)
+    class(harmonic_set_type), intent(in) :: self
+    !> Real and imaginary parts by turns, shape (n_lanes, 2*size(orders)).
+    real(wp), intent(in) :: harmonics(n_lanes, 2*size(self%orders))
+    real(wp), intent(out) :: samples(n_lanes, self%n_samples)
+    call lane_product(2*size(self%orders), self%n_samples, harmonics, self%synthesis, samples)
+  end subroutine to_samples
+
+  !> Harmonics of one coordinate from its samples.
+  pure subroutine to_harmonics(self, samples, harmonics)
+    class(harmonic_set_type), intent(in) :: self
+    real(wp), intent(in) :: samples(n_lanes, self%n_samples)
+    real(wp), intent(out) :: harmonics(n_lanes, 2*size(self%orders))
+    call lane_product(self%n_samples, 2*size(self%orders), samples, self%analysis, harmonics)
+  end subroutine to_harmonics
+
+end module viscovib_harmonic_set

@@ -1,0 +1,79 @@
+!> Linear steady response, and the dynamic compliance that the nonlinear
+!! methods start from.
+module viscovib_linear_response
+  use viscovib_dense, only: invert
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_outcomes, only: outcome_singular
+  use viscovib_response, only: response_type
+  implicit none
+  private
+
+  public :: linear_response, compliance_table
+
+  !> Frequencies treated together: enough to fill vector calls of the kernel
+  !! transforms, few enough to stay in cache.
+  integer, parameter, public :: chunk_size = 256
+
+contains
+
+  !> Compliance D(k nu)^(-1) for every order k and frequency nu.
+  subroutine compliance_table(system, orders, nu, fraction, compliance, singular)
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: orders(:)
+    !> Shape (n).
+    real(wp), intent(in) :: nu(:)
+    !> What memory retains, shape (n, n_memory, size(orders)).
+    complex(wp), intent(out) :: fraction(:, :, :)
+    !> Shape (n_dof, n_dof, n, size(orders)).
+    complex(wp), intent(out) :: compliance(:, :, :, :)
+    !> Some order has a singular stiffness, shape (n).
+    logical, intent(out) :: singular(:)
+    complex(wp) :: stiffness(system%n_dof(), system%n_dof(), size(nu))
+    logical :: bad
+    integer :: i, k
+
+    singular = .false.
+    do k = 1, size(orders)
+      call system%retained(orders(k)*nu, fraction(:, :, k))
+      call system%dynamic_stiffness(orders(k)*nu, fraction(:, :, k), stiffness)
+      do i = 1, size(nu)
+        call invert(stiffness(:, :, i), compliance(:, :, i, k), bad)
+        singular(i) = singular(i) .or. bad
+      end do
+    end do
+  end subroutine compliance_table
+
+  !> X_k = D(k nu)^(-1) P_k for the orders of the load, the only ones that a
+  !! linear system answers with.
+  subroutine linear_response(system, load, nu, response)
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu(:)
+    type(response_type), intent(out) :: response
+    complex(wp), allocatable :: fraction(:, :, :), compliance(:, :, :, :)
+    logical :: singular(chunk_size)
+    integer :: first, n, i, k, n_orders
+
+    n_orders = size(load%orders)
+    call response%allocate_for(nu, load%orders, system%n_dof(), 0)
+    do first = 1, size(nu), chunk_size
+      n = min(chunk_size, size(nu) - first + 1)
+      allocate (fraction(n, system%n_memory(), n_orders), &
+                compliance(system%n_dof(), system%n_dof(), n, n_orders))
+      call compliance_table(system, load%orders, nu(first:first + n - 1), fraction, compliance, &
+                            singular(:n))
+      do i = 1, n
+        do k = 1, n_orders
+          response%coefficients(k, :, first + i - 1) = &
+            matmul(compliance(:, :, i, k), load%coefficient(system, load%orders(k), nu(first + i - 1)))
+        end do
+        if (singular(i)) call response%discard(first + i - 1, outcome_singular)
+      end do
+      deallocate (fraction, compliance)
+    end do
+    call response%add_base_motion(system, load)
+  end subroutine linear_response
+
+end module viscovib_linear_response

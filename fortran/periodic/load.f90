@@ -1,0 +1,114 @@
+!> A periodic load as a Fourier series: forces on the coordinates and motion
+!! of the base, both in the form Im sum_k P_k exp(i k nu t).
+!!
+!! The mean (k = 0) is the imaginary part of its coefficient.
+module viscovib_load
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: load_type, new_load
+
+  type :: load_type
+    !> Orders k with a coefficient that is not 0, ascending.
+    integer, allocatable :: orders(:)
+    !> Force coefficients (N, N m), shape (n_dof, size(orders)).
+    complex(wp), allocatable :: force(:, :)
+    !> Base displacement coefficients (m), shape (size(orders)).
+    complex(wp), allocatable :: base(:)
+  contains
+    procedure :: is_odd
+    procedure :: moves_base
+    procedure :: coefficient
+  end type load_type
+
+contains
+
+  !> Collect the terms of a series; terms of the same order add up, terms
+  !! that vanish are dropped.
+  subroutine new_load(load, n_dof, orders, force, base, status)
+    type(load_type), intent(out) :: load
+    integer, intent(in) :: n_dof
+    !> Order of each term, >= 0, shape (n).
+    integer, intent(in) :: orders(:)
+    !> Shape (n_dof, n) and (n).
+    complex(wp), intent(in) :: force(:, :), base(:)
+    type(status_type), intent(out) :: status
+    complex(wp) :: total_force(n_dof), total_base
+    integer :: k, j
+
+    do j = 1, size(orders)
+      if (orders(j) < 0) then
+        call fail(status, status_input_error, 'load', 'load order '//show(orders(j)) &
+                  //': must be 0 (mean), 1, 2, ...')
+        return
+      end if
+      if (.not. all(finite(force(:, j))) .or. .not. finite(base(j))) then
+        call fail(status, status_input_error, 'load', 'load of order '//show(orders(j)) &
+                  //': must be finite numbers')
+        return
+      end if
+      if (orders(j) == 0 .and. (any(abs(real(force(:, j))) > 0.0_wp) &
+                                .or. abs(real(base(j))) > 0.0_wp)) then
+        call fail(status, status_input_error, 'load', 'load of order 0 has a real part: the ' &
+                  //'mean is the imaginary part (load = Im sum P_k exp(i k nu t))')
+        return
+      end if
+    end do
+    allocate (load%orders(0), load%force(n_dof, 0), load%base(0))
+    if (size(orders) == 0) return
+    do k = 0, maxval(orders)
+      if (.not. any(orders == k)) cycle
+      total_force = (0.0_wp, 0.0_wp)
+      total_base = (0.0_wp, 0.0_wp)
+      do j = 1, size(orders)
+        if (orders(j) /= k) cycle
+        total_force = total_force + force(:, j)
+        total_base = total_base + base(j)
+      end do
+      if (.not. any(abs(total_force) > 0.0_wp) .and. .not. abs(total_base) > 0.0_wp) cycle
+      load%force = reshape([load%force, total_force], [n_dof, size(load%orders) + 1])
+      load%base = [load%base, total_base]
+      load%orders = [load%orders, k]
+    end do
+  end subroutine new_load
+
+  elemental logical function finite(z)
+    complex(wp), intent(in) :: z
+    finite = ieee_is_finite(real(z)) .and. ieee_is_finite(aimag(z))
+  end function finite
+
+  !> Every order is odd: the load changes sign after half a period.
+  pure logical function is_odd(self)
+    class(load_type), intent(in) :: self
+    is_odd = all(mod(self%orders, 2) == 1)
+  end function is_odd
+
+  pure logical function moves_base(self)
+    class(load_type), intent(in) :: self
+    moves_base = any(abs(self%base) > 0.0_wp)
+  end function moves_base
+
+  !> Coefficient of order k on the coordinates relative to the moving base:
+  !! P_k + (k nu)^2 M b Y_k, with b the direction in which the base moves.
+  pure function coefficient(self, system, order, nu) result(p)
+    class(load_type), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: order
+    real(wp), intent(in) :: nu
+    complex(wp) :: p(size(self%force, 1))
+    integer :: j
+
+    p = (0.0_wp, 0.0_wp)
+    do j = 1, size(self%orders)
+      if (self%orders(j) /= order) cycle
+      p = self%force(:, j)
+      if (abs(self%base(j)) > 0.0_wp) &
+        p = p + (order*nu)**2*matmul(system%mass, system%base_direction)*self%base(j)
+    end do
+  end function coefficient
+
+end module viscovib_load

@@ -1,0 +1,19 @@
+!> How the search for a periodic solution ended. An outcome belongs to the
+!! result; only wrong input is an error.
+module viscovib_outcomes
+  implicit none
+  private
+
+  !> The solution meets the tolerance.
+  integer, parameter, public :: outcome_converged = 0
+  !> Iterations used up, with corrections neither small nor growing.
+  integer, parameter, public :: outcome_stalled = 1
+  !> Corrections grow: this iteration has no limit here.
+  integer, parameter, public :: outcome_diverged = 2
+  !> The dynamic stiffness is singular: undamped resonance.
+  integer, parameter, public :: outcome_singular = 3
+
+  character(len=*), parameter, public :: outcome_names(0:3) = &
+    [character(len=9) :: 'converged', 'stalled', 'diverged', 'singular']
+
+end module viscovib_outcomes

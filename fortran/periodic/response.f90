@@ -1,0 +1,92 @@
+!> What a forced response holds, and what may be asked of one.
+module viscovib_response
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_outcomes, only: outcome_converged
+  implicit none
+  private
+
+  public :: response_options, response_type
+
+  type :: response_options
+    !> Highest harmonic kept by a nonlinear response.
+    integer :: harmonics = 9
+    !> Wanted relative error of the iteration, in the norm of `successive`.
+    real(wp) :: tolerance = 1.0e-10_wp
+    integer :: max_iterations = 200
+    !> Fraction of each correction that is taken, in (0, 1]; 0: start with 1
+    !! and halve, up to four times, where the iteration does not converge.
+    real(wp) :: relaxation = 1.0_wp
+    !> Keep the corrections of every iteration.
+    logical :: keep_history = .false.
+  end type response_options
+
+  type :: response_type
+    !> Circular frequencies of the load (rad/s), shape (n).
+    real(wp), allocatable :: nu(:)
+    !> Harmonics kept, and X_k in u = Im sum_k X_k exp(i k nu t), shape
+    !! (size(orders), n_dof, n). NaN where no solution was found.
+    integer, allocatable :: orders(:)
+    complex(wp), allocatable :: coefficients(:, :, :)
+    !> One of `viscovib_outcomes`, iterations made, and the factor by which
+    !! the last corrections shrank an iteration, shape (n).
+    integer, allocatable :: outcome(:), iterations(:)
+    real(wp), allocatable :: rate(:)
+    !> Relative size of each correction, shape (0 or max_iterations, n); NaN
+    !! past the last.
+    real(wp), allocatable :: corrections(:, :)
+  contains
+    procedure :: allocate_for
+    procedure :: discard
+    procedure :: add_base_motion
+  end type response_type
+
+contains
+
+  !> Room for n frequencies, all zero and converged.
+  subroutine allocate_for(self, nu, orders, n_dof, n_history)
+    class(response_type), intent(out) :: self
+    real(wp), intent(in) :: nu(:)
+    integer, intent(in) :: orders(:), n_dof, n_history
+    self%nu = nu
+    self%orders = orders
+    allocate (self%coefficients(size(orders), n_dof, size(nu)), source=(0.0_wp, 0.0_wp))
+    allocate (self%outcome(size(nu)), source=outcome_converged)
+    allocate (self%iterations(size(nu)), source=0)
+    allocate (self%rate(size(nu)), source=0.0_wp)
+    allocate (self%corrections(n_history, size(nu)))
+    self%corrections = ieee_value(0.0_wp, ieee_quiet_nan)
+  end subroutine allocate_for
+
+  !> No solution at point i: leave no number that could be taken for one.
+  subroutine discard(self, i, outcome)
+    class(response_type), intent(inout) :: self
+    integer, intent(in) :: i, outcome
+    real(wp) :: nan
+    nan = ieee_value(nan, ieee_quiet_nan)
+    self%outcome(i) = outcome
+    self%coefficients(:, :, i) = cmplx(nan, nan, wp)
+  end subroutine discard
+
+  !> From coordinates relative to the base to absolute ones.
+  subroutine add_base_motion(self, system, load)
+    class(response_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    integer :: i, j, d
+
+    if (.not. load%moves_base()) return
+    do j = 1, size(load%orders)
+      do i = 1, size(self%orders)
+        if (self%orders(i) /= load%orders(j)) cycle
+        do d = 1, system%n_dof()
+          self%coefficients(i, d, :) = self%coefficients(i, d, :) &
+                                       + system%base_direction(d)*load%base(j)
+        end do
+      end do
+    end do
+  end subroutine add_base_motion
+
+end module viscovib_response

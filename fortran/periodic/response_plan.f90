@@ -1,0 +1,166 @@
+!> What a forced response will compute, and what it skips and why.
+!!
+!! The plan is made before any work and then followed: what it says is what
+!! runs. It also holds every check of the input that needs the whole job.
+module viscovib_response_plan
+  use viscovib_checks, only: check_finite, check_positive
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_response, only: response_options
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: response_plan_type, new_response_plan
+
+  integer, parameter, public :: method_linear = 1, method_successive = 2
+  character(len=*), parameter, public :: method_names(2) = &
+    [character(len=10) :: 'linear', 'successive']
+  !> Bounds of the options.
+  integer, parameter, public :: max_harmonics = 199, max_iterations_allowed = 100000
+  real(wp), parameter, public :: min_tolerance = 1.0e-14_wp, max_tolerance = 0.1_wp
+
+  type :: response_plan_type
+    !> The method that will really run.
+    integer :: method = method_linear
+    !> Harmonics kept; for a linear response just those of the load.
+    type(harmonic_set_type) :: set
+    type(response_options) :: options
+    !> Lines `computes: ...` and `skips: ...`, separated by new-line characters.
+    character(len=:), allocatable :: text
+  contains
+    procedure, private :: say
+  end type response_plan_type
+
+contains
+
+  !> Check the job and decide how to do it.
+  subroutine new_response_plan(plan, system, load, nu, method, options, status)
+    type(response_plan_type), intent(out) :: plan
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    !> Circular frequencies (rad/s), each > 0, in any order.
+    real(wp), intent(in) :: nu(:)
+    integer, intent(in) :: method
+    type(response_options), intent(in) :: options
+    type(status_type), intent(out) :: status
+    integer :: i
+
+    do i = 1, size(nu)
+      call check_positive('nu', nu(i), status)
+      if (status%failed()) return
+    end do
+    if (method < 1 .or. method > size(method_names)) then
+      call fail(status, status_input_error, 'method', 'method = '//show(method) &
+                //': must be linear (1) or successive (2)')
+      return
+    end if
+    call check_options(options, status)
+    if (status%failed()) return
+    plan%options = options
+    plan%method = merge(method_linear, method, system%is_linear())
+    if (plan%method == method_linear) then
+      plan%set%orders = load%orders
+    else
+      if (size(load%orders) > 0) then
+        if (maxval(load%orders) > options%harmonics) then
+          call fail(status, status_input_error, 'harmonics', 'harmonics = ' &
+                    //show(options%harmonics)//': must be at least '//show(maxval(load%orders)) &
+                    //', the highest order of the load')
+          return
+        end if
+      end if
+      call new_harmonic_set(plan%set, options%harmonics, system%odd .and. load%is_odd(), &
+                            system%degree)
+    end if
+    call check_mean(plan, system, status)
+    if (status%failed()) return
+    call describe(plan, system, load, size(nu), method)
+  end subroutine new_response_plan
+
+  subroutine check_options(options, status)
+    type(response_options), intent(in) :: options
+    type(status_type), intent(out) :: status
+
+    if (options%harmonics < 1 .or. options%harmonics > max_harmonics) then
+      call fail(status, status_input_error, 'harmonics', 'harmonics = '//show(options%harmonics) &
+                //': must be 1 to '//show(max_harmonics)//' (the highest order kept)')
+      return
+    end if
+    call check_finite('tolerance', options%tolerance, status)
+    if (status%failed()) return
+    if (options%tolerance < min_tolerance .or. options%tolerance > max_tolerance) then
+      call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(options%tolerance) &
+                //': must be in ['//show(min_tolerance)//', '//show(max_tolerance)//']')
+      return
+    end if
+    if (options%max_iterations < 1 .or. options%max_iterations > max_iterations_allowed) then
+      call fail(status, status_input_error, 'max_iterations', 'max_iterations = ' &
+                //show(options%max_iterations)//': must be 1 to '//show(max_iterations_allowed))
+      return
+    end if
+    call check_finite('relaxation', options%relaxation, status)
+    if (status%failed()) return
+    if (options%relaxation < 0.0_wp .or. options%relaxation > 1.0_wp) then
+      call fail(status, status_input_error, 'relaxation', 'relaxation = ' &
+                //show(options%relaxation)//': must be in (0, 1], or 0 to halve it where needed')
+    end if
+  end subroutine check_options
+
+  !> A mean needs the integral of every kernel.
+  subroutine check_mean(plan, system, status)
+    type(response_plan_type), intent(in) :: plan
+    class(oscillator_type), intent(in) :: system
+    type(status_type), intent(out) :: status
+
+    if (.not. any(plan%set%orders == 0)) return
+    if (system%kernel_without_integral() == 0) return
+    call fail(status, status_input_error, 'beta', 'a kernel has no finite integral (beta = 0), ' &
+              //'which the mean of this response needs: give beta > 0, or a load of odd ' &
+              //'harmonics only')
+  end subroutine check_mean
+
+  subroutine describe(plan, system, load, n_nu, method)
+    type(response_plan_type), intent(inout) :: plan
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    integer, intent(in) :: n_nu, method
+    integer :: n_kernels, i
+
+    plan%text = ''
+    n_kernels = count([(any(system%kernel_of == i), i=1, size(system%kernels))])
+    call plan%say('computes: '//trim(method_names(plan%method))//' response at '//show(n_nu) &
+                  //' frequencies, '//show(size(plan%set%orders))//' harmonics a coordinate')
+    if (plan%method == method_linear) then
+      if (method /= method_linear) call plan%say('skips: the iteration (nothing is nonlinear)')
+      call plan%say('skips: harmonics that the load lacks (a linear system does not answer in them)')
+    else
+      if (plan%set%half_wave) then
+        call plan%say('computes: '//show(plan%set%n_samples)//' samples of half a period')
+        call plan%say('skips: even harmonics and half of each period ' &
+                      //'(odd forces, load of odd harmonics)')
+      else
+        call plan%say('computes: '//show(plan%set%n_samples)//' samples of a period')
+      end if
+      if (system%separable) call plan%say('skips: hereditary variables in time ' &
+                                          //'(memory acts on each term as a whole)')
+    end if
+    if (n_kernels == 0) then
+      call plan%say('skips: kernel transforms (no memory)')
+    else
+      call plan%say('computes: transforms of '//show(n_kernels)//' kernel' &
+                    //trim(merge('s', ' ', n_kernels > 1)))
+    end if
+    if (.not. load%moves_base()) call plan%say('skips: base motion (the base is at rest)')
+    if (.not. plan%options%keep_history) call plan%say('skips: history of corrections (not asked for)')
+  end subroutine describe
+
+  subroutine say(self, line)
+    class(response_plan_type), intent(inout) :: self
+    character(len=*), intent(in) :: line
+    self%text = self%text//line//new_line('a')
+  end subroutine say
+
+end module viscovib_response_plan

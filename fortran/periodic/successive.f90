@@ -1,0 +1,394 @@
+!> Successive approximations: the nonlinear steady response by fixed-point
+!! iteration from the linear one.
+!!
+!!   D(k nu) U_k' = P_k - N_k(U)        (seed paper 001, (19), corrected)
+!!
+!! with N the nonlinear part of F, its memory included. The harmonics of N
+!! come from samples of a period (Fourier alternation). The iteration is a
+!! contraction only while N is small against the dynamic stiffness; each
+!! frequency therefore reports how it ended, and only a converged one gives
+!! numbers.
+!!
+!! Frequencies are independent: `n_lanes` of them are iterated side by side,
+!! and a lane that is done takes up the next frequency at once.
+module viscovib_successive
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_linear_response, only: chunk_size, compliance_table
+  use viscovib_load, only: load_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_singular, &
+    outcome_stalled
+  use viscovib_response, only: response_options, response_type
+  implicit none
+  private
+
+  public :: successive_response
+
+  !> An iterate this much larger than the linear response, or a correction
+  !! this much larger than the smallest one so far, has diverged.
+  real(wp), parameter :: growth_limit = 1.0e3_wp
+  !> Relaxation is halved at most this often.
+  integer, parameter :: max_halvings = 4
+  !> Amplitudes whose cubes could leave the range of numbers.
+  real(wp), parameter :: amplitude_limit = 1.0e60_wp
+
+  !> Everything that belongs to the frequencies under iteration. Real and
+  !! imaginary parts are apart (second index of size 2, or names re, im) so
+  !! that all loops run along the lanes.
+  type :: block_type
+    !> Which point of the chunk a lane works on; 0: idle.
+    integer :: point(n_lanes) = 0
+    integer :: iteration(n_lanes) = 0, halvings(n_lanes) = 0
+    real(wp) :: relaxation(n_lanes) = 1.0_wp
+    !> Corrections of the last three iterations, newest first; smallest one;
+    !! norm of the linear response.
+    real(wp) :: recent(n_lanes, 3) = 0.0_wp
+    real(wp) :: smallest(n_lanes) = 0.0_wp, start_norm(n_lanes) = 0.0_wp
+    !> Iterate, and the load, shape (n_lanes, 2, n_orders, n_dof).
+    real(wp), allocatable :: u(:, :, :, :), load(:, :, :, :)
+    !> Compliance, shape (n_lanes, n_dof, n_dof, n_orders).
+    real(wp), allocatable :: c_re(:, :, :, :), c_im(:, :, :, :)
+    !> What memory retains, shape (n_lanes, n_memory, n_orders).
+    real(wp), allocatable :: f_re(:, :, :), f_im(:, :, :)
+    !> Work: next iterate and nonlinear force (as u), hereditary variables
+    !! (n_lanes, 2, n_orders, n_memory), and samples
+    !! (n_lanes*n_samples, n_dof or n_memory).
+    real(wp), allocatable :: next(:, :, :, :), force(:, :, :, :), w(:, :, :, :)
+    real(wp), allocatable :: u_samples(:, :), w_samples(:, :), f_samples(:, :)
+  end type block_type
+
+contains
+
+  subroutine successive_response(system, load, nu, set, options, response)
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    !> Circular frequencies (rad/s).
+    real(wp), intent(in) :: nu(:)
+    !> Harmonics to keep.
+    type(harmonic_set_type), intent(in) :: set
+    type(response_options), intent(in) :: options
+    type(response_type), intent(out) :: response
+    type(block_type) :: work
+    integer :: first, last
+
+    call response%allocate_for(nu, set%orders, system%n_dof(), &
+                               merge(options%max_iterations, 0, options%keep_history))
+    call allocate_block(work, system, set)
+    do first = 1, size(nu), chunk_size
+      last = min(first + chunk_size - 1, size(nu))
+      call iterate_chunk(system, load, set, options, work, response, first, last)
+    end do
+    call response%add_base_motion(system, load)
+  end subroutine successive_response
+
+  subroutine allocate_block(work, system, set)
+    type(block_type), intent(out) :: work
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    integer :: k, d, m, s
+
+    k = size(set%orders)
+    d = system%n_dof()
+    m = system%n_memory()
+    s = n_lanes*set%n_samples
+    allocate (work%u(n_lanes, 2, k, d), work%load(n_lanes, 2, k, d), &
+              work%next(n_lanes, 2, k, d), work%force(n_lanes, 2, k, d), &
+              work%w(n_lanes, 2, k, m), &
+              work%c_re(n_lanes, d, d, k), work%c_im(n_lanes, d, d, k), &
+              work%f_re(n_lanes, m, k), work%f_im(n_lanes, m, k), &
+              work%u_samples(s, d), work%w_samples(s, m), work%f_samples(s, d), source=0.0_wp)
+  end subroutine allocate_block
+
+  !> Bring the points first..last of the response to an end.
+  subroutine iterate_chunk(system, load, set, options, work, response, first, last)
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    type(harmonic_set_type), intent(in) :: set
+    type(response_options), intent(in) :: options
+    type(block_type), intent(inout) :: work
+    type(response_type), intent(inout) :: response
+    integer, intent(in) :: first, last
+    complex(wp), allocatable :: fraction(:, :, :), compliance(:, :, :, :)
+    logical :: singular(last - first + 1)
+    integer :: n, next_point, lane, i
+
+    n = last - first + 1
+    allocate (fraction(n, system%n_memory(), size(set%orders)), &
+              compliance(system%n_dof(), system%n_dof(), n, size(set%orders)))
+    call compliance_table(system, set%orders, response%nu(first:last), fraction, compliance, &
+                          singular)
+    next_point = 1
+    do
+      do lane = 1, n_lanes
+        if (work%point(lane) > 0) cycle
+        do while (next_point <= n)
+          i = next_point
+          next_point = next_point + 1
+          if (singular(i)) then
+            call response%discard(first + i - 1, outcome_singular)
+            cycle
+          end if
+          call load_lane(work, lane, i, system, load, set, options%relaxation, &
+                         response%nu(first + i - 1), fraction(i, :, :), compliance(:, :, i, :))
+          exit
+        end do
+      end do
+      if (all(work%point == 0)) exit
+      call nonlinear_force(work, system, set)
+      call solve_lanes(work)
+      call judge_lanes(work, system, set, options, response, first)
+    end do
+  end subroutine iterate_chunk
+
+  !> Start a point from its linear response.
+  subroutine load_lane(work, lane, point, system, load, set, relaxation, nu, fraction, &
+                       compliance)
+    type(block_type), intent(inout) :: work
+    integer, intent(in) :: lane, point
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    type(harmonic_set_type), intent(in) :: set
+    real(wp), intent(in) :: relaxation, nu
+    complex(wp), intent(in) :: fraction(:, :), compliance(:, :, :)
+    complex(wp) :: p(system%n_dof())
+    integer :: k
+
+    work%point(lane) = point
+    work%halvings(lane) = 0
+    work%relaxation(lane) = merge(relaxation, 1.0_wp, relaxation > 0.0_wp)
+    work%f_re(lane, :, :) = real(fraction)
+    work%f_im(lane, :, :) = aimag(fraction)
+    work%c_re(lane, :, :, :) = real(compliance)
+    work%c_im(lane, :, :, :) = aimag(compliance)
+    do k = 1, size(set%orders)
+      p = load%coefficient(system, set%orders(k), nu)
+      work%load(lane, 1, k, :) = real(p)
+      work%load(lane, 2, k, :) = aimag(p)
+    end do
+    call restart_lane(work, lane)
+  end subroutine load_lane
+
+  !> (Re-)start a lane from its linear response.
+  subroutine restart_lane(work, lane)
+    type(block_type), intent(inout) :: work
+    integer, intent(in) :: lane
+    complex(wp) :: p(size(work%u, 4)), x(size(work%u, 4))
+    integer :: k
+
+    do k = 1, size(work%u, 3)
+      p = cmplx(work%load(lane, 1, k, :), work%load(lane, 2, k, :), wp)
+      x = matmul(cmplx(work%c_re(lane, :, :, k), work%c_im(lane, :, :, k), wp), p)
+      work%u(lane, 1, k, :) = real(x)
+      work%u(lane, 2, k, :) = aimag(x)
+    end do
+    work%iteration(lane) = 0
+    work%recent(lane, :) = 0.0_wp
+    work%smallest(lane) = huge(1.0_wp)
+  end subroutine restart_lane
+
+  !> Harmonics of the nonlinear force at the present iterates.
+  subroutine nonlinear_force(work, system, set)
+    type(block_type), intent(inout) :: work
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    integer :: j, d
+
+    do d = 1, system%n_dof()
+      call set%to_samples(work%u(:, :, :, d), work%u_samples(:, d))
+    end do
+    call system%deflection_remainder(work%u_samples, work%w_samples)
+    do j = 1, system%n_memory()
+      if (.not. system%bent(j)) cycle
+      call set%to_harmonics(work%w_samples(:, j), work%w(:, :, :, j))
+      if (system%kernel_of(j) > 0) &
+        call retain(work%f_re(:, j, :), work%f_im(:, j, :), work%w(:, :, :, j))
+    end do
+    work%force = 0.0_wp
+    if (.not. system%separable) call inseparable_force(work, system, set)
+    do d = 1, system%n_dof()
+      do j = 1, system%n_memory()
+        if (system%bent(j) .and. system%spread(d, j) /= 0.0_wp) &
+          work%force(:, :, :, d) = work%force(:, :, :, d) + system%spread(d, j)*work%w(:, :, :, j)
+      end do
+    end do
+  end subroutine nonlinear_force
+
+  !> The part F(u, v) - B v, for which v is needed in time, linear part and all.
+  subroutine inseparable_force(work, system, set)
+    type(block_type), intent(inout) :: work
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    real(wp) :: v(n_lanes, 2, size(set%orders))
+    integer :: j, d
+
+    do j = 1, system%n_memory()
+      v = 0.0_wp
+      do d = 1, system%n_dof()
+        v = v + system%gather(j, d)*work%u(:, :, :, d)
+      end do
+      if (system%kernel_of(j) > 0) call retain(work%f_re(:, j, :), work%f_im(:, j, :), v)
+      if (system%bent(j)) v = v + work%w(:, :, :, j)
+      call set%to_samples(v, work%w_samples(:, j))
+    end do
+    call system%force_remainder(work%u_samples, work%w_samples, work%f_samples)
+    do d = 1, system%n_dof()
+      call set%to_harmonics(work%f_samples(:, d), work%force(:, :, :, d))
+    end do
+  end subroutine inseparable_force
+
+  !> Multiply harmonics by what memory retains of each.
+  pure subroutine retain(f_re, f_im, w)
+    real(wp), intent(in) :: f_re(:, :), f_im(:, :)
+    real(wp), intent(inout) :: w(:, :, :)
+    real(wp) :: re
+    integer :: k, l
+    do k = 1, size(w, 3)
+      do l = 1, n_lanes
+        re = f_re(l, k)*w(l, 1, k) - f_im(l, k)*w(l, 2, k)
+        w(l, 2, k) = f_re(l, k)*w(l, 2, k) + f_im(l, k)*w(l, 1, k)
+        w(l, 1, k) = re
+      end do
+    end do
+  end subroutine retain
+
+  !> next_k = C_k (load_k - force_k).
+  pure subroutine solve_lanes(work)
+    type(block_type), intent(inout) :: work
+    real(wp) :: re(n_lanes), im(n_lanes), p_re, p_im
+    integer :: a, b, k, l
+
+    do a = 1, size(work%u, 4)
+      do k = 1, size(work%u, 3)
+        re = 0.0_wp
+        im = 0.0_wp
+        do b = 1, size(work%u, 4)
+          do l = 1, n_lanes
+            p_re = work%load(l, 1, k, b) - work%force(l, 1, k, b)
+            p_im = work%load(l, 2, k, b) - work%force(l, 2, k, b)
+            re(l) = re(l) + work%c_re(l, a, b, k)*p_re - work%c_im(l, a, b, k)*p_im
+            im(l) = im(l) + work%c_re(l, a, b, k)*p_im + work%c_im(l, a, b, k)*p_re
+          end do
+        end do
+        work%next(:, 1, k, a) = re
+        work%next(:, 2, k, a) = im
+      end do
+    end do
+  end subroutine solve_lanes
+
+  !> Compare next with present iterates and decide, lane by lane.
+  !!
+  !! Norm: the largest of sqrt(M_dd) (|Re X| + |Im X|), so that metres and
+  !! radians weigh by inertia. With q the factor by which corrections shrink,
+  !! the error left is about delta q/(1-q); both it and delta must meet the
+  !! tolerance.
+  subroutine judge_lanes(work, system, set, options, response, first)
+    type(block_type), intent(inout) :: work
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    type(response_options), intent(in) :: options
+    type(response_type), intent(inout) :: response
+    integer, intent(in) :: first
+    real(wp) :: norm(n_lanes), delta(n_lanes), weight, start(n_lanes), rate, error
+    integer :: d, k, l, i, outcome
+
+    norm = 0.0_wp
+    delta = 0.0_wp
+    start = 0.0_wp
+    do d = 1, system%n_dof()
+      weight = sqrt(system%mass(d, d))
+      do k = 1, size(set%orders)
+        do l = 1, n_lanes
+          norm(l) = max(norm(l), weight*(abs(work%next(l, 1, k, d)) + abs(work%next(l, 2, k, d))))
+          start(l) = max(start(l), weight*(abs(work%u(l, 1, k, d)) + abs(work%u(l, 2, k, d))))
+          delta(l) = max(delta(l), weight*(abs(work%next(l, 1, k, d) - work%u(l, 1, k, d)) &
+                                           + abs(work%next(l, 2, k, d) - work%u(l, 2, k, d))))
+        end do
+      end do
+    end do
+    do l = 1, n_lanes
+      if (work%point(l) == 0) cycle
+      i = first + work%point(l) - 1
+      if (work%iteration(l) == 0) work%start_norm(l) = start(l)
+      work%iteration(l) = work%iteration(l) + 1
+      work%recent(l, 2:3) = work%recent(l, 1:2)
+      work%recent(l, 1) = delta(l)
+      work%smallest(l) = min(work%smallest(l), delta(l))
+      if (size(response%corrections, 1) > 0) &
+        response%corrections(work%iteration(l), i) = delta(l)/max(norm(l), tiny(norm))
+      rate = shrinkage(work%recent(l, :))
+      error = delta(l)
+      if (rate < 1.0_wp) error = delta(l)*max(1.0_wp, rate/(1.0_wp - rate))
+      if (error <= options%tolerance*norm(l) .and. rate < 1.0_wp) then
+        outcome = outcome_converged
+      else if (.not. norm(l) <= growth_limit*work%start_norm(l) .or. norm(l) > amplitude_limit &
+               .or. delta(l) > growth_limit*work%smallest(l)) then
+        outcome = outcome_diverged
+      else if (work%iteration(l) >= options%max_iterations) then
+        outcome = merge(outcome_diverged, outcome_stalled, rate > 1.0_wp)
+      else
+        call advance(work, l)
+        cycle
+      end if
+      if (outcome /= outcome_converged .and. options%relaxation <= 0.0_wp &
+          .and. work%halvings(l) < max_halvings) then
+        work%halvings(l) = work%halvings(l) + 1
+        work%relaxation(l) = 0.5_wp*work%relaxation(l)
+        call restart_lane(work, l)
+        response%corrections(:, i) = ieee_value(0.0_wp, ieee_quiet_nan)
+        cycle
+      end if
+      call store(work, l, response, i, outcome, rate)
+    end do
+  end subroutine judge_lanes
+
+  !> Geometric mean of the last one or two factors between corrections; 0
+  !! after the first correction, which tells nothing yet.
+  pure real(wp) function shrinkage(recent)
+    real(wp), intent(in) :: recent(3)
+    shrinkage = 0.0_wp
+    if (recent(1) <= 0.0_wp) return
+    if (recent(3) > 0.0_wp) then
+      shrinkage = sqrt(recent(1)/recent(3))
+    else if (recent(2) > 0.0_wp) then
+      shrinkage = recent(1)/recent(2)
+    end if
+  end function shrinkage
+
+  !> Take the wanted fraction of the correction.
+  pure subroutine advance(work, lane)
+    type(block_type), intent(inout) :: work
+    integer, intent(in) :: lane
+    real(wp) :: fraction
+
+    fraction = work%relaxation(lane)
+    if (fraction < 1.0_wp) then
+      work%u(lane, :, :, :) = work%u(lane, :, :, :) &
+                              + fraction*(work%next(lane, :, :, :) - work%u(lane, :, :, :))
+    else
+      work%u(lane, :, :, :) = work%next(lane, :, :, :)
+    end if
+  end subroutine advance
+
+  !> Write a lane's end into the response and free the lane.
+  subroutine store(work, lane, response, i, outcome, rate)
+    type(block_type), intent(inout) :: work
+    integer, intent(in) :: lane, i, outcome
+    type(response_type), intent(inout) :: response
+    real(wp), intent(in) :: rate
+
+    response%iterations(i) = work%iteration(lane)
+    response%rate(i) = rate
+    if (outcome == outcome_converged) then
+      response%coefficients(:, :, i) = cmplx(work%next(lane, 1, :, :), work%next(lane, 2, :, :), wp)
+    else
+      call response%discard(i, outcome)
+    end if
+    work%point(lane) = 0
+    work%u(lane, :, :, :) = 0.0_wp
+    work%load(lane, :, :, :) = 0.0_wp
+  end subroutine store
+
+end module viscovib_successive

@@ -1,0 +1,170 @@
+!> The abstract oscillator that every method works on.
+!!
+!! A system of n degrees of freedom on hereditary springs is written as
+!!
+!!   M u'' + C u' + F(u, v) = load(t),   v_j = (1 - R_j*) w_j,   w = w(u),
+!!
+!! with m hereditary variables: w_j is what a spring would do without memory
+!! (a force or a deflection), v_j the same with memory. Near rest w = W u and
+!! F = B v, so the linear stiffness of variable j is B(:,j) W(j,:). A system
+!! gives the matrices and the two nonlinear remainders, for whole arrays of
+!! samples at once; all that is linear is done here.
+module viscovib_oscillator
+  use viscovib_kernel, only: kernel_type
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: oscillator_type, kernel_holder, copy_kernels
+
+  !> A kernel of any kind, as an array element.
+  type :: kernel_holder
+    class(kernel_type), allocatable :: kernel
+  end type kernel_holder
+
+  type, abstract :: oscillator_type
+    !> M and C, shape (n_dof, n_dof).
+    real(wp), allocatable :: mass(:, :), damping(:, :)
+    !> W, shape (n_memory, n_dof), and B, shape (n_dof, n_memory).
+    real(wp), allocatable :: gather(:, :), spread(:, :)
+    !> The distinct kernels, and which of them each hereditary variable has
+    !! (0: none, the variable forgets at once).
+    type(kernel_holder), allocatable :: kernels(:)
+    integer, allocatable :: kernel_of(:)
+    !> Factor of every kernel, epsilon_1 of seed paper 001.
+    real(wp) :: memory_scale = 1.0_wp
+    !> Which w_j have a nonlinear part at all, shape (n_memory).
+    logical, allocatable :: bent(:)
+    !> F = B v exactly; `force_remainder` is then never called.
+    logical :: separable = .true.
+    !> w(-u) = -w(u) and F(-u,-v) = -F(u,v): odd loads give odd motion.
+    logical :: odd = .false.
+    !> Highest power of u in w and F if they are polynomials, else 0.
+    integer :: degree = 0
+    !> How u moves when the base does, without deforming a spring (n_dof).
+    real(wp), allocatable :: base_direction(:)
+  contains
+    procedure(deflection_remainder_interface), deferred :: deflection_remainder
+    procedure(force_remainder_interface), deferred :: force_remainder
+    procedure :: n_dof
+    procedure :: n_memory
+    procedure :: is_linear
+    procedure :: retained
+    procedure :: dynamic_stiffness
+    procedure :: kernel_without_integral
+  end type oscillator_type
+
+  abstract interface
+
+    !> w(u) - W u.
+    subroutine deflection_remainder_interface(self, u, w)
+      import :: oscillator_type, wp
+      class(oscillator_type), intent(in) :: self
+      !> Coordinates, shape (n_samples, n_dof).
+      real(wp), intent(in), contiguous :: u(:, :)
+      !> Remainder, shape (n_samples, n_memory); columns that are not `bent`
+      !! are left alone.
+      real(wp), intent(inout), contiguous :: w(:, :)
+    end subroutine deflection_remainder_interface
+
+    !> F(u, v) - B v.
+    subroutine force_remainder_interface(self, u, v, f)
+      import :: oscillator_type, wp
+      class(oscillator_type), intent(in) :: self
+      !> Coordinates (n_samples, n_dof) and hereditary variables
+      !! (n_samples, n_memory).
+      real(wp), intent(in), contiguous :: u(:, :), v(:, :)
+      !> Remainder, shape (n_samples, n_dof).
+      real(wp), intent(out), contiguous :: f(:, :)
+    end subroutine force_remainder_interface
+
+  end interface
+
+contains
+
+  !> Deep copy, element by element: intrinsic assignment of the whole array
+  !! lets gfortran 12 share the polymorphic components, to be freed twice.
+  subroutine copy_kernels(from, to)
+    type(kernel_holder), intent(in) :: from(:)
+    type(kernel_holder), allocatable, intent(out) :: to(:)
+    integer :: i
+    allocate (to(size(from)))
+    do i = 1, size(from)
+      allocate (to(i)%kernel, source=from(i)%kernel)
+    end do
+  end subroutine copy_kernels
+
+  pure integer function n_dof(self)
+    class(oscillator_type), intent(in) :: self
+    n_dof = size(self%gather, 2)
+  end function n_dof
+
+  pure integer function n_memory(self)
+    class(oscillator_type), intent(in) :: self
+    n_memory = size(self%gather, 1)
+  end function n_memory
+
+  !> No nonlinear term is left to evaluate.
+  pure logical function is_linear(self)
+    class(oscillator_type), intent(in) :: self
+    is_linear = self%separable .and. .not. any(self%bent)
+  end function is_linear
+
+  !> 1 - epsilon_1 (R_c - i R_s) at each circular frequency, a column for each
+  !! hereditary variable: what memory leaves of the variable.
+  subroutine retained(self, mu, fraction)
+    class(oscillator_type), intent(in) :: self
+    !> Circular frequencies (rad/s), shape (n); 0 asks for the integral.
+    real(wp), intent(in) :: mu(:)
+    !> Shape (n, n_memory).
+    complex(wp), intent(out) :: fraction(:, :)
+    real(wp) :: cosine(size(mu)), sine(size(mu))
+    integer :: i, j
+
+    fraction = (1.0_wp, 0.0_wp)
+    do i = 1, size(self%kernels)
+      if (.not. any(self%kernel_of == i)) cycle
+      call self%kernels(i)%kernel%transform(mu, cosine, sine)
+      do j = 1, self%n_memory()
+        if (self%kernel_of(j) /= i) cycle
+        fraction(:, j) = cmplx(1.0_wp - self%memory_scale*cosine, self%memory_scale*sine, wp)
+      end do
+    end do
+  end subroutine retained
+
+  !> D(mu) = sum_j B(:,j) W(j,:) (1 - Rhat_j(mu)) + i mu C - mu^2 M for
+  !! u = Im(X exp(i mu t)).
+  pure subroutine dynamic_stiffness(self, mu, fraction, stiffness)
+    class(oscillator_type), intent(in) :: self
+    !> Circular frequencies (rad/s), shape (n).
+    real(wp), intent(in) :: mu(:)
+    !> From `retained`, shape (n, n_memory).
+    complex(wp), intent(in) :: fraction(:, :)
+    !> D, shape (n_dof, n_dof, n).
+    complex(wp), intent(out) :: stiffness(:, :, :)
+    integer :: i, a, b
+
+    do i = 1, size(mu)
+      do b = 1, self%n_dof()
+        do a = 1, self%n_dof()
+          stiffness(a, b, i) = sum(self%spread(a, :)*self%gather(:, b)*fraction(i, :)) &
+                               + cmplx(-mu(i)**2*self%mass(a, b), mu(i)*self%damping(a, b), wp)
+        end do
+      end do
+    end do
+  end subroutine dynamic_stiffness
+
+  !> The first kernel in use whose integral does not exist (0: none). Such a
+  !! system has no static response.
+  integer function kernel_without_integral(self)
+    class(oscillator_type), intent(in) :: self
+    integer :: i
+    do i = 1, size(self%kernels)
+      kernel_without_integral = i
+      if (.not. any(self%kernel_of == i)) cycle
+      if (self%kernels(i)%kernel%integral() > huge(1.0_wp)) return
+    end do
+    kernel_without_integral = 0
+  end function kernel_without_integral
+
+end module viscovib_oscillator
