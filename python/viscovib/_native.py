@@ -1,0 +1,98 @@
+"""The only importer of the compiled core: checks arrays before each call, raises after it.
+
+f2py checks shapes on one side only, truncates numbers to integers and copies silently, so every
+argument is brought to its exact type, shape and memory order here.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _viscovib as core  # type: ignore[attr-defined]
+from viscovib.errors import FileError, InputError
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_IO_ERROR = 3
+
+
+def number(name: str, value: object) -> float:
+    """Return ``value`` as a finite float, or say what it should have been."""
+    if isinstance(value, (bool, np.bool_, str, bytes)) or value is None:
+        raise InputError(f"{name} = {value!r}: must be a real number")
+    try:
+        result = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} = {_short(value)}: must be a real number") from None
+    if not math.isfinite(result):
+        raise InputError(f"{name} = {result}: must be a finite number")
+    return result
+
+
+def integer(name: str, value: object, lowest: int, highest: int) -> int:
+    """Return ``value`` as an int in [lowest, highest]."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise InputError(f"{name} = {_short(value)}: must be an integer")
+    if not lowest <= value <= highest:
+        raise InputError(f"{name} = {value}: must be {lowest} to {highest}")
+    return int(value)
+
+
+def choice(name: str, value: object, allowed: tuple[str, ...]) -> str:
+    """Return ``value`` if it is one of the allowed words."""
+    if not isinstance(value, str) or value not in allowed:
+        words = ", ".join(repr(word) for word in allowed)
+        raise InputError(f"{name} = {_short(value)}: must be one of {words}")
+    return value
+
+
+def real_array(name: str, value: object, *, ndim: int | None = None) -> FloatArray:
+    """Return finite real numbers as a C-contiguous float64 array."""
+    array = _array(name, value)
+    if array.dtype.kind == "c":
+        raise InputError(f"{name}: must be real, got complex numbers")
+    return _checked(name, array.astype(np.float64), ndim)
+
+
+def complex_array(name: str, value: object, *, ndim: int | None = None) -> ComplexArray:
+    """Return finite complex numbers as a C-contiguous complex128 array."""
+    return _checked(name, _array(name, value).astype(np.complex128), ndim)
+
+
+def _array(name: str, value: object) -> npt.NDArray[Any]:
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: must be an array of numbers of one shape") from None
+    if array.dtype.kind not in "iufc":
+        raise InputError(f"{name} = {_short(value)}: must be numbers, got {array.dtype}")
+    return array
+
+
+def _checked(name: str, array: npt.NDArray[Any], ndim: int | None) -> npt.NDArray[Any]:
+    if ndim is not None and array.ndim != ndim:
+        raise InputError(f"{name}: must have {ndim} dimension(s), got shape {array.shape}")
+    finite = np.isfinite(array)
+    if not finite.all():
+        where = tuple(int(i) for i in np.argwhere(~finite)[0])
+        place = f"[{', '.join(map(str, where))}]" if where else ""
+        raise InputError(f"{name}{place} = {array[where]}: must be a finite number")
+    return np.asarray(array, order="C")
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[Any, ...]:
+    """Call a flat routine and turn its status into an exception."""
+    *results, status, message = routine(*arguments)
+    if status != 0:
+        text = message.decode(errors="replace").strip()
+        raise FileError(text) if status == _IO_ERROR else InputError(text)
+    return tuple(results)

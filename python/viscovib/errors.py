@@ -1,0 +1,21 @@
+"""Errors and warnings of the public interface."""
+
+
+class ViscovibError(Exception):
+    """Base of every error that viscovib raises on purpose."""
+
+
+class InputError(ViscovibError, ValueError):
+    """Wrong input: the message names the argument, its value and what is allowed."""
+
+
+class FileError(ViscovibError, OSError):
+    """A file cannot be read or written."""
+
+
+class ConvergenceWarning(UserWarning):
+    """Some points of a result were not found; they hold NaN."""
+
+
+class StabilityWarning(UserWarning):
+    """The system creeps away from rest, though its forced response exists."""

@@ -1,0 +1,84 @@
+"""Periodic loads as Fourier series, in the form the core takes."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray
+from viscovib.errors import InputError
+
+#: What ``load`` may be: P on x; a vector over the coordinates; or {order: either}.
+LoadLike = complex | npt.ArrayLike | Mapping[int, complex | npt.ArrayLike]
+
+_MAX_ORDER = 100_000
+
+
+def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, complex]:
+    """Fourier series of one period of evenly spaced samples, as ``load`` or ``base`` takes it.
+
+    Parameters
+    ----------
+    samples : array_like, shape (n,)
+        Values at t = 0, T/n, 2T/n, ...; n > 2 * orders.
+    orders : int
+        Highest order wanted.
+
+    Returns
+    -------
+    dict
+        {k: P_k} with f(t) = Im sum_k P_k exp(i k nu t); the mean is the imaginary part of P_0.
+    """
+    values = _native.real_array("samples", samples, ndim=1)
+    highest = _native.integer("orders", orders, 0, _MAX_ORDER)
+    if values.size <= 2 * highest:
+        raise InputError(
+            f"samples: {values.size} values, must be more than {2 * highest} for order {highest}"
+        )
+    spectrum = np.fft.rfft(values)[: highest + 1] / values.size
+    series = {0: 1j * spectrum[0].real}
+    series.update({k: 2j * spectrum[k] for k in range(1, highest + 1)})
+    return {order: complex(value) for order, value in series.items()}
+
+
+def load_series(
+    load: LoadLike | None, base: Any, n_dof: int
+) -> tuple[npt.NDArray[np.int32], ComplexArray]:
+    """Return orders, shape (m,), and coefficients, shape (n_dof + 1, m): forces, then base."""
+    forces = _by_order("load", load, n_dof)
+    motions = _by_order("base", base, 1)
+    orders = sorted(set(forces) | set(motions))
+    series = np.zeros((n_dof + 1, max(len(orders), 1)), dtype=complex, order="F")
+    for j, order in enumerate(orders):
+        series[:n_dof, j] = forces.get(order, 0.0)
+        series[n_dof:, j] = motions.get(order, 0.0)
+    return np.array(orders or [1], dtype=np.int32), series
+
+
+def _by_order(name: str, value: Any, n_dof: int) -> dict[int, ComplexArray]:
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        value = {1: value}
+    series = {}
+    for order, term in value.items():
+        k = _native.integer(f"{name} order", order, 0, _MAX_ORDER)
+        vector = np.zeros(n_dof, dtype=complex)
+        given = _native.complex_array(f"{name}[{k}]", term)
+        if given.ndim == 0:
+            vector[0] = given
+        elif given.shape == (n_dof,):
+            vector[:] = given
+        else:
+            raise InputError(
+                f"{name}[{k}]: must be a number or have shape ({n_dof},), got {given.shape}"
+            )
+        if k == 0 and vector.real.any():
+            raise InputError(
+                f"{name}[0] has a real part: the mean is the imaginary part "
+                f"({name} = Im sum P_k exp(i k nu t)), write it as 1j * mean"
+            )
+        series[k] = vector
+    return series

@@ -1,0 +1,172 @@
+"""The mount: a rigid body on viscoelastic supports, coordinates x (m) and phi (rad)."""
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.errors import InputError, StabilityWarning
+from viscovib.kernels import Kernel
+
+GEOMETRIES = ("exact", "cubic", "printed")
+_AS_X = -1
+_NO_KERNEL = 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mount:
+    """A rigid body on a spring in x, attached at distance ``offset``, and one in phi.
+
+    Parameters
+    ----------
+    mass, inertia : float
+        m > 0 (kg) and I > 0 about the mass centre (kg m^2).
+    offset : float
+        l (m), from the mass centre to the supports: the spring in x deflects by
+        x - l sin(phi).
+    stiffness_x, stiffness_phi : float
+        c_x > 0 (N/m) and c_phi > 0 (N m).
+    kernel : Kernel, optional
+        Relaxation kernel of the spring in x; None: no memory.
+    kernel_phi : Kernel or False, optional
+        Relaxation kernel of the spring in phi; None: as ``kernel``; False: no memory.
+    damping : array_like, shape (2, 2), optional
+        Viscous damping matrix C in M u'' + C u' + ...; None: no damping.
+    geometry : {"cubic", "exact", "printed"}
+        "exact": full sine and cosine, memory on the deflection; "cubic": potential expanded to
+        fourth order, memory on every term; "printed": as cubic with the signs and factors that
+        seed paper 001 prints.
+    cubic_scale, memory_scale : float
+        epsilon and epsilon_1 of the paper: factors of the cubic terms and of every kernel;
+        0 removes the terms and their cost.
+
+    Warns
+    -----
+    StabilityWarning
+        If the integral of a kernel (times ``memory_scale``) is not between 0 and 1.
+    """
+
+    mass: float
+    inertia: float
+    offset: float
+    stiffness_x: float
+    stiffness_phi: float
+    kernel: Kernel | None = None
+    kernel_phi: Kernel | bool | None = None
+    damping: npt.ArrayLike | None = None
+    geometry: str = "cubic"
+    cubic_scale: float = 1.0
+    memory_scale: float = 1.0
+
+    dof_names: ClassVar[tuple[str, ...]] = ("x", "phi")
+    dof_units: ClassVar[tuple[str, ...]] = ("m", "rad")
+
+    def __post_init__(self) -> None:
+        for name in (
+            "mass",
+            "inertia",
+            "offset",
+            "stiffness_x",
+            "stiffness_phi",
+            "cubic_scale",
+            "memory_scale",
+        ):
+            object.__setattr__(self, name, _native.number(name, getattr(self, name)))
+        _native.choice("geometry", self.geometry, GEOMETRIES)
+        damping = np.zeros((2, 2)) if self.damping is None else self.damping
+        matrix = _native.real_array("damping", damping, ndim=2)
+        if matrix.shape != (2, 2):
+            raise InputError(f"damping: must have shape (2, 2), got {matrix.shape}")
+        matrix.setflags(write=False)
+        object.__setattr__(self, "damping", matrix)
+        if not (self.kernel is None or isinstance(self.kernel, Kernel)):
+            raise InputError(f"kernel = {self.kernel!r}: must be a Kernel or None")
+        if not (
+            self.kernel_phi is None
+            or self.kernel_phi is False
+            or isinstance(self.kernel_phi, Kernel)
+        ):
+            raise InputError(f"kernel_phi = {self.kernel_phi!r}: must be a Kernel, None or False")
+        self.natural_frequencies()
+        self._warn_of_creep()
+
+    def natural_frequencies(self) -> FloatArray:
+        """Undamped natural circular frequencies without memory (rad/s), ascending, shape (2,)."""
+        return np.asarray(_native.call(core.mount_modes, self._flat)[0])
+
+    def mode_shapes(self) -> FloatArray:
+        """Mode shapes as columns (1, a_2j), shape (2, 2); unit vectors if offset is 0."""
+        return np.ascontiguousarray(_native.call(core.mount_modes, self._flat)[1])
+
+    def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
+        """D(nu), shape nu.shape + (2, 2), for u = Im(X exp(i nu t)).
+
+        K_x (1 - R_x(nu)) + K_phi (1 - R_phi(nu)) + i nu C - nu^2 M.
+        """
+        frequencies = _native.real_array("nu", nu)
+        for kernel in self._active_kernels:
+            if frequencies.size and (frequencies == 0).any() and math.isinf(kernel.integral):
+                raise InputError("nu = 0: a kernel has no integral, nu must not be 0")
+        (stiffness,) = _native.call(
+            core.mount_dynamic_stiffness, self._flat, *self._kernels, frequencies.ravel()
+        )
+        return np.ascontiguousarray(np.moveaxis(stiffness, 2, 0)).reshape(
+            *frequencies.shape, 2, 2
+        )
+
+    @property
+    def _flat(self) -> FloatArray:
+        return np.array(
+            [
+                self.mass,
+                self.inertia,
+                self.offset,
+                self.stiffness_x,
+                self.stiffness_phi,
+                *np.asarray(self.damping).ravel(order="F"),
+                self.cubic_scale,
+                self.memory_scale,
+                GEOMETRIES.index(self.geometry) + 1,
+            ]
+        )
+
+    @property
+    def _kernels(self) -> tuple[int, FloatArray, int, FloatArray]:
+        nothing = np.zeros(1)
+        in_x = self.kernel
+        kind_x, data_x = (in_x._kind, in_x._data) if in_x else (_NO_KERNEL, nothing)
+        if isinstance(self.kernel_phi, Kernel):
+            return kind_x, data_x, self.kernel_phi._kind, self.kernel_phi._data
+        return kind_x, data_x, _AS_X if self.kernel_phi is None else _NO_KERNEL, nothing
+
+    @property
+    def _active_kernels(self) -> tuple[Kernel, ...]:
+        if self.memory_scale == 0:
+            return ()
+        return tuple(k for k in (self.kernel, self.kernel_phi) if isinstance(k, Kernel))
+
+    def _warn_of_creep(self) -> None:
+        for kernel in self._active_kernels:
+            total = self.memory_scale * kernel.integral
+            if total >= 1:
+                warnings.warn(creep_message(total), StabilityWarning, stacklevel=4)
+            elif total < 0:
+                warnings.warn(
+                    f"kernel integral = {total:.6g} < 0: the spring stiffens with time, which no "
+                    "relaxation does",
+                    StabilityWarning,
+                    stacklevel=4,
+                )
+
+
+def creep_message(total: float) -> str:
+    """Say what a kernel whose integral is 1 or more means."""
+    return (
+        f"kernel integral = {total:.6g} >= 1: the relaxed stiffness is not positive, and free "
+        "motion creeps away slowly; the forced response without a mean does not feel it"
+    )

@@ -1,0 +1,89 @@
+"""Pictures: every curve is told apart by line style as well as by colour."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from viscovib.errors import InputError
+from viscovib.response import Response
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: Dark to light, so that order survives a greyscale print.
+COLOURS = ("#0b1d51", "#7b1e7a", "#c8452e", "#e08e1b", "#b9b21a")
+STYLES = ("-", (0, (6, 1.5)), (0, (4, 1.2, 1, 1.2)), (0, (2, 1)), (0, (1, 1)))
+
+_STYLE_SHEET: dict[str, Any] = {
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "0.9",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "savefig.dpi": 200,
+    "lines.linewidth": 1.6,
+}
+_SYMBOLS = {"x": "x", "phi": r"\varphi"}
+
+
+def plot_response(
+    response: Response | Sequence[Response],
+    ax: "Axes | Sequence[Axes] | None" = None,
+    *,
+    labels: Sequence[str] | None = None,
+    harmonic: int = 1,
+    log: bool = True,
+) -> "Sequence[Axes]":
+    """Draw amplitude against frequency, one panel a coordinate.
+
+    Parameters
+    ----------
+    response : Response or sequence of them
+        Curves; gaps show where no solution was found.
+    ax : Axes or sequence of Axes, optional
+        Where to draw: as many as there are coordinates; None makes a figure.
+    labels : sequence of str, optional
+        A legend entry a curve.
+    harmonic : int
+        Order to draw.
+    log : bool
+        Logarithmic amplitudes.
+
+    Returns
+    -------
+    sequence of Axes, one a coordinate.
+    """
+    import matplotlib.pyplot as plt
+
+    curves = [response] if isinstance(response, Response) else list(response)
+    if not curves:
+        raise InputError("response: must not be empty")
+    names = curves[0].dof_names
+    with plt.rc_context(_STYLE_SHEET):
+        if ax is None:
+            _, ax = plt.subplots(
+                len(names), 1, figsize=(7, 3 * len(names)), sharex=True, layout="constrained"
+            )
+        axes = list(np.atleast_1d(np.asarray(ax, dtype=object)))
+        if len(axes) != len(names):
+            raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
+        for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
+            for i, curve in enumerate(curves):
+                axis.plot(
+                    curve.nu,
+                    curve.amplitude(name, harmonic),
+                    color=COLOURS[i % len(COLOURS)],
+                    linestyle=STYLES[i % len(STYLES)],
+                    label=labels[i] if labels else None,
+                )
+            axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{harmonic}|$ ({unit})")
+            if log:
+                axis.set_yscale("log")
+        axes[-1].set_xlabel(r"circular frequency of the load $\nu$ (rad/s)")
+        if labels:
+            axes[0].legend()
+    return axes

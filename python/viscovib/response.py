@@ -1,0 +1,331 @@
+"""Steady forced response: amplitudes of every harmonic over a band of frequencies."""
+
+import csv
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from tqdm import tqdm
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.errors import ConvergenceWarning, FileError, InputError
+from viscovib.load import LoadLike, load_series
+from viscovib.mount import Mount
+
+METHODS = ("linear", "successive")
+OUTCOMES = np.array(["converged", "stalled", "diverged", "singular"])
+#: Frequencies a native call takes at most: how often progress shows and Ctrl-C is heard.
+CHUNK = 4096
+
+_MAX_HARMONICS = 199
+_MAX_ITERATIONS = 100_000
+
+
+class Peak(NamedTuple):
+    """Largest amplitude in a band."""
+
+    nu: float
+    amplitude: float
+    #: False if it stands at the edge of the band or beside a point that was not found.
+    enclosed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Steady response u(t) = Im sum_k X_k exp(i k nu t).
+
+    Attributes
+    ----------
+    nu : ndarray, shape (n,)
+        Circular frequencies of the load (rad/s).
+    harmonics : ndarray of int, shape (m,)
+        Orders k kept.
+    coefficients : ndarray, complex, shape (n, n_dof, m)
+        X_k (m, rad); NaN where no solution was found.
+    outcome : ndarray of str, shape (n,)
+        "converged", "stalled", "diverged" or "singular" (undamped resonance).
+    iterations : ndarray of int, shape (n,)
+        Iterations made.
+    rate : ndarray, shape (n,)
+        Factor by which the last corrections shrank in an iteration.
+    method : str
+        The method that ran.
+    plan : str
+        What was computed, what was skipped and why.
+    """
+
+    nu: FloatArray
+    harmonics: npt.NDArray[np.int32]
+    coefficients: ComplexArray
+    outcome: npt.NDArray[np.str_]
+    iterations: npt.NDArray[np.int32]
+    rate: FloatArray
+    method: str
+    plan: str
+    dof_names: tuple[str, ...]
+    dof_units: tuple[str, ...]
+    _history: Callable[[], FloatArray] = field(repr=False)
+
+    @property
+    def converged(self) -> npt.NDArray[np.bool_]:
+        """Where a solution was found, shape (n,)."""
+        return self.outcome == "converged"
+
+    @cached_property
+    def corrections(self) -> FloatArray:
+        """Relative size of each correction, shape (n, iterations); NaN past the last.
+
+        Not kept in the first run: the job is run again when this is first asked for.
+        """
+        return self._history()
+
+    def coefficient(self, dof: int | str, harmonic: int = 1) -> ComplexArray:
+        """X_k of one coordinate, shape (n,)."""
+        where = np.flatnonzero(self.harmonics == harmonic)
+        if not where.size:
+            kept = ", ".join(map(str, self.harmonics))
+            raise InputError(f"harmonic = {harmonic}: must be one of those kept ({kept})")
+        return self.coefficients[:, self._dof(dof), where[0]]
+
+    def amplitude(self, dof: int | str, harmonic: int = 1) -> FloatArray:
+        """|X_k| of one coordinate, shape (n,)."""
+        return np.abs(self.coefficient(dof, harmonic))
+
+    def phase(self, dof: int | str, harmonic: int = 1) -> FloatArray:
+        """Phase of X_k (rad), in (-pi, pi], shape (n,)."""
+        return np.angle(self.coefficient(dof, harmonic))
+
+    def peak(
+        self, dof: int | str, harmonic: int = 1, *, band: tuple[float, float] | None = None
+    ) -> Peak:
+        """Largest amplitude in a band of nu (default: all), refined by a parabola."""
+        inside = np.ones(self.nu.size, dtype=bool)
+        if band is not None:
+            inside = (self.nu >= band[0]) & (self.nu <= band[1])
+        amplitude = np.where(inside, self.amplitude(dof, harmonic), np.nan)
+        if not np.isfinite(amplitude).any():
+            raise InputError(f"band = {band}: holds no frequency with a solution")
+        i = int(np.nanargmax(amplitude))
+        around = amplitude[i - 1 : i + 2] if 0 < i < amplitude.size - 1 else amplitude[:0]
+        if around.size < 3 or not np.isfinite(around).all():
+            return Peak(float(self.nu[i]), float(amplitude[i]), enclosed=False)
+        a, b, c = np.polyfit(self.nu[i - 1 : i + 2] - self.nu[i], around, 2)
+        shift = -b / (2 * a) if a < 0 else 0.0
+        return Peak(float(self.nu[i] + shift), float(c + shift * (b + shift * a)), enclosed=True)
+
+    def waveform(self, i: int, n: int = 256) -> tuple[FloatArray, FloatArray]:
+        """One period at the i-th frequency: times (s), shape (n,), and u, shape (n, n_dof)."""
+        point = _native.integer("i", i, -self.nu.size, self.nu.size - 1)
+        count = _native.integer("n", n, 1, 10_000_000)
+        t = 2 * np.pi / self.nu[point] * np.arange(count) / count
+        waves = np.exp(1j * np.outer(t, self.harmonics * self.nu[point]))
+        return t, (waves @ self.coefficients[point].T).imag
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset with units."""
+        dims = ("nu", "dof", "harmonic")
+        return xr.Dataset(
+            {
+                "coefficients": (dims, self.coefficients, {"long_name": "X_k, m or rad"}),
+                "amplitude": (dims, np.abs(self.coefficients), {"long_name": "|X_k|, m or rad"}),
+                "outcome": ("nu", self.outcome),
+                "iterations": ("nu", self.iterations),
+                "rate": ("nu", self.rate),
+            },
+            coords={
+                "nu": ("nu", self.nu, {"units": "rad/s", "long_name": "circular frequency"}),
+                "dof": ("dof", list(self.dof_names)),
+                "unit": ("dof", list(self.dof_units)),
+                "harmonic": ("harmonic", self.harmonics),
+            },
+            attrs={"method": self.method, "plan": self.plan},
+        )
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the table that the standalone driver writes: one row a frequency."""
+        columns: dict[str, Any] = {
+            "nu": self.nu,
+            "outcome": self.outcome,
+            "iterations": self.iterations,
+            "rate": self.rate,
+        }
+        for d, name in enumerate(self.dof_names):
+            for j, k in enumerate(self.harmonics):
+                columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real
+                columns[f"{name}_{k}_im"] = self.coefficients[:, d, j].imag
+        try:
+            with open(path, "w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file)
+                writer.writerow(columns)
+                for row in zip(*columns.values(), strict=True):
+                    writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
+        except OSError as error:
+            raise FileError(f"{path}: cannot be written ({error.strerror})") from None
+
+    def _dof(self, dof: int | str) -> int:
+        if isinstance(dof, str) and dof in self.dof_names:
+            return self.dof_names.index(dof)
+        if isinstance(dof, (int, np.integer)) and 0 <= dof < len(self.dof_names):
+            return int(dof)
+        names = ", ".join(f"{name!r} ({i})" for i, name in enumerate(self.dof_names))
+        raise InputError(f"dof = {dof!r}: must be one of {names}")
+
+
+def forced_response(
+    mount: Mount,
+    nu: npt.ArrayLike,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    method: str = "successive",
+    harmonics: int = 9,
+    tolerance: float = 1e-10,
+    max_iterations: int = 200,
+    relaxation: float | str = 1.0,
+    progress: bool = False,
+) -> Response:
+    """Steady response of a mount to a periodic load or motion of its base.
+
+    Parameters
+    ----------
+    mount : Mount
+        The system.
+    nu : array_like, shape (n,)
+        Circular frequencies of the load (rad/s), each > 0, in any order.
+    load : complex, array_like or mapping
+        Force on x (N): P sin(nu t); or a vector (force on x, moment on phi); or a Fourier series
+        {order: either}, f(t) = Im sum_k P_k exp(i k nu t), whose mean is the imaginary part of
+        P_0. `fourier_coefficients` makes one from samples.
+    base : complex or mapping
+        Displacement of the supports in x (m), likewise. The response stays absolute. Viscous
+        damping acts on the motion relative to the base.
+    method : {"successive", "linear"}
+        "linear": nonlinear terms left out; "successive": successive approximations from the
+        linear response, which converge where the nonlinear force is small against the dynamic
+        stiffness.
+    harmonics : int
+        Highest order kept (1 to 199); even orders and the mean are dropped when the load has
+        none.
+    tolerance : float
+        Wanted relative error of the iteration, 1e-14 to 0.1.
+    max_iterations : int
+        Iterations a frequency, 1 to 100000.
+    relaxation : float or "auto"
+        Fraction of each correction that is taken, in (0, 1]; "auto": start with 1 and halve, up
+        to four times, where the iteration does not converge.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    Response
+
+    Raises
+    ------
+    InputError
+        Naming the argument, its value and what is allowed.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If some frequencies have no solution; they hold NaN.
+
+    Notes
+    -----
+    Source: seed paper 001, (14)-(19), corrected (see the theory pages). Fixed point
+    D(k nu) X_k = P_k - N_k(X) with the harmonics N_k of the nonlinear force from alias-free
+    samples of a period.
+    """
+    if not isinstance(mount, Mount):
+        raise InputError(f"mount = {mount!r}: must be a Mount")
+    frequencies = _native.real_array("nu", nu)
+    if frequencies.ndim > 1:
+        raise InputError(f"nu: must have 0 or 1 dimension(s), got shape {frequencies.shape}")
+    frequencies = frequencies.reshape(-1)
+    if not frequencies.size:
+        raise InputError("nu: must not be empty")
+    if frequencies.min() <= 0:
+        raise InputError(f"nu = {frequencies.min():g}: must be greater than 0")
+    if relaxation != "auto":
+        relaxation = _native.number("relaxation", relaxation)
+        if not 0 < relaxation <= 1:
+            raise InputError(f"relaxation = {relaxation:g}: must be in (0, 1], or 'auto'")
+    job = (
+        mount._flat,
+        *mount._kernels,
+        *load_series(load, base, len(mount.dof_names)),
+    )
+    options = (
+        METHODS.index(_native.choice("method", method, METHODS)) + 1,
+        _native.integer("harmonics", harmonics, 1, _MAX_HARMONICS),
+        _native.number("tolerance", tolerance),
+        _native.integer("max_iterations", max_iterations, 1, _MAX_ITERATIONS),
+        0.0 if relaxation == "auto" else relaxation,
+    )
+    n_kept, kept, _half_wave, _n_samples, ran, text = _native.call(
+        core.mount_plan, *job, frequencies, *options, 0
+    )
+
+    def run(n_history: int, show: bool) -> list[tuple[Any, ...]]:
+        starts = range(0, frequencies.size, CHUNK)
+        with tqdm(total=frequencies.size, unit=" nu", disable=not show, leave=False) as bar:
+            parts = []
+            for start in starts:
+                chunk = frequencies[start : start + CHUNK]
+                parts.append(
+                    _native.call(core.mount_response, *job, chunk, *options, n_history, n_kept)
+                )
+                bar.update(chunk.size)
+        return parts
+
+    parts = run(0, progress)
+    iterations = _joined(parts, 2)
+
+    def history() -> FloatArray:
+        longest = int(iterations.max(initial=0))
+        if not longest:
+            return np.empty((frequencies.size, 0))
+        columns = [part[4][:longest] for part in run(options[3], False)]
+        return np.concatenate(columns, axis=1).T
+
+    response = Response(
+        nu=frequencies,
+        harmonics=kept[:n_kept].copy(),
+        coefficients=np.concatenate([part[0].T for part in parts]),
+        outcome=OUTCOMES[_joined(parts, 1)],
+        iterations=iterations,
+        rate=_joined(parts, 3),
+        method=METHODS[ran - 1],
+        plan=text.decode().strip(),
+        dof_names=mount.dof_names,
+        dof_units=mount.dof_units,
+        _history=history,
+    )
+    _warn_of_gaps(response)
+    return response
+
+
+def _joined(parts: list[tuple[Any, ...]], index: int) -> npt.NDArray[Any]:
+    return np.concatenate([part[index] for part in parts])
+
+
+def _warn_of_gaps(response: Response) -> None:
+    lost = ~response.converged
+    if not lost.any():
+        return
+    kinds = ", ".join(
+        f"{count} {name}" for name in OUTCOMES[1:] if (count := (response.outcome == name).sum())
+    )
+    warnings.warn(
+        f"{lost.sum()} of {lost.size} frequencies have no solution ({kinds}), between nu = "
+        f"{response.nu[lost].min():.6g} and {response.nu[lost].max():.6g}; they hold NaN",
+        ConvergenceWarning,
+        stacklevel=3,
+    )
