@@ -1,0 +1,104 @@
+!> Sum of exponentials R(t) = sum_j w_j exp(-r_j t): generalised Maxwell model.
+module viscovib_prony
+  use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
+  use viscovib_checks, only: check_not_negative
+  use viscovib_kernel, only: kernel_type
+  use viscovib_kinds, only: wp
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: prony_kernel, new_prony
+
+  type, extends(kernel_type) :: prony_kernel
+    !> w_j >= 0 and r_j >= 0 (1/s), same size.
+    real(wp), allocatable :: weights(:), rates(:)
+  contains
+    procedure :: transform
+    procedure :: laplace
+    procedure :: value
+    procedure :: integral
+  end type prony_kernel
+
+contains
+
+  !> Checked constructor.
+  subroutine new_prony(kernel, weights, rates, status)
+    type(prony_kernel), intent(out) :: kernel
+    real(wp), intent(in) :: weights(:), rates(:)
+    type(status_type), intent(out) :: status
+    integer :: j
+
+    if (size(weights) /= size(rates)) then
+      call fail(status, status_input_error, 'weights', 'weights and rates have ' &
+                //show(size(weights))//' and '//show(size(rates))//' numbers: must match')
+      return
+    end if
+    do j = 1, size(weights)
+      call check_not_negative('weights['//show(j)//']', weights(j), status)
+      if (status%failed()) exit
+      call check_not_negative('rates['//show(j)//']', rates(j), status)
+      if (status%failed()) exit
+    end do
+    kernel%weights = weights
+    kernel%rates = rates
+  end subroutine new_prony
+
+  !> sum_j w_j/(r_j + i mu).
+  subroutine transform(self, mu, cosine, sine)
+    class(prony_kernel), intent(in) :: self
+    real(wp), intent(in) :: mu(:)
+    real(wp), intent(out) :: cosine(:), sine(:)
+    real(wp) :: factor
+    integer :: i, j
+
+    cosine = 0.0_wp
+    sine = 0.0_wp
+    do j = 1, size(self%weights)
+      do i = 1, size(mu)
+        factor = self%weights(j)/(self%rates(j)**2 + mu(i)**2)
+        cosine(i) = cosine(i) + factor*self%rates(j)
+        sine(i) = sine(i) + factor*mu(i)
+      end do
+    end do
+  end subroutine transform
+
+  !> sum_j w_j/(r_j + s), poles at -r_j.
+  subroutine laplace(self, s, transform)
+    class(prony_kernel), intent(in) :: self
+    complex(wp), intent(in) :: s(:)
+    complex(wp), intent(out) :: transform(:)
+    integer :: j
+    transform = (0.0_wp, 0.0_wp)
+    do j = 1, size(self%weights)
+      transform = transform + self%weights(j)/(self%rates(j) + s)
+    end do
+  end subroutine laplace
+
+  subroutine value(self, t, r)
+    class(prony_kernel), intent(in) :: self
+    real(wp), intent(in) :: t(:)
+    real(wp), intent(out) :: r(:)
+    integer :: j
+    r = 0.0_wp
+    do j = 1, size(self%weights)
+      r = r + self%weights(j)*exp(-self%rates(j)*t)
+    end do
+  end subroutine value
+
+  !> sum_j w_j/r_j.
+  real(wp) function integral(self)
+    class(prony_kernel), intent(in) :: self
+    integer :: j
+    integral = 0.0_wp
+    do j = 1, size(self%weights)
+      if (self%weights(j) == 0.0_wp) cycle
+      if (self%rates(j) == 0.0_wp) then
+        integral = ieee_value(integral, ieee_positive_inf)
+        return
+      end if
+      integral = integral + self%weights(j)/self%rates(j)
+    end do
+  end function integral
+
+end module viscovib_prony

@@ -1,0 +1,223 @@
+!> A kernel known at points: R(t_i), with exact transforms of its interpolant.
+!!
+!! linear: straight between points, R_1 before the first, 0 after the last.
+!! exponential: log-linear between points (all R_i > 0), the first and the last
+!! rate continued outside.
+!!
+!! Each piece is integrated in closed form, oscillation and all; nothing is
+!! truncated. For |s| t_n > 2 the integral by parts
+!!   L(s) = (R(0) - R(t_n) exp(-s t_n) [linear] + integral R' exp(-s t) dt)/s
+!! is summed instead of the direct one, since the direct pieces cancel there.
+module viscovib_tabulated
+  use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
+  use viscovib_checks, only: check_finite, check_increasing, check_not_negative
+  use viscovib_kernel, only: kernel_type
+  use viscovib_kinds, only: wp
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: tabulated_kernel, new_tabulated
+
+  integer, parameter, public :: interpolation_linear = 0, interpolation_exponential = 1
+
+  type, extends(kernel_type) :: tabulated_kernel
+    integer :: interpolation = interpolation_linear
+    !> Knots from 0 on (s) and R there (1/s), shape (n).
+    real(wp), allocatable :: times(:), values(:)
+    !> Of each piece: slope (linear) or decay rate (exponential), shape (n-1).
+    real(wp), allocatable, private :: slopes(:)
+  contains
+    procedure :: transform
+    procedure :: laplace
+    procedure :: value
+    procedure :: integral
+    procedure, private :: laplace_at
+    procedure, private :: tail_rate
+  end type tabulated_kernel
+
+contains
+
+  !> Checked constructor; t_1 >= 0, at least 2 points.
+  subroutine new_tabulated(kernel, times, values, interpolation, status)
+    type(tabulated_kernel), intent(out) :: kernel
+    real(wp), intent(in) :: times(:), values(:)
+    integer, intent(in) :: interpolation
+    type(status_type), intent(out) :: status
+    integer :: n
+    real(wp) :: start
+
+    n = size(times)
+    if (n < 2 .or. size(values) /= n) then
+      call fail(status, status_input_error, 'times', 'times and values have '//show(n)//' and ' &
+                //show(size(values))//' numbers: must match and be 2 or more')
+      return
+    end if
+    call check_increasing('times', times, status)
+    if (status%failed()) return
+    call check_not_negative('times[1]', times(1), status)
+    if (status%failed()) return
+    call check_finite('values', values, status)
+    if (status%failed()) return
+    kernel%interpolation = interpolation
+    kernel%times = times
+    kernel%values = values
+    select case (interpolation)
+    case (interpolation_linear)
+      start = values(1)
+    case (interpolation_exponential)
+      if (minval(values) <= 0.0_wp) then
+        call fail(status, status_input_error, 'values', 'values['//show(minloc(values, 1)) &
+                  //'] = '//show(minval(values))//': must be greater than 0 for exponential ' &
+                  //'interpolation')
+        return
+      end if
+      start = values(1)*(values(1)/values(2))**(times(1)/(times(2) - times(1)))
+    case default
+      call fail(status, status_input_error, 'interpolation', 'interpolation = ' &
+                //show(interpolation)//': must be linear (0) or exponential (1)')
+      return
+    end select
+    if (times(1) > 0.0_wp) then
+      kernel%times = [0.0_wp, times]
+      kernel%values = [start, values]
+      n = n + 1
+    end if
+    associate (t => kernel%times, r => kernel%values)
+      if (interpolation == interpolation_linear) then
+        kernel%slopes = (r(2:) - r(:n - 1))/(t(2:) - t(:n - 1))
+      else
+        kernel%slopes = log(r(:n - 1)/r(2:))/(t(2:) - t(:n - 1))
+      end if
+    end associate
+  end subroutine new_tabulated
+
+  subroutine transform(self, mu, cosine, sine)
+    class(tabulated_kernel), intent(in) :: self
+    real(wp), intent(in) :: mu(:)
+    real(wp), intent(out) :: cosine(:), sine(:)
+    complex(wp) :: z
+    integer :: i
+
+    do i = 1, size(mu)
+      z = self%laplace_at(cmplx(0.0_wp, mu(i), wp))
+      cosine(i) = real(z)
+      sine(i) = -aimag(z)
+    end do
+  end subroutine transform
+
+  subroutine laplace(self, s, transform)
+    class(tabulated_kernel), intent(in) :: self
+    complex(wp), intent(in) :: s(:)
+    complex(wp), intent(out) :: transform(:)
+    integer :: i
+    do i = 1, size(s)
+      transform(i) = self%laplace_at(s(i))
+    end do
+  end subroutine laplace
+
+  complex(wp) function laplace_at(self, s)
+    class(tabulated_kernel), intent(in) :: self
+    complex(wp), intent(in) :: s
+    complex(wp) :: wave, piece, z, direct, parts
+    real(wp) :: h
+    integer :: i, n
+    logical :: by_parts, linear
+
+    n = size(self%times)
+    linear = self%interpolation == interpolation_linear
+    by_parts = abs(s)*self%times(n) > 2.0_wp
+    direct = (0.0_wp, 0.0_wp)
+    parts = cmplx(self%values(1), 0.0_wp, wp)
+    do i = 1, n - 1
+      h = self%times(i + 1) - self%times(i)
+      wave = h*exp(-s*self%times(i))
+      if (linear) then
+        z = s*h
+        piece = wave*mean_wave(z)
+        parts = parts + self%slopes(i)*piece
+        if (.not. by_parts) direct = direct + self%values(i)*piece &
+                                     + (self%values(i + 1) - self%values(i))*wave*mean_ramp(z)
+      else
+        piece = self%values(i)*wave*mean_wave((s + self%slopes(i))*h)
+        parts = parts - self%slopes(i)*piece
+        direct = direct + piece
+      end if
+    end do
+    wave = self%values(n)*exp(-s*self%times(n))
+    if (linear) then
+      parts = parts - wave
+    else
+      piece = wave/(s + self%tail_rate())
+      parts = parts - self%tail_rate()*piece
+      direct = direct + piece
+    end if
+    if (by_parts) direct = parts/s
+    laplace_at = direct
+  end function laplace_at
+
+  !> integral_0^1 exp(-z u) du = (1 - exp(-z))/z.
+  pure complex(wp) function mean_wave(z)
+    complex(wp), intent(in) :: z
+    integer :: n
+    if (abs(z) > 0.5_wp) then
+      mean_wave = (1.0_wp - exp(-z))/z
+    else
+      mean_wave = 1.0_wp
+      do n = 16, 2, -1
+        mean_wave = 1.0_wp - mean_wave*z/n
+      end do
+    end if
+  end function mean_wave
+
+  !> integral_0^1 u exp(-z u) du = (1 - (1+z) exp(-z))/z^2.
+  pure complex(wp) function mean_ramp(z)
+    complex(wp), intent(in) :: z
+    complex(wp) :: term
+    integer :: n
+    if (abs(z) > 0.5_wp) then
+      mean_ramp = (1.0_wp - (1.0_wp + z)*exp(-z))/z**2
+    else
+      mean_ramp = 0.5_wp
+      term = 1.0_wp
+      do n = 1, 16
+        term = -term*z/n
+        mean_ramp = mean_ramp + term/(n + 2)
+      end do
+    end if
+  end function mean_ramp
+
+  subroutine value(self, t, r)
+    class(tabulated_kernel), intent(in) :: self
+    real(wp), intent(in) :: t(:)
+    real(wp), intent(out) :: r(:)
+    integer :: i, j, n
+
+    n = size(self%times)
+    do i = 1, size(t)
+      j = count(self%times(2:n - 1) <= t(i)) + 1
+      if (self%interpolation == interpolation_linear) then
+        r(i) = self%values(j) + self%slopes(j)*(t(i) - self%times(j))
+        if (t(i) > self%times(n)) r(i) = 0.0_wp
+      else
+        r(i) = self%values(j)*exp(-self%slopes(j)*(t(i) - self%times(j)))
+      end if
+    end do
+  end subroutine value
+
+  !> +infinity if the last piece of an exponential interpolant does not decay.
+  real(wp) function integral(self)
+    class(tabulated_kernel), intent(in) :: self
+    if (self%interpolation == interpolation_exponential .and. self%tail_rate() <= 0.0_wp) then
+      integral = ieee_value(integral, ieee_positive_inf)
+    else
+      integral = real(self%laplace_at((0.0_wp, 0.0_wp)))
+    end if
+  end function integral
+
+  pure real(wp) function tail_rate(self)
+    class(tabulated_kernel), intent(in) :: self
+    tail_rate = self%slopes(size(self%slopes))
+  end function tail_rate
+
+end module viscovib_tabulated

@@ -1,0 +1,243 @@
+"""Forced response: independent values, symmetry, laws, outcomes and bad input."""
+
+import json
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+import viscovib as vv
+from conftest import DATA
+
+NU = np.linspace(0.3, 12.0, 60)
+
+
+def test_linear_response_solves_the_dynamic_stiffness(mount):
+    body = mount()
+    r = vv.forced_response(body, NU, load={1: [0.3, 0.1j], 4: 0.2}, method="linear")
+    assert list(r.harmonics) == [1, 4]
+    for order, force in ((1, [0.3, 0.1j]), (4, [0.2, 0.0])):
+        expected = np.linalg.solve(body.dynamic_stiffness(order * NU), np.array(force))
+        got = np.stack([r.coefficient("x", order), r.coefficient("phi", order)], axis=1)
+        assert got == pytest.approx(expected, rel=1e-12)
+
+
+def test_load_of_order_k_is_the_response_at_k_nu(mount):
+    body = mount()
+    third = vv.forced_response(body, NU, load={3: 0.2}, method="linear")
+    first = vv.forced_response(body, 3 * NU, load=0.2, method="linear")
+    assert (third.coefficient("x", 3) == first.coefficient("x", 1)).all()
+
+
+@pytest.mark.parametrize("geometry", ["cubic", "exact"])
+def test_full_set_of_harmonics_agrees_with_half_wave(mount, geometry):
+    """A vanishing even load switches symmetry off: the odd harmonics must not change."""
+    body = mount(geometry=geometry)
+    nu = [0.8, 3.0, 6.0]
+    half = vv.forced_response(body, nu, load=0.3, tolerance=1e-13)
+    full = vv.forced_response(body, nu, load={1: 0.3, 2: 1e-30}, tolerance=1e-13)
+    assert list(half.harmonics) == [1, 3, 5, 7, 9]
+    assert list(full.harmonics) == list(range(10))
+    for k in half.harmonics:
+        assert full.coefficient("phi", k) == pytest.approx(half.coefficient("phi", k), abs=1e-14)
+    assert np.abs(full.coefficients[:, :, ::2]).max() < 1e-16
+
+
+def test_turned_about_coordinates_turn_the_response(mount):
+    """x -> -x, l -> -l is the same body seen from behind."""
+    nu = [0.8, 3.0]
+    load = {1: 0.2, 2: 0.05, 0: 0.02j}
+    there = vv.forced_response(mount(), nu, load=load)
+    mirrored = {k: -v for k, v in load.items()}
+    back = vv.forced_response(mount(offset=-0.5), nu, load=mirrored)
+    assert back.coefficients[:, 0] == pytest.approx(-there.coefficients[:, 0], abs=1e-15)
+    assert back.coefficients[:, 1] == pytest.approx(there.coefficients[:, 1], abs=1e-15)
+
+
+def test_mean_load_bends_the_relaxed_spring(mount):
+    body = mount()
+    relaxed = 1 - body.kernel.integral
+    r = vv.forced_response(body, 1.0, load={0: 0.01j}, method="linear")
+    # Statics: the moment l*P is balanced by the spring in phi alone.
+    assert r.coefficient("phi", 0)[0].imag == pytest.approx(0.5 * 0.01 / (2 * relaxed), rel=1e-13)
+
+
+def test_base_motion_far_below_resonance_carries_the_body_along(mount):
+    body = mount(kernel=None)
+    r = vv.forced_response(body, [1e-4], base=0.3)
+    assert r.amplitude("x")[0] == pytest.approx(0.3, rel=1e-6)
+    assert r.amplitude("phi")[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_base_motion_is_inertia_force_on_relative_motion(mount):
+    body, y = mount(), 0.02 + 0.01j
+    moved = vv.forced_response(body, NU, base=y, method="linear")
+    forces = np.array(
+        [
+            vv.forced_response(body, nu, load=nu**2 * y, method="linear").coefficient("x")[0]
+            for nu in NU
+        ]
+    )
+    assert moved.coefficient("x") == pytest.approx(forces + y, rel=1e-13)
+
+
+def test_steady_values_of_independent_programs(mount):
+    """Harmonic balance in 34 digits, checked in the time domain to 12 (data/README.md)."""
+    reference = json.loads((DATA / "mount_memory_reference.json").read_text())
+    for case in reference["harmonic_balance"]:
+        with pytest.warns(vv.StabilityWarning) if case["A"] > 0.0779 else nullcontext():
+            body = mount(amplitude=case["A"])
+        linear = vv.forced_response(body, case["nu"], load=case["P"], method="linear")
+        assert linear.amplitude("x")[0] == pytest.approx(case["linear"]["x1"], rel=1e-14)
+        assert linear.amplitude("phi")[0] == pytest.approx(case["linear"]["phi1"], rel=1e-14)
+        if (case["A"], case["nu"]) == (0.048, 1.5):
+            continue  # successive approximations diverge there
+        r = vv.forced_response(body, case["nu"], load=case["P"], harmonics=31, tolerance=1e-14)
+        for dof in ("x", "phi"):
+            for k, value in case[dof].items():
+                assert r.amplitude(dof, int(k))[0] == pytest.approx(float(value), rel=2e-13)
+
+
+def test_iteration_reports_how_it_ended(mount):
+    with pytest.warns(vv.ConvergenceWarning, match="diverged"):
+        r = vv.forced_response(mount(), np.linspace(1.0, 2.2, 40), load=0.5)
+    good = r.converged
+    assert good.any()
+    assert (~good).any()
+    assert np.isnan(r.coefficients[~good]).all()
+    assert np.isfinite(r.coefficients[good]).all()
+    assert (r.rate[good] < 1).all()
+    assert (r.rate[r.outcome == "diverged"] > 1).all()
+
+
+def test_corrections_shrink_at_the_reported_rate(mount):
+    r = vv.forced_response(mount(), 1.0, load=0.3, tolerance=1e-12)
+    history = r.corrections[0]
+    assert history.size == r.iterations[0]
+    assert history[-1] <= 1e-12 < history[-3]
+    assert np.sqrt(history[-1] / history[-3]) == pytest.approx(r.rate[0], rel=1e-12)
+
+
+def test_relaxation_finds_more_and_agrees(mount):
+    nu = np.linspace(1.2, 2.0, 200)
+    body = mount(amplitude=0.02)
+    with pytest.warns(vv.ConvergenceWarning):
+        plain = vv.forced_response(body, nu, load=0.1)
+    with pytest.warns(vv.ConvergenceWarning):
+        relaxed = vv.forced_response(body, nu, load=0.1, relaxation="auto")
+    both = plain.converged
+    assert relaxed.converged.sum() > both.sum()
+    assert relaxed.coefficients[both] == pytest.approx(plain.coefficients[both], abs=1e-11)
+
+
+def test_a_point_does_not_depend_on_its_company(mount):
+    """Frequencies travel together through the vector unit; results must not notice."""
+    body = mount(geometry="exact")
+    together = vv.forced_response(body, NU, load=0.05)
+    for i in (0, 1, 17, 59):
+        alone = vv.forced_response(body, NU[i], load=0.05)
+        assert (alone.coefficients[0] == together.coefficients[i]).all()
+        assert alone.iterations[0] == together.iterations[i]
+
+
+def test_nothing_nonlinear_runs_no_iteration(mount):
+    body = mount(cubic_scale=0.0)
+    r = vv.forced_response(body, NU, load=0.5)
+    linear = vv.forced_response(body, NU, load=0.5, method="linear")
+    assert r.method == "linear"
+    assert not r.iterations.any()
+    assert (r.coefficients == linear.coefficients).all()
+
+
+def test_undamped_resonance_is_singular_not_a_number():
+    body = vv.Mount(mass=1, inertia=1, offset=0, stiffness_x=4, stiffness_phi=9)
+    with pytest.warns(vv.ConvergenceWarning, match="singular"):
+        r = vv.forced_response(body, [1.0, 2.0], load=1.0, method="linear")
+    assert list(r.outcome) == ["converged", "singular"]
+    assert np.isnan(r.coefficients[1]).all()
+
+
+def test_waveform_repeats_the_series(mount):
+    r = vv.forced_response(mount(), [1.0, 3.0], load={1: 0.2, 2: 0.1, 0: 0.05j})
+    t, u = r.waveform(0, 64)
+    series = vv.fourier_coefficients(u[:, 1], 9)
+    for k, value in series.items():
+        assert value == pytest.approx(r.coefficient("phi", k)[0], abs=1e-15)
+
+
+def test_peak_is_refined_and_says_if_enclosed(mount):
+    fine = vv.forced_response(mount(), np.linspace(1.3, 1.6, 3001), load=0.1, method="linear")
+    coarse = vv.forced_response(mount(), np.linspace(1.3, 1.6, 101), load=0.1, method="linear")
+    assert coarse.peak("x").nu == pytest.approx(fine.peak("x").nu, abs=1e-4)
+    assert coarse.peak("x").amplitude == pytest.approx(fine.peak("x").amplitude, rel=1e-6)
+    assert coarse.peak("x").enclosed
+    assert not coarse.peak("x", band=(1.3, 1.4)).enclosed
+
+
+def test_dataset_and_csv_hold_the_same_numbers(mount, tmp_path):
+    r = vv.forced_response(mount(), NU[:5], load=0.1)
+    data = r.to_dataset()
+    assert (data.amplitude.sel(dof="phi", harmonic=3).values == r.amplitude("phi", 3)).all()
+    r.to_csv(tmp_path / "table.csv")
+    table = np.genfromtxt(tmp_path / "table.csv", delimiter=",", names=True, dtype=None)
+    assert (table["x_1_re"] == r.coefficient("x").real).all()
+    with pytest.raises(vv.FileError, match="cannot be written"):
+        r.to_csv(tmp_path / "nowhere" / "table.csv")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"nu": []}, "nu: must not be empty"),
+        ({"nu": [1.0, 0.0]}, "nu = 0: must be greater than 0"),
+        ({"nu": [1.0, -2.0]}, "nu = -2: must be greater than 0"),
+        ({"nu": [1.0, np.nan]}, "nu[1] = nan: must be a finite number"),
+        ({"nu": [[1.0]]}, "nu: must have 0 or 1 dimension(s)"),
+        ({"nu": "fast"}, "nu = 'fast': must be numbers"),
+        ({"nu": [1.0, [2.0, 3.0]]}, "nu: must be an array of numbers of one shape"),
+        ({"load": np.inf}, "load[1] = (inf+0j): must be a finite number"),
+        ({"load": [1.0, 2.0, 3.0]}, "load[1]: must be a number or have shape (2,)"),
+        ({"load": {0: 1.0}}, "load[0] has a real part"),
+        ({"load": {-1: 1.0}}, "load order = -1"),
+        ({"load": {1.5: 1.0}}, "load order = 1.5: must be an integer"),
+        ({"load": {11: 1.0}}, "harmonics = 9: must be at least 11"),
+        ({"base": [1.0, 2.0]}, "base[1]: must be a number or have shape (1,)"),
+        ({"method": "newtonian"}, "method = 'newtonian': must be one of"),
+        ({"harmonics": 0}, "harmonics = 0: must be 1 to 199"),
+        ({"harmonics": 9.5}, "harmonics = 9.5: must be an integer"),
+        ({"tolerance": 0.0}, "tolerance = 0: must be in [1e-14, 0.1]"),
+        ({"tolerance": np.nan}, "tolerance = nan: must be a finite number"),
+        ({"max_iterations": 0}, "max_iterations = 0: must be 1 to 100000"),
+        ({"relaxation": 0.0}, "relaxation = 0: must be in (0, 1], or 'auto'"),
+        ({"relaxation": 1.5}, "relaxation = 1.5: must be in (0, 1], or 'auto'"),
+    ],
+)
+def test_bad_arguments_are_named(mount, arguments, text):
+    call = {"nu": [1.0], "load": 0.1} | arguments
+    with pytest.raises(vv.InputError) as error:
+        vv.forced_response(mount(), call.pop("nu"), **call)
+    assert text in str(error.value)
+    assert isinstance(error.value, ValueError)
+
+
+def test_not_a_mount_is_named():
+    with pytest.raises(vv.InputError, match="must be a Mount"):
+        vv.forced_response("mount", [1.0])
+
+
+def test_no_load_gives_rest(mount):
+    r = vv.forced_response(mount(), [1.0])
+    assert (r.coefficients == 0).all()
+
+
+@pytest.mark.parametrize("load", [1e-300, 1e100, 1e300])
+def test_absurd_loads_end_cleanly(mount, load):
+    with np.errstate(all="ignore"):
+        if load > 1:
+            with pytest.warns(vv.ConvergenceWarning):
+                r = vv.forced_response(mount(), [1.0, 7.0], load=load)
+            assert not r.converged.any()
+        else:
+            r = vv.forced_response(mount(), [1.0, 7.0], load=load)
+            assert r.amplitude("x")[0] == pytest.approx(
+                load * vv.forced_response(mount(), 1.0, load=1.0, method="linear").amplitude("x")[0]
+            )
