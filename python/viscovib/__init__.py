@@ -20,7 +20,7 @@ from viscovib.kernels import (
 from viscovib.load import fourier_coefficients
 from viscovib.mount import Mount
 from viscovib.plots import plot_response
-from viscovib.response import Peak, Response, forced_response
+from viscovib.response import Peak, Response, forced_response, plan_response
 from viscovib.scene import Scene, SceneResult, plan, run
 
 __version__ = _version("viscovib")
@@ -45,6 +45,7 @@ __all__ = [
     "forced_response",
     "fourier_coefficients",
     "plan",
+    "plan_response",
     "plot_response",
     "run",
 ]

@@ -1,11 +1,12 @@
 """Pictures: every curve is told apart by line style as well as by colour."""
 
+import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from viscovib.errors import InputError
+from viscovib.errors import FileError, InputError
 from viscovib.response import Response
 
 if TYPE_CHECKING:
@@ -87,3 +88,21 @@ def plot_response(
         if labels:
             axes[0].legend()
     return axes
+
+
+def save_response(response: Response, path: str | os.PathLike[str]) -> None:
+    """Draw a response into a file, without a display; harmonic 1, or the lowest there is."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    orders = response.harmonics[response.harmonics > 0]
+    if not orders.size:
+        raise InputError("response: holds a mean only, which has no amplitude curve")
+    names = response.dof_names
+    figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
+    FigureCanvasAgg(figure)
+    plot_response(response, figure.subplots(len(names), 1, sharex=True), harmonic=int(orders[0]))
+    try:
+        figure.savefig(path, dpi=200)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written ({error.strerror})") from None

@@ -243,34 +243,8 @@ def forced_response(
     D(k nu) X_k = P_k - N_k(X) with the harmonics N_k of the nonlinear force from alias-free
     samples of a period.
     """
-    if not isinstance(mount, Mount):
-        raise InputError(f"mount = {mount!r}: must be a Mount")
-    frequencies = _native.real_array("nu", nu)
-    if frequencies.ndim > 1:
-        raise InputError(f"nu: must have 0 or 1 dimension(s), got shape {frequencies.shape}")
-    frequencies = frequencies.reshape(-1)
-    if not frequencies.size:
-        raise InputError("nu: must not be empty")
-    if frequencies.min() <= 0:
-        raise InputError(f"nu = {frequencies.min():g}: must be greater than 0")
-    if relaxation != "auto":
-        relaxation = _native.number("relaxation", relaxation)
-        if not 0 < relaxation <= 1:
-            raise InputError(f"relaxation = {relaxation:g}: must be in (0, 1], or 'auto'")
-    job = (
-        mount._flat,
-        *mount._kernels,
-        *load_series(load, base, len(mount.dof_names)),
-    )
-    options = (
-        METHODS.index(_native.choice("method", method, METHODS)) + 1,
-        _native.integer("harmonics", harmonics, 1, _MAX_HARMONICS),
-        _native.number("tolerance", tolerance),
-        _native.integer("max_iterations", max_iterations, 1, _MAX_ITERATIONS),
-        0.0 if relaxation == "auto" else relaxation,
-    )
-    n_kept, kept, _half_wave, _n_samples, ran, text = _native.call(
-        core.mount_plan, *job, frequencies, *options, 0
+    job, frequencies, options, planned = _prepare(
+        mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation
     )
 
     def run(n_history: int, show: bool) -> list[tuple[Any, ...]]:
@@ -280,7 +254,9 @@ def forced_response(
             for start in starts:
                 chunk = frequencies[start : start + CHUNK]
                 parts.append(
-                    _native.call(core.mount_response, *job, chunk, *options, n_history, n_kept)
+                    _native.call(
+                        core.mount_response, *job, chunk, *options, n_history, planned.orders.size
+                    )
                 )
                 bar.update(chunk.size)
         return parts
@@ -297,19 +273,89 @@ def forced_response(
 
     response = Response(
         nu=frequencies,
-        harmonics=kept[:n_kept].copy(),
+        harmonics=planned.orders,
         coefficients=np.concatenate([part[0].T for part in parts]),
         outcome=OUTCOMES[_joined(parts, 1)],
         iterations=iterations,
         rate=_joined(parts, 3),
-        method=METHODS[ran - 1],
-        plan=text.decode().strip(),
+        method=planned.method,
+        plan=planned.text,
         dof_names=mount.dof_names,
         dof_units=mount.dof_units,
         _history=history,
     )
     _warn_of_gaps(response)
     return response
+
+
+def plan_response(
+    mount: Mount,
+    nu: npt.ArrayLike,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    method: str = "successive",
+    harmonics: int = 9,
+    tolerance: float = 1e-10,
+    max_iterations: int = 200,
+    relaxation: float | str = 1.0,
+) -> str:
+    """Say what `forced_response` would compute and skip, and why; same arguments."""
+    return _prepare(
+        mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation
+    )[3].text
+
+
+class _Plan(NamedTuple):
+    orders: npt.NDArray[np.int32]
+    method: str
+    text: str
+
+
+def _prepare(
+    mount: Mount,
+    nu: npt.ArrayLike,
+    load: LoadLike | None,
+    base: LoadLike | None,
+    method: str,
+    harmonics: int,
+    tolerance: float,
+    max_iterations: int,
+    relaxation: float | str,
+) -> tuple[tuple[Any, ...], FloatArray, tuple[Any, ...], _Plan]:
+    """Check everything and bring it into the form of the core."""
+    if not isinstance(mount, Mount):
+        raise InputError(f"mount = {mount!r}: must be a Mount")
+    frequencies = _native.real_array("nu", nu)
+    if frequencies.ndim > 1:
+        raise InputError(f"nu: must have 0 or 1 dimension(s), got shape {frequencies.shape}")
+    frequencies = frequencies.reshape(-1)
+    if not frequencies.size:
+        raise InputError("nu: must not be empty")
+    if frequencies.min() <= 0:
+        raise InputError(f"nu = {frequencies.min():g}: must be greater than 0")
+    fraction = 0.0
+    if relaxation != "auto":
+        fraction = _native.number("relaxation", relaxation)
+        if not 0 < fraction <= 1:
+            raise InputError(f"relaxation = {fraction:g}: must be in (0, 1], or 'auto'")
+    job = (
+        mount._flat,
+        *mount._kernels,
+        *load_series(load, base, len(mount.dof_names)),
+    )
+    options = (
+        METHODS.index(_native.choice("method", method, METHODS)) + 1,
+        _native.integer("harmonics", harmonics, 1, _MAX_HARMONICS),
+        _native.number("tolerance", tolerance),
+        _native.integer("max_iterations", max_iterations, 1, _MAX_ITERATIONS),
+        fraction,
+    )
+    n_kept, kept, _, _, ran, text = _native.call(
+        core.mount_plan, *job, frequencies, *options, 0
+    )
+    orders = kept[:n_kept].copy()
+    return job, frequencies, options, _Plan(orders, METHODS[ran - 1], text.decode().strip())
 
 
 def _joined(parts: list[tuple[Any, ...]], index: int) -> npt.NDArray[Any]:

@@ -1,5 +1,181 @@
-"""stub"""
-class Scene: ...
-class SceneResult: ...
-def plan(): ...
-def run(): ...
+"""Scenes: a system, its load and the wanted results as one namelist file.
+
+The file is read and checked by the same compiled reader as the standalone driver uses; it hands
+back the scene with every default written out, which is what Python sees.
+"""
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import f90nml
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray, core
+from viscovib.errors import FileError, InputError
+from viscovib.kernels import (
+    AbelKernel,
+    Kernel,
+    PronyKernel,
+    RabotnovKernel,
+    RzhanitsynKernel,
+    TabulatedKernel,
+)
+from viscovib.mount import Mount
+from viscovib.response import Response, forced_response, plan_response
+
+_KERNELS: dict[str, type[Kernel]] = {
+    "rzhanitsyn": RzhanitsynKernel,
+    "abel": AbelKernel,
+    "prony": PronyKernel,
+    "rabotnov": RabotnovKernel,
+    "tabulated": TabulatedKernel,
+}
+_LISTS = ("weights", "rates", "times", "values")
+_MAX_PATH = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene as it was understood.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    title : str
+    groups : mapping
+        Every group with every default: {"mount": {...}, "kernel": [...], "load": [...], ...}.
+    canonical : str
+        The same as namelist text.
+    """
+
+    path: Path
+    title: str
+    groups: Mapping[str, Any]
+    canonical: str
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> "Scene":
+        """Read and check a scene file.
+
+        Raises
+        ------
+        InputError
+            One line ``file:line: what is wrong, what is allowed``.
+        FileError
+            If the file cannot be read.
+        """
+        text = _canonical(path)
+        groups: dict[str, Any] = {"kernel": [], "load": []}
+        for name, group in f90nml.reads(text).items():
+            if name in ("kernel", "load"):
+                groups[name].append(dict(group))
+            else:
+                groups[name] = dict(group)
+        return cls(
+            path=Path(path),
+            title=groups.get("scene", {}).get("title", ""),
+            groups=groups,
+            canonical=text,
+        )
+
+    def mount(self) -> Mount:
+        """Build the system."""
+        given = dict(self.groups["mount"])
+        given["damping"] = np.reshape(given["damping"], (2, 2))
+        kernels: dict[str, Kernel] = {}
+        for group in self.groups["kernel"]:
+            kernels[group["acts_on"]] = _kernel(group)
+        if "both" in kernels:
+            return Mount(**given, kernel=kernels["both"])
+        return Mount(**given, kernel=kernels.get("x"), kernel_phi=kernels.get("phi", False))
+
+    def loads(self) -> dict[str, dict[int, Any]]:
+        """Fourier series of force and base motion, as `forced_response` takes them."""
+        force: dict[int, Any] = {}
+        base: dict[int, Any] = {}
+        for group in self.groups["load"]:
+            order, phase = group["order"], group.get("phase", 0.0)
+            term = group["amplitude"] * complex(math.cos(phase), math.sin(phase))
+            if order == 0:
+                term = 1j * group["amplitude"]
+            if group["kind"] == "base":
+                base[order] = base.get(order, 0.0) + term
+            else:
+                where = np.array([group["on"] == "x", group["on"] == "phi"])
+                force[order] = force.get(order, 0.0) + where * term
+        return {"load": force, "base": base}
+
+    def nu(self) -> FloatArray:
+        """Circular frequencies of the response (rad/s)."""
+        group = self.groups["response"]
+        if "nu" in group:
+            return np.atleast_1d(np.asarray(group["nu"], dtype=float))
+        return np.asarray(
+            core.frequency_grid(
+                group["nu_min"],
+                group["nu_max"],
+                int(group["nu_spacing"] == "log"),
+                group["nu_count"],
+            )
+        )
+
+    def _job(self) -> dict[str, Any]:
+        group = self.groups["response"]
+        relaxation = group["relaxation"]
+        return {
+            "mount": self.mount(),
+            "nu": self.nu(),
+            **self.loads(),
+            **{key: group[key] for key in ("method", "harmonics", "tolerance", "max_iterations")},
+            "relaxation": relaxation if relaxation > 0 else "auto",
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class SceneResult:
+    """What a scene gave."""
+
+    scene: Scene
+    response: Response
+
+
+def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
+    """Compute what a scene asks for."""
+    read = scene if isinstance(scene, Scene) else Scene.read(scene)
+    return SceneResult(scene=read, response=forced_response(**read._job(), progress=progress))
+
+
+def plan(scene: Scene | str | os.PathLike[str]) -> str:
+    """Say what a scene will compute and what is skipped, with the reasons."""
+    read = scene if isinstance(scene, Scene) else Scene.read(scene)
+    return plan_response(**read._job())
+
+
+def _canonical(path: str | os.PathLike[str]) -> str:
+    try:
+        name = os.fspath(path)
+    except TypeError:
+        raise InputError(f"path = {path!r}: must be a path") from None
+    encoded = os.fsencode(name)
+    if not encoded or b"\0" in encoded or len(encoded) > _MAX_PATH:
+        raise FileError(f"{name!r}: not a path of a scene file")
+    room = 1 << 16
+    while True:
+        text, length = _native.call(core.scene_canonical, encoded, room)
+        if length <= room:
+            return bytes(text.tobytes()[:length]).decode()
+        room = int(length)
+
+
+def _kernel(group: Mapping[str, Any]) -> Kernel:
+    given = {key: value for key, value in group.items() if key not in ("kind", "acts_on")}
+    for key in _LISTS:
+        if key in given:
+            given[key] = np.atleast_1d(given[key])
+    return _KERNELS[group["kind"]](**given)

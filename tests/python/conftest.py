@@ -1,12 +1,7 @@
 """Shared fixtures: the reference scene of the mount."""
 
-import csv
-from pathlib import Path
-
 import pytest
 import viscovib as vv
-
-DATA = Path(__file__).parents[2] / "data"
 
 
 @pytest.fixture
@@ -27,8 +22,3 @@ def mount():
 
     return build
 
-
-def read_table(name):
-    """Rows of a reference table as dictionaries, comment lines left out."""
-    with open(DATA / name, encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(line for line in file if not line.startswith("#")))

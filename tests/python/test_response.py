@@ -6,7 +6,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 import viscovib as vv
-from conftest import DATA
+from tables import DATA
 
 NU = np.linspace(0.3, 12.0, 60)
 

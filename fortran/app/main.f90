@@ -1,0 +1,64 @@
+!> viscovib-solve: runs a scene without Python.
+!!
+!! Exit status: 0 done; 1 computed, but some points have no solution (the rows
+!! say which); 2 bad input; 3 a file cannot be read or written.
+program viscovib_solve
+  use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
+  use viscovib_command_line, only: command_line, read_command_line
+  use viscovib_response_plan, only: response_plan_type
+  use viscovib_run_scene, only: plan_scene, run_scene, scene_report, scene_warnings
+  use viscovib_scene, only: read_scene, scene_type
+  use viscovib_status, only: status_type
+  use viscovib_version, only: version
+  implicit none
+
+  type(command_line) :: command
+  type(scene_type) :: scene
+  type(response_plan_type) :: plan
+  type(scene_report) :: report
+  type(status_type) :: status
+
+  call read_command_line(command, status)
+  call stop_if_failed()
+  if (command%text /= '') then
+    write (output_unit, '(a)') command%text
+    stop
+  end if
+
+  call read_scene(command%scene, scene, status)
+  call stop_if_failed()
+  call plan_scene(scene, plan, status)
+  call stop_if_failed()
+  call say(error_unit, 'warning: ', scene_warnings(scene))
+  if (command%plan) then
+    call say(output_unit, '', plan%text)
+    stop
+  end if
+
+  call run_scene(scene, plan, command%folder, version, report, status)
+  call stop_if_failed()
+  if (.not. command%quiet) write (output_unit, '(3a)') report%path, ': ', report%summary
+  if (.not. report%complete) stop 1, quiet=.true.
+
+contains
+
+  subroutine stop_if_failed()
+    if (.not. status%failed()) return
+    write (error_unit, '(2a)') 'viscovib-solve: ', status%message
+    stop status%category, quiet=.true.
+  end subroutine stop_if_failed
+
+  !> Lines of text, each ended by a new-line character.
+  subroutine say(unit, prefix, text)
+    integer, intent(in) :: unit
+    character(len=*), intent(in) :: prefix, text
+    integer :: first, last
+    first = 1
+    do while (first <= len(text))
+      last = first + index(text(first:), new_line('a')) - 2
+      if (.not. (command%quiet .and. unit == output_unit)) write (unit, '(2a)') prefix, text(first:last)
+      first = last + 2
+    end do
+  end subroutine say
+
+end program viscovib_solve

@@ -1,0 +1,67 @@
+!> Folders and whole files: what Fortran's own statements leave out.
+module viscovib_files
+  use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
+  use viscovib_status, only: fail, status_io_error, status_type
+  implicit none
+  private
+
+  public :: make_folder, replace_file, remove_file, stem
+
+  interface
+    integer(c_int) function c_mkdir(path, mode) bind(c, name='mkdir')
+      import :: c_char, c_int
+      character(kind=c_char), intent(in) :: path(*)
+      integer(c_int), value :: mode
+    end function c_mkdir
+
+    integer(c_int) function c_rename(from, to) bind(c, name='rename')
+      import :: c_char, c_int
+      character(kind=c_char), intent(in) :: from(*), to(*)
+    end function c_rename
+
+    integer(c_int) function c_remove(path) bind(c, name='remove')
+      import :: c_char, c_int
+      character(kind=c_char), intent(in) :: path(*)
+    end function c_remove
+  end interface
+
+contains
+
+  !> Make a folder and its parents; one that exists is left as it is.
+  subroutine make_folder(path)
+    character(len=*), intent(in) :: path
+    integer(c_int) :: code
+    integer :: i
+    do i = 2, len(path)
+      if (path(i:i) == '/') code = c_mkdir(path(:i - 1)//c_null_char, int(o'777', c_int))
+    end do
+    code = c_mkdir(path//c_null_char, int(o'777', c_int))
+  end subroutine make_folder
+
+  !> Put a finished file in the place of another in one step.
+  subroutine replace_file(from, to, status)
+    character(len=*), intent(in) :: from, to
+    type(status_type), intent(out) :: status
+    if (c_rename(from//c_null_char, to//c_null_char) /= 0_c_int) then
+      call remove_file(from)
+      call fail(status, status_io_error, 'file', to//': cannot be written (is it a folder?)')
+    end if
+  end subroutine replace_file
+
+  subroutine remove_file(path)
+    character(len=*), intent(in) :: path
+    integer(c_int) :: code
+    code = c_remove(path//c_null_char)
+  end subroutine remove_file
+
+  !> File name without folder and without its last ending.
+  pure function stem(path)
+    character(len=*), intent(in) :: path
+    character(len=:), allocatable :: stem
+    integer :: dot
+    stem = path(index(path, '/', back=.true.) + 1:)
+    dot = index(stem, '.', back=.true.)
+    if (dot > 1) stem = stem(:dot - 1)
+  end function stem
+
+end module viscovib_files

@@ -1,0 +1,45 @@
+! Flat routines over scenes, for f2py.
+
+!> Read a scene and give it back as a namelist with every default written out.
+!! If the text is longer than the room given, n_text says what is needed.
+subroutine scene_canonical(path, max_text, text, n_text, status, message)
+  use, intrinsic :: iso_c_binding, only: c_int
+  use viscovib_binding_tools, only: report
+  use viscovib_scene, only: read_scene, scene_type
+  use viscovib_status, only: status_type
+  implicit none
+  character(len=*), intent(in) :: path
+  integer(c_int), intent(in) :: max_text
+  character(len=1), intent(out) :: text(max_text)
+  integer(c_int), intent(out) :: n_text, status
+  character(len=512), intent(out) :: message
+  type(scene_type) :: scene
+  type(status_type) :: outcome
+  integer :: i
+
+  text = ' '
+  n_text = 0
+  call read_scene(path, scene, outcome)
+  if (.not. outcome%failed()) then
+    n_text = len(scene%canonical)
+    do i = 1, min(n_text, max_text)
+      text(i) = scene%canonical(i:i)
+    end do
+  end if
+  call report(outcome, status, message)
+end subroutine scene_canonical
+
+!> Evenly spaced frequencies, as scenes make them.
+subroutine frequency_grid(lowest, highest, logarithmic, n, grid)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_grids, only: linear_grid, log_grid
+  implicit none
+  real(c_double), intent(in) :: lowest, highest
+  integer(c_int), intent(in) :: logarithmic, n
+  real(c_double), intent(out) :: grid(n)
+  if (logarithmic /= 0) then
+    grid = log_grid(lowest, highest, n)
+  else
+    grid = linear_grid(lowest, highest, n)
+  end if
+end subroutine frequency_grid

@@ -1,0 +1,77 @@
+!> Doing what a scene asks for.
+module viscovib_run_scene
+  use viscovib_files, only: stem
+  use viscovib_forced_response, only: forced_response
+  use viscovib_outcomes, only: outcome_converged
+  use viscovib_response, only: response_type
+  use viscovib_response_plan, only: new_response_plan, response_plan_type
+  use viscovib_response_table, only: write_response
+  use viscovib_scene, only: scene_type
+  use viscovib_status, only: show, status_type
+  implicit none
+  private
+
+  public :: scene_report, plan_scene, run_scene, scene_warnings
+
+  type :: scene_report
+    !> Table written, and a sentence about it.
+    character(len=:), allocatable :: path, summary
+    logical :: complete = .true.
+  end type scene_report
+
+contains
+
+  !> What will be computed and what is skipped, with the reasons.
+  subroutine plan_scene(scene, plan, status)
+    type(scene_type), intent(in) :: scene
+    type(response_plan_type), intent(out) :: plan
+    type(status_type), intent(out) :: status
+    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
+                           status)
+    if (status%failed()) status%message = scene%path//': '//status%message
+  end subroutine plan_scene
+
+  !> Compute the response and write its table into a folder.
+  subroutine run_scene(scene, plan, folder, version, report, status)
+    type(scene_type), intent(in) :: scene
+    type(response_plan_type), intent(in) :: plan
+    character(len=*), intent(in) :: folder, version
+    type(scene_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(response_type) :: response
+    integer :: found
+
+    call forced_response(plan, scene%mount, scene%load, scene%nu, response)
+    report%path = folder//'/'//stem(scene%path)//'_response.csv'
+    call write_response(folder, stem(scene%path)//'_response.csv', response, &
+                        'viscovib '//version//', scene '//scene%path//new_line('a')//scene%title, &
+                        status)
+    if (status%failed()) return
+    found = count(response%outcome == outcome_converged)
+    report%complete = found == size(scene%nu)
+    report%summary = show(found)//' of '//show(size(scene%nu))//' frequencies solved'
+  end subroutine run_scene
+
+  !> A line for each kernel in use whose integral is not between 0 and 1.
+  function scene_warnings(scene) result(text)
+    type(scene_type), intent(in) :: scene
+    character(len=:), allocatable :: text
+    integer :: i
+
+    text = ''
+    do i = 1, size(scene%mount%kernels)
+      if (.not. any(scene%mount%kernel_of == i)) cycle
+      associate (total => scene%mount%memory_scale*scene%mount%kernels(i)%kernel%integral())
+        if (total >= 1) then
+          text = text//'kernel integral = '//show(total)//' >= 1: the relaxed stiffness is not ' &
+                 //'positive, and free motion creeps away slowly; the forced response without ' &
+                 //'a mean does not feel it'//new_line('a')
+        else if (total < 0) then
+          text = text//'kernel integral = '//show(total)//' < 0: the spring stiffens with ' &
+                 //'time, which no relaxation does'//new_line('a')
+        end if
+      end associate
+    end do
+  end function scene_warnings
+
+end module viscovib_run_scene

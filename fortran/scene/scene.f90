@@ -1,0 +1,330 @@
+!> A scene: the system, its load and the results wanted, as one namelist file.
+module viscovib_scene
+  use viscovib_catalogue, only: kernel_abel, kernel_names, kernel_prony, kernel_rabotnov, &
+    kernel_rzhanitsyn, kernel_tabulated, new_kernel
+  use viscovib_checks, only: check_increasing, check_positive
+  use viscovib_grids, only: linear_grid, log_grid
+  use viscovib_group_reader, only: group_reader
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type, new_load
+  use viscovib_mount, only: geometry_cubic, geometry_names, mount_parameters, mount_type, new_mount
+  use viscovib_namelist, only: group_type, namelist_type, read_namelist
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_response, only: response_options
+  use viscovib_response_plan, only: method_names
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: scene_type, read_scene
+
+  type :: scene_type
+    character(len=:), allocatable :: path, title
+    type(mount_type) :: mount
+    type(load_type) :: load
+    !> The response: frequencies (rad/s), method, options.
+    real(wp), allocatable :: nu(:)
+    integer :: method = 0
+    type(response_options) :: options
+    !> The scene as it was understood, every default written out; reads back
+    !! to the same numbers.
+    character(len=:), allocatable :: canonical
+  end type scene_type
+
+  character(len=*), parameter :: group_names(5) = &
+    [character(len=8) :: 'scene', 'mount', 'kernel', 'load', 'response']
+  character(len=*), parameter :: coordinate_names(2) = [character(len=3) :: 'x', 'phi']
+  integer, parameter :: max_grid = 100000000
+
+contains
+
+  !> Read and check everything; nothing is computed yet.
+  subroutine read_scene(path, scene, status)
+    character(len=*), intent(in) :: path
+    type(scene_type), intent(out) :: scene
+    type(status_type), intent(out) :: status
+    type(namelist_type) :: namelist
+    type(kernel_holder) :: kernels(2)
+    type(mount_parameters) :: parameters
+
+    scene%path = path
+    scene%canonical = ''
+    call read_namelist(path, namelist, status)
+    if (.not. status%failed()) call check_groups(namelist, status)
+    if (.not. status%failed()) call read_title(namelist, scene, status)
+    if (.not. status%failed()) call read_kernels(namelist, scene, kernels, parameters, status)
+    if (.not. status%failed()) call read_mount(namelist, scene, kernels, parameters, status)
+    if (.not. status%failed()) call read_loads(namelist, scene, status)
+    if (.not. status%failed()) call read_response(namelist, scene, status)
+  end subroutine read_scene
+
+  !> Known groups only, and the right number of each.
+  subroutine check_groups(namelist, status)
+    type(namelist_type), intent(in) :: namelist
+    type(status_type), intent(out) :: status
+    integer :: i, j, n
+
+    do i = 1, size(namelist%groups)
+      associate (group => namelist%groups(i))
+        if (.not. any(group_names == group%name)) then
+          call fail(status, status_input_error, group%name, namelist%path//':' &
+                    //show(group%line)//': unknown group &'//group%name//': must be one of ' &
+                    //'&scene, &mount, &kernel, &load, &response')
+          return
+        end if
+      end associate
+    end do
+    do j = 1, size(group_names)
+      n = 0
+      do i = 1, size(namelist%groups)
+        if (namelist%groups(i)%name == group_names(j)) n = n + 1
+        if (n == 2 .and. .not. any(group_names(j) == ['kernel', 'load  '])) then
+          call fail(status, status_input_error, trim(group_names(j)), namelist%path//':' &
+                    //show(namelist%groups(i)%line)//': a second &'//trim(group_names(j)) &
+                    //': must be given once')
+          return
+        end if
+      end do
+      if (n == 0 .and. any(group_names(j) == ['mount   ', 'load    ', 'response'])) then
+        call fail(status, status_input_error, trim(group_names(j)), namelist%path//': no &' &
+                  //trim(group_names(j))//' group: a scene needs &mount, &load and a wanted ' &
+                  //'result (&response)')
+        return
+      end if
+    end do
+  end subroutine check_groups
+
+  subroutine read_title(namelist, scene, status)
+    type(namelist_type), intent(in) :: namelist
+    type(scene_type), intent(inout) :: scene
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+    integer :: i
+
+    scene%title = ''
+    do i = 1, size(namelist%groups)
+      if (namelist%groups(i)%name /= 'scene') cycle
+      call reader%start(namelist%path, namelist%groups(i))
+      scene%title = reader%read_text('title', '')
+      call close_group(reader, scene, status)
+    end do
+  end subroutine read_title
+
+  !> Finish a group: its failure, or its canonical text.
+  subroutine close_group(reader, scene, status)
+    type(group_reader), intent(inout) :: reader
+    type(scene_type), intent(inout) :: scene
+    type(status_type), intent(out) :: status
+    call reader%finish()
+    status = reader%status
+    scene%canonical = scene%canonical//reader%echo
+  end subroutine close_group
+
+  subroutine read_kernels(namelist, scene, kernels, parameters, status)
+    type(namelist_type), intent(in) :: namelist
+    type(scene_type), intent(inout) :: scene
+    type(kernel_holder), intent(inout) :: kernels(2)
+    !> Gets which kernel acts on which spring.
+    type(mount_parameters), intent(inout) :: parameters
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+    character(len=:), allocatable :: acts_on
+    integer :: i, n
+
+    n = 0
+    do i = 1, size(namelist%groups)
+      if (namelist%groups(i)%name /= 'kernel') cycle
+      call reader%start(namelist%path, namelist%groups(i))
+      n = n + 1
+      acts_on = reader%read_text('acts_on', 'both', [character(len=4) :: 'both', 'x', 'phi'])
+      if ((acts_on /= 'phi' .and. parameters%kernel_x > 0) &
+          .or. (acts_on /= 'x' .and. parameters%kernel_phi > 0)) then
+        call reader%complain('acts_on', "acts_on = '"//acts_on//"': this spring has a kernel " &
+                             //'already; give one for x and one for phi, or one for both')
+        n = 2
+      end if
+      if (acts_on /= 'phi') parameters%kernel_x = n
+      if (acts_on /= 'x') parameters%kernel_phi = n
+      if (.not. reader%status%failed()) call read_kernel(reader, kernels(n))
+      call close_group(reader, scene, status)
+      if (status%failed()) return
+    end do
+  end subroutine read_kernels
+
+  subroutine read_kernel(reader, holder)
+    type(group_reader), intent(inout) :: reader
+    type(kernel_holder), intent(inout) :: holder
+    type(status_type) :: status
+    character(len=:), allocatable :: word
+    real(wp), allocatable :: p(:)
+    integer :: kind, code
+
+    kind = 0
+    code = 1
+    allocate (p(0))
+    word = reader%read_text('kind', allowed=kernel_names, choice=kind)
+    if (reader%status%failed()) return
+    select case (kind)
+    case (kernel_rzhanitsyn, kernel_rabotnov)
+      p = [reader%read_real('amplitude'), reader%read_real('alpha'), reader%read_real('beta')]
+    case (kernel_abel)
+      p = [reader%read_real('amplitude'), reader%read_real('alpha')]
+    case (kernel_prony)
+      p = [reader%read_reals('weights'), reader%read_reals('rates')]
+    case (kernel_tabulated)
+      word = reader%read_text('interpolation', 'linear', &
+                              [character(len=11) :: 'linear', 'exponential'], code)
+      p = [real(code - 1, wp), reader%read_reals('times'), reader%read_reals('values')]
+    end select
+    if (reader%status%failed()) return
+    call new_kernel(holder%kernel, kind, p, status)
+    call reader%place(status)
+  end subroutine read_kernel
+
+  subroutine read_mount(namelist, scene, kernels, parameters, status)
+    type(namelist_type), intent(in) :: namelist
+    type(scene_type), intent(inout) :: scene
+    type(kernel_holder), intent(in) :: kernels(2)
+    type(mount_parameters), intent(inout) :: parameters
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+    type(status_type) :: built
+    character(len=:), allocatable :: word
+    real(wp) :: c(4)
+    integer :: i
+
+    do i = 1, size(namelist%groups)
+      if (namelist%groups(i)%name == 'mount') exit
+    end do
+    call reader%start(namelist%path, namelist%groups(i))
+    parameters%mass = reader%read_real('mass')
+    parameters%inertia = reader%read_real('inertia')
+    parameters%offset = reader%read_real('offset')
+    parameters%stiffness_x = reader%read_real('stiffness_x')
+    parameters%stiffness_phi = reader%read_real('stiffness_phi')
+    word = reader%read_text('geometry', trim(geometry_names(geometry_cubic)), geometry_names, &
+                            parameters%geometry)
+    parameters%cubic_scale = reader%read_real('cubic_scale', 1.0_wp)
+    parameters%memory_scale = reader%read_real('memory_scale', 1.0_wp)
+    ! Row by row in the file, as one writes a matrix.
+    c = reader%read_reals('damping', 4, [0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp])
+    parameters%damping = reshape(c, [2, 2], order=[2, 1])
+    if (.not. reader%status%failed()) then
+      call new_mount(scene%mount, parameters, &
+                     kernels(:max(parameters%kernel_x, parameters%kernel_phi)), built)
+      call reader%place(built)
+    end if
+    call close_group(reader, scene, status)
+  end subroutine read_mount
+
+  !> Every &load is a term amplitude sin(order nu t + phase); they add up.
+  subroutine read_loads(namelist, scene, status)
+    type(namelist_type), intent(in) :: namelist
+    type(scene_type), intent(inout) :: scene
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+    character(len=:), allocatable :: word
+    integer, allocatable :: orders(:)
+    complex(wp), allocatable :: force(:, :), base(:)
+    real(wp) :: amplitude, phase
+    complex(wp) :: term
+    integer :: i, n, kind, on
+
+    n = count([(namelist%groups(i)%name == 'load', i=1, size(namelist%groups))])
+    allocate (orders(n), force(2, n), base(n))
+    force = (0.0_wp, 0.0_wp)
+    base = (0.0_wp, 0.0_wp)
+    n = 0
+    do i = 1, size(namelist%groups)
+      if (namelist%groups(i)%name /= 'load') cycle
+      n = n + 1
+      kind = 1
+      on = 1
+      call reader%start(namelist%path, namelist%groups(i))
+      word = reader%read_text('kind', 'force', [character(len=5) :: 'force', 'base'], kind)
+      if (kind == 1) word = reader%read_text('on', 'x', coordinate_names, on)
+      orders(n) = reader%read_integer('order', 1)
+      if (orders(n) < 0) call reader%complain('order', 'order = '//show(orders(n)) &
+                                              //': must be 0 (mean), 1, 2, ...')
+      amplitude = reader%read_real('amplitude')
+      if (orders(n) == 0) then
+        if (reader%has('phase')) call reader%complain('phase', &
+                                                      'phase: the mean (order 0) has none')
+        term = cmplx(0.0_wp, amplitude, wp)
+      else
+        phase = reader%read_real('phase', 0.0_wp)
+        term = amplitude*cmplx(cos(phase), sin(phase), wp)
+      end if
+      if (kind == 1) then
+        force(on, n) = term
+      else
+        base(n) = term
+      end if
+      call close_group(reader, scene, status)
+      if (status%failed()) return
+    end do
+    call new_load(scene%load, 2, orders, force, base, status)
+  end subroutine read_loads
+
+  subroutine read_response(namelist, scene, status)
+    type(namelist_type), intent(in) :: namelist
+    type(scene_type), intent(inout) :: scene
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+    character(len=:), allocatable :: word
+    integer :: i
+
+    do i = 1, size(namelist%groups)
+      if (namelist%groups(i)%name == 'response') exit
+    end do
+    call reader%start(namelist%path, namelist%groups(i))
+    word = reader%read_text('method', 'successive', method_names, scene%method)
+    scene%options%harmonics = reader%read_integer('harmonics', scene%options%harmonics)
+    scene%options%tolerance = reader%read_real('tolerance', scene%options%tolerance)
+    scene%options%max_iterations = reader%read_integer('max_iterations', &
+                                                       scene%options%max_iterations)
+    scene%options%relaxation = reader%read_real('relaxation', scene%options%relaxation)
+    call read_frequencies(reader, scene%nu)
+    call close_group(reader, scene, status)
+  end subroutine read_response
+
+  !> Either the list nu, or nu_min, nu_max, nu_count and nu_spacing.
+  subroutine read_frequencies(reader, nu)
+    type(group_reader), intent(inout) :: reader
+    real(wp), allocatable, intent(out) :: nu(:)
+    type(status_type) :: status
+    character(len=:), allocatable :: word
+    real(wp) :: lowest, highest
+    integer :: n, spacing
+
+    allocate (nu(0))
+    if (reader%has('nu')) then
+      nu = reader%read_reals('nu')
+      if (reader%status%failed()) return
+      call check_increasing('nu', nu, status)
+      call reader%place(status)
+      call check_positive('nu', nu(1), status)
+      call reader%place(status)
+      return
+    end if
+    spacing = 1
+    lowest = reader%read_real('nu_min')
+    highest = reader%read_real('nu_max')
+    n = reader%read_integer('nu_count')
+    word = reader%read_text('nu_spacing', 'linear', [character(len=6) :: 'linear', 'log'], spacing)
+    if (reader%status%failed()) return
+    call check_positive('nu_min', lowest, status)
+    call reader%place(status)
+    if (highest <= lowest) call reader%complain('nu_max', 'nu_max = '//show(highest) &
+                                                //': must be greater than nu_min = '//show(lowest))
+    if (n < 2 .or. n > max_grid) call reader%complain('nu_count', 'nu_count = '//show(n) &
+                                                      //': must be 2 to '//show(max_grid))
+    if (reader%status%failed()) return
+    if (spacing == 1) then
+      nu = linear_grid(lowest, highest, n)
+    else
+      nu = log_grid(lowest, highest, n)
+    end if
+  end subroutine read_frequencies
+
+end module viscovib_scene

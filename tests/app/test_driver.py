@@ -1,0 +1,224 @@
+"""The standalone driver: tables, exit statuses, and every wrong scene a line."""
+
+import os
+import subprocess
+import sys
+import warnings
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+import viscovib as vv
+
+SCENES = Path(__file__).parents[2] / "data" / "scenes"
+
+GOOD = """&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 /
+&kernel kind='rzhanitsyn', amplitude=0.048, alpha=0.1, beta=0.05 /
+&load amplitude=0.1 /
+&response nu_min=0.5, nu_max=4, nu_count=8 /
+"""
+
+
+@contextmanager
+def silence():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def read_csv(path):
+    return np.genfromtxt(
+        [line for line in path.read_text().splitlines() if not line.startswith("#")],
+        delimiter=",",
+        names=True,
+        dtype=None,
+        encoding="utf-8",
+    )
+
+
+@pytest.mark.parametrize("name", ["mount_paper", "mount_two_kernels", "base_linear"])
+def test_driver_and_python_agree_to_the_last_bit(solve, tmp_path, name):
+    scene = SCENES / f"{name}.nml"
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / f"{name}_response.csv")
+    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
+        with silence():
+            result = vv.run(scene)
+        r = result.response
+        assert (table["nu"] == r.nu).all()
+        assert (table["outcome"] == r.outcome).all()
+        for d, dof in enumerate(r.dof_names):
+            for j, k in enumerate(r.harmonics):
+                assert (table[f"{dof}_{k}_re"] == r.coefficients[:, d, j].real).all()
+                assert (table[f"{dof}_{k}_im"] == r.coefficients[:, d, j].imag).all()
+        r.to_csv(tmp_path / "python.csv")
+        assert read_csv(tmp_path / "python.csv").dtype.names == table.dtype.names
+
+
+def test_plan_prints_and_computes_nothing(solve, tmp_path):
+    done = solve(SCENES / "mount_paper.nml", "--plan", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "skips: even harmonics and half of each period" in done.stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_memory_skips_the_transforms(solve, tmp_path):
+    scene = tmp_path / "s.nml"
+    scene.write_text(GOOD.replace("&kernel kind", "! &kernel kind"))
+    assert "skips: kernel transforms (no memory)" in solve(scene, "--plan").stdout
+
+
+def test_unsolved_frequencies_are_status_1(solve, tmp_path):
+    scene = tmp_path / "s.nml"
+    scene.write_text(GOOD.replace("amplitude=0.1 ", "amplitude=5.0 "))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 1
+    assert not done.stderr
+    table = read_csv(tmp_path / "s_response.csv")
+    lost = table["outcome"] != "converged"
+    assert lost.any()
+    assert np.isnan(table["x_1_re"][lost]).all()
+
+
+def test_creep_is_warned_of(solve, tmp_path):
+    scene = tmp_path / "s.nml"
+    scene.write_text(GOOD.replace("0.048", "0.078"))
+    done = solve(scene, "--out", tmp_path, "--quiet")
+    assert done.returncode == 0
+    assert done.stdout == ""
+    assert done.stderr.startswith("warning: kernel integral = 1.00124")
+
+
+def test_help_and_version(solve):
+    assert "usage:" in solve("--help").stdout
+    assert vv.__version__ in solve("--version").stdout
+
+
+BAD_SCENES = {
+    "typo in a key": (GOOD.replace("stiffness_x", "stifness_x"), 1, "did you mean 'stiffness_x'?"),
+    "strange key": (GOOD.replace("mass=1,", "mass=1, colour=2,"), 1, "must be one of mass, "),
+    "unknown group": (GOOD + "&pendulums /\n", 5, "unknown group &pendulums"),
+    "missing key": (GOOD.replace("mass=1, ", ""), 1, "&mount lacks mass"),
+    "negative mass": (GOOD.replace("mass=1", "mass=-1"), 1, "mass = -1: must be greater than 0"),
+    "zero stiffness": (GOOD.replace("phi=2", "phi=0"), 1, "stiffness_phi = 0: must be greater"),
+    "nan": (GOOD.replace("mass=1", "mass=nan"), 1, "mass = nan: must be a finite number"),
+    "infinite": (GOOD.replace("mass=1", "mass=1e999"), 1, "mass = 1e999: must be a finite"),
+    "text for number": (GOOD.replace("mass=1", "mass='one'"), 1, "mass = one: must be a number"),
+    "number for text": (GOOD.replace("'rzhanitsyn'", "3"), 2, "kind = 3: must be a quoted text"),
+    "two values": (GOOD.replace("mass=1,", "mass=1 2,"), 1, "mass has 2 values"),
+    "no value": (GOOD.replace("mass=1,", "mass=,"), 1, "mass has no value"),
+    "twice": (GOOD.replace("mass=1,", "mass=1,\nmass=2,"), 2, "mass is given twice"),
+    "unknown kernel": (GOOD.replace("'rzhanitsyn'", "'maxwell'"), 2, "must be one of 'rzhan"),
+    "alpha": (GOOD.replace("alpha=0.1", "alpha=1.5"), 2, "alpha = 1.5: must be in (0, 1]"),
+    "beta": (GOOD.replace("beta=0.05", "beta=-1"), 2, "beta = -1: must not be negative"),
+    "beta needed": (
+        GOOD.replace("beta=0.05", "beta=0").replace("&load", "&load order=0, amplitude=1/\n&load"),
+        None,
+        "has no finite integral",
+    ),
+    "kernel twice": (GOOD.replace("&load", "&kernel kind='abel', amplitude=1, alpha=1/\n&load"), 3,
+                     "has a kernel already"),
+    "geometry": (GOOD.replace("mass=1", "geometry='flat', mass=1"), 1, "geometry = 'flat'"),
+    "damping": (GOOD.replace("mass=1", "damping=1 2 3, mass=1"), 1, "damping has 3 values"),
+    "grid reversed": (GOOD.replace("nu_max=4", "nu_max=0.2"), 4, "nu_max = 0.2: must be greater"),
+    "grid of one": (GOOD.replace("count=8", "count=1"), 4, "nu_count = 1: must be 2 to"),
+    "grid count real": (GOOD.replace("count=8", "count=8.5"), 4, "8.5: must be an integer"),
+    "nu unsorted": (GOOD.replace("nu_min=0.5, nu_max=4, nu_count=8", "nu=1 3 2"), 4,
+                    "nu[3] = 2 after 3: must be strictly increasing"),
+    "nu zero": (GOOD.replace("nu_min=0.5, nu_max=4, nu_count=8", "nu=0 1"), 4, "greater than 0"),
+    "tolerance": (GOOD.replace("nu_count=8", "nu_count=8, tolerance=0"), None, "tolerance = 0"),
+    "load order": (GOOD.replace("&load", "&load order=-1,"), 3, "order = -1: must be 0"),
+    "no load": (GOOD.replace("&load amplitude=0.1 /", ""), None, "no &load group"),
+    "no result": (GOOD[: GOOD.index("&response")], None, "no &response group"),
+    "two mounts": (GOOD + GOOD.splitlines()[0], 5, "a second &mount"),
+    "truncated": (GOOD[:-2], 4, "&response is not ended"),
+    "truncated in a text": (GOOD[: GOOD.index("zhan")], 2, "quoted text is not ended"),
+    "outside": ("mass = 1\n" + GOOD, 1, "'mass' stands outside a group"),
+    "no equals": (GOOD.replace("mass=1", "mass 1"), 1, "'mass' in &mount is not followed by '='"),
+    "empty": ("", None, "no group such as &mount found"),
+    "binary": ("\x00\x01\x7f" * 50, 1, "this is not a text file"),
+}
+
+
+def check_failure(done, status, text, folder):
+    assert done.returncode == status, done
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1, done.stderr
+    assert text in lines[0]
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("name", BAD_SCENES)
+def test_bad_scene_is_one_line_with_its_place(solve, tmp_path, name):
+    text, line, message = BAD_SCENES[name]
+    scene = tmp_path / "bad.nml"
+    scene.write_text(text)
+    out = tmp_path / "out"
+    out.mkdir()
+    done = solve(scene, "--out", out)
+    check_failure(done, 2, message, out)
+    place = f"{scene}:{line}: " if line else f"{scene}: "
+    assert place in done.stderr
+    with silence(), pytest.raises(vv.InputError) as error:
+        vv.run(scene)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize("what", ["missing", "folder", "forbidden"])
+def test_unreadable_scene_is_status_3(solve, tmp_path, what):
+    scene = tmp_path / "scene.nml"
+    out = tmp_path / "out"
+    out.mkdir()
+    if what == "folder":
+        scene.mkdir()
+    if what == "forbidden":
+        scene.write_text(GOOD)
+        scene.chmod(0)
+        if os.access(scene, os.R_OK):
+            pytest.skip("this user reads everything")
+    check_failure(solve(scene, "--out", out), 3, str(scene), out)
+    with pytest.raises(vv.FileError, match=r"scene\.nml"):
+        vv.Scene.read(scene)
+
+
+def test_output_folder_that_cannot_be_is_status_3(solve, tmp_path):
+    (tmp_path / "file").write_text("")
+    done = solve(SCENES / "mount_paper.nml", "--out", tmp_path / "file" / "sub")
+    assert done.returncode == 3
+    assert len(done.stderr.splitlines()) == 1
+    assert "cannot be written" in done.stderr
+
+
+def test_table_in_the_place_of_a_folder_leaves_nothing(solve, tmp_path):
+    (tmp_path / "mount_paper_response.csv").mkdir()
+    done = solve(SCENES / "mount_paper.nml", "--out", tmp_path)
+    assert done.returncode == 3
+    assert [path.name for path in tmp_path.iterdir()] == ["mount_paper_response.csv"]
+
+
+@pytest.mark.parametrize("arguments", [[], ["--out"], ["--nonsense"], ["a.nml", "b.nml"]])
+def test_wrong_command_line_is_status_2(solve, tmp_path, arguments):
+    check_failure(solve(*arguments, cwd=tmp_path), 2, "usage: viscovib-solve", tmp_path)
+
+
+def command(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "viscovib.cli", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def test_python_command_runs_plans_and_draws(tmp_path):
+    done = command("run", SCENES / "mount_paper.nml", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "400 of 400 frequencies solved" in done.stdout
+    assert (tmp_path / "mount_paper_response.png").stat().st_size > 20_000
+    assert "skips: base motion" in command("plan", SCENES / "mount_paper.nml").stdout
+    done = command("run", tmp_path / "none.nml")
+    assert done.returncode == 3
+    assert len(done.stderr.splitlines()) == 1

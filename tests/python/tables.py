@@ -1,0 +1,12 @@
+"""Reference tables of data/."""
+
+import csv
+from pathlib import Path
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+def read_table(name):
+    """Rows of a reference table as dictionaries, comment lines left out."""
+    with open(DATA / name, encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))
