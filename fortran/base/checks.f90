@@ -33,7 +33,7 @@ contains
     do i = 1, size(values)
       if (.not. ieee_is_finite(values(i))) then
         call fail(status, status_input_error, name, &
-                  name//'['//show(i)//'] = '//show(values(i))//': must be a finite number')
+                  name//' (value '//show(i)//') = '//show(values(i))//': must be a finite number')
         return
       end if
     end do
@@ -76,7 +76,7 @@ contains
     do i = 2, size(values)
       if (values(i) <= values(i - 1)) then
         call fail(status, status_input_error, name, &
-                  name//'['//show(i)//'] = '//show(values(i))//' after '//show(values(i - 1)) &
+                  name//' (value '//show(i)//') = '//show(values(i))//' after '//show(values(i - 1)) &
                   //': must be strictly increasing')
         return
       end if

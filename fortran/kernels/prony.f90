@@ -35,9 +35,9 @@ contains
       return
     end if
     do j = 1, size(weights)
-      call check_not_negative('weights['//show(j)//']', weights(j), status)
+      call check_not_negative('weights (value '//show(j)//')', weights(j), status)
       if (status%failed()) exit
-      call check_not_negative('rates['//show(j)//']', rates(j), status)
+      call check_not_negative('rates (value '//show(j)//')', rates(j), status)
       if (status%failed()) exit
     end do
     kernel%weights = weights

@@ -55,7 +55,7 @@ contains
     end if
     call check_increasing('times', times, status)
     if (status%failed()) return
-    call check_not_negative('times[1]', times(1), status)
+    call check_not_negative('times (value 1)', times(1), status)
     if (status%failed()) return
     call check_finite('values', values, status)
     if (status%failed()) return
@@ -67,8 +67,8 @@ contains
       start = values(1)
     case (interpolation_exponential)
       if (minval(values) <= 0.0_wp) then
-        call fail(status, status_input_error, 'values', 'values['//show(minloc(values, 1)) &
-                  //'] = '//show(minval(values))//': must be greater than 0 for exponential ' &
+        call fail(status, status_input_error, 'values', 'values (value '//show(minloc(values, 1)) &
+                  //') = '//show(minval(values))//': must be greater than 0 for exponential ' &
                   //'interpolation')
         return
       end if

@@ -312,12 +312,12 @@ contains
     find = 0
   end function find
 
-  !> Line of a key (an index in brackets is ignored), else of the group.
+  !> Line of a key (what follows a blank is ignored), else of the group.
   pure integer function line_of(self, key)
     class(group_type), intent(in) :: self
     character(len=*), intent(in) :: key
     integer :: i, n
-    n = index(key, '[') - 1
+    n = index(key, ' ') - 1
     if (n < 0) n = len(key)
     i = self%find(key(:n))
     line_of = self%line

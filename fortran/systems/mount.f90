@@ -183,7 +183,8 @@ contains
       a = p%stiffness_x/p%mass
       d = (p%stiffness_x*p%offset**2 + p%stiffness_phi)/p%inertia
       b = p%stiffness_x*abs(p%offset)/(sqrt(p%mass)*sqrt(p%inertia))
-      gap = a - d
+      ! In this order, nearly repeated frequencies keep their difference.
+      gap = (a - p%stiffness_phi/p%inertia) - p%stiffness_x*p%offset**2/p%inertia
       root = hypot(gap, 2.0_wp*b)
       omega(2) = sqrt(0.5_wp*(a + d + root))
       omega(1) = sqrt(a)*sqrt(p%stiffness_phi/p%inertia)/omega(2)

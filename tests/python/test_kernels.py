@@ -1,0 +1,191 @@
+"""Relaxation kernels against 50-digit references, quadrature and limits."""
+
+import math
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import quad
+from tables import read_table
+
+KINDS = {"rzhanitsyn": vv.RzhanitsynKernel, "rabotnov": vv.RabotnovKernel}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_transforms_to_the_last_digits(kind):
+    worst = 0.0
+    rows = [row for row in read_table("kernel_transforms.csv") if row["kernel"] == kind]
+    assert len(rows) == 540
+    for row in rows:
+        kernel = KINDS[kind](amplitude=1.0, alpha=float(row["alpha"]), beta=float(row["beta"]))
+        mu = float(row["mu"])
+        for got, text in ((kernel.cosine(mu), row["cosine"]), (kernel.sine(mu), row["sine"])):
+            expected = float(text)
+            if expected:
+                worst = max(worst, abs(got - expected) / abs(expected))
+            else:
+                assert got == 0
+    assert worst <= (8e-16 if kind == "rzhanitsyn" else 1.2e-15)
+
+
+def test_rabotnov_in_time():
+    for row in read_table("kernel_values.csv"):
+        kernel = vv.RabotnovKernel(
+            amplitude=1.0, alpha=float(row["alpha"]), beta=float(row["beta"])
+        )
+        assert kernel(float(row["t"])) == pytest.approx(float(row["value"]), rel=1e-11)
+
+
+def test_abel_is_rzhanitsyn_without_decay():
+    abel = vv.AbelKernel(amplitude=0.3, alpha=0.4)
+    same = vv.RzhanitsynKernel(amplitude=0.3, alpha=0.4, beta=0.0)
+    mu = np.logspace(-8, 8, 33)
+    assert (abel.transform(mu) == same.transform(mu)).all()
+    assert abel.integral == math.inf
+
+
+def test_rabotnov_limits():
+    mu, t = np.logspace(-6, 6, 25), np.logspace(-4, 1, 11)
+    abel = vv.AbelKernel(amplitude=2.0 / math.gamma(0.3), alpha=0.3)
+    power = vv.RabotnovKernel(amplitude=2.0, alpha=0.3, beta=0.0)
+    assert power.transform(mu) == pytest.approx(abel.transform(mu), rel=2e-15)
+    assert power(t) == pytest.approx(abel(t), rel=1e-14)
+    maxwell = vv.PronyKernel(weights=[2.0], rates=[0.7])
+    exponential = vv.RabotnovKernel(amplitude=2.0, alpha=1.0, beta=0.7)
+    assert exponential.transform(mu) == pytest.approx(maxwell.transform(mu), rel=2e-15)
+    assert exponential(t) == pytest.approx(maxwell(t), rel=1e-15)
+
+
+KERNELS = [
+    vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05),
+    vv.RabotnovKernel(amplitude=0.3, alpha=0.6, beta=1.5),
+    vv.PronyKernel(weights=[0.1, 0.4], rates=[0.3, 8.0]),
+    vv.TabulatedKernel(times=[0.0, 0.5, 1.5, 4.0], values=[1.0, 0.6, 0.2, 0.05]),
+    vv.TabulatedKernel(
+        times=[0.2, 0.5, 1.5, 4.0], values=[1.0, 0.6, 0.2, 0.05], interpolation="exponential"
+    ),
+]
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: type(kernel).__name__)
+class TestLaws:
+    """What holds for every kernel."""
+
+    def test_laplace_on_the_imaginary_axis_is_the_transform(self, kernel):
+        mu = np.logspace(-3, 4, 29)
+        assert kernel.laplace(1j * mu) == pytest.approx(kernel.transform(mu), rel=1e-13)
+
+    def test_integral_is_the_transform_at_zero(self, kernel):
+        assert kernel.cosine(0.0) == pytest.approx(kernel.integral, rel=1e-14)
+        assert kernel.sine(0.0) == 0
+
+    def test_sine_is_odd(self, kernel):
+        assert kernel.transform(-2.0) == np.conj(kernel.transform(2.0))
+
+    def test_transform_of_the_values(self, kernel):
+        """Laplace transform at real s against quadrature of R(t)."""
+        for s in (0.5, 3.0):
+            breaks = [0.2, 0.5, 1.5, 4.0]
+            inner = quad(
+                lambda y, s=s: kernel(np.exp(y)) * np.exp(y - s * np.exp(y)),
+                -400.0,
+                math.log(0.2),
+                epsabs=1e-13,
+                epsrel=1e-12,
+                limit=400,
+            )[0]
+            outer = quad(
+                lambda t, s=s: kernel(t) * np.exp(-s * t), 0.2, 80.0, points=breaks[1:], limit=400
+            )[0]
+            assert kernel.laplace(s).real == pytest.approx(inner + outer, rel=1e-8)
+            assert abs(kernel.laplace(s).imag) < 1e-15
+
+    def test_shapes_follow_the_argument(self, kernel):
+        assert kernel.transform(1.0).shape == ()
+        assert kernel.transform([[1.0, 2.0]]).shape == (1, 2)
+        assert kernel([1.0, 2.0, 3.0]).shape == (3,)
+        assert kernel.cosine([]).shape == (0,)
+
+
+def test_tabulated_exponential_is_exact_for_an_exponential():
+    t = np.array([0.3, 0.31, 2.0, 7.0])
+    table = vv.TabulatedKernel(times=t, values=0.4 * np.exp(-0.9 * t), interpolation="exponential")
+    maxwell = vv.PronyKernel(weights=[0.4], rates=[0.9])
+    mu = np.logspace(-8, 8, 65)
+    assert table.cosine(mu) == pytest.approx(maxwell.cosine(mu), rel=1e-12)
+    assert table.sine(mu) == pytest.approx(maxwell.sine(mu), rel=1e-12)
+    assert table.integral == pytest.approx(0.4 / 0.9, rel=1e-14)
+
+
+def test_tabulated_linear_triangle():
+    """R = 1 - t on [0, 1]: R_c = (1 - cos mu)/mu^2, R_s = (mu - sin mu)/mu^2."""
+    kernel = vv.TabulatedKernel(times=[0.0, 0.3, 1.0], values=[1.0, 0.7, 0.0])
+    mu = np.array([1e-8, 1e-3, 0.5, 1.9, 2.1, 30.0, 1e5])
+    cosine = 2 * (np.sin(mu / 2) / mu) ** 2
+    series = mu / 6 - mu**3 / 120 + mu**5 / 5040
+    sine = np.where(mu < 0.01, series, (mu - np.sin(mu)) / mu**2)
+    assert kernel.cosine(mu) == pytest.approx(cosine, rel=2e-13)
+    assert kernel.sine(mu) == pytest.approx(sine, rel=2e-13)
+
+
+def test_tabulated_approaches_its_kernel_with_the_square_of_the_step():
+    smooth = vv.PronyKernel(weights=[1.0], rates=[1.0])
+    errors = []
+    for n in (101, 201, 401):
+        t = np.linspace(0.0, 40.0, n)
+        table = vv.TabulatedKernel(times=t, values=smooth(np.maximum(t, 1e-300)))
+        errors.append(abs(table.transform(0.7) - smooth.transform(0.7)))
+    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx([2.0, 2.0], abs=0.1)
+
+
+def test_a_frequency_does_not_depend_on_its_place():
+    kernel = vv.RzhanitsynKernel(amplitude=1.0, alpha=0.37, beta=0.01)
+    mu = np.logspace(-8, 8, 1003)
+    together = kernel.transform(mu)
+    assert all(kernel.transform(mu[i]) == together[i] for i in range(0, 1003, 17))
+
+
+def test_extreme_frequencies_fall_back_without_loss():
+    kernel = vv.RzhanitsynKernel(amplitude=1.0, alpha=0.5, beta=0.0)
+    for mu in (1e-300, 1e-160, 1e160, 1e300):
+        expected = math.sqrt(math.pi / 2) / math.sqrt(mu)
+        assert kernel.cosine(mu) == pytest.approx(expected, rel=1e-15)
+        assert kernel.sine(mu) == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: vv.RzhanitsynKernel(amplitude=1, alpha=0, beta=1), "alpha = 0: must be in (0, 1]"),
+        (lambda: vv.RzhanitsynKernel(amplitude=1, alpha=1.1, beta=1), "alpha = 1.1"),
+        (lambda: vv.RzhanitsynKernel(amplitude=1, alpha=0.5, beta=-0.1), "beta = -0.1"),
+        (lambda: vv.RzhanitsynKernel(amplitude=-1, alpha=0.5, beta=0.1), "amplitude = -1"),
+        (lambda: vv.RzhanitsynKernel(amplitude=1, alpha=math.nan, beta=1), "alpha = nan"),
+        (lambda: vv.RzhanitsynKernel(amplitude="1", alpha=0.5, beta=1), "amplitude = '1'"),
+        (lambda: vv.AbelKernel(amplitude=1, alpha=2), "alpha = 2: must be in (0, 1]"),
+        (lambda: vv.RabotnovKernel(amplitude=1, alpha=0.5, beta=-1), "beta = -1"),
+        (lambda: vv.PronyKernel(weights=[1, 2], rates=[1]), "weights and rates have 2 and 1"),
+        (lambda: vv.PronyKernel(weights=[1, -2], rates=[1, 1]), "weights (value 2) = -2"),
+        (lambda: vv.PronyKernel(weights=[], rates=[]), "weights: must not be empty"),
+        (lambda: vv.TabulatedKernel(times=[0, 1, 1], values=[1, 1, 1]), "times (value 3) = 1 after 1"),
+        (lambda: vv.TabulatedKernel(times=[-1, 1], values=[1, 1]), "times (value 1) = -1"),
+        (lambda: vv.TabulatedKernel(times=[1], values=[1]), "must match and be 2 or more"),
+        (lambda: vv.TabulatedKernel(times=[0, 1], values=[1, math.inf]), "values[1] = inf"),
+        (
+            lambda: vv.TabulatedKernel(times=[0, 1], values=[1, 0], interpolation="exponential"),
+            "values (value 2) = 0: must be greater than 0",
+        ),
+        (
+            lambda: vv.TabulatedKernel(times=[0, 1], values=[1, 0], interpolation="cubic"),
+            "interpolation = 'cubic': must be one of",
+        ),
+        (lambda: KERNELS[0](0.0), "t = 0.0: must be greater than 0"),
+        (lambda: KERNELS[0](np.nan), "t = nan: must be a finite number"),
+        (lambda: vv.AbelKernel(amplitude=1, alpha=0.5).cosine([1.0, 0.0]), "mu must not be 0"),
+        (lambda: KERNELS[0].cosine(1j), "mu: must be real"),
+    ],
+)
+def test_bad_input_is_named(make, text):
+    with pytest.raises(vv.InputError) as error:
+        make()
+    assert text in str(error.value)
