@@ -22,7 +22,7 @@ program viscovib_solve
   call stop_if_failed()
   if (command%text /= '') then
     write (output_unit, '(a)') command%text
-    stop
+    stop 0, quiet=.true.
   end if
 
   call read_scene(command%scene, scene, status)
@@ -32,7 +32,7 @@ program viscovib_solve
   call say(error_unit, 'warning: ', scene_warnings(scene))
   if (command%plan) then
     call say(output_unit, '', plan%text)
-    stop
+    stop 0, quiet=.true.
   end if
 
   call run_scene(scene, plan, command%folder, version, report, status)

@@ -45,7 +45,7 @@ module viscovib_successive
     real(wp) :: relaxation(n_lanes) = 1.0_wp
     !> Corrections of the last three iterations, newest first; smallest one;
     !! norm of the linear response.
-    real(wp) :: recent(n_lanes, 3) = 0.0_wp
+    real(wp) :: recent(3, n_lanes) = 0.0_wp
     real(wp) :: smallest(n_lanes) = 0.0_wp, start_norm(n_lanes) = 0.0_wp
     !> Iterate, and the load, shape (n_lanes, 2, n_orders, n_dof).
     real(wp), allocatable :: u(:, :, :, :), load(:, :, :, :)
@@ -185,7 +185,7 @@ contains
       work%u(lane, 2, k, :) = aimag(x)
     end do
     work%iteration(lane) = 0
-    work%recent(lane, :) = 0.0_wp
+    work%recent(:, lane) = 0.0_wp
     work%smallest(lane) = huge(1.0_wp)
   end subroutine restart_lane
 
@@ -313,12 +313,12 @@ contains
       i = first + work%point(l) - 1
       if (work%iteration(l) == 0) work%start_norm(l) = start(l)
       work%iteration(l) = work%iteration(l) + 1
-      work%recent(l, 2:3) = work%recent(l, 1:2)
-      work%recent(l, 1) = delta(l)
+      work%recent(2:3, l) = work%recent(1:2, l)
+      work%recent(1, l) = delta(l)
       work%smallest(l) = min(work%smallest(l), delta(l))
       if (size(response%corrections, 1) > 0) &
         response%corrections(work%iteration(l), i) = delta(l)/max(norm(l), tiny(norm))
-      rate = shrinkage(work%recent(l, :))
+      rate = shrinkage(work%recent(:, l))
       error = delta(l)
       if (rate < 1.0_wp) error = delta(l)*max(1.0_wp, rate/(1.0_wp - rate))
       if (error <= options%tolerance*norm(l) .and. rate < 1.0_wp) then

@@ -4,7 +4,8 @@
 !! The reader also writes down, in `echo`, each value as it was understood,
 !! defaults included; the echoes of all groups make up the canonical scene.
 module viscovib_group_reader
-  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+  use, intrinsic :: ieee_arithmetic, only: ieee_get_halting_mode, ieee_is_finite, &
+    ieee_overflow, ieee_set_halting_mode
   use viscovib_kinds, only: wp
   use viscovib_namelist, only: group_type, lower
   use viscovib_status, only: fail, show, status_input_error, status_type
@@ -76,9 +77,7 @@ contains
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
     logical, intent(in) :: optional
-    character(len=32) :: name
-    name = key
-    self%known = [self%known, name]
+    self%known = [character(len=32) :: self%known, key]
     i = self%group%find(key)
     if (i == 0 .and. .not. optional) call self%miss(key)
     if (self%status%failed()) i = 0
@@ -130,12 +129,19 @@ contains
   real(wp) function number(self, key, text)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key, text
+    logical :: halting
     integer :: io
 
     number = 0.0_wp
     io = verify(lower(text), '0123456789.+-ed')
     if (text == '' .or. scan(text, '0123456789') == 0) io = 1
-    if (io == 0) read (text, *, iostat=io) number
+    if (io == 0) then
+      ! A number too large becomes infinite and is refused below; do not trap.
+      call ieee_get_halting_mode(ieee_overflow, halting)
+      call ieee_set_halting_mode(ieee_overflow, .false.)
+      read (text, *, iostat=io) number
+      call ieee_set_halting_mode(ieee_overflow, halting)
+    end if
     if (io == 0) then
       if (.not. ieee_is_finite(number)) io = 1
     end if

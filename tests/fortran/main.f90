@@ -2,7 +2,11 @@
 !! test by name. The exit status is 1 if anything failed or nothing was run.
 program tester
   use testing, only: report, select_test
+  use test_base, only: run_base
+  use test_dense, only: run_dense
+  use test_harmonics, only: run_harmonics
   use test_kernels, only: run_kernels
+  use test_response, only: run_response
   implicit none
 
   character(len=64) :: suite, name
@@ -13,7 +17,11 @@ program tester
   call select_test(trim(name))
   known = .false.
 
+  if (wants('base')) call run_base()
+  if (wants('dense')) call run_dense()
+  if (wants('harmonics')) call run_harmonics()
   if (wants('kernels')) call run_kernels()
+  if (wants('response')) call run_response()
 
   if (.not. known) then
     write (*, '(2a)') 'no suite of this name: ', trim(suite)

@@ -1,0 +1,62 @@
+!> Small dense linear algebra: inverses against the identity.
+module test_dense
+  use testing, only: begin, check, check_close
+  use viscovib_dense, only: invert
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: run_dense
+
+contains
+
+  subroutine run_dense()
+    complex(wp), allocatable :: a(:, :), b(:, :), product(:, :)
+    logical :: singular
+    integer :: n, i, j
+
+    if (begin('inverse times matrix is the identity')) then
+      do n = 1, 6
+        allocate (a(n, n), b(n, n))
+        do j = 1, n
+          do i = 1, n
+            a(i, j) = cmplx(sin(1.0_wp*i*j + n), cos(2.0_wp*i - 3.0_wp*j), wp)
+          end do
+        end do
+        call invert(a, b, singular)
+        call check(.not. singular, 'regular')
+        product = matmul(a, b)
+        do i = 1, n
+          product(i, i) = product(i, i) - 1.0_wp
+        end do
+        call check_close(maxval(abs(product)), 0.0_wp, 1.0e-13_wp, 'residual', floor=1.0_wp)
+        deallocate (a, b)
+      end do
+    end if
+
+    if (begin('a zero pivot is exchanged')) then
+      a = reshape([(0.0_wp, 0.0_wp), (1.0_wp, 0.0_wp), (0.0_wp, 0.0_wp), (2.0_wp, 0.0_wp), &
+                   (0.0_wp, 0.0_wp), (0.0_wp, 0.0_wp), (0.0_wp, 0.0_wp), (0.0_wp, 0.0_wp), &
+                   (0.0_wp, 1.0_wp)], [3, 3])
+      allocate (b(3, 3))
+      call invert(a, b, singular)
+      call check(.not. singular, 'regular')
+      call check_close(real(b(2, 1)), 0.5_wp, 1.0e-15_wp, 'b_21')
+      call check_close(aimag(b(3, 3)), -1.0_wp, 1.0e-15_wp, 'b_33')
+      deallocate (b)
+    end if
+
+    if (begin('singular matrices are told')) then
+      do n = 1, 4
+        a = reshape([((1.0_wp, 1.0_wp), i=1, n*n)], [n, n])
+        if (n == 1) a = (0.0_wp, 0.0_wp)
+        allocate (b(n, n))
+        call invert(a, b, singular)
+        call check(singular, 'singular')
+        call check(.not. any(abs(b) > 0.0_wp), 'inverse is zero')
+        deallocate (b)
+      end do
+    end if
+  end subroutine run_dense
+
+end module test_dense
