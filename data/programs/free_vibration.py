@@ -33,7 +33,9 @@ def main():
             root = mp.sqrt(half**2 - c_x * c_phi / (m * i))
             squares = (half - root, half + root)
             numbers = [mp.sqrt(s) for s in squares] + [(c_x - m * s) / (c_x * arm) for s in squares]
-            file.write(",".join([*map(repr, parameters), *(mp.nstr(n, 20) for n in numbers)]) + "\n")
+            file.write(
+                ",".join([*map(repr, parameters), *(mp.nstr(n, 20) for n in numbers)]) + "\n"
+            )
 
 
 if __name__ == "__main__":

@@ -49,7 +49,9 @@ def main():
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1])
     out = parser.parse_args().out
     with open(out / "kernel_transforms.csv", "w", encoding="utf-8") as file:
-        file.write("# R_c and R_s for amplitude 1, 25 digits; by data/programs/kernel_transforms.py\n")
+        file.write(
+            "# R_c and R_s for amplitude 1, 25 digits; by data/programs/kernel_transforms.py\n"
+        )
         file.write("kernel,alpha,beta,mu,cosine,sine\n")
         for kernel in (rzhanitsyn, rabotnov):
             for alpha in ALPHAS:

@@ -49,15 +49,17 @@ contains
         command%folder = argument(i)
       case default
         if (index(word, '-') == 1 .or. command%scene /= '') then
-          call fail(status, status_input_error, 'argument', "unknown argument '"//word//"'; "//usage)
+          call fail(status, status_input_error, 'argument', "unknown argument '"//word//"'; " &
+                    //usage)
           return
         end if
         command%scene = word
       end select
       i = i + 1
     end do
-    if (command%text == '' .and. command%scene == '') &
+    if (command%text == '' .and. command%scene == '') then
       call fail(status, status_input_error, 'scene', 'no scene given; '//usage)
+    end if
   end subroutine read_command_line
 
   function argument(i)

@@ -53,10 +53,11 @@ contains
     integer, intent(in) :: unit
     character(len=*), intent(in) :: prefix, text
     integer :: first, last
+    if (command%quiet .and. unit == output_unit) return
     first = 1
     do while (first <= len(text))
       last = first + index(text(first:), new_line('a')) - 2
-      if (.not. (command%quiet .and. unit == output_unit)) write (unit, '(2a)') prefix, text(first:last)
+      write (unit, '(2a)') prefix, text(first:last)
       first = last + 2
     end do
   end subroutine say

@@ -76,8 +76,8 @@ contains
     do i = 2, size(values)
       if (values(i) <= values(i - 1)) then
         call fail(status, status_input_error, name, &
-                  name//' (value '//show(i)//') = '//show(values(i))//' after '//show(values(i - 1)) &
-                  //': must be strictly increasing')
+                  name//' (value '//show(i)//') = '//show(values(i))//' after ' &
+                  //show(values(i - 1))//': must be strictly increasing')
         return
       end if
     end do

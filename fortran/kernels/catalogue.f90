@@ -52,7 +52,7 @@ contains
         n = size(p)/2
         call new_prony(prony, p(:n), p(n + 1:), status)
         allocate (kernel, source=prony)
-      case (kernel_tabulated)
+      case default
         n = (size(p) - 1)/2
         call new_tabulated(tabulated, p(2:n + 1), p(n + 2:), nint(p(1)), status)
         allocate (kernel, source=tabulated)

@@ -57,7 +57,8 @@ contains
       c(first:first + n - 1) = c_block(:n)
       s(first:first + n - 1) = s_block(:n)
       do i = first, first + n - 1
-        if (.not. in_range(x, y(i))) call power_of_quadrant_scalar(factor, alpha, x, y(i), c(i), s(i))
+        if (in_range(x, y(i))) cycle
+        call power_of_quadrant_scalar(factor, alpha, x, y(i), c(i), s(i))
       end do
     end do
   end subroutine power_of_quadrant

@@ -5,7 +5,7 @@ module viscovib_forced_response
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_response, only: response_type
-  use viscovib_response_plan, only: method_linear, method_successive, response_plan_type
+  use viscovib_response_plan, only: method_successive, response_plan_type
   use viscovib_successive, only: successive_response
   implicit none
   private
@@ -25,10 +25,10 @@ contains
     type(response_type), intent(out) :: response
 
     select case (plan%method)
-    case (method_linear)
-      call linear_response(system, load, nu, response)
     case (method_successive)
       call successive_response(system, load, nu, plan%set, plan%options, response)
+    case default
+      call linear_response(system, load, nu, response)
     end select
   end subroutine forced_response
 

@@ -67,7 +67,8 @@ contains
       do i = 1, n
         do k = 1, n_orders
           response%coefficients(k, :, first + i - 1) = &
-            matmul(compliance(:, :, i, k), load%coefficient(system, load%orders(k), nu(first + i - 1)))
+            matmul(compliance(:, :, i, k), &
+                   load%coefficient(system, load%orders(k), nu(first + i - 1)))
         end do
         if (singular(i)) call response%discard(first + i - 1, outcome_singular)
       end do

@@ -106,8 +106,9 @@ contains
     do j = 1, size(self%orders)
       if (self%orders(j) /= order) cycle
       p = self%force(:, j)
-      if (abs(self%base(j)) > 0.0_wp) &
+      if (abs(self%base(j)) > 0.0_wp) then
         p = p + (order*nu)**2*matmul(system%mass, system%base_direction)*self%base(j)
+      end if
     end do
   end function coefficient
 

@@ -135,7 +135,8 @@ contains
                   //' frequencies, '//show(size(plan%set%orders))//' harmonics a coordinate')
     if (plan%method == method_linear) then
       if (method /= method_linear) call plan%say('skips: the iteration (nothing is nonlinear)')
-      call plan%say('skips: harmonics that the load lacks (a linear system does not answer in them)')
+      call plan%say('skips: harmonics that the load lacks (a linear system does not answer ' &
+                    //'in them)')
     else
       if (plan%set%half_wave) then
         call plan%say('computes: '//show(plan%set%n_samples)//' samples of half a period')
@@ -154,7 +155,8 @@ contains
                     //trim(merge('s', ' ', n_kernels > 1)))
     end if
     if (.not. load%moves_base()) call plan%say('skips: base motion (the base is at rest)')
-    if (.not. plan%options%keep_history) call plan%say('skips: history of corrections (not asked for)')
+    if (.not. plan%options%keep_history) call plan%say('skips: history of corrections ' &
+                                                       //'(not asked for)')
   end subroutine describe
 
   subroutine say(self, line)

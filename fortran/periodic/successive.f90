@@ -43,8 +43,8 @@ module viscovib_successive
     integer :: point(n_lanes) = 0
     integer :: iteration(n_lanes) = 0, halvings(n_lanes) = 0
     real(wp) :: relaxation(n_lanes) = 1.0_wp
-    !> Corrections of the last three iterations, newest first; smallest one;
-    !! norm of the linear response.
+    !> The last three corrections, newest first; the smallest one; the norm of
+    !! the linear response.
     real(wp) :: recent(3, n_lanes) = 0.0_wp
     real(wp) :: smallest(n_lanes) = 0.0_wp, start_norm(n_lanes) = 0.0_wp
     !> Iterate, and the load, shape (n_lanes, 2, n_orders, n_dof).
@@ -203,15 +203,15 @@ contains
     do j = 1, system%n_memory()
       if (.not. system%bent(j)) cycle
       call set%to_harmonics(work%w_samples(:, j), work%w(:, :, :, j))
-      if (system%kernel_of(j) > 0) &
-        call retain(work%f_re(:, j, :), work%f_im(:, j, :), work%w(:, :, :, j))
+      if (system%kernel_of(j) == 0) cycle
+      call retain(work%f_re(:, j, :), work%f_im(:, j, :), work%w(:, :, :, j))
     end do
     work%force = 0.0_wp
     if (.not. system%separable) call inseparable_force(work, system, set)
     do d = 1, system%n_dof()
       do j = 1, system%n_memory()
-        if (system%bent(j) .and. system%spread(d, j) /= 0.0_wp) &
-          work%force(:, :, :, d) = work%force(:, :, :, d) + system%spread(d, j)*work%w(:, :, :, j)
+        if (.not. system%bent(j) .or. system%spread(d, j) == 0.0_wp) cycle
+        work%force(:, :, :, d) = work%force(:, :, :, d) + system%spread(d, j)*work%w(:, :, :, j)
       end do
     end do
   end subroutine nonlinear_force
@@ -311,13 +311,18 @@ contains
     do l = 1, n_lanes
       if (work%point(l) == 0) cycle
       i = first + work%point(l) - 1
-      if (work%iteration(l) == 0) work%start_norm(l) = start(l)
+      if (work%iteration(l) == 0) then
+        ! The step from rest to the linear response is the zeroth correction.
+        work%start_norm(l) = start(l)
+        work%recent(1, l) = start(l)
+      end if
       work%iteration(l) = work%iteration(l) + 1
       work%recent(2:3, l) = work%recent(1:2, l)
       work%recent(1, l) = delta(l)
       work%smallest(l) = min(work%smallest(l), delta(l))
-      if (size(response%corrections, 1) > 0) &
+      if (size(response%corrections, 1) > 0) then
         response%corrections(work%iteration(l), i) = delta(l)/max(norm(l), tiny(norm))
+      end if
       rate = shrinkage(work%recent(:, l))
       error = delta(l)
       if (rate < 1.0_wp) error = delta(l)*max(1.0_wp, rate/(1.0_wp - rate))
@@ -344,8 +349,7 @@ contains
     end do
   end subroutine judge_lanes
 
-  !> Geometric mean of the last one or two factors between corrections; 0
-  !! after the first correction, which tells nothing yet.
+  !> Geometric mean of the last one or two factors between corrections.
   pure real(wp) function shrinkage(recent)
     real(wp), intent(in) :: recent(3)
     shrinkage = 0.0_wp

@@ -50,15 +50,15 @@ module viscovib_namelist
 contains
 
   !> Read and split a file; values stay text.
-  subroutine read_namelist(path, namelist, status)
+  subroutine read_namelist(path, file, status)
     character(len=*), intent(in) :: path
-    type(namelist_type), intent(out) :: namelist
+    type(namelist_type), intent(out) :: file
     type(status_type), intent(out) :: status
     type(cursor_type) :: cursor
     type(group_type) :: group
 
-    namelist%path = path
-    allocate (namelist%groups(0))
+    file%path = path
+    allocate (file%groups(0))
     call read_text(path, cursor%text, status)
     if (status%failed()) return
     do
@@ -66,9 +66,9 @@ contains
       if (cursor%at > len(cursor%text)) exit
       call read_group(cursor, path, group, status)
       if (status%failed()) return
-      namelist%groups = [namelist%groups, group]
+      file%groups = [file%groups, group]
     end do
-    if (size(namelist%groups) == 0) call fail(status, status_input_error, 'scene', &
+    if (size(file%groups) == 0) call fail(status, status_input_error, 'scene', &
                                               path//': no group such as &mount found')
   end subroutine read_namelist
 
@@ -259,7 +259,8 @@ contains
       value%text = ''
       do
         n = index(cursor%text(cursor%at + 1:), quote)
-        if (n == 0 .or. index(cursor%text(cursor%at + 1:cursor%at + max(n, 1)), new_line('a')) > 0) then
+        if (n == 0 .or. &
+            index(cursor%text(cursor%at + 1:cursor%at + max(n, 1)), new_line('a')) > 0) then
           call fail_at(path, cursor%line, key//': the quoted text is not ended', status)
           return
         end if
@@ -275,7 +276,7 @@ contains
     star = index(value%text, '*')
     if (star > 0) then
       read (value%text(:star - 1), '(i9)', iostat=io) repeats
-      if (io /= 0 .or. repeats < 1 .or. star == 1 .or. verify(value%text(:star - 1), '0123456789') > 0) then
+      if (io /= 0 .or. repeats < 1 .or. verify(value%text(:star - 1), '0123456789') > 0) then
         call fail_at(path, cursor%line, key//' = '//value%text//': must be a value, or a count ' &
                      //'and a value as in 3*0.5', status)
         return

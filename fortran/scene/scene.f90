@@ -1,7 +1,7 @@
 !> A scene: the system, its load and the results wanted, as one namelist file.
 module viscovib_scene
   use viscovib_catalogue, only: kernel_abel, kernel_names, kernel_prony, kernel_rabotnov, &
-    kernel_rzhanitsyn, kernel_tabulated, new_kernel
+    kernel_rzhanitsyn, new_kernel
   use viscovib_checks, only: check_increasing, check_positive
   use viscovib_grids, only: linear_grid, log_grid
   use viscovib_group_reader, only: group_reader
@@ -43,31 +43,31 @@ contains
     character(len=*), intent(in) :: path
     type(scene_type), intent(out) :: scene
     type(status_type), intent(out) :: status
-    type(namelist_type) :: namelist
+    type(namelist_type) :: file
     type(kernel_holder) :: kernels(2)
     type(mount_parameters) :: parameters
 
     scene%path = path
     scene%canonical = ''
-    call read_namelist(path, namelist, status)
-    if (.not. status%failed()) call check_groups(namelist, status)
-    if (.not. status%failed()) call read_title(namelist, scene, status)
-    if (.not. status%failed()) call read_kernels(namelist, scene, kernels, parameters, status)
-    if (.not. status%failed()) call read_mount(namelist, scene, kernels, parameters, status)
-    if (.not. status%failed()) call read_loads(namelist, scene, status)
-    if (.not. status%failed()) call read_response(namelist, scene, status)
+    call read_namelist(path, file, status)
+    if (.not. status%failed()) call check_groups(file, status)
+    if (.not. status%failed()) call read_title(file, scene, status)
+    if (.not. status%failed()) call read_kernels(file, scene, kernels, parameters, status)
+    if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
+    if (.not. status%failed()) call read_loads(file, scene, status)
+    if (.not. status%failed()) call read_response(file, scene, status)
   end subroutine read_scene
 
   !> Known groups only, and the right number of each.
-  subroutine check_groups(namelist, status)
-    type(namelist_type), intent(in) :: namelist
+  subroutine check_groups(file, status)
+    type(namelist_type), intent(in) :: file
     type(status_type), intent(out) :: status
     integer :: i, j, n
 
-    do i = 1, size(namelist%groups)
-      associate (group => namelist%groups(i))
+    do i = 1, size(file%groups)
+      associate (group => file%groups(i))
         if (.not. any(group_names == group%name)) then
-          call fail(status, status_input_error, group%name, namelist%path//':' &
+          call fail(status, status_input_error, group%name, file%path//':' &
                     //show(group%line)//': unknown group &'//group%name//': must be one of ' &
                     //'&scene, &mount, &kernel, &load, &response')
           return
@@ -76,17 +76,17 @@ contains
     end do
     do j = 1, size(group_names)
       n = 0
-      do i = 1, size(namelist%groups)
-        if (namelist%groups(i)%name == group_names(j)) n = n + 1
+      do i = 1, size(file%groups)
+        if (file%groups(i)%name == group_names(j)) n = n + 1
         if (n == 2 .and. .not. any(group_names(j) == ['kernel', 'load  '])) then
-          call fail(status, status_input_error, trim(group_names(j)), namelist%path//':' &
-                    //show(namelist%groups(i)%line)//': a second &'//trim(group_names(j)) &
+          call fail(status, status_input_error, trim(group_names(j)), file%path//':' &
+                    //show(file%groups(i)%line)//': a second &'//trim(group_names(j)) &
                     //': must be given once')
           return
         end if
       end do
       if (n == 0 .and. any(group_names(j) == ['mount   ', 'load    ', 'response'])) then
-        call fail(status, status_input_error, trim(group_names(j)), namelist%path//': no &' &
+        call fail(status, status_input_error, trim(group_names(j)), file%path//': no &' &
                   //trim(group_names(j))//' group: a scene needs &mount, &load and a wanted ' &
                   //'result (&response)')
         return
@@ -94,17 +94,17 @@ contains
     end do
   end subroutine check_groups
 
-  subroutine read_title(namelist, scene, status)
-    type(namelist_type), intent(in) :: namelist
+  subroutine read_title(file, scene, status)
+    type(namelist_type), intent(in) :: file
     type(scene_type), intent(inout) :: scene
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     integer :: i
 
     scene%title = ''
-    do i = 1, size(namelist%groups)
-      if (namelist%groups(i)%name /= 'scene') cycle
-      call reader%start(namelist%path, namelist%groups(i))
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name /= 'scene') cycle
+      call reader%start(file%path, file%groups(i))
       scene%title = reader%read_text('title', '')
       call close_group(reader, scene, status)
     end do
@@ -120,8 +120,8 @@ contains
     scene%canonical = scene%canonical//reader%echo
   end subroutine close_group
 
-  subroutine read_kernels(namelist, scene, kernels, parameters, status)
-    type(namelist_type), intent(in) :: namelist
+  subroutine read_kernels(file, scene, kernels, parameters, status)
+    type(namelist_type), intent(in) :: file
     type(scene_type), intent(inout) :: scene
     type(kernel_holder), intent(inout) :: kernels(2)
     !> Gets which kernel acts on which spring.
@@ -132,9 +132,9 @@ contains
     integer :: i, n
 
     n = 0
-    do i = 1, size(namelist%groups)
-      if (namelist%groups(i)%name /= 'kernel') cycle
-      call reader%start(namelist%path, namelist%groups(i))
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name /= 'kernel') cycle
+      call reader%start(file%path, file%groups(i))
       n = n + 1
       acts_on = reader%read_text('acts_on', 'both', [character(len=4) :: 'both', 'x', 'phi'])
       if ((acts_on /= 'phi' .and. parameters%kernel_x > 0) &
@@ -171,7 +171,7 @@ contains
       p = [reader%read_real('amplitude'), reader%read_real('alpha')]
     case (kernel_prony)
       p = [reader%read_reals('weights'), reader%read_reals('rates')]
-    case (kernel_tabulated)
+    case default
       word = reader%read_text('interpolation', 'linear', &
                               [character(len=11) :: 'linear', 'exponential'], code)
       p = [real(code - 1, wp), reader%read_reals('times'), reader%read_reals('values')]
@@ -181,8 +181,8 @@ contains
     call reader%place(status)
   end subroutine read_kernel
 
-  subroutine read_mount(namelist, scene, kernels, parameters, status)
-    type(namelist_type), intent(in) :: namelist
+  subroutine read_mount(file, scene, kernels, parameters, status)
+    type(namelist_type), intent(in) :: file
     type(scene_type), intent(inout) :: scene
     type(kernel_holder), intent(in) :: kernels(2)
     type(mount_parameters), intent(inout) :: parameters
@@ -193,10 +193,10 @@ contains
     real(wp) :: c(4)
     integer :: i
 
-    do i = 1, size(namelist%groups)
-      if (namelist%groups(i)%name == 'mount') exit
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name == 'mount') exit
     end do
-    call reader%start(namelist%path, namelist%groups(i))
+    call reader%start(file%path, file%groups(i))
     parameters%mass = reader%read_real('mass')
     parameters%inertia = reader%read_real('inertia')
     parameters%offset = reader%read_real('offset')
@@ -218,8 +218,8 @@ contains
   end subroutine read_mount
 
   !> Every &load is a term amplitude sin(order nu t + phase); they add up.
-  subroutine read_loads(namelist, scene, status)
-    type(namelist_type), intent(in) :: namelist
+  subroutine read_loads(file, scene, status)
+    type(namelist_type), intent(in) :: file
     type(scene_type), intent(inout) :: scene
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
@@ -230,17 +230,17 @@ contains
     complex(wp) :: term
     integer :: i, n, kind, on
 
-    n = count([(namelist%groups(i)%name == 'load', i=1, size(namelist%groups))])
+    n = count([(file%groups(i)%name == 'load', i=1, size(file%groups))])
     allocate (orders(n), force(2, n), base(n))
     force = (0.0_wp, 0.0_wp)
     base = (0.0_wp, 0.0_wp)
     n = 0
-    do i = 1, size(namelist%groups)
-      if (namelist%groups(i)%name /= 'load') cycle
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name /= 'load') cycle
       n = n + 1
       kind = 1
       on = 1
-      call reader%start(namelist%path, namelist%groups(i))
+      call reader%start(file%path, file%groups(i))
       word = reader%read_text('kind', 'force', [character(len=5) :: 'force', 'base'], kind)
       if (kind == 1) word = reader%read_text('on', 'x', coordinate_names, on)
       orders(n) = reader%read_integer('order', 1)
@@ -266,18 +266,18 @@ contains
     call new_load(scene%load, 2, orders, force, base, status)
   end subroutine read_loads
 
-  subroutine read_response(namelist, scene, status)
-    type(namelist_type), intent(in) :: namelist
+  subroutine read_response(file, scene, status)
+    type(namelist_type), intent(in) :: file
     type(scene_type), intent(inout) :: scene
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     character(len=:), allocatable :: word
     integer :: i
 
-    do i = 1, size(namelist%groups)
-      if (namelist%groups(i)%name == 'response') exit
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name == 'response') exit
     end do
-    call reader%start(namelist%path, namelist%groups(i))
+    call reader%start(file%path, file%groups(i))
     word = reader%read_text('method', 'successive', method_names, scene%method)
     scene%options%harmonics = reader%read_integer('harmonics', scene%options%harmonics)
     scene%options%tolerance = reader%read_real('tolerance', scene%options%tolerance)

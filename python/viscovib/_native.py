@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from viscovib import _viscovib as core  # type: ignore[attr-defined]
+from viscovib import _viscovib  # type: ignore[attr-defined]
 from viscovib.errors import FileError, InputError
+
+#: The compiled core: flat routines, typed by nothing but this module.
+core: Any = _viscovib
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

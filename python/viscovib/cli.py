@@ -17,7 +17,7 @@ _UNSOLVED, _BAD_INPUT, _BAD_FILE, _INTERRUPTED = 1, 2, 3, 130
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; the exit status is that of the standalone driver."""
     options = _parser().parse_args(arguments)
-    warnings.showwarning = _show_warning  # type: ignore[assignment]
+    warnings.showwarning = _show_warning
     warnings.simplefilter("always", StabilityWarning)
     warnings.simplefilter("ignore", ConvergenceWarning)
     try:

@@ -14,7 +14,7 @@ import numpy as np
 from viscovib.errors import StabilityWarning
 from viscovib.kernels import RzhanitsynKernel
 from viscovib.mount import GEOMETRIES, Mount
-from viscovib.plots import COLOURS, STYLES, plot_response
+from viscovib.plots import COLOURS, plot_response
 from viscovib.response import Peak, Response, forced_response
 
 AMPLITUDES = (0.078, 0.048, 0.030, 0.020, 0.015)
@@ -57,8 +57,8 @@ def peak_rows(
         for resonance, band in BANDS.items():
             for dof in ("x", "phi"):
                 for a, response in responses.items():
-                    pair = (r.peak(dof, band=band) for r in (linear[a], response))
-                    yield geometry, dof, a, resonance, *pair
+                    before, after = linear[a].peak(dof, band=band), response.peak(dof, band=band)
+                    yield geometry, dof, a, resonance, before, after
 
 
 def write_peaks(path: Path, rows: list[tuple[str, str, float, str, Peak, Peak]]) -> None:
@@ -84,10 +84,7 @@ def print_peaks(rows: list[tuple[str, str, float, str, Peak, Peak]]) -> None:
     found: dict[tuple[str, str, str], list[str]] = {}
     for geometry, dof, _, resonance, linear, peak in rows:
         ratio = peak.amplitude / linear.amplitude
-        if peak.enclosed or not linear.enclosed:
-            text = f"{ratio:.4f}"
-        else:
-            text = f"[{ratio:.4f}]"
+        text = f"{ratio:.4f}" if peak.enclosed or not linear.enclosed else f"[{ratio:.4f}]"
         found.setdefault((geometry, resonance, dof), []).append(text)
     for (geometry, resonance, dof), cells in found.items():
         line = "".join(f"{cell:>12}" for cell in cells)
@@ -109,32 +106,38 @@ def print_claim(rows: list[tuple[str, str, float, str, Peak, Peak]]) -> None:
             "; ".join(f"{dof} at the {res} resonance, A = {a}" for res, dof, a in holds)
             or "nowhere at this load"
         )
-        print(f"  {geometry:8} changes {100 * (low - 1):+.1f} % to {100 * (high - 1):+.1f} %; "
-              f"3-4 % greater: {where}")
+        print(
+            f"  {geometry:8} changes {100 * (low - 1):+.1f} % to {100 * (high - 1):+.1f} %; "
+            f"3-4 % greater: {where}"
+        )
 
 
 def draw(path: Path, linear: dict[float, Response], nonlinear: dict[float, Response]) -> None:
-    """Draw the five nonlinear curves over their thin linear counterparts."""
-    import matplotlib
+    """Draw the five nonlinear curves over thin linear ones, the first resonance enlarged."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    figure = Figure(figsize=(10, 6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, 2, width_ratios=(3, 2))
     labels = [f"$A$ = {a:.3f}" for a in nonlinear]
-    axes = plot_response(list(nonlinear.values()), labels=labels)
-    for axis, dof in zip(axes, ("x", "phi"), strict=True):
-        for curve, colour in zip(linear.values(), COLOURS, strict=True):
-            axis.plot(curve.nu, curve.amplitude(dof), color=colour, linewidth=0.6, alpha=0.7)
-        axis.set_xlim(NU[0], NU[-1])
-    axes[0].plot([], [], color="0.4", linewidth=0.6, label="linear (thin)")
-    axes[0].legend(ncols=2)
-    axes[0].set_title(
-        f"Body on hereditary mounts, load {LOAD} N $\\sin\\nu t$ on $x$, cubic geometry",
-        fontsize=10,
+    curves = list(nonlinear.values())
+    plot_response(curves, axes[:, 0], labels=labels)
+    plot_response(curves, axes[:, 1], log=False)
+    for row, dof in zip(axes, ("x", "phi"), strict=True):
+        for axis in row:
+            for curve, colour in zip(linear.values(), COLOURS, strict=True):
+                axis.plot(curve.nu, curve.amplitude(dof), color=colour, linewidth=0.6)
+        row[0].set_xlim(NU[0], NU[-1])
+        row[1].set_xlim(1.2, 2.2)
+        row[1].set_ylabel("")
+    axes[0, 0].plot([], [], color="0.4", linewidth=0.6, label="linear (thin)")
+    axes[0, 0].legend(ncols=2)
+    axes[0, 1].set_title("first resonance", fontsize=10)
+    axes[0, 0].set_title(
+        f"Load {LOAD} N $\\sin\\nu t$ on $x$, $c_x$ = 10 N/m, $c_\\varphi$ = 2 N m", fontsize=10
     )
-    figure = axes[0].figure
-    figure.savefig(path)
-    plt.close(figure)
+    figure.savefig(path, dpi=200)
 
 
 def main(arguments: list[str] | None = None) -> int:

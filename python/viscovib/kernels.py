@@ -11,7 +11,7 @@ in closed form, to the last digits.
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +45,8 @@ class Kernel(ABC):
         if times.size and times.min() <= 0:
             raise InputError(f"t = {times.min()}: must be greater than 0")
         (values,) = _native.call(core.kernel_value, self._kind, self._data, times.ravel())
-        return _same_shape(values, times)
+        result: FloatArray = _same_shape(values, times)
+        return result
 
     def transform(self, mu: npt.ArrayLike) -> ComplexArray:
         """R_c - i R_s at circular frequencies mu (rad/s), any shape; dimensionless."""
@@ -64,7 +65,8 @@ class Kernel(ABC):
         """Laplace transform at complex s (1/s), any shape, continued off its branch cut."""
         points = _native.complex_array("s", s)
         (values,) = _native.call(core.kernel_laplace, self._kind, self._data, points.ravel())
-        return _same_shape(values, points)
+        result: ComplexArray = _same_shape(values, points)
+        return result
 
     def _transforms(self, mu: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         frequencies = _native.real_array("mu", mu)
@@ -80,7 +82,7 @@ class Kernel(ABC):
         _ = self.integral
 
 
-def _same_shape(values: npt.NDArray[np.generic], like: npt.NDArray[np.generic]) -> npt.NDArray:
+def _same_shape(values: npt.NDArray[Any], like: npt.NDArray[Any]) -> Any:
     return values.reshape(like.shape)[()]
 
 

@@ -115,9 +115,7 @@ class Mount:
         (stiffness,) = _native.call(
             core.mount_dynamic_stiffness, self._flat, *self._kernels, frequencies.ravel()
         )
-        return np.ascontiguousarray(np.moveaxis(stiffness, 2, 0)).reshape(
-            *frequencies.shape, 2, 2
-        )
+        return np.ascontiguousarray(np.moveaxis(stiffness, 2, 0)).reshape(*frequencies.shape, 2, 2)
 
     @property
     def _flat(self) -> FloatArray:

@@ -64,7 +64,7 @@ def plot_response(
     if not curves:
         raise InputError("response: must not be empty")
     names = curves[0].dof_names
-    with plt.rc_context(_STYLE_SHEET):
+    with plt.rc_context(_STYLE_SHEET):  # type: ignore[arg-type]
         if ax is None:
             _, ax = plt.subplots(
                 len(names), 1, figsize=(7, 3 * len(names)), sharex=True, layout="constrained"

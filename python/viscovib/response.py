@@ -76,7 +76,7 @@ class Response:
     @property
     def converged(self) -> npt.NDArray[np.bool_]:
         """Where a solution was found, shape (n,)."""
-        return self.outcome == "converged"
+        return np.asarray(self.outcome == "converged")
 
     @cached_property
     def corrections(self) -> FloatArray:
@@ -351,9 +351,7 @@ def _prepare(
         _native.integer("max_iterations", max_iterations, 1, _MAX_ITERATIONS),
         fraction,
     )
-    n_kept, kept, _, _, ran, text = _native.call(
-        core.mount_plan, *job, frequencies, *options, 0
-    )
+    n_kept, kept, _, _, ran, text = _native.call(core.mount_plan, *job, frequencies, *options, 0)
     orders = kept[:n_kept].copy()
     return job, frequencies, options, _Plan(orders, METHODS[ran - 1], text.decode().strip())
 

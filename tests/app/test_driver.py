@@ -119,15 +119,21 @@ BAD_SCENES = {
         None,
         "has no finite integral",
     ),
-    "kernel twice": (GOOD.replace("&load", "&kernel kind='abel', amplitude=1, alpha=1/\n&load"), 3,
-                     "has a kernel already"),
+    "kernel twice": (
+        GOOD.replace("&load", "&kernel kind='abel', amplitude=1, alpha=1/\n&load"),
+        3,
+        "has a kernel already",
+    ),
     "geometry": (GOOD.replace("mass=1", "geometry='flat', mass=1"), 1, "geometry = 'flat'"),
     "damping": (GOOD.replace("mass=1", "damping=1 2 3, mass=1"), 1, "damping has 3 values"),
     "grid reversed": (GOOD.replace("nu_max=4", "nu_max=0.2"), 4, "nu_max = 0.2: must be greater"),
     "grid of one": (GOOD.replace("count=8", "count=1"), 4, "nu_count = 1: must be 2 to"),
     "grid count real": (GOOD.replace("count=8", "count=8.5"), 4, "8.5: must be an integer"),
-    "nu unsorted": (GOOD.replace("nu_min=0.5, nu_max=4, nu_count=8", "nu=1 3 2"), 4,
-                    "nu (value 3) = 2 after 3: must be strictly increasing"),
+    "nu unsorted": (
+        GOOD.replace("nu_min=0.5, nu_max=4, nu_count=8", "nu=1 3 2"),
+        4,
+        "nu (value 3) = 2 after 3: must be strictly increasing",
+    ),
     "nu zero": (GOOD.replace("nu_min=0.5, nu_max=4, nu_count=8", "nu=0 1"), 4, "greater than 0"),
     "tolerance": (GOOD.replace("nu_count=8", "nu_count=8, tolerance=0"), None, "tolerance = 0"),
     "load order": (GOOD.replace("&load", "&load order=-1,"), 3, "order = -1: must be 0"),
@@ -248,8 +254,9 @@ def test_driver_reproduces_the_tabulated_curves(solve, tmp_path):
         assert done.returncode == 0, done.stderr
         table = read_csv(tmp_path / "curve_response.csv")
         for dof in ("x", "phi"):
-            largest = np.array([abs(complex(float(p[f"{dof}_1_re"]), float(p[f"{dof}_1_im"])))
-                                for p in points])
+            largest = np.array(
+                [abs(complex(float(p[f"{dof}_1_re"]), float(p[f"{dof}_1_im"]))) for p in points]
+            )
             for k in (1, 3, 5, 7, 9):
                 for part in ("re", "im"):
                     expected = np.array([float(p[f"{dof}_{k}_{part}"]) for p in points])

@@ -21,4 +21,3 @@ def mount():
         return vv.Mount(**(parameters | changes))
 
     return build
-

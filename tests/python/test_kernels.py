@@ -167,7 +167,10 @@ def test_extreme_frequencies_fall_back_without_loss():
         (lambda: vv.PronyKernel(weights=[1, 2], rates=[1]), "weights and rates have 2 and 1"),
         (lambda: vv.PronyKernel(weights=[1, -2], rates=[1, 1]), "weights (value 2) = -2"),
         (lambda: vv.PronyKernel(weights=[], rates=[]), "weights: must not be empty"),
-        (lambda: vv.TabulatedKernel(times=[0, 1, 1], values=[1, 1, 1]), "times (value 3) = 1 after 1"),
+        (
+            lambda: vv.TabulatedKernel(times=[0, 1, 1], values=[1, 1, 1]),
+            "times (value 3) = 1 after 1",
+        ),
         (lambda: vv.TabulatedKernel(times=[-1, 1], values=[1, 1]), "times (value 1) = -1"),
         (lambda: vv.TabulatedKernel(times=[1], values=[1]), "must match and be 2 or more"),
         (lambda: vv.TabulatedKernel(times=[0, 1], values=[1, math.inf]), "values[1] = inf"),

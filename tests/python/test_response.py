@@ -43,7 +43,7 @@ def test_full_set_of_harmonics_agrees_with_half_wave(mount, geometry):
 
 
 def test_turned_about_coordinates_turn_the_response(mount):
-    """x -> -x, l -> -l is the same body seen from behind."""
+    """X -> -x, l -> -l is the same body seen from behind."""
     nu = [0.8, 3.0]
     load = {1: 0.2, 2: 0.05, 0: 0.02j}
     there = vv.forced_response(mount(), nu, load=load)
@@ -158,7 +158,7 @@ def test_undamped_resonance_is_singular_not_a_number():
 
 def test_waveform_repeats_the_series(mount):
     r = vv.forced_response(mount(), [1.0, 3.0], load={1: 0.2, 2: 0.1, 0: 0.05j})
-    t, u = r.waveform(0, 64)
+    _t, u = r.waveform(0, 64)
     series = vv.fourier_coefficients(u[:, 1], 9)
     for k, value in series.items():
         assert value == pytest.approx(r.coefficient("phi", k)[0], abs=1e-15)
