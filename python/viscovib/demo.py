@@ -132,7 +132,7 @@ def draw(path: Path, linear: dict[float, Response], nonlinear: dict[float, Respo
         row[1].set_xlim(1.2, 2.2)
         row[1].set_ylabel("")
     axes[0, 0].plot([], [], color="0.4", linewidth=0.6, label="linear (thin)")
-    axes[0, 0].legend(ncols=2)
+    axes[0, 0].legend(ncols=2, frameon=False)
     axes[0, 1].set_title("first resonance", fontsize=10)
     axes[0, 0].set_title(
         f"Load {LOAD} N $\\sin\\nu t$ on $x$, $c_x$ = 10 N/m, $c_\\varphi$ = 2 N m", fontsize=10

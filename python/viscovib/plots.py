@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,18 +16,6 @@ if TYPE_CHECKING:
 COLOURS = ("#0b1d51", "#7b1e7a", "#c8452e", "#e08e1b", "#b9b21a")
 STYLES = ("-", (0, (6, 1.5)), (0, (4, 1.2, 1, 1.2)), (0, (2, 1)), (0, (1, 1)))
 
-_STYLE_SHEET: dict[str, Any] = {
-    "font.size": 10,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "0.9",
-    "grid.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-    "savefig.dpi": 200,
-    "lines.linewidth": 1.6,
-}
 _SYMBOLS = {"x": "x", "phi": r"\varphi"}
 
 
@@ -64,29 +52,33 @@ def plot_response(
     if not curves:
         raise InputError("response: must not be empty")
     names = curves[0].dof_names
-    with plt.rc_context(_STYLE_SHEET):  # type: ignore[arg-type]
-        if ax is None:
-            _, ax = plt.subplots(
-                len(names), 1, figsize=(7, 3 * len(names)), sharex=True, layout="constrained"
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        figure = plt.figure(figsize=(7, 3 * len(names)), layout="constrained")
+        ax = figure.subplots(len(names), 1, sharex=True)
+    axes = list(np.atleast_1d(np.asarray(ax, dtype=object)))
+    if len(axes) != len(names):
+        raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
+    for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
+        for i, curve in enumerate(curves):
+            axis.plot(
+                curve.nu,
+                curve.amplitude(name, harmonic),
+                color=COLOURS[i % len(COLOURS)],
+                linestyle=STYLES[i % len(STYLES)],
+                linewidth=1.6,
+                label=labels[i] if labels else None,
             )
-        axes = list(np.atleast_1d(np.asarray(ax, dtype=object)))
-        if len(axes) != len(names):
-            raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
-        for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
-            for i, curve in enumerate(curves):
-                axis.plot(
-                    curve.nu,
-                    curve.amplitude(name, harmonic),
-                    color=COLOURS[i % len(COLOURS)],
-                    linestyle=STYLES[i % len(STYLES)],
-                    label=labels[i] if labels else None,
-                )
-            axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{harmonic}|$ ({unit})")
-            if log:
-                axis.set_yscale("log")
-        axes[-1].set_xlabel(r"circular frequency of the load $\nu$ (rad/s)")
-        if labels:
-            axes[0].legend()
+        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{harmonic}|$ ({unit})")
+        if log:
+            axis.set_yscale("log")
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.grid(color="0.9", linewidth=0.6)
+        axis.set_axisbelow(True)
+    axes[-1].set_xlabel(r"circular frequency of the load $\nu$ (rad/s)")
+    if labels:
+        axes[0].legend(frameon=False)
     return axes
 
 

@@ -1,0 +1,60 @@
+"""Honest timing: interleaved repeats, medians, ratios pair by pair."""
+
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+
+def seconds(job: Callable[[], object], repeats: int = 9, shortest: float = 0.005) -> float:
+    """Median time of one call, each sample long enough for the clock."""
+    job()
+    start = time.perf_counter()
+    job()
+    once = max(time.perf_counter() - start, 1e-9)
+    count = max(1, int(shortest / once))
+    samples = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        for _ in range(count):
+            job()
+        samples.append((time.perf_counter() - start) / count)
+    return statistics.median(samples)
+
+
+def pair(
+    ours: Callable[[], object], theirs: Callable[[], object], repeats: int = 7
+) -> tuple[float, float, float]:
+    """Times of both and the median ratio theirs/ours, measured in turn."""
+    mine, other = [], []
+    for _ in range(repeats):
+        mine.append(seconds(ours, repeats=1))
+        other.append(seconds(theirs, repeats=1, shortest=0.0))
+    ratios = [b / a for a, b in zip(mine, other, strict=True)]
+    return statistics.median(mine), statistics.median(other), statistics.median(ratios)
+
+
+def machine() -> str:
+    """Processor and versions, for the head of a table."""
+    import numpy
+    import scipy
+    import viscovib
+
+    names = [
+        line.split(":", 1)[1].strip()
+        for line in Path("/proc/cpuinfo").read_text().splitlines()
+        if line.startswith("model name")
+    ]
+    return (
+        f"{names[0] if names else platform.processor()}, Python {platform.python_version()}, "
+        f"viscovib {viscovib.__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"
+    )
+
+
+def show_time(value: float) -> str:
+    """Write a time with a fitting unit."""
+    for factor, unit in ((1e9, "ns"), (1e6, "us"), (1e3, "ms")):
+        if value * factor < 1000:
+            return f"{value * factor:.3g} {unit}"
+    return f"{value:.3g} s"
