@@ -2,24 +2,34 @@
 ! code and parameters as in `viscovib_catalogue`; nothing is kept between calls.
 ! `status` is a category of `viscovib_status` and `message` its one line.
 
-!> R_c and R_s at mu.
-subroutine kernel_transform(kind, data, n_data, mu, n, cosine, sine, status, message)
-  use, intrinsic :: iso_c_binding, only: c_double, c_int
+!> R_c - i R_s at mu.
+subroutine kernel_transform(kind, data, n_data, mu, n, transform, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_kernel, report
   use viscovib_kernel, only: kernel_type
   use viscovib_status, only: status_type
   implicit none
   integer(c_int), intent(in) :: kind, n_data, n
   real(c_double), intent(in) :: data(n_data), mu(n)
-  real(c_double), intent(out) :: cosine(n), sine(n)
+  complex(c_double_complex), intent(out) :: transform(n)
   integer(c_int), intent(out) :: status
   character(len=512), intent(out) :: message
   !f2py threadsafe
+  !> Parts small enough to stay in cache between the two passes.
+  integer, parameter :: part = 1024
   class(kernel_type), allocatable :: kernel
   type(status_type) :: outcome
+  real(c_double) :: cosine(part), sine(part)
+  integer :: first, m
 
   call make_kernel(kernel, kind, data, outcome)
-  if (.not. outcome%failed()) call kernel%transform(mu, cosine, sine)
+  if (.not. outcome%failed()) then
+    do first = 1, n, part
+      m = min(part, n - first + 1)
+      call kernel%transform(mu(first:first + m - 1), cosine(:m), sine(:m))
+      transform(first:first + m - 1) = cmplx(cosine(:m), -sine(:m), c_double_complex)
+    end do
+  end if
   call report(outcome, status, message)
 end subroutine kernel_transform
 

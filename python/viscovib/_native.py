@@ -58,12 +58,12 @@ def real_array(name: str, value: object, *, ndim: int | None = None) -> FloatArr
     array = _array(name, value)
     if array.dtype.kind == "c":
         raise InputError(f"{name}: must be real, got complex numbers")
-    return _checked(name, array.astype(np.float64), ndim)
+    return _checked(name, array.astype(np.float64, copy=False), ndim)
 
 
 def complex_array(name: str, value: object, *, ndim: int | None = None) -> ComplexArray:
     """Return finite complex numbers as a C-contiguous complex128 array."""
-    return _checked(name, _array(name, value).astype(np.complex128), ndim)
+    return _checked(name, _array(name, value).astype(np.complex128, copy=False), ndim)
 
 
 def _array(name: str, value: object) -> npt.NDArray[Any]:
@@ -80,7 +80,7 @@ def _checked(name: str, array: npt.NDArray[Any], ndim: int | None) -> npt.NDArra
     if ndim is not None and array.ndim != ndim:
         raise InputError(f"{name}: must have {ndim} dimension(s), got shape {array.shape}")
     finite = np.isfinite(array)
-    if not finite.all():
+    if not np.all(finite):
         where = tuple(int(i) for i in np.argwhere(~finite)[0])
         place = f"[{', '.join(map(str, where))}]" if where else ""
         raise InputError(f"{name}{place} = {array[where]}: must be a finite number")

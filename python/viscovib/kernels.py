@@ -26,7 +26,7 @@ class Kernel(ABC):
 
     _kind: ClassVar[int]
 
-    @property
+    @cached_property
     @abstractmethod
     def _data(self) -> FloatArray:
         """Parameters in the flat order of the core."""
@@ -50,16 +50,22 @@ class Kernel(ABC):
 
     def transform(self, mu: npt.ArrayLike) -> ComplexArray:
         """R_c - i R_s at circular frequencies mu (rad/s), any shape; dimensionless."""
-        cosine, sine = self._transforms(mu)
-        return np.asarray(cosine - 1j * sine)[()]
+        frequencies = _native.real_array("mu", mu)
+        if not np.isfinite(self.integral) and (frequencies == 0).any():
+            raise InputError("mu = 0: this kernel has no integral, mu must not be 0")
+        (values,) = _native.call(
+            core.kernel_transform, self._kind, self._data, frequencies.ravel()
+        )
+        result: ComplexArray = _same_shape(values, frequencies)
+        return result
 
     def cosine(self, mu: npt.ArrayLike) -> FloatArray:
         """R_c, the integral of R(t) cos(mu t)."""
-        return self._transforms(mu)[0]
+        return np.array(self.transform(mu).real)[()]
 
     def sine(self, mu: npt.ArrayLike) -> FloatArray:
         """R_s, the integral of R(t) sin(mu t)."""
-        return self._transforms(mu)[1]
+        return np.array(-self.transform(mu).imag)[()]
 
     def laplace(self, s: npt.ArrayLike) -> ComplexArray:
         """Laplace transform at complex s (1/s), any shape, continued off its branch cut."""
@@ -67,15 +73,6 @@ class Kernel(ABC):
         (values,) = _native.call(core.kernel_laplace, self._kind, self._data, points.ravel())
         result: ComplexArray = _same_shape(values, points)
         return result
-
-    def _transforms(self, mu: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        frequencies = _native.real_array("mu", mu)
-        if frequencies.size and not np.isfinite(self.integral) and (frequencies == 0).any():
-            raise InputError("mu = 0: this kernel has no integral, mu must not be 0")
-        cosine, sine = _native.call(
-            core.kernel_transform, self._kind, self._data, frequencies.ravel()
-        )
-        return _same_shape(cosine, frequencies), _same_shape(sine, frequencies)
 
     def _check(self) -> None:
         """Let the core judge the parameters."""
@@ -109,7 +106,7 @@ class RzhanitsynKernel(Kernel):
         _numbers(self, "amplitude", "alpha", "beta")
         self._check()
 
-    @property
+    @cached_property
     def _data(self) -> FloatArray:
         return np.array([self.amplitude, self.alpha, self.beta])
 
@@ -132,7 +129,7 @@ class AbelKernel(Kernel):
         _numbers(self, "amplitude", "alpha")
         self._check()
 
-    @property
+    @cached_property
     def _data(self) -> FloatArray:
         return np.array([self.amplitude, self.alpha])
 
@@ -163,7 +160,7 @@ class RabotnovKernel(Kernel):
         _numbers(self, "amplitude", "alpha", "beta")
         self._check()
 
-    @property
+    @cached_property
     def _data(self) -> FloatArray:
         return np.array([self.amplitude, self.alpha, self.beta])
 
@@ -188,7 +185,7 @@ class PronyKernel(Kernel):
         _vectors(self, "weights", "rates")
         self._check()
 
-    @property
+    @cached_property
     def _data(self) -> FloatArray:
         return np.concatenate([np.asarray(self.weights), np.asarray(self.rates)])
 
@@ -220,7 +217,7 @@ class TabulatedKernel(Kernel):
         _native.choice("interpolation", self.interpolation, self._codes)
         self._check()
 
-    @property
+    @cached_property
     def _data(self) -> FloatArray:
         code = float(self._codes.index(self.interpolation))
         return np.concatenate([[code], np.asarray(self.times), np.asarray(self.values)])
@@ -233,7 +230,7 @@ def _numbers(kernel: Kernel, *names: str) -> None:
 
 def _vectors(kernel: Kernel, first: str, second: str) -> None:
     for name in (first, second):
-        array = _native.real_array(name, getattr(kernel, name), ndim=1)
+        array = _native.real_array(name, getattr(kernel, name), ndim=1).copy()
         array.setflags(write=False)
         object.__setattr__(kernel, name, array)
     sizes = [getattr(kernel, name).size for name in (first, second)]

@@ -79,7 +79,7 @@ class Mount:
             object.__setattr__(self, name, _native.number(name, getattr(self, name)))
         _native.choice("geometry", self.geometry, GEOMETRIES)
         damping = np.zeros((2, 2)) if self.damping is None else self.damping
-        matrix = _native.real_array("damping", damping, ndim=2)
+        matrix = _native.real_array("damping", damping, ndim=2).copy()
         if matrix.shape != (2, 2):
             raise InputError(f"damping: must have shape (2, 2), got {matrix.shape}")
         matrix.setflags(write=False)
