@@ -53,9 +53,7 @@ class Kernel(ABC):
         frequencies = _native.real_array("mu", mu)
         if not np.isfinite(self.integral) and (frequencies == 0).any():
             raise InputError("mu = 0: this kernel has no integral, mu must not be 0")
-        (values,) = _native.call(
-            core.kernel_transform, self._kind, self._data, frequencies.ravel()
-        )
+        (values,) = _native.call(core.kernel_transform, self._kind, self._data, frequencies.ravel())
         result: ComplexArray = _same_shape(values, frequencies)
         return result
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray
+from viscovib._native import ComplexArray, core
 from viscovib.errors import InputError
 
 #: What ``load`` may be: P on x; a vector over the coordinates; or {order: either}.
@@ -37,7 +37,7 @@ def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, compl
         raise InputError(
             f"samples: {values.size} values, must be more than {2 * highest} for order {highest}"
         )
-    spectrum = np.fft.rfft(values)[: highest + 1] / values.size
+    spectrum = core.real_dft(values, values.size // 2 + 1)[: highest + 1] / values.size
     series = {0: 1j * spectrum[0].real}
     series.update({k: 2j * spectrum[k] for k in range(1, highest + 1)})
     return {order: complex(value) for order, value in series.items()}

@@ -4,6 +4,7 @@ program tester
   use testing, only: report, select_test
   use test_base, only: run_base
   use test_dense, only: run_dense
+  use test_fourier, only: run_fourier
   use test_harmonics, only: run_harmonics
   use test_kernels, only: run_kernels
   use test_response, only: run_response
@@ -19,6 +20,7 @@ program tester
 
   if (wants('base')) call run_base()
   if (wants('dense')) call run_dense()
+  if (wants('fourier')) call run_fourier()
   if (wants('harmonics')) call run_harmonics()
   if (wants('kernels')) call run_kernels()
   if (wants('response')) call run_response()

@@ -1,6 +1,7 @@
 """Forced response: independent values, symmetry, laws, outcomes and bad input."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 
 import numpy as np
@@ -241,3 +242,26 @@ def test_absurd_loads_end_cleanly(mount, load):
             assert r.amplitude("x")[0] == pytest.approx(
                 load * vv.forced_response(mount(), 1.0, load=1.0, method="linear").amplitude("x")[0]
             )
+
+
+def test_threads_run_at_once_and_agree(mount):
+    body, nu = mount(geometry="exact"), np.linspace(0.3, 12.0, 2000)
+    alone = vv.forced_response(body, nu, load=0.05).coefficients
+    with ThreadPoolExecutor(4) as pool:
+        for r in pool.map(lambda _: vv.forced_response(body, nu, load=0.05), range(16)):
+            assert (r.coefficients == alone).all()
+
+
+def test_many_frequencies_in_pieces(mount):
+    nu = np.linspace(0.3, 12.0, 10_001)
+    r = vv.forced_response(mount(), nu, load=0.05)
+    some = vv.forced_response(mount(), nu[::1000], load=0.05)
+    assert (r.coefficients[::1000] == some.coefficients).all()
+    assert r.corrections.shape == (nu.size, r.iterations.max())
+
+
+def test_a_hundred_harmonics(mount):
+    r = vv.forced_response(mount(), 1.0, load={1: 0.1, 2: 0.01}, harmonics=199)
+    few = vv.forced_response(mount(), 1.0, load={1: 0.1, 2: 0.01}, harmonics=20)
+    assert r.coefficients.shape == (1, 2, 200)
+    assert r.coefficients[:, :, :10] == pytest.approx(few.coefficients[:, :, :10], abs=1e-14)

@@ -1,0 +1,69 @@
+!> Discrete Fourier transforms of real signals, by FFTW.
+!!
+!! Plans are made once per length and kept; they take any array of that length.
+!! Estimated plans are used, so that results do not vary from run to run.
+!! Making a plan is the one thing in FFTW that two threads must not do at once:
+!! `real_spectrum` is therefore called under Python's lock, or by one thread.
+module viscovib_fourier
+  use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_double_complex, c_int, &
+    c_null_ptr, c_ptr
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: real_spectrum
+
+  !> FFTW_ESTIMATE, FFTW_UNALIGNED and FFTW_PRESERVE_INPUT of fftw3.h.
+  integer(c_int), parameter :: estimate = 64_c_int, unaligned = 2_c_int, preserve_input = 16_c_int
+  !> Lengths remembered; the oldest goes first.
+  integer, parameter :: max_plans = 32
+
+  integer, save :: lengths(max_plans) = 0, oldest = 1
+  type(c_ptr), save :: plans(max_plans) = c_null_ptr
+
+  interface
+    type(c_ptr) function fftw_plan_dft_r2c_1d(n, signal, spectrum, flags) bind(c)
+      import :: c_double, c_double_complex, c_int, c_ptr
+      integer(c_int), value :: n, flags
+      real(c_double), intent(inout) :: signal(*)
+      complex(c_double_complex), intent(inout) :: spectrum(*)
+    end function fftw_plan_dft_r2c_1d
+
+    subroutine fftw_execute_dft_r2c(plan, signal, spectrum) bind(c)
+      import :: c_double, c_double_complex, c_ptr
+      type(c_ptr), value :: plan
+      real(c_double), intent(inout) :: signal(*)
+      complex(c_double_complex), intent(out) :: spectrum(*)
+    end subroutine fftw_execute_dft_r2c
+
+    subroutine fftw_destroy_plan(plan) bind(c)
+      import :: c_ptr
+      type(c_ptr), value :: plan
+    end subroutine fftw_destroy_plan
+  end interface
+
+contains
+
+  !> sum_j signal_j exp(-2 pi i j k/n) for k = 0 ... n/2.
+  subroutine real_spectrum(signal, spectrum)
+    !> Shape (n), n >= 1.
+    real(wp), intent(in) :: signal(:)
+    !> Shape (n/2 + 1).
+    complex(wp), intent(out) :: spectrum(:)
+    real(wp) :: copy(size(signal))
+    integer :: i
+
+    copy = signal
+    i = findloc(lengths, size(signal), 1)
+    if (i == 0) then
+      i = oldest
+      oldest = mod(oldest, max_plans) + 1
+      if (c_associated(plans(i))) call fftw_destroy_plan(plans(i))
+      plans(i) = fftw_plan_dft_r2c_1d(size(signal), copy, spectrum, &
+                                      ior(estimate, ior(unaligned, preserve_input)))
+      lengths(i) = size(signal)
+    end if
+    call fftw_execute_dft_r2c(plans(i), copy, spectrum)
+  end subroutine real_spectrum
+
+end module viscovib_fourier
