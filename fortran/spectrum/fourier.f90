@@ -18,8 +18,8 @@ module viscovib_fourier
   !> Lengths remembered; the oldest goes first.
   integer, parameter :: max_plans = 32
 
-  integer, save :: lengths(max_plans) = 0, oldest = 1
-  type(c_ptr), save :: plans(max_plans) = c_null_ptr
+  integer :: lengths(max_plans) = 0, oldest = 1
+  type(c_ptr) :: plans(max_plans) = c_null_ptr
 
   interface
     type(c_ptr) function fftw_plan_dft_r2c_1d(n, signal, spectrum, flags) bind(c)
