@@ -76,19 +76,30 @@ def write_peaks(path: Path, rows: list[tuple[str, str, float, str, Peak, Peak]])
 
 
 def print_peaks(rows: list[tuple[str, str, float, str, Peak, Peak]]) -> None:
-    """Print ratios of nonlinear to linear peaks, a line a geometry and coordinate."""
-    print("Nonlinear over linear peak (in brackets: the peak itself was not reached, the largest")
-    print("amplitude found is given; successive approximations diverge around it).\n")
-    head = "".join(f"{f'A = {a:.3f}':>12}" for a in AMPLITUDES)
-    print(f"{'geometry':10}{'resonance':11}{'of':5}{head}")
-    found: dict[tuple[str, str, str], list[str]] = {}
+    """Print linear peaks, nonlinear peaks and their ratios, a column for each A."""
+    tables: dict[str, dict[tuple[str, str, str], list[str]]] = {
+        "Linear peaks (m, rad), the same for every geometry": {},
+        "Nonlinear peaks (m, rad)": {},
+        "Nonlinear over linear": {},
+    }
+    linear_table, nonlinear_table, ratio_table = tables.values()
     for geometry, dof, _, resonance, linear, peak in rows:
+        reached = peak.enclosed or not linear.enclosed
+        frame = "{}" if reached else "[{}]"
+        key = (geometry, resonance, dof)
+        if geometry == GEOMETRIES[0]:
+            linear_table.setdefault(("", resonance, dof), []).append(f"{linear.amplitude:.5f}")
+        nonlinear_table.setdefault(key, []).append(frame.format(f"{peak.amplitude:.5f}"))
         ratio = peak.amplitude / linear.amplitude
-        text = f"{ratio:.4f}" if peak.enclosed or not linear.enclosed else f"[{ratio:.4f}]"
-        found.setdefault((geometry, resonance, dof), []).append(text)
-    for (geometry, resonance, dof), cells in found.items():
-        line = "".join(f"{cell:>12}" for cell in cells)
-        print(f"{geometry:10}{resonance:11}{dof:5}{line}")
+        ratio_table.setdefault(key, []).append(frame.format(f"{ratio:.4f}"))
+    print("First harmonic at its resonances. [In brackets]: the peak was not reached, successive")
+    print("approximations diverge around it; the largest amplitude found is given.")
+    head = "".join(f"{f'A = {a:.3f}':>12}" for a in AMPLITUDES)
+    for title, table in tables.items():
+        print(f"\n{title}\n{'geometry':10}{'resonance':11}{'of':5}{head}")
+        for (geometry, resonance, dof), cells in table.items():
+            line = "".join(f"{cell:>12}" for cell in cells)
+            print(f"{geometry:10}{resonance:11}{dof:5}{line}")
 
 
 def print_claim(rows: list[tuple[str, str, float, str, Peak, Peak]]) -> None:

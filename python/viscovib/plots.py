@@ -2,11 +2,13 @@
 
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from viscovib.errors import FileError, InputError
+from viscovib.errors import InputError
+from viscovib.files import whole_file
 from viscovib.response import Response
 
 if TYPE_CHECKING:
@@ -94,7 +96,5 @@ def save_response(response: Response, path: str | os.PathLike[str]) -> None:
     figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
     FigureCanvasAgg(figure)
     plot_response(response, figure.subplots(len(names), 1, sharex=True), harmonic=int(orders[0]))
-    try:
-        figure.savefig(path, dpi=200)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be written ({error.strerror})") from None
+    with whole_file(path, "wb") as file:
+        figure.savefig(file, dpi=200, format=Path(path).suffix.lstrip(".") or "png")

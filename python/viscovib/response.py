@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +16,8 @@ from tqdm import tqdm
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.errors import ConvergenceWarning, FileError, InputError
+from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.files import whole_file
 from viscovib.load import LoadLike, load_series
 from viscovib.mount import Mount
 
@@ -160,14 +162,19 @@ class Response:
             for j, k in enumerate(self.harmonics):
                 columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real
                 columns[f"{name}_{k}_im"] = self.coefficients[:, d, j].imag
-        try:
-            with open(path, "w", newline="", encoding="utf-8") as file:
-                writer = csv.writer(file)
-                writer.writerow(columns)
-                for row in zip(*columns.values(), strict=True):
-                    writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
-        except OSError as error:
-            raise FileError(f"{path}: cannot be written ({error.strerror})") from None
+        units = ", ".join(
+            f"{name}_k_re, {name}_k_im: X_k of {name} ({unit})"
+            for name, unit in zip(self.dof_names, self.dof_units, strict=True)
+        )
+        with whole_file(path) as file:
+            file.write(f"# viscovib {version('viscovib')}\n# nu: circular frequency of the load ")
+            file.write("(rad/s); rate: factor between the last corrections; ")
+            file.write("u = Im sum_k X_k exp(i k nu t),\n")
+            file.write(f"# {units}; nan where no solution was found\n")
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            for row in zip(*columns.values(), strict=True):
+                writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
 
     def _dof(self, dof: int | str) -> int:
         if isinstance(dof, str) and dof in self.dof_names:

@@ -179,10 +179,15 @@ def test_dataset_and_csv_hold_the_same_numbers(mount, tmp_path):
     data = r.to_dataset()
     assert (data.amplitude.sel(dof="phi", harmonic=3).values == r.amplitude("phi", 3)).all()
     r.to_csv(tmp_path / "table.csv")
-    table = np.genfromtxt(tmp_path / "table.csv", delimiter=",", names=True, dtype=None)
+    lines = (tmp_path / "table.csv").read_text().splitlines()
+    table = np.genfromtxt(lines[3:], delimiter=",", names=True, dtype=None, encoding="utf-8")
     assert (table["x_1_re"] == r.coefficient("x").real).all()
     with pytest.raises(vv.FileError, match="cannot be written"):
         r.to_csv(tmp_path / "nowhere" / "table.csv")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(vv.FileError, match="cannot be written"):
+        r.to_csv(tmp_path / "folder")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder", "table.csv"]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,26 @@
+"""Files that are there whole or not at all."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+from viscovib.errors import FileError
+
+
+@contextmanager
+def whole_file(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[str]]:
+    """Open a file beside ``path`` and put it in its place only when all is written."""
+    target = Path(path)
+    part = target.with_name(target.name + ".part")
+    encoding = None if "b" in mode else "utf-8"
+    try:
+        with open(part, mode, encoding=encoding) as file:
+            yield file
+        os.replace(part, target)
+    except OSError as error:
+        raise FileError(f"{target}: cannot be written ({error.strerror})") from None
+    finally:
+        with suppress(OSError):
+            part.unlink()
