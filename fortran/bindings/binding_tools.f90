@@ -7,12 +7,13 @@ module viscovib_binding_tools
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
   use viscovib_oscillator, only: kernel_holder
+  use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_response, only: response_options
   use viscovib_status, only: fail, status_input_error, status_type
   implicit none
   private
 
-  public :: make_kernel, make_mount, make_load, make_options, report
+  public :: make_kernel, make_mount, make_pendulum, make_load, make_options, report
 
   !> Length of the flat mount: mass, inertia, offset, stiffness_x,
   !! stiffness_phi, damping (4, column by column), cubic_scale, memory_scale,
@@ -70,6 +71,17 @@ contains
     end if
     call new_mount(mount, parameters, kernels(:n), status)
   end subroutine make_mount
+
+  subroutine make_pendulum(pendulum, flat, status)
+    type(pendulum_type), intent(out) :: pendulum
+    !> e, w2, w3, alpha, c1..c3, f0, m01, m02, p1..p3, equations.
+    real(wp), intent(in) :: flat(14)
+    type(status_type), intent(out) :: status
+    call new_pendulum(pendulum, &
+                      pendulum_parameters(e=flat(1), w2=flat(2), w3=flat(3), alpha=flat(4), &
+                                          damping=flat(5:7), load=flat(8:10), &
+                                          frequency=flat(11:13), equations=nint(flat(14))), status)
+  end subroutine make_pendulum
 
   !> Rows of `series`: forces on the coordinates, then the motion of the base.
   subroutine make_load(load, orders, series, status)

@@ -1,4 +1,4 @@
-"""Vibration of a rigid body on viscoelastic mounts with memory."""
+"""Vibration of a rigid body on viscoelastic mounts with memory, and of a spring pendulum."""
 
 from importlib.metadata import version as _version
 
@@ -19,9 +19,11 @@ from viscovib.kernels import (
 )
 from viscovib.load import fourier_coefficients
 from viscovib.mount import Mount
+from viscovib.pendulum import Pendulum
 from viscovib.plots import plot_response
 from viscovib.response import Peak, Response, forced_response, plan_response
 from viscovib.scene import Scene, SceneResult, plan, run
+from viscovib.transient import Trajectory, simulate
 
 __version__ = _version("viscovib")
 
@@ -33,6 +35,7 @@ __all__ = [
     "Kernel",
     "Mount",
     "Peak",
+    "Pendulum",
     "PronyKernel",
     "RabotnovKernel",
     "Response",
@@ -41,6 +44,7 @@ __all__ = [
     "SceneResult",
     "StabilityWarning",
     "TabulatedKernel",
+    "Trajectory",
     "ViscovibError",
     "forced_response",
     "fourier_coefficients",
@@ -48,4 +52,5 @@ __all__ = [
     "plan_response",
     "plot_response",
     "run",
+    "simulate",
 ]

@@ -8,6 +8,7 @@ program tester
   use test_harmonics, only: run_harmonics
   use test_kernels, only: run_kernels
   use test_response, only: run_response
+  use test_transient, only: run_transient
   implicit none
 
   character(len=64) :: suite, name
@@ -24,6 +25,7 @@ program tester
   if (wants('harmonics')) call run_harmonics()
   if (wants('kernels')) call run_kernels()
   if (wants('response')) call run_response()
+  if (wants('transient')) call run_transient()
 
   if (.not. known) then
     write (*, '(2a)') 'no suite of this name: ', trim(suite)

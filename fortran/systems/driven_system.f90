@@ -1,0 +1,46 @@
+!> The abstract system that the time integrators work on:
+!!
+!!   q'' = a(q, q', cos(p_1 t), ..., cos(p_m t)),
+!!
+!! for a block of lanes at once. The lanes may be the nodes of a collocation
+!! step or trajectories side by side; the system does not know.
+module viscovib_driven_system
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  implicit none
+  private
+
+  public :: driven_system_type
+
+  type, abstract :: driven_system_type
+    integer :: n_dof = 0
+    !> Circular frequencies of the loads (rad/s or dimensionless).
+    real(wp), allocatable :: drives(:)
+  contains
+    procedure(acceleration_interface), deferred :: acceleration
+    procedure(physical_interface), deferred :: physical
+  end type driven_system_type
+
+  abstract interface
+
+    !> a(q, q', drive) in every lane.
+    pure subroutine acceleration_interface(self, q, v, drive, a)
+      import :: driven_system_type, n_lanes, wp
+      class(driven_system_type), intent(in) :: self
+      !> Coordinates and velocities, shape (n_lanes, n_dof).
+      real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+      !> cos(p_j t), shape (n_lanes, size(drives)).
+      real(wp), intent(in) :: drive(n_lanes, size(self%drives))
+      real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    end subroutine acceleration_interface
+
+    !> Coordinates (n_dof) are within what the equations describe.
+    pure logical function physical_interface(self, q)
+      import :: driven_system_type, wp
+      class(driven_system_type), intent(in) :: self
+      real(wp), intent(in) :: q(:)
+    end function physical_interface
+
+  end interface
+
+end module viscovib_driven_system

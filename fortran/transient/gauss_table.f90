@@ -1,0 +1,114 @@
+!> Coefficients of Gauss-Legendre collocation with s nodes (order 2s), for
+!! second-order systems, laid out for the lanes.
+!!
+!! Hairer, Lubich, Wanner, Geometric Numerical Integration, II.1.3; the matrices
+!! are written in shifted Legendre polynomials P_k, orthogonal under the nodes,
+!! which keeps every digit.
+module viscovib_gauss_table
+  use viscovib_constants, only: pi
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  implicit none
+  private
+
+  public :: gauss_table_type, new_gauss_table
+
+  type :: gauss_table_type
+    integer :: n_nodes = 0, n_blocks = 0
+    !> Nodes, weights of q' and of q, shape (n_lanes, n_blocks); lanes past the
+    !! last node are 0.
+    real(wp), allocatable :: nodes(:, :), weights(:, :), weights_q(:, :)
+    !> a_ij and its square, shape (n_lanes, n_lanes*n_blocks, n_blocks), i in
+    !! lanes and blocks.
+    real(wp), allocatable :: a(:, :, :), a_q(:, :, :)
+    !> Predicts the accelerations at the nodes of the next step from those of
+    !! this one: least squares by a polynomial. Same shape.
+    real(wp), allocatable :: extrapolation(:, :, :)
+  end type gauss_table_type
+
+contains
+
+  !> Table for s nodes, extrapolating with a polynomial of the given degree.
+  pure subroutine new_gauss_table(table, s, degree)
+    type(gauss_table_type), intent(out) :: table
+    integer, intent(in) :: s, degree
+    real(wp) :: c(s), b(s), a(s, s), square(s, s), next(s, s)
+    real(wp) :: p(0:s + 1, s), beyond(0:s + 1, s), start(0:s + 1)
+    integer :: i, j, k, n
+
+    call gauss_nodes(s, c, b)
+    start = legendre(s + 1, 0.0_wp)
+    do i = 1, s
+      p(:, i) = legendre(s + 1, c(i))
+      beyond(:, i) = legendre(s + 1, 1.0_wp + c(i))
+    end do
+    ! a_ij = b_j sum_k (2k+1) P_k(c_j) integral_0^c_i P_k, the integral being
+    ! [P_(k+1) - P_(k-1)]/(2 (2k+1)) between its limits.
+    do j = 1, s
+      do i = 1, s
+        a(i, j) = c(i)
+        do k = 1, s - 1
+          a(i, j) = a(i, j) + p(k, j)*0.5_wp*((p(k + 1, i) - start(k + 1)) &
+                                              - (p(k - 1, i) - start(k - 1)))
+        end do
+        a(i, j) = b(j)*a(i, j)
+        next(i, j) = b(j)*sum([((2*k + 1)*beyond(k, i)*p(k, j), k=0, min(degree, s - 1))])
+      end do
+    end do
+    square = matmul(a, a)
+
+    n = (s + n_lanes - 1)/n_lanes
+    table%n_nodes = s
+    table%n_blocks = n
+    allocate (table%nodes(n_lanes, n), table%weights(n_lanes, n), table%weights_q(n_lanes, n), &
+              table%a(n_lanes, n*n_lanes, n), table%a_q(n_lanes, n*n_lanes, n), &
+              table%extrapolation(n_lanes, n*n_lanes, n), &
+              source=0.0_wp)
+    do i = 1, s
+      associate (l => mod(i - 1, n_lanes) + 1, block => (i - 1)/n_lanes + 1)
+        table%nodes(l, block) = c(i)
+        table%weights(l, block) = b(i)
+        table%weights_q(l, block) = b(i)*(1.0_wp - c(i))
+        table%a(l, :s, block) = a(i, :)
+        table%a_q(l, :s, block) = square(i, :)
+        table%extrapolation(l, :s, block) = next(i, :)
+      end associate
+    end do
+  end subroutine new_gauss_table
+
+  !> Nodes and weights on [0, 1]: Newton's method on the Legendre polynomial.
+  pure subroutine gauss_nodes(s, c, b)
+    integer, intent(in) :: s
+    real(wp), intent(out) :: c(s), b(s)
+    real(wp) :: x, p(0:s), slope
+    integer :: i, k
+
+    do i = 1, s
+      x = cos(pi*(i - 0.25_wp)/(s + 0.5_wp))
+      do k = 1, 8
+        p = legendre(s, 0.5_wp*(1.0_wp + x))
+        slope = s*(x*p(s) - p(s - 1))/(x**2 - 1.0_wp)
+        x = x - p(s)/slope
+      end do
+      p = legendre(s, 0.5_wp*(1.0_wp + x))
+      slope = s*(x*p(s) - p(s - 1))/(x**2 - 1.0_wp)
+      c(s + 1 - i) = 0.5_wp*(1.0_wp + x)
+      b(s + 1 - i) = 1.0_wp/((1.0_wp - x**2)*slope**2)
+    end do
+  end subroutine gauss_nodes
+
+  !> Shifted Legendre polynomials P_0 ... P_n at t, orthogonal on [0, 1].
+  pure function legendre(n, t) result(p)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: t
+    real(wp) :: p(0:n), x
+    integer :: k
+    x = 2.0_wp*t - 1.0_wp
+    p(0) = 1.0_wp
+    if (n > 0) p(1) = x
+    do k = 1, n - 1
+      p(k + 1) = ((2*k + 1)*x*p(k) - k*p(k - 1))/(k + 1)
+    end do
+  end function legendre
+
+end module viscovib_gauss_table

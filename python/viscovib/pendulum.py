@@ -1,0 +1,187 @@
+"""The spring pendulum: a rigid body on a nonlinear spring, dimensionless."""
+
+import math
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray, core
+from viscovib.errors import InputError
+
+EQUATIONS = ("exact", "cubic", "printed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pendulum:
+    """A rigid body hanging on a spring and damper, three degrees of freedom.
+
+    Dimensionless time tau = omega_1 t with omega_1 = sqrt(k_1/m). A state is
+    (z, z', phi, phi', psi, psi'): z the extension beyond static over L, phi the angle of the
+    spring, psi that of the body (rad).
+
+    Parameters
+    ----------
+    e : float
+        E/L >= 0, distance from the spring to the mass centre; e w3^2/w2^2 < 1.
+    w2, w3 : float
+        Frequencies over omega_1, > 0.
+    alpha : float
+        k_2 L^2/k_1 >= 0, cubic stiffness of the spring.
+    c1, c2, c3 : float
+        Viscous damping of z, phi, psi.
+    f0, m01, m02, p1, p2, p3 : float
+        Loads f0 cos(p1 tau) on z, m01 cos(p2 tau) on phi, m02 cos(p3 tau) on psi.
+    equations : {"exact", "cubic", "printed"}
+        "cubic": everything expanded to third order; "printed": as seed paper 000 prints them.
+    """
+
+    e: float
+    w2: float
+    w3: float
+    alpha: float = 0.0
+    c1: float = 0.0
+    c2: float = 0.0
+    c3: float = 0.0
+    f0: float = 0.0
+    m01: float = 0.0
+    m02: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    p3: float = 0.0
+    equations: str = "exact"
+
+    dof_names: ClassVar[tuple[str, ...]] = ("z", "phi", "psi")
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if field.name != "equations":
+                value = _native.number(field.name, getattr(self, field.name))
+                object.__setattr__(self, field.name, value)
+        _native.choice("equations", self.equations, EQUATIONS)
+        _native.call(core.pendulum_modes, self._flat)
+
+    @classmethod
+    def from_physical(
+        cls,
+        *,
+        m: float,
+        I_A: float,
+        E: float,
+        L0: float,
+        k1: float,
+        k2: float = 0.0,
+        C1: float = 0.0,
+        C2: float = 0.0,
+        C3: float = 0.0,
+        g: float = 9.81,
+        F1: float = 0.0,
+        M2: float = 0.0,
+        M3: float = 0.0,
+        Omega1: float = 0.0,
+        Omega2: float = 0.0,
+        Omega3: float = 0.0,
+        equations: str = "exact",
+    ) -> "Pendulum":
+        """Build from physical units (kg, m, s, N).
+
+        m, I_A mass and moment of inertia about the spring's end; E from there to the mass centre;
+        L0 free length; k1 (N/m), k2 (N/m^3); C1 (N s/m), C2, C3 (N m s); loads F1 (N), M2, M3
+        (N m) at Omega1..3 (rad/s). Lengths are measured in L = L0 + Z_r with the static
+        elongation k1 Z_r + k2 Z_r^3 = m g.
+        """
+        for name, value in (("m", m), ("I_A", I_A), ("L0", L0), ("k1", k1), ("g", g)):
+            if _native.number(name, value) <= 0:
+                raise InputError(f"{name} = {value:g}: must be greater than 0")
+        for name, value in (("E", E), ("k2", k2)):
+            if _native.number(name, value) < 0:
+                raise InputError(f"{name} = {value:g}: must not be negative")
+        if E == 0:
+            raise InputError("E = 0: must be greater than 0 (the body would not swing)")
+        # Z_r of k1 Z + k2 Z^3 = m g without cancellation.
+        ratio, weight = k2 / k1, m * g / k1
+        scale = math.sqrt(3 * ratio)
+        elongation = (
+            2 / scale * math.sinh(math.asinh(1.5 * scale * weight) / 3)
+            if scale * weight > 1e-8
+            else weight * (1 - ratio * weight**2)
+        )
+        length = L0 + elongation
+        omega = math.sqrt(k1 / m)
+        return cls(
+            e=E / length,
+            w2=math.sqrt(g / length) / omega,
+            w3=math.sqrt(m * g * E / I_A) / omega,
+            alpha=ratio * length**2,
+            c1=C1 / (m * omega),
+            c2=C2 / (m * length**2 * omega),
+            c3=C3 / (I_A * omega),
+            f0=F1 / (m * length * omega**2),
+            m01=M2 / (m * length**2 * omega**2),
+            m02=M3 / (I_A * omega**2),
+            p1=Omega1 / omega,
+            p2=Omega2 / omega,
+            p3=Omega3 / omega,
+            equations=equations,
+        )
+
+    @property
+    def r(self) -> float:
+        """w3^2/w2^2 = m E L/I_A."""
+        return float(_native.call(core.pendulum_modes, self._flat)[2])
+
+    @property
+    def z_r(self) -> float:
+        """Static elongation, the real root of alpha z^3 + z = w2^2."""
+        return float(_native.call(core.pendulum_modes, self._flat)[3])
+
+    def natural_frequencies(self) -> FloatArray:
+        """Linear undamped frequencies over omega_1, shape (3,): of z, then of the two swings."""
+        return np.asarray(_native.call(core.pendulum_modes, self._flat)[0])
+
+    def mode_shapes(self) -> FloatArray:
+        """Mode shapes as columns in (z, phi, psi), largest entry 1, shape (3, 3)."""
+        return np.ascontiguousarray(_native.call(core.pendulum_modes, self._flat)[1])
+
+    def rhs(self, t: npt.ArrayLike, state: npt.ArrayLike) -> FloatArray:
+        """Time derivative of states, shape (..., 6), at times t (scalar or shape (...))."""
+        states = self._states(state)
+        acceleration, _, _ = self._evaluate(t, states)
+        derivative = np.empty_like(states)
+        derivative[..., ::2] = states[..., 1::2]
+        derivative[..., 1::2] = acceleration
+        return derivative
+
+    def energy(self, state: npt.ArrayLike) -> FloatArray:
+        """Energy over m L^2 omega_1^2, shape (...): constant without loads and damping."""
+        result: FloatArray = self._evaluate(0.0, self._states(state))[1][()]
+        return result
+
+    def power(self, t: npt.ArrayLike, state: npt.ArrayLike) -> FloatArray:
+        """Rate of change of the energy: work of the loads less dissipation, shape (...)."""
+        result: FloatArray = self._evaluate(t, self._states(state))[2][()]
+        return result
+
+    @property
+    def _flat(self) -> FloatArray:
+        numbers = [getattr(self, f.name) for f in fields(self) if f.name != "equations"]
+        return np.array([*numbers, EQUATIONS.index(self.equations) + 1])
+
+    def _states(self, state: npt.ArrayLike) -> FloatArray:
+        states = _native.real_array("state", state)
+        if states.ndim < 1 or states.shape[-1] != 6:
+            raise InputError(f"state: must have shape (..., 6), got {states.shape}")
+        return states
+
+    def _evaluate(
+        self, t: npt.ArrayLike, states: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        times = np.broadcast_to(_native.real_array("t", t), states.shape[:-1])
+        drives = np.cos(np.multiply.outer([self.p1, self.p2, self.p3], times.ravel()))
+        acceleration, energy, power = _native.call(
+            core.pendulum_evaluate, self._flat, np.asfortranarray(drives), states.reshape(-1, 6).T
+        )
+        shape = states.shape[:-1]
+        return acceleration.T.reshape(*shape, 3), energy.reshape(shape), power.reshape(shape)
