@@ -43,7 +43,8 @@ contains
 
     n = size(frequencies)
     allocate (phases%high(n), phases%low(n), phases%step_high(n), phases%step_low(n))
-    allocate (phases%node_cos(n_lanes, size(nodes, 2), n), phases%node_sin(n_lanes, size(nodes, 2), n))
+    allocate (phases%node_cos(n_lanes, size(nodes, 2), n), &
+              phases%node_sin(n_lanes, size(nodes, 2), n))
     do j = 1, n
       exact = modulo(real(frequencies(j), real128)*real(start, real128), turn)
       phases%high(j) = real(exact, wp)
