@@ -34,17 +34,25 @@ contains
     vanishes = .not. (abs(real(z)) + abs(aimag(z)) > 0.0_wp)
   end function vanishes
 
-  pure subroutine invert_two(a, inverse, singular)
-    complex(wp), intent(in) :: a(2, 2)
+  pure subroutine invert_two(matrix, inverse, singular)
+    complex(wp), intent(in) :: matrix(2, 2)
     complex(wp), intent(out) :: inverse(2, 2)
     logical, intent(out) :: singular
-    complex(wp) :: determinant, factor
+    complex(wp) :: a(2, 2), determinant, factor
+    real(wp) :: scale
 
+    inverse = (0.0_wp, 0.0_wp)
+    ! A power of two near the largest entry, so that no product of entries
+    ! leaves the range of numbers by its units alone.
+    scale = maxval(abs(real(matrix)) + abs(aimag(matrix)))
+    singular = .not. (scale > 0.0_wp .and. scale <= huge(scale))
+    if (singular) return
+    scale = 2.0_wp**(-max(exponent(scale), -1000))
+    a = matrix*scale
     determinant = a(1, 1)*a(2, 2) - a(1, 2)*a(2, 1)
     singular = vanishes(determinant)
-    inverse = (0.0_wp, 0.0_wp)
     if (singular) return
-    factor = 1.0_wp/determinant
+    factor = scale/determinant
     inverse(1, 1) = factor*a(2, 2)
     inverse(2, 1) = -factor*a(2, 1)
     inverse(1, 2) = -factor*a(1, 2)

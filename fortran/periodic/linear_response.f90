@@ -1,11 +1,12 @@
 !> Linear steady response, and the dynamic compliance that the nonlinear
 !! methods start from.
 module viscovib_linear_response
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_dense, only: invert
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_outcomes, only: outcome_singular
+  use viscovib_outcomes, only: outcome_overflow, outcome_singular
   use viscovib_response, only: response_type
   implicit none
   private
@@ -70,11 +71,20 @@ contains
             matmul(compliance(:, :, i, k), &
                    load%coefficient(system, load%orders(k), nu(first + i - 1)))
         end do
-        if (singular(i)) call response%discard(first + i - 1, outcome_singular)
+        if (singular(i)) then
+          call response%discard(first + i - 1, outcome_singular)
+        else if (.not. all(finite(response%coefficients(:, :, first + i - 1)))) then
+          call response%discard(first + i - 1, outcome_overflow)
+        end if
       end do
       deallocate (fraction, compliance)
     end do
     call response%add_base_motion(system, load)
   end subroutine linear_response
+
+  elemental logical function finite(z)
+    complex(wp), intent(in) :: z
+    finite = ieee_is_finite(real(z)) .and. ieee_is_finite(aimag(z))
+  end function finite
 
 end module viscovib_linear_response

@@ -13,7 +13,10 @@ module viscovib_outcomes
   !> The dynamic stiffness is singular: undamped resonance.
   integer, parameter, public :: outcome_singular = 3
 
-  character(len=*), parameter, public :: outcome_names(0:3) = &
-    [character(len=9) :: 'converged', 'stalled', 'diverged', 'singular']
+  !> Parameters so extreme that the solution leaves the range of numbers.
+  integer, parameter, public :: outcome_overflow = 4
+
+  character(len=*), parameter, public :: outcome_names(0:4) = &
+    [character(len=9) :: 'converged', 'stalled', 'diverged', 'singular', 'overflow']
 
 end module viscovib_outcomes

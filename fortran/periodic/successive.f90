@@ -12,15 +12,15 @@
 !! Frequencies are independent: `n_lanes` of them are iterated side by side,
 !! and a lane that is done takes up the next frequency at once.
 module viscovib_successive
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_linear_response, only: chunk_size, compliance_table
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_singular, &
-    outcome_stalled
+  use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_overflow, &
+    outcome_singular, outcome_stalled
   use viscovib_response, only: response_options, response_type
   implicit none
   private
@@ -385,10 +385,13 @@ contains
 
     response%iterations(i) = work%iteration(lane)
     response%rate(i) = rate
-    if (outcome == outcome_converged) then
-      response%coefficients(:, :, i) = cmplx(work%next(lane, 1, :, :), work%next(lane, 2, :, :), wp)
-    else
+    if (outcome /= outcome_converged) then
       call response%discard(i, outcome)
+    else if (.not. all(ieee_is_finite(work%next(lane, :, :, :)))) then
+      ! A NaN passes unseen through the maxima above.
+      call response%discard(i, outcome_overflow)
+    else
+      response%coefficients(:, :, i) = cmplx(work%next(lane, 1, :, :), work%next(lane, 2, :, :), wp)
     end if
     work%point(lane) = 0
     work%u(lane, :, :, :) = 0.0_wp

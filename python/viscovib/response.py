@@ -22,7 +22,7 @@ from viscovib.load import LoadLike, load_series
 from viscovib.mount import Mount
 
 METHODS = ("linear", "successive")
-OUTCOMES = np.array(["converged", "stalled", "diverged", "singular"])
+OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow"])
 #: Frequencies a native call takes at most: how often progress shows and Ctrl-C is heard.
 CHUNK = 4096
 
@@ -52,7 +52,8 @@ class Response:
     coefficients : ndarray, complex, shape (n, n_dof, m)
         X_k (m, rad); NaN where no solution was found.
     outcome : ndarray of str, shape (n,)
-        "converged", "stalled", "diverged" or "singular" (undamped resonance).
+        "converged", "stalled", "diverged", "singular" (undamped resonance) or "overflow"
+        (parameters so extreme that the solution leaves the range of numbers).
     iterations : ndarray of int, shape (n,)
         Iterations made.
     rate : ndarray, shape (n,)

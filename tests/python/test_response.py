@@ -1,6 +1,7 @@
 """Forced response: independent values, symmetry, laws, outcomes and bad input."""
 
 import json
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 
@@ -270,3 +271,33 @@ def test_a_hundred_harmonics(mount):
     few = vv.forced_response(mount(), 1.0, load={1: 0.1, 2: 0.01}, harmonics=20)
     assert r.coefficients.shape == (1, 2, 200)
     assert r.coefficients[:, :, :10] == pytest.approx(few.coefficients[:, :, :10], abs=1e-14)
+
+
+def test_absurd_parameters_never_give_a_wrong_number():
+    """Random extremes: every point ends in a named outcome, converged ones in numbers."""
+    rng = np.random.default_rng(11)
+    sizes = [1e-300, 1e-150, 1e-30, 1e-8, 1.0, 1e8, 1e30, 1e150, 1e300]
+
+    def pick(*more):
+        return float(rng.choice([*more, *sizes]))
+
+    seen = set()
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        for _ in range(3000):
+            geometry = str(rng.choice(["exact", "cubic", "printed"]))
+            kernel = vv.PronyKernel(weights=[pick(0.0)], rates=[pick()])
+            body = vv.Mount(
+                mass=pick(), inertia=pick(), offset=pick(0.0), stiffness_x=pick(),
+                stiffness_phi=pick(), kernel=kernel, geometry=geometry,
+            )  # fmt: skip
+            load = {1: pick(0.0), 2: pick(0.0, 0.0)}
+            try:
+                r = vv.forced_response(body, [pick(), pick()], load=load)
+            except vv.InputError as error:
+                assert "no finite integral" in str(error)
+                continue
+            assert np.isfinite(r.coefficients[r.converged]).all()
+            assert np.isnan(r.coefficients[~r.converged]).all()
+            seen.update(r.outcome)
+    assert {"converged", "diverged", "overflow", "singular"} <= seen
