@@ -7,7 +7,7 @@ module viscovib_checks
   implicit none
   private
 
-  public :: check_finite, check_positive, check_not_negative, check_increasing
+  public :: check_finite, check_positive, check_not_negative, check_fraction, check_increasing
 
   interface check_finite
     module procedure check_finite_scalar, check_finite_vector
@@ -64,6 +64,18 @@ contains
                 name//' = '//show(value)//': must not be negative')
     end if
   end subroutine check_not_negative
+
+  !> 0 < value <= 1.
+  subroutine check_fraction(name, value, status)
+    character(len=*), intent(in) :: name
+    real(wp), intent(in) :: value
+    type(status_type), intent(out) :: status
+    call check_finite(name, value, status)
+    if (status%failed()) return
+    if (value <= 0.0_wp .or. value > 1.0_wp) then
+      call fail(status, status_input_error, name, name//' = '//show(value)//': must be in (0, 1]')
+    end if
+  end subroutine check_fraction
 
   !> Finite and strictly increasing.
   subroutine check_increasing(name, values, status)

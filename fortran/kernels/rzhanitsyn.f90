@@ -4,11 +4,11 @@
 !! With beta = 0 it is the Abel (power law) kernel, which has no integral.
 module viscovib_rzhanitsyn
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
-  use viscovib_checks, only: check_finite, check_not_negative
+  use viscovib_checks, only: check_fraction, check_not_negative
   use viscovib_complex_power, only: gamma_function, power_of_quadrant
   use viscovib_kernel, only: kernel_type
   use viscovib_kinds, only: wp
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: status_type
   implicit none
   private
 
@@ -40,13 +40,8 @@ contains
 
     call check_not_negative('amplitude', amplitude, status)
     if (status%failed()) return
-    call check_finite('alpha', alpha, status)
+    call check_fraction('alpha', alpha, status)
     if (status%failed()) return
-    if (alpha <= 0.0_wp .or. alpha > 1.0_wp) then
-      call fail(status, status_input_error, 'alpha', &
-                'alpha = '//show(alpha)//': must be in (0, 1]')
-      return
-    end if
     call check_not_negative('beta', beta, status)
     if (status%failed()) return
     kernel%amplitude = amplitude

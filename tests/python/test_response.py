@@ -292,11 +292,9 @@ def test_absurd_parameters_never_give_a_wrong_number():
                 stiffness_phi=pick(), kernel=kernel, geometry=geometry,
             )  # fmt: skip
             load = {1: pick(0.0), 2: pick(0.0, 0.0)}
-            try:
-                r = vv.forced_response(body, [pick(), pick()], load=load)
-            except vv.InputError as error:
-                assert "no finite integral" in str(error)
-                continue
+            if not np.isfinite(kernel.integral):
+                del load[2]
+            r = vv.forced_response(body, [pick(), pick()], load=load)
             assert np.isfinite(r.coefficients[r.converged]).all()
             assert np.isnan(r.coefficients[~r.converged]).all()
             seen.update(r.outcome)
