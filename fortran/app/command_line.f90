@@ -42,11 +42,13 @@ contains
         command%text = 'viscovib-solve '//version
       case ('--out')
         i = i + 1
-        if (i > command_argument_count()) then
+        ! The argument past the last is empty, like the one of --out "": the
+        ! table would go to the root folder.
+        command%folder = argument(i)
+        if (command%folder == '') then
           call fail(status, status_input_error, 'out', '--out lacks its folder; '//usage)
           return
         end if
-        command%folder = argument(i)
       case default
         if (index(word, '-') == 1 .or. command%scene /= '') then
           call fail(status, status_input_error, 'argument', "unknown argument '"//word//"'; " &

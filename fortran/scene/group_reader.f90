@@ -4,15 +4,17 @@
 !! The reader also writes down, in `echo`, each value as it was understood,
 !! defaults included; the echoes of all groups make up the canonical scene.
 module viscovib_group_reader
-  use, intrinsic :: ieee_arithmetic, only: ieee_get_halting_mode, ieee_is_finite, &
-    ieee_overflow, ieee_set_halting_mode
   use viscovib_kinds, only: wp
   use viscovib_namelist, only: group_type, lower
+  use viscovib_number_text, only: exact, exact_list, parse_integer, parse_real
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
 
   public :: group_reader
+
+  !> Longest key that is known.
+  integer, parameter :: key_length = 32
 
   type :: group_reader
     character(len=:), allocatable :: path
@@ -21,7 +23,7 @@ module viscovib_group_reader
     type(status_type) :: status
     !> Canonical lines of the group.
     character(len=:), allocatable :: echo
-    character(len=32), allocatable, private :: known(:)
+    character(len=key_length), allocatable, private :: known(:)
   contains
     procedure :: start
     procedure :: has
@@ -29,6 +31,9 @@ module viscovib_group_reader
     procedure :: read_integer
     procedure :: read_text
     procedure :: read_reals
+    procedure :: read_path
+    procedure :: echo_reals
+    procedure :: refuse
     procedure :: place
     procedure :: complain
     procedure :: finish
@@ -57,13 +62,28 @@ contains
   end function has
 
   !> Fail at the line of a key.
-  subroutine complain(self, key, message)
+  subroutine complain(self, key, message, category)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key, message
+    !> Default: an input error.
+    integer, intent(in), optional :: category
+    integer :: kind
     if (self%status%failed()) return
-    call fail(self%status, status_input_error, key, &
+    kind = status_input_error
+    if (present(category)) kind = category
+    call fail(self%status, kind, key, &
               self%path//':'//show(self%group%line_of(key))//': '//message)
   end subroutine complain
+
+  !> Fail if keys are there that have no meaning beside the others.
+  subroutine refuse(self, keys, why)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: keys(:), why
+    integer :: i
+    do i = 1, size(keys)
+      if (self%has(trim(keys(i)))) call self%complain(trim(keys(i)), trim(keys(i))//': '//why)
+    end do
+  end subroutine refuse
 
   !> Give a failure from elsewhere the line of its subject in this group.
   subroutine place(self, status)
@@ -77,7 +97,7 @@ contains
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
     logical, intent(in) :: optional
-    self%known = [character(len=32) :: self%known, key]
+    self%known = [character(len=key_length) :: self%known, key]
     i = self%group%find(key)
     if (i == 0 .and. .not. optional) call self%miss(key)
     if (self%status%failed()) i = 0
@@ -129,26 +149,9 @@ contains
   real(wp) function number(self, key, text)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key, text
-    logical :: halting
-    integer :: io
-
-    number = 0.0_wp
-    io = verify(lower(text), '0123456789.+-ed')
-    if (text == '' .or. scan(text, '0123456789') == 0) io = 1
-    if (io == 0) then
-      ! A number too large becomes infinite and is refused below; do not trap.
-      call ieee_get_halting_mode(ieee_overflow, halting)
-      call ieee_set_halting_mode(ieee_overflow, .false.)
-      read (text, *, iostat=io) number
-      call ieee_set_halting_mode(ieee_overflow, halting)
-    end if
-    if (io == 0) then
-      if (.not. ieee_is_finite(number)) io = 1
-    end if
-    if (io /= 0) then
-      call self%complain(key, key//' = '//text//': must be a finite number')
-      number = 0.0_wp
-    end if
+    logical :: ok
+    call parse_real(text, number, ok)
+    if (.not. ok) call self%complain(key, key//' = '//text//': must be a finite number')
   end function number
 
   real(wp) function read_real(self, key, default) result(value)
@@ -172,18 +175,16 @@ contains
     character(len=*), intent(in) :: key
     integer, intent(in), optional :: default
     character(len=:), allocatable :: text
-    integer :: i, io
+    logical :: ok
+    integer :: i
 
     value = 0
     i = self%look_up(key, present(default))
     if (i > 0) then
       text = self%one_value(i, .false., 'an integer')
-      io = verify(text, '0123456789+-')
-      if (io == 0) read (text, *, iostat=io) value
-      if (io /= 0) then
-        call self%complain(key, key//' = '//text//': must be an integer')
-        value = 0
-      end if
+      call parse_integer(text, value, ok)
+      if (.not. ok) call self%complain(key, key//' = '//text//': must be an integer of at most ' &
+                                       //show(huge(value)))
     else if (present(default)) then
       value = default
     end if
@@ -247,14 +248,33 @@ contains
       values = default
     end if
     if (self%status%failed()) values = [(0.0_wp, j=1, merge(n, 0, present(n)))]
-    if (size(values) == 0) return
-    self%echo = self%echo//'  '//key//' ='
-    do j = 1, size(values)
-      self%echo = self%echo//' '//exact(values(j))
-      if (mod(j, 4) == 0 .and. j < size(values)) self%echo = self%echo//new_line('a')//'    '
-    end do
-    self%echo = self%echo//new_line('a')
+    call self%echo_reals(key, values)
   end function read_reals
+
+  !> Write down a list that stands for what was read.
+  subroutine echo_reals(self, key, values)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: key
+    real(wp), intent(in) :: values(:)
+    if (size(values) == 0) return
+    self%echo = self%echo//'  '//key//' ='//exact_list(values)//new_line('a')
+  end subroutine echo_reals
+
+  !> A file name, seen from the folder of the scene; empty if absent. Not
+  !! echoed: what is in the file is.
+  function read_path(self, key) result(path)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: key
+    character(len=:), allocatable :: path
+    integer :: i
+    path = ''
+    i = self%look_up(key, .true.)
+    if (i == 0) return
+    path = self%one_value(i, .true., 'a quoted file name')
+    if (self%status%failed()) return
+    if (path == '') call self%complain(key, key//" = '': must be a file name")
+    if (index(path, '/') /= 1) path = self%path(:index(self%path, '/', back=.true.))//path
+  end function read_path
 
   !> Close the group: keys that were never asked for are errors.
   subroutine finish(self)
@@ -276,14 +296,6 @@ contains
       end associate
     end do
   end subroutine finish
-
-  !> Text that reads back to the same number.
-  pure function exact(value)
-    real(wp), intent(in) :: value
-    character(len=24) :: exact
-    write (exact, '(es24.16e3)') value
-    exact = adjustl(exact)
-  end function exact
 
   !> Quotes doubled, as inside a quoted text.
   pure function doubled(text)
@@ -313,7 +325,7 @@ contains
     character(len=*), intent(in) :: key, words(:)
     integer :: i, best, d
     closest = 0
-    best = max(len(key)/3, 1) + 1
+    best = max(min(len(key), key_length)/3, 1) + 1
     do i = 1, size(words)
       d = distance(key, trim(words(i)))
       if (d < best) then
@@ -323,21 +335,25 @@ contains
     end do
   end function closest
 
-  !> Letters to change, add or drop (Levenshtein).
+  !> Letters to change, add, drop or exchange with the next one; what is longer
+  !! than any key counts with its first letters only.
   pure integer function distance(a, b)
     character(len=*), intent(in) :: a, b
-    integer :: row(0:len(b)), i, j, corner, above
-    row = [(j, j=0, len(b))]
-    do i = 1, len(a)
-      corner = row(0)
-      row(0) = i
-      do j = 1, len(b)
-        above = row(j)
-        row(j) = min(row(j) + 1, row(j - 1) + 1, corner + merge(0, 1, a(i:i) == b(j:j)))
-        corner = above
+    integer :: d(-1:min(len(a), 2*key_length), -1:len(b)), i, j
+    d = 0
+    d(0:, 0) = [(i, i=0, ubound(d, 1))]
+    d(0, 0:) = [(j, j=0, ubound(d, 2))]
+    do j = 1, ubound(d, 2)
+      do i = 1, ubound(d, 1)
+        d(i, j) = min(d(i - 1, j) + 1, d(i, j - 1) + 1, &
+                      d(i - 1, j - 1) + merge(0, 1, a(i:i) == b(j:j)))
+        if (i == 1 .or. j == 1) cycle
+        if (a(i:i) == b(j - 1:j - 1) .and. a(i - 1:i - 1) == b(j:j)) then
+          d(i, j) = min(d(i, j), d(i - 2, j - 2) + 1)
+        end if
       end do
     end do
-    distance = row(len(b))
+    distance = d(ubound(d, 1), ubound(d, 2))
   end function distance
 
 end module viscovib_group_reader

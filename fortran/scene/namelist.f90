@@ -3,10 +3,12 @@
 !!
 !! The compiler's own namelist reading knows neither lines nor which key is at
 !! fault. Read here: groups `&name key = values /`, `!` comments, quoted
-!! strings, numbers, logicals, lists over several lines, repeats `3*0.5`.
+!! strings, numbers, lists over several lines, repeats `3*0.5`. No value may be
+!! left out between commas: what follows would move to another place unseen.
 module viscovib_namelist
-  use viscovib_kinds, only: wp
-  use viscovib_status, only: fail, show, status_input_error, status_io_error, status_type
+  use viscovib_number_text, only: parse_integer
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_text_file, only: read_text_file
   implicit none
   private
 
@@ -44,6 +46,9 @@ module viscovib_namelist
   end type cursor_type
 
   character(len=*), parameter :: blank = ' '//achar(9)//achar(13)//','
+  character(len=*), parameter :: line_ends = new_line('a')//achar(13)
+  !> Most values of one key; stops a mistyped repeat count.
+  integer, parameter :: max_values = 1000000
   character(len=*), parameter :: name_letters = &
     'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_'
 
@@ -59,7 +64,7 @@ contains
 
     file%path = path
     allocate (file%groups(0))
-    call read_text(path, cursor%text, status)
+    call read_text_file(path, cursor%text, status)
     if (status%failed()) return
     do
       call skip_blank(cursor)
@@ -72,68 +77,12 @@ contains
                                               path//': no group such as &mount found')
   end subroutine read_namelist
 
-  !> The whole file as text, lines ended by new-line characters.
-  subroutine read_text(path, text, status)
-    character(len=*), intent(in) :: path
-    character(len=:), allocatable, intent(out) :: text
-    type(status_type), intent(out) :: status
-    integer :: unit, io, n, i, code
-    character(len=200) :: message
-
-    message = ''
-    open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
-          status='old', iostat=io, iomsg=message)
-    if (io == 0) then
-      inquire (unit=unit, size=n)
-      if (n < 0 .or. n > 100000000) then
-        close (unit)
-        call fail(status, status_io_error, 'scene', path//': not a readable scene file')
-        return
-      end if
-      allocate (character(len=n) :: text)
-      read (unit, iostat=io, iomsg=message) text
-      close (unit)
-    end if
-    if (io /= 0) then
-      call fail(status, status_io_error, 'scene', path//': cannot be read ('//reason(message)//')')
-      return
-    end if
-    do i = 1, n
-      code = iachar(text(i:i))
-      if (code < 32 .and. all(code /= [9, 10, 13])) then
-        call fail(status, status_input_error, 'scene', path//':' &
-                  //show(count_lines(text(:i)))//': byte '//show(code) &
-                  //' found: this is not a text file')
-        return
-      end if
-    end do
-  end subroutine read_text
-
-  !> What the system says, less the file name that the compiler puts before it.
-  pure function reason(message)
-    character(len=*), intent(in) :: message
-    character(len=:), allocatable :: reason
-    integer :: colon
-    colon = index(message, "': ", back=.true.)
-    if (colon > 0) then
-      reason = trim(message(colon + 3:))
-    else
-      reason = trim(message)
-    end if
-  end function reason
-
-  pure integer function count_lines(text)
-    character(len=*), intent(in) :: text
-    integer :: i
-    count_lines = 1
-    do i = 1, len(text)
-      if (text(i:i) == new_line('a')) count_lines = count_lines + 1
-    end do
-  end function count_lines
-
   !> Past blanks, commas, comments and line ends.
-  subroutine skip_blank(cursor)
+  subroutine skip_blank(cursor, commas)
     type(cursor_type), intent(inout) :: cursor
+    !> How many commas were passed.
+    integer, intent(out), optional :: commas
+    if (present(commas)) commas = 0
     do while (cursor%at <= len(cursor%text))
       if (cursor%text(cursor%at:cursor%at) == '!') then
         do while (cursor%at <= len(cursor%text))
@@ -144,6 +93,7 @@ contains
         cursor%line = cursor%line + 1
         cursor%at = cursor%at + 1
       else if (index(blank, cursor%text(cursor%at:cursor%at)) > 0) then
+        if (present(commas) .and. cursor%text(cursor%at:cursor%at) == ',') commas = commas + 1
         cursor%at = cursor%at + 1
       else
         exit
@@ -187,6 +137,10 @@ contains
     group%name = lower(take(cursor, name_letters))
     group%line = cursor%line
     allocate (group%entries(0))
+    if (group%name == '') then
+      call fail_at(path, group%line, '& without a name: groups start with &name', status)
+      return
+    end if
     do
       call skip_blank(cursor)
       if (cursor%at > len(cursor%text)) then
@@ -195,6 +149,12 @@ contains
         return
       end if
       if (peek(cursor) == '/') exit
+      if (peek(cursor) == '&') then
+        cursor%at = cursor%at + 1
+        call fail_at(path, cursor%line, "'&"//take(cursor, name_letters)//"' inside &"//group%name &
+                     //' (line '//show(group%line)//'): a group ends with /', status)
+        return
+      end if
       call read_entry(cursor, path, group%name, entry, status)
       if (status%failed()) return
       i = group%find(entry%key)
@@ -213,9 +173,9 @@ contains
     character(len=*), intent(in) :: path, group
     type(entry_type), intent(out) :: entry
     type(status_type), intent(out) :: status
-    type(cursor_type) :: ahead
     type(value_type) :: value
-    integer :: repeats, i
+    integer :: repeats, commas, n, at, line
+    logical :: key_follows
 
     entry%line = cursor%line
     entry%key = lower(take(cursor, name_letters))
@@ -227,21 +187,60 @@ contains
       return
     end if
     cursor%at = cursor%at + 1
-    allocate (entry%values(0))
+    allocate (entry%values(8))
+    n = 0
     do
-      call skip_blank(cursor)
+      call skip_blank(cursor, commas)
       if (cursor%at > len(cursor%text) .or. index('/&', peek(cursor)) > 0) exit
-      ahead = cursor
-      if (take(ahead, name_letters) /= '') then
-        call skip_blank(ahead)
-        if (peek(ahead) == '=') exit
+      at = cursor%at
+      line = cursor%line
+      key_follows = take(cursor, name_letters) /= ''
+      call skip_blank(cursor)
+      key_follows = key_follows .and. peek(cursor) == '='
+      cursor%at = at
+      cursor%line = line
+      if (key_follows) exit
+      if (commas > merge(1, 0, n > 0)) then
+        call fail_at(path, line, entry%key//': no value before a comma', status)
+        return
       end if
       call read_value(cursor, path, entry%key, value, repeats, status)
       if (status%failed()) return
-      entry%values = [entry%values, (value, i=1, repeats)]
+      if (n + repeats > max_values) then
+        call fail_at(path, line, entry%key//': must have at most '//show(max_values)//' values', &
+                     status)
+        return
+      end if
+      call append(entry%values, n, value, repeats)
     end do
-    if (size(entry%values) == 0) call fail_at(path, entry%line, entry%key//' has no value', status)
+    call resize(entry%values, n)
+    if (n == 0) call fail_at(path, entry%line, entry%key//' has no value', status)
   end subroutine read_entry
+
+  !> Add a value some times to a list of which n are in use.
+  pure subroutine append(values, n, value, repeats)
+    type(value_type), allocatable, intent(inout) :: values(:)
+    integer, intent(inout) :: n
+    type(value_type), intent(in) :: value
+    integer, intent(in) :: repeats
+    if (n + repeats > size(values)) call resize(values, 2*(n + repeats))
+    values(n + 1:n + repeats) = value
+    n = n + repeats
+  end subroutine append
+
+  !> Another length for a list; the texts are moved, not copied.
+  pure subroutine resize(values, n)
+    type(value_type), allocatable, intent(inout) :: values(:)
+    integer, intent(in) :: n
+    type(value_type), allocatable :: moved(:)
+    integer :: i
+    allocate (moved(n))
+    do i = 1, min(n, size(values))
+      moved(i)%quoted = values(i)%quoted
+      call move_alloc(values(i)%text, moved(i)%text)
+    end do
+    call move_alloc(moved, values)
+  end subroutine resize
 
   subroutine read_value(cursor, path, key, value, repeats, status)
     type(cursor_type), intent(inout) :: cursor
@@ -250,7 +249,8 @@ contains
     integer, intent(out) :: repeats
     type(status_type), intent(out) :: status
     character(len=1) :: quote
-    integer :: n, star, io
+    logical :: ok
+    integer :: n, star
 
     repeats = 1
     quote = peek(cursor)
@@ -260,7 +260,7 @@ contains
       do
         n = index(cursor%text(cursor%at + 1:), quote)
         if (n == 0 .or. &
-            index(cursor%text(cursor%at + 1:cursor%at + max(n, 1)), new_line('a')) > 0) then
+            scan(cursor%text(cursor%at + 1:cursor%at + max(n, 1)), line_ends) > 0) then
           call fail_at(path, cursor%line, key//': the quoted text is not ended', status)
           return
         end if
@@ -275,10 +275,10 @@ contains
     cursor%at = cursor%at + len(value%text)
     star = index(value%text, '*')
     if (star > 0) then
-      read (value%text(:star - 1), '(i9)', iostat=io) repeats
-      if (io /= 0 .or. repeats < 1 .or. verify(value%text(:star - 1), '0123456789') > 0) then
+      call parse_integer(value%text(:star - 1), repeats, ok)
+      if (.not. ok .or. repeats < 1 .or. repeats > max_values .or. star == len(value%text)) then
         call fail_at(path, cursor%line, key//' = '//value%text//': must be a value, or a count ' &
-                     //'and a value as in 3*0.5', status)
+                     //'(1 to '//show(max_values)//') and a value as in 3*0.5', status)
         return
       end if
       value%text = value%text(star + 1:)

@@ -1,10 +1,12 @@
 !> A response as a table: comma separated, a row a frequency.
 module viscovib_response_table
-  use viscovib_files, only: make_folder, remove_file, replace_file
+  use viscovib_files, only: make_folder
   use viscovib_kinds, only: wp
+  use viscovib_number_text, only: exact
   use viscovib_outcomes, only: outcome_names
   use viscovib_response, only: response_type
-  use viscovib_status, only: fail, show, status_io_error, status_type
+  use viscovib_status, only: show, status_type
+  use viscovib_text_file, only: text_writer
   implicit none
   private
 
@@ -14,7 +16,7 @@ module viscovib_response_table
 
 contains
 
-  !> Write to a file beside it first and rename at the end, so that a table is
+  !> Write the table NAME in a folder, which is made if need be; the table is
   !! there whole or not at all.
   subroutine write_response(folder, name, response, header, status)
     character(len=*), intent(in) :: folder, name
@@ -22,55 +24,37 @@ contains
     !> Lines for the top, separated by new-line characters.
     character(len=*), intent(in) :: header
     type(status_type), intent(out) :: status
-    character(len=:), allocatable :: path
-    character(len=200) :: message
-    integer :: unit, io, i
+    type(text_writer) :: table
+    integer :: i
 
     call make_folder(folder)
-    path = folder//'/'//name
-    message = ''
-    open (newunit=unit, file=path//'.part', action='write', status='replace', iostat=io, &
-          iomsg=message)
-    if (io /= 0) then
-      i = index(message, "': ", back=.true.)
-      if (i > 0) message = message(i + 3:)
-      call fail(status, status_io_error, 'out', path//': cannot be written ('//trim(message)//')')
-      return
-    end if
-    call write_header(unit, header, response, io)
+    call table%create(folder//'/'//name, status)
+    if (status%failed()) return
+    call write_header(table, header, response)
     do i = 1, size(response%nu)
-      if (io /= 0) exit
-      call write_row(unit, response, i, io)
+      call write_row(table, response, i)
     end do
-    close (unit, iostat=i)
-    if (io /= 0 .or. i /= 0) then
-      call remove_file(path//'.part')
-      call fail(status, status_io_error, 'out', path//': writing failed (disk full?)')
-      return
-    end if
-    call replace_file(path//'.part', path, status)
+    call table%finish(status)
   end subroutine write_response
 
-  subroutine write_header(unit, header, response, io)
-    integer, intent(in) :: unit
+  subroutine write_header(table, header, response)
+    type(text_writer), intent(inout) :: table
     character(len=*), intent(in) :: header
     type(response_type), intent(in) :: response
-    integer, intent(out) :: io
     character(len=:), allocatable :: names, order
     integer :: first, last, d, k
 
-    io = 0
     first = 1
-    do while (first <= len(header) .and. io == 0)
+    do while (first <= len(header))
       last = index(header(first:), new_line('a')) + first - 2
       if (last < first - 1) last = len(header)
-      write (unit, '(2a)', iostat=io) '# ', header(first:last)
+      call table%add_line('# '//header(first:last))
       first = last + 2
     end do
-    if (io == 0) write (unit, '(a)', iostat=io) '# nu: circular frequency of the load (rad/s); ' &
-      //'rate: factor between the last corrections; u = Im sum_k X_k exp(i k nu t),'
-    if (io == 0) write (unit, '(a)', iostat=io) '# x_k_re, x_k_im: X_k of x (m); phi_k_re, ' &
-      //'phi_k_im: X_k of phi (rad); nan where no solution was found'
+    call table%add_line('# nu: circular frequency of the load (rad/s); rate: factor between the ' &
+                        //'last corrections; u = Im sum_k X_k exp(i k nu t),')
+    call table%add_line('# x_k_re, x_k_im: X_k of x (m); phi_k_re, phi_k_im: X_k of phi (rad); ' &
+                        //'nan where no solution was found')
     names = 'nu,outcome,iterations,rate'
     do d = 1, size(response%coefficients, 2)
       do k = 1, size(response%orders)
@@ -78,13 +62,13 @@ contains
         names = names//','//order//'_re,'//order//'_im'
       end do
     end do
-    if (io == 0) write (unit, '(a)', iostat=io) names
+    call table%add_line(names)
   end subroutine write_header
 
-  subroutine write_row(unit, response, i, io)
-    integer, intent(in) :: unit, i
+  subroutine write_row(table, response, i)
+    type(text_writer), intent(inout) :: table
     type(response_type), intent(in) :: response
-    integer, intent(out) :: io
+    integer, intent(in) :: i
     character(len=:), allocatable :: row
     integer :: d, k
 
@@ -96,20 +80,15 @@ contains
               //','//number(aimag(response%coefficients(k, d, i)))
       end do
     end do
-    write (unit, '(a)', iostat=io) row
+    call table%add_line(row)
   end subroutine write_row
 
   !> Seventeen digits, which read back to the same number; nan for none.
   pure function number(value)
     real(wp), intent(in) :: value
     character(len=:), allocatable :: number
-    character(len=24) :: buffer
-    if (value /= value) then
-      number = 'nan'
-    else
-      write (buffer, '(es24.16e3)') value
-      number = trim(adjustl(buffer))
-    end if
+    number = 'nan'
+    if (value == value) number = trim(exact(value))
   end function number
 
 end module viscovib_response_table

@@ -1,17 +1,16 @@
 !> A scene: the system, its load and the results wanted, as one namelist file.
 module viscovib_scene
-  use viscovib_catalogue, only: kernel_abel, kernel_names, kernel_prony, kernel_rabotnov, &
-    kernel_rzhanitsyn, new_kernel
   use viscovib_checks, only: check_increasing, check_positive
   use viscovib_grids, only: linear_grid, log_grid
   use viscovib_group_reader, only: group_reader
+  use viscovib_kernel_groups, only: read_kernels
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: geometry_cubic, geometry_names, mount_parameters, mount_type, new_mount
-  use viscovib_namelist, only: group_type, namelist_type, read_namelist
+  use viscovib_namelist, only: namelist_type, read_namelist
   use viscovib_oscillator, only: kernel_holder
   use viscovib_response, only: response_options
-  use viscovib_response_plan, only: method_names
+  use viscovib_response_plan, only: method_names, new_response_plan, response_plan_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
@@ -34,7 +33,10 @@ module viscovib_scene
   character(len=*), parameter :: group_names(5) = &
     [character(len=8) :: 'scene', 'mount', 'kernel', 'load', 'response']
   character(len=*), parameter :: coordinate_names(2) = [character(len=3) :: 'x', 'phi']
-  integer, parameter :: max_grid = 100000000
+  character(len=*), parameter :: grid_keys(4) = &
+    [character(len=10) :: 'nu_min', 'nu_max', 'nu_count', 'nu_spacing']
+  !> Bounds that stop a slip of the pen before it fills the memory.
+  integer, parameter :: max_grid = 1000000, max_order = 100000
 
 contains
 
@@ -52,10 +54,12 @@ contains
     call read_namelist(path, file, status)
     if (.not. status%failed()) call check_groups(file, status)
     if (.not. status%failed()) call read_title(file, scene, status)
-    if (.not. status%failed()) call read_kernels(file, scene, kernels, parameters, status)
+    if (.not. status%failed()) call read_kernels(file, kernels, parameters, scene%canonical, &
+                                                 status)
     if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
     if (.not. status%failed()) call read_loads(file, scene, status)
     if (.not. status%failed()) call read_response(file, scene, status)
+    if (.not. status%failed()) call check_job(file, scene, status)
   end subroutine read_scene
 
   !> Known groups only, and the right number of each.
@@ -120,67 +124,6 @@ contains
     scene%canonical = scene%canonical//reader%echo
   end subroutine close_group
 
-  subroutine read_kernels(file, scene, kernels, parameters, status)
-    type(namelist_type), intent(in) :: file
-    type(scene_type), intent(inout) :: scene
-    type(kernel_holder), intent(inout) :: kernels(2)
-    !> Gets which kernel acts on which spring.
-    type(mount_parameters), intent(inout) :: parameters
-    type(status_type), intent(out) :: status
-    type(group_reader) :: reader
-    character(len=:), allocatable :: acts_on
-    integer :: i, n
-
-    n = 0
-    do i = 1, size(file%groups)
-      if (file%groups(i)%name /= 'kernel') cycle
-      call reader%start(file%path, file%groups(i))
-      n = n + 1
-      acts_on = reader%read_text('acts_on', 'both', [character(len=4) :: 'both', 'x', 'phi'])
-      if ((acts_on /= 'phi' .and. parameters%kernel_x > 0) &
-          .or. (acts_on /= 'x' .and. parameters%kernel_phi > 0)) then
-        call reader%complain('acts_on', "acts_on = '"//acts_on//"': this spring has a kernel " &
-                             //'already; give one for x and one for phi, or one for both')
-        n = 2
-      end if
-      if (acts_on /= 'phi') parameters%kernel_x = n
-      if (acts_on /= 'x') parameters%kernel_phi = n
-      if (.not. reader%status%failed()) call read_kernel(reader, kernels(n))
-      call close_group(reader, scene, status)
-      if (status%failed()) return
-    end do
-  end subroutine read_kernels
-
-  subroutine read_kernel(reader, holder)
-    type(group_reader), intent(inout) :: reader
-    type(kernel_holder), intent(inout) :: holder
-    type(status_type) :: status
-    character(len=:), allocatable :: word
-    real(wp), allocatable :: p(:)
-    integer :: kind, code
-
-    kind = 0
-    code = 1
-    allocate (p(0))
-    word = reader%read_text('kind', allowed=kernel_names, choice=kind)
-    if (reader%status%failed()) return
-    select case (kind)
-    case (kernel_rzhanitsyn, kernel_rabotnov)
-      p = [reader%read_real('amplitude'), reader%read_real('alpha'), reader%read_real('beta')]
-    case (kernel_abel)
-      p = [reader%read_real('amplitude'), reader%read_real('alpha')]
-    case (kernel_prony)
-      p = [reader%read_reals('weights'), reader%read_reals('rates')]
-    case default
-      word = reader%read_text('interpolation', 'linear', &
-                              [character(len=11) :: 'linear', 'exponential'], code)
-      p = [real(code - 1, wp), reader%read_reals('times'), reader%read_reals('values')]
-    end select
-    if (reader%status%failed()) return
-    call new_kernel(holder%kernel, kind, p, status)
-    call reader%place(status)
-  end subroutine read_kernel
-
   subroutine read_mount(file, scene, kernels, parameters, status)
     type(namelist_type), intent(in) :: file
     type(scene_type), intent(inout) :: scene
@@ -242,14 +185,19 @@ contains
       on = 1
       call reader%start(file%path, file%groups(i))
       word = reader%read_text('kind', 'force', [character(len=5) :: 'force', 'base'], kind)
-      if (kind == 1) word = reader%read_text('on', 'x', coordinate_names, on)
+      if (kind == 1) then
+        word = reader%read_text('on', 'x', coordinate_names, on)
+      else
+        call reader%refuse(['on'], 'the base moves in x; only a force has this key')
+      end if
       orders(n) = reader%read_integer('order', 1)
-      if (orders(n) < 0) call reader%complain('order', 'order = '//show(orders(n)) &
-                                              //': must be 0 (mean), 1, 2, ...')
+      if (orders(n) < 0 .or. orders(n) > max_order) then
+        call reader%complain('order', 'order = '//show(orders(n)) &
+                             //': must be 0 (mean), 1, 2, ... '//show(max_order))
+      end if
       amplitude = reader%read_real('amplitude')
       if (orders(n) == 0) then
-        if (reader%has('phase')) call reader%complain('phase', &
-                                                      'phase: the mean (order 0) has none')
+        call reader%refuse(['phase'], 'the mean (order 0) has none')
         term = cmplx(0.0_wp, amplitude, wp)
       else
         phase = reader%read_real('phase', 0.0_wp)
@@ -299,6 +247,8 @@ contains
 
     allocate (nu(0))
     if (reader%has('nu')) then
+      call reader%refuse(grid_keys, 'the frequencies are listed in nu already; give either nu, ' &
+                         //'or nu_min, nu_max, nu_count and nu_spacing')
       nu = reader%read_reals('nu')
       if (reader%status%failed()) return
       call check_increasing('nu', nu, status)
@@ -326,5 +276,31 @@ contains
       nu = log_grid(lowest, highest, n)
     end if
   end subroutine read_frequencies
+
+  !> What only the whole job shows to be wrong, with the line to change.
+  subroutine check_job(file, scene, status)
+    type(namelist_type), intent(in) :: file
+    type(scene_type), intent(in) :: scene
+    type(status_type), intent(out) :: status
+    type(response_plan_type) :: plan
+    character(len=:), allocatable :: name
+    integer :: i, n
+
+    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
+                           status)
+    if (.not. status%failed()) return
+    name = 'response'
+    n = 1
+    if (status%subject == 'beta') then
+      name = 'kernel'
+      n = scene%mount%kernel_without_integral()
+    end if
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name == name) n = n - 1
+      if (n == 0) exit
+    end do
+    status%message = file%path//':'//show(file%groups(i)%line_of(status%subject))//': ' &
+                     //status%message
+  end subroutine check_job
 
 end module viscovib_scene

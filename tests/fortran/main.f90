@@ -7,7 +7,10 @@ program tester
   use test_fourier, only: run_fourier
   use test_harmonics, only: run_harmonics
   use test_kernels, only: run_kernels
+  use test_namelist, only: run_namelist
   use test_response, only: run_response
+  use test_scene, only: run_scene
+  use test_table, only: run_table
   use test_transient, only: run_transient
   implicit none
 
@@ -24,7 +27,10 @@ program tester
   if (wants('fourier')) call run_fourier()
   if (wants('harmonics')) call run_harmonics()
   if (wants('kernels')) call run_kernels()
+  if (wants('namelist')) call run_namelist()
   if (wants('response')) call run_response()
+  if (wants('scene')) call run_scene()
+  if (wants('table')) call run_table()
   if (wants('transient')) call run_transient()
 
   if (.not. known) then

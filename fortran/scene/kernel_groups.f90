@@ -1,0 +1,133 @@
+!> The &kernel groups of a scene: which kernel acts on which spring.
+module viscovib_kernel_groups
+  use viscovib_catalogue, only: kernel_abel, kernel_names, kernel_prony, kernel_rabotnov, &
+    kernel_rzhanitsyn, new_kernel
+  use viscovib_group_reader, only: group_reader
+  use viscovib_kernel_table, only: read_kernel_table
+  use viscovib_kinds, only: wp
+  use viscovib_mount, only: mount_parameters
+  use viscovib_namelist, only: namelist_type
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_status, only: show, status_io_error, status_type
+  implicit none
+  private
+
+  public :: read_kernels
+
+contains
+
+  subroutine read_kernels(file, kernels, parameters, echo, status)
+    type(namelist_type), intent(in) :: file
+    type(kernel_holder), intent(inout) :: kernels(2)
+    !> Gets which kernel acts on which spring.
+    type(mount_parameters), intent(inout) :: parameters
+    !> Gets the canonical text of the groups added.
+    character(len=:), allocatable, intent(inout) :: echo
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+    character(len=:), allocatable :: acts_on
+    integer :: i, n
+
+    n = 0
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name /= 'kernel') cycle
+      call reader%start(file%path, file%groups(i))
+      acts_on = reader%read_text('acts_on', 'both', [character(len=4) :: 'both', 'x', 'phi'])
+      if ((acts_on /= 'phi' .and. parameters%kernel_x > 0) &
+          .or. (acts_on /= 'x' .and. parameters%kernel_phi > 0)) then
+        call reader%complain('acts_on', "acts_on = '"//acts_on//"': this spring has a kernel " &
+                             //'already; give one for x and one for phi, or one for both')
+      end if
+      if (.not. reader%status%failed()) then
+        n = n + 1
+        if (acts_on /= 'phi') parameters%kernel_x = n
+        if (acts_on /= 'x') parameters%kernel_phi = n
+        call read_kernel(reader, kernels(n))
+      end if
+      call reader%finish()
+      echo = echo//reader%echo
+      status = reader%status
+      if (status%failed()) return
+    end do
+  end subroutine read_kernels
+
+  subroutine read_kernel(reader, holder)
+    type(group_reader), intent(inout) :: reader
+    type(kernel_holder), intent(inout) :: holder
+    type(status_type) :: status
+    character(len=:), allocatable :: word
+    real(wp), allocatable :: p(:), second(:)
+    integer :: kind
+
+    kind = 0
+    allocate (second(0))
+    word = reader%read_text('kind', allowed=kernel_names, choice=kind)
+    if (reader%status%failed()) return
+    select case (kind)
+    case (kernel_rzhanitsyn, kernel_rabotnov, kernel_abel)
+      allocate (p(merge(2, 3, kind == kernel_abel)))
+      p(1) = reader%read_real('amplitude')
+      p(2) = reader%read_real('alpha')
+      if (kind /= kernel_abel) p(3) = reader%read_real('beta')
+    case (kernel_prony)
+      p = reader%read_reals('weights')
+      second = reader%read_reals('rates')
+      call check_pairs(reader, 'weights', 'rates', size(p), size(second))
+      p = [p, second]
+    case default
+      call read_tabulated(reader, p)
+    end select
+    if (reader%status%failed()) return
+    call new_kernel(holder%kernel, kind, p, status)
+    if (status%failed() .and. reader%has('file')) then
+      call reader%complain('file', 'file: '//status%message)
+    end if
+    call reader%place(status)
+  end subroutine read_kernel
+
+  !> Times and values, here or in a file of two columns.
+  subroutine read_tabulated(reader, p)
+    type(group_reader), intent(inout) :: reader
+    real(wp), allocatable, intent(out) :: p(:)
+    type(status_type) :: status
+    character(len=:), allocatable :: word, path
+    real(wp), allocatable :: times(:), values(:)
+    integer :: code
+
+    code = 1
+    allocate (times(0), values(0))
+    word = reader%read_text('interpolation', 'linear', &
+                            [character(len=11) :: 'linear', 'exponential'], code)
+    path = reader%read_path('file')
+    if (reader%has('file')) then
+      call reader%refuse([character(len=6) :: 'times', 'values'], 'is in the file already; give ' &
+                         //'either file, or times and values')
+      if (reader%status%failed()) return
+      call read_kernel_table(path, times, values, status)
+      if (status%category == status_io_error) then
+        call reader%complain('file', 'file: '//status%message, status_io_error)
+      else if (status%failed()) then
+        ! The table's own file and line say more than the scene's.
+        reader%status = status
+      end if
+      call reader%echo_reals('times', times)
+      call reader%echo_reals('values', values)
+    else
+      times = reader%read_reals('times')
+      values = reader%read_reals('values')
+    end if
+    call check_pairs(reader, 'times', 'values', size(times), size(values))
+    p = [real(code - 1, wp), times, values]
+  end subroutine read_tabulated
+
+  !> The flat form of a kernel cannot tell 3 and 1 numbers from 2 and 2.
+  subroutine check_pairs(reader, first, second, n_first, n_second)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: first, second
+    integer, intent(in) :: n_first, n_second
+    if (n_first /= n_second) call reader%complain(second, first//' and '//second//' have ' &
+                                                  //show(n_first)//' and '//show(n_second) &
+                                                  //' numbers: must match')
+  end subroutine check_pairs
+
+end module viscovib_kernel_groups

@@ -1,0 +1,113 @@
+!> Numbers as text: strict reading, exact writing.
+module viscovib_number_text
+  use, intrinsic :: ieee_arithmetic, only: ieee_get_halting_mode, ieee_is_finite, &
+    ieee_overflow, ieee_set_halting_mode
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: parse_real, parse_integer, exact, exact_list
+
+  character(len=*), parameter :: digits = '0123456789'
+  !> Length of a number with 17 significant digits.
+  integer, parameter :: width = 24
+
+contains
+
+  !> A number such as 1, -0.5, .5, 1.e5, 1e-3, 1d-3. Stricter than the
+  !! compiler's own reading, which takes 1-2 for 1e-2 and stops at a slash.
+  !! Not ok: also what is too large to be finite or too small to differ from 0.
+  subroutine parse_real(text, value, ok)
+    character(len=*), intent(in) :: text
+    real(wp), intent(out) :: value
+    logical, intent(out) :: ok
+    logical :: halting
+    integer :: mantissa, io
+
+    value = 0.0_wp
+    mantissa = scan(text, 'eEdD') - 1
+    if (mantissa < 0) mantissa = len(text)
+    ok = is_decimal(text(:mantissa))
+    if (mantissa < len(text)) ok = ok .and. is_whole(text(mantissa + 2:))
+    if (.not. ok) return
+    ! A number too large becomes infinite and is refused below; do not trap.
+    call ieee_get_halting_mode(ieee_overflow, halting)
+    call ieee_set_halting_mode(ieee_overflow, .false.)
+    read (text, *, iostat=io) value
+    call ieee_set_halting_mode(ieee_overflow, halting)
+    ok = io == 0
+    if (ok) ok = ieee_is_finite(value)
+    if (ok .and. .not. abs(value) > 0.0_wp) ok = scan(text(:mantissa), '123456789') == 0
+    if (.not. ok) value = 0.0_wp
+  end subroutine parse_real
+
+  !> A default integer; not ok if it is too large for one.
+  subroutine parse_integer(text, value, ok)
+    character(len=*), intent(in) :: text
+    integer, intent(out) :: value
+    logical, intent(out) :: ok
+    integer :: io
+    value = 0
+    ok = is_whole(text)
+    if (.not. ok) return
+    read (text, *, iostat=io) value
+    ok = io == 0
+    if (.not. ok) value = 0
+  end subroutine parse_integer
+
+  !> Position after a sign, if there is one.
+  pure integer function after_sign(text)
+    character(len=*), intent(in) :: text
+    after_sign = 1
+    if (len(text) > 0) then
+      if (scan(text(1:1), '+-') == 1) after_sign = 2
+    end if
+  end function after_sign
+
+  !> Digits, with a sign before them or not.
+  pure logical function is_whole(text)
+    character(len=*), intent(in) :: text
+    integer :: first
+    first = after_sign(text)
+    is_whole = first <= len(text) .and. verify(text(first:), digits) == 0
+  end function is_whole
+
+  !> Digits with at most one point among them, and a sign or not.
+  pure logical function is_decimal(text)
+    character(len=*), intent(in) :: text
+    integer :: first, point
+    first = after_sign(text)
+    point = index(text, '.')
+    is_decimal = scan(text, digits) > 0 .and. verify(text(first:), digits//'.') == 0
+    if (point > 0) is_decimal = is_decimal .and. index(text(point + 1:), '.') == 0
+  end function is_decimal
+
+  !> Text that reads back to the same number.
+  pure function exact(value)
+    real(wp), intent(in) :: value
+    character(len=width) :: exact
+    write (exact, '(es24.16e3)') value
+    exact = adjustl(exact)
+  end function exact
+
+  !> Numbers in lines of four, each after a blank; made in one piece, since a
+  !! list may have a million.
+  pure function exact_list(values) result(text)
+    real(wp), intent(in) :: values(:)
+    character(len=:), allocatable :: text
+    character(len=*), parameter :: next_line = new_line('a')//'    '
+    integer :: i, at
+    allocate (character(len=size(values)*(width + 1) &
+                        + max(size(values) - 1, 0)/4*len(next_line)) :: text)
+    at = 0
+    do i = 1, size(values)
+      if (i > 1 .and. mod(i, 4) == 1) then
+        text(at + 1:at + len(next_line)) = next_line
+        at = at + len(next_line)
+      end if
+      text(at + 1:at + width + 1) = ' '//exact(values(i))
+      at = at + width + 1
+    end do
+  end function exact_list
+
+end module viscovib_number_text

@@ -1,0 +1,205 @@
+!> Scenes: defaults, canonical text, and the line of what is wrong.
+module test_scene
+  use test_scene_files, only: remove_scratch, scratch, write_scratch
+  use testing, only: begin, check, check_close, check_fails, check_ok
+  use viscovib_kernel_table, only: read_kernel_table
+  use viscovib_kinds, only: wp
+  use viscovib_mount, only: geometry_cubic
+  use viscovib_response_plan, only: method_linear, method_successive
+  use viscovib_scene, only: read_scene, scene_type
+  use viscovib_status, only: status_input_error, status_io_error, status_type
+  implicit none
+  private
+
+  public :: run_scene
+
+  character(len=*), parameter :: nl = new_line('a')
+  !> A scene in four lines.
+  character(len=*), parameter :: mount = &
+    '&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 /'//nl
+  character(len=*), parameter :: kernel = &
+    '&kernel kind=''rzhanitsyn'', amplitude=0.048, alpha=0.1, beta=0.05 /'//nl
+  character(len=*), parameter :: load = '&load amplitude=0.1 /'//nl
+  character(len=*), parameter :: response = '&response nu = 1 2 4 /'//nl
+
+contains
+
+  subroutine run_scene()
+    type(scene_type) :: scene
+    type(status_type) :: status
+    real(wp), allocatable :: times(:), values(:)
+
+    if (begin('what is not given has its default')) then
+      call read_text(mount//load//response, scene, status)
+      call check_ok(status)
+      call check(scene%mount%parameters%geometry == geometry_cubic, 'geometry')
+      call check(all(scene%mount%kernel_of == 0), 'no memory')
+      call check(scene%method == method_successive, 'method')
+      call check(scene%options%harmonics == 9, 'harmonics')
+      call check_close(scene%options%tolerance, 1.0e-10_wp, 0.0_wp, 'tolerance')
+      call check(scene%title == '', 'title')
+      call check(all(scene%load%orders == [1]), 'order of the load')
+    end if
+
+    if (begin('loads add up, phases and all')) then
+      call read_text(mount//load//'&load amplitude=2, phase=1 /'//nl &
+                     //'&load order=0, on=''phi'', '// &
+                     'amplitude=3 /'//nl//'&load kind=''base'', order=2, amplitude=0.5 /'//nl &
+                     //'&response nu=1, method=''linear'' /', scene, status)
+      call check_ok(status)
+      call check(scene%method == method_linear, 'method')
+      call check(all(scene%load%orders == [0, 1, 2]), 'orders')
+      call check_close(aimag(scene%load%force(2, 1)), 3.0_wp, 0.0_wp, 'mean')
+      call check_close(real(scene%load%force(1, 2)), 0.1_wp + 2.0_wp*cos(1.0_wp), 1.0e-15_wp, &
+                       'cosine')
+      call check_close(aimag(scene%load%force(1, 2)), 2.0_wp*sin(1.0_wp), 1.0e-15_wp, 'sine')
+      call check_close(real(scene%load%base(3)), 0.5_wp, 0.0_wp, 'base')
+    end if
+
+    if (begin('the canonical text reads back to itself')) then
+      call round_trip(mount//load//response)
+      call round_trip('&scene title=''it''''s a "title" / &'' /'//nl//mount//kernel//load &
+                      //'&load order=0, amplitude=-1e-300 /'//nl//'&load kind=''base'', order=3, ' &
+                      //'amplitude=0.1, phase=-0.7/'//nl//'&response nu_min=0.3, nu_max=12, ' &
+                      //'nu_count=5, nu_spacing=''log'', relaxation=0.3 /')
+      call round_trip(mount//'&kernel acts_on=''phi'', kind=''prony'', weights=5*0.01, ' &
+                      //'rates=1 2 3 4 5 /'//nl//'&kernel acts_on=''x'', kind=''tabulated'', ' &
+                      //'times=0 1, values=0.1 0.05, interpolation=''exponential'' /'//nl &
+                      //load//response)
+    end if
+
+    if (begin('a tabulated kernel may stand in a file')) then
+      call write_scratch('kernel.txt', '# time, value'//nl//'0 0.1'//nl//nl//' 1.0,5d-2 ! half' &
+                         //achar(13)//nl//'2'//achar(9)//'.01')
+      call read_text(mount//"&kernel kind='tabulated', file='"//scratch('kernel.txt')//"' /"//nl &
+                     //load//response, scene, status)
+      call check_ok(status)
+      call check(index(scene%canonical, 'file') == 0, 'what the file holds is written out')
+      call check(index(scene%canonical, '5.0000000000000003E-002') > 0, 'the second value')
+      call read_kernel_table(scratch('kernel.txt'), times, values, status)
+      call check_ok(status)
+      call check(size(times) == 3 .and. size(values) == 3, 'three pairs')
+      call check_close(times(3) + values(3), 2.01_wp, 0.0_wp, 'the last, without a line end')
+    end if
+
+    if (begin('what is wrong with such a file, and where')) then
+      call wrong_table('0 1'//nl//'1'//nl, scratch('kernel.txt')//":2: '1': must be two finite")
+      call wrong_table('0 1'//nl//nl//'1 2 3'//nl, scratch('kernel.txt') &
+                       //":3: '1 2 3': must be two")
+      call wrong_table('t R'//nl//'1 2'//nl, scratch('kernel.txt')//":1: 't R': must be two finite")
+      call wrong_table('0 1'//nl//achar(0), scratch('kernel.txt')//':2: byte 0 found')
+      call wrong_table('0 1'//nl//'0 0.5', ':2: file: times (value 2) = 0 after 0')
+      call wrong_table('# nothing', ':2: file: times and values have 0 and 0 numbers')
+      call remove_scratch('kernel.txt')
+      call read_text(mount//"&kernel kind='tabulated', file='"//scratch('kernel.txt')//"' /"//nl &
+                     //load//response, scene, status)
+      call check_fails(status, ':2: file: '//scratch('kernel.txt')//': cannot be read (No such')
+      call check(status%category == status_io_error, 'an i/o error')
+    end if
+
+    if (begin('lists that belong together are of one length')) then
+      call wrong(mount//"&kernel kind='prony', weights=1 2 3,"//nl//'rates=4 /'//nl//load &
+                 //response, &
+                 ':3: weights and rates have 3 and 1 numbers: must match')
+      call wrong(mount//"&kernel kind='tabulated', times=0 1 2,"//nl//'values=1 /'//nl//load &
+                 //response, ':3: times and values have 3 and 1 numbers: must match')
+    end if
+
+    if (begin('groups too many, too few, unknown')) then
+      call wrong(mount//load, ': no &response group: a scene needs')
+      call wrong(mount//response, ': no &load group')
+      call wrong(load//response, ': no &mount group')
+      call wrong(mount//load//response//mount, ':4: a second &mount')
+      call wrong(mount//load//response//'&pendulums /', ':4: unknown group &pendulums')
+      call wrong(mount//kernel//kernel//load//response, ":3: acts_on = 'both': this spring has")
+      call wrong(mount//"&kernel acts_on='x', kind='abel', amplitude=0.1, alpha=1 /"//nl//kernel &
+                 //load//response, ":3: acts_on = 'both': this spring has")
+    end if
+
+    if (begin('keys that have no meaning here')) then
+      call wrong(mount//load//'&response nu=1 2,'//nl//'nu_count=3 /', &
+                 ':4: nu_count: the frequencies')
+      call wrong(mount//"&load kind='base', on='phi', amplitude=1 /"//nl//response, ':2: on: ')
+      call wrong(mount//'&load order=0, amplitude=1, phase=0 /'//nl//response, &
+                 ':2: phase: the mean')
+      call wrong(mount//"&kernel kind='abel', amplitude=1, alpha=1, beta=1 /"//nl//load//response, &
+                 ":2: unknown key 'beta' in &kernel: must be one of acts_on, kind, amplitude")
+    end if
+
+    if (begin('values out of range have their line')) then
+      call wrong(mount//kernel//load//'&response nu=1,'//nl//'tolerance=0 /', ':5: tolerance = 0')
+      call wrong(mount//kernel//load//'&response nu=1,'//nl//'harmonics=200 /', &
+                 ':5: harmonics = 200')
+      call wrong(mount//kernel//load//'&response nu=1,'//nl//'relaxation=2 /', ':5: relaxation = 2')
+      call wrong(mount//load//'&response nu=1,'//nl//'max_iterations=0 /', ':4: max_iterations = 0')
+      call wrong(mount//'&load order=11, amplitude=1 /'//nl//response, &
+                 ':3: harmonics = 9: must be at least 11')
+      call wrong(mount//'&load order=-1, amplitude=1 /'//nl//response, ':2: order = -1: must be 0')
+      call wrong(mount//'&load order=2000000000, amplitude=1 /'//nl//response, &
+                 ':2: order = 2000000')
+      call wrong(mount//load//'&response nu=0 1 /', ':3: nu = 0: must be greater than 0')
+      call wrong(mount//load//'&response nu=1 1 /', ':3: nu (value 2) = 1 after 1')
+      call wrong(mount//load//'&response nu_min=1, nu_max=2, nu_count=1000001 /', &
+                 ':3: nu_count = 1000001: must be 2 to 1000000')
+      call wrong(mount//load//'&response nu_min=2, nu_max=1, nu_count=3 /', ':3: nu_max = 1')
+      call wrong('&mount mass=0, inertia=0.1, offset=0.5,'//nl//'stiffness_x=10, stiffness_phi=2/' &
+                 //nl//load//response, ':1: mass = 0: must be greater than 0')
+    end if
+
+    if (begin('a mean needs every kernel''s integral: the line of that kernel')) then
+      call wrong(mount//"&kernel acts_on='x', kind='abel', amplitude=0.1, alpha=0.5 /"//nl &
+                 //'&load order=0, amplitude=1 /'//nl//response, ':2: a kernel has no finite')
+      call wrong(mount &
+                 //"&kernel acts_on='x', kind='rzhanitsyn', amplitude=0.1, alpha=0.5, beta=1 /" &
+                 //nl//"&kernel acts_on='phi', kind='rzhanitsyn', amplitude=0.1, alpha=0.5,"//nl &
+                 //' beta=0 /'//nl//'&load order=0, amplitude=1 /'//nl//response, &
+                 ':4: a kernel has no finite')
+    end if
+    call remove_scratch('scene.nml')
+  end subroutine run_scene
+
+  subroutine read_text(text, scene, status)
+    character(len=*), intent(in) :: text
+    type(scene_type), intent(out) :: scene
+    type(status_type), intent(out) :: status
+    call write_scratch('scene.nml', text)
+    call read_scene(scratch('scene.nml'), scene, status)
+  end subroutine read_text
+
+  subroutine round_trip(text)
+    character(len=*), intent(in) :: text
+    type(scene_type) :: first, second
+    type(status_type) :: status
+    call read_text(text, first, status)
+    call check_ok(status)
+    if (status%failed()) return
+    call read_text(first%canonical, second, status)
+    call check_ok(status)
+    if (status%failed()) return
+    call check(second%canonical == first%canonical, 'same text: '//second%canonical)
+    call check(all(abs(second%nu - first%nu) <= 0.0_wp), 'same frequencies')
+    call check(second%title == first%title, 'same title')
+  end subroutine round_trip
+
+  subroutine wrong(text, message)
+    character(len=*), intent(in) :: text, message
+    type(scene_type) :: scene
+    type(status_type) :: status
+    call read_text(text, scene, status)
+    call check_fails(status, scratch('scene.nml')//message)
+    call check(status%category == status_input_error, 'an input error')
+  end subroutine wrong
+
+  !> A scene whose kernel stands in a file of this text.
+  subroutine wrong_table(text, message)
+    character(len=*), intent(in) :: text, message
+    type(scene_type) :: scene
+    type(status_type) :: status
+    call write_scratch('kernel.txt', text)
+    call read_text(mount//"&kernel kind='tabulated', file='"//scratch('kernel.txt')//"' /"//nl &
+                   //load//response, scene, status)
+    call check_fails(status, message)
+    call check(status%category == status_input_error, 'an input error')
+  end subroutine wrong_table
+
+end module test_scene
