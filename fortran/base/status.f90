@@ -81,8 +81,11 @@ contains
       text = trim(merge('-inf', 'inf ', value < 0.0_wp))
       return
     end if
-    decade = 0
-    if (value /= 0.0_wp) decade = floor(log10(abs(value)))
+    if (abs(value) <= 0.0_wp) then
+      text = '0'
+      return
+    end if
+    decade = floor(log10(abs(value)))
     do digits = 6, 17
       if (decade >= -4 .and. decade < 7) then
         write (form, '(a,i0,a)') '(f0.', max(digits - 1 - decade, 1), ')'
@@ -104,7 +107,6 @@ contains
     if (len(text) > 1) then
       if (text(1:2) == '-.') text = '-0'//text(2:)
     end if
-    if (text == '' .or. text == '-') text = '0'
   end function show_real
 
 end module viscovib_status
