@@ -3,13 +3,14 @@
 !!
 !! q_i = q_0 + c_i h v_0 + h^2 sum_j a2_ij f_j, v_i = v_0 + h sum_j a_ij f_j,
 !! f_i = a(q_i, v_i): solved by fixed-point iteration from the polynomial of the
-!! step before, stopped on the largest change of acceleration. Symplectic and
+!! step before, stopped when the accelerations hardly change. Symplectic and
 !! symmetric; order 2s at the step ends.
 module viscovib_gauss
   use viscovib_driven_system, only: driven_system_type
-  use viscovib_gauss_table, only: gauss_table_type, new_gauss_table
+  use viscovib_gauss_table, only: gauss_table_type, max_blocks, new_gauss_table
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: lane_product, n_lanes
+  use viscovib_node_kernels, only: exchange, max_dof, node_states
   use viscovib_phases, only: new_phases, phases_type
   use viscovib_vector_math, only: largest_angle
   implicit none
@@ -19,11 +20,6 @@ module viscovib_gauss
 
   !> Iterations of a step before it is tried again from a constant start.
   integer, parameter :: max_iterations = 40
-  !> A velocity that no run survives.
-  real(wp), parameter :: largest_speed = 1.0e50_wp
-  !> Room for a system (a multiple of 4, as `lane_product` likes it) and its
-  !! nodes, so that no step allocates.
-  integer, parameter :: max_dof = 4, max_blocks = 2
 
   type :: gauss_type
     type(gauss_table_type) :: table
@@ -33,9 +29,8 @@ module viscovib_gauss
     real(wp) :: tolerance = 0.0_wp
     !> State, and what rounding has left out of it, shape (n_dof).
     real(wp), allocatable :: q(:), v(:), q_rest(:), v_rest(:)
-    !> Accelerations at the nodes, shape (n_lanes*n_blocks, max_dof), and the
-    !! weights of the step's end in the same order.
-    real(wp), allocatable :: f(:, :), weights(:), weights_q(:)
+    !> Accelerations at the nodes.
+    real(wp) :: f(n_lanes, max_dof, max_blocks) = 0.0_wp
     logical :: has_history = .false.
     !> Evaluations of a block of lanes, all told.
     integer(i8) :: n_evaluations = 0
@@ -58,15 +53,13 @@ contains
     real(wp), intent(in) :: q(:), v(:), start, h, tolerance
 
     call new_gauss_table(method%table, s, min(4, s - 1))
-    call new_phases(method%phases, system%drives, start, h, method%table%nodes)
+    call new_phases(method%phases, system%drives, start, h, &
+                    method%table%nodes(:, :method%table%n_blocks))
     method%h = h
     method%tolerance = tolerance
     method%q = q
     method%v = v
     allocate (method%q_rest(size(q)), method%v_rest(size(q)), source=0.0_wp)
-    allocate (method%f(n_lanes*method%table%n_blocks, max_dof), source=0.0_wp)
-    method%weights = reshape(method%table%weights, [n_lanes*method%table%n_blocks])
-    method%weights_q = reshape(method%table%weights_q, [n_lanes*method%table%n_blocks])
   end subroutine new_gauss
 
   !> One step; `converged` is false, and the state stays, if the iteration does
@@ -77,21 +70,18 @@ contains
     logical, intent(out) :: converged
     real(wp) :: drive(n_lanes, max_dof, max_blocks), guess(n_lanes, max_dof, max_blocks)
     real(wp) :: change_q, change_v
-    integer :: b, d, n, nodes
+    integer :: b, d
 
-    n = size(self%q)
-    nodes = n_lanes*self%table%n_blocks
     do b = 1, self%table%n_blocks
       call self%phases%drives(b, drive(:, :, b))
     end do
     converged = .false.
     if (self%has_history) then
       do b = 1, self%table%n_blocks
-        call lane_product(nodes, max_dof, self%table%extrapolation(:, :, b), self%f, guess(:, :, b))
+        call all_products(self%table%n_blocks, self%table%extrapolation(:, :, :, b), self%f, &
+                          guess(:, :, b))
       end do
-      do b = 1, self%table%n_blocks
-        self%f((b - 1)*n_lanes + 1:b*n_lanes, :) = guess(:, :, b)
-      end do
+      self%f(:, :, :self%table%n_blocks) = guess(:, :, :self%table%n_blocks)
       call self%iterate(system, drive, converged)
     end if
     if (.not. converged) then
@@ -100,9 +90,9 @@ contains
       if (.not. converged) return
     end if
     self%has_history = .true.
-    do d = 1, n
-      change_q = self%h*(self%v(d) + self%h*dot_product(self%weights_q, self%f(:, d)))
-      change_v = self%h*dot_product(self%weights, self%f(:, d))
+    do d = 1, size(self%q)
+      change_q = self%h*(self%v(d) + self%h*sum(self%table%weights_q*self%f(:, d, :)))
+      change_v = self%h*sum(self%table%weights*self%f(:, d, :))
       call add(self%q(d), self%q_rest(d), change_q)
       call add(self%v(d), self%v_rest(d), change_v)
     end do
@@ -124,7 +114,7 @@ contains
     call system%acceleration(q, v, drive, f)
     self%n_evaluations = self%n_evaluations + 1
     do d = 1, size(self%q)
-      self%f(:, d) = f(1, d)
+      self%f(:, d, :) = f(1, d)
     end do
   end subroutine constant_start
 
@@ -135,53 +125,58 @@ contains
     real(wp), intent(in) :: drive(n_lanes, max_dof, max_blocks)
     logical, intent(out) :: converged
     real(wp), dimension(n_lanes, max_dof) :: q, v
-    real(wp) :: f(n_lanes, max_dof, max_blocks)
-    real(wp) :: change, before, expected, largest, lane_change(n_lanes), lane_size(n_lanes)
-    integer :: k, b, d, n, l, j, nodes
+    real(wp) :: f(n_lanes, max_dof, max_blocks), q_0(max_dof), v_0(max_dof)
+    real(wp) :: change, before, expected, total, reach
+    integer :: k, b, n
 
     n = size(self%q)
-    nodes = n_lanes*self%table%n_blocks
+    q_0 = 0.0_wp
+    v_0 = 0.0_wp
+    q_0(:n) = self%q
+    v_0(:n) = self%v
+    f = 0.0_wp
     converged = .false.
     before = 0.0_wp
     do k = 1, max_iterations
       do b = 1, self%table%n_blocks
-        call lane_product(nodes, max_dof, self%table%a_q(:, :, b), self%f, q)
-        call lane_product(nodes, max_dof, self%table%a(:, :, b), self%f, v)
-        do d = 1, n
-          do l = 1, n_lanes
-            q(l, d) = self%q(d) + self%h*(self%table%nodes(l, b)*self%v(d) + self%h*q(l, d))
-            v(l, d) = self%v(d) + self%h*v(l, d)
-          end do
-        end do
+        call all_products(self%table%n_blocks, self%table%a_q(:, :, :, b), self%f, q)
+        call all_products(self%table%n_blocks, self%table%a(:, :, :, b), self%f, v)
+        call node_states(self%h, self%table%nodes(:, b), q_0, v_0, q, v, reach)
         ! An iterate that runs away is stopped before it overflows.
-        if (maxval(abs(q(:, :n))) > largest_angle .or. maxval(abs(v(:, :n))) > largest_speed) return
+        if (.not. reach <= largest_angle) return
         call system%acceleration(q, v, drive(:, :, b), f(:, :, b))
       end do
       self%n_evaluations = self%n_evaluations + self%table%n_blocks
-      lane_change = 0.0_wp
-      lane_size = 0.0_wp
+      change = 0.0_wp
+      total = 0.0_wp
       do b = 1, self%table%n_blocks
-        do d = 1, n
-          do l = 1, n_lanes
-            j = (b - 1)*n_lanes + l
-            lane_change(l) = max(lane_change(l), abs(f(l, d, b) - self%f(j, d)))
-            lane_size(l) = max(lane_size(l), abs(f(l, d, b)))
-            self%f(j, d) = f(l, d, b)
-          end do
-        end do
+        call exchange(f(:, :, b), self%f(:, :, b), change, total)
       end do
-      change = maxval(lane_change)
-      largest = maxval(lane_size)
       ! The next correction would shrink by the same factor again.
       expected = change
       if (before > change) expected = change*(change/before)
-      if (expected <= self%tolerance*largest) then
+      if (expected <= self%tolerance*total) then
         converged = .true.
         return
       end if
       before = change
     end do
   end subroutine iterate
+
+  !> sum_j table(:,j) f_j over the nodes of all blocks.
+  pure subroutine all_products(n_blocks, table, f, total)
+    integer, intent(in) :: n_blocks
+    real(wp), intent(in) :: table(n_lanes, n_lanes, max_blocks), f(n_lanes, max_dof, max_blocks)
+    real(wp), intent(out) :: total(n_lanes, max_dof)
+    real(wp) :: part(n_lanes, max_dof)
+    integer :: b
+
+    call lane_product(n_lanes, max_dof, table(:, :, 1), f(:, :, 1), total)
+    do b = 2, n_blocks
+      call lane_product(n_lanes, max_dof, table(:, :, b), f(:, :, b), part)
+      total = total + part
+    end do
+  end subroutine all_products
 
   !> Length of all that a run must know to go on bit for bit.
   pure integer function memory_size(self)

@@ -13,17 +13,21 @@ module viscovib_gauss_table
 
   public :: gauss_table_type, new_gauss_table
 
+  !> Room for 16 nodes. All arrays have fixed sizes, so that the compiler knows
+  !! their parts to be in one piece.
+  integer, parameter, public :: max_blocks = 2
+
   type :: gauss_table_type
     integer :: n_nodes = 0, n_blocks = 0
-    !> Nodes, weights of q' and of q, shape (n_lanes, n_blocks); lanes past the
+    !> Nodes, weights of q' and of q, node i in lane and block; lanes past the
     !! last node are 0.
-    real(wp), allocatable :: nodes(:, :), weights(:, :), weights_q(:, :)
-    !> a_ij and its square, shape (n_lanes, n_lanes*n_blocks, n_blocks), i in
-    !! lanes and blocks.
-    real(wp), allocatable :: a(:, :, :), a_q(:, :, :)
-    !> Predicts the accelerations at the nodes of the next step from those of
-    !! this one: least squares by a polynomial. Same shape.
-    real(wp), allocatable :: extrapolation(:, :, :)
+    real(wp), dimension(n_lanes, max_blocks) :: nodes = 0.0_wp, weights = 0.0_wp, &
+                                                weights_q = 0.0_wp
+    !> a_ij, its square, and what predicts the accelerations at the nodes of the
+    !! next step from those of this one (least squares by a polynomial). Lane of
+    !! i, lane of j, block of j, block of i.
+    real(wp), dimension(n_lanes, n_lanes, max_blocks, max_blocks) :: a = 0.0_wp, a_q = 0.0_wp, &
+                                                                     extrapolation = 0.0_wp
   end type gauss_table_type
 
 contains
@@ -34,7 +38,7 @@ contains
     integer, intent(in) :: s, degree
     real(wp) :: c(s), b(s), a(s, s), square(s, s), next(s, s)
     real(wp) :: p(0:s + 1, s), beyond(0:s + 1, s), start(0:s + 1)
-    integer :: i, j, k, n
+    integer :: i, j, k
 
     call gauss_nodes(s, c, b)
     start = legendre(s + 1, 0.0_wp)
@@ -57,21 +61,20 @@ contains
     end do
     square = matmul(a, a)
 
-    n = (s + n_lanes - 1)/n_lanes
     table%n_nodes = s
-    table%n_blocks = n
-    allocate (table%nodes(n_lanes, n), table%weights(n_lanes, n), table%weights_q(n_lanes, n), &
-              table%a(n_lanes, n*n_lanes, n), table%a_q(n_lanes, n*n_lanes, n), &
-              table%extrapolation(n_lanes, n*n_lanes, n), &
-              source=0.0_wp)
+    table%n_blocks = (s + n_lanes - 1)/n_lanes
     do i = 1, s
-      associate (l => mod(i - 1, n_lanes) + 1, block => (i - 1)/n_lanes + 1)
-        table%nodes(l, block) = c(i)
-        table%weights(l, block) = b(i)
-        table%weights_q(l, block) = b(i)*(1.0_wp - c(i))
-        table%a(l, :s, block) = a(i, :)
-        table%a_q(l, :s, block) = square(i, :)
-        table%extrapolation(l, :s, block) = next(i, :)
+      associate (l => mod(i - 1, n_lanes) + 1, to => (i - 1)/n_lanes + 1)
+        table%nodes(l, to) = c(i)
+        table%weights(l, to) = b(i)
+        table%weights_q(l, to) = b(i)*(1.0_wp - c(i))
+        do j = 1, s
+          associate (m => mod(j - 1, n_lanes) + 1, from => (j - 1)/n_lanes + 1)
+            table%a(l, m, from, to) = a(i, j)
+            table%a_q(l, m, from, to) = square(i, j)
+            table%extrapolation(l, m, from, to) = next(i, j)
+          end associate
+        end do
       end associate
     end do
   end subroutine new_gauss_table

@@ -60,9 +60,9 @@ contains
         if (k >= s) cycle
         do i = 1, s
           associate (l => mod(i - 1, n_lanes) + 1, b => (i - 1)/n_lanes + 1)
-            x = sum(table%a(l, :, b)*f)
+            x = sum(reshape(table%a(l, :, :, b), [size(f)])*f)
             call check_close(x, c(i)**(k + 1)/(k + 1), 1.0e-15_wp, 'a', floor=1.0_wp)
-            x = sum(table%a_q(l, :, b)*f)
+            x = sum(reshape(table%a_q(l, :, :, b), [size(f)])*f)
             if (k == s - 1) cycle
             call check_close(x, c(i)**(k + 2)/((k + 1)*(k + 2)), 1.0e-15_wp, 'a of q', floor=1.0_wp)
           end associate
