@@ -13,6 +13,9 @@ module viscovib_lanes
   !> Lanes in a block: one register of 8 doubles where there are such, two of
   !! 4 or four of 2 elsewhere.
   integer, parameter, public :: n_lanes = 8
+  !> Coordinates there is room for in time integration; they are taken three at
+  !! a time, so that their sums stay in registers.
+  integer, parameter, public :: max_dof = 6
 
 contains
 

@@ -10,7 +10,7 @@ module viscovib_driven_system
   implicit none
   private
 
-  public :: driven_system_type
+  public :: driven_system_type, differentiable_system_type
 
   type, abstract :: driven_system_type
     integer :: n_dof = 0
@@ -18,8 +18,15 @@ module viscovib_driven_system
     real(wp), allocatable :: drives(:)
   contains
     procedure(acceleration_interface), deferred :: acceleration
-    procedure(physical_interface), deferred :: physical
+    procedure(margin_interface), deferred :: margin
+    procedure :: physical
   end type driven_system_type
+
+  !> One that knows its derivatives too.
+  type, extends(driven_system_type), abstract :: differentiable_system_type
+  contains
+    procedure(tangent_interface), deferred :: tangent
+  end type differentiable_system_type
 
   abstract interface
 
@@ -34,13 +41,35 @@ module viscovib_driven_system
       real(wp), intent(out) :: a(n_lanes, self%n_dof)
     end subroutine acceleration_interface
 
-    !> Coordinates (n_dof) are within what the equations describe.
-    pure logical function physical_interface(self, q)
-      import :: driven_system_type, wp
+    !> Accelerations, and their derivative in the direction (dq, dv).
+    pure subroutine tangent_interface(self, q, v, drive, dq, dv, a, da)
+      import :: differentiable_system_type, n_lanes, wp
+      class(differentiable_system_type), intent(in) :: self
+      real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+      real(wp), intent(in) :: drive(n_lanes, size(self%drives))
+      real(wp), intent(in) :: dq(n_lanes, self%n_dof), dv(n_lanes, self%n_dof)
+      real(wp), intent(out) :: a(n_lanes, self%n_dof), da(n_lanes, self%n_dof)
+    end subroutine tangent_interface
+
+    !> Positive where the coordinates are within what the equations describe.
+    pure function margin_interface(self, q) result(margin)
+      import :: driven_system_type, n_lanes, wp
       class(driven_system_type), intent(in) :: self
-      real(wp), intent(in) :: q(:)
-    end function physical_interface
+      real(wp), intent(in) :: q(n_lanes, self%n_dof)
+      real(wp) :: margin(n_lanes)
+    end function margin_interface
 
   end interface
+
+contains
+
+  !> Whether one state is within what the equations describe.
+  pure logical function physical(self, q)
+    class(driven_system_type), intent(in) :: self
+    real(wp), intent(in) :: q(self%n_dof)
+    real(wp) :: margin(n_lanes)
+    margin = self%margin(spread(q, 1, n_lanes))
+    physical = margin(1) > 0.0_wp
+  end function physical
 
 end module viscovib_driven_system

@@ -1,26 +1,16 @@
 !> The spring pendulum: a rigid body on a nonlinear spring, three degrees of
 !! freedom q = (z, phi, psi), dimensionless.
 !!
-!! Source: "Plane motion of the rigid body with the spring-damper suspension"
-!! (seed paper 000), its misprints corrected (docs/theory.md). With
-!! s = sin(phi-psi), c = cos(phi-psi), Z = 1+z and p = psi'' all three variants
-!! read
-!!
-!!   z''   + e S p            = A1,
-!!   Q phi'' + e G p          = A2,
-!!   p + r (S z'' + H phi'')  = A3,
-!!
-!! exact:   S = s, G = H = Z c, Q = Z^2;
-!! cubic:   everything expanded to third order, S = d, G = H = 1 + z - d^2/2,
-!!          d = phi - psi;
-!! printed: G = 0 (its psi'' is printed as psi'), H = c, Q = Z^2.
+!! Equations in `viscovib_pendulum_equations`.
 module viscovib_pendulum
   use viscovib_checks, only: check_finite, check_not_negative, check_positive
-  use viscovib_driven_system, only: driven_system_type
+  use viscovib_driven_system, only: differentiable_system_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_pendulum_equations, only: cubic_acceleration, cubic_tangent, exact_acceleration, &
+    exact_tangent, i_alpha, i_damping, i_e, i_inverse, i_load, i_r, i_square, i_stiffness, i_w2, &
+    i_w3, n_constants, printed_acceleration, printed_tangent
   use viscovib_status, only: fail, show, status_input_error, status_type
-  use viscovib_vector_math, only: sine_cosine_lanes
   implicit none
   private
 
@@ -40,13 +30,18 @@ module viscovib_pendulum
     integer :: equations = equations_exact
   end type pendulum_parameters
 
-  type, extends(driven_system_type) :: pendulum_type
+  type, extends(differentiable_system_type) :: pendulum_type
     type(pendulum_parameters) :: parameters
     !> r = w3^2/w2^2; static elongation z_r; stiffness 1 + 3 alpha z_r^2.
     real(wp) :: r = 0.0_wp, z_r = 0.0_wp, stiffness = 0.0_wp
+    !> What the equations need, for each lane; all lanes alike unless they were
+    !! set apart.
+    real(wp), private :: constants(n_lanes, n_constants) = 0.0_wp
   contains
     procedure :: acceleration
-    procedure :: physical
+    procedure :: tangent
+    procedure :: margin
+    procedure :: set_lane
     procedure :: energy
     procedure :: power
     procedure :: natural_modes
@@ -98,6 +93,20 @@ contains
     end associate
     pendulum%n_dof = 3
     pendulum%parameters = parameters
+    associate (k => pendulum%constants, p => parameters)
+      k(:, i_e) = p%e
+      k(:, i_r) = pendulum%r
+      k(:, i_w2) = p%w2**2
+      k(:, i_w3) = p%w3**2
+      k(:, i_stiffness) = pendulum%stiffness
+      k(:, i_square) = 3.0_wp*p%alpha*pendulum%z_r
+      k(:, i_alpha) = p%alpha
+      k(:, i_inverse) = 1.0_wp/(1.0_wp - p%e*pendulum%r)
+      do i = 1, 3
+        k(:, i_damping + i - 1) = p%damping(i)
+        k(:, i_load + i - 1) = p%load(i)
+      end do
+    end associate
   end subroutine new_pendulum
 
   !> The only real root of alpha z^3 + z = w2^2, without cancellation:
@@ -113,6 +122,14 @@ contains
     end if
   end function static_elongation
 
+  !> Give a lane the constants of another pendulum with the same equations.
+  pure subroutine set_lane(self, lane, other)
+    class(pendulum_type), intent(inout) :: self
+    integer, intent(in) :: lane
+    type(pendulum_type), intent(in) :: other
+    self%constants(lane, :) = other%constants(1, :)
+  end subroutine set_lane
+
   !> q'' from the closed-form solution of the mass matrix.
   pure subroutine acceleration(self, q, v, drive, a)
     class(pendulum_type), intent(in) :: self
@@ -122,110 +139,39 @@ contains
 
     select case (self%parameters%equations)
     case (equations_exact)
-      call exact_acceleration(self%parameters, self%r, self%z_r, self%stiffness, q, v, drive, a)
+      call exact_acceleration(self%constants, q, v, drive, a)
     case (equations_cubic)
-      call cubic_acceleration(self%parameters, self%r, self%z_r, self%stiffness, q, v, drive, a)
+      call cubic_acceleration(self%constants, q, v, drive, a)
     case default
-      call printed_acceleration(self%parameters, self%r, self%z_r, self%stiffness, q, v, drive, a)
+      call printed_acceleration(self%constants, q, v, drive, a)
     end select
   end subroutine acceleration
 
-  pure subroutine exact_acceleration(p, r, z_r, stiffness, q, v, drive, a)
-    type(pendulum_parameters), intent(in) :: p
-    real(wp), intent(in) :: r, z_r, stiffness
-    real(wp), intent(in) :: q(n_lanes, 3), v(n_lanes, 3), drive(n_lanes, 3)
-    real(wp), intent(out) :: a(n_lanes, 3)
-    real(wp) :: sines(n_lanes, 3), cosines(n_lanes, 3), d(n_lanes)
-    real(wp) :: z, length, a1, a2, a3, s, c, inverse
-    integer :: l
-
-    d = q(:, 2) - q(:, 3)
-    call sine_cosine_lanes(q(:, 2), sines(:, 1), cosines(:, 1))
-    call sine_cosine_lanes(q(:, 3), sines(:, 2), cosines(:, 2))
-    call sine_cosine_lanes(d, sines(:, 3), cosines(:, 3))
-    inverse = 1.0_wp/(1.0_wp - p%e*r)
-    do l = 1, n_lanes
-      z = q(l, 1)
-      length = 1.0_wp + z
-      s = sines(l, 3)
-      c = cosines(l, 3)
-      a1 = p%load(1)*drive(l, 1) - p%damping(1)*v(l, 1) + p%w2**2*(cosines(l, 1) - 1.0_wp) &
-           - z*(stiffness + p%alpha*z*(3.0_wp*z_r + z)) + length*v(l, 2)**2 + p%e*c*v(l, 3)**2
-      a2 = (p%load(2)*drive(l, 2) - p%damping(2)*v(l, 2))/length - p%w2**2*sines(l, 1) &
-           - 2.0_wp*v(l, 1)*v(l, 2) - p%e*s*v(l, 3)**2
-      a3 = p%load(3)*drive(l, 3) - p%damping(3)*v(l, 3) - p%w3**2*sines(l, 2) &
-           - r*(2.0_wp*c*v(l, 1)*v(l, 2) - length*s*v(l, 2)**2)
-      a(l, 3) = (a3 - r*(s*a1 + c*a2))*inverse
-      a(l, 1) = a1 - p%e*s*a(l, 3)
-      a(l, 2) = (a2 - p%e*c*a(l, 3))/length
-    end do
-  end subroutine exact_acceleration
-
-  pure subroutine cubic_acceleration(p, r, z_r, stiffness, q, v, drive, a)
-    type(pendulum_parameters), intent(in) :: p
-    real(wp), intent(in) :: r, z_r, stiffness
-    real(wp), intent(in) :: q(n_lanes, 3), v(n_lanes, 3), drive(n_lanes, 3)
-    real(wp), intent(out) :: a(n_lanes, 3)
-    real(wp) :: z, phi, psi, d, g, square, a1, a2, a3
-    integer :: l
-
-    do l = 1, n_lanes
-      z = q(l, 1)
-      phi = q(l, 2)
-      psi = q(l, 3)
-      d = phi - psi
-      g = 1.0_wp + z - 0.5_wp*d**2
-      square = (1.0_wp + z)**2
-      a1 = p%load(1)*drive(l, 1) - p%damping(1)*v(l, 1) - 0.5_wp*p%w2**2*phi**2 &
-           - z*(stiffness + p%alpha*z*(3.0_wp*z_r + z)) + (1.0_wp + z)*v(l, 2)**2 &
-           + p%e*v(l, 3)**2
-      a2 = p%load(2)*drive(l, 2) - p%damping(2)*v(l, 2) &
-           - p%w2**2*(phi*(1.0_wp + z) - phi**3/6.0_wp) &
-           - 2.0_wp*(1.0_wp + z)*v(l, 1)*v(l, 2) - p%e*d*v(l, 3)**2
-      a3 = p%load(3)*drive(l, 3) - p%damping(3)*v(l, 3) - p%w3**2*(psi - psi**3/6.0_wp) &
-           - r*(2.0_wp*v(l, 1)*v(l, 2) - d*v(l, 2)**2)
-      a(l, 3) = (a3 - r*(d*a1 + g*a2/square))/(1.0_wp - p%e*r*(d**2 + g**2/square))
-      a(l, 1) = a1 - p%e*d*a(l, 3)
-      a(l, 2) = (a2 - p%e*g*a(l, 3))/square
-    end do
-  end subroutine cubic_acceleration
-
-  pure subroutine printed_acceleration(p, r, z_r, stiffness, q, v, drive, a)
-    type(pendulum_parameters), intent(in) :: p
-    real(wp), intent(in) :: r, z_r, stiffness
-    real(wp), intent(in) :: q(n_lanes, 3), v(n_lanes, 3), drive(n_lanes, 3)
-    real(wp), intent(out) :: a(n_lanes, 3)
-    real(wp) :: sines(n_lanes, 3), cosines(n_lanes, 3), d(n_lanes)
-    real(wp) :: z, length, a1, a2, a3, s, c
-    integer :: l
-
-    d = q(:, 2) - q(:, 3)
-    call sine_cosine_lanes(q(:, 2), sines(:, 1), cosines(:, 1))
-    call sine_cosine_lanes(q(:, 3), sines(:, 2), cosines(:, 2))
-    call sine_cosine_lanes(d, sines(:, 3), cosines(:, 3))
-    do l = 1, n_lanes
-      z = q(l, 1)
-      length = 1.0_wp + z
-      s = sines(l, 3)
-      c = cosines(l, 3)
-      a1 = p%load(1)*drive(l, 1) - p%damping(1)*v(l, 1) + p%w2**2*(cosines(l, 1) - 1.0_wp) &
-           - z*(stiffness + p%alpha*z*(3.0_wp*z_r + z)) + length*v(l, 2)**2 + p%e*c*v(l, 3)**2
-      a2 = p%load(2)*drive(l, 2) - p%damping(2)*v(l, 2) - p%w2**2*length*sines(l, 1) &
-           - 2.0_wp*z*v(l, 1)*v(l, 2) - p%e*length*s*v(l, 3)**2 - p%e*length*c*v(l, 3)
-      a3 = p%load(3)*drive(l, 3) - p%damping(3)*v(l, 3) - p%w3**2*sines(l, 2) &
-           - r*(2.0_wp*c*v(l, 1)*v(l, 2) - length*s*v(l, 2)**2)
-      a(l, 2) = a2/length**2
-      a(l, 3) = (a3 - r*(s*a1 + c*a(l, 2)))/(1.0_wp - p%e*r*s**2)
-      a(l, 1) = a1 - p%e*s*a(l, 3)
-    end do
-  end subroutine printed_acceleration
-
-  !> Z = 1 + z > 0: the spring does not pass through the pivot.
-  pure logical function physical(self, q)
+  !> The same and its change in the direction (dq, dv).
+  pure subroutine tangent(self, q, v, drive, dq, dv, a, da)
     class(pendulum_type), intent(in) :: self
-    real(wp), intent(in) :: q(:)
-    physical = self%n_dof > 0 .and. q(1) > -1.0_wp
-  end function physical
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: drive(n_lanes, size(self%drives))
+    real(wp), intent(in) :: dq(n_lanes, self%n_dof), dv(n_lanes, self%n_dof)
+    real(wp), intent(out) :: a(n_lanes, self%n_dof), da(n_lanes, self%n_dof)
+
+    select case (self%parameters%equations)
+    case (equations_exact)
+      call exact_tangent(self%constants, q, v, drive, dq, dv, a, da)
+    case (equations_cubic)
+      call cubic_tangent(self%constants, q, v, drive, dq, dv, a, da)
+    case default
+      call printed_tangent(self%constants, q, v, drive, dq, dv, a, da)
+    end select
+  end subroutine tangent
+
+  !> Z = 1 + z: the spring does not pass through the pivot.
+  pure function margin(self, q)
+    class(pendulum_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof)
+    real(wp) :: margin(n_lanes)
+    margin = 1.0_wp + q(:, 1)
+  end function margin
 
   !> Energy of the exact equations (over m L^2 omega_1^2); kept without loads
   !! and damping.

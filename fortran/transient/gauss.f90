@@ -6,12 +6,14 @@
 !! step before, stopped when the accelerations hardly change. Symplectic and
 !! symmetric; order 2s at the step ends.
 module viscovib_gauss
+  use viscovib_aligned, only: alignment_slack, first_aligned, settle
   use viscovib_driven_system, only: driven_system_type
-  use viscovib_gauss_table, only: gauss_table_type, max_blocks, new_gauss_table
-  use viscovib_kinds, only: i8, wp
-  use viscovib_lanes, only: lane_product, n_lanes
-  use viscovib_node_kernels, only: exchange, max_dof, node_states
+  use viscovib_gauss_table, only: gauss_table_type, new_gauss_table
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: max_dof, n_lanes
+  use viscovib_node_kernels, only: exchange, lane_product_sum, lane_sum, node_states, predict
   use viscovib_phases, only: new_phases, phases_type
+  use viscovib_stepper, only: stepper_type
   use viscovib_vector_math, only: largest_angle
   implicit none
   private
@@ -20,39 +22,53 @@ module viscovib_gauss
 
   !> Iterations of a step before it is tried again from a constant start.
   integer, parameter :: max_iterations = 40
+  !> Accelerations that change by more than this are running away.
+  real(wp), parameter :: runaway = 1.0e15_wp
+  !> Degree of the polynomial that predicts a step: higher ones run away when
+  !! steps are large.
+  integer, parameter :: prediction_degree = 5
 
-  type :: gauss_type
+  !> Where things begin in the room of a method, in columns of lanes.
+  type :: room_plan
+    integer :: sums = 0, prediction = 0, times = 0, drive = 0, f = 0, f_new = 0, q = 0, v = 0
+    integer :: n_columns = 0
+  end type room_plan
+
+  type, extends(stepper_type) :: gauss_type
     type(gauss_table_type) :: table
     type(phases_type) :: phases
-    real(wp) :: h = 0.0_wp
     !> Iteration stops when accelerations change by less than this part.
     real(wp) :: tolerance = 0.0_wp
-    !> State, and what rounding has left out of it, shape (n_dof).
-    real(wp), allocatable :: q(:), v(:), q_rest(:), v_rest(:)
-    !> Accelerations at the nodes.
-    real(wp) :: f(n_lanes, max_dof, max_blocks) = 0.0_wp
+    !> What rounding has left out of the state, shape (n_dof).
+    real(wp), allocatable :: q_rest(:), v_rest(:)
+    !> Whether the accelerations of a step before are there to predict from.
     logical :: has_history = .false.
-    !> Evaluations of a block of lanes, all told.
-    integer(i8) :: n_evaluations = 0
+    type(room_plan), private :: plan
+    !> Tables, and accelerations and states at the nodes.
+    real(wp), allocatable, private :: room(:)
+    !> Where in it the first column begins.
+    integer, private :: first = 1
   contains
     procedure :: step
+    procedure :: change_step
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
+    procedure, private :: step_in_room
     procedure, private :: iterate
   end type gauss_type
 
 contains
 
   !> Start at (q, v) at time `start`.
-  pure subroutine new_gauss(method, system, s, q, v, start, h, tolerance)
+  subroutine new_gauss(method, system, s, q, v, start, h, tolerance)
     type(gauss_type), intent(out) :: method
     class(driven_system_type), intent(in) :: system
     !> Number of nodes, 1 to 16.
     integer, intent(in) :: s
     real(wp), intent(in) :: q(:), v(:), start, h, tolerance
 
-    call new_gauss_table(method%table, s, min(4, s - 1))
+    call new_gauss_table(method%table, s, min(prediction_degree, s - 1))
     call new_phases(method%phases, system%drives, start, h, &
                     method%table%nodes(:, :method%table%n_blocks))
     method%h = h
@@ -60,142 +76,224 @@ contains
     method%q = q
     method%v = v
     allocate (method%q_rest(size(q)), method%v_rest(size(q)), source=0.0_wp)
+    method%plan = new_room_plan(method%table%n_blocks)
+    allocate (method%room(n_lanes*method%plan%n_columns + alignment_slack), source=0.0_wp)
+    method%first = first_aligned(method%room)
+    call furnish(method%table, h, method%plan, method%room(method%first))
   end subroutine new_gauss
 
-  !> One step; `converged` is false, and the state stays, if the iteration does
-  !! not settle from either start: the step is too large.
-  subroutine step(self, system, converged)
+  !> Put the tables, with the step in them, where the loops will find them.
+  pure subroutine furnish(table, h, plan, room)
+    type(gauss_table_type), intent(in) :: table
+    real(wp), intent(in) :: h
+    type(room_plan), intent(in) :: plan
+    real(wp), intent(inout) :: room(n_lanes, plan%n_columns)
+    integer :: from, to, j, k
+
+    do to = 1, table%n_blocks
+      room(:, plan%times + to - 1) = h*table%nodes(:, to)
+      do from = 1, table%n_blocks
+        do j = 1, n_lanes
+          k = j - 1 + n_lanes*(from - 1 + table%n_blocks*(to - 1))
+          room(:, plan%sums + 2*k) = h**2*table%a_q(:, j, from, to)
+          room(:, plan%sums + 2*k + 1) = h*table%a(:, j, from, to)
+          room(:, plan%prediction + k) = table%extrapolation(:, j, from, to)
+        end do
+      end do
+    end do
+  end subroutine furnish
+
+  pure type(room_plan) function new_room_plan(n_blocks) result(plan)
+    integer, intent(in) :: n_blocks
+    integer :: square
+    square = n_lanes*n_blocks**2
+    plan%sums = 1
+    plan%prediction = plan%sums + 2*square
+    plan%times = plan%prediction + square
+    plan%drive = plan%times + n_blocks
+    plan%f = plan%drive + max_dof*n_blocks
+    plan%f_new = plan%f + max_dof*n_blocks
+    plan%q = plan%f_new + max_dof*n_blocks
+    plan%v = plan%q + max_dof
+    plan%n_columns = plan%v + max_dof - 1
+  end function new_room_plan
+
+  subroutine change_step(self, system, h)
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: h
+    self%h = h
+    self%has_history = .false.
+    call settle(self%room, self%first)
+    call self%phases%set_step(system%drives, h, self%table%nodes(:, :self%table%n_blocks))
+    call furnish(self%table, h, self%plan, self%room(self%first))
+  end subroutine change_step
+
+  !> One step; not made if the iteration settles from neither start.
+  subroutine step(self, system, made)
+    class(gauss_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    logical, intent(out) :: made
+    call self%step_in_room(system, self%room(self%first), made)
+  end subroutine step
+
+  subroutine step_in_room(self, system, room, converged)
+    class(gauss_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
     logical, intent(out) :: converged
-    real(wp) :: drive(n_lanes, max_dof, max_blocks), guess(n_lanes, max_dof, max_blocks)
+    integer :: b, blocks, dofs
+
+    blocks = self%table%n_blocks
+    dofs = size(self%q)
+    associate (p => self%plan)
+      do b = 1, blocks
+        call self%phases%drives(b, room(1, p%drive + max_dof*(b - 1)))
+      end do
+      converged = .false.
+      if (self%has_history) then
+        do b = 1, blocks
+          call predict(blocks, dofs, room(1, p%prediction + n_lanes*blocks*(b - 1)), &
+                       room(1, p%f), room(1, p%f_new + max_dof*(b - 1)))
+        end do
+        room(:, p%f:p%f_new - 1) = room(:, p%f_new:p%f_new + max_dof*blocks - 1)
+        call self%iterate(system, room, converged)
+      end if
+      if (.not. converged) then
+        call constant_start(self, system, room)
+        call self%iterate(system, room, converged)
+        if (.not. converged) return
+      end if
+      call advance(self, blocks, room(1, p%f))
+    end associate
+  end subroutine step_in_room
+
+  !> To the end of the step, by the accelerations at its nodes.
+  subroutine advance(self, blocks, f)
+    class(gauss_type), intent(inout) :: self
+    integer, intent(in) :: blocks
+    real(wp), intent(in) :: f(n_lanes, max_dof, blocks)
     real(wp) :: change_q, change_v
     integer :: b, d
 
-    do b = 1, self%table%n_blocks
-      call self%phases%drives(b, drive(:, :, b))
-    end do
-    converged = .false.
-    if (self%has_history) then
-      do b = 1, self%table%n_blocks
-        call all_products(self%table%n_blocks, self%table%extrapolation(:, :, :, b), self%f, &
-                          guess(:, :, b))
-      end do
-      self%f(:, :, :self%table%n_blocks) = guess(:, :, :self%table%n_blocks)
-      call self%iterate(system, drive, converged)
-    end if
-    if (.not. converged) then
-      call constant_start(self, system, drive(:, :, 1))
-      call self%iterate(system, drive, converged)
-      if (.not. converged) return
-    end if
     self%has_history = .true.
     do d = 1, size(self%q)
-      change_q = self%h*(self%v(d) + self%h*sum(self%table%weights_q*self%f(:, d, :)))
-      change_v = self%h*sum(self%table%weights*self%f(:, d, :))
-      call add(self%q(d), self%q_rest(d), change_q)
-      call add(self%v(d), self%v_rest(d), change_v)
+      change_q = 0.0_wp
+      change_v = 0.0_wp
+      do b = 1, blocks
+        change_q = change_q + lane_product_sum(self%table%weights_q(1, b), f(1, d, b))
+        change_v = change_v + lane_product_sum(self%table%weights(1, b), f(1, d, b))
+      end do
+      call add(self%q(d), self%q_rest(d), self%h*(self%v(d) + self%h*change_q))
+      call add(self%v(d), self%v_rest(d), self%h*change_v)
     end do
     call self%phases%advance()
-  end subroutine step
+  end subroutine advance
 
   !> Accelerations at the start of the step, at every node.
-  subroutine constant_start(self, system, drive)
+  subroutine constant_start(self, system, room)
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(in) :: drive(n_lanes, max_dof)
-    real(wp) :: q(n_lanes, max_dof), v(n_lanes, max_dof), f(n_lanes, max_dof)
-    integer :: d
+    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
+    integer :: b, d
 
-    do d = 1, size(self%q)
-      q(:, d) = self%q(d)
-      v(:, d) = self%v(d)
-    end do
-    call system%acceleration(q, v, drive, f)
-    self%n_evaluations = self%n_evaluations + 1
-    do d = 1, size(self%q)
-      self%f(:, d, :) = f(1, d)
-    end do
+    associate (p => self%plan)
+      do d = 1, size(self%q)
+        room(:, p%q + d - 1) = self%q(d)
+        room(:, p%v + d - 1) = self%v(d)
+      end do
+      call system%acceleration(room(1, p%q), room(1, p%v), room(1, p%drive), room(1, p%f_new))
+      self%n_evaluations = self%n_evaluations + 1
+      do b = 0, self%table%n_blocks - 1
+        do d = 0, size(self%q) - 1
+          room(:, p%f + b*max_dof + d) = room(1, p%f_new + d)
+        end do
+      end do
+    end associate
   end subroutine constant_start
 
   !> Fixed point of the accelerations.
-  subroutine iterate(self, system, drive, converged)
+  subroutine iterate(self, system, room, converged)
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(in) :: drive(n_lanes, max_dof, max_blocks)
+    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
     logical, intent(out) :: converged
-    real(wp), dimension(n_lanes, max_dof) :: q, v
-    real(wp) :: f(n_lanes, max_dof, max_blocks), q_0(max_dof), v_0(max_dof)
-    real(wp) :: change, before, expected, total, reach
-    integer :: k, b, n
+    real(wp) :: q_0(max_dof), v_0(max_dof), change, before, expected, wanted
+    integer :: k, b, n, blocks
 
     n = size(self%q)
-    q_0 = 0.0_wp
-    v_0 = 0.0_wp
+    blocks = self%table%n_blocks
     q_0(:n) = self%q
     v_0(:n) = self%v
-    f = 0.0_wp
     converged = .false.
     before = 0.0_wp
-    do k = 1, max_iterations
-      do b = 1, self%table%n_blocks
-        call all_products(self%table%n_blocks, self%table%a_q(:, :, :, b), self%f, q)
-        call all_products(self%table%n_blocks, self%table%a(:, :, :, b), self%f, v)
-        call node_states(self%h, self%table%nodes(:, b), q_0, v_0, q, v, reach)
+    associate (p => self%plan)
+      wanted = self%tolerance*size_of(n, blocks, room(1, p%f))
+      do k = 1, max_iterations
+        do b = 0, blocks - 1
+          call node_states(blocks, n, room(1, p%times + b), room(1, p%sums + 2*n_lanes*blocks*b), &
+                           room(1, p%f), q_0, v_0, room(1, p%q), room(1, p%v))
+          call system%acceleration(room(1, p%q), room(1, p%v), room(1, p%drive + max_dof*b), &
+                                   room(1, p%f_new + max_dof*b))
+        end do
+        self%n_evaluations = self%n_evaluations + blocks
+        change = 0.0_wp
+        do b = 0, blocks - 1
+          call exchange(n, room(1, p%f_new + max_dof*b), room(1, p%f + max_dof*b), change)
+        end do
         ! An iterate that runs away is stopped before it overflows.
-        if (.not. reach <= largest_angle) return
-        call system%acceleration(q, v, drive(:, :, b), f(:, :, b))
+        if (.not. change <= runaway) return
+        ! The next correction would shrink by the same factor again.
+        expected = change
+        if (before > change) expected = change*(change/before)
+        if (expected <= wanted) exit
+        before = change
       end do
-      self%n_evaluations = self%n_evaluations + self%table%n_blocks
-      change = 0.0_wp
-      total = 0.0_wp
-      do b = 1, self%table%n_blocks
-        call exchange(f(:, :, b), self%f(:, :, b), change, total)
-      end do
-      ! The next correction would shrink by the same factor again.
-      expected = change
-      if (before > change) expected = change*(change/before)
-      if (expected <= self%tolerance*total) then
-        converged = .true.
-        return
-      end if
-      before = change
-    end do
+      converged = k <= max_iterations .and. all(abs(room(1, p%q:p%q + n - 1)) <= largest_angle)
+    end associate
   end subroutine iterate
 
-  !> sum_j table(:,j) f_j over the nodes of all blocks.
-  pure subroutine all_products(n_blocks, table, f, total)
-    integer, intent(in) :: n_blocks
-    real(wp), intent(in) :: table(n_lanes, n_lanes, max_blocks), f(n_lanes, max_dof, max_blocks)
-    real(wp), intent(out) :: total(n_lanes, max_dof)
-    real(wp) :: part(n_lanes, max_dof)
-    integer :: b
-
-    call lane_product(n_lanes, max_dof, table(:, :, 1), f(:, :, 1), total)
-    do b = 2, n_blocks
-      call lane_product(n_lanes, max_dof, table(:, :, b), f(:, :, b), part)
-      total = total + part
+  !> Sum of the sizes of all accelerations.
+  pure real(wp) function size_of(n_dof, blocks, f)
+    integer, intent(in) :: n_dof, blocks
+    real(wp), intent(in) :: f(n_lanes, max_dof, blocks)
+    real(wp) :: lanes(n_lanes)
+    integer :: b, d
+    lanes = 0.0_wp
+    do b = 1, blocks
+      do d = 1, n_dof
+        lanes = lanes + abs(f(:, d, b))
+      end do
     end do
-  end subroutine all_products
+    size_of = lane_sum(lanes)
+  end function size_of
 
   !> Length of all that a run must know to go on bit for bit.
   pure integer function memory_size(self)
     class(gauss_type), intent(in) :: self
-    memory_size = 4*size(self%q) + 2*size(self%phases%high) + size(self%f) + 1
+    memory_size = 4*size(self%q) + 2*size(self%phases%high) + n_nodes_values(self) + 1
   end function memory_size
+
+  pure integer function n_nodes_values(self)
+    class(gauss_type), intent(in) :: self
+    n_nodes_values = n_lanes*max_dof*self%table%n_blocks
+  end function n_nodes_values
 
   !> State, rests, phases, accelerations, and whether these predict.
   pure function save_memory(self) result(memory)
     class(gauss_type), intent(in) :: self
     real(wp) :: memory(self%memory_size())
+    integer :: first
+    first = self%first + n_lanes*(self%plan%f - 1)
     memory = [self%q, self%v, self%q_rest, self%v_rest, self%phases%high, self%phases%low, &
-              reshape(self%f, [size(self%f)]), merge(1.0_wp, 0.0_wp, self%has_history)]
+              self%room(first:first + n_nodes_values(self) - 1), &
+              merge(1.0_wp, 0.0_wp, self%has_history)]
   end function save_memory
 
-  pure subroutine load_memory(self, memory)
+  subroutine load_memory(self, memory)
     class(gauss_type), intent(inout) :: self
     real(wp), intent(in) :: memory(:)
-    integer :: n, m
+    integer :: n, m, first
     n = size(self%q)
     m = size(self%phases%high)
     self%q = memory(:n)
@@ -204,8 +302,10 @@ contains
     self%v_rest = memory(3*n + 1:4*n)
     self%phases%high = memory(4*n + 1:4*n + m)
     self%phases%low = memory(4*n + m + 1:4*n + 2*m)
-    self%f = reshape(memory(4*n + 2*m + 1:size(memory) - 1), shape(self%f))
-    self%has_history = memory(size(memory)) > 0.5_wp
+    first = self%first + n_lanes*(self%plan%f - 1)
+    self%room(first:first + n_nodes_values(self) - 1) = &
+      memory(4*n + 2*m + 1:4*n + 2*m + n_nodes_values(self))
+    self%has_history = memory(self%memory_size()) > 0.5_wp
   end subroutine load_memory
 
   !> total + change, keeping what rounding leaves out for the next time.

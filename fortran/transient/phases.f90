@@ -12,7 +12,7 @@ module viscovib_phases
   implicit none
   private
 
-  public :: phases_type, new_phases
+  public :: phases_type, new_phases, split_phase, step_phase
 
   real(real128), parameter :: turn = 6.28318530717958647692528676655900577_real128
   real(wp), parameter :: turn_high = real(turn, wp)
@@ -26,6 +26,7 @@ module viscovib_phases
     !> cos and sin of p h c_i at the nodes, shape (n_lanes, n_blocks, n).
     real(wp), allocatable, private :: node_cos(:, :, :), node_sin(:, :, :)
   contains
+    procedure :: set_step
     procedure :: advance
     procedure :: drives
   end type phases_type
@@ -38,46 +39,60 @@ contains
     real(wp), intent(in) :: frequencies(:), start, h
     !> Shape (n_lanes, n_blocks).
     real(wp), intent(in) :: nodes(:, :)
-    real(real128) :: exact
-    integer :: j, n, b, l
+    integer :: n
 
     n = size(frequencies)
     allocate (phases%high(n), phases%low(n), phases%step_high(n), phases%step_low(n))
-    allocate (phases%node_cos(n_lanes, size(nodes, 2), n), &
-              phases%node_sin(n_lanes, size(nodes, 2), n))
-    do j = 1, n
-      exact = modulo(real(frequencies(j), real128)*real(start, real128), turn)
-      phases%high(j) = real(exact, wp)
-      phases%low(j) = real(exact - real(phases%high(j), real128), wp)
-      exact = modulo(real(frequencies(j), real128)*real(h, real128), turn)
-      phases%step_high(j) = real(exact, wp)
-      phases%step_low(j) = real(exact - real(phases%step_high(j), real128), wp)
-      do b = 1, size(nodes, 2)
-        do l = 1, n_lanes
-          phases%node_cos(l, b, j) = cos(frequencies(j)*h*nodes(l, b))
-          phases%node_sin(l, b, j) = sin(frequencies(j)*h*nodes(l, b))
-        end do
-      end do
-    end do
+    call split_phase(frequencies, start, phases%high, phases%low)
+    call phases%set_step(frequencies, h, nodes)
   end subroutine new_phases
+
+  !> Go on in steps h.
+  pure subroutine set_step(self, frequencies, h, nodes)
+    class(phases_type), intent(inout) :: self
+    real(wp), intent(in) :: frequencies(:), h, nodes(:, :)
+    integer :: j
+
+    call split_phase(frequencies, h, self%step_high, self%step_low)
+    self%node_cos = spread(nodes, 3, size(frequencies))
+    do j = 1, size(frequencies)
+      self%node_cos(:, :, j) = frequencies(j)*h*nodes
+    end do
+    self%node_sin = sin(self%node_cos)
+    self%node_cos = cos(self%node_cos)
+  end subroutine set_step
+
+  !> Phase p t less whole turns, in two parts.
+  elemental subroutine split_phase(frequency, time, high, low)
+    real(wp), intent(in) :: frequency, time
+    real(wp), intent(out) :: high, low
+    real(real128) :: exact
+    exact = modulo(real(frequency, real128)*real(time, real128), turn)
+    high = real(exact, wp)
+    low = real(exact - real(high, real128), wp)
+  end subroutine split_phase
+
+  !> A phase one step on, less a turn if it has got so far.
+  elemental subroutine step_phase(high, low, step_high, step_low)
+    real(wp), intent(inout) :: high, low
+    real(wp), intent(in) :: step_high, step_low
+    real(wp) :: total, part, rest
+    total = high + step_high
+    part = total - high
+    rest = (high - (total - part)) + (step_high - part)
+    rest = rest + (low + step_low)
+    if (total >= turn_high) then
+      total = total - turn_high
+      rest = rest - turn_low
+    end if
+    high = total + rest
+    low = rest - (high - total)
+  end subroutine step_phase
 
   !> To the start of the next step.
   pure subroutine advance(self)
     class(phases_type), intent(inout) :: self
-    real(wp) :: total, part, low
-    integer :: j
-    do j = 1, size(self%high)
-      total = self%high(j) + self%step_high(j)
-      part = total - self%high(j)
-      low = (self%high(j) - (total - part)) + (self%step_high(j) - part)
-      low = low + (self%low(j) + self%step_low(j))
-      if (total >= turn_high) then
-        total = total - turn_high
-        low = low - turn_low
-      end if
-      self%high(j) = total + low
-      self%low(j) = low - (self%high(j) - total)
-    end do
+    call step_phase(self%high, self%low, self%step_high, self%step_low)
   end subroutine advance
 
   !> cos(p t) at the nodes of a block of the present step, a column a load.

@@ -2,6 +2,7 @@
 
 from importlib.metadata import version as _version
 
+from viscovib.ensemble import Ensemble, simulate_ensemble
 from viscovib.errors import (
     ConvergenceWarning,
     FileError,
@@ -30,6 +31,7 @@ __version__ = _version("viscovib")
 __all__ = [
     "AbelKernel",
     "ConvergenceWarning",
+    "Ensemble",
     "FileError",
     "InputError",
     "Kernel",
@@ -53,4 +55,5 @@ __all__ = [
     "plot_response",
     "run",
     "simulate",
+    "simulate_ensemble",
 ]

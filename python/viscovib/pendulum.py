@@ -1,7 +1,7 @@
 """The spring pendulum: a rigid body on a nonlinear spring, dimensionless."""
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +12,18 @@ from viscovib._native import FloatArray, core
 from viscovib.errors import InputError
 
 EQUATIONS = ("exact", "cubic", "printed")
+#: Numbers of a pendulum, in the order of the core.
+PARAMETERS = (
+    "e", "w2", "w3", "alpha", "c1", "c2", "c3", "f0", "m01", "m02", "p1", "p2", "p3",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What one dimensionless unit stands for: time (s) and length (m)."""
+
+    time: float
+    length: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +48,8 @@ class Pendulum:
         Loads f0 cos(p1 tau) on z, m01 cos(p2 tau) on phi, m02 cos(p3 tau) on psi.
     equations : {"exact", "cubic", "printed"}
         "cubic": everything expanded to third order; "printed": as seed paper 000 prints them.
+    scales : Scales, optional
+        Physical units, set by `from_physical`, so that results can go back into them.
     """
 
     e: float
@@ -52,14 +66,15 @@ class Pendulum:
     p2: float = 0.0
     p3: float = 0.0
     equations: str = "exact"
+    scales: Scales | None = None
 
     dof_names: ClassVar[tuple[str, ...]] = ("z", "phi", "psi")
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            if field.name != "equations":
-                value = _native.number(field.name, getattr(self, field.name))
-                object.__setattr__(self, field.name, value)
+        for name in PARAMETERS:
+            object.__setattr__(self, name, _native.number(name, getattr(self, name)))
+        if not isinstance(self.scales, (Scales, type(None))):
+            raise InputError(f"scales = {self.scales!r}: must be Scales or None")
         _native.choice("equations", self.equations, EQUATIONS)
         _native.call(core.pendulum_modes, self._flat)
 
@@ -125,6 +140,7 @@ class Pendulum:
             p2=Omega2 / omega,
             p3=Omega3 / omega,
             equations=equations,
+            scales=Scales(time=1 / omega, length=length),
         )
 
     @property
@@ -154,6 +170,17 @@ class Pendulum:
         derivative[..., 1::2] = acceleration
         return derivative
 
+    def jacobian(self, t: npt.ArrayLike, state: npt.ArrayLike) -> FloatArray:
+        """Derivative of `rhs` with respect to the state, shape (..., 6, 6)."""
+        states = self._states(state)
+        result = np.zeros((*states.shape, 6))
+        (of_accelerations,) = _native.call(
+            core.pendulum_jacobian, self._flat, self._drives(t, states), states.reshape(-1, 6).T
+        )
+        result[..., 0, 1] = result[..., 2, 3] = result[..., 4, 5] = 1
+        result[..., 1::2, :] = of_accelerations.transpose(2, 0, 1).reshape(*states.shape[:-1], 3, 6)
+        return result
+
     def energy(self, state: npt.ArrayLike) -> FloatArray:
         """Energy over m L^2 omega_1^2, shape (...): constant without loads and damping."""
         result: FloatArray = self._evaluate(0.0, self._states(state))[1][()]
@@ -166,7 +193,7 @@ class Pendulum:
 
     @property
     def _flat(self) -> FloatArray:
-        numbers = [getattr(self, f.name) for f in fields(self) if f.name != "equations"]
+        numbers = [getattr(self, name) for name in PARAMETERS]
         return np.array([*numbers, EQUATIONS.index(self.equations) + 1])
 
     def _states(self, state: npt.ArrayLike) -> FloatArray:
@@ -178,10 +205,13 @@ class Pendulum:
     def _evaluate(
         self, t: npt.ArrayLike, states: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        times = np.broadcast_to(_native.real_array("t", t), states.shape[:-1])
-        drives = np.cos(np.multiply.outer([self.p1, self.p2, self.p3], times.ravel()))
         acceleration, energy, power = _native.call(
-            core.pendulum_evaluate, self._flat, np.asfortranarray(drives), states.reshape(-1, 6).T
+            core.pendulum_evaluate, self._flat, self._drives(t, states), states.reshape(-1, 6).T
         )
         shape = states.shape[:-1]
         return acceleration.T.reshape(*shape, 3), energy.reshape(shape), power.reshape(shape)
+
+    def _drives(self, t: npt.ArrayLike, states: FloatArray) -> FloatArray:
+        """cos(p_j t) at the time of each state, shape (3, n)."""
+        times = np.broadcast_to(_native.real_array("t", t), states.shape[:-1])
+        return np.asfortranarray(np.cos(np.outer([self.p1, self.p2, self.p3], times.ravel())))

@@ -1,7 +1,10 @@
 """Motion in time: fixed-step integration of the pendulum."""
 
+import csv
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,17 +15,26 @@ from tqdm import tqdm
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.errors import InputError
+from viscovib.files import whole_file
 from viscovib.pendulum import Pendulum
 
-#: Gauss collocation by number of nodes; order is twice that.
-METHODS = {"gauss2": 2, "gauss3": 3, "gauss8": 8, "gauss16": 16}
+#: Explicit methods by their place in the core.
+EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
+#: All methods by the number the core knows them by: nodes of a Gauss collocation, or minus the
+#: place of an explicit method.
+METHODS = {"gauss8": 8, "gauss16": 16, "gauss2": 2, "gauss3": 3} | {
+    name: -place for name, place in EXPLICIT.items()
+}
 OUTCOMES = ("completed", "diverged", "unphysical")
 #: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
 CHUNK = 200_000
 
-_MEMORY = 12 + 6 + 16 * 4 + 1
+#: Numbers that a run needs to go on; the core uses as many as the method has.
+_MEMORY = 128
 _MAX_STEPS = 10**12
 _ROUNDING = 1e-15
+#: Halvings of the step before a tolerance is given up.
+_MAX_HALVINGS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,20 +44,22 @@ class Trajectory:
     Attributes
     ----------
     t : ndarray, shape (n,)
-        Times of the states kept, the first being the start.
-    state : ndarray, shape (n, 2 * n_dof)
+        Times of the states kept.
+    state : ndarray, shape (n, 6)
         (z, z', phi, phi', psi, psi').
     outcome : str
-        "completed"; "diverged": the step is too large, the run stopped; "unphysical": z <= -1, the
-        spring passes through the pivot, the run stopped.
+        "completed"; "diverged": the step is too large or an angle passed 1e6 rad, the run
+        stopped; "unphysical": z <= -1, the spring passes through the pivot, the run stopped.
     t_reached : float
         Time of the last step made.
     dt : float
         The step.
+    method : str
     error : float or None
-        Estimated largest error of the states kept, where `dt` was "auto"; else None.
+        Estimated largest error of the states kept, if asked for or ``dt`` was "auto".
     stats : dict
-        "steps", "evaluations" (of all nodes at once).
+        "steps", "evaluations" (of all lanes at once).
+    system : Pendulum
     """
 
     t: FloatArray
@@ -53,19 +67,61 @@ class Trajectory:
     outcome: str
     t_reached: float
     dt: float
+    method: str
     error: float | None
     stats: dict[str, int]
-    dof_names: tuple[str, ...]
+    system: Pendulum
     _resume: dict[str, Any] = field(repr=False)
 
-    def to_dataset(self) -> xr.Dataset:
-        """Coordinates and velocities as an xarray Dataset over t."""
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self.system.dof_names
+
+    def coordinate(self, name: str) -> FloatArray:
+        """One of "z", "z_dot", "phi", "phi_dot", "psi", "psi_dot", shape (n,)."""
+        names = tuple(f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot"))
+        return self.state[:, names.index(_native.choice("name", name, names))]
+
+    def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
+        """Coordinates and velocities as an xarray Dataset over t.
+
+        With ``physical=True`` in s, m and rad, if the pendulum was built from physical units; z is
+        then the extension beyond static.
+        """
+        time, length = 1.0, 1.0
+        units = ("1/omega_1", "L", "rad", "rad", "L omega_1", "rad omega_1", "rad omega_1")
+        if physical:
+            scales = self.system.scales
+            if scales is None:
+                raise InputError(
+                    "physical = True: this pendulum was not built by Pendulum.from_physical"
+                )
+            time, length = scales.time, scales.length
+            units = ("s", "m", "rad", "rad", "m/s", "rad/s", "rad/s")
         variables = {}
         for d, name in enumerate(self.dof_names):
-            variables[name] = ("t", self.state[:, 2 * d])
-            variables[f"{name}_dot"] = ("t", self.state[:, 2 * d + 1])
-        attributes = {"outcome": self.outcome, "dt": self.dt}
-        return xr.Dataset(variables, coords={"t": self.t}, attrs=attributes)
+            size = length if d == 0 else 1.0
+            at, dot = self.state[:, 2 * d] * size, self.state[:, 2 * d + 1] * (size / time)
+            variables[name] = ("t", at, {"units": units[1 + d]})
+            variables[f"{name}_dot"] = ("t", dot, {"units": units[4 + d]})
+        attributes = {"outcome": self.outcome, "dt": self.dt * time, "method": self.method}
+        if self.error is not None:
+            attributes["error"] = self.error
+        coordinates = {"t": ("t", self.t * time, {"units": units[0]})}
+        return xr.Dataset(variables, coords=coordinates, attrs=attributes)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the table that the standalone driver writes: one row a time."""
+        names = [f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot")]
+        with whole_file(path) as file:
+            file.write(f"# viscovib {version('viscovib')}\n")
+            file.write(f"# method {self.method}, step {self.dt:.17g}, {self.outcome}\n")
+            file.write("# dimensionless: t in 1/omega_1, z in L, phi and psi in rad\n")
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["t", *names])
+            for t, row in zip(self.t, self.state, strict=True):
+                writer.writerow([f"{value:.16e}" for value in (t, *row)])
 
 
 def simulate(
@@ -75,10 +131,13 @@ def simulate(
     dt: float | str = "auto",
     initial: npt.ArrayLike | None = None,
     resume: Trajectory | None = None,
-    method: str = "gauss8",
-    tolerance: float = 1e-10,
+    method: str = "auto",
+    tolerance: float | None = None,
+    times: npt.ArrayLike | None = None,
     save_every: int = 1,
     keep: str = "all",
+    tail: float | None = None,
+    estimate_error: bool = False,
     progress: bool = False,
 ) -> Trajectory:
     """Integrate a motion from t = 0, or on from an earlier one, to t_end in equal steps.
@@ -97,14 +156,28 @@ def simulate(
     resume : Trajectory
         Continue this run instead, bit for bit as if it had never stopped; ``dt`` and ``method``
         are those of the run.
-    method : {"gauss8", "gauss16", "gauss2", "gauss3"}
-        Gauss-Legendre collocation of that many nodes (order twice as high), symplectic.
+    method : str
+        "gauss8", "gauss16", "gauss2", "gauss3": Gauss-Legendre collocation of that many nodes
+        (order twice as high), symplectic; "rk4"; "dop8": Dormand and Prince, order 8; "verner8",
+        "verner9": Verner's efficient methods of order 8 and 9. "auto" is "gauss8", the fastest
+        for one trajectory at every accuracy.
     tolerance : float
-        Wanted absolute error of the kept states with ``dt="auto"``, 1e-13 to 1.
+        Wanted absolute error of the kept states, 1e-13 to 1. With ``dt="auto"`` (default 1e-10)
+        the step is found by it. With ``dt`` given it only says how far the equations of a
+        collocation are solved (default: to rounding).
+    times : array_like, shape (n,)
+        Keep the states at these ascending times instead, each by a step of its own from the
+        step before it, so that it is as exact as those at the ends of steps.
     save_every : int
         Keep every so many-th step.
-    keep : {"all", "last"}
-        "last": only the last state; nothing else is stored.
+    keep : {"all", "tail", "last"}
+        "tail": what lies in the last ``tail`` units of time; "last": only the last state. Nothing
+        else is stored.
+    tail : float
+        Length of the part that ``keep="tail"`` keeps.
+    estimate_error : bool
+        With ``dt`` given, run once more in half steps and report the largest difference of the
+        states kept.
     progress : bool
         Show a progress bar.
 
@@ -116,70 +189,130 @@ def simulate(
     if not isinstance(system, Pendulum):
         raise InputError(f"system = {system!r}: must be a Pendulum")
     end = _native.number("t_end", t_end)
-    every = _native.integer("save_every", save_every, 1, _MAX_STEPS)
-    _native.choice("keep", keep, ("all", "last"))
+    want = _Wanted.checked(times, save_every, keep, tail)
+    wanted = None if tolerance is None else _native.number("tolerance", tolerance)
+    if wanted is not None and not 1e-13 <= wanted <= 1:
+        raise InputError(f"tolerance = {wanted:g}: must be in [1e-13, 1]")
     if resume is not None:
         if initial is not None:
             raise InputError("initial and resume are both given: must be one of them")
-        return _go_on(system, end, resume, every, keep, progress)
+        return _go_on(system, end, resume, want, progress)
     if initial is None:
         raise InputError("initial: must be given (or resume)")
-    state = _native.real_array("initial", initial)
-    if state.shape != (6,):
-        raise InputError(f"initial: must have shape (6,), got {state.shape}")
-    if state[0] <= -1:
-        raise InputError(f"initial z = {state[0]:g}: must be greater than -1")
+    state = checked_state("initial", initial, (6,))
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
-    nodes = METHODS[_native.choice("method", method, tuple(METHODS))]
+    name = _native.choice("method", method, ("auto", *METHODS))
+    name = "gauss8" if name == "auto" else name
+    solved = _ROUNDING if wanted is None else max(0.1 * wanted, _ROUNDING)
     if dt == "auto":
-        return _by_tolerance(system, end, state, nodes, tolerance, every, keep, progress)
+        wanted = 1e-10 if wanted is None else wanted
+        solved = max(0.1 * wanted, _ROUNDING)
+        return _by_tolerance(system, end, state, name, wanted, solved, want, progress)
     step = _native.number("dt", dt)
     if not 0 < step <= end:
         raise InputError(f"dt = {step:g}: must be greater than 0 and not exceed t_end = {end:g}")
     n = math.ceil(end / step * (1 - 1e-12))
     _native.integer("t_end / dt", n, 1, _MAX_STEPS)
-    run = _Run(system, nodes, state, end / n)
-    return run.steps(n, every, keep, progress)
+    run = _Run(system, name, state, end / n, solved).steps(n, want, progress)
+    if estimate_error:
+        finer = _Run(system, name, state, end / (2 * n), solved)
+        check = finer.steps(2 * n, want.finer(2), progress)
+        return replace(run, error=_difference(run, check))
+    return run
+
+
+def checked_state(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Return states with z > -1, of the given shape."""
+    state = _native.real_array(name, value)
+    if state.shape != shape:
+        raise InputError(f"{name}: must have shape {shape}, got {state.shape}")
+    if np.any(state[..., 0] <= -1):
+        raise InputError(f"{name} z = {state[..., 0].min():g}: must be greater than -1")
+    return state
+
+
+def first_steps(system: Pendulum, end: float) -> int:
+    """Steps to begin with when the step is to be found: four a fastest linear period."""
+    natural = float(system.natural_frequencies().max())
+    fastest = max(natural, system.p1, system.p2, system.p3)
+    return max(1, math.ceil(end * fastest / (0.5 * math.pi)))
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What is kept of a run."""
+
+    every: int = 1
+    keep: str = "all"
+    tail: float = 0.0
+    times: FloatArray | None = None
+
+    @classmethod
+    def checked(
+        cls, times: npt.ArrayLike | None, save_every: int, keep: str, tail: float | None
+    ) -> "_Wanted":
+        every = _native.integer("save_every", save_every, 1, _MAX_STEPS)
+        _native.choice("keep", keep, ("all", "tail", "last"))
+        if (keep == "tail") != (tail is not None):
+            raise InputError('tail: must be given with keep = "tail", and only then')
+        length = 0.0 if tail is None else _native.number("tail", tail)
+        if tail is not None and length <= 0:
+            raise InputError(f"tail = {length:g}: must be greater than 0")
+        if times is None:
+            return cls(every, keep, length)
+        if keep != "all" or every != 1:
+            raise InputError("times: cannot be given together with save_every or keep")
+        wanted = _native.real_array("times", times, ndim=1)
+        if not wanted.size:
+            raise InputError("times: must not be empty")
+        if np.any(np.diff(wanted) <= 0):
+            raise InputError("times: must be strictly ascending")
+        return cls(times=wanted)
+
+    def finer(self, factor: int) -> "_Wanted":
+        """The same states of a run with so many times the steps."""
+        return replace(self, every=self.every * factor)
+
+
+def _difference(coarse: Trajectory, fine: Trajectory) -> float:
+    if coarse.state.shape != fine.state.shape:
+        return math.inf
+    return float(np.abs(fine.state - coarse.state).max())
 
 
 def _by_tolerance(
     system: Pendulum,
     end: float,
     state: FloatArray,
-    nodes: int,
-    tolerance: float,
-    every: int,
-    keep: str,
+    method: str,
+    wanted: float,
+    solved: float,
+    want: _Wanted,
     progress: bool,
 ) -> Trajectory:
-    wanted = _native.number("tolerance", tolerance)
-    if not 1e-13 <= wanted <= 1:
-        raise InputError(f"tolerance = {wanted:g}: must be in [1e-13, 1]")
-    fastest = max(*system.natural_frequencies(), system.p1, system.p2, system.p3)
-    n = every * max(1, math.ceil(end * fastest / (0.5 * math.pi) / every))
-    factor, coarse = 1, _Run(system, nodes, state, end / n).steps(n, every, keep, progress)
-    for _ in range(12):
+    n = want.every * math.ceil(first_steps(system, end) / want.every)
+    factor, coarse = 1, _Run(system, method, state, end / n, solved).steps(n, want, progress)
+    for _ in range(_MAX_HALVINGS):
         factor *= 2
-        fine = _Run(system, nodes, state, end / (n * factor)).steps(
-            n * factor, every * factor, keep, progress
-        )
+        run = _Run(system, method, state, end / (n * factor), solved)
+        fine = run.steps(n * factor, want.finer(factor), progress)
         if "completed" == coarse.outcome == fine.outcome:
-            change = float(np.abs(fine.state - coarse.state).max())
+            change = _difference(coarse, fine)
             if change <= wanted:
-                return Trajectory(**{**vars(fine), "error": change})
+                return replace(fine, error=change)
         elif coarse.outcome == fine.outcome == "unphysical":
             return fine
-        coarse = fine
+        previous, coarse = coarse, fine
     raise InputError(
         f"tolerance = {wanted:g}: not met with {n * factor} steps (states still change by "
-        f"{np.abs(fine.state[-1] - coarse.state[-1]).max():.1e} or the run fails); the motion may "
-        "be chaotic: take a shorter run or a larger tolerance"
+        f"{_difference(previous, fine):.1e} or the run fails); the motion may be chaotic: take a "
+        "shorter run or a larger tolerance"
     )
 
 
 def _go_on(
-    system: Pendulum, end: float, earlier: Trajectory, every: int, keep: str, progress: bool
+    system: Pendulum, end: float, earlier: Trajectory, want: _Wanted, progress: bool
 ) -> Trajectory:
     if earlier.outcome != "completed":
         raise InputError(f"resume: that run ended {earlier.outcome!r}, must be 'completed'")
@@ -189,7 +322,7 @@ def _go_on(
         raise InputError(
             f"t_end = {end:g}: must be a whole number of steps {run.h:g} after {run.time:g}"
         )
-    return run.steps(n, every, keep, progress)
+    return run.steps(n, want, progress)
 
 
 class _Run:
@@ -198,69 +331,116 @@ class _Run:
     def __init__(
         self,
         system: Pendulum,
-        nodes: int,
+        method: str,
         state: FloatArray,
         h: float,
+        solved: float,
         done: int = 0,
         memory: FloatArray | None = None,
     ) -> None:
-        self.system, self.nodes, self.state, self.h, self.done = system, nodes, state, h, done
-        self.memory = memory
+        self.system, self.method, self.state, self.h = system, method, state, h
+        self.solved, self.done, self.memory = solved, done, memory
 
     @property
     def time(self) -> float:
         return self.done * self.h
 
-    def steps(self, n: int, every: int, keep: str, progress: bool) -> Trajectory:
+    def steps(self, n: int, want: _Wanted, progress: bool) -> Trajectory:
         """Make n steps."""
-        first, start, parts = self.state, self.done, []
-        evaluations, ended = 0, 0
-        piece = max(CHUNK // every, 1) * every
-        left = n
+        if want.times is not None:
+            self._check_times(want.times, n)
+        start, first = self.done, self.state
+        # What is not kept is passed over in larger pieces.
+        skipped = 0
+        if want.keep == "tail":
+            skipped = max(0, n - math.ceil(want.tail / self.h)) // want.every * want.every
+        counts = {"evaluations": 0}
+        states: list[FloatArray] = []
         with tqdm(total=n, unit=" steps", disable=not progress, leave=False) as bar:
-            while left and not ended:
-                count = min(piece, left)
-                columns = count // every if keep == "all" else 0
-                resume = self.memory is not None
-                states, kept, made, ended, evaluated = _native.call(
-                    core.pendulum_simulate,
-                    self.system._flat,
-                    self.nodes,
-                    self.state,
-                    0.0,
-                    self.h,
-                    _ROUNDING,
-                    count,
-                    every,
-                    int(resume),
-                    self.memory if resume else np.zeros(_MEMORY),
-                    columns,
-                )
-                self.memory, self.done = kept, self.done + made
-                self.state = np.stack([kept[:3], kept[3:6]], axis=1).ravel()
-                evaluations += evaluated
-                parts.append(states.T[: made // every])
-                left -= count
-                bar.update(made)
-        if keep == "all":
-            kept_states = np.concatenate([first[np.newaxis], *parts])
-            t = np.multiply(start + every * np.arange(kept_states.shape[0]), self.h, dtype=float)
+            ended = self._advance(skipped, replace(want, keep="last"), states, counts, bar)
+            if want.keep == "tail":
+                start, first = self.done, self.state
+            if not ended:
+                ended = self._advance(n - skipped, want, states, counts, bar)
+        if want.times is not None:
+            kept = np.concatenate(states)
+            t = want.times[: kept.shape[0]]
+        elif want.keep == "last":
+            kept, t = self.state[np.newaxis], np.array([self.time])
         else:
-            kept_states, t = self.state[np.newaxis], np.array([self.time])
+            kept = np.concatenate([first[np.newaxis], *states])
+            t = np.multiply(start + want.every * np.arange(kept.shape[0]), self.h, dtype=float)
         return Trajectory(
             t=t,
-            state=kept_states,
+            state=kept,
             outcome=OUTCOMES[ended],
             t_reached=self.time,
             dt=self.h,
+            method=self.method,
             error=None,
-            stats={"steps": self.done - start, "evaluations": evaluations},
-            dof_names=self.system.dof_names,
+            stats={"steps": self.done, **counts},
+            system=self.system,
             _resume={
-                "nodes": self.nodes,
+                "method": self.method,
                 "state": self.state,
                 "h": self.h,
+                "solved": self.solved,
                 "done": self.done,
                 "memory": self.memory,
             },
         )
+
+    def _advance(
+        self,
+        n: int,
+        want: _Wanted,
+        states: list[FloatArray],
+        counts: dict[str, int],
+        bar: "tqdm[Any]",
+    ) -> int:
+        """Make n steps in pieces; return how they ended."""
+        piece = max(CHUNK // want.every, 1) * want.every
+        left, ended = n, 0
+        while left and not ended:
+            count = min(piece, left)
+            stored = want.keep != "last" and want.times is None
+            columns = count // want.every if stored else 0
+            times = np.empty(0)
+            if want.times is not None:
+                now, until = self.time, (self.done + count) * self.h
+                if left == count:
+                    until = math.inf
+                times = want.times[(want.times >= now) & (want.times < until)]
+            resume = self.memory is not None
+            kept, at_times, last, memory, made, ended, evaluated = _native.call(
+                core.pendulum_simulate,
+                self.system._flat,
+                METHODS[self.method],
+                self.state,
+                self.h,
+                self.solved,
+                self.done,
+                count,
+                want.every,
+                int(resume),
+                self.memory if resume else np.zeros(_MEMORY),
+                times,
+                columns,
+            )
+            self.memory, self.state = memory, last
+            self.done += made
+            counts["evaluations"] += evaluated
+            if want.times is not None:
+                states.append(at_times.T[times <= self.time * (1 + 1e-15)])
+            else:
+                states.append(kept.T[: min(columns, made // want.every)])
+            left -= count
+            bar.update(made)
+        return int(ended)
+
+    def _check_times(self, times: FloatArray, n: int) -> None:
+        end = (self.done + n) * self.h
+        if times[0] < self.time or times[-1] > end * (1 + 1e-15):
+            raise InputError(
+                f"times: must be between the start {self.time:g} and the end {end:g} of the run"
+            )

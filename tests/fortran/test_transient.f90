@@ -114,14 +114,15 @@ contains
   subroutine rest()
     type(pendulum_type) :: pendulum
     type(gauss_type) :: method
-    real(wp) :: states(6, 10)
+    real(wp) :: states(6, 10), no_times(0), no_states(6, 0)
     integer(i8) :: n_done
     integer :: equations, outcome
     do equations = equations_exact, equations_printed
       call example(equations, pendulum)
       call new_gauss(method, pendulum, 8, [0.0_wp, 0.0_wp, 0.0_wp], [0.0_wp, 0.0_wp, 0.0_wp], &
                      0.0_wp, 0.5_wp, 1.0e-15_wp)
-      call simulate(method, pendulum, 20_i8, 2_i8, states, n_done, outcome)
+      call simulate(method, pendulum, 0_i8, 20_i8, 2_i8, no_times, states, no_states, n_done, &
+                    outcome)
       call check(outcome == run_completed .and. n_done == 20_i8, 'completed')
       call check_close(maxval(abs(states)), 0.0_wp, 0.0_wp, 'rest')
     end do
@@ -130,18 +131,19 @@ contains
   subroutine outcomes()
     type(pendulum_type) :: pendulum
     type(gauss_type) :: method
-    real(wp) :: states(6, 0)
+    real(wp) :: states(6, 0), no_times(0), no_states(6, 0)
     integer(i8) :: n_done
     integer :: outcome
 
     call example(equations_exact, pendulum)
     call new_gauss(method, pendulum, 8, [0.0_wp, 0.0_wp, 0.0_wp], [-3.0_wp, 0.0_wp, 0.0_wp], &
                    0.0_wp, 0.1_wp, 1.0e-15_wp)
-    call simulate(method, pendulum, 1000_i8, 1_i8, states, n_done, outcome)
+    call simulate(method, pendulum, 0_i8, 1000_i8, 1_i8, no_times, states, no_states, n_done, &
+                  outcome)
     call check(outcome == run_unphysical, 'through the pivot')
     call new_gauss(method, pendulum, 8, [0.05_wp, 0.3_wp, -0.2_wp], [0.0_wp, 0.0_wp, 0.0_wp], &
                    0.0_wp, 20.0_wp, 1.0e-15_wp)
-    call simulate(method, pendulum, 10_i8, 1_i8, states, n_done, outcome)
+    call simulate(method, pendulum, 0_i8, 10_i8, 1_i8, no_times, states, no_states, n_done, outcome)
     call check(outcome == run_diverged, 'too large a step')
     call check(all(abs(method%q) < huge(1.0_wp)), 'the state is still a number')
   end subroutine outcomes

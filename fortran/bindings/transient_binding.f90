@@ -1,0 +1,133 @@
+! Flat routines over motion in time, for f2py. A pendulum is a vector as in
+! pendulum_binding.
+
+!> A run from time 0 in steps h; first steps are done already. method: number of
+!! Gauss nodes, or minus the place among the explicit methods. With resume /= 0,
+!! `memory` is what an earlier call returned in `kept`.
+subroutine pendulum_simulate(flat, method, initial, h, tolerance, first, n_steps, save_every, &
+                             resume, memory, n_memory, times, n_times, n_columns, states, &
+                             at_times, last, kept, n_done, ended, n_evaluations, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int, c_long
+  use viscovib_binding_tools, only: make_pendulum, make_stepper, report
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_simulate, only: simulate
+  use viscovib_status, only: status_type
+  use viscovib_stepper, only: stepper_type
+  implicit none
+  integer(c_int), intent(in) :: method, resume, n_memory, n_times, n_columns
+  integer(c_long), intent(in) :: first, n_steps, save_every
+  real(c_double), intent(in) :: flat(14), initial(6), h, tolerance, memory(n_memory)
+  real(c_double), intent(in) :: times(n_times)
+  real(c_double), intent(out) :: states(6, n_columns), at_times(6, n_times), kept(n_memory)
+  real(c_double), intent(out) :: last(6)
+  integer(c_long), intent(out) :: n_done, n_evaluations
+  integer(c_int), intent(out) :: ended, status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(pendulum_type) :: system
+  class(stepper_type), allocatable :: stepper
+  type(status_type) :: outcome
+
+  kept = 0.0_c_double
+  last = initial
+  at_times = 0.0_c_double
+  n_done = 0
+  n_evaluations = 0
+  ended = 0
+  call make_pendulum(system, flat, outcome)
+  if (.not. outcome%failed()) then
+    call make_stepper(stepper, system, method, initial, 0.0_c_double, h, tolerance)
+    if (resume /= 0) call stepper%load_memory(memory(:stepper%memory_size()))
+    call simulate(stepper, system, first, n_steps, save_every, times, states, at_times, n_done, &
+                  ended)
+    kept(:stepper%memory_size()) = stepper%save_memory()
+    last(1::2) = stepper%q
+    last(2::2) = stepper%v
+    n_evaluations = stepper%n_evaluations
+  end if
+  call report(outcome, status, message)
+end subroutine pendulum_simulate
+
+!> Many runs from time 0, trajectory i with the pendulum flat(:,i) and step h(i).
+!! Results that are not wanted have no columns. cancel(1) /= 0 gives up, and
+!! may be set by another thread.
+subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sample_every, &
+                             section_every, n_sections, n_moments, n_lyapunov, lines, n_lines, &
+                             n_section_runs, cancel, state, ended, n_done, peak, mean, rms, &
+                             amplitudes, sections, lyapunov, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
+  use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_ensemble, only: ensemble_block, ensemble_job, run_block
+  use viscovib_lanes, only: n_lanes
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: n, method, n_sections, n_moments, n_lyapunov, n_lines
+  integer(c_int), intent(in) :: n_section_runs
+  integer(c_long), intent(in) :: n_steps, n_discard, sample_every, section_every
+  real(c_double), intent(in) :: flat(14, n), initial(6, n), h(n), lines(n_lines)
+  integer(c_int), intent(inout) :: cancel(1)
+  real(c_double), intent(out) :: state(6, n), peak(6, n_moments), mean(6, n_moments)
+  real(c_double), intent(out) :: rms(6, n_moments), lyapunov(n_lyapunov)
+  complex(c_double_complex), intent(out) :: amplitudes(3, n_lines, n)
+  real(c_double), intent(inout) :: sections(6, n_sections, n_section_runs)
+  integer(c_int), intent(out) :: ended(n), status
+  integer(c_long), intent(out) :: n_done(n)
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(pendulum_type) :: system, other
+  type(ensemble_job) :: job
+  type(ensemble_block) :: block
+  type(status_type) :: outcome
+  integer :: first, i, l
+
+  job%method = method
+  job%n_steps = n_steps
+  job%n_discard = n_discard
+  job%sample_every = sample_every
+  job%section_every = section_every
+  job%moments = n_moments > 0
+  job%lyapunov = n_lyapunov > 0
+  job%lines = lines
+  do first = 1, n, n_lanes
+    allocate (block%q(n_lanes, 3), block%v(n_lanes, 3), block%frequencies(n_lanes, 3))
+    allocate (block%sections(n_lanes, 6, n_sections))
+    call make_pendulum(system, flat(:, first), outcome)
+    if (outcome%failed()) exit
+    ! Lanes past the last trajectory repeat it.
+    do l = 1, n_lanes
+      i = min(first + l - 1, n)
+      call make_pendulum(other, flat(:, i), outcome)
+      if (outcome%failed()) exit
+      call system%set_lane(l, other)
+      block%frequencies(l, :) = other%drives
+      block%q(l, :) = initial(1::2, i)
+      block%v(l, :) = initial(2::2, i)
+      block%h(l) = h(i)
+      if (n_section_runs > 0) block%sections(l, :, :) = sections(:, :, i)
+    end do
+    if (outcome%failed()) exit
+    call run_block(job, system, block, cancel(1))
+    do l = 1, min(n_lanes, n - first + 1)
+      i = first + l - 1
+      state(1::2, i) = block%q(l, :)
+      state(2::2, i) = block%v(l, :)
+      ended(i) = block%outcome(l)
+      n_done(i) = block%n_done(l)
+      if (job%moments) then
+        peak(1::2, i) = block%peak(l, :, 1)
+        peak(2::2, i) = block%peak(l, :, 2)
+        mean(1::2, i) = block%mean(l, :, 1)
+        mean(2::2, i) = block%mean(l, :, 2)
+        rms(1::2, i) = block%rms(l, :, 1)
+        rms(2::2, i) = block%rms(l, :, 2)
+      end if
+      if (n_lines > 0) amplitudes(:, :, i) = transpose(block%lines(l, :, :))
+      if (n_section_runs > 0) sections(:, :, i) = block%sections(l, :, :)
+      if (job%lyapunov) lyapunov(i) = block%lyapunov(l)
+    end do
+    block = ensemble_block()
+    if (cancel(1) /= 0) exit
+  end do
+  call report(outcome, status, message)
+end subroutine pendulum_ensemble

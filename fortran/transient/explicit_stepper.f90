@@ -1,0 +1,88 @@
+!> One trajectory by an explicit method: every lane carries the same one, which
+!! costs no more than a single lane would.
+module viscovib_explicit_stepper
+  use viscovib_driven_system, only: driven_system_type
+  use viscovib_explicit, only: explicit_type, new_explicit
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_stepper, only: stepper_type
+  use viscovib_vector_math, only: largest_angle
+  implicit none
+  private
+
+  public :: explicit_stepper_type, new_explicit_stepper
+
+  type, extends(stepper_type) :: explicit_stepper_type
+    type(explicit_type), private :: block
+  contains
+    procedure :: step
+    procedure :: change_step
+    procedure :: memory_size
+    procedure :: save_memory
+    procedure :: load_memory
+  end type explicit_stepper_type
+
+contains
+
+  !> Start at (q, v) at time `start`.
+  subroutine new_explicit_stepper(method, system, which, q, v, start, h)
+    type(explicit_stepper_type), intent(out) :: method
+    class(driven_system_type), intent(in) :: system
+    !> Place in `explicit_names`.
+    integer, intent(in) :: which
+    real(wp), intent(in) :: q(:), v(:), start, h
+    method%h = h
+    method%q = q
+    method%v = v
+    call new_explicit(method%block, system%n_dof, which, spread(system%drives, 1, n_lanes), &
+                      spread(q, 1, n_lanes), spread(v, 1, n_lanes), start, spread(h, 1, n_lanes))
+  end subroutine new_explicit_stepper
+
+  subroutine step(self, system, made)
+    class(explicit_stepper_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    logical, intent(out) :: made
+    real(wp) :: q(n_lanes, size(self%q)), v(n_lanes, size(self%q))
+
+    call self%block%step(system)
+    call self%block%get_state(q, v)
+    self%n_evaluations = self%block%n_evaluations
+    made = all(abs(q(1, :)) <= largest_angle) .and. all(abs(v(1, :)) <= huge(1.0_wp))
+    if (.not. made) return
+    self%q = q(1, :)
+    self%v = v(1, :)
+  end subroutine step
+
+  subroutine change_step(self, system, h)
+    class(explicit_stepper_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: h
+    self%h = h
+    call self%block%change_steps(spread(system%drives, 1, n_lanes), spread(h, 1, n_lanes))
+  end subroutine change_step
+
+  pure integer function memory_size(self)
+    class(explicit_stepper_type), intent(in) :: self
+    memory_size = self%block%lane_memory_size()
+  end function memory_size
+
+  pure function save_memory(self) result(memory)
+    class(explicit_stepper_type), intent(in) :: self
+    real(wp) :: memory(self%memory_size())
+    memory = self%block%save_lane(1)
+  end function save_memory
+
+  subroutine load_memory(self, memory)
+    class(explicit_stepper_type), intent(inout) :: self
+    real(wp), intent(in) :: memory(:)
+    real(wp) :: q(n_lanes, size(self%q)), v(n_lanes, size(self%q))
+    integer :: l
+    do l = 1, n_lanes
+      call self%block%load_lane(l, memory)
+    end do
+    call self%block%get_state(q, v)
+    self%q = q(1, :)
+    self%v = v(1, :)
+  end subroutine load_memory
+
+end module viscovib_explicit_stepper

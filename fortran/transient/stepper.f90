@@ -1,0 +1,83 @@
+!> The abstract stepper: one trajectory in fixed steps, whatever the method.
+module viscovib_stepper
+  use viscovib_driven_system, only: driven_system_type
+  use viscovib_kinds, only: i8, wp
+  implicit none
+  private
+
+  public :: stepper_type
+
+  type, abstract :: stepper_type
+    real(wp) :: h = 0.0_wp
+    !> The state, shape (n_dof).
+    real(wp), allocatable :: q(:), v(:)
+    !> Evaluations of a block of lanes, all told.
+    integer(i8) :: n_evaluations = 0
+  contains
+    procedure(step_interface), deferred :: step
+    procedure(change_interface), deferred :: change_step
+    procedure(size_interface), deferred :: memory_size
+    procedure(save_interface), deferred :: save_memory
+    procedure(load_interface), deferred :: load_memory
+    procedure :: look_ahead
+  end type stepper_type
+
+  abstract interface
+
+    !> One step. `made` is false, and the state stays, if it cannot be made: the
+    !! step is too large.
+    subroutine step_interface(self, system, made)
+      import :: driven_system_type, stepper_type
+      class(stepper_type), intent(inout) :: self
+      class(driven_system_type), intent(in) :: system
+      logical, intent(out) :: made
+    end subroutine step_interface
+
+    !> Go on from the present state with another step, as if it were the start; a
+    !! copy of a stepper must be told its step so before it is used.
+    subroutine change_interface(self, system, h)
+      import :: driven_system_type, stepper_type, wp
+      class(stepper_type), intent(inout) :: self
+      class(driven_system_type), intent(in) :: system
+      real(wp), intent(in) :: h
+    end subroutine change_interface
+
+    !> Length of all that a run must know to go on bit for bit.
+    pure integer function size_interface(self)
+      import :: stepper_type
+      class(stepper_type), intent(in) :: self
+    end function size_interface
+
+    pure function save_interface(self) result(memory)
+      import :: stepper_type, wp
+      class(stepper_type), intent(in) :: self
+      real(wp) :: memory(self%memory_size())
+    end function save_interface
+
+    subroutine load_interface(self, memory)
+      import :: stepper_type, wp
+      class(stepper_type), intent(inout) :: self
+      real(wp), intent(in) :: memory(:)
+    end subroutine load_interface
+
+  end interface
+
+contains
+
+  !> State a time h ahead by a step of that length, which has the order of the
+  !! method where interpolation inside a step has not; `self` stays.
+  subroutine look_ahead(self, system, h, q, v, made)
+    class(stepper_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: h
+    real(wp), intent(out) :: q(:), v(:)
+    logical, intent(out) :: made
+    class(stepper_type), allocatable :: scout
+    allocate (scout, source=self)
+    call scout%change_step(system, h)
+    call scout%step(system, made)
+    q = scout%q
+    v = scout%v
+  end subroutine look_ahead
+
+end module viscovib_stepper

@@ -1,0 +1,203 @@
+"""Many motions at once, against single ones, closed forms and independent references."""
+
+import json
+
+import numpy as np
+import pytest
+import viscovib as vv
+from tables import DATA
+from test_pendulum import P1R, START, free
+
+REFERENCE = json.loads((DATA / "pendulum_time_reference.json").read_text())
+
+
+def starts(n, low=-0.5, high=0.5):
+    states = np.tile(START, (n, 1))
+    states[:, 2] = np.linspace(low, high, n)
+    return states
+
+
+@pytest.mark.parametrize("method", ["rk4", "dop8", "verner8", "verner9"])
+def test_members_are_single_runs(method):
+    """Bit for bit what the single run gives, whatever lane it is in."""
+    body = vv.Pendulum(**P1R)
+    many = vv.simulate_ensemble(body, initial=starts(11), t_end=20, dt=0.5, method=method)
+    for i in (0, 4, 10):
+        alone = vv.simulate(body, 20, dt=0.5, initial=starts(11)[i], method=method, keep="last")
+        assert (many.state[i] == alone.state[-1]).all()
+    assert (many.outcome == "completed").all()
+    assert many.t_reached == pytest.approx(20)
+
+
+def test_reference_state():
+    body = vv.Pendulum(**P1R)
+    expected = np.array([float(text) for text in REFERENCE["P1r"]["states"]["200"]])
+    many = vv.simulate_ensemble(body, initial=START, t_end=200, dt=0.15, method="verner9")
+    assert many.state[0] == pytest.approx(expected, abs=1e-12)
+
+
+def test_parameters_vary_by_run():
+    p1, f0 = np.array([0.7, 0.93, 1.2]), np.array([0.01, 0.005, 0.02])
+    body = vv.Pendulum(**P1R)
+    many = vv.simulate_ensemble(
+        body, initial=START, t_end=30, dt=0.2, parameters={"p1": p1, "f0": f0}
+    )
+    for i in range(3):
+        alone = vv.Pendulum(**(P1R | {"p1": p1[i], "f0": f0[i]}))
+        run = vv.simulate(alone, 30, dt=0.2, initial=START, method="verner9", keep="last")
+        assert (many.state[i] == run.state[-1]).all()
+    assert many.to_dataset().p1.values.tolist() == p1.tolist()
+
+
+def test_threads_change_no_bit():
+    body = vv.Pendulum(**P1R)
+    wanted = {
+        "t_end": 50, "dt": 0.4, "statistics": True, "amplitudes_at": [0.93, 0.37],
+        "lyapunov": True, "discard": 10,
+    }  # fmt: skip
+    one, three = (
+        vv.simulate_ensemble(body, initial=starts(77), n_threads=n, **wanted) for n in (1, 3)
+    )
+    for name in ("state", "peak", "mean", "rms", "amplitudes", "lyapunov"):
+        assert (getattr(one, name) == getattr(three, name)).all()
+
+
+def test_statistics_are_those_of_the_stored_run():
+    body = vv.Pendulum(**P1R)
+    many = vv.simulate_ensemble(
+        body, initial=START, t_end=60, dt=0.25, discard=20, statistics=True, sample_every=2
+    )
+    run = vv.simulate(body, 60, dt=0.25, initial=START, method="verner9", save_every=2)
+    states = run.state[run.t > 20 + 1e-9]
+    assert many.peak[0] == pytest.approx(np.abs(states).max(axis=0), rel=1e-15)
+    assert many.mean[0] == pytest.approx(states.mean(axis=0), rel=1e-13, abs=1e-16)
+    assert many.rms[0] == pytest.approx(np.sqrt((states**2).mean(axis=0)), rel=1e-14)
+
+
+def test_amplitude_of_a_linear_spring():
+    """A driven linear spring in its steady state: amplitude and phase in closed form."""
+    p, c, f = 0.83, 0.3, 1e-3
+    body = free(alpha=0.0, c1=c, f0=f, p1=p)
+    many = vv.simulate_ensemble(
+        body, initial=np.zeros(6), t_end=1000, dt=0.25, discard=300, amplitudes_at=[p, 0.4]
+    )
+    assert many.amplitudes[0, 0, 0] == pytest.approx(f / (1 - p**2 + 1j * p * c), abs=1e-10)
+    # Leakage under a Hann window falls with the cube of the distance in bins, here 48.
+    assert abs(many.amplitudes[0, 1, 0]) < abs(many.amplitudes[0, 0, 0]) / 48**3
+
+
+def test_sections_are_states_at_whole_periods():
+    p1 = np.array([0.8, 0.93])
+    body = vv.Pendulum(**P1R)
+    many = vv.simulate_ensemble(
+        body, initial=START, n_periods=6, discard=2, dt=0.2, sections=1, parameters={"p1": p1},
+        method="verner9",
+    )  # fmt: skip
+    assert many.sections.shape == (2, 4, 6)
+    for i in range(2):
+        alone = vv.Pendulum(**(P1R | {"p1": p1[i]}))
+        times = 2 * np.pi / p1[i] * np.arange(3, 7)
+        run = vv.simulate(alone, 60, dt=0.1, initial=START, times=times)
+        assert many.sections[i] == pytest.approx(run.state, abs=1e-10)
+
+
+def test_lyapunov_exponent_of_a_damped_linear_spring():
+    """All disturbances of a linear system decay; the slowest one rules: -c/2."""
+    body = vv.Pendulum(e=0.0, w2=0.4, w3=0.8, c1=0.02, c2=0.3, c3=0.3)
+    many = vv.simulate_ensemble(
+        body, initial=np.zeros(6), t_end=4000, dt=0.5, discard=400, lyapunov=True
+    )
+    assert many.lyapunov[0] == pytest.approx(-0.01, rel=1e-3)
+
+
+def test_lyapunov_exponent_against_two_runs():
+    """Growth of the distance of two motions that began 1e-9 apart."""
+    body = vv.Pendulum(**(P1R | {"f0": 0.02, "m01": 0.01, "m02": 0.02}))
+    end = 200
+    many = vv.simulate_ensemble(body, initial=START, t_end=end, dt=0.1, lyapunov=True)
+    direction = np.zeros(6)
+    direction[::2] = 1 / np.sqrt(3)
+    two = [
+        vv.simulate(body, end, dt=0.1, initial=np.add(START, s * 1e-9 * direction), keep="last")
+        for s in (-1, 1)
+    ]
+    growth = np.linalg.norm(two[1].state[0] - two[0].state[0]) / 2e-9
+    assert many.lyapunov[0] * end == pytest.approx(np.log(growth), rel=1e-3)
+    assert growth > 1e5
+
+
+def test_step_is_found():
+    body = vv.Pendulum(**P1R)
+    many = vv.simulate_ensemble(body, initial=starts(9), t_end=50, tolerance=1e-9)
+    exact = vv.simulate_ensemble(body, initial=starts(9), t_end=50, dt=0.1, method="verner9")
+    assert many.error <= 1e-9
+    assert np.abs(many.state - exact.state).max() <= 1e-9
+
+
+def test_runs_that_fail_leave_the_others_alone():
+    states = starts(6)
+    states[2, 1] = -3.0  # the spring goes through the pivot
+    states[4, 5] = 1e7  # overflows
+    many = vv.simulate_ensemble(
+        free(), initial=states, t_end=50, dt=0.25, statistics=True, lyapunov=True
+    )
+    assert many.outcome.tolist() == [
+        "completed", "completed", "unphysical", "completed", "diverged", "completed",
+    ]  # fmt: skip
+    good = [0, 1, 3, 5]
+    apart = vv.simulate_ensemble(
+        free(), initial=states[good], t_end=50, dt=0.25, statistics=True, lyapunov=True
+    )
+    assert (many.state[good] == apart.state).all()
+    assert (many.rms[good] == apart.rms).all()
+    assert many.t_reached[2] < 2
+    assert np.isfinite(many.state).all()
+    assert many.state[2, 0] > -1
+
+
+def test_interrupt_stops_the_threads(monkeypatch):
+    import time
+
+    def interrupted(*_, **__):
+        time.sleep(0.2)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("viscovib.ensemble.as_completed", interrupted)
+    begin = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        vv.simulate_ensemble(free(), initial=starts(64), t_end=1e7, dt=0.1)
+    assert time.perf_counter() - begin < 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"initial": np.zeros((2, 5))}, "initial: must have shape (n, 6) or (6,), got (2, 5)"),
+        ({"initial": np.zeros((0, 6))}, "must be the same number of runs"),
+        ({"initial": [-1, 0, 0, 0, 0, 0]}, "initial z = -1: must be greater than -1"),
+        ({"initial": [np.nan, 0, 0, 0, 0, 0]}, "must be a finite number"),
+        ({"t_end": -1}, "t_end = -1: must be greater than 0"),
+        ({"t_end": None}, "t_end or n_periods: must be given"),
+        ({"n_periods": 3}, "only one of them"),
+        ({"t_end": None, "n_periods": 3}, "sections must name the load"),
+        ({"dt": 0}, "dt = 0: must be greater than 0"),
+        ({"dt": np.inf}, "dt = inf: must be a finite number"),
+        ({"dt": 11}, "must be greater than 0 and not exceed"),
+        ({"discard": 10}, "discard = 10: must be less than t_end = 10"),
+        ({"method": "gauss8"}, "method = 'gauss8': must be one of 'auto', 'rk4'"),
+        ({"sections": 4}, "sections = 4: must be 1 to 3"),
+        ({"sections": 1, "system": free()}, "p1 must be greater than 0"),
+        ({"amplitudes_at": [0.0]}, "amplitudes_at: must be greater than 0"),
+        ({"parameters": {"p4": [1.0]}}, "'p4' is not a number of the pendulum"),
+        ({"parameters": {"e": [0.1, 0.9]}}, "must be less than 1"),
+        ({"parameters": {"e": [0.1, 0.1]}, "initial": np.zeros((3, 6))}, "lengths differ"),
+        ({"tolerance": 2}, "tolerance = 2: must be in"),
+        ({"n_threads": 0}, "n_threads = 0: must be 1 to"),
+        ({"system": 1}, "system = 1: must be a Pendulum"),
+    ],
+)
+def test_bad_input_is_named(changes, text):
+    given = {"system": vv.Pendulum(**P1R), "initial": START, "t_end": 10, "dt": 0.5} | changes
+    with pytest.raises(vv.InputError) as error:
+        vv.simulate_ensemble(given.pop("system"), **given)
+    assert text in str(error.value)
