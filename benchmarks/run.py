@@ -8,6 +8,7 @@ import csv
 from pathlib import Path
 
 import kernel_transforms
+import motion
 import response_curve
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -48,7 +49,54 @@ def draw_error_against_time(path: Path, rows: list[dict[str, object]]) -> None:
     figure.savefig(path, dpi=160)
 
 
-def markdown(kernels: list[dict[str, object]], jobs: list[dict[str, object]]) -> str:
+def draw_motion(path: Path, one: list[dict[str, object]], many: list[dict[str, object]]) -> None:
+    """Draw error against run time of one trajectory and of many, a line a method."""
+    figure = Figure(figsize=(11, 5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, 2, sharey=True)
+    titles = ("one trajectory", "an ensemble, time a trajectory")
+    for axis, rows, title in zip(axes, (one, many), titles, strict=True):
+        for i, method in enumerate(dict.fromkeys(row["method"] for row in rows)):
+            line = sorted((r["seconds"], r["error"]) for r in rows if r["method"] == method)
+            own = method.startswith("viscovib")
+            axis.loglog(
+                [1e6 * time for time, _ in line],
+                [max(error, 1e-16) for _, error in line],
+                marker="osD^vP*X<>dh"[i % 12],
+                color=str(0.55 * i / 12) if own else "#c8452e",
+                linestyle="-" if own else "--",
+                linewidth=1,
+                markersize=4,
+                label=method,
+            )
+        axis.set(title=title, xlabel="run time (us)")
+        axis.grid(color="0.9")
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.legend(frameon=False, fontsize=7)
+    axes[0].set_ylabel("error of the last state at t = 200")
+    figure.savefig(path, dpi=160)
+
+
+def motion_table(title: str, rows: list[dict[str, object]]) -> list[str]:
+    """Return lines of a table: time at each wanted error."""
+    targets = [f"{target:g}" for target in motion.TARGETS]
+    lines = [
+        "",
+        f"| {title} | {' | '.join(targets)} |",
+        "| --- |" + " --- |" * len(targets),
+    ]
+    for row in motion.at_errors(rows):
+        cells = [show_time(row[t]) if row[t] == row[t] else "" for t in targets]
+        lines.append(f"| {row['method']} | {' | '.join(cells)} |")
+    return lines
+
+
+def markdown(
+    kernels: list[dict[str, object]],
+    jobs: list[dict[str, object]],
+    one: list[dict[str, object]],
+    many: list[dict[str, object]],
+) -> str:
     """Return the tables as a page."""
     lines = [
         machine(),
@@ -65,6 +113,8 @@ def markdown(kernels: list[dict[str, object]], jobs: list[dict[str, object]]) ->
         f"{show_time(row['target']) if row['target'] else ''} |"
         for row in jobs
     ]
+    lines += motion_table("one motion to t = 200, time at an error of", one)
+    lines += motion_table("an ensemble, time a trajectory at an error of", many)
     return "\n".join(lines) + "\n"
 
 
@@ -81,7 +131,11 @@ def main() -> None:
     write_csv(out / "error_against_time.csv", rows)
     write_csv(out / "response_jobs.csv", jobs)
     draw_error_against_time(out / "error_against_time.png", rows)
-    page = markdown(kernels, jobs)
+    one, many = motion.run()
+    write_csv(out / "motion.csv", one)
+    write_csv(out / "ensemble.csv", many)
+    draw_motion(out / "motion.png", one, many)
+    page = markdown(kernels, jobs, one, many)
     (out / "benchmarks.md").write_text(page, encoding="utf-8")
     print("\n" + page + f"\nTables and picture: {out}")
 

@@ -1,11 +1,10 @@
 !> viscovib-solve: runs a scene without Python.
 !!
 !! Exit status: 0 done; 1 computed, but some points have no solution (the rows
-!! say which); 2 bad input; 3 a file cannot be read or written.
+!! say which) or a motion stopped early; 2 bad input; 3 a file cannot be read or written.
 program viscovib_solve
   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
   use viscovib_command_line, only: command_line, read_command_line
-  use viscovib_response_plan, only: response_plan_type
   use viscovib_run_scene, only: plan_scene, run_scene, scene_report, scene_warnings
   use viscovib_scene, only: read_scene, scene_type
   use viscovib_status, only: status_type
@@ -14,7 +13,7 @@ program viscovib_solve
 
   type(command_line) :: command
   type(scene_type) :: scene
-  type(response_plan_type) :: plan
+  character(len=:), allocatable :: plan
   type(scene_report) :: report
   type(status_type) :: status
 
@@ -31,11 +30,11 @@ program viscovib_solve
   call stop_if_failed()
   call say(error_unit, 'warning: ', scene_warnings(scene))
   if (command%plan) then
-    call say(output_unit, '', plan%text)
+    call say(output_unit, '', plan)
     stop 0, quiet=.true.
   end if
 
-  call run_scene(scene, plan, command%folder, version, report, status)
+  call run_scene(scene, command%folder, version, report, status)
   call stop_if_failed()
   if (.not. command%quiet) write (output_unit, '(3a)') report%path, ': ', report%summary
   if (.not. report%complete) stop 1, quiet=.true.

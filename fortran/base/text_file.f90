@@ -25,6 +25,7 @@ module viscovib_text_file
   contains
     procedure :: create
     procedure :: add_line
+    procedure :: add_comments
     procedure :: finish
   end type text_writer
 
@@ -116,6 +117,20 @@ contains
     n = int(len(line) + 1, c_size_t)
     self%broken = c_fwrite(line//new_line('a'), 1_c_size_t, n, self%handle) /= n
   end subroutine add_line
+
+  !> Add lines, separated by new-line characters, each behind a "# ".
+  subroutine add_comments(self, text)
+    class(text_writer), intent(inout) :: self
+    character(len=*), intent(in) :: text
+    integer :: first, last
+    first = 1
+    do while (first <= len(text))
+      last = index(text(first:), new_line('a')) + first - 2
+      if (last < first - 1) last = len(text)
+      call self%add_line('# '//text(first:last))
+      first = last + 2
+    end do
+  end subroutine add_comments
 
   !> Put the file in its place; on any failure nothing is left.
   subroutine finish(self, status)

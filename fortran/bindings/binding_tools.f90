@@ -3,9 +3,6 @@
 module viscovib_binding_tools
   use viscovib_catalogue, only: kernel_none, new_kernel
   use viscovib_kernel, only: kernel_type
-  use viscovib_driven_system, only: driven_system_type
-  use viscovib_explicit_stepper, only: explicit_stepper_type, new_explicit_stepper
-  use viscovib_gauss, only: gauss_type, new_gauss
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
@@ -13,11 +10,10 @@ module viscovib_binding_tools
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_response, only: response_options
   use viscovib_status, only: fail, status_input_error, status_type
-  use viscovib_stepper, only: stepper_type
   implicit none
   private
 
-  public :: make_kernel, make_mount, make_pendulum, make_stepper, make_load, make_options, report
+  public :: make_kernel, make_mount, make_pendulum, make_load, make_options, report
 
   !> Length of the flat mount: mass, inertia, offset, stiffness_x,
   !! stiffness_phi, damping (4, column by column), cubic_scale, memory_scale,
@@ -86,27 +82,6 @@ contains
                                           damping=flat(5:7), load=flat(8:10), &
                                           frequency=flat(11:13), equations=nint(flat(14))), status)
   end subroutine make_pendulum
-
-  !> A stepper at a state (q_1, v_1, q_2, ...): by the number of Gauss nodes, or
-  !! minus the place among the explicit methods.
-  subroutine make_stepper(stepper, system, method, state, start, h, tolerance)
-    class(stepper_type), allocatable, intent(out) :: stepper
-    class(driven_system_type), intent(in) :: system
-    integer, intent(in) :: method
-    real(wp), intent(in) :: state(:), start, h, tolerance
-    type(gauss_type), allocatable :: gauss
-    type(explicit_stepper_type), allocatable :: explicit
-
-    if (method > 0) then
-      allocate (gauss)
-      call new_gauss(gauss, system, method, state(1::2), state(2::2), start, h, tolerance)
-      call move_alloc(gauss, stepper)
-    else
-      allocate (explicit)
-      call new_explicit_stepper(explicit, system, -method, state(1::2), state(2::2), start, h)
-      call move_alloc(explicit, stepper)
-    end if
-  end subroutine make_stepper
 
   !> Rows of `series`: forces on the coordinates, then the motion of the base.
   subroutine make_load(load, orders, series, status)

@@ -1,14 +1,15 @@
 ! Flat routines over motion in time, for f2py. A pendulum is a vector as in
 ! pendulum_binding.
 
-!> A run from time 0 in steps h; first steps are done already. method: number of
-!! Gauss nodes, or minus the place among the explicit methods. With resume /= 0,
-!! `memory` is what an earlier call returned in `kept`.
+!> A run from time 0 in steps h; first steps are done already. method: the
+!! place in `transient_methods`. With resume /= 0, `memory` is what an earlier call
+!! returned in `kept`.
 subroutine pendulum_simulate(flat, method, initial, h, tolerance, first, n_steps, save_every, &
                              resume, memory, n_memory, times, n_times, n_columns, states, &
                              at_times, last, kept, n_done, ended, n_evaluations, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_long
-  use viscovib_binding_tools, only: make_pendulum, make_stepper, report
+  use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_method_catalogue, only: new_stepper
   use viscovib_pendulum, only: pendulum_type
   use viscovib_simulate, only: simulate
   use viscovib_status, only: status_type
@@ -36,7 +37,8 @@ subroutine pendulum_simulate(flat, method, initial, h, tolerance, first, n_steps
   ended = 0
   call make_pendulum(system, flat, outcome)
   if (.not. outcome%failed()) then
-    call make_stepper(stepper, system, method, initial, 0.0_c_double, h, tolerance)
+    call new_stepper(stepper, system, method, initial(1::2), initial(2::2), 0.0_c_double, h, &
+                     tolerance)
     if (resume /= 0) call stepper%load_memory(memory(:stepper%memory_size()))
     call simulate(stepper, system, first, n_steps, save_every, times, states, at_times, n_done, &
                   ended)

@@ -42,15 +42,9 @@ contains
     character(len=*), intent(in) :: header
     type(response_type), intent(in) :: response
     character(len=:), allocatable :: names, order
-    integer :: first, last, d, k
+    integer :: d, k
 
-    first = 1
-    do while (first <= len(header))
-      last = index(header(first:), new_line('a')) + first - 2
-      if (last < first - 1) last = len(header)
-      call table%add_line('# '//header(first:last))
-      first = last + 2
-    end do
+    call table%add_comments(header)
     call table%add_line('# nu: circular frequency of the load (rad/s); rate: factor between the ' &
                         //'last corrections; u = Im sum_k X_k exp(i k nu t),')
     call table%add_line('# x_k_re, x_k_im: X_k of x (m); phi_k_re, phi_k_im: X_k of phi (rad); ' &

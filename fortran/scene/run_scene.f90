@@ -2,12 +2,16 @@
 module viscovib_run_scene
   use viscovib_files, only: stem
   use viscovib_forced_response, only: forced_response
+  use viscovib_kinds, only: wp
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_type
   use viscovib_response_plan, only: new_response_plan, response_plan_type
   use viscovib_response_table, only: write_response
   use viscovib_scene, only: scene_type
+  use viscovib_simulate, only: run_completed, run_names
   use viscovib_status, only: show, status_type
+  use viscovib_transient_job, only: plan_transient, run_transient, trajectory_type
+  use viscovib_transient_table, only: write_transient
   implicit none
   private
 
@@ -22,35 +26,88 @@ module viscovib_run_scene
 contains
 
   !> What will be computed and what is skipped, with the reasons.
-  subroutine plan_scene(scene, plan, status)
+  subroutine plan_scene(scene, text, status)
     type(scene_type), intent(in) :: scene
-    type(response_plan_type), intent(out) :: plan
+    character(len=:), allocatable, intent(out) :: text
     type(status_type), intent(out) :: status
+    type(response_plan_type) :: plan
+
+    text = ''
+    if (scene%is_pendulum) then
+      text = plan_transient(scene%transient)
+      return
+    end if
     call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
                            status)
-    if (status%failed()) status%message = scene%path//': '//status%message
+    if (status%failed()) then
+      status%message = scene%path//': '//status%message
+    else
+      text = plan%text
+    end if
   end subroutine plan_scene
 
-  !> Compute the response and write its table into a folder.
-  subroutine run_scene(scene, plan, folder, version, report, status)
+  !> Compute what is wanted and write its table into a folder.
+  subroutine run_scene(scene, folder, version, report, status)
     type(scene_type), intent(in) :: scene
-    type(response_plan_type), intent(in) :: plan
     character(len=*), intent(in) :: folder, version
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
+    character(len=:), allocatable :: header
+
+    header = 'viscovib '//version//', scene '//scene%path//new_line('a')//scene%title
+    if (scene%is_pendulum) then
+      call run_motion(scene, folder, header, report, status)
+    else
+      call run_response(scene, folder, header, report, status)
+    end if
+  end subroutine run_scene
+
+  subroutine run_response(scene, folder, header, report, status)
+    type(scene_type), intent(in) :: scene
+    character(len=*), intent(in) :: folder, header
+    type(scene_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(response_plan_type) :: plan
     type(response_type) :: response
     integer :: found
 
+    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
+                           status)
+    if (status%failed()) return
     call forced_response(plan, scene%mount, scene%load, scene%nu, response)
     report%path = folder//'/'//stem(scene%path)//'_response.csv'
-    call write_response(folder, stem(scene%path)//'_response.csv', response, &
-                        'viscovib '//version//', scene '//scene%path//new_line('a')//scene%title, &
-                        status)
+    call write_response(folder, stem(scene%path)//'_response.csv', response, header, status)
     if (status%failed()) return
     found = count(response%outcome == outcome_converged)
     report%complete = found == size(scene%nu)
     report%summary = show(found)//' of '//show(size(scene%nu))//' frequencies solved'
-  end subroutine run_scene
+  end subroutine run_response
+
+  subroutine run_motion(scene, folder, header, report, status)
+    type(scene_type), intent(in) :: scene
+    character(len=*), intent(in) :: folder, header
+    type(scene_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(trajectory_type) :: trajectory
+    real(wp) :: omega(3), shapes(3, 3)
+
+    call scene%pendulum%natural_modes(omega, shapes)
+    call run_transient(scene%transient, scene%pendulum, &
+                       max(maxval(omega), maxval(scene%pendulum%drives)), trajectory, status)
+    if (status%failed()) then
+      status%message = scene%path//': '//status%message
+      return
+    end if
+    report%path = folder//'/'//stem(scene%path)//'_transient.csv'
+    call write_transient(folder, stem(scene%path)//'_transient.csv', trajectory, &
+                         scene%transient%method, header, status)
+    if (status%failed()) return
+    report%complete = trajectory%outcome == run_completed
+    report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &
+                     //', '//show(size(trajectory%t))//' states'
+    if (trajectory%error >= 0.0_wp) report%summary = report%summary//', estimated error ' &
+                                                     //show(trajectory%error)
+  end subroutine run_motion
 
   !> A line for each kernel in use whose integral is not between 0 and 1.
   function scene_warnings(scene) result(text)
@@ -59,6 +116,7 @@ contains
     integer :: i
 
     text = ''
+    if (scene%is_pendulum) return
     do i = 1, size(scene%mount%kernels)
       if (.not. any(scene%mount%kernel_of == i)) cycle
       associate (total => scene%mount%memory_scale*scene%mount%kernels(i)%kernel%integral())

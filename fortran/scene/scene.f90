@@ -9,9 +9,12 @@ module viscovib_scene
   use viscovib_mount, only: geometry_cubic, geometry_names, mount_parameters, mount_type, new_mount
   use viscovib_namelist, only: namelist_type, read_namelist
   use viscovib_oscillator, only: kernel_holder
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_pendulum_groups, only: read_pendulum, read_transient
   use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_names, new_response_plan, response_plan_type
   use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_transient_job, only: transient_job
   implicit none
   private
 
@@ -19,6 +22,11 @@ module viscovib_scene
 
   type :: scene_type
     character(len=:), allocatable :: path, title
+    !> The system is a pendulum, its result a motion in time.
+    logical :: is_pendulum = .false.
+    type(pendulum_type) :: pendulum
+    type(transient_job) :: transient
+    !> Or it is a mount, its result a response.
     type(mount_type) :: mount
     type(load_type) :: load
     !> The response: frequencies (rad/s), method, options.
@@ -30,8 +38,12 @@ module viscovib_scene
     character(len=:), allocatable :: canonical
   end type scene_type
 
-  character(len=*), parameter :: group_names(5) = &
-    [character(len=8) :: 'scene', 'mount', 'kernel', 'load', 'response']
+  character(len=*), parameter :: group_names(7) = &
+    [character(len=9) :: 'scene', 'mount', 'kernel', 'load', 'response', 'pendulum', 'transient']
+  !> What belongs to each system.
+  character(len=*), parameter :: mount_groups(4) = &
+    [character(len=9) :: 'mount', 'kernel', 'load', 'response'], &
+                                 pendulum_groups(2) = [character(len=9) :: 'pendulum', 'transient']
   character(len=*), parameter :: coordinate_names(2) = [character(len=3) :: 'x', 'phi']
   character(len=*), parameter :: grid_keys(4) = &
     [character(len=10) :: 'nu_min', 'nu_max', 'nu_count', 'nu_spacing']
@@ -52,51 +64,110 @@ contains
     scene%path = path
     scene%canonical = ''
     call read_namelist(path, file, status)
-    if (.not. status%failed()) call check_groups(file, status)
+    if (.not. status%failed()) call check_groups(file, scene%is_pendulum, status)
     if (.not. status%failed()) call read_title(file, scene, status)
-    if (.not. status%failed()) call read_kernels(file, kernels, parameters, scene%canonical, &
-                                                 status)
+    if (status%failed()) return
+    if (scene%is_pendulum) then
+      call read_motion(file, scene, status)
+      return
+    end if
+    call read_kernels(file, kernels, parameters, scene%canonical, status)
     if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
     if (.not. status%failed()) call read_loads(file, scene, status)
     if (.not. status%failed()) call read_response(file, scene, status)
     if (.not. status%failed()) call check_job(file, scene, status)
   end subroutine read_scene
 
-  !> Known groups only, and the right number of each.
-  subroutine check_groups(file, status)
+  !> Known groups only, the right number of each, and one system.
+  subroutine check_groups(file, is_pendulum, status)
     type(namelist_type), intent(in) :: file
+    logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
     integer :: i, j, n
 
+    is_pendulum = .false.
     do i = 1, size(file%groups)
       associate (group => file%groups(i))
         if (.not. any(group_names == group%name)) then
-          call fail(status, status_input_error, group%name, file%path//':' &
-                    //show(group%line)//': unknown group &'//group%name//': must be one of ' &
-                    //'&scene, &mount, &kernel, &load, &response')
+          call refuse_group(i, 'unknown group &'//group%name//': must be one of ' &
+                            //listed(group_names))
           return
         end if
+        if (group%name == 'pendulum') is_pendulum = .true.
       end associate
     end do
     do j = 1, size(group_names)
       n = 0
       do i = 1, size(file%groups)
-        if (file%groups(i)%name == group_names(j)) n = n + 1
+        if (file%groups(i)%name /= group_names(j)) cycle
+        n = n + 1
         if (n == 2 .and. .not. any(group_names(j) == ['kernel', 'load  '])) then
-          call fail(status, status_input_error, trim(group_names(j)), file%path//':' &
-                    //show(file%groups(i)%line)//': a second &'//trim(group_names(j)) &
-                    //': must be given once')
-          return
+          call refuse_group(i, 'a second &'//trim(group_names(j))//': must be given once')
+        else if (is_pendulum .and. any(mount_groups == group_names(j))) then
+          call refuse_group(i, '&'//trim(group_names(j))//': belongs to a mount, and this scene ' &
+                            //'has &pendulum')
+        else if (.not. is_pendulum .and. any(pendulum_groups == group_names(j))) then
+          call refuse_group(i, '&'//trim(group_names(j))//': needs &pendulum')
         end if
+        if (status%failed()) return
       end do
-      if (n == 0 .and. any(group_names(j) == ['mount   ', 'load    ', 'response'])) then
+      if (n > 0) cycle
+      if (is_pendulum .and. group_names(j) == 'transient') then
+        call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
+                  //'a scene with &pendulum needs a wanted result (&transient)')
+      else if (.not. is_pendulum .and. any(group_names(j) == ['mount   ', 'load    ', &
+                                                              'response'])) then
         call fail(status, status_input_error, trim(group_names(j)), file%path//': no &' &
                   //trim(group_names(j))//' group: a scene needs &mount, &load and a wanted ' &
-                  //'result (&response)')
-        return
+                  //'result (&response), or &pendulum and &transient')
       end if
+      if (status%failed()) return
     end do
+
+  contains
+
+    subroutine refuse_group(i, why)
+      integer, intent(in) :: i
+      character(len=*), intent(in) :: why
+      call fail(status, status_input_error, file%groups(i)%name, file%path//':' &
+                //show(file%groups(i)%line)//': '//why)
+    end subroutine refuse_group
+
+    pure function listed(names)
+      character(len=*), intent(in) :: names(:)
+      character(len=:), allocatable :: listed
+      integer :: k
+      listed = '&'//trim(names(1))
+      do k = 2, size(names)
+        listed = listed//', &'//trim(names(k))
+      end do
+    end function listed
+
   end subroutine check_groups
+
+  !> The place of a group that is known to be there.
+  pure integer function place_of(file, name) result(i)
+    type(namelist_type), intent(in) :: file
+    character(len=*), intent(in) :: name
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name == name) exit
+    end do
+  end function place_of
+
+  subroutine read_motion(file, scene, status)
+    type(namelist_type), intent(in) :: file
+    type(scene_type), intent(inout) :: scene
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+
+    call reader%start(file%path, file%groups(place_of(file, 'pendulum')))
+    call read_pendulum(reader, scene%pendulum)
+    call close_group(reader, scene, status)
+    if (status%failed()) return
+    call reader%start(file%path, file%groups(place_of(file, 'transient')))
+    call read_transient(reader, scene%pendulum, scene%transient)
+    call close_group(reader, scene, status)
+  end subroutine read_motion
 
   subroutine read_title(file, scene, status)
     type(namelist_type), intent(in) :: file
@@ -134,12 +205,8 @@ contains
     type(status_type) :: built
     character(len=:), allocatable :: word
     real(wp) :: c(4)
-    integer :: i
 
-    do i = 1, size(file%groups)
-      if (file%groups(i)%name == 'mount') exit
-    end do
-    call reader%start(file%path, file%groups(i))
+    call reader%start(file%path, file%groups(place_of(file, 'mount')))
     parameters%mass = reader%read_real('mass')
     parameters%inertia = reader%read_real('inertia')
     parameters%offset = reader%read_real('offset')
@@ -220,12 +287,8 @@ contains
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     character(len=:), allocatable :: word
-    integer :: i
 
-    do i = 1, size(file%groups)
-      if (file%groups(i)%name == 'response') exit
-    end do
-    call reader%start(file%path, file%groups(i))
+    call reader%start(file%path, file%groups(place_of(file, 'response')))
     word = reader%read_text('method', 'successive', method_names, scene%method)
     scene%options%harmonics = reader%read_integer('harmonics', scene%options%harmonics)
     scene%options%tolerance = reader%read_real('tolerance', scene%options%tolerance)

@@ -37,7 +37,7 @@ contains
     type(gauss_table_type), intent(out) :: table
     integer, intent(in) :: s, degree
     real(wp) :: c(s), b(s), a(s, s), square(s, s), next(s, s)
-    real(wp) :: p(0:s + 1, s), beyond(0:s + 1, s), start(0:s + 1)
+    real(wp) :: p(0:s + 1, s), beyond(0:s + 1, s), start(0:s + 1), integrals(s, 0:s - 1)
     integer :: i, j, k
 
     call gauss_nodes(s, c, b)
@@ -48,16 +48,18 @@ contains
     end do
     ! a_ij = b_j sum_k (2k+1) P_k(c_j) integral_0^c_i P_k, the integral being
     ! [P_(k+1) - P_(k-1)]/(2 (2k+1)) between its limits.
+    integrals(:, 0) = c
+    do k = 1, s - 1
+      integrals(:, k) = 0.5_wp*((p(k + 1, :) - start(k + 1)) - (p(k - 1, :) - start(k - 1)))
+    end do
+    a = matmul(integrals, p(0:s - 1, :))
+    do k = 0, min(degree, s - 1)
+      beyond(k, :) = (2*k + 1)*beyond(k, :)
+    end do
+    next = matmul(transpose(beyond(0:min(degree, s - 1), :)), p(0:min(degree, s - 1), :))
     do j = 1, s
-      do i = 1, s
-        a(i, j) = c(i)
-        do k = 1, s - 1
-          a(i, j) = a(i, j) + p(k, j)*0.5_wp*((p(k + 1, i) - start(k + 1)) &
-                                              - (p(k - 1, i) - start(k - 1)))
-        end do
-        a(i, j) = b(j)*a(i, j)
-        next(i, j) = b(j)*sum([((2*k + 1)*beyond(k, i)*p(k, j), k=0, min(degree, s - 1))])
-      end do
+      a(:, j) = b(j)*a(:, j)
+      next(:, j) = b(j)*next(:, j)
     end do
     square = matmul(a, a)
 
@@ -88,7 +90,8 @@ contains
 
     do i = 1, s
       x = cos(pi*(i - 0.25_wp)/(s + 0.5_wp))
-      do k = 1, 8
+      ! The start is right to three digits, and each turn doubles them.
+      do k = 1, 4
         p = legendre(s, 0.5_wp*(1.0_wp + x))
         slope = s*(x*p(s) - p(s - 1))/(x**2 - 1.0_wp)
         x = x - p(s)/slope

@@ -21,7 +21,7 @@ from viscovib.kernels import (
 from viscovib.load import fourier_coefficients
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
-from viscovib.plots import plot_response
+from viscovib.plots import plot_response, plot_sections, plot_trajectory
 from viscovib.response import Peak, Response, forced_response, plan_response
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.transient import Trajectory, simulate
@@ -53,6 +53,8 @@ __all__ = [
     "plan",
     "plan_response",
     "plot_response",
+    "plot_sections",
+    "plot_trajectory",
     "run",
     "simulate",
     "simulate_ensemble",

@@ -80,7 +80,7 @@ def _checked(name: str, array: npt.NDArray[Any], ndim: int | None) -> npt.NDArra
     if ndim is not None and array.ndim != ndim:
         raise InputError(f"{name}: must have {ndim} dimension(s), got shape {array.shape}")
     finite = np.isfinite(array)
-    if not np.all(finite):
+    if not finite.all():
         where = tuple(int(i) for i in np.argwhere(~finite)[0])
         place = f"[{', '.join(map(str, where))}]" if where else ""
         raise InputError(f"{name}{place} = {array[where]}: must be a finite number")

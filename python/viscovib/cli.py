@@ -7,9 +7,10 @@ from pathlib import Path
 
 from viscovib import __version__
 from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, ViscovibError
-from viscovib.plots import save_response
+from viscovib.plots import save_picture
 from viscovib.response import Response
-from viscovib.scene import Scene, plan, run
+from viscovib.scene import Scene, SceneResult, plan, run
+from viscovib.transient import Trajectory
 
 _UNSOLVED, _BAD_INPUT, _BAD_FILE, _INTERRUPTED = 1, 2, 3, 130
 
@@ -52,17 +53,29 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace) -> int:
-    response = _compute(options)
-    table = options.out / f"{options.scene.stem}_response.csv"
-    response.to_csv(table)
-    _picture(options, response)
+    result = _compute(options)
+    table = options.out / f"{options.scene.stem}_{result.kind}.csv"
+    result.value.to_csv(table)
+    _picture(options, result)
+    lines, whole = _summary(result.value)
     if not options.quiet:
-        print(f"{table}: {response.converged.sum()} of {response.nu.size} frequencies solved")
-        if response.converged.any():
-            for name, unit in zip(response.dof_names, response.dof_units, strict=True):
-                peak = response.peak(name)
-                print(f"  largest |{name}_1| = {peak.amplitude:.6g} {unit} at nu = {peak.nu:.6g}")
-    return 0 if response.converged.all() else _UNSOLVED
+        print(f"{table}: {lines[0]}", *lines[1:], sep="\n  ")
+    return 0 if whole else _UNSOLVED
+
+
+def _summary(value: Response | Trajectory) -> tuple[list[str], bool]:
+    """Lines about a result, and whether all of it was found."""
+    if isinstance(value, Trajectory):
+        lines = [f"{value.outcome} at t = {value.t_reached:g}, {value.t.size} states"]
+        if value.error is not None:
+            lines.append(f"step {value.dt:.6g}, estimated error {value.error:.1e}")
+        return lines, value.outcome == "completed"
+    lines = [f"{value.converged.sum()} of {value.nu.size} frequencies solved"]
+    if value.converged.any():
+        for name, unit in zip(value.dof_names, value.dof_units, strict=True):
+            peak = value.peak(name)
+            lines.append(f"largest |{name}_1| = {peak.amplitude:.6g} {unit} at nu = {peak.nu:.6g}")
+    return lines, bool(value.converged.all())
 
 
 def _plan(options: argparse.Namespace) -> int:
@@ -75,18 +88,18 @@ def _plot(options: argparse.Namespace) -> int:
     return 0
 
 
-def _compute(options: argparse.Namespace) -> Response:
+def _compute(options: argparse.Namespace) -> SceneResult:
     scene = Scene.read(options.scene)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(f"{options.out}: cannot be made a folder ({error.strerror})") from None
-    return run(scene, progress=not options.quiet).response
+    return run(scene, progress=not options.quiet)
 
 
-def _picture(options: argparse.Namespace, response: Response) -> None:
-    path = options.out / f"{options.scene.stem}_response.png"
-    save_response(response, path)
+def _picture(options: argparse.Namespace, result: SceneResult) -> None:
+    path = options.out / f"{options.scene.stem}_{result.kind}.png"
+    save_picture(result.value, path)
     if not options.quiet:
         print(path)
 

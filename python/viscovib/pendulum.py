@@ -1,7 +1,7 @@
 """The spring pendulum: a rigid body on a nonlinear spring, dimensionless."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -69,6 +69,8 @@ class Pendulum:
     scales: Scales | None = None
 
     dof_names: ClassVar[tuple[str, ...]] = ("z", "phi", "psi")
+    #: The numbers as the core takes them.
+    _flat: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in PARAMETERS:
@@ -76,7 +78,11 @@ class Pendulum:
         if not isinstance(self.scales, (Scales, type(None))):
             raise InputError(f"scales = {self.scales!r}: must be Scales or None")
         _native.choice("equations", self.equations, EQUATIONS)
-        _native.call(core.pendulum_modes, self._flat)
+        numbers = [getattr(self, name) for name in PARAMETERS]
+        flat = np.array([*numbers, EQUATIONS.index(self.equations) + 1])
+        flat.flags.writeable = False
+        object.__setattr__(self, "_flat", flat)
+        _native.call(core.pendulum_modes, flat)
 
     @classmethod
     def from_physical(
@@ -190,11 +196,6 @@ class Pendulum:
         """Rate of change of the energy: work of the loads less dissipation, shape (...)."""
         result: FloatArray = self._evaluate(t, self._states(state))[2][()]
         return result
-
-    @property
-    def _flat(self) -> FloatArray:
-        numbers = [getattr(self, name) for name in PARAMETERS]
-        return np.array([*numbers, EQUATIONS.index(self.equations) + 1])
 
     def _states(self, state: npt.ArrayLike) -> FloatArray:
         states = _native.real_array("state", state)

@@ -3,22 +3,34 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from viscovib import _native
+from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.response import Response
+from viscovib.transient import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 #: Dark to light, so that order survives a greyscale print.
 COLOURS = ("#0b1d51", "#7b1e7a", "#c8452e", "#e08e1b", "#b9b21a")
 STYLES = ("-", (0, (6, 1.5)), (0, (4, 1.2, 1, 1.2)), (0, (2, 1)), (0, (1, 1)))
 
-_SYMBOLS = {"x": "x", "phi": r"\varphi"}
+_SYMBOLS = {"x": "x", "phi": r"\varphi", "psi": r"\psi"}
+_DOTS: dict[str, Any] = {
+    "linestyle": "none",
+    "marker": ".",
+    "markersize": 1.5,
+    "markeredgewidth": 0,
+    "color": COLOURS[0],
+    "rasterized": True,
+}
 
 
 def plot_response(
@@ -48,8 +60,6 @@ def plot_response(
     -------
     sequence of Axes, one a coordinate.
     """
-    import matplotlib.pyplot as plt
-
     curves = [response] if isinstance(response, Response) else list(response)
     if not curves:
         raise InputError("response: must not be empty")
@@ -75,26 +85,128 @@ def plot_response(
         axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{harmonic}|$ ({unit})")
         if log:
             axis.set_yscale("log")
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.grid(color="0.9", linewidth=0.6)
-        axis.set_axisbelow(True)
+        _bare(axis)
     axes[-1].set_xlabel(r"circular frequency of the load $\nu$ (rad/s)")
     if labels:
         axes[0].legend(frameon=False)
     return axes
 
 
-def save_response(response: Response, path: str | os.PathLike[str]) -> None:
-    """Draw a response into a file, without a display; harmonic 1, or the lowest there is."""
+def plot_trajectory(
+    trajectory: Trajectory | Sequence[Trajectory],
+    ax: "Axes | Sequence[Axes] | None" = None,
+    *,
+    labels: Sequence[str] | None = None,
+) -> "Sequence[Axes]":
+    """Draw motions: for each coordinate its history and its phase plane.
+
+    Parameters
+    ----------
+    trajectory : Trajectory or sequence of them
+    ax : sequence of Axes, optional
+        Where to draw: two a coordinate, history and phase plane; None makes a figure.
+    labels : sequence of str, optional
+        A legend entry a motion.
+
+    Returns
+    -------
+    sequence of Axes: history and phase plane of z, then of phi, then of psi.
+    """
+    runs = [trajectory] if isinstance(trajectory, Trajectory) else list(trajectory)
+    if not runs:
+        raise InputError("trajectory: must not be empty")
+    names = runs[0].dof_names
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        figure = plt.figure(figsize=(10, 2.4 * len(names)), layout="constrained")
+        ax = _motion_axes(figure, len(names))
+    axes = list(np.asarray(ax, dtype=object).ravel())
+    if len(axes) != 2 * len(names):
+        raise InputError(f"ax: {len(axes)} axes given, must be {2 * len(names)}")
+    for d, name in enumerate(names):
+        history, plane = axes[2 * d], axes[2 * d + 1]
+        for i, run in enumerate(runs):
+            style = {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)]}
+            q, v = run.state[:, 2 * d], run.state[:, 2 * d + 1]
+            history.plot(run.t, q, linewidth=1.1, label=labels[i] if labels else None, **style)
+            plane.plot(q, v, linewidth=0.7, **style)
+        symbol = _SYMBOLS.get(name, name)
+        history.set_ylabel(f"${symbol}$" + ("" if d == 0 else " (rad)"))
+        plane.set(xlabel=f"${symbol}$", ylabel=rf"${symbol}'$")
+        for axis in (history, plane):
+            _bare(axis)
+    axes[-2].set_xlabel(r"$\tau = \omega_1 t$")
+    if labels:
+        axes[0].legend(frameon=False)
+    return axes
+
+
+def plot_sections(
+    ensemble: Ensemble,
+    ax: "Axes | None" = None,
+    *,
+    parameter: str | None = None,
+    quantity: str = "phi",
+) -> "Axes":
+    """Draw the section points of an ensemble.
+
+    With the name of a ``parameter`` that varies, a bifurcation diagram of ``quantity`` over it;
+    without, a Poincare section: ``quantity`` against its velocity.
+    """
+    if ensemble.sections is None:
+        raise InputError("ensemble: holds no sections, ask for them by sections=1, 2 or 3")
+    dofs = ensemble.system.dof_names
+    d = dofs.index(_native.choice("quantity", quantity, dofs))
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        ax = plt.figure(figsize=(7, 5), layout="constrained").subplots()
+    symbol = _SYMBOLS.get(quantity, quantity)
+    q = ensemble.sections[:, :, 2 * d]
+    if parameter is None:
+        ax.plot(q.ravel(), ensemble.sections[:, :, 2 * d + 1].ravel(), **_DOTS)
+        ax.set(xlabel=f"${symbol}$", ylabel=rf"${symbol}'$")
+    else:
+        _native.choice("parameter", parameter, tuple(ensemble.parameters))
+        values = np.broadcast_to(ensemble.parameters[parameter][:, np.newaxis], q.shape)
+        ax.plot(values.ravel(), q.ravel(), **_DOTS)
+        ax.set(xlabel=parameter, ylabel=f"${symbol}$ at whole periods (rad)")
+    _bare(ax)
+    return ax
+
+
+def _bare(axis: "Axes") -> None:
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.grid(color="0.9", linewidth=0.6)
+    axis.set_axisbelow(True)
+
+
+def _motion_axes(figure: "Figure", n: int) -> "Sequence[Axes]":
+    axes = figure.subplots(n, 2, width_ratios=[3, 1], squeeze=False)
+    for row in axes[:-1]:
+        row[0].sharex(axes[-1, 0])
+        row[0].tick_params(labelbottom=False)
+    return [axis for row in axes for axis in row]
+
+
+def save_picture(result: Response | Trajectory, path: str | os.PathLike[str]) -> None:
+    """Draw a result into a file, without a display."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    orders = response.harmonics[response.harmonics > 0]
-    if not orders.size:
-        raise InputError("response: holds a mean only, which has no amplitude curve")
-    names = response.dof_names
-    figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
-    FigureCanvasAgg(figure)
-    plot_response(response, figure.subplots(len(names), 1, sharex=True), harmonic=int(orders[0]))
+    names = result.dof_names
+    if isinstance(result, Trajectory):
+        figure = Figure(figsize=(10, 2.4 * len(names)), layout="constrained")
+        FigureCanvasAgg(figure)
+        plot_trajectory(result, _motion_axes(figure, len(names)))
+    else:
+        # Harmonic 1, or the lowest there is.
+        orders = result.harmonics[result.harmonics > 0]
+        if not orders.size:
+            raise InputError("response: holds a mean only, which has no amplitude curve")
+        figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
+        FigureCanvasAgg(figure)
+        plot_response(result, figure.subplots(len(names), 1, sharex=True), harmonic=int(orders[0]))
     with whole_file(path, "wb") as file:
         figure.savefig(file, dpi=200, format=Path(path).suffix.lstrip(".") or "png")

@@ -26,7 +26,9 @@ from viscovib.kernels import (
     TabulatedKernel,
 )
 from viscovib.mount import Mount
+from viscovib.pendulum import Pendulum
 from viscovib.response import Response, forced_response, plan_response
+from viscovib.transient import METHODS, Trajectory, simulate
 
 _KERNELS: dict[str, type[Kernel]] = {
     "rzhanitsyn": RzhanitsynKernel,
@@ -49,7 +51,8 @@ class Scene:
         The file.
     title : str
     groups : mapping
-        Every group with every default: {"mount": {...}, "kernel": [...], "load": [...], ...}.
+        Every group with every default: {"mount": {...}, "kernel": [...], "load": [...], ...} or
+        {"pendulum": {...}, "transient": {...}}.
     canonical : str
         The same as namelist text.
     """
@@ -84,9 +87,18 @@ class Scene:
             canonical=text,
         )
 
+    @property
+    def is_pendulum(self) -> bool:
+        """Whether the system is a pendulum, its result a motion in time; else it is a mount."""
+        return "pendulum" in self.groups
+
+    def pendulum(self) -> Pendulum:
+        """Build the pendulum."""
+        return Pendulum(**self._group("pendulum"))
+
     def mount(self) -> Mount:
-        """Build the system."""
-        given = dict(self.groups["mount"])
+        """Build the mount."""
+        given = dict(self._group("mount"))
         given["damping"] = np.reshape(given["damping"], (2, 2))
         kernels: dict[str, Kernel] = {}
         for group in self.groups["kernel"]:
@@ -113,7 +125,7 @@ class Scene:
 
     def nu(self) -> FloatArray:
         """Circular frequencies of the response (rad/s)."""
-        group = self.groups["response"]
+        group = self._group("response")
         if "nu" in group:
             return np.atleast_1d(np.asarray(group["nu"], dtype=float))
         return np.asarray(
@@ -125,8 +137,26 @@ class Scene:
             )
         )
 
+    def _group(self, name: str) -> Mapping[str, Any]:
+        if name not in self.groups:
+            raise InputError(f"{self.path}: has no &{name} group")
+        group: Mapping[str, Any] = self.groups[name]
+        return group
+
+    def _motion(self) -> dict[str, Any]:
+        group = self._group("transient")
+        return {
+            "system": self.pendulum(),
+            "t_end": group["t_end"],
+            "initial": group["initial"],
+            "dt": group["dt"] or "auto",
+            "tolerance": group["tolerance"] or None,
+            "method": group["method"],
+            "save_every": group["save_every"],
+        }
+
     def _job(self) -> dict[str, Any]:
-        group = self.groups["response"]
+        group = self._group("response")
         relaxation = group["relaxation"]
         return {
             "mount": self.mount(),
@@ -139,22 +169,54 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
-    """What a scene gave."""
+    """What a scene gave: the response of a mount or the motion of a pendulum."""
 
     scene: Scene
-    response: Response
+    value: Response | Trajectory
+
+    @property
+    def kind(self) -> str:
+        """As in the names of tables: "response" or "transient"."""
+        return "response" if isinstance(self.value, Response) else "transient"
+
+    @property
+    def response(self) -> Response:
+        """The response of a mount."""
+        if not isinstance(self.value, Response):
+            raise InputError("response: this scene gave a motion, see trajectory")
+        return self.value
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion of a pendulum."""
+        if not isinstance(self.value, Trajectory):
+            raise InputError("trajectory: this scene gave a response, see response")
+        return self.value
 
 
 def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
     """Compute what a scene asks for."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
-    return SceneResult(scene=read, response=forced_response(**read._job(), progress=progress))
+    if read.is_pendulum:
+        return SceneResult(read, simulate(**read._motion(), progress=progress))
+    return SceneResult(read, forced_response(**read._job(), progress=progress))
 
 
 def plan(scene: Scene | str | os.PathLike[str]) -> str:
     """Say what a scene will compute and what is skipped, with the reasons."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
-    return plan_response(**read._job())
+    if not read.is_pendulum:
+        return plan_response(**read._job())
+    group = read._group("transient")
+    text: bytes = core.transient_plan(
+        group["initial"],
+        group["t_end"],
+        group["dt"],
+        group["tolerance"],
+        METHODS[group["method"]],
+        group["save_every"],
+    )
+    return text.decode().strip() + "\n"
 
 
 def _canonical(path: str | os.PathLike[str]) -> str:

@@ -2,6 +2,7 @@
 
 import csv
 import math
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -20,10 +21,9 @@ from viscovib.pendulum import Pendulum
 
 #: Explicit methods by their place in the core.
 EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
-#: All methods by the number the core knows them by: nodes of a Gauss collocation, or minus the
-#: place of an explicit method.
-METHODS = {"gauss8": 8, "gauss16": 16, "gauss2": 2, "gauss3": 3} | {
-    name: -place for name, place in EXPLICIT.items()
+#: All methods by their place in the core.
+METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
+    name: place + 4 for name, place in EXPLICIT.items()
 }
 OUTCOMES = ("completed", "diverged", "unphysical")
 #: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
@@ -227,7 +227,7 @@ def checked_state(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Fl
     state = _native.real_array(name, value)
     if state.shape != shape:
         raise InputError(f"{name}: must have shape {shape}, got {state.shape}")
-    if np.any(state[..., 0] <= -1):
+    if (state[..., 0] <= -1).any():
         raise InputError(f"{name} z = {state[..., 0].min():g}: must be greater than -1")
     return state
 
@@ -325,6 +325,11 @@ def _go_on(
     return run.steps(n, want, progress)
 
 
+def _bar(n: int, progress: bool) -> AbstractContextManager["tqdm[Any] | None"]:
+    """Return a progress bar if wanted; making even a silent one takes longer than a short run."""
+    return tqdm(total=n, unit=" steps", leave=False) if progress else nullcontext()
+
+
 class _Run:
     """A run that can go on: the native state and how far it has come."""
 
@@ -356,9 +361,10 @@ class _Run:
             skipped = max(0, n - math.ceil(want.tail / self.h)) // want.every * want.every
         counts = {"evaluations": 0}
         states: list[FloatArray] = []
-        with tqdm(total=n, unit=" steps", disable=not progress, leave=False) as bar:
-            ended = self._advance(skipped, replace(want, keep="last"), states, counts, bar)
-            if want.keep == "tail":
+        ended = 0
+        with _bar(n, progress) as bar:
+            if skipped:
+                ended = self._advance(skipped, replace(want, keep="last"), states, counts, bar)
                 start, first = self.done, self.state
             if not ended:
                 ended = self._advance(n - skipped, want, states, counts, bar)
@@ -396,7 +402,7 @@ class _Run:
         want: _Wanted,
         states: list[FloatArray],
         counts: dict[str, int],
-        bar: "tqdm[Any]",
+        bar: "tqdm[Any] | None",
     ) -> int:
         """Make n steps in pieces; return how they ended."""
         piece = max(CHUNK // want.every, 1) * want.every
@@ -435,7 +441,8 @@ class _Run:
             else:
                 states.append(kept.T[: min(columns, made // want.every)])
             left -= count
-            bar.update(made)
+            if bar is not None:
+                bar.update(made)
         return int(ended)
 
     def _check_times(self, times: FloatArray, n: int) -> None:

@@ -21,6 +21,9 @@ GOOD = """&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=
 &load amplitude=0.1 /
 &response nu_min=0.5, nu_max=4, nu_count=8 /
 """
+MOTION = """&pendulum e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, f0=0.005, p1=0.93 /
+&transient initial=0.05 0 0.3 0 -0.2 0, t_end=20, dt=0.25 /
+"""
 KERNEL = "kind='rzhanitsyn', amplitude=0.048, alpha=0.1, beta=0.05"
 GRID = "nu_min=0.5, nu_max=4, nu_count=8"
 
@@ -60,6 +63,57 @@ def test_driver_and_python_agree_to_the_last_bit(solve, tmp_path, name):
                 assert (table[f"{dof}_{k}_im"] == r.coefficients[:, d, j].imag).all()
         r.to_csv(tmp_path / "python.csv")
         assert read_csv(tmp_path / "python.csv").dtype.names == table.dtype.names
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"dt=0.25": "tolerance=1e-9"},
+        {"dt=0.25": "dt=0.3, method='verner9', save_every=7"},
+        {"dt=0.25": "dt=1, tolerance=1e-6, method='gauss16'", "e=0.1": "equations='cubic', e=0.1"},
+    ],
+)
+def test_motions_of_driver_and_python_agree_to_the_last_bit(solve, tmp_path, changes):
+    text = MOTION
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    scene = tmp_path / "motion.nml"
+    scene.write_text(text)
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / "motion_transient.csv")
+    run = vv.run(scene).trajectory
+    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    run.to_csv(tmp_path / "python.csv")
+    again = read_csv(tmp_path / "python.csv")
+    assert again.dtype.names == table.dtype.names
+    assert (again["t"] == table["t"]).all()
+    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
+        for name in table.dtype.names:
+            assert (table[name] == again[name]).all()
+
+
+def test_motion_that_stops_early_is_status_1(solve, tmp_path):
+    scene = tmp_path / "motion.nml"
+    scene.write_text(MOTION.replace("0.05 0 0.3", "0 -3 0.3"))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 1
+    assert "unphysical at t = " in done.stdout
+    assert len(read_csv(tmp_path / "motion_transient.csv")) >= 1
+
+
+def test_chaos_is_refused_and_leaves_nothing(solve, tmp_path):
+    scene = tmp_path / "motion.nml"
+    scene.write_text(
+        MOTION.replace("dt=0.25", "tolerance=1e-13")
+        .replace("t_end=20", "t_end=2000")
+        .replace("f0=0.005", "f0=0.02")
+        .replace("0.3 0 -0.2", "1.3 0 -1.2")
+    )
+    out = tmp_path / "out"
+    out.mkdir()
+    check_failure(solve(scene, "--out", out), 2, "the motion may be chaotic", out)
 
 
 def test_plan_prints_and_computes_nothing(solve, tmp_path):
@@ -175,6 +229,21 @@ BAD_SCENES = {
     "outside": ("mass = 1\n" + GOOD, 1, "'mass' stands outside a group"),
     "no equals": (GOOD.replace("mass=1", "mass 1"), 1, "'mass' in &mount is not followed by '='"),
     "empty": ("", None, "no group such as &mount found"),
+    "pendulum and mount": (MOTION + GOOD.splitlines()[0], 3, "&mount: belongs to a mount"),
+    "pendulum with a kernel": (GOOD.splitlines()[1] + "\n" + MOTION, 1, "&kernel: belongs to"),
+    "motion of a mount": (GOOD + MOTION.splitlines()[1], 5, "&transient: needs &pendulum"),
+    "pendulum alone": (MOTION.splitlines()[0], None, "no &transient group"),
+    "no such body": (MOTION.replace("e=0.1", "e=0.3"), 1, "must be less than 1"),
+    "equations": (MOTION.replace("e=0.1", "e=0.1, equations='best'"), 1, "must be one of 'exact'"),
+    "five numbers": (MOTION.replace("-0.2 0,", "-0.2,"), 2, "initial has 5 values"),
+    "start below the pivot": (MOTION.replace("=0.05", "=-1.5"), 2, "z must be greater than -1"),
+    "end": (MOTION.replace("t_end=20", "t_end=0"), 2, "t_end = 0: must be greater than 0"),
+    "step": (MOTION.replace("dt=0.25", "dt=30"), 2, "not exceed t_end = 20"),
+    "step negative": (MOTION.replace("dt=0.25", "dt=-1"), 2, "dt = -1: must be greater than 0"),
+    "method": (MOTION.replace("dt=", "method='euler', dt="), 2, "must be one of 'gauss8'"),
+    "motion tolerance": (MOTION.replace("dt=0.25", "tolerance=2"), 2, "must be in [1e-13, 1]"),
+    "save_every": (MOTION.replace("dt=", "save_every=0, dt="), 2, "must be at least 1"),
+    "too much to keep": (MOTION.replace("0.25", "1e-9"), 2, "would keep more than"),
     "not UTF-8": (GOOD.encode() + b"&scene title='caf\xe9' /\n", 5, "byte 233 found"),
     "binary": ("\x00\x01\x7f" * 50, 1, "this is not a text file"),
 }
@@ -329,6 +398,10 @@ def test_python_command_runs_plans_and_draws(tmp_path):
     assert "400 of 400 frequencies solved" in done.stdout
     assert (tmp_path / "mount_paper_response.png").stat().st_size > 20_000
     assert "skips: base motion" in command("plan", SCENES / "mount_paper.nml").stdout
+    done = command("run", SCENES / "pendulum_paper.nml", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "completed at t = 200, 801 states" in done.stdout
+    assert (tmp_path / "pendulum_paper_transient.png").stat().st_size > 20_000
     done = command("run", tmp_path / "none.nml")
     assert done.returncode == 3
     assert len(done.stderr.splitlines()) == 1

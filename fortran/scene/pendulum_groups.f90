@@ -1,0 +1,60 @@
+!> The &pendulum and &transient groups of a scene.
+module viscovib_pendulum_groups
+  use viscovib_group_reader, only: group_reader
+  use viscovib_kinds, only: wp
+  use viscovib_method_catalogue, only: transient_methods
+  use viscovib_pendulum, only: equations_names, new_pendulum, pendulum_parameters, pendulum_type
+  use viscovib_status, only: status_type
+  use viscovib_transient_job, only: check_transient, transient_job
+  implicit none
+  private
+
+  public :: read_pendulum, read_transient
+
+contains
+
+  subroutine read_pendulum(reader, pendulum)
+    type(group_reader), intent(inout) :: reader
+    type(pendulum_type), intent(out) :: pendulum
+    type(pendulum_parameters) :: p
+    type(status_type) :: built
+    character(len=:), allocatable :: word
+
+    p%e = reader%read_real('e')
+    p%w2 = reader%read_real('w2')
+    p%w3 = reader%read_real('w3')
+    p%alpha = reader%read_real('alpha', 0.0_wp)
+    p%damping(1) = reader%read_real('c1', 0.0_wp)
+    p%damping(2) = reader%read_real('c2', 0.0_wp)
+    p%damping(3) = reader%read_real('c3', 0.0_wp)
+    p%load(1) = reader%read_real('f0', 0.0_wp)
+    p%load(2) = reader%read_real('m01', 0.0_wp)
+    p%load(3) = reader%read_real('m02', 0.0_wp)
+    p%frequency(1) = reader%read_real('p1', 0.0_wp)
+    p%frequency(2) = reader%read_real('p2', 0.0_wp)
+    p%frequency(3) = reader%read_real('p3', 0.0_wp)
+    word = reader%read_text('equations', 'exact', equations_names, p%equations)
+    if (reader%status%failed()) return
+    call new_pendulum(pendulum, p, built)
+    call reader%place(built)
+  end subroutine read_pendulum
+
+  subroutine read_transient(reader, pendulum, job)
+    type(group_reader), intent(inout) :: reader
+    type(pendulum_type), intent(in) :: pendulum
+    type(transient_job), intent(out) :: job
+    type(status_type) :: checked
+    character(len=:), allocatable :: word
+
+    job%initial = reader%read_reals('initial', 6)
+    job%t_end = reader%read_real('t_end')
+    job%dt = reader%read_real('dt', 0.0_wp)
+    job%tolerance = reader%read_real('tolerance', merge(0.0_wp, 1.0e-10_wp, job%dt > 0.0_wp))
+    word = reader%read_text('method', 'gauss8', transient_methods, job%method)
+    job%save_every = reader%read_integer('save_every', 1)
+    if (reader%status%failed()) return
+    call check_transient(job, pendulum, checked)
+    call reader%place(checked)
+  end subroutine read_transient
+
+end module viscovib_pendulum_groups

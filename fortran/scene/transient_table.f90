@@ -1,0 +1,49 @@
+!> A motion in time as a table: comma separated, a row a time.
+module viscovib_transient_table
+  use viscovib_files, only: make_folder
+  use viscovib_method_catalogue, only: transient_methods
+  use viscovib_number_text, only: exact
+  use viscovib_simulate, only: run_names
+  use viscovib_status, only: status_type
+  use viscovib_text_file, only: text_writer
+  use viscovib_transient_job, only: trajectory_type
+  implicit none
+  private
+
+  public :: write_transient
+
+contains
+
+  !> Write the table NAME in a folder, which is made if need be; the table is
+  !! there whole or not at all.
+  subroutine write_transient(folder, name, trajectory, method, header, status)
+    character(len=*), intent(in) :: folder, name
+    type(trajectory_type), intent(in) :: trajectory
+    !> Place in `transient_methods`.
+    integer, intent(in) :: method
+    !> Lines for the top, separated by new-line characters.
+    character(len=*), intent(in) :: header
+    type(status_type), intent(out) :: status
+    type(text_writer) :: table
+    character(len=:), allocatable :: row
+    integer :: i, j
+
+    call make_folder(folder)
+    call table%create(folder//'/'//name, status)
+    if (status%failed()) return
+    call table%add_comments(header)
+    call table%add_line('# method '//trim(transient_methods(method))//', step ' &
+                        //trim(exact(trajectory%h))//', '//trim(run_names(trajectory%outcome)))
+    call table%add_line('# dimensionless: t in 1/omega_1, z in L, phi and psi in rad')
+    call table%add_line('t,z,z_dot,phi,phi_dot,psi,psi_dot')
+    do i = 1, size(trajectory%t)
+      row = trim(exact(trajectory%t(i)))
+      do j = 1, size(trajectory%states, 1)
+        row = row//','//trim(exact(trajectory%states(j, i)))
+      end do
+      call table%add_line(row)
+    end do
+    call table%finish(status)
+  end subroutine write_transient
+
+end module viscovib_transient_table
