@@ -1,5 +1,5 @@
-! Flat routines over spectra, for f2py. Not `threadsafe`: plans are made under
-! Python's lock.
+! Flat routines over spectra, for f2py. Those that transform are not `threadsafe`:
+! plans are made under Python's lock.
 
 !> Discrete Fourier transform of a real signal, shape (n/2 + 1).
 subroutine real_dft(signal, n, spectrum, n_spectrum)
@@ -11,3 +11,34 @@ subroutine real_dft(signal, n, spectrum, n_spectrum)
   complex(c_double_complex), intent(out) :: spectrum(n_spectrum)
   call real_spectrum(signal, spectrum)
 end subroutine real_dft
+
+!> One-sided complex amplitudes of signals, a column each; n_spectrum = n/2 + 1.
+subroutine windowed_spectrum(signals, n, m, window, spectra, n_spectrum, bandwidth)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
+  use viscovib_amplitude_spectrum, only: amplitude_spectrum
+  use viscovib_windows, only: noise_bandwidth
+  implicit none
+  integer(c_int), intent(in) :: n, m, window, n_spectrum
+  real(c_double), intent(in) :: signals(n, m)
+  complex(c_double_complex), intent(out) :: spectra(n_spectrum, m)
+  real(c_double), intent(out) :: bandwidth
+  integer :: j
+  do j = 1, m
+    call amplitude_spectrum(signals(:, j), window, spectra(:, j))
+  end do
+  bandwidth = noise_bandwidth(window)
+end subroutine windowed_spectrum
+
+!> Sums of a least squares fit of lines, each a column (omega, a, b); see
+!! viscovib_line_fit.
+subroutine fit_sums(signal, n, lines, n_lines, mean, n_free, n_columns, matrix, right, total)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_line_fit, only: line_sums
+  implicit none
+  integer(c_int), intent(in) :: n, n_lines, n_free, n_columns
+  real(c_double), intent(in) :: signal(n), lines(3, n_lines), mean
+  real(c_double), intent(out) :: matrix(n_columns, n_columns), right(n_columns), total
+  !f2py threadsafe
+  call line_sums(signal, lines(1, :), lines(2, :), lines(3, :), mean, n_free, matrix, right, &
+                 total)
+end subroutine fit_sums

@@ -1,15 +1,25 @@
-!> The &pendulum and &transient groups of a scene.
+!> The &pendulum, &transient and &spectrum groups of a scene.
 module viscovib_pendulum_groups
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_method_catalogue, only: transient_methods
   use viscovib_pendulum, only: equations_names, new_pendulum, pendulum_parameters, pendulum_type
-  use viscovib_status, only: status_type
+  use viscovib_status, only: show, status_type
   use viscovib_transient_job, only: check_transient, transient_job
+  use viscovib_windows, only: window_hann, window_names
   implicit none
   private
 
-  public :: read_pendulum, read_transient
+  public :: spectrum_job, read_pendulum, read_transient, read_spectrum
+
+  !> Spectra of the coordinates of a motion.
+  type :: spectrum_job
+    logical :: wanted = .false.
+    !> Place in `window_names`.
+    integer :: window = window_hann
+    !> Time before which nothing counts.
+    real(wp) :: discard = 0.0_wp
+  end type spectrum_job
 
 contains
 
@@ -56,5 +66,21 @@ contains
     call check_transient(job, pendulum, checked)
     call reader%place(checked)
   end subroutine read_transient
+
+  subroutine read_spectrum(reader, transient, job)
+    type(group_reader), intent(inout) :: reader
+    type(transient_job), intent(in) :: transient
+    type(spectrum_job), intent(out) :: job
+    character(len=:), allocatable :: word
+
+    job%wanted = .true.
+    word = reader%read_text('window', 'hann', window_names, job%window)
+    job%discard = reader%read_real('discard', 0.0_wp)
+    if (reader%status%failed()) return
+    if (job%discard < 0.0_wp .or. job%discard >= transient%t_end) then
+      call reader%complain('discard', 'discard = '//show(job%discard)//': must not be negative ' &
+                           //'and less than t_end = '//show(transient%t_end))
+    end if
+  end subroutine read_spectrum
 
 end module viscovib_pendulum_groups

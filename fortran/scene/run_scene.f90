@@ -9,9 +9,11 @@ module viscovib_run_scene
   use viscovib_response_table, only: write_response
   use viscovib_scene, only: scene_type
   use viscovib_simulate, only: run_completed, run_names
+  use viscovib_spectrum_table, only: write_spectrum
   use viscovib_status, only: show, status_type
   use viscovib_transient_job, only: plan_transient, run_transient, trajectory_type
   use viscovib_transient_table, only: write_transient
+  use viscovib_windows, only: window_names
   implicit none
   private
 
@@ -35,6 +37,12 @@ contains
     text = ''
     if (scene%is_pendulum) then
       text = plan_transient(scene%transient)
+      if (scene%spectrum%wanted) then
+        text = text//'computes: spectra of z, phi, psi, window ' &
+               //trim(window_names(scene%spectrum%window))//new_line('a')
+      else
+        text = text//'skips: spectra (not asked for)'//new_line('a')
+      end if
       return
     end if
     call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
@@ -90,6 +98,7 @@ contains
     type(status_type), intent(out) :: status
     type(trajectory_type) :: trajectory
     real(wp) :: omega(3), shapes(3, 3)
+    integer :: kept
 
     call scene%pendulum%natural_modes(omega, shapes)
     call run_transient(scene%transient, scene%pendulum, &
@@ -102,6 +111,15 @@ contains
     call write_transient(folder, stem(scene%path)//'_transient.csv', trajectory, &
                          scene%transient%method, header, status)
     if (status%failed()) return
+    if (scene%spectrum%wanted) then
+      kept = count(trajectory%t >= scene%spectrum%discard*(1.0_wp - 1.0e-12_wp))
+      call write_spectrum(folder, stem(scene%path)//'_spectrum.csv', &
+                          transpose(trajectory%states(1::2, size(trajectory%t) - kept + 1:)), &
+                          [character(len=3) :: 'z', 'phi', 'psi'], &
+                          trajectory%t(min(2, size(trajectory%t))), &
+                          scene%spectrum%window, header, status)
+      if (status%failed()) return
+    end if
     report%complete = trajectory%outcome == run_completed
     report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &
                      //', '//show(size(trajectory%t))//' states'

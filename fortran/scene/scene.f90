@@ -10,7 +10,7 @@ module viscovib_scene
   use viscovib_namelist, only: namelist_type, read_namelist
   use viscovib_oscillator, only: kernel_holder
   use viscovib_pendulum, only: pendulum_type
-  use viscovib_pendulum_groups, only: read_pendulum, read_transient
+  use viscovib_pendulum_groups, only: read_pendulum, read_spectrum, read_transient, spectrum_job
   use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_names, new_response_plan, response_plan_type
   use viscovib_status, only: fail, show, status_input_error, status_type
@@ -26,6 +26,7 @@ module viscovib_scene
     logical :: is_pendulum = .false.
     type(pendulum_type) :: pendulum
     type(transient_job) :: transient
+    type(spectrum_job) :: spectrum
     !> Or it is a mount, its result a response.
     type(mount_type) :: mount
     type(load_type) :: load
@@ -38,12 +39,14 @@ module viscovib_scene
     character(len=:), allocatable :: canonical
   end type scene_type
 
-  character(len=*), parameter :: group_names(7) = &
-    [character(len=9) :: 'scene', 'mount', 'kernel', 'load', 'response', 'pendulum', 'transient']
+  character(len=*), parameter :: group_names(8) = &
+    [character(len=9) :: 'scene', 'mount', 'kernel', 'load', 'response', 'pendulum', &
+     'transient', 'spectrum']
   !> What belongs to each system.
   character(len=*), parameter :: mount_groups(4) = &
     [character(len=9) :: 'mount', 'kernel', 'load', 'response'], &
-                                 pendulum_groups(2) = [character(len=9) :: 'pendulum', 'transient']
+                                 pendulum_groups(3) = &
+    [character(len=9) :: 'pendulum', 'transient', 'spectrum']
   character(len=*), parameter :: coordinate_names(2) = [character(len=3) :: 'x', 'phi']
   character(len=*), parameter :: grid_keys(4) = &
     [character(len=10) :: 'nu_min', 'nu_max', 'nu_count', 'nu_spacing']
@@ -159,6 +162,7 @@ contains
     type(scene_type), intent(inout) :: scene
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
+    integer :: i
 
     call reader%start(file%path, file%groups(place_of(file, 'pendulum')))
     call read_pendulum(reader, scene%pendulum)
@@ -166,6 +170,11 @@ contains
     if (status%failed()) return
     call reader%start(file%path, file%groups(place_of(file, 'transient')))
     call read_transient(reader, scene%pendulum, scene%transient)
+    call close_group(reader, scene, status)
+    if (status%failed() .or. .not. any([(file%groups(i)%name == 'spectrum', &
+                                         i=1, size(file%groups))])) return
+    call reader%start(file%path, file%groups(place_of(file, 'spectrum')))
+    call read_spectrum(reader, scene%transient, scene%spectrum)
     call close_group(reader, scene, status)
   end subroutine read_motion
 

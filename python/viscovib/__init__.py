@@ -21,9 +21,17 @@ from viscovib.kernels import (
 from viscovib.load import fourier_coefficients
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
-from viscovib.plots import plot_response, plot_sections, plot_trajectory
+from viscovib.plots import plot_response, plot_sections, plot_spectrum, plot_trajectory
 from viscovib.response import Peak, Response, forced_response, plan_response
 from viscovib.scene import Scene, SceneResult, plan, run
+from viscovib.spectrum import (
+    Lines,
+    Spectrum,
+    amplitudes_at,
+    dominant_frequencies,
+    name_frequencies,
+    spectrum,
+)
 from viscovib.transient import Trajectory, simulate
 
 __version__ = _version("viscovib")
@@ -35,6 +43,7 @@ __all__ = [
     "FileError",
     "InputError",
     "Kernel",
+    "Lines",
     "Mount",
     "Peak",
     "Pendulum",
@@ -44,18 +53,24 @@ __all__ = [
     "RzhanitsynKernel",
     "Scene",
     "SceneResult",
+    "Spectrum",
     "StabilityWarning",
     "TabulatedKernel",
     "Trajectory",
     "ViscovibError",
+    "amplitudes_at",
+    "dominant_frequencies",
     "forced_response",
     "fourier_coefficients",
+    "name_frequencies",
     "plan",
     "plan_response",
     "plot_response",
     "plot_sections",
+    "plot_spectrum",
     "plot_trajectory",
     "run",
     "simulate",
     "simulate_ensemble",
+    "spectrum",
 ]

@@ -10,6 +10,7 @@ from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, Vis
 from viscovib.plots import save_picture
 from viscovib.response import Response
 from viscovib.scene import Scene, SceneResult, plan, run
+from viscovib.spectrum import Spectrum
 from viscovib.transient import Trajectory
 
 _UNSOLVED, _BAD_INPUT, _BAD_FILE, _INTERRUPTED = 1, 2, 3, 130
@@ -56,6 +57,8 @@ def _run(options: argparse.Namespace) -> int:
     result = _compute(options)
     table = options.out / f"{options.scene.stem}_{result.kind}.csv"
     result.value.to_csv(table)
+    if result.spectrum is not None:
+        result.spectrum.to_csv(options.out / f"{options.scene.stem}_spectrum.csv")
     _picture(options, result)
     lines, whole = _summary(result.value)
     if not options.quiet:
@@ -98,10 +101,19 @@ def _compute(options: argparse.Namespace) -> SceneResult:
 
 
 def _picture(options: argparse.Namespace, result: SceneResult) -> None:
-    path = options.out / f"{options.scene.stem}_{result.kind}.png"
-    save_picture(result.value, path)
-    if not options.quiet:
-        print(path)
+    pictures: list[tuple[str, Response | Trajectory | Spectrum]] = [(result.kind, result.value)]
+    bases = None
+    if isinstance(result.value, Trajectory):
+        body = result.value.system
+        loads = {"p1": (body.f0, body.p1), "p2": (body.m01, body.p2), "p3": (body.m02, body.p3)}
+        bases = {name: p for name, (size, p) in loads.items() if size and p} or None
+    if result.spectrum is not None:
+        pictures.append(("spectrum", result.spectrum))
+    for kind, shown in pictures:
+        path = options.out / f"{options.scene.stem}_{kind}.png"
+        save_picture(shown, path, bases=bases)
+        if not options.quiet:
+            print(path)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

@@ -1,17 +1,19 @@
 """Pictures: every curve is told apart by line style as well as by colour."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from viscovib import _native
+from viscovib._native import FloatArray
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.response import Response
+from viscovib.spectrum import Spectrum, name_frequencies
 from viscovib.transient import Trajectory
 
 if TYPE_CHECKING:
@@ -176,6 +178,78 @@ def plot_sections(
     return ax
 
 
+def plot_spectrum(
+    spectrum: Spectrum,
+    ax: "Axes | None" = None,
+    *,
+    bases: Mapping[str, float] | None = None,
+    highest: float | None = None,
+) -> "Axes":
+    """Draw amplitude against circular frequency, a curve a signal.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+    ax : Axes, optional
+    bases : mapping of name to frequency, optional
+        The largest peaks are named as combinations of these, within a bin.
+    highest : float, optional
+        Highest frequency shown.
+    """
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        ax = plt.figure(figsize=(8, 4.5), layout="constrained").subplots()
+    columns = spectrum.amplitude.reshape(spectrum.omega.size, -1)
+    shown = spectrum.omega > 0
+    if highest is not None:
+        shown &= spectrum.omega <= _native.number("highest", highest)
+    for j, name in enumerate(spectrum.names):
+        ax.plot(
+            spectrum.omega[shown],
+            columns[shown, j],
+            color=COLOURS[j % len(COLOURS)],
+            linestyle=STYLES[j % len(STYLES)],
+            linewidth=0.9,
+            label=f"${_SYMBOLS.get(name, name)}$" if len(name) < 4 else name,
+        )
+    if bases is not None:
+        _name_peaks(ax, spectrum.omega[shown], columns[shown].max(axis=1), bases)
+    ax.set(xlabel=r"circular frequency $\omega$", ylabel="amplitude", yscale="log")
+    ax.margins(y=0.12 if bases else 0.05)
+    ax.legend(frameon=False)
+    _bare(ax)
+    return ax
+
+
+def _name_peaks(
+    ax: "Axes", omega: FloatArray, amplitude: FloatArray, bases: Mapping[str, float]
+) -> None:
+    """Write names above the peaks that reach a thousandth of the largest, where there is room."""
+    inner = amplitude[1:-1]
+    peaks = 1 + np.flatnonzero((inner > amplitude[:-2]) & (inner >= amplitude[2:]))
+    peaks = peaks[amplitude[peaks] > 1e-3 * amplitude.max()]
+    if not peaks.size:
+        return
+    peaks = peaks[np.argsort(-amplitude[peaks])]
+    names = name_frequencies(omega[peaks], bases, order=4, tolerance=float(omega[1] - omega[0]))
+    room, taken = 0.02 * float(omega[-1] - omega[0]), np.empty(0)
+    for k, name in zip(peaks, names, strict=True):
+        if not name or np.any(np.abs(taken - omega[k]) < room):
+            continue
+        taken = np.append(taken, omega[k])
+        ax.annotate(
+            name.split(" or ")[0],
+            (float(omega[k]), float(amplitude[k])),
+            xytext=(0, 4),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            rotation=90,
+            fontsize=7,
+        )
+
+
 def _bare(axis: "Axes") -> None:
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(color="0.9", linewidth=0.6)
@@ -190,17 +264,28 @@ def _motion_axes(figure: "Figure", n: int) -> "Sequence[Axes]":
     return [axis for row in axes for axis in row]
 
 
-def save_picture(result: Response | Trajectory, path: str | os.PathLike[str]) -> None:
-    """Draw a result into a file, without a display."""
+def save_picture(
+    result: Response | Trajectory | Spectrum,
+    path: str | os.PathLike[str],
+    *,
+    bases: Mapping[str, float] | None = None,
+) -> None:
+    """Draw a result into a file, without a display; ``bases`` name the peaks of a spectrum."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    names = result.dof_names
-    if isinstance(result, Trajectory):
+    if isinstance(result, Spectrum):
+        figure = Figure(figsize=(8, 4.5), layout="constrained")
+        FigureCanvasAgg(figure)
+        highest = 5 * max(bases.values()) if bases else None
+        plot_spectrum(result, figure.subplots(), bases=bases, highest=highest)
+    elif isinstance(result, Trajectory):
+        names = result.dof_names
         figure = Figure(figsize=(10, 2.4 * len(names)), layout="constrained")
         FigureCanvasAgg(figure)
         plot_trajectory(result, _motion_axes(figure, len(names)))
     else:
+        names = result.dof_names
         # Harmonic 1, or the lowest there is.
         orders = result.harmonics[result.harmonics > 0]
         if not orders.size:

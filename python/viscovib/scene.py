@@ -28,6 +28,7 @@ from viscovib.kernels import (
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.response import Response, forced_response, plan_response
+from viscovib.spectrum import Spectrum, spectrum
 from viscovib.transient import METHODS, Trajectory, simulate
 
 _KERNELS: dict[str, type[Kernel]] = {
@@ -52,7 +53,7 @@ class Scene:
     title : str
     groups : mapping
         Every group with every default: {"mount": {...}, "kernel": [...], "load": [...], ...} or
-        {"pendulum": {...}, "transient": {...}}.
+        {"pendulum": {...}, "transient": {...}, ...}.
     canonical : str
         The same as namelist text.
     """
@@ -169,10 +170,11 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
-    """What a scene gave: the response of a mount or the motion of a pendulum."""
+    """What a scene gave: the response of a mount, or the motion of a pendulum and its spectra."""
 
     scene: Scene
     value: Response | Trajectory
+    spectrum: Spectrum | None = None
 
     @property
     def kind(self) -> str:
@@ -198,8 +200,19 @@ def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> Sce
     """Compute what a scene asks for."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
     if read.is_pendulum:
-        return SceneResult(read, simulate(**read._motion(), progress=progress))
+        run = simulate(**read._motion(), progress=progress)
+        return SceneResult(read, run, _spectrum(read, run))
     return SceneResult(read, forced_response(**read._job(), progress=progress))
+
+
+def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
+    """Spectra of the coordinates, where the scene wants them."""
+    group = scene.groups.get("spectrum")
+    if group is None:
+        return None
+    kept = run.t >= group["discard"] * (1 - 1e-12)
+    step = float(run.t[min(1, run.t.size - 1)])
+    return spectrum(run.state[kept, ::2], step, window=group["window"], names=run.dof_names)
 
 
 def plan(scene: Scene | str | os.PathLike[str]) -> str:
@@ -216,7 +229,12 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
         METHODS[group["method"]],
         group["save_every"],
     )
-    return text.decode().strip() + "\n"
+    lines = text.decode().strip()
+    if "spectrum" not in read.groups:
+        return f"{lines}\nskips: spectra (not asked for)\n"
+    return (
+        f"{lines}\ncomputes: spectra of z, phi, psi, window {read.groups['spectrum']['window']}\n"
+    )
 
 
 def _canonical(path: str | os.PathLike[str]) -> str:

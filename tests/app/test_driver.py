@@ -94,6 +94,22 @@ def test_motions_of_driver_and_python_agree_to_the_last_bit(solve, tmp_path, cha
             assert (table[name] == again[name]).all()
 
 
+def test_spectra_of_driver_and_python_agree(solve, tmp_path):
+    scene = tmp_path / "motion.nml"
+    scene.write_text(MOTION + "&spectrum window='flat_top', discard=5 /\n")
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    table = read_csv(tmp_path / "motion_spectrum.csv")
+    spectrum = vv.run(scene).spectrum
+    assert spectrum.coefficients.shape == (31, 3)
+    spectrum.to_csv(tmp_path / "python.csv")
+    again = read_csv(tmp_path / "python.csv")
+    assert again.dtype.names == table.dtype.names
+    for name in table.dtype.names:
+        assert table[name] == pytest.approx(again[name], rel=1e-11, abs=1e-17)
+
+
 def test_motion_that_stops_early_is_status_1(solve, tmp_path):
     scene = tmp_path / "motion.nml"
     scene.write_text(MOTION.replace("0.05 0 0.3", "0 -3 0.3"))
@@ -244,6 +260,9 @@ BAD_SCENES = {
     "motion tolerance": (MOTION.replace("dt=0.25", "tolerance=2"), 2, "must be in [1e-13, 1]"),
     "save_every": (MOTION.replace("dt=", "save_every=0, dt="), 2, "must be at least 1"),
     "too much to keep": (MOTION.replace("0.25", "1e-9"), 2, "would keep more than"),
+    "window": (MOTION + "&spectrum window='hamming' /", 3, "window = 'hamming': must be one of"),
+    "discard": (MOTION + "&spectrum discard=20 /", 3, "discard = 20: must not be negative"),
+    "spectrum of a mount": (GOOD + "&spectrum /", 5, "&spectrum: needs &pendulum"),
     "not UTF-8": (GOOD.encode() + b"&scene title='caf\xe9' /\n", 5, "byte 233 found"),
     "binary": ("\x00\x01\x7f" * 50, 1, "this is not a text file"),
 }
@@ -400,7 +419,7 @@ def test_python_command_runs_plans_and_draws(tmp_path):
     assert "skips: base motion" in command("plan", SCENES / "mount_paper.nml").stdout
     done = command("run", SCENES / "pendulum_paper.nml", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "completed at t = 200, 801 states" in done.stdout
+    assert "completed at t = 2000, 8001 states" in done.stdout
     assert (tmp_path / "pendulum_paper_transient.png").stat().st_size > 20_000
     done = command("run", tmp_path / "none.nml")
     assert done.returncode == 3

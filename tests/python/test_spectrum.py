@@ -1,0 +1,215 @@
+"""Spectra against closed forms, NumPy's transform and SciPy's windows."""
+
+import math
+import time
+
+import matplotlib
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.signal import get_window
+
+matplotlib.use("Agg")
+
+SCIPY_NAMES = {
+    "rectangular": "boxcar", "hann": "hann", "blackman_harris": "blackmanharris",
+    "flat_top": "flattop",
+}  # fmt: skip
+
+
+def random_signal(n, columns=None):
+    shape = n if columns is None else (n, columns)
+    return np.random.default_rng(5).normal(size=shape)
+
+
+@pytest.mark.parametrize("window", SCIPY_NAMES)
+@pytest.mark.parametrize("n", [16, 17, 101, 1024])
+def test_against_numpy(window, n):
+    u = random_signal(n)
+    w = get_window(SCIPY_NAMES[window], n)
+    mean = (w * u).sum() / w.sum()
+    expected = np.fft.rfft(w * (u - mean)) * 2 / w.sum()
+    expected[0] = mean
+    if n % 2 == 0:
+        expected[-1] /= 2
+    s = vv.spectrum(u, 0.1, window=window)
+    assert s.coefficients == pytest.approx(expected, abs=1e-14)
+    assert s.omega == pytest.approx(2 * np.pi * np.fft.rfftfreq(n, 0.1), rel=1e-15)
+    assert s.noise_bandwidth == pytest.approx(n * (w**2).sum() / w.sum() ** 2, rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [50, 51])
+def test_power_adds_up(n):
+    u = random_signal(n)
+    s = vv.spectrum(u, 0.3, window="rectangular")
+    weights = np.full(s.omega.size, 0.5)
+    weights[0] = 1
+    if n % 2 == 0:
+        weights[-1] = 1
+    assert (weights * s.amplitude**2).sum() == pytest.approx((u**2).mean(), rel=1e-13)
+
+
+@pytest.mark.parametrize("window", SCIPY_NAMES)
+def test_a_tone_at_a_bin_has_its_amplitude_and_phase(window):
+    n, k = 200, 23
+    t = 0.05 * np.arange(n)
+    s = vv.spectrum(7 + 3 * np.cos(2 * np.pi * k * np.arange(n) / n + 0.4), 0.05, window=window)
+    assert s.amplitude[k] == pytest.approx(3, rel=1e-13)
+    assert s.phase[k] == pytest.approx(0.4, abs=1e-13)
+    assert s.coefficients[0] == pytest.approx(7, rel=1e-13)
+    assert t.size == n
+
+
+def test_flat_top_reads_amplitudes_between_bins():
+    n = 400
+    for position in np.linspace(50, 51, 11):
+        u = np.cos(2 * np.pi * position * np.arange(n) / n)
+        largest = vv.spectrum(u, 1.0, window="flat_top").amplitude.max()
+        assert largest == pytest.approx(1, abs=2e-3)
+
+
+def test_columns_are_transformed_one_by_one():
+    u = random_signal(64, 3)
+    whole = vv.spectrum(u, 0.1, names=("a", "b", "c"))
+    for j in range(3):
+        assert (whole.coefficients[:, j] == vv.spectrum(u[:, j], 0.1).coefficients).all()
+    assert whole.to_dataset().amplitude.shape == (33, 3)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 9, 10, 9973])
+def test_odd_lengths(n):
+    s = vv.spectrum(np.arange(n, dtype=np.int64), 0.5)
+    assert s.omega.shape == (n // 2 + 1,)
+    assert np.isfinite(s.coefficients).all()
+
+
+@pytest.mark.parametrize("n", [64, 257, 1000, 5000])
+def test_frequency_and_amplitude_of_any_tone(n):
+    """Far beyond the bin, whatever frequency and phase."""
+    rng = np.random.default_rng(n)
+    for _ in range(40):
+        omega = rng.uniform(8 * np.pi / n, np.pi - 8 * np.pi / n) / 0.1
+        phase, a = rng.uniform(-np.pi, np.pi), 10 ** rng.uniform(-4, 4)
+        u = a * (0.3 + np.cos(omega * 0.1 * np.arange(n) + phase))
+        found = vv.dominant_frequencies(u, 0.1, count=1)
+        assert abs(found.omega[0] - omega) * 0.1 / (2 * np.pi) < 1e-13
+        assert found.amplitude[0] == pytest.approx(a, rel=1e-12)
+        assert math.remainder(found.phase[0] - phase, 2 * np.pi) == pytest.approx(0, abs=1e-10)
+        assert found.mean == pytest.approx(0.3 * a, rel=1e-11)
+
+
+def test_many_lines_of_very_different_size():
+    t = 0.1 * np.arange(20000)
+    omega = np.array([0.93, 0.37, 0.71, 1.66, 0.19])
+    a = np.array([1, 0.5, 0.2, 1e-2, 1e-6])
+    phase = np.array([0.1, 2, -1, 0.5, -2])
+    u = np.cos(np.multiply.outer(t, omega) + phase) @ a
+    found = vv.dominant_frequencies(u, 0.1, count=5)
+    assert found.omega == pytest.approx(omega, abs=1e-11)
+    assert found.amplitude == pytest.approx(a, abs=1e-13)
+    assert found.phase == pytest.approx(phase, abs=1e-7)
+    assert found.resolved.all()
+    assert found(t) == pytest.approx(u, abs=1e-11)
+    assert vv.dominant_frequencies(u, 0.1, count=20).omega.size < 8
+
+
+def test_two_close_lines_are_told_apart_and_flagged():
+    n = 4000
+    bin_width = 2 * np.pi / n
+    u = np.cos(0.5 * np.arange(n)) + 0.5 * np.cos((0.5 + 1.7 * bin_width) * np.arange(n) + 1)
+    found = vv.dominant_frequencies(u, 1.0, count=2)
+    assert found.omega == pytest.approx([0.5, 0.5 + 1.7 * bin_width], abs=1e-9)
+    assert not found.resolved.any()
+
+
+def test_lines_of_a_driven_motion_are_those_of_its_loads():
+    body = vv.Pendulum(
+        e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.05, c2=0.05, c3=0.05, f0=0.004, m01=0.001,
+        m02=0.004, p1=0.93, p2=0.37, p3=0.71,
+    )  # fmt: skip
+    run = vv.simulate(body, 3000, dt=0.5, initial=np.zeros(6), keep="tail", tail=2000)
+    found = vv.dominant_frequencies(run.coordinate("phi"), run.dt, count=6, start=run.t[0])
+    names = vv.name_frequencies(found.omega, {"p1": 0.93, "p2": 0.37, "p3": 0.71}, tolerance=1e-7)
+    assert {"p2", "p3", "p1 - p2"} <= set(names)
+    assert all(names)
+    same = vv.amplitudes_at(run.coordinate("phi"), run.dt, found.omega, start=run.t[0])
+    assert same.amplitude == pytest.approx(found.amplitude, rel=1e-9)
+
+
+def test_known_frequencies_need_no_whole_periods():
+    t = 3.0 + 0.13 * np.arange(200)
+    u = 0.5 + 2 * np.cos(1.1 * t + 0.3) + 1e-3 * np.cos(np.sqrt(2) * t - 1)
+    found = vv.amplitudes_at(u, 0.13, [np.sqrt(2), 1.1], start=3.0)
+    assert found.omega == pytest.approx([1.1, np.sqrt(2)])
+    assert found.amplitude == pytest.approx([2, 1e-3], abs=1e-13)
+    assert found.phase == pytest.approx([0.3, -1], abs=1e-10)
+    assert found.mean == pytest.approx(0.5, abs=1e-13)
+    assert found.residual < 1e-13
+
+
+def test_a_long_record_takes_seconds_and_loses_no_digits():
+    n = 1_000_000
+    u = 1e6 + np.cos(2.0 * 0.7 * np.arange(n))
+    begin = time.perf_counter()
+    found = vv.dominant_frequencies(u, 0.7, count=1)
+    assert time.perf_counter() - begin < 10
+    assert found.omega[0] == pytest.approx(2.0, abs=1e-13)
+    assert found.amplitude[0] == pytest.approx(1, abs=1e-11)
+
+
+def test_combinations_have_names():
+    bases = {"p1": 0.93, "p2": 0.37, "p3": 0.71}
+    wanted = {
+        0.93: "p1", 1.86: "2 p1", 1.64: "p1 + p3", 0.56: "p1 - p2", -0.56: "p2 - p1", 0.0: "mean",
+        0.123: "", 1.49: "p1 + p1 - p2",
+    }  # fmt: skip
+    names = vv.name_frequencies(list(wanted), bases)
+    assert names[:-1] == list(wanted.values())[:-1]
+    assert names[-1] == "2 p1 - p2"
+    assert vv.name_frequencies([2.0], {"a": 1.0, "b": 2.0}) == ["b"]
+    assert vv.name_frequencies([3.0], {"a": 1.0, "b": 2.0}) == ["a + b"]
+    assert vv.name_frequencies([2.0], {"a": 1.0, "b": 1.0}, order=2)[0].count(" or ") == 2
+
+
+def test_picture_names_its_peaks():
+    t = 0.2 * np.arange(4000)
+    u = np.cos(0.93 * t) + 0.1 * np.cos(1.3 * t)
+    axis = vv.plot_spectrum(vv.spectrum(u, 0.2), bases={"p1": 0.93, "p2": 0.37})
+    assert {text.get_text() for text in axis.texts} >= {"p1", "p1 + p2"}
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: vv.spectrum([], 0.1), "signal: must have shape (n,) or (n, m) with n >= 1"),
+        (lambda: vv.spectrum([1, np.nan], 0.1), "signal[1] = nan: must be a finite number"),
+        (lambda: vv.spectrum(np.zeros((2, 2, 2)), 0.1), "got (2, 2, 2)"),
+        (lambda: vv.spectrum([1, 2], 0), "dt = 0: must be greater than 0"),
+        (lambda: vv.spectrum([1, 2], -1), "dt = -1: must be greater than 0"),
+        (lambda: vv.spectrum([1, 2], np.nan), "dt = nan: must be a finite number"),
+        (lambda: vv.spectrum([1e200, 2], 1), "leave the range of numbers"),
+        (lambda: vv.spectrum([1, 2], 1, window="hamming"), "window = 'hamming': must be one of"),
+        (lambda: vv.spectrum([1, 2], 1, names=("a", "b")), "names: 2 given, must be 1"),
+        (lambda: vv.amplitudes_at(np.ones(9), 1, [3.2]), "frequencies[0] = 3.2: must be greater"),
+        (lambda: vv.amplitudes_at(np.ones(9), 1, [0]), "frequencies[0] = 0: must be greater than"),
+        (lambda: vv.amplitudes_at(np.ones(9), 1, []), "frequencies: 0 given, must be 1 to 50"),
+        (lambda: vv.amplitudes_at(np.ones(4), 1, [1, 2]), "must be at least 5"),
+        (lambda: vv.amplitudes_at(np.ones(99), 1, [1, 1 + 1e-9]), "too close together"),
+        (lambda: vv.dominant_frequencies(np.ones(9), 1), "must be at least 16"),
+        (lambda: vv.dominant_frequencies(np.ones(99), 1, count=0), "count = 0: must be 1 to 50"),
+        (lambda: vv.name_frequencies([1], {}), "bases: must not be empty"),
+        (lambda: vv.name_frequencies([1], {"a": 1}, order=0), "order = 0: must be 1 to 20"),
+        (lambda: vv.name_frequencies([1], dict.fromkeys("abcdefgh", 1), order=9), "too many"),
+    ],
+)
+def test_bad_input_is_named(make, text):
+    with pytest.raises(vv.InputError) as error:
+        make()
+    assert text in str(error.value)
+
+
+@pytest.mark.parametrize("value", [0.0, 3.0])
+def test_a_constant_has_no_lines(value):
+    found = vv.dominant_frequencies(np.full(100, value), 0.1)
+    assert found.omega.size == 0
+    assert found.mean == value
