@@ -24,6 +24,8 @@ module viscovib_gauss
   integer, parameter :: max_iterations = 40
   !> Accelerations that change by more than this are running away.
   real(wp), parameter :: runaway = 1.0e15_wp
+  !> Changes below this are those of numbers that fade out of range.
+  real(wp), parameter :: negligible = 1.0e-300_wp
   !> Degree of the polynomial that predicts a step: higher ones run away when
   !! steps are large.
   integer, parameter :: prediction_degree = 5
@@ -228,7 +230,7 @@ contains
     converged = .false.
     before = 0.0_wp
     associate (p => self%plan)
-      wanted = self%tolerance*size_of(n, blocks, room(1, p%f))
+      wanted = max(self%tolerance*size_of(n, blocks, room(1, p%f)), negligible)
       do k = 1, max_iterations
         do b = 0, blocks - 1
           call node_states(blocks, n, room(1, p%times + b), room(1, p%sums + 2*n_lanes*blocks*b), &

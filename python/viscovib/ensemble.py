@@ -16,10 +16,9 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
 from viscovib.pendulum import PARAMETERS, Pendulum
-from viscovib.transient import EXPLICIT, OUTCOMES, checked_state, first_steps
+from viscovib.transient import EXPLICIT, OUTCOMES, checked_state, first_steps, hopeless
 
 _LANES = 8
-_MAX_HALVINGS = 12
 _MAX_STEPS = 10**12
 #: Trajectories a native call takes at most: how often progress shows.
 _MAX_PIECE = 1024
@@ -410,7 +409,8 @@ def _refine(
 ) -> tuple[_Raw, int, float]:
     """Halve the step until the last states stand still."""
     change, worst, factor = math.inf, 0, 1
-    for _ in range(_MAX_HALVINGS):
+    changes_so_far: list[float] = []
+    while not hopeless(changes_so_far):
         factor *= 2
         fine = job.run(n * factor, factor, progress)
         both = (coarse.ended == 0) & (fine.ended == 0)
@@ -421,6 +421,7 @@ def _refine(
         change = float(changes[worst])
         if change <= wanted:
             return fine, n * factor, change
+        changes_so_far.append(change)
         coarse = fine
     raise InputError(
         f"tolerance = {wanted:g}: not met with {n * factor} steps (run {worst} still changes by "

@@ -34,7 +34,7 @@ _MEMORY = 128
 _MAX_STEPS = 10**12
 _ROUNDING = 1e-15
 #: Halvings of the step before a tolerance is given up.
-_MAX_HALVINGS = 12
+_MIN_HALVINGS, _MAX_HALVINGS = 5, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,6 +275,16 @@ class _Wanted:
         return replace(self, every=self.every * factor)
 
 
+def hopeless(changes: list[float]) -> bool:
+    """Whether halving the step once more is vain: two halvings gain less than a digit.
+
+    So it is with chaotic motion, and below the level of rounding. A large first step may need a
+    few halvings before the order of a method shows.
+    """
+    n = len(changes)
+    return n >= _MAX_HALVINGS or (n >= _MIN_HALVINGS and changes[-1] > 0.1 * changes[-3])
+
+
 def _difference(coarse: Trajectory, fine: Trajectory) -> float:
     if coarse.state.shape != fine.state.shape:
         return math.inf
@@ -293,20 +303,23 @@ def _by_tolerance(
 ) -> Trajectory:
     n = want.every * math.ceil(first_steps(system, end) / want.every)
     factor, coarse = 1, _Run(system, method, state, end / n, solved).steps(n, want, progress)
-    for _ in range(_MAX_HALVINGS):
+    changes: list[float] = []
+    while not hopeless(changes):
         factor *= 2
         run = _Run(system, method, state, end / (n * factor), solved)
         fine = run.steps(n * factor, want.finer(factor), progress)
+        change = math.inf
         if "completed" == coarse.outcome == fine.outcome:
             change = _difference(coarse, fine)
             if change <= wanted:
                 return replace(fine, error=change)
         elif coarse.outcome == fine.outcome == "unphysical":
             return fine
-        previous, coarse = coarse, fine
+        changes.append(change)
+        coarse = fine
     raise InputError(
         f"tolerance = {wanted:g}: not met with {n * factor} steps (states still change by "
-        f"{_difference(previous, fine):.1e} or the run fails); the motion may be chaotic: take a "
+        f"{changes[-1]:.1e} or the run fails); the motion may be chaotic: take a "
         "shorter run or a larger tolerance"
     )
 

@@ -181,6 +181,14 @@ def test_phases_lose_no_digit_in_a_long_run():
     assert run.state[-1, 0] == pytest.approx(float(steady), abs=1e-16)
 
 
+@pytest.mark.parametrize("method", ["gauss8", "gauss16", "gauss2", "verner9"])
+def test_motion_that_fades_out_of_the_range_of_numbers(method):
+    body = free(c1=0.5, c2=0.5, c3=0.5)
+    run = vv.simulate(body, 20_000, dt=0.5, initial=START, method=method, keep="last")
+    assert run.outcome == "completed"
+    assert np.abs(run.state).max() < 1e-300
+
+
 def test_wanted_tolerance_is_met():
     body = vv.Pendulum(**P1R)
     expected = np.array([float(text) for text in REFERENCE["P1r"]["states"]["200"]])
