@@ -4,7 +4,7 @@ module viscovib_dense
   implicit none
   private
 
-  public :: invert
+  public :: invert, factorize, solve
 
 contains
 
@@ -88,5 +88,65 @@ contains
     end do
     inverse = work(:, n + 1:)
   end subroutine invert_many
+
+  !> LU factors in place, rows exchanged for the largest pivot.
+  pure subroutine factorize(n, matrix, pivots, singular)
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: matrix(n, n)
+    integer, intent(out) :: pivots(n)
+    logical, intent(out) :: singular
+    real(wp) :: factor, row
+    integer :: i, j, k, p
+
+    singular = .false.
+    do k = 1, n
+      p = k
+      do i = k + 1, n
+        if (abs(matrix(i, k)) > abs(matrix(p, k))) p = i
+      end do
+      pivots(k) = p
+      singular = .not. (abs(matrix(p, k)) > 0.0_wp .and. abs(matrix(p, k)) <= huge(factor))
+      if (singular) return
+      if (p /= k) then
+        do j = 1, n
+          row = matrix(p, j)
+          matrix(p, j) = matrix(k, j)
+          matrix(k, j) = row
+        end do
+      end if
+      factor = 1.0_wp/matrix(k, k)
+      do i = k + 1, n
+        matrix(i, k) = matrix(i, k)*factor
+      end do
+      do j = k + 1, n
+        factor = matrix(k, j)
+        do i = k + 1, n
+          matrix(i, j) = matrix(i, j) - matrix(i, k)*factor
+        end do
+      end do
+    end do
+  end subroutine factorize
+
+  !> Solution by the factors of `factorize`, in place of the right side.
+  pure subroutine solve(n, factors, pivots, x)
+    integer, intent(in) :: n, pivots(n)
+    real(wp), intent(in) :: factors(n, n)
+    real(wp), intent(inout) :: x(n)
+    real(wp) :: entry
+    integer :: k
+
+    do k = 1, n
+      entry = x(pivots(k))
+      x(pivots(k)) = x(k)
+      x(k) = entry
+    end do
+    do k = 1, n
+      x(k + 1:) = x(k + 1:) - factors(k + 1:, k)*x(k)
+    end do
+    do k = n, 1, -1
+      x(k) = x(k)/factors(k, k)
+      x(:k - 1) = x(:k - 1) - factors(:k - 1, k)*x(k)
+    end do
+  end subroutine solve
 
 end module viscovib_dense

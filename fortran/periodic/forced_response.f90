@@ -3,9 +3,10 @@ module viscovib_forced_response
   use viscovib_kinds, only: wp
   use viscovib_linear_response, only: linear_response
   use viscovib_load, only: load_type
+  use viscovib_newton_response, only: newton_response
   use viscovib_oscillator, only: oscillator_type
   use viscovib_response, only: response_type
-  use viscovib_response_plan, only: method_successive, response_plan_type
+  use viscovib_response_plan, only: method_newton, method_successive, response_plan_type
   use viscovib_successive, only: successive_response
   implicit none
   private
@@ -14,7 +15,8 @@ module viscovib_forced_response
 
 contains
 
-  !> Steady response at each frequency; the frequencies are independent.
+  !> Steady response at each frequency; by Newton's method each follows the one
+  !! before, else they are independent.
   subroutine forced_response(plan, system, load, nu, response)
     !> Made for the same system, load and method.
     type(response_plan_type), intent(in) :: plan
@@ -27,6 +29,8 @@ contains
     select case (plan%method)
     case (method_successive)
       call successive_response(system, load, nu, plan%set, plan%options, response)
+    case (method_newton)
+      call newton_response(system, load, nu, plan%set, plan%options, response)
     case default
       call linear_response(system, load, nu, response)
     end select

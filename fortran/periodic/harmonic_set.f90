@@ -23,7 +23,7 @@ module viscovib_harmonic_set
     !> Samples of half a period (half_wave) or of a period.
     integer :: n_samples = 0
     !> Shapes (2*size(orders), n_samples) and its counterpart back.
-    real(wp), allocatable, private :: synthesis(:, :), analysis(:, :)
+    real(wp), allocatable :: synthesis(:, :), analysis(:, :)
   contains
     procedure :: to_samples
     procedure :: to_harmonics

@@ -15,9 +15,10 @@ module viscovib_response_plan
 
   public :: response_plan_type, new_response_plan
 
-  integer, parameter, public :: method_linear = 1, method_successive = 2
-  character(len=*), parameter, public :: method_names(2) = &
-    [character(len=10) :: 'linear', 'successive']
+  integer, parameter, public :: method_linear = 1, method_successive = 2, &
+                                method_newton = 3
+  character(len=*), parameter, public :: method_names(3) = &
+    [character(len=10) :: 'linear', 'successive', 'newton']
   !> Bounds of the options.
   integer, parameter, public :: max_harmonics = 199, max_iterations_allowed = 100000
   real(wp), parameter, public :: min_tolerance = 1.0e-14_wp, max_tolerance = 0.1_wp
@@ -54,7 +55,7 @@ contains
     end do
     if (method < 1 .or. method > size(method_names)) then
       call fail(status, status_input_error, 'method', 'method = '//show(method) &
-                //': must be linear (1) or successive (2)')
+                //': must be linear (1), successive (2) or newton (3)')
       return
     end if
     call check_options(options, status)

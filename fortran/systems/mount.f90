@@ -42,6 +42,8 @@ module viscovib_mount
   contains
     procedure :: deflection_remainder
     procedure :: force_remainder
+    procedure :: deflection_slopes
+    procedure :: force_slopes
     procedure :: natural_modes
   end type mount_type
 
@@ -164,6 +166,42 @@ contains
       f(i, 2) = 2.0_wp*self%parameters%offset*sin(0.5_wp*u(i, 2))**2*v(i, 1)
     end do
   end subroutine force_remainder
+
+  subroutine deflection_slopes(self, u, slopes)
+    class(mount_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :)
+    real(wp), intent(inout), contiguous :: slopes(:, :, :)
+    real(wp) :: factor
+    integer :: i
+
+    slopes(:, 1, 1) = 0.0_wp
+    if (self%parameters%geometry == geometry_exact) then
+      factor = 2.0_wp*self%parameters%stiffness_x*self%parameters%offset
+      do i = 1, size(u, 1)
+        slopes(i, 1, 2) = factor*sin(0.5_wp*u(i, 2))**2
+      end do
+    else
+      do i = 1, size(u, 1)
+        slopes(i, 1, 2) = 3.0_wp*self%x_ppp*u(i, 2)**2
+        slopes(i, 2, 1) = self%phi_ppx*u(i, 2)**2
+        slopes(i, 2, 2) = u(i, 2)*(2.0_wp*self%phi_ppx*u(i, 1) + 3.0_wp*self%phi_ppp*u(i, 2))
+      end do
+    end if
+  end subroutine deflection_slopes
+
+  subroutine force_slopes(self, u, v, by_u, by_v)
+    class(mount_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :), v(:, :)
+    real(wp), intent(out), contiguous :: by_u(:, :, :), by_v(:, :, :)
+    integer :: i
+
+    by_u = 0.0_wp
+    by_v = 0.0_wp
+    do i = 1, size(u, 1)
+      by_u(i, 2, 2) = self%parameters%offset*sin(u(i, 2))*v(i, 1)
+      by_v(i, 2, 1) = 2.0_wp*self%parameters%offset*sin(0.5_wp*u(i, 2))**2
+    end do
+  end subroutine force_slopes
 
   !> Undamped natural frequencies without memory, and mode shapes.
   !!

@@ -46,6 +46,8 @@ module viscovib_oscillator
   contains
     procedure(deflection_remainder_interface), deferred :: deflection_remainder
     procedure(force_remainder_interface), deferred :: force_remainder
+    procedure(deflection_slopes_interface), deferred :: deflection_slopes
+    procedure(force_slopes_interface), deferred :: force_slopes
     procedure :: n_dof
     procedure :: n_memory
     procedure :: is_linear
@@ -77,6 +79,25 @@ module viscovib_oscillator
       !> Remainder, shape (n_samples, n_dof).
       real(wp), intent(out), contiguous :: f(:, :)
     end subroutine force_remainder_interface
+
+    !> Derivatives of the remainder w(u) - W u.
+    subroutine deflection_slopes_interface(self, u, slopes)
+      import :: oscillator_type, wp
+      class(oscillator_type), intent(in) :: self
+      real(wp), intent(in), contiguous :: u(:, :)
+      !> d w_j/d u_b, shape (n_samples, n_memory, n_dof); variables that are not
+      !! `bent` are left alone.
+      real(wp), intent(inout), contiguous :: slopes(:, :, :)
+    end subroutine deflection_slopes_interface
+
+    !> Derivatives of the remainder F(u, v) - B v.
+    subroutine force_slopes_interface(self, u, v, by_u, by_v)
+      import :: oscillator_type, wp
+      class(oscillator_type), intent(in) :: self
+      real(wp), intent(in), contiguous :: u(:, :), v(:, :)
+      !> Shapes (n_samples, n_dof, n_dof) and (n_samples, n_dof, n_memory).
+      real(wp), intent(out), contiguous :: by_u(:, :, :), by_v(:, :, :)
+    end subroutine force_slopes_interface
 
   end interface
 

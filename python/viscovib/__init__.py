@@ -2,6 +2,7 @@
 
 from importlib.metadata import version as _version
 
+from viscovib.branch import Branch, Crossing, trace_response
 from viscovib.ensemble import Ensemble, simulate_ensemble
 from viscovib.errors import (
     ConvergenceWarning,
@@ -21,7 +22,7 @@ from viscovib.kernels import (
 from viscovib.load import fourier_coefficients
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
-from viscovib.plots import plot_response, plot_sections, plot_spectrum, plot_trajectory
+from viscovib.plots import plot_branch, plot_response, plot_sections, plot_spectrum, plot_trajectory
 from viscovib.response import Peak, Response, forced_response, plan_response
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.spectrum import (
@@ -38,7 +39,9 @@ __version__ = _version("viscovib")
 
 __all__ = [
     "AbelKernel",
+    "Branch",
     "ConvergenceWarning",
+    "Crossing",
     "Ensemble",
     "FileError",
     "InputError",
@@ -65,6 +68,7 @@ __all__ = [
     "name_frequencies",
     "plan",
     "plan_response",
+    "plot_branch",
     "plot_response",
     "plot_sections",
     "plot_spectrum",
@@ -73,4 +77,5 @@ __all__ = [
     "simulate",
     "simulate_ensemble",
     "spectrum",
+    "trace_response",
 ]

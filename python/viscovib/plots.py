@@ -9,6 +9,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.branch import Branch
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
 from viscovib.files import whole_file
@@ -91,6 +92,61 @@ def plot_response(
     axes[-1].set_xlabel(r"circular frequency of the load $\nu$ (rad/s)")
     if labels:
         axes[0].legend(frameon=False)
+    return axes
+
+
+def plot_branch(
+    branch: Branch,
+    ax: "Axes | Sequence[Axes] | None" = None,
+    *,
+    harmonic: int = 1,
+    log: bool = False,
+) -> "Sequence[Axes]":
+    """Draw amplitude along a branch, one panel a coordinate.
+
+    Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey. Folds
+    are marked.
+    """
+    names = branch.dof_names
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        figure = plt.figure(figsize=(7, 3 * len(names)), layout="constrained")
+        ax = figure.subplots(len(names), 1, sharex=True)
+    axes = list(np.atleast_1d(np.asarray(ax, dtype=object)))
+    if len(axes) != len(names):
+        raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
+    for axis, name, unit in zip(axes, names, branch.dof_units, strict=True):
+        amplitude = branch.amplitude(name, harmonic)
+        if branch.stable is None:
+            axis.plot(branch.parameter, amplitude, color="0.45", label="stability unknown")
+        else:
+            for stable, style in ((True, "-"), (False, (0, (3, 1.5)))):
+                # A stretch ends at the first point of the next, so that no gap shows.
+                shown = branch.stable == stable
+                shown[1:] |= shown[:-1].copy()
+                axis.plot(
+                    branch.parameter,
+                    np.where(shown, amplitude, np.nan),
+                    color=COLOURS[0] if stable else COLOURS[2],
+                    linestyle=style,
+                    label="stable" if stable else "unstable",
+                )
+        d, j = branch._place(name, harmonic)
+        axis.plot(
+            branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k", markersize=4,
+            markerfacecolor="w", label="fold",
+        )  # fmt: skip
+        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{harmonic}|$ ({unit})")
+        if log:
+            axis.set_yscale("log")
+        _bare(axis)
+    axes[-1].set_xlabel(
+        r"circular frequency of the load $\nu$ (rad/s)"
+        if branch.varies == "nu"
+        else f"factor of the load, at frequency {branch.nu[0]:g} rad/s"
+    )
+    axes[0].legend(frameon=False)
     return axes
 
 

@@ -21,7 +21,7 @@ from viscovib.files import whole_file
 from viscovib.load import LoadLike, load_series
 from viscovib.mount import Mount
 
-METHODS = ("linear", "successive")
+METHODS = ("linear", "successive", "newton")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow"])
 #: Frequencies a native call takes at most: how often progress shows and Ctrl-C is heard.
 CHUNK = 4096
@@ -214,10 +214,13 @@ def forced_response(
     base : complex or mapping
         Displacement of the supports in x (m), likewise. The response stays absolute. Viscous
         damping acts on the motion relative to the base.
-    method : {"successive", "linear"}
+    method : {"successive", "newton", "linear"}
         "linear": nonlinear terms left out; "successive": successive approximations from the
         linear response, which converge where the nonlinear force is small against the dynamic
-        stiffness.
+        stiffness; "newton": Newton's method, which also passes resonances. There each frequency
+        starts from the one before in the order given, as in a slow sweep: where several motions
+        exist, upwards and downwards may give different ones. Where the branch ends, or at the
+        first frequency, the load is raised from nothing. `trace_response` gives all of a branch.
     harmonics : int
         Highest order kept (1 to 199); even orders and the mean are dropped when the load has
         none.
@@ -256,11 +259,13 @@ def forced_response(
     )
 
     def run(n_history: int, show: bool) -> list[tuple[Any, ...]]:
-        starts = range(0, frequencies.size, CHUNK)
+        # Newton's method follows its branch from frequency to frequency within a piece.
+        size = 20 * CHUNK if planned.method == "newton" else CHUNK
+        starts = range(0, frequencies.size, size)
         with tqdm(total=frequencies.size, unit=" nu", disable=not show, leave=False) as bar:
             parts = []
             for start in starts:
-                chunk = frequencies[start : start + CHUNK]
+                chunk = frequencies[start : start + size]
                 parts.append(
                     _native.call(
                         core.mount_response, *job, chunk, *options, n_history, planned.orders.size

@@ -2,6 +2,7 @@
 !! test by name. The exit status is 1 if anything failed or nothing was run.
 program tester
   use testing, only: report, select_test
+  use test_balance, only: run_balance
   use test_base, only: run_base
   use test_dense, only: run_dense
   use test_fourier, only: run_fourier
@@ -22,6 +23,7 @@ program tester
   call select_test(trim(name))
   known = .false.
 
+  if (wants('balance')) call run_balance()
   if (wants('base')) call run_base()
   if (wants('dense')) call run_dense()
   if (wants('fourier')) call run_fourier()

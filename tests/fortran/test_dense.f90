@@ -1,7 +1,7 @@
 !> Small dense linear algebra: inverses against the identity.
 module test_dense
   use testing, only: begin, check, check_close
-  use viscovib_dense, only: invert
+  use viscovib_dense, only: factorize, invert, solve
   use viscovib_kinds, only: wp
   implicit none
   private
@@ -34,6 +34,8 @@ contains
       end do
     end if
 
+    if (begin('factors solve what needs exchanges of rows')) call solve_some()
+
     if (begin('a zero pivot is exchanged')) then
       a = reshape([(0.0_wp, 0.0_wp), (1.0_wp, 0.0_wp), (0.0_wp, 0.0_wp), (2.0_wp, 0.0_wp), &
                    (0.0_wp, 0.0_wp), (0.0_wp, 0.0_wp), (0.0_wp, 0.0_wp), (0.0_wp, 0.0_wp), &
@@ -58,5 +60,34 @@ contains
       end do
     end if
   end subroutine run_dense
+
+  subroutine solve_some()
+    real(wp), allocatable :: matrix(:, :), factors(:, :), x(:), right(:)
+    integer, allocatable :: pivots(:)
+    logical :: singular
+    integer :: n, i, j
+
+    do n = 1, 12
+      allocate (matrix(n, n), x(n), pivots(n))
+      do j = 1, n
+        do i = 1, n
+          matrix(i, j) = sin(1.7_wp*i*j + 0.3_wp*n) + merge(0.0_wp, 1.0e-3_wp, i == j)
+        end do
+        x(j) = cos(1.0_wp*j)
+      end do
+      right = matmul(matrix, x)
+      factors = matrix
+      call factorize(n, factors, pivots, singular)
+      call check(.not. singular, 'regular')
+      call solve(n, factors, pivots, right)
+      call check_close(maxval(abs(matmul(matrix, right) - matmul(matrix, x))), 0.0_wp, 1.0e-12_wp, &
+                       'residual', floor=1.0_wp)
+      deallocate (matrix, x, pivots)
+    end do
+    allocate (matrix(2, 2), source=1.0_wp)
+    allocate (pivots(2))
+    call factorize(2, matrix, pivots, singular)
+    call check(singular, 'singular')
+  end subroutine solve_some
 
 end module test_dense

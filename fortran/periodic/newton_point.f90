@@ -1,0 +1,126 @@
+!> One periodic solution by Newton's method on the equations of harmonic balance.
+module viscovib_newton_point
+  use viscovib_branch, only: branch_completed, branch_options, branch_type, follow_branch, &
+    parameter_load
+  use viscovib_dense, only: factorize, solve
+  use viscovib_harmonic_balance, only: balance_type
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_overflow, &
+    outcome_singular, outcome_stalled
+  implicit none
+  private
+
+  public :: newton_point, point_from_rest, weighted_norm
+
+  !> Newton either settles within a few iterations or not at all.
+  integer, parameter :: max_iterations = 25
+  !> A correction this much larger than the smallest so far leads away.
+  real(wp), parameter :: growth_limit = 1.0e4_wp
+  !> Amplitudes whose cubes could leave the range of numbers.
+  real(wp), parameter :: amplitude_limit = 1.0e60_wp
+  !> Points of a branch in the load where Newton fails at once.
+  integer, parameter :: max_load_points = 400
+
+contains
+
+  !> Solve at the frequency and load that `balance` is set to, from x on; x is left
+  !! as it was found unless the outcome is converged.
+  subroutine newton_point(balance, system, tolerance, x, outcome, iterations)
+    type(balance_type), intent(inout) :: balance
+    class(oscillator_type), intent(in) :: system
+    !> Relative size of the last correction, in the norm of `weighted_norm`.
+    real(wp), intent(in) :: tolerance
+    !> Shape (2 n_orders, n_dof).
+    real(wp), intent(inout) :: x(:, :)
+    integer, intent(out) :: outcome
+    !> Added to.
+    integer, intent(inout) :: iterations
+    real(wp) :: new(size(x, 1), size(x, 2)), step(size(x, 1), size(x, 2))
+    real(wp) :: jacobian(size(x), size(x))
+    real(wp) :: change, smallest, norm
+    integer :: pivots(size(x)), k
+    logical :: singular
+
+    new = x
+    smallest = sqrt(huge(1.0_wp))
+    outcome = outcome_stalled
+    do k = 1, max_iterations
+      call balance%residual(system, new, step)
+      call balance%derivatives(system, jacobian)
+      call factorize(size(x), jacobian, pivots, singular)
+      if (singular) then
+        outcome = outcome_singular
+        return
+      end if
+      call solve(size(x), jacobian, pivots, step)
+      new = new - step
+      iterations = iterations + 1
+      change = weighted_norm(system, step)
+      norm = weighted_norm(system, new)
+      if (.not. norm <= amplitude_limit) then
+        outcome = outcome_overflow
+        return
+      end if
+      if (change <= tolerance*norm) then
+        outcome = outcome_converged
+        x = new
+        return
+      end if
+      if (change > growth_limit*smallest) then
+        outcome = outcome_diverged
+        return
+      end if
+      smallest = min(smallest, change)
+    end do
+  end subroutine newton_point
+
+  !> Solve from the linear response, or, where that is too far away, by following
+  !! the branch from no load to the whole, through folds if need be.
+  subroutine point_from_rest(balance, system, load, tolerance, x, outcome, iterations)
+    type(balance_type), intent(inout) :: balance
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: tolerance
+    real(wp), intent(out) :: x(:, :)
+    integer, intent(out) :: outcome
+    integer, intent(inout) :: iterations
+    type(branch_type) :: branch
+    real(wp) :: wanted
+    integer :: direct
+
+    wanted = balance%load_factor
+    x = 0.0_wp
+    call newton_point(balance, system, tolerance, x, outcome, iterations)
+    direct = outcome
+    if (outcome == outcome_converged .or. size(load%orders) == 0) return
+    x = 0.0_wp
+    call follow_branch(balance, system, load, parameter_load, &
+                       branch_options(0.0_wp, wanted, 1.0e-8_wp, max_load_points, 0.3_wp), x, &
+                       branch)
+    balance%load_factor = wanted
+    iterations = iterations + sum(branch%iterations(:branch%n_points))
+    if (branch%outcome /= branch_completed) then
+      outcome = direct
+      return
+    end if
+    x = branch%x(:, :, branch%n_points)
+    call newton_point(balance, system, tolerance, x, outcome, iterations)
+  end subroutine point_from_rest
+
+  !> Largest of sqrt(M_dd) (|Re X| + |Im X|), so that metres and radians weigh by
+  !! inertia.
+  pure real(wp) function weighted_norm(system, x) result(norm)
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: x(:, :)
+    integer :: d, k
+    norm = 0.0_wp
+    do d = 1, size(x, 2)
+      do k = 1, size(x, 1), 2
+        norm = max(norm, sqrt(system%mass(d, d))*(abs(x(k, d)) + abs(x(k + 1, d))))
+      end do
+    end do
+  end function weighted_norm
+
+end module viscovib_newton_point

@@ -1,0 +1,291 @@
+"""Branches of periodic solutions: continuation through folds, with stability."""
+
+import csv
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.errors import InputError
+from viscovib.files import whole_file
+from viscovib.load import LoadLike
+from viscovib.mount import Mount
+from viscovib.response import _prepare
+
+OUTCOMES = ("completed", "returned", "step limit", "stuck", "overflow")
+#: Multipliers this close to the unit circle count as on it.
+_CIRCLE = 1e-9
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Where stability changes along a branch: between two of its points.
+
+    ``kind`` is "fold", "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is
+    the index of the last point before it.
+    """
+
+    kind: str
+    before: int
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A branch of periodic solutions u = Im sum_k X_k exp(i k nu t), in the order followed.
+
+    Attributes
+    ----------
+    nu : ndarray, shape (n,)
+        Circular frequencies (rad/s).
+    load_factor : ndarray, shape (n,)
+        Factor of the load given.
+    harmonics : ndarray of int, shape (m,)
+        Orders k kept.
+    coefficients : complex ndarray, shape (n, n_dof, m)
+        X_k.
+    stable : ndarray of bool, shape (n,), or None
+        None: unknown (with memory, or not asked for).
+    multipliers : complex ndarray, shape (n, 2 n_dof), or None
+        Floquet multipliers, largest first.
+    folds : ndarray, shape (n_folds,)
+        Where the branch turns back: values of what varies (nu, or the load factor).
+    fold_coefficients : complex ndarray, shape (n_folds, n_dof, m)
+    crossings : tuple of Crossing
+        Changes of stability.
+    outcome : str
+        "completed"; "returned": back at the beginning, another branch leads on; "step limit":
+        max_points reached; "stuck": no smaller step helps; "overflow".
+    """
+
+    nu: FloatArray
+    load_factor: FloatArray
+    harmonics: npt.NDArray[np.int32]
+    coefficients: ComplexArray
+    stable: npt.NDArray[np.bool_] | None
+    multipliers: ComplexArray | None
+    folds: FloatArray
+    fold_coefficients: ComplexArray
+    crossings: tuple[Crossing, ...]
+    outcome: str
+    iterations: npt.NDArray[np.int32]
+    varies: str
+    dof_names: tuple[str, ...]
+    dof_units: tuple[str, ...]
+
+    @property
+    def parameter(self) -> FloatArray:
+        """What varies along the branch: nu or load_factor."""
+        return self.nu if self.varies == "nu" else self.load_factor
+
+    def amplitude(self, dof: str, harmonic: int = 1) -> FloatArray:
+        """Size of a harmonic of a coordinate, shape (n,)."""
+        d, j = self._place(dof, harmonic)
+        return np.abs(self.coefficients[:, d, j])
+
+    def _place(self, dof: str, harmonic: int) -> tuple[int, int]:
+        d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
+        where = np.flatnonzero(self.harmonics == harmonic)
+        if not where.size:
+            kept = ", ".join(map(str, self.harmonics))
+            raise InputError(f"harmonic = {harmonic}: must be one of those kept ({kept})")
+        return d, int(where[0])
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over the points."""
+        data: dict[str, Any] = {
+            "nu": ("point", self.nu, {"units": "rad/s"}),
+            "load_factor": ("point", self.load_factor),
+            "coefficients": (("point", "dof", "harmonic"), self.coefficients),
+        }
+        if self.stable is not None and self.multipliers is not None:
+            data["stable"] = ("point", self.stable)
+            data["multipliers"] = (("point", "multiplier"), self.multipliers)
+        return xr.Dataset(
+            data,
+            coords={"dof": list(self.dof_names), "harmonic": self.harmonics},
+            attrs={"outcome": self.outcome, "folds": self.folds},
+        )
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write a table: one row a point."""
+        columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
+        if self.stable is not None:
+            columns["stable"] = self.stable.astype(int)
+        for d, name in enumerate(self.dof_names):
+            for j, k in enumerate(self.harmonics):
+                columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real
+                columns[f"{name}_{k}_im"] = self.coefficients[:, d, j].imag
+        with whole_file(path) as file:
+            file.write(f"# viscovib {version('viscovib')}, branch {self.outcome}\n")
+            file.write(f"# folds at {self.varies} = {', '.join(f'{x:.15g}' for x in self.folds)}\n")
+            file.write("# nu (rad/s); u = Im sum_k X_k exp(i k nu t)\n")
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            for row in zip(*columns.values(), strict=True):
+                writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
+
+
+def trace_response(
+    mount: Mount,
+    nu_range: tuple[float, float] | None = None,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    nu: float | None = None,
+    load_range: tuple[float, float] | None = None,
+    harmonics: int = 9,
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    stability: bool = True,
+) -> Branch:
+    """Follow a branch of periodic solutions through its folds.
+
+    Parameters
+    ----------
+    mount : Mount
+    nu_range : (float, float)
+        Frequencies (rad/s) from which and to which the branch is followed, up or down.
+    load, base : as for `forced_response`
+    nu : float
+        With ``load_range`` instead of ``nu_range``: the frequency at which the load varies.
+    load_range : (float, float)
+        Factors of the load from which and to which the branch is followed.
+    harmonics : int
+        Highest order kept.
+    tolerance : float
+        Relative size of the last correction.
+    max_points : int
+        Points at most, 2 to 100000.
+    max_step : float
+        Largest step as a part of the present point, 1e-4 to 1.
+    stability : bool
+        Compute Floquet multipliers. With memory the question is open: `stable` is then None.
+
+    Returns
+    -------
+    Branch
+
+    Notes
+    -----
+    Newton's method on the equations of harmonic balance with exact derivatives;
+    pseudo-arclength continuation (Keller 1977), steps by the angle between tangents; folds located
+    to rounding of the parameter.
+    """
+    if (nu_range is None) == (load_range is None):
+        raise InputError("nu_range or load_range: must be given, and only one of them")
+    if (load_range is None) != (nu is None):
+        raise InputError("nu: must be given with load_range, and only then")
+    varies = "nu" if nu_range is not None else "load_range"
+    start, finish = _range(varies if varies != "nu" else "nu_range", nu_range or load_range)
+    if varies == "nu" and min(start, finish) <= 0:
+        raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
+    at = start if nu is None else _native.number("nu", nu)
+    points = _native.integer("max_points", max_points, 2, 100_000)
+    step = _native.number("max_step", max_step)
+    if not 1e-4 <= step <= 1:
+        raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
+    job, _, options, planned = _prepare(
+        mount, [at], load, base, "newton", harmonics, tolerance, 100, 1.0
+    )
+    if planned.method != "newton":
+        raise InputError(
+            "mount: nothing is nonlinear, its response is a single curve: see forced_response"
+        )
+    known = bool(stability) and not mount._active_kernels
+    (
+        n, ended, p, iterations, coefficients, matrices, half_wave, n_folds, folds,
+        fold_coefficients,
+    ) = _native.call(
+        core.mount_branch, *job, 1 if varies == "nu" else 2, at, start, finish, options[1],
+        options[2], points, step, int(known), planned.orders.size,
+    )  # fmt: skip
+    if ended < 0:
+        raise InputError(
+            f"{'nu_range' if varies == 'nu' else 'load_range'}: no solution was found at its "
+            f"beginning {start:g}: begin elsewhere"
+        )
+    multipliers: ComplexArray | None = None
+    stable: npt.NDArray[np.bool_] | None = None
+    crossings: tuple[Crossing, ...] = ()
+    if known:
+        roots = np.linalg.eigvals(np.ascontiguousarray(matrices[:, :, :n].transpose(2, 0, 1)))
+        multipliers, stable, crossings = _stability(roots, bool(half_wave))
+    values = p[:n].copy()
+    same = np.ones(n)
+    return Branch(
+        nu=values if varies == "nu" else at * same,
+        load_factor=same if varies == "nu" else values,
+        harmonics=planned.orders,
+        coefficients=_absolute(
+            coefficients[:, :, :n].T, job, planned.orders, same if varies == "nu" else values
+        ),
+        stable=stable,
+        multipliers=multipliers,
+        folds=folds[:n_folds].copy(),
+        fold_coefficients=_absolute(
+            fold_coefficients[:, :, :n_folds].T,
+            job,
+            planned.orders,
+            np.ones(n_folds) if varies == "nu" else folds[:n_folds],
+        ),
+        crossings=crossings,
+        outcome=OUTCOMES[ended],
+        iterations=iterations[:n].copy(),
+        varies="nu" if varies == "nu" else "load_factor",
+        dof_names=mount.dof_names,
+        dof_units=mount.dof_units,
+    )
+
+
+def _range(name: str, value: object) -> tuple[float, float]:
+    ends = _native.real_array(name, value)
+    if ends.shape != (2,):
+        raise InputError(f"{name}: must be two numbers, from and to, got shape {ends.shape}")
+    if ends[0] == ends[1]:
+        raise InputError(f"{name} = ({ends[0]:g}, {ends[1]:g}): must be two different numbers")
+    return float(ends[0]), float(ends[1])
+
+
+def _absolute(
+    relative: ComplexArray,
+    job: tuple[Any, ...],
+    kept: npt.NDArray[np.int32],
+    factors: FloatArray,
+) -> ComplexArray:
+    """From coordinates relative to the base to absolute ones."""
+    result = np.ascontiguousarray(relative)
+    orders, series = job[-2], job[-1]
+    for order, moved in zip(orders, series[2], strict=True):
+        result[:, 0, kept == order] += moved * factors[:, np.newaxis]
+    return result
+
+
+def _stability(
+    roots: ComplexArray, half_wave: bool
+) -> tuple[ComplexArray, npt.NDArray[np.bool_], tuple[Crossing, ...]]:
+    """Return multipliers, stability, and what is crossed where it changes."""
+    roots = np.take_along_axis(roots, np.argsort(-np.abs(roots), axis=1), axis=1)
+    multipliers = roots**2 if half_wave else roots
+    stable = np.abs(multipliers).max(axis=1) <= 1 + _CIRCLE
+    outside = (np.abs(roots) > 1 + _CIRCLE).sum(axis=1)
+    crossings = []
+    for i in np.flatnonzero(outside[1:] != outside[:-1]):
+        # The root nearest to the circle on the side with more roots outside.
+        j = i + 1 if outside[i + 1] > outside[i] else i
+        beyond = roots[j][np.abs(roots[j]) > 1 + _CIRCLE]
+        root = beyond[np.abs(beyond).argmin()]
+        if abs(root.imag) > 1e-6 * abs(root):
+            kind = "Neimark-Sacker"
+        elif root.real > 0:
+            kind = "fold"
+        else:
+            kind = "symmetry breaking" if half_wave else "period doubling"
+        crossings.append(Crossing(kind, int(i)))
+    return multipliers, stable, tuple(crossings)

@@ -1,0 +1,148 @@
+!> Harmonic balance: derivatives against differences, and a branch through folds.
+module test_balance
+  use testing, only: begin, check, check_close, check_ok
+  use viscovib_branch, only: branch_completed, branch_options, branch_type, follow_branch, &
+    parameter_frequency
+  use viscovib_catalogue, only: kernel_rzhanitsyn, new_kernel
+  use viscovib_harmonic_balance, only: balance_type, new_balance
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type, new_load
+  use viscovib_mount, only: geometry_cubic, geometry_exact, geometry_printed, mount_parameters, &
+    mount_type, new_mount
+  use viscovib_newton_point, only: point_from_rest
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_outcomes, only: outcome_converged
+  use viscovib_status, only: status_type
+  implicit none
+  private
+
+  public :: run_balance
+
+contains
+
+  subroutine run_balance()
+    integer :: geometry
+    if (begin('derivatives are those of the residual')) then
+      do geometry = geometry_exact, geometry_printed
+        call compare_derivatives(geometry, .true.)
+        call compare_derivatives(geometry, .false.)
+      end do
+    end if
+    if (begin('a branch turns back twice')) call follow()
+  end subroutine run_balance
+
+  subroutine example(geometry, with_memory, load, mount, series)
+    integer, intent(in) :: geometry
+    logical, intent(in) :: with_memory
+    real(wp), intent(in) :: load
+    type(mount_type), intent(out) :: mount
+    type(load_type), intent(out) :: series
+    type(kernel_holder) :: kernels(1)
+    type(mount_parameters) :: p
+    type(status_type) :: status
+
+    p = mount_parameters(mass=1.0_wp, inertia=0.1_wp, offset=0.5_wp, stiffness_x=10.0_wp, &
+                         stiffness_phi=2.0_wp, geometry=geometry)
+    p%damping = 0.02_wp*reshape([10.0_wp, -5.0_wp, -5.0_wp, 4.5_wp], [2, 2])
+    if (with_memory) then
+      p%kernel_x = 1
+      p%kernel_phi = 1
+    end if
+    call new_kernel(kernels(1)%kernel, kernel_rzhanitsyn, [0.048_wp, 0.1_wp, 0.05_wp], status)
+    call check_ok(status)
+    call new_mount(mount, p, kernels, status)
+    call check_ok(status)
+    call new_load(series, 2, [0, 1], reshape([(0.0_wp, 0.1_wp), (0.0_wp, 0.2_wp), &
+                                              cmplx(load, 0.0_wp, wp), (0.1_wp, 0.3_wp)], [2, 2]), &
+                  [(0.0_wp, 0.0_wp), (0.01_wp, 0.0_wp)], status)
+    call check_ok(status)
+  end subroutine example
+
+  !> At a motion that is no solution, all harmonics filled.
+  subroutine compare_derivatives(geometry, half_wave)
+    integer, intent(in) :: geometry
+    logical, intent(in) :: half_wave
+    type(mount_type) :: mount
+    type(load_type) :: load
+    type(harmonic_set_type) :: set
+    type(balance_type) :: balance
+    real(wp), allocatable :: x(:, :), above(:, :), below(:, :), jacobian(:, :), slope(:, :)
+    real(wp) :: scale
+    real(wp), parameter :: h = 1.0e-5_wp
+    integer :: i, d, m
+
+    call example(geometry, .true., 0.5_wp, mount, load)
+    call new_harmonic_set(set, 5, half_wave, mount%degree)
+    call new_balance(balance, mount, set)
+    call balance%set_frequency(mount, load, 1.7_wp)
+    m = 2*size(set%orders)
+    allocate (x(m, 2), above(m, 2), below(m, 2), slope(m, 2), jacobian(2*m, 2*m))
+    do d = 1, 2
+      do i = 1, m
+        x(i, d) = 0.5_wp*sin(2.3_wp*i + d)/i
+      end do
+    end do
+    call balance%residual(mount, x, above)
+    call balance%derivatives(mount, jacobian)
+    scale = maxval(abs(jacobian))
+    do d = 1, 2
+      do i = 1, m
+        x(i, d) = x(i, d) + h
+        call balance%residual(mount, x, above)
+        x(i, d) = x(i, d) - 2.0_wp*h
+        call balance%residual(mount, x, below)
+        x(i, d) = x(i, d) + h
+        call check_close(maxval(abs(reshape((above - below)/(2.0_wp*h), [2*m]) &
+                                    - jacobian(:, i + m*(d - 1)))), 0.0_wp, 1.0e-9_wp, &
+                         'column', floor=scale)
+      end do
+    end do
+    call balance%residual(mount, x, above)
+    call balance%frequency_derivative(mount, load, x, slope)
+    call balance%set_frequency(mount, load, 1.7_wp + h)
+    call balance%residual(mount, x, above)
+    call balance%set_frequency(mount, load, 1.7_wp - h)
+    call balance%residual(mount, x, below)
+    call check_close(maxval(abs((above - below)/(2.0_wp*h) - slope)), 0.0_wp, 1.0e-8_wp, &
+                     'slope in the frequency', floor=maxval(abs(slope)))
+    call balance%set_frequency(mount, load, 1.7_wp)
+    call balance%load_derivative(slope)
+    balance%load_factor = 2.0_wp
+    call balance%residual(mount, x, above)
+    balance%load_factor = 1.0_wp
+    call balance%residual(mount, x, below)
+    call check_close(maxval(abs(above - below - slope)), 0.0_wp, 1.0e-14_wp, 'slope in the load', &
+                     floor=1.0_wp)
+  end subroutine compare_derivatives
+
+  subroutine follow()
+    type(mount_type) :: mount
+    type(load_type) :: load
+    type(harmonic_set_type) :: set
+    type(balance_type) :: balance
+    type(branch_type) :: branch
+    type(status_type) :: status
+    real(wp) :: x(10, 2)
+    integer :: outcome, iterations
+
+    call example(geometry_cubic, .false., 0.5_wp, mount, load)
+    call new_load(load, 2, [1], reshape([(0.5_wp, 0.0_wp), (0.0_wp, 0.0_wp)], [2, 1]), &
+                  [(0.0_wp, 0.0_wp)], status)
+    call check_ok(status)
+    call new_harmonic_set(set, 9, .true., mount%degree)
+    call new_balance(balance, mount, set)
+    call balance%set_frequency(mount, load, 0.5_wp)
+    iterations = 0
+    call point_from_rest(balance, mount, load, 1.0e-10_wp, x, outcome, iterations)
+    call check(outcome == outcome_converged .and. iterations > 0, 'a first point')
+    call follow_branch(balance, mount, load, parameter_frequency, &
+                       branch_options(0.5_wp, 10.0_wp, 1.0e-10_wp, 500, 0.1_wp), x, branch)
+    call check(branch%outcome == branch_completed .and. branch%n_folds == 2, 'two folds')
+    ! Orders to 9 leave 5e-7.
+    call check_close(branch%fold(1), 2.593184316412_wp, 1.0e-6_wp, 'upper fold')
+    call check_close(branch%fold(2), 2.268892724956_wp, 1.0e-6_wp, 'lower fold')
+    call check_close(branch%parameter(branch%n_points), 10.0_wp, 0.0_wp, 'the end')
+  end subroutine follow
+
+end module test_balance
