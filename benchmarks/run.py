@@ -7,6 +7,7 @@ import argparse
 import csv
 from pathlib import Path
 
+import branch
 import kernel_transforms
 import motion
 import response_curve
@@ -96,6 +97,7 @@ def markdown(
     jobs: list[dict[str, object]],
     one: list[dict[str, object]],
     many: list[dict[str, object]],
+    curves: list[dict[str, object]],
 ) -> str:
     """Return the tables as a page."""
     lines = [
@@ -112,6 +114,13 @@ def markdown(
         f"| {row['job']} | {show_time(row['seconds'])} | "
         f"{show_time(row['target']) if row['target'] else ''} |"
         for row in jobs
+    ]
+    lines += ["", "| branch of the mount through two folds | time | points | error of the folds |"]
+    lines += ["| --- | --- | --- | --- |"]
+    lines += [
+        f"| {row['job']} | {show_time(row['seconds'])} | {row['points']} | "
+        f"{'' if row['fold_error'] != row['fold_error'] else format(row['fold_error'], '.1e')} |"
+        for row in curves
     ]
     lines += motion_table("one motion to t = 200, time at an error of", one)
     lines += motion_table("an ensemble, time a trajectory at an error of", many)
@@ -131,11 +140,13 @@ def main() -> None:
     write_csv(out / "error_against_time.csv", rows)
     write_csv(out / "response_jobs.csv", jobs)
     draw_error_against_time(out / "error_against_time.png", rows)
+    curves = branch.run()
+    write_csv(out / "branch.csv", curves)
     one, many = motion.run()
     write_csv(out / "motion.csv", one)
     write_csv(out / "ensemble.csv", many)
     draw_motion(out / "motion.png", one, many)
-    page = markdown(kernels, jobs, one, many)
+    page = markdown(kernels, jobs, one, many, curves)
     (out / "benchmarks.md").write_text(page, encoding="utf-8")
     print("\n" + page + f"\nTables and picture: {out}")
 

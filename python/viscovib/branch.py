@@ -16,7 +16,7 @@ from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.load import LoadLike
 from viscovib.mount import Mount
-from viscovib.response import _prepare
+from viscovib.response import Peak, _prepare
 
 OUTCOMES = ("completed", "returned", "step limit", "stuck", "overflow")
 #: Multipliers this close to the unit circle count as on it.
@@ -87,6 +87,29 @@ class Branch:
         """Size of a harmonic of a coordinate, shape (n,)."""
         d, j = self._place(dof, harmonic)
         return np.abs(self.coefficients[:, d, j])
+
+    def peak(self, dof: str, harmonic: int = 1, *, band: tuple[float, float] | None = None) -> Peak:
+        """Largest amplitude, overhanging parts included, refined between the points.
+
+        ``band`` limits the search to values of `parameter`. Not `enclosed` at an end of the
+        branch or of the band.
+        """
+        amplitude = self.amplitude(dof, harmonic)
+        low, high = (-np.inf, np.inf) if band is None else band
+        inside = (self.parameter >= low) & (self.parameter <= high)
+        if not inside.any():
+            raise InputError(f"band = {band}: holds no point of the branch")
+        i = int(np.where(inside, amplitude, -np.inf).argmax())
+        if not 0 < i < amplitude.size - 1 or not inside[i - 1 : i + 2].all():
+            return Peak(float(self.parameter[i]), float(amplitude[i]), False)
+        # A parabola over the distance along the curve, in which it has no fold.
+        near = slice(i - 1, i + 2)
+        p, a = self.parameter[near], amplitude[near]
+        steps = np.hypot(np.diff(p) / p[1], np.diff(a) / max(a[1], 1e-300))
+        s = np.array([-steps[0], 0.0, steps[1]])
+        of_a, of_p = np.polyfit(s, a, 2), np.polyfit(s, p, 2)
+        top = -of_a[1] / (2 * of_a[0]) if of_a[0] < 0 else 0.0
+        return Peak(float(np.polyval(of_p, top)), float(np.polyval(of_a, top)), True)
 
     def _place(self, dof: str, harmonic: int) -> tuple[int, int]:
         d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))

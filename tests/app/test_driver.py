@@ -45,7 +45,9 @@ def read_csv(path):
     )
 
 
-@pytest.mark.parametrize("name", ["mount_paper", "mount_two_kernels", "base_linear"])
+@pytest.mark.parametrize(
+    "name", ["mount_paper", "mount_two_kernels", "base_linear", "mount_resonance"]
+)
 def test_driver_and_python_agree_to_the_last_bit(solve, tmp_path, name):
     scene = SCENES / f"{name}.nml"
     done = solve(scene, "--out", tmp_path)

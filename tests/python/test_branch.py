@@ -163,6 +163,19 @@ def test_branch_in_the_load_and_in_the_frequency_meet():
     assert in_load.amplitude("x")[-1] == pytest.approx(r.amplitude("x")[-1], rel=1e-8)
 
 
+def test_peak_of_an_overhanging_curve():
+    coarse = vv.trace_response(damped(), (0.5, 10), load=0.5)
+    fine = vv.trace_response(damped(), (0.5, 10), load=0.5, max_step=0.003, max_points=9999)
+    peak = coarse.peak("x")
+    assert peak.enclosed
+    assert peak.amplitude == pytest.approx(fine.amplitude("x").max(), rel=1e-4)
+    assert peak.nu == pytest.approx(fine.nu[fine.amplitude("x").argmax()], rel=1e-3)
+    second = coarse.peak("phi", band=(5, 9))
+    assert second.enclosed
+    assert second.nu == pytest.approx(7.1, abs=0.1)
+    assert not coarse.peak("x", band=(0.5, 1)).enclosed
+
+
 def test_no_load_no_motion():
     branch = vv.trace_response(damped(), (0.5, 3), load=0.0)
     assert branch.outcome == "completed"
