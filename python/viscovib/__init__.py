@@ -3,6 +3,7 @@
 from importlib.metadata import version as _version
 
 from viscovib.branch import Branch, Crossing, trace_response
+from viscovib.characteristic import CharacteristicRoots
 from viscovib.ensemble import Ensemble, simulate_ensemble
 from viscovib.errors import (
     ConvergenceWarning,
@@ -40,6 +41,7 @@ __version__ = _version("viscovib")
 __all__ = [
     "AbelKernel",
     "Branch",
+    "CharacteristicRoots",
     "ConvergenceWarning",
     "Crossing",
     "Ensemble",

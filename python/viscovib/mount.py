@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.characteristic import CharacteristicRoots, characteristic_roots
 from viscovib.errors import InputError, StabilityWarning
 from viscovib.kernels import Kernel
 
@@ -102,6 +103,14 @@ class Mount:
     def mode_shapes(self) -> FloatArray:
         """Mode shapes as columns (1, a_2j), shape (2, 2); unit vectors if offset is 0."""
         return np.ascontiguousarray(_native.call(core.mount_modes, self._flat)[1])
+
+    def characteristic_roots(self) -> CharacteristicRoots:
+        """Roots of det[s^2 M + s C + sum_j K_j (1 - R_j(s))] = 0: decay and pitch of free motion.
+
+        Without memory the pairs of the damped linear system; with memory also the slow real roots,
+        positive where a kernel's integral exceeds 1.
+        """
+        return characteristic_roots(self)
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """D(nu), shape nu.shape + (2, 2), for u = Im(X exp(i nu t)).

@@ -1,0 +1,94 @@
+"""Characteristic roots against independent references and closed forms."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.linalg import eigvals
+from tables import DATA
+
+BODY = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
+REFERENCE = json.loads((DATA / "mount_memory_reference.json").read_text())["characteristic_roots"]
+pytestmark = pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+
+
+@pytest.mark.parametrize("amplitude", [0.078, 0.048])
+def test_reference_roots(amplitude):
+    rows = [row for row in REFERENCE if row["A"] == amplitude]
+    kernel = vv.RzhanitsynKernel(amplitude=amplitude, alpha=0.1, beta=0.05)
+    roots = vv.Mount(**BODY, kernel=kernel).characteristic_roots()
+    expected = [complex(*map(float, row["complex_root"])) for row in rows]
+    assert roots.oscillatory == pytest.approx(expected, abs=1e-13)
+    # Near the limit the relaxed stiffness is a small difference: 1e-16/1e-3 of it is rounding.
+    slow = sorted((float(row["real_root"]) for row in rows), reverse=True)
+    assert roots.real == pytest.approx(slow, rel=1e-11)
+    assert roots.n_unstable == (2 if amplitude == 0.078 else 0)
+    assert roots.complete
+    assert roots.growth_rate == pytest.approx(max([*slow, *(z.real for z in expected)]), rel=1e-11)
+
+
+def test_limit_of_the_integral():
+    """A Gamma(alpha) = beta^alpha parts decay from growth."""
+    limit = 0.05**0.1 / math.gamma(0.1)
+    assert limit == pytest.approx(0.0779033846, abs=1e-10)
+    for factor, unstable in ((0.999, 0), (1.001, 2)):
+        kernel = vv.RzhanitsynKernel(amplitude=factor * limit, alpha=0.1, beta=0.05)
+        roots = vv.Mount(**BODY, kernel=kernel).characteristic_roots()
+        assert roots.n_unstable == unstable
+        assert roots.complete
+
+
+def test_without_memory_they_are_those_of_the_damped_system():
+    stiffness = np.array([[10, -5], [-5, 4.5]])
+    body = vv.Mount(**BODY, damping=0.05 * stiffness)
+    inverse = np.diag([1, 10.0])
+    companion = np.block(
+        [[np.zeros((2, 2)), np.eye(2)], [-inverse @ stiffness, -0.05 * inverse @ stiffness]]
+    )
+    expected = eigvals(companion)
+    roots = body.characteristic_roots()
+    upper = expected[expected.imag > 0]
+    assert roots.oscillatory == pytest.approx(upper[np.argsort(upper.imag)], rel=1e-12)
+    assert roots.real.size == 0
+    zeta = -upper.real / np.abs(upper)
+    decrement = 2 * np.pi * zeta / np.sqrt(1 - zeta**2)
+    assert sorted(roots.logarithmic_decrement) == pytest.approx(sorted(decrement), rel=1e-10)
+
+
+def test_one_exponential_is_a_larger_linear_system():
+    """R(t) = w exp(-r t): v' = w K u - r v beside M u'' + K u - v = 0."""
+    w, r = 0.3, 0.4
+    body = vv.Mount(**BODY, kernel=vv.PronyKernel(weights=[w], rates=[r]))
+    stiffness, inverse = np.array([[10, -5], [-5, 4.5]]), np.diag([1, 10.0])
+    zero, one = np.zeros((2, 2)), np.eye(2)
+    large = np.block(
+        [[zero, one, zero], [-inverse @ stiffness, zero, inverse], [w * stiffness, zero, -r * one]]
+    )
+    upper = np.array([s for s in eigvals(large) if s.imag > 1e-6])
+    roots = body.characteristic_roots()
+    assert roots.oscillatory == pytest.approx(upper[np.argsort(upper.imag)], rel=1e-11)
+    assert roots.n_unstable == 0
+    assert roots.complete
+
+
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        vv.AbelKernel(amplitude=0.05, alpha=0.5),
+        vv.RabotnovKernel(amplitude=0.3, alpha=0.6, beta=0.2),
+        vv.PronyKernel(weights=[0.3, 0.2], rates=[1, 0.1]),
+    ],
+)
+@pytest.mark.parametrize("both", [True, False])
+def test_every_growing_motion_is_found(kernel, both):
+    body = vv.Mount(**BODY, kernel=kernel, kernel_phi=None if both else False)
+    roots = body.characteristic_roots()
+    assert roots.complete
+    assert roots.n_unstable == (2 if both else 1)
+    for s in [*roots.oscillatory, *roots.real]:
+        spring, rotation = np.array([[10, -5], [-5, 2.5]]), np.diag([0, 2.0])
+        kept = 1 - kernel.laplace(s)
+        d = s**2 * np.diag([1, 0.1]) + kept * spring + (kept if both else 1.0) * rotation
+        assert abs(np.linalg.det(d)) < 1e-10 * np.abs(d).max() ** 2
