@@ -1,8 +1,9 @@
 """Steady forced response: amplitudes of every harmonic over a band of frequencies."""
 
 import csv
+import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
@@ -26,7 +27,7 @@ OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow"]
 #: Frequencies a native call takes at most: how often progress shows and Ctrl-C is heard.
 CHUNK = 4096
 
-_MAX_HARMONICS = 199
+_FIRST_HARMONICS, _MAX_HARMONICS = 9, 199
 _MAX_ITERATIONS = 100_000
 
 
@@ -81,11 +82,25 @@ class Response:
         """Where a solution was found, shape (n,)."""
         return np.asarray(self.outcome == "converged")
 
+    @property
+    def truncation(self) -> FloatArray:
+        """Estimated relative error of leaving out higher orders, shape (n,).
+
+        The largest of the two highest orders kept, against the largest of all, the worse of the
+        coordinates; 0 for a linear response, which lacks none.
+        """
+        sizes = np.abs(self.coefficients)
+        if self.method == "linear" or sizes.shape[2] < 3:
+            return np.zeros(self.nu.size)
+        largest = np.maximum(sizes.max(axis=2), 1e-300)
+        return np.asarray((sizes[:, :, -2:].max(axis=2) / largest).max(axis=1))
+
     @cached_property
     def corrections(self) -> FloatArray:
         """Relative size of each correction, shape (n, iterations); NaN past the last.
 
-        Not kept in the first run: the job is run again when this is first asked for.
+        Not kept in the first run: the job is run again when this is first asked for. Newton's
+        method keeps none, shape (n, 0).
         """
         return self._history()
 
@@ -193,7 +208,7 @@ def forced_response(
     load: LoadLike | None = None,
     base: LoadLike | None = None,
     method: str = "successive",
-    harmonics: int = 9,
+    harmonics: int | str = 9,
     tolerance: float = 1e-10,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
@@ -221,9 +236,10 @@ def forced_response(
         starts from the one before in the order given, as in a slow sweep: where several motions
         exist, upwards and downwards may give different ones. Where the branch ends, or at the
         first frequency, the load is raised from nothing. `trace_response` gives all of a branch.
-    harmonics : int
+    harmonics : int or "auto"
         Highest order kept (1 to 199); even orders and the mean are dropped when the load has
-        none.
+        none. "auto": as many as bring `Response.truncation` below ``tolerance`` at every
+        frequency that is solved.
     tolerance : float
         Wanted relative error of the iteration, 1e-14 to 0.1.
     max_iterations : int
@@ -254,6 +270,17 @@ def forced_response(
     D(k nu) X_k = P_k - N_k(X) with the harmonics N_k of the nonlinear force from alias-free
     samples of a period.
     """
+    if harmonics == "auto":
+        return _with_enough_harmonics(
+            lambda highest: forced_response(
+                mount, nu, load=load, base=base, method=method, harmonics=highest,
+                tolerance=tolerance, max_iterations=max_iterations, relaxation=relaxation,
+                progress=progress,
+            ),
+            load, base, tolerance,
+        )  # fmt: skip
+    if isinstance(harmonics, str):
+        raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
     job, frequencies, options, planned = _prepare(
         mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation
     )
@@ -279,7 +306,7 @@ def forced_response(
 
     def history() -> FloatArray:
         longest = int(iterations.max(initial=0))
-        if not longest:
+        if not longest or planned.method == "newton":
             return np.empty((frequencies.size, 0))
         columns = [part[4][:longest] for part in run(options[3], False)]
         return np.concatenate(columns, axis=1).T
@@ -299,6 +326,32 @@ def forced_response(
     )
     _warn_of_gaps(response)
     return response
+
+
+def _with_enough_harmonics(
+    solve: Callable[[int], Response],
+    load: LoadLike | None,
+    base: LoadLike | None,
+    tolerance: float,
+) -> Response:
+    """Raise the highest order until what is left out does not count."""
+    wanted = _native.number("tolerance", tolerance)
+    given = [max(series, default=0) for series in (load, base) if isinstance(series, Mapping)]
+    highest = max([_FIRST_HARMONICS, *(2 * order + 1 for order in given)])
+    while True:
+        highest = min(highest, _MAX_HARMONICS)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            result = solve(highest)
+        worst = float(result.truncation[result.converged].max(initial=0.0))
+        if worst <= wanted or highest == _MAX_HARMONICS:
+            break
+        # Orders fall off geometrically: go on as far as that suggests, and a little more.
+        fall = math.log(wanted) / math.log(max(min(worst, 0.5), 1e-300))
+        highest = min(max(highest + 4, math.ceil(1.1 * highest * fall)), 2 * highest + 1) | 1
+    for warning in caught:
+        warnings.warn(str(warning.message), warning.category, stacklevel=3)
+    return result
 
 
 def plan_response(

@@ -136,6 +136,21 @@ def test_every_frequency_is_solved_through_the_resonance(geometry):
     assert r.converged.all()
 
 
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-10])
+@pytest.mark.parametrize("load", [0.5, {1: 0.5, 0: 0.2j}])
+def test_harmonics_are_as_many_as_needed(tolerance, load):
+    body, nu = damped(), np.linspace(0.6, 3, 40)
+    r = vv.forced_response(
+        body, nu, load=load, method="newton", harmonics="auto", tolerance=tolerance
+    )
+    assert r.truncation.max() <= tolerance
+    exact = vv.forced_response(body, nu, load=load, method="newton", harmonics=61, tolerance=1e-13)
+    kept = r.harmonics.size
+    error = np.abs(r.coefficients - exact.coefficients[:, :, :kept]).max()
+    assert error <= 30 * tolerance * np.abs(exact.coefficients).max()
+    assert r.harmonics[-1] < 61
+
+
 def test_a_moving_base_is_a_load():
     body, nu, y = damped(), np.linspace(0.5, 4, 20), 0.004
     moved = vv.forced_response(body, nu, base=y, method="newton")
