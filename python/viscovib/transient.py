@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from scipy.interpolate import CubicSpline
 from tqdm import tqdm
 
 from viscovib import _native
@@ -82,6 +83,19 @@ class Trajectory:
         """One of "z", "z_dot", "phi", "phi_dot", "psi", "psi_dot", shape (n,)."""
         names = tuple(f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot"))
         return self.state[:, names.index(_native.choice("name", name, names))]
+
+    def energy_defect(self) -> FloatArray:
+        """Energy at each time less that at the first and the work done since, shape (n,).
+
+        Work of the loads less dissipation, by a spline through the power at the states kept: the
+        defect shows the error of the motion once these are close enough for the spline. It is
+        that of the exact equations; `cubic` and `printed` ones do not keep this balance.
+        """
+        energy = self.system.energy(self.state)
+        if self.t.size < 4:
+            raise InputError(f"trajectory: {self.t.size} states kept, must be at least 4")
+        work = CubicSpline(self.t, self.system.power(self.t, self.state)).antiderivative()
+        return np.asarray(energy - energy[0] - (work(self.t) - work(self.t[0])))
 
     def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
         """Coordinates and velocities as an xarray Dataset over t.
