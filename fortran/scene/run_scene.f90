@@ -1,5 +1,7 @@
 !> Doing what a scene asks for.
 module viscovib_run_scene
+  use viscovib_branch, only: branch_completed, branch_type
+  use viscovib_branch_job, only: branch_names, plan_branch, run_branch, write_branch
   use viscovib_files, only: stem
   use viscovib_forced_response, only: forced_response
   use viscovib_kinds, only: wp
@@ -49,6 +51,8 @@ contains
                            status)
     if (status%failed()) then
       status%message = scene%path//': '//status%message
+    else if (scene%wants_branch) then
+      text = plan_branch(scene%branch%nu_from, scene%branch%nu_to, size(plan%set%orders))
     else
       text = plan%text
     end if
@@ -65,6 +69,8 @@ contains
     header = 'viscovib '//version//', scene '//scene%path//new_line('a')//scene%title
     if (scene%is_pendulum) then
       call run_motion(scene, folder, header, report, status)
+    else if (scene%wants_branch) then
+      call run_one_branch(scene, folder, header, report, status)
     else
       call run_response(scene, folder, header, report, status)
     end if
@@ -90,6 +96,31 @@ contains
     report%complete = found == size(scene%nu)
     report%summary = show(found)//' of '//show(size(scene%nu))//' frequencies solved'
   end subroutine run_response
+
+  subroutine run_one_branch(scene, folder, header, report, status)
+    type(scene_type), intent(in) :: scene
+    character(len=*), intent(in) :: folder, header
+    type(scene_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(response_plan_type) :: plan
+    type(branch_type) :: branch
+
+    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
+                           status)
+    if (status%failed()) return
+    call run_branch(scene%branch, plan, scene%mount, scene%load, branch, status)
+    if (status%failed()) then
+      status%message = scene%path//': '//status%message
+      return
+    end if
+    report%path = folder//'/'//stem(scene%path)//'_branch.csv'
+    call write_branch(folder, stem(scene%path)//'_branch.csv', plan%set%orders, branch, header, &
+                      status)
+    if (status%failed()) return
+    report%complete = branch%outcome == branch_completed
+    report%summary = trim(branch_names(branch%outcome))//', '//show(branch%n_points) &
+                     //' points, '//show(branch%n_folds)//' folds'
+  end subroutine run_one_branch
 
   subroutine run_motion(scene, folder, header, report, status)
     type(scene_type), intent(in) :: scene

@@ -1,5 +1,6 @@
 !> A scene: the system, its load and the results wanted, as one namelist file.
 module viscovib_scene
+  use viscovib_branch_job, only: branch_job, read_branch
   use viscovib_checks, only: check_increasing, check_positive
   use viscovib_grids, only: linear_grid, log_grid
   use viscovib_group_reader, only: group_reader
@@ -12,7 +13,8 @@ module viscovib_scene
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_groups, only: read_pendulum, read_spectrum, read_transient, spectrum_job
   use viscovib_response, only: response_options
-  use viscovib_response_plan, only: method_names, new_response_plan, response_plan_type
+  use viscovib_response_plan, only: method_names, method_newton, new_response_plan, &
+    response_plan_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_transient_job, only: transient_job
   implicit none
@@ -30,6 +32,9 @@ module viscovib_scene
     !> Or it is a mount, its result a response.
     type(mount_type) :: mount
     type(load_type) :: load
+    !> Or a branch, followed through its folds.
+    logical :: wants_branch = .false.
+    type(branch_job) :: branch
     !> The response: frequencies (rad/s), method, options.
     real(wp), allocatable :: nu(:)
     integer :: method = 0
@@ -39,12 +44,12 @@ module viscovib_scene
     character(len=:), allocatable :: canonical
   end type scene_type
 
-  character(len=*), parameter :: group_names(8) = &
-    [character(len=9) :: 'scene', 'mount', 'kernel', 'load', 'response', 'pendulum', &
+  character(len=*), parameter :: group_names(9) = &
+    [character(len=9) :: 'scene', 'mount', 'kernel', 'load', 'response', 'branch', 'pendulum', &
      'transient', 'spectrum']
   !> What belongs to each system.
-  character(len=*), parameter :: mount_groups(4) = &
-    [character(len=9) :: 'mount', 'kernel', 'load', 'response'], &
+  character(len=*), parameter :: mount_groups(5) = &
+    [character(len=9) :: 'mount', 'kernel', 'load', 'response', 'branch'], &
                                  pendulum_groups(3) = &
     [character(len=9) :: 'pendulum', 'transient', 'spectrum']
   character(len=*), parameter :: coordinate_names(2) = [character(len=3) :: 'x', 'phi']
@@ -77,7 +82,7 @@ contains
     call read_kernels(file, kernels, parameters, scene%canonical, status)
     if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
     if (.not. status%failed()) call read_loads(file, scene, status)
-    if (.not. status%failed()) call read_response(file, scene, status)
+    if (.not. status%failed()) call read_result(file, scene, status)
     if (.not. status%failed()) call check_job(file, scene, status)
   end subroutine read_scene
 
@@ -118,16 +123,27 @@ contains
       if (is_pendulum .and. group_names(j) == 'transient') then
         call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
                   //'a scene with &pendulum needs a wanted result (&transient)')
-      else if (.not. is_pendulum .and. any(group_names(j) == ['mount   ', 'load    ', &
-                                                              'response'])) then
-        call fail(status, status_input_error, trim(group_names(j)), file%path//': no &' &
-                  //trim(group_names(j))//' group: a scene needs &mount, &load and a wanted ' &
-                  //'result (&response), or &pendulum and &transient')
+      else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load '])) then
+        call refuse_lack(trim(group_names(j)))
       end if
       if (status%failed()) return
     end do
+    if (is_pendulum) return
+    n = place_of(file, 'branch')
+    if (place_of(file, 'response') > size(file%groups)) then
+      if (n > size(file%groups)) call refuse_lack('response')
+    else if (n <= size(file%groups)) then
+      call refuse_group(n, '&branch: this scene has &response already, give one of them')
+    end if
 
   contains
+
+    subroutine refuse_lack(name)
+      character(len=*), intent(in) :: name
+      call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
+                //'needs &mount, &load and a wanted result (&response or &branch), or ' &
+                //'&pendulum and &transient')
+    end subroutine refuse_lack
 
     subroutine refuse_group(i, why)
       integer, intent(in) :: i
@@ -148,7 +164,7 @@ contains
 
   end subroutine check_groups
 
-  !> The place of a group that is known to be there.
+  !> The place of a group; past the last if it is not there.
   pure integer function place_of(file, name) result(i)
     type(namelist_type), intent(in) :: file
     character(len=*), intent(in) :: name
@@ -290,6 +306,26 @@ contains
     call new_load(scene%load, 2, orders, force, base, status)
   end subroutine read_loads
 
+  !> The result wanted of a mount.
+  subroutine read_result(file, scene, status)
+    type(namelist_type), intent(in) :: file
+    type(scene_type), intent(inout) :: scene
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+
+    scene%wants_branch = place_of(file, 'branch') <= size(file%groups)
+    if (.not. scene%wants_branch) then
+      call read_response(file, scene, status)
+      return
+    end if
+    call reader%start(file%path, file%groups(place_of(file, 'branch')))
+    call read_branch(reader, scene%branch)
+    call close_group(reader, scene, status)
+    scene%method = method_newton
+    scene%options = scene%branch%options
+    scene%nu = [scene%branch%nu_from]
+  end subroutine read_result
+
   subroutine read_response(file, scene, status)
     type(namelist_type), intent(in) :: file
     type(scene_type), intent(inout) :: scene
@@ -362,6 +398,7 @@ contains
                            status)
     if (.not. status%failed()) return
     name = 'response'
+    if (scene%wants_branch) name = 'branch'
     n = 1
     if (status%subject == 'beta') then
       name = 'kernel'

@@ -6,6 +6,7 @@ import warnings
 from pathlib import Path
 
 from viscovib import __version__
+from viscovib.branch import Branch
 from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, ViscovibError
 from viscovib.plots import save_picture
 from viscovib.response import Response
@@ -66,8 +67,12 @@ def _run(options: argparse.Namespace) -> int:
     return 0 if whole else _UNSOLVED
 
 
-def _summary(value: Response | Trajectory) -> tuple[list[str], bool]:
+def _summary(value: Response | Branch | Trajectory) -> tuple[list[str], bool]:
     """Lines about a result, and whether all of it was found."""
+    if isinstance(value, Branch):
+        lines = [f"{value.outcome}, {value.nu.size} points, {value.folds.size} folds"]
+        lines += [f"fold at nu = {fold:.10g}" for fold in value.folds]
+        return lines, value.outcome == "completed"
     if isinstance(value, Trajectory):
         lines = [f"{value.outcome} at t = {value.t_reached:g}, {value.t.size} states"]
         if value.error is not None:
@@ -101,7 +106,9 @@ def _compute(options: argparse.Namespace) -> SceneResult:
 
 
 def _picture(options: argparse.Namespace, result: SceneResult) -> None:
-    pictures: list[tuple[str, Response | Trajectory | Spectrum]] = [(result.kind, result.value)]
+    pictures: list[tuple[str, Response | Branch | Trajectory | Spectrum]] = [
+        (result.kind, result.value)
+    ]
     bases = None
     if isinstance(result.value, Trajectory):
         body = result.value.system

@@ -321,7 +321,7 @@ def _motion_axes(figure: "Figure", n: int) -> "Sequence[Axes]":
 
 
 def save_picture(
-    result: Response | Trajectory | Spectrum,
+    result: Response | Branch | Trajectory | Spectrum,
     path: str | os.PathLike[str],
     *,
     bases: Mapping[str, float] | None = None,
@@ -335,6 +335,11 @@ def save_picture(
         FigureCanvasAgg(figure)
         highest = 5 * max(bases.values()) if bases else None
         plot_spectrum(result, figure.subplots(), bases=bases, highest=highest)
+    elif isinstance(result, Branch):
+        names = result.dof_names
+        figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
+        FigureCanvasAgg(figure)
+        plot_branch(result, figure.subplots(len(names), 1, sharex=True))
     elif isinstance(result, Trajectory):
         names = result.dof_names
         figure = Figure(figsize=(10, 2.4 * len(names)), layout="constrained")

@@ -16,6 +16,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
+from viscovib.branch import Branch, trace_response
 from viscovib.errors import FileError, InputError
 from viscovib.kernels import (
     AbelKernel,
@@ -27,7 +28,7 @@ from viscovib.kernels import (
 )
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
-from viscovib.response import Response, forced_response, plan_response
+from viscovib.response import Response, _prepare, forced_response, plan_response
 from viscovib.spectrum import Spectrum, spectrum
 from viscovib.transient import METHODS, Trajectory, simulate
 
@@ -156,6 +157,15 @@ class Scene:
             "save_every": group["save_every"],
         }
 
+    def _branch(self) -> dict[str, Any]:
+        group = self._group("branch")
+        return {
+            "mount": self.mount(),
+            "nu_range": (group["nu_from"], group["nu_to"]),
+            **self.loads(),
+            **{key: group[key] for key in ("harmonics", "tolerance", "max_points", "max_step")},
+        }
+
     def _job(self) -> dict[str, Any]:
         group = self._group("response")
         relaxation = group["relaxation"]
@@ -170,29 +180,38 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
-    """What a scene gave: the response of a mount, or the motion of a pendulum and its spectra."""
+    """What a scene gave: response or branch of a mount, or motion of a pendulum and its spectra."""
 
     scene: Scene
-    value: Response | Trajectory
+    value: Response | Branch | Trajectory
     spectrum: Spectrum | None = None
 
     @property
     def kind(self) -> str:
-        """As in the names of tables: "response" or "transient"."""
+        """As in the names of tables: "response", "branch" or "transient"."""
+        if isinstance(self.value, Branch):
+            return "branch"
         return "response" if isinstance(self.value, Response) else "transient"
 
     @property
     def response(self) -> Response:
         """The response of a mount."""
         if not isinstance(self.value, Response):
-            raise InputError("response: this scene gave a motion, see trajectory")
+            raise InputError("response: this scene gave something else, see value")
+        return self.value
+
+    @property
+    def branch(self) -> Branch:
+        """The branch of a mount."""
+        if not isinstance(self.value, Branch):
+            raise InputError("branch: this scene gave something else, see value")
         return self.value
 
     @property
     def trajectory(self) -> Trajectory:
         """The motion of a pendulum."""
         if not isinstance(self.value, Trajectory):
-            raise InputError("trajectory: this scene gave a response, see response")
+            raise InputError("trajectory: this scene gave something else, see value")
         return self.value
 
 
@@ -202,6 +221,8 @@ def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> Sce
     if read.is_pendulum:
         run = simulate(**read._motion(), progress=progress)
         return SceneResult(read, run, _spectrum(read, run))
+    if "branch" in read.groups:
+        return SceneResult(read, trace_response(**read._branch()))
     return SceneResult(read, forced_response(**read._job(), progress=progress))
 
 
@@ -218,6 +239,8 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
 def plan(scene: Scene | str | os.PathLike[str]) -> str:
     """Say what a scene will compute and what is skipped, with the reasons."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
+    if "branch" in read.groups:
+        return _plan_branch(read)
     if not read.is_pendulum:
         return plan_response(**read._job())
     group = read._group("transient")
@@ -235,6 +258,16 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
     return (
         f"{lines}\ncomputes: spectra of z, phi, psi, window {read.groups['spectrum']['window']}\n"
     )
+
+
+def _plan_branch(scene: Scene) -> str:
+    group, loads = scene.groups["branch"], scene.loads()
+    planned = _prepare(
+        scene.mount(), [group["nu_from"]], loads["load"], loads["base"], "newton",
+        group["harmonics"], group["tolerance"], 100, 1.0,
+    )[3]  # fmt: skip
+    text: bytes = core.branch_plan(group["nu_from"], group["nu_to"], planned.orders.size)
+    return text.decode().strip() + "\n"
 
 
 def _canonical(path: str | os.PathLike[str]) -> str:

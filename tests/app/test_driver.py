@@ -25,6 +25,7 @@ MOTION = """&pendulum e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, f0=0.005, p1=0.
 &transient initial=0.05 0 0.3 0 -0.2 0, t_end=20, dt=0.25 /
 """
 KERNEL = "kind='rzhanitsyn', amplitude=0.048, alpha=0.1, beta=0.05"
+BRANCH = GOOD[: GOOD.index("&response")] + "&branch nu_from=1, nu_to=4 /\n"
 GRID = "nu_min=0.5, nu_max=4, nu_count=8"
 
 
@@ -94,6 +95,23 @@ def test_motions_of_driver_and_python_agree_to_the_last_bit(solve, tmp_path, cha
     if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
         for name in table.dtype.names:
             assert (table[name] == again[name]).all()
+
+
+def test_branches_of_driver_and_python_agree(solve, tmp_path):
+    scene = SCENES / "mount_branch.nml"
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "completed, " in done.stdout
+    assert "2 folds" in done.stdout
+    table = read_csv(tmp_path / "mount_branch_branch.csv")
+    branch = vv.run(scene).branch
+    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
+        assert (table["nu"] == branch.nu).all()
+        for d, dof in enumerate(branch.dof_names):
+            for j, k in enumerate(branch.harmonics):
+                assert (table[f"{dof}_{k}_re"] == branch.coefficients[:, d, j].real).all()
+                assert (table[f"{dof}_{k}_im"] == branch.coefficients[:, d, j].imag).all()
 
 
 def test_spectra_of_driver_and_python_agree(solve, tmp_path):
@@ -268,6 +286,12 @@ BAD_SCENES = {
     "window": (MOTION + "&spectrum window='hamming' /", 3, "window = 'hamming': must be one of"),
     "discard": (MOTION + "&spectrum discard=20 /", 3, "discard = 20: must not be negative"),
     "spectrum of a mount": (GOOD + "&spectrum /", 5, "&spectrum: needs &pendulum"),
+    "branch and response": (GOOD + "&branch nu_from=1, nu_to=2 /", 5, "has &response already"),
+    "branch to nowhere": (BRANCH.replace("nu_to=4", "nu_to=1"), 4, "must differ from nu_from"),
+    "branch from zero": (BRANCH.replace("nu_from=1", "nu_from=0"), 4, "nu_from = 0: must be"),
+    "branch of one": (BRANCH.rstrip()[:-1] + ", max_points=1 /", 4, "must be 2 to"),
+    "branch step": (BRANCH.rstrip()[:-1] + ", max_step=0 /", 4, "max_step = 0: must be in"),
+    "branch harmonics": (BRANCH.rstrip()[:-1] + ", harmonics=0 /", 4, "harmonics = 0: must be"),
     "not UTF-8": (GOOD.encode() + b"&scene title='caf\xe9' /\n", 5, "byte 233 found"),
     "binary": ("\x00\x01\x7f" * 50, 1, "this is not a text file"),
 }
@@ -426,6 +450,10 @@ def test_python_command_runs_plans_and_draws(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "completed at t = 2000, 8001 states" in done.stdout
     assert (tmp_path / "pendulum_paper_transient.png").stat().st_size > 20_000
+    done = command("run", SCENES / "mount_branch.nml", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "fold at nu = 2.5931843" in done.stdout
+    assert (tmp_path / "mount_branch_branch.png").stat().st_size > 20_000
     done = command("run", tmp_path / "none.nml")
     assert done.returncode == 3
     assert len(done.stderr.splitlines()) == 1
