@@ -5,7 +5,7 @@
 !! the factor of the load (2) at the frequency nu. n_kept as the plan says.
 subroutine mount_branch(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, series, &
                         n_series, parameter, nu, start, finish, harmonics, tolerance, max_points, &
-                        max_step, with_stability, n_kept, n_points, ended, p, iterations, &
+                        max_step, with_stability, n_kept, cancel, n_points, ended, p, iterations, &
                         coefficients, matrices, half_wave, n_folds, folds, &
                         fold_coefficients, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
@@ -25,6 +25,8 @@ subroutine mount_branch(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, o
   real(c_double), intent(in) :: mount(12), data_x(n_x), data_phi(n_phi), nu, start, finish
   real(c_double), intent(in) :: tolerance, max_step
   complex(c_double_complex), intent(in) :: series(3, n_series)
+  !> cancel(1) /= 0, perhaps set by another thread, gives up.
+  integer(c_int), intent(inout) :: cancel(1)
   integer(c_int), intent(out) :: n_points, ended, half_wave, n_folds, status
   real(c_double), intent(out) :: p(max_points), folds(max_points)
   integer(c_int), intent(out) :: iterations(max_points)
@@ -63,16 +65,18 @@ subroutine mount_branch(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, o
     iterations_made = 0
     if (parameter == parameter_frequency) then
       call balance%set_frequency(system, load, start)
-      call point_from_rest(balance, system, load, tolerance, x, found, iterations_made)
+      call point_from_rest(balance, system, load, tolerance, x, found, iterations_made, &
+                           cancel(1))
     else
       call balance%set_frequency(system, load, nu)
       if (abs(start) > 0.0_c_double) then
         balance%load_factor = start
-        call point_from_rest(balance, system, load, tolerance, x, found, iterations_made)
+        call point_from_rest(balance, system, load, tolerance, x, found, iterations_made, &
+                           cancel(1))
       end if
     end if
     if (found == outcome_converged) then
-      call follow_branch(balance, system, load, parameter, options, x, branch)
+      call follow_branch(balance, system, load, parameter, options, x, branch, cancel(1))
       n_points = branch%n_points
       ended = branch%outcome
       n_folds = branch%n_folds

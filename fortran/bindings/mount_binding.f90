@@ -103,8 +103,8 @@ end subroutine mount_plan
 !! `series` (force on x, force on phi, motion of the base) belongs to orders(j).
 subroutine mount_response(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, series, &
                           n_series, nu, n, method, harmonics, tolerance, max_iterations, &
-                          relaxation, n_history, n_kept, coefficients, outcomes, iterations, rate, &
-                          corrections, status, message)
+                          relaxation, n_history, n_kept, cancel, coefficients, outcomes, &
+                          iterations, rate, corrections, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_mount, make_options, report
   use viscovib_forced_response, only: forced_response
@@ -122,6 +122,8 @@ subroutine mount_response(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi,
   real(c_double), intent(in) :: mount(12), data_x(n_x), data_phi(n_phi), nu(n)
   complex(c_double_complex), intent(in) :: series(3, n_series)
   real(c_double), intent(in) :: tolerance, relaxation
+  !> cancel(1) /= 0, perhaps set by another thread, gives up.
+  integer(c_int), intent(inout) :: cancel(1)
   complex(c_double_complex), intent(out) :: coefficients(n_kept, 2, n)
   integer(c_int), intent(out) :: outcomes(n), iterations(n)
   real(c_double), intent(out) :: rate(n), corrections(n_history, n)
@@ -142,7 +144,7 @@ subroutine mount_response(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi,
                                         n_history), outcome)
   end if
   if (.not. outcome%failed()) then
-    call forced_response(plan, system, load, nu, response)
+    call forced_response(plan, system, load, nu, response, cancel(1))
     coefficients = response%coefficients
     outcomes = response%outcome
     iterations = response%iterations

@@ -64,7 +64,7 @@ module viscovib_branch
 contains
 
   !> Follow the branch on from a solution x at p = options%start.
-  subroutine follow_branch(balance, system, load, parameter, options, x, branch)
+  subroutine follow_branch(balance, system, load, parameter, options, x, branch, cancel)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -72,6 +72,8 @@ contains
     type(branch_options), intent(in) :: options
     real(wp), intent(in) :: x(:, :)
     type(branch_type), intent(out) :: branch
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), volatile, optional :: cancel
     type(curve_point) :: here, next
     real(wp) :: step, angle, sign_wanted
     logical :: made
@@ -100,6 +102,9 @@ contains
     step = min(first_step, options%max_step)
     branch%outcome = branch_step_limit
     do while (branch%n_points < options%max_points)
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
       call correct(balance, system, load, parameter, options, here, step, next, made)
       if (made) then
         angle = angle_between(system, here, next)

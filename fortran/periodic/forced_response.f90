@@ -17,7 +17,7 @@ contains
 
   !> Steady response at each frequency; by Newton's method each follows the one
   !! before, else they are independent.
-  subroutine forced_response(plan, system, load, nu, response)
+  subroutine forced_response(plan, system, load, nu, response, cancel)
     !> Made for the same system, load and method.
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system
@@ -25,12 +25,15 @@ contains
     !> Circular frequencies (rad/s), each > 0.
     real(wp), intent(in) :: nu(:)
     type(response_type), intent(out) :: response
+    !> May be set from elsewhere to give up; only Newton's method, which takes all
+    !! frequencies in one piece, looks at it.
+    integer, intent(inout), volatile, optional :: cancel
 
     select case (plan%method)
     case (method_successive)
       call successive_response(system, load, nu, plan%set, plan%options, response)
     case (method_newton)
-      call newton_response(system, load, nu, plan%set, plan%options, response)
+      call newton_response(system, load, nu, plan%set, plan%options, response, cancel)
     case default
       call linear_response(system, load, nu, response)
     end select

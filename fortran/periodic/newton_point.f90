@@ -78,7 +78,7 @@ contains
 
   !> Solve from the linear response, or, where that is too far away, by following
   !! the branch from no load to the whole, through folds if need be.
-  subroutine point_from_rest(balance, system, load, tolerance, x, outcome, iterations)
+  subroutine point_from_rest(balance, system, load, tolerance, x, outcome, iterations, cancel)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -86,6 +86,8 @@ contains
     real(wp), intent(out) :: x(:, :)
     integer, intent(out) :: outcome
     integer, intent(inout) :: iterations
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), volatile, optional :: cancel
     type(branch_type) :: branch
     real(wp) :: wanted
     integer :: direct
@@ -98,7 +100,7 @@ contains
     x = 0.0_wp
     call follow_branch(balance, system, load, parameter_load, &
                        branch_options(0.0_wp, wanted, 1.0e-8_wp, max_load_points, 0.3_wp), x, &
-                       branch)
+                       branch, cancel)
     balance%load_factor = wanted
     iterations = iterations + sum(branch%iterations(:branch%n_points))
     if (branch%outcome /= branch_completed) then

@@ -17,7 +17,7 @@ module viscovib_newton_response
 
 contains
 
-  subroutine newton_response(system, load, nu, set, options, response)
+  subroutine newton_response(system, load, nu, set, options, response, cancel)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     !> Circular frequencies (rad/s).
@@ -26,6 +26,8 @@ contains
     type(harmonic_set_type), intent(in) :: set
     type(response_options), intent(in) :: options
     type(response_type), intent(out) :: response
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), volatile, optional :: cancel
     type(balance_type) :: balance
     real(wp), dimension(2*size(set%orders), system%n_dof()) :: x, last, before
     real(wp) :: last_nu, before_nu
@@ -37,6 +39,9 @@ contains
     last = 0.0_wp
     last_nu = 0.0_wp
     do i = 1, size(nu)
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
       call balance%set_frequency(system, load, nu(i))
       outcome = outcome_singular
       if (known >= 2) then
@@ -49,7 +54,7 @@ contains
       end if
       if (outcome /= outcome_converged) then
         call point_from_rest(balance, system, load, options%tolerance, x, outcome, &
-                             response%iterations(i))
+                             response%iterations(i), cancel)
         known = 0
       end if
       if (outcome /= outcome_converged) then

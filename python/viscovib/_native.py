@@ -6,6 +6,7 @@ argument is brought to its exact type, shape and memory order here.
 
 import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -99,3 +100,19 @@ def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[A
         text = message.decode(errors="replace").strip()
         raise FileError(text) if status == _IO_ERROR else InputError(text)
     return tuple(results)
+
+
+def call_interruptibly(
+    routine: Callable[..., tuple[Any, ...]], cancel: npt.NDArray[np.intc], *arguments: object
+) -> tuple[Any, ...]:
+    """Call a flat routine that may take long in a thread, so that Ctrl-C is heard.
+
+    ``cancel`` is among the arguments; the routine gives up once it holds 1.
+    """
+    pool = ThreadPoolExecutor(1)
+    try:
+        return pool.submit(call, routine, *arguments).result()
+    finally:
+        # Reached early by Ctrl-C, which may come at any point above.
+        cancel[0] = 1
+        pool.shutdown()

@@ -221,13 +221,14 @@ def trace_response(
         raise InputError(
             "mount: nothing is nonlinear, its response is a single curve: see forced_response"
         )
+    cancel = np.zeros(1, dtype=np.intc)
     known = bool(stability) and not mount._active_kernels
     (
         n, ended, p, iterations, coefficients, matrices, half_wave, n_folds, folds,
         fold_coefficients,
-    ) = _native.call(
-        core.mount_branch, *job, 1 if varies == "nu" else 2, at, start, finish, options[1],
-        options[2], points, step, int(known), planned.orders.size,
+    ) = _native.call_interruptibly(
+        core.mount_branch, cancel, *job, 1 if varies == "nu" else 2, at, start, finish, options[1],
+        options[2], points, step, int(known), planned.orders.size, cancel,
     )  # fmt: skip
     if ended < 0:
         raise InputError(

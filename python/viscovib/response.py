@@ -29,6 +29,8 @@ CHUNK = 4096
 
 _FIRST_HARMONICS, _MAX_HARMONICS = 9, 199
 _MAX_ITERATIONS = 100_000
+#: Frequencies that Newton's method takes without a thread of its own.
+_LONG = 64
 
 
 class Peak(NamedTuple):
@@ -286,18 +288,21 @@ def forced_response(
     )
 
     def run(n_history: int, show: bool) -> list[tuple[Any, ...]]:
-        # Newton's method follows its branch from frequency to frequency within a piece.
-        size = 20 * CHUNK if planned.method == "newton" else CHUNK
+        # Newton's method follows its branch from frequency to frequency, all in one piece.
+        whole = planned.method == "newton"
+        size = frequencies.size if whole else CHUNK
         starts = range(0, frequencies.size, size)
+        cancel = np.zeros(1, dtype=np.intc)
         with tqdm(total=frequencies.size, unit=" nu", disable=not show, leave=False) as bar:
             parts = []
             for start in starts:
                 chunk = frequencies[start : start + size]
-                parts.append(
-                    _native.call(
-                        core.mount_response, *job, chunk, *options, n_history, planned.orders.size
-                    )
-                )
+                given = (*job, chunk, *options, n_history, planned.orders.size, cancel)
+                if whole and frequencies.size > _LONG:
+                    part = _native.call_interruptibly(core.mount_response, cancel, *given)
+                else:
+                    part = _native.call(core.mount_response, *given)
+                parts.append(part)
                 bar.update(chunk.size)
         return parts
 

@@ -1,6 +1,10 @@
 """Newton's method, branches and stability, against independent references (data/README.md)."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 import warnings
 
 import matplotlib
@@ -260,3 +264,30 @@ def test_bad_input_is_named(changes, text):
     with pytest.raises(vv.InputError) as error:
         vv.trace_response(given.pop("mount"), **given)
     assert text in str(error.value)
+
+
+@pytest.mark.parametrize("what", ["branch", "response"])
+def test_long_work_hears_an_interrupt(what):
+    """SIGINT to a process of its own, in the middle of a native call of a minute or more."""
+    work = {
+        "branch": "vv.trace_response(m, (0.5, 10), load=0.5, harmonics=99, max_step=1e-4, "
+        "max_points=99999, stability=False)",
+        "response": "vv.forced_response(m, np.linspace(0.5, 10, 99999), load=0.5, harmonics=99, "
+        "method='newton')",
+    }[what]
+    program = (
+        "import numpy as np, viscovib as vv\n"
+        "m = vv.Mount(mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, "
+        "damping=0.02 * np.array([[10, -5], [-5, 4.5]]))\n"
+        f"print('ready', flush=True)\n{work}\n"
+    )
+    child = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert child.stdout.readline() == "ready\n"
+    time.sleep(0.5)
+    begin = time.perf_counter()
+    child.send_signal(signal.SIGINT)
+    _, errors = child.communicate(timeout=30)
+    assert time.perf_counter() - begin < 2
+    assert "KeyboardInterrupt" in errors
