@@ -7,6 +7,7 @@
 !! period, and they are the squares of the eigenvalues h of minus the matrix of half
 !! a period: h = 1 at folds, h = -1 where the symmetry breaks.
 module viscovib_floquet
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
   use viscovib_explicit_tables, only: explicit_table_type, max_stages, new_explicit_table
@@ -22,6 +23,9 @@ module viscovib_floquet
 
   !> Phase that the fastest linear mode turns in a step, at most.
   real(wp), parameter :: phase_a_step = 0.6_wp
+  !> Steps of a period at most, and how often they may be refined: beyond that time
+  !! scales are too far apart.
+  integer, parameter :: max_steps = 4000, max_refinements = 6
   !> Place of Dormand and Prince's method in the tables.
   integer, parameter :: method = 2
 
@@ -59,22 +63,22 @@ contains
     call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
     floquet%inverse = real(inverse)
     floquet%damping = matmul(floquet%inverse, system%damping)
-    ! An upper bound of the squares of the linear frequencies.
+    ! Upper bounds of the linear frequencies and of the rates of damping.
     floquet%fastest = sqrt(maxval(sum(abs(matmul(floquet%inverse, &
-                                                 matmul(system%spread, system%gather))), 2)))
+                                                 matmul(system%spread, system%gather))), 2))) &
+                      + maxval(sum(abs(floquet%damping), 2))
     call new_explicit_table(floquet%table, method)
   end subroutine new_floquet
 
-  !> Tables for as many steps as frequency nu needs; they are kept for neighbours.
-  subroutine prepare(self, system, nu)
+  !> Tables for as many steps as are needed; they are kept for neighbours.
+  subroutine prepare(self, system, needed)
     class(floquet_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: nu
-    real(wp) :: turn, time, needed
+    real(wp), intent(in) :: needed
+    real(wp) :: turn, time
     integer :: d, m, n, s, i, k, at
 
     turn = merge(pi, 2.0_wp*pi, self%half_wave)
-    needed = turn*self%fastest/nu/phase_a_step
     if (needed <= self%n_steps .and. 2.0_wp*needed > self%n_steps) return
     ! Some more than needed, so that neighbours can use them too.
     self%n_steps = max(12, ceiling(1.3_wp*needed))
@@ -99,7 +103,8 @@ contains
   end subroutine prepare
 
   !> The matrix that takes (y, y') over a period of the solution x at frequency nu;
-  !! under half-wave symmetry minus that of half a period.
+  !! under half-wave symmetry minus that of half a period. NaN if time scales are so
+  !! far apart that it would take too many steps.
   subroutine monodromy(self, system, nu, x, matrix)
     class(floquet_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -110,11 +115,24 @@ contains
     real(wp), intent(out) :: matrix(:, :)
     real(wp), dimension(n_lanes, max_dof) :: q, v, stage_q, stage_v, in_q, in_v
     real(wp) :: f(n_lanes, max_dof, max_stages), h(n_lanes)
+    real(wp) :: rate, along, needed
     integer :: s, i, d, n
 
     n = self%n_dof
-    call prepare(self, system, nu)
-    call self%stiffness_along(system, x)
+    rate = self%fastest
+    do i = 1, max_refinements
+      needed = merge(pi, 2.0_wp*pi, self%half_wave)*rate/nu/phase_a_step
+      if (.not. needed <= max_steps .or. i == max_refinements) then
+        matrix = ieee_value(0.0_wp, ieee_quiet_nan)
+        return
+      end if
+      call prepare(self, system, needed)
+      call self%stiffness_along(system, x)
+      ! Along a large motion the springs may be far stiffer than at rest.
+      along = self%fastest + sqrt(maxval(sum(abs(self%stiffness), 2)))
+      if (along <= 2.0_wp*rate) exit
+      rate = along
+    end do
     h = merge(pi, 2.0_wp*pi, self%half_wave)/nu/self%n_steps
     q = 0.0_wp
     v = 0.0_wp

@@ -1,6 +1,7 @@
 """Branches of periodic solutions: continuation through folds, with stability."""
 
 import csv
+import warnings
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -12,7 +13,7 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.errors import InputError
+from viscovib.errors import InputError, StabilityWarning
 from viscovib.files import whole_file
 from viscovib.load import LoadLike
 from viscovib.mount import Mount
@@ -21,6 +22,8 @@ from viscovib.response import Peak, _prepare
 OUTCOMES = ("completed", "returned", "step limit", "stuck", "overflow")
 #: Multipliers this close to the unit circle count as on it.
 _CIRCLE = 1e-9
+#: Entries of a monodromy matrix beyond this say nothing any more.
+_LARGEST = 1e100
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,7 @@ class Branch:
     coefficients : complex ndarray, shape (n, n_dof, m)
         X_k.
     stable : ndarray of bool, shape (n,), or None
-        None: unknown (with memory, or not asked for).
+        None: unknown (with memory, with time scales too far apart, or not asked for).
     multipliers : complex ndarray, shape (n, 2 n_dof), or None
         Floquet multipliers, largest first.
     folds : ndarray, shape (n_folds,)
@@ -238,6 +241,13 @@ def trace_response(
     multipliers: ComplexArray | None = None
     stable: npt.NDArray[np.bool_] | None = None
     crossings: tuple[Crossing, ...] = ()
+    if known and not np.all(np.abs(matrices[:, :, :n]) < _LARGEST):
+        known = False
+        warnings.warn(
+            "stability was not computed: the motion's time scales are too far apart",
+            StabilityWarning,
+            stacklevel=2,
+        )
     if known:
         roots = np.linalg.eigvals(np.ascontiguousarray(matrices[:, :, :n].transpose(2, 0, 1)))
         multipliers, stable, crossings = _stability(roots, bool(half_wave))

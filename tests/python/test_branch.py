@@ -291,3 +291,21 @@ def test_long_work_hears_an_interrupt(what):
     _, errors = child.communicate(timeout=30)
     assert time.perf_counter() - begin < 2
     assert "KeyboardInterrupt" in errors
+
+
+def test_stability_of_a_very_stiff_motion_is_not_guessed():
+    body = vv.Mount(**(M0 | {"stiffness_phi": 2e9}))
+    with pytest.warns(vv.StabilityWarning, match="time scales are too far apart"):
+        branch = vv.trace_response(body, (0.5, 1.5), load=0.1)
+    assert branch.stable is None
+    assert branch.outcome == "completed"
+
+
+def test_multipliers_of_a_large_motion():
+    """Springs ten times as stiff along the motion as at rest: still those of the reference kind."""
+    body = damped()
+    branch = vv.trace_response(body, nu=1.0, load_range=(0, 60), load=1.0, harmonics=31)
+    # Liouville: their product is exp(-trace(M^-1 C) T).
+    trace = 0.02 * (10 + 4.5 / 0.1)
+    product = np.abs(np.prod(branch.multipliers, axis=1))
+    assert product == pytest.approx(np.exp(-trace * 2 * np.pi), rel=1e-5)
