@@ -220,7 +220,8 @@ def dominant_frequencies(
 
     The largest peak of the windowed spectrum is refined, and with it all lines found before, by
     weighted least squares in amplitudes and frequencies together; then the next is sought in what
-    is left. Fewer than ``count`` lines come back if what is left is rounding.
+    is left. Fewer than ``count`` lines come back if what is left is rounding; noise is not told
+    from lines, and a noisy signal gives as many as are asked for.
 
     Parameters
     ----------
