@@ -15,7 +15,7 @@ from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.response import Response
 from viscovib.spectrum import Spectrum, name_frequencies
-from viscovib.transient import Trajectory
+from viscovib.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
