@@ -11,7 +11,8 @@ subroutine mount_simulate(flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, 
                           amplitudes, n_frequencies, breaks, pieces, n_breaks, s, past, held, &
                           initial, h, t_end, tolerance, first, n_steps, save_every, resume, &
                           memory, n_memory, times, n_times, n_columns, states, at_times, last, &
-                          kept, n_kept, n_done, n_reached, ended, n_iterations, reason, status, message)
+                          kept, n_kept, n_done, n_reached, ended, n_iterations, reason, &
+                          status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_mount, report
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary

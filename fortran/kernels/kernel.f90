@@ -8,8 +8,8 @@
 !! To add a kernel: extend this type in a file of its own and name it in
 !! `catalogue.f90`.
 module viscovib_kernel
+  use viscovib_gauss_points, only: points_16, weights_16
   use viscovib_kinds, only: wp
-  use viscovib_quadrature, only: gauss_nodes
   implicit none
   private
 
@@ -106,10 +106,9 @@ contains
     class(kernel_type), intent(in) :: self
     real(wp), intent(in) :: from, to
     real(wp), allocatable, intent(out) :: nodes(:), weights(:)
-    real(wp) :: c(panel_nodes), b(panel_nodes), left, right
+    real(wp) :: left, right
     integer :: n, k
 
-    call gauss_nodes(panel_nodes, c, b)
     n = max(1, ceiling(log(to/from)/log(2.0_wp)*(1.0_wp - 1.0e-12_wp)))
     allocate (nodes(n*panel_nodes), weights(n*panel_nodes))
     right = from
@@ -118,9 +117,9 @@ contains
       right = from*(to/from)**(real(k, wp)/n)
       associate (here => nodes((k - 1)*panel_nodes + 1:k*panel_nodes), &
                  part => weights((k - 1)*panel_nodes + 1:k*panel_nodes))
-        here = left + (right - left)*c
+        here = left + (right - left)*points_16
         call self%value(here, part)
-        part = (right - left)*b*part
+        part = (right - left)*weights_16*part
       end associate
     end do
   end subroutine lag_rule

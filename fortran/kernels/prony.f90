@@ -2,9 +2,9 @@
 module viscovib_prony
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_not_negative
+  use viscovib_gauss_points, only: points_32, weights_32
   use viscovib_kernel, only: decay_nodes, kernel_type, vanished
   use viscovib_kinds, only: wp
-  use viscovib_quadrature, only: gauss_nodes
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
@@ -109,10 +109,9 @@ contains
     class(prony_kernel), intent(in) :: self
     real(wp), intent(in) :: tau(:)
     real(wp), allocatable, intent(out) :: nodes(:, :), weights(:, :)
-    real(wp) :: c(decay_nodes), b(decay_nodes), length
+    real(wp) :: length
     integer :: i, j, first
 
-    call gauss_nodes(decay_nodes, c, b)
     allocate (nodes(decay_nodes*size(self%rates), size(tau)))
     allocate (weights(size(nodes, 1), size(tau)))
     do i = 1, size(tau)
@@ -120,9 +119,9 @@ contains
         length = tau(i)
         if (self%rates(j)*length > vanished) length = vanished/self%rates(j)
         first = (j - 1)*decay_nodes
-        nodes(first + 1:first + decay_nodes, i) = length*c
+        nodes(first + 1:first + decay_nodes, i) = length*points_32
         weights(first + 1:first + decay_nodes, i) = &
-          length*b*self%weights(j)*exp(-self%rates(j)*length*c)
+          length*weights_32*self%weights(j)*exp(-self%rates(j)*length*points_32)
       end do
     end do
   end subroutine local_rules

@@ -9,9 +9,9 @@ module viscovib_rabotnov
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_fraction, check_not_negative
   use viscovib_constants, only: half_pi, pi
+  use viscovib_gauss_points, only: points_16, weights_16
   use viscovib_kernel, only: panel_nodes
   use viscovib_kinds, only: wp
-  use viscovib_quadrature, only: gauss_nodes
   use viscovib_spectral_kernel, only: ripple_of_power, spectral_kernel_type
   use viscovib_status, only: status_type
   implicit none
@@ -186,10 +186,9 @@ contains
     real(wp), intent(in) :: tau(:)
     real(wp), allocatable, intent(out) :: nodes(:, :), weights(:, :)
     integer, parameter :: halvings = 52
-    real(wp) :: c(panel_nodes), b(panel_nodes), left
+    real(wp) :: left
     integer :: i, k
 
-    call gauss_nodes(panel_nodes, c, b)
     allocate (nodes(halvings*panel_nodes + 1, size(tau)))
     allocate (weights(size(nodes, 1), size(tau)))
     do i = 1, size(tau)
@@ -198,9 +197,9 @@ contains
         left = 0.5_wp*left
         associate (here => nodes((k - 1)*panel_nodes + 1:k*panel_nodes, i), &
                    part => weights((k - 1)*panel_nodes + 1:k*panel_nodes, i))
-          here = left*(1.0_wp + c)
+          here = left*(1.0_wp + points_16)
           call self%value(here, part)
-          part = left*b*part
+          part = left*weights_16*part
         end associate
       end do
       nodes(size(nodes, 1), i) = 0.5_wp*left

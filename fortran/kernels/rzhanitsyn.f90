@@ -6,9 +6,10 @@ module viscovib_rzhanitsyn
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_fraction, check_not_negative
   use viscovib_complex_power, only: gamma_function, power_of_quadrant
+  use viscovib_gauss_points, only: points_16, weights_16
   use viscovib_kernel, only: panel_nodes, vanished
   use viscovib_kinds, only: wp
-  use viscovib_quadrature, only: gauss_nodes, gauss_power_nodes
+  use viscovib_quadrature, only: gauss_power_nodes
   use viscovib_spectral_kernel, only: ripple_of_power, spectral_kernel_type
   use viscovib_status, only: status_type
   implicit none
@@ -105,7 +106,7 @@ contains
     real(wp), allocatable, intent(out) :: nodes(:, :), weights(:, :)
     !> beta times the length of a panel.
     real(wp), parameter :: smooth = 5.0_wp
-    real(wp), dimension(panel_nodes) :: x, w, c, b
+    real(wp), dimension(panel_nodes) :: x, w
     real(wp) :: width, left, right
     integer :: i, k, n
 
@@ -114,7 +115,6 @@ contains
     if (n > 1) width = smooth/self%beta
     allocate (nodes(n*panel_nodes, size(tau)), weights(n*panel_nodes, size(tau)))
     call gauss_power_nodes(panel_nodes, self%alpha, x, w)
-    call gauss_nodes(panel_nodes, c, b)
     do i = 1, size(tau)
       right = min(tau(i), width)
       nodes(:panel_nodes, i) = right*x
@@ -124,9 +124,9 @@ contains
         right = min(tau(i), k*width)
         associate (here => nodes((k - 1)*panel_nodes + 1:k*panel_nodes, i), &
                    part => weights((k - 1)*panel_nodes + 1:k*panel_nodes, i))
-          here = left + (right - left)*c
+          here = left + (right - left)*points_16
           call self%value(here, part)
-          part = (right - left)*b*part
+          part = (right - left)*weights_16*part
         end associate
       end do
     end do

@@ -11,9 +11,9 @@
 module viscovib_tabulated
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_finite, check_increasing, check_not_negative
-  use viscovib_kernel, only: kernel_type, panel_nodes, vanished
+  use viscovib_gauss_points, only: points_16, weights_16
+  use viscovib_kernel, only: kernel_type, vanished
   use viscovib_kinds, only: wp
-  use viscovib_quadrature, only: gauss_nodes
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
@@ -230,10 +230,9 @@ contains
     class(tabulated_kernel), intent(in) :: self
     real(wp), intent(in) :: from, to
     real(wp), allocatable, intent(out) :: nodes(:), weights(:)
-    real(wp) :: c(panel_nodes), b(panel_nodes), left, right
+    real(wp) :: left, right
     integer :: k, n
 
-    call gauss_nodes(panel_nodes, c, b)
     allocate (nodes(0), weights(0))
     n = size(self%times)
     do k = 1, n
@@ -247,8 +246,9 @@ contains
         if (self%tail_rate() > 0.0_wp) right = min(to, left + vanished/self%tail_rate())
       end if
       if (.not. right > left) cycle
-      nodes = [nodes, left + (right - left)*c]
-      weights = [weights, (right - left)*b*self%piece_value(k, left + (right - left)*c)]
+      nodes = [nodes, left + (right - left)*points_16]
+      weights = [weights, (right - left)*weights_16 &
+                 *self%piece_value(k, left + (right - left)*points_16)]
     end do
   end subroutine lag_rule
 

@@ -4,10 +4,10 @@ module viscovib_direct_history
   use viscovib_channels, only: channels_type
   use viscovib_collocation, only: collocation_type
   use viscovib_history, only: history_type, past_type
+  use viscovib_gauss_points, only: points_32, weights_32
   use viscovib_kernel, only: decay_nodes
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
-  use viscovib_quadrature, only: gauss_nodes
   implicit none
   private
 
@@ -56,17 +56,17 @@ contains
 
   subroutine recall(self, remembered)
     class(direct_history_type), intent(in) :: self
-    real(wp), intent(out), contiguous :: remembered(:, :)
+    real(wp), intent(out), contiguous :: remembered(:)
     real(wp) :: values(size(self%times)), now
-    integer :: i, c, d
+    integer :: at, i, c, d
 
     remembered = 0.0_wp
     do c = 1, size(self%kernel_of)
       do d = 1, self%n_stored
         do i = 1, self%s
-          remembered(i, c) = remembered(i, c) &
-                             + dot_product(self%weights(:, i, d, self%kernel_of(c)), &
-                                           self%g(:, c, self%n_stored + 1 - d))
+          at = (c - 1)*self%s + i
+          remembered(at) = remembered(at) + dot_product(self%weights(:, i, d, self%kernel_of(c)), &
+                                                        self%g(:, c, self%n_stored + 1 - d))
         end do
       end do
     end do
@@ -76,7 +76,8 @@ contains
       now = self%h*(self%n_stored + 1 + self%table%points(i))
       do c = 1, size(self%kernel_of)
         call self%kernels(self%kernel_of(c))%kernel%value(now - self%times, values)
-        remembered(i, c) = remembered(i, c) + self%scale*dot_product(values, self%masses(:, c))
+        at = (c - 1)*self%s + i
+        remembered(at) = remembered(at) + self%scale*dot_product(values, self%masses(:, c))
       end do
     end do
   end subroutine recall
@@ -128,18 +129,16 @@ contains
     class(direct_history_type), intent(inout) :: self
     type(collocation_type), intent(in) :: table
     type(past_type), intent(in) :: past
-    real(wp) :: c(decay_nodes), b(decay_nodes)
     integer :: k, n
 
-    call gauss_nodes(decay_nodes, c, b)
     n = size(past%times)
     deallocate (self%times, self%masses)
     allocate (self%times(n + decay_nodes), self%masses(n + decay_nodes, size(self%kernel_of)))
     self%times(:n) = past%times
     self%masses(:n, :) = past%masses
     do k = 1, decay_nodes
-      self%times(n + k) = self%h - past%length*(1.0_wp - c(k))
-      self%masses(n + k, :) = past%length*b(k)*matmul(table%basis(c(k)), past%last)
+      self%times(n + k) = self%h - past%length*(1.0_wp - points_32(k))
+      self%masses(n + k, :) = past%length*weights_32(k)*matmul(table%basis(points_32(k)), past%last)
     end do
   end subroutine begin
 

@@ -9,11 +9,11 @@
 module viscovib_exponential_history
   use viscovib_channels, only: channels_type
   use viscovib_collocation, only: collocation_type
+  use viscovib_gauss_points, only: points_16, points_32, weights_16, weights_32
   use viscovib_history, only: history_type, past_type
   use viscovib_kernel, only: decay_nodes, panel_nodes, vanished
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_quadrature, only: gauss_nodes
   implicit none
   private
 
@@ -110,25 +110,21 @@ contains
     real(wp), intent(in) :: z(:)
     !> Shape (n, 0:s+1).
     real(wp), intent(out) :: moments(:, 0:)
-    real(wp), dimension(decay_nodes) :: c, b
-    real(wp), dimension(panel_nodes) :: few_c, few_b
     real(wp) :: few_basis(0:table%s + 1, panel_nodes), length
     integer :: k, q
 
-    call gauss_nodes(decay_nodes, c, b)
-    call gauss_nodes(panel_nodes, few_c, few_b)
     do k = 1, panel_nodes
-      few_basis(:, k) = table%basis(1.0_wp - few_c(k))
+      few_basis(:, k) = table%basis(1.0_wp - points_16(k))
     end do
     moments = 0.0_wp
     do q = 1, size(z)
       if (z(q) < 6.0_wp) then
-        moments(q, :) = matmul(few_basis, few_b*exp(-z(q)*few_c))
+        moments(q, :) = matmul(few_basis, weights_16*exp(-z(q)*points_16))
       else
         length = min(1.0_wp, vanished/z(q))
         do k = 1, decay_nodes
-          moments(q, :) = moments(q, :) + length*b(k)*exp(-z(q)*length*c(k)) &
-                          *table%basis(1.0_wp - length*c(k))
+          moments(q, :) = moments(q, :) + length*weights_32(k)*exp(-z(q)*length*points_32(k)) &
+                          *table%basis(1.0_wp - length*points_32(k))
         end do
       end if
     end do
@@ -136,7 +132,7 @@ contains
 
   subroutine recall(self, remembered)
     class(exponential_history_type), intent(in) :: self
-    real(wp), intent(out), contiguous :: remembered(:, :)
+    real(wp), intent(out), contiguous :: remembered(:)
     real(wp) :: sums(block)
     integer :: i, c
 
@@ -144,7 +140,7 @@ contains
       do c = self%groups(i)%first, self%groups(i)%last
         call recall_channel(self%groups(i)%n_terms, self%groups(i)%recall, &
                             self%groups(i)%state(:, c), sums)
-        remembered(:, c) = sums(:self%s)
+        remembered((c - 1)*self%s + 1:c*self%s) = sums(:self%s)
       end do
     end do
   end subroutine recall

@@ -48,13 +48,18 @@ module viscovib_hereditary
     real(wp) :: solved = rounding
     !> Displacements at the points of the last step, shape (0:s+1, n_dof).
     real(wp), allocatable :: points(:, :)
-    !> Nonlinear part of the hereditary variables there, shape (0:s+1, n_bent), and
-    !! force remainder at the nodes, shape (s, n_dof).
-    real(wp), allocatable, private :: bends(:, :), remainders(:, :)
-    !> What carries these on to the next step.
-    real(wp), allocatable, private :: onward(:, :), onward_nodes(:, :)
+    !> Nonlinear inputs of the last step: hereditary variables at its start, shape
+    !! (n_bent), and what `from_bend` takes.
+    real(wp), allocatable, private :: y_start(:), y(:)
+    !> What carries these on to the next step: from the start and from the other
+    !! points; of force remainders from nodes.
+    real(wp), allocatable, private :: onward_start(:), onward(:, :), onward_nodes(:, :)
     !> T W, shape (n_channels, n_dof), and T of the bent variables.
     real(wp), allocatable, private :: gather(:, :), gather_bends(:, :)
+    !> Room for a step: inputs, linear part, X, its next value, channels at the points,
+    !! displacements and hereditary variables at the points.
+    real(wp), allocatable, private :: z(:), linear(:), x(:), next(:), g(:, :), u_points(:, :), &
+                                      w_points(:, :)
     !> The next step follows one of its own kind.
     logical, private :: rolling = .false.
   contains
@@ -65,6 +70,7 @@ module viscovib_hereditary
     procedure :: load_memory
     procedure, private :: iterate
     procedure, private :: evaluate_bends
+    procedure, private :: evaluate_remainders
     procedure, private :: newton_step
     procedure, private :: predict
     procedure, private :: add_first_step
@@ -87,6 +93,7 @@ contains
     integer, intent(out) :: reason
     type(exponential_history_type), allocatable :: exponentials
     type(direct_history_type), allocatable :: direct
+    real(wp) :: basis(0:s + 1)
     logical :: possible, singular
     integer :: j
 
@@ -125,14 +132,19 @@ contains
     call new_clock(run%clock, load, 0.0_wp, h, run%table%points(1:s))
     run%gather = matmul(run%channels%gather, system%gather)
     run%gather_bends = run%channels%gather(:, run%map%bent)
-    allocate (run%points(0:s + 1, size(u)), run%bends(0:s + 1, size(run%map%bent)))
-    allocate (run%remainders(s, size(u)))
+    allocate (run%points(0:s + 1, size(u)), run%g(0:s + 1, run%map%n_channels))
+    allocate (run%y_start(size(run%map%bent)), run%y(size(run%map%from_bend, 2)))
+    allocate (run%z(size(run%map%from_input, 2)), run%linear(size(run%map%from_input, 1)))
+    allocate (run%x, run%next, mold=run%linear)
+    allocate (run%u_points(s + 1, size(u)), run%w_points(s + 1, run%map%n_memory))
     run%points = 0.0_wp
-    run%bends = 0.0_wp
-    run%remainders = 0.0_wp
-    allocate (run%onward(s + 1, 0:s + 1), run%onward_nodes(s, s))
+    run%y = 0.0_wp
+    run%w_points = 0.0_wp
+    allocate (run%onward_start(s + 1), run%onward(s + 1, s + 1), run%onward_nodes(s, s))
     do j = 1, s + 1
-      run%onward(j, :) = run%table%basis(1.0_wp + run%table%points(j))
+      basis = run%table%basis(1.0_wp + run%table%points(j))
+      run%onward_start(j) = basis(0)
+      run%onward(j, :) = basis(1:)
     end do
     call node_extrapolation(run%table, run%onward_nodes)
     call start_bends(run, system)
@@ -157,11 +169,14 @@ contains
     class(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp) :: u(1, size(self%u)), w(1, system%n_memory())
+    integer :: b
 
     u(1, :) = self%u
     w = 0.0_wp
     if (size(self%map%bent) > 0) call system%deflection_remainder(u, w)
-    self%bends(self%table%s + 1, :) = w(1, self%map%bent)
+    do b = 1, size(self%map%bent)
+      self%y(b*(self%table%s + 1)) = w(1, self%map%bent(b))
+    end do
     self%points(self%table%s + 1, :) = self%u
     self%rolling = .false.
   end subroutine start_bends
@@ -174,10 +189,7 @@ contains
     !> Steps made before.
     integer(i8), intent(in) :: n_before
     logical, intent(out) :: made
-    real(wp) :: remembered(self%map%s, self%map%n_channels)
-    real(wp) :: forces(self%map%s, self%map%n_dof), z(size(self%map%from_input, 2))
-    real(wp) :: g(0:self%map%s + 1, self%map%n_channels), x(size(self%map%from_input, 1))
-    integer :: c, d, n, s
+    integer :: d, n, s
 
     s = self%map%s
     n = self%map%n_dof
@@ -185,40 +197,62 @@ contains
       call self%add_first_step(system, load, made)
       if (made) return
     end if
-    call self%clock%at_nodes(load, forces)
-    z(:n) = self%u
-    z(n + 1:2*n) = self%v
-    do d = 1, n
-      z(self%map%at_load + (d - 1)*s + 1:self%map%at_load + d*s) = forces(:, d)
-    end do
-    if (self%map%n_channels > 0) call self%history%recall(remembered)
-    do c = 1, self%map%n_channels
-      z(self%map%at_memory + (c - 1)*s + 1:self%map%at_memory + c*s) = remembered(:, c) &
-                                                                       + self%map%held(:, c)
-    end do
-    z(self%map%at_bend + 1:) = self%bends(s + 1, :)
+    self%z(:n) = self%u
+    self%z(n + 1:2*n) = self%v
+    call self%clock%at_nodes(load, self%z(self%map%at_load + 1:self%map%at_memory))
+    if (self%map%n_channels > 0) then
+      call self%history%recall(self%z(self%map%at_memory + 1:self%map%at_bend))
+      call add_held(s*self%map%n_channels, self%map%held, &
+                    self%z(self%map%at_memory + 1:self%map%at_bend))
+    end if
     call self%predict()
-    call self%iterate(system, z, x, made)
+    self%z(self%map%at_bend + 1:) = self%y_start
+    call self%iterate(system, made)
     if (.not. made) return
-    self%points(0, :) = self%u
     do d = 1, n
-      self%points(1:, d) = self%u(d) + x((d - 1)*(s + 1) + 1:d*(s + 1))
-      call add_up(self%u(d), self%u_rest(d), x(d*(s + 1)))
-      call add_up(self%v(d), self%v_rest(d), x(self%map%velocity_row + d - 1))
+      self%points(0, d) = self%u(d)
+      self%points(1:, d) = self%u(d) + self%x((d - 1)*(s + 1) + 1:d*(s + 1))
+      call add_up(self%u(d), self%u_rest(d), self%x(d*(s + 1)))
+      call add_up(self%v(d), self%v_rest(d), self%x(self%map%velocity_row + d - 1))
     end do
-    do c = 1, self%map%n_channels
-      g(:, c) = -self%channels%held(c)
-      do d = 1, n
-        g(:, c) = g(:, c) + self%gather(c, d)*self%points(:, d)
-      end do
-      do d = 1, size(self%map%bent)
-        g(:, c) = g(:, c) + self%gather_bends(c, d)*self%bends(:, d)
-      end do
-    end do
-    if (self%map%n_channels > 0) call self%history%store(g)
+    if (self%map%n_channels > 0) then
+      call gather_channels(s + 2, n, size(self%y_start), self%map%n_channels, self%points, &
+                           self%y_start, self%y, self%gather, self%gather_bends, &
+                           self%channels%held, self%g)
+      call self%history%store(self%g)
+    end if
     call self%clock%advance((n_before + 1)*self%h)
     self%rolling = .true.
   end subroutine step
+
+  pure subroutine add_held(n, held, remembered)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: held(n)
+    real(wp), intent(inout) :: remembered(n)
+    remembered = remembered + held
+  end subroutine add_held
+
+  !> Channels at the points of a step, less what was held.
+  pure subroutine gather_channels(n_points, n_dof, n_bent, n_channels, points, y_start, y, gather, &
+                                  gather_bends, held, g)
+    integer, intent(in) :: n_points, n_dof, n_bent, n_channels
+    real(wp), intent(in) :: points(n_points, n_dof), y_start(n_bent), y(n_points - 1, n_bent)
+    real(wp), intent(in) :: gather(n_channels, n_dof), gather_bends(n_channels, n_bent)
+    real(wp), intent(in) :: held(n_channels)
+    real(wp), intent(out) :: g(n_points, n_channels)
+    integer :: c, d
+
+    do c = 1, n_channels
+      g(:, c) = -held(c)
+      do d = 1, n_dof
+        g(:, c) = g(:, c) + gather(c, d)*points(:, d)
+      end do
+      do d = 1, n_bent
+        g(1, c) = g(1, c) + gather_bends(c, d)*y_start(d)
+        g(2:, c) = g(2:, c) + gather_bends(c, d)*y(:, d)
+      end do
+    end do
+  end subroutine gather_channels
 
   !> The first step as a sequence of panels, where memory makes the start singular;
   !! `made` is false where a plain step will do.
@@ -255,172 +289,211 @@ contains
   !> Nonlinear parts at the points of the next step by those of the last.
   subroutine predict(self)
     class(hereditary_type), intent(inout) :: self
-    real(wp) :: ahead(self%table%s + 1), start
-    integer :: b
+    integer :: b, n, s
 
-    do b = 1, size(self%bends, 2)
-      start = self%bends(self%table%s + 1, b)
-      if (self%rolling) then
-        ahead = matmul(self%onward, self%bends(:, b))
-      else
-        ahead = start
-      end if
-      self%bends(0, b) = start
-      self%bends(1:, b) = ahead
+    s = self%table%s
+    do b = 1, size(self%y_start)
+      associate (part => self%y((b - 1)*(s + 1) + 1:b*(s + 1)))
+        if (self%rolling) then
+          call carry_on(s + 1, self%onward_start, self%onward, self%y_start(b), part)
+        else
+          self%y_start(b) = part(s + 1)
+          part = part(s + 1)
+        end if
+      end associate
     end do
     if (self%map%separable .or. .not. self%rolling) return
-    do b = 1, size(self%remainders, 2)
-      self%remainders(:, b) = matmul(self%onward_nodes, self%remainders(:, b))
+    n = self%map%at_remainder
+    do b = 1, self%map%n_dof
+      self%y(n + 1:n + s) = matmul(self%onward_nodes, self%y(n + 1:n + s))
+      n = n + s
     end do
   end subroutine predict
 
+  !> The next start is the last end, and the next points are extrapolated.
+  pure subroutine carry_on(n, of_start, of_points, start, y)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: of_start(n), of_points(n, n)
+    real(wp), intent(inout) :: start, y(n)
+    real(wp) :: ahead(9)
+    integer :: k
+
+    ahead(:n) = of_start*start
+    do k = 1, n
+      ahead(:n) = ahead(:n) + of_points(:, k)*y(k)
+    end do
+    start = y(n)
+    y = ahead(:n)
+  end subroutine carry_on
+
   !> X = G z + Z y(X), from the predicted y on.
-  subroutine iterate(self, system, z, x, made)
+  subroutine iterate(self, system, made)
     class(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: z(:)
-    real(wp), intent(out) :: x(:)
     logical, intent(out) :: made
-    real(wp), dimension(size(x)) :: linear, next
-    real(wp) :: y(size(self%map%from_bend, 2)), change, before, size_of
-    integer :: turn, n_u
+    real(wp) :: change, before, size_of
+    integer :: turn, n_rows, n_y
     logical :: newton
 
-    n_u = self%map%velocity_row - 1
-    call product_of(size(x), size(z), self%map%from_input, z, linear)
-    if (size(y) == 0) then
-      x = linear
-      made = all(abs(x) <= huge(1.0_wp))
+    n_rows = size(self%x)
+    n_y = size(self%y)
+    call product_of(n_rows, size(self%z), self%map%from_input, self%z, self%linear)
+    if (n_y == 0) then
+      self%x = self%linear
+      made = all(abs(self%x) <= huge(1.0_wp))
       return
     end if
-    call pack_bends(self, y)
-    call product_of(size(x), size(y), self%map%from_bend, y, x)
-    x = linear + x
+    call product_of(n_rows, n_y, self%map%from_bend, self%y, self%x)
+    self%x = self%linear + self%x
     newton = .false.
     before = huge(1.0_wp)
-    made = .false.
     do turn = 1, max_iterations
       self%n_iterations = self%n_iterations + 1
-      call self%evaluate_bends(system, x, y)
-      call product_of(size(x), size(y), self%map%from_bend, y, next)
-      next = linear + next
-      if (newton) call self%newton_step(system, x, next, made)
-      if (newton .and. .not. made) return
-      made = .false.
-      change = maxval(abs(next(:n_u) - x(:n_u)))
-      size_of = maxval(abs(next(:n_u))) + maxval(abs(self%u))
-      x = next
-      if (.not. change <= huge(1.0_wp)) return
-      if (change <= self%solved*size_of &
-          .or. (change >= 0.5_wp*before .and. change <= rounding*size_of)) then
-        made = .true.
-        return
+      call self%evaluate_bends(system)
+      call product_of(n_rows, n_y, self%map%from_bend, self%y, self%next)
+      self%next = self%linear + self%next
+      if (newton) then
+        call self%newton_step(system, made)
+        if (.not. made) return
       end if
+      call compare(self%map%n_core, self%x, self%next, change, size_of)
+      size_of = size_of + maxval(abs(self%u))
+      self%x = self%next
+      made = change <= self%solved*size_of &
+             .or. (change >= 0.5_wp*before .and. change <= rounding*size_of)
+      if (made .or. .not. change <= huge(1.0_wp)) return
       if (turn >= patience .and. change > slow*before) newton = .true.
       before = change
     end do
   end subroutine iterate
 
-  subroutine pack_bends(self, y)
-    class(hereditary_type), intent(in) :: self
-    real(wp), intent(out) :: y(:)
-    integer :: b, s
-    s = self%table%s
-    do b = 1, size(self%bends, 2)
-      y((b - 1)*(s + 1) + 1:b*(s + 1)) = self%bends(1:, b)
-    end do
-    if (self%map%separable) return
-    do b = 1, size(self%remainders, 2)
-      y(self%map%at_remainder + (b - 1)*s + 1:self%map%at_remainder + b*s) = self%remainders(:, b)
-    end do
-  end subroutine pack_bends
+  !> Largest change and size, NaN if anything is.
+  pure subroutine compare(n, x, next, change, size_of)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: x(n), next(n)
+    real(wp), intent(out) :: change, size_of
+    real(wp) :: largest(row_block), moved(row_block), poison(row_block), shift, there
+    integer :: r, l
 
-  !> y(X), kept in `bends` and `remainders` too.
-  subroutine evaluate_bends(self, system, x, y)
+    largest = 0.0_wp
+    moved = 0.0_wp
+    poison = 0.0_wp
+    do r = 1, n, row_block
+      do l = 1, row_block
+        there = abs(next(r + l - 1))
+        shift = abs(next(r + l - 1) - x(r + l - 1))
+        moved(l) = merge(moved(l), shift, moved(l) > shift)
+        largest(l) = merge(largest(l), there, largest(l) > there)
+        ! What is not a number would be lost in a comparison, but not in a sum.
+        poison(l) = poison(l) + 0.0_wp*shift
+      end do
+    end do
+    size_of = maxval(largest)
+    change = maxval(moved) + sum(poison)
+  end subroutine compare
+
+  !> y(X), and the displacements it is at.
+  subroutine evaluate_bends(self, system)
     class(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: x(:)
-    real(wp), intent(out) :: y(:)
-    real(wp) :: u(self%map%s + 1, self%map%n_dof), w(self%map%s + 1, self%map%n_memory)
-    real(wp) :: inner(self%map%s, self%map%n_dof), variables(self%map%s, self%map%n_memory)
     integer :: b, s
 
     s = self%map%s
-    do b = 1, self%map%n_dof
-      u(:, b) = self%u(b) + x((b - 1)*(s + 1) + 1:b*(s + 1))
-    end do
-    if (size(self%map%bent) > 0) call system%deflection_remainder(u, w)
+    call add_columns(s + 1, self%map%n_dof, self%u, self%x, self%u_points)
+    if (size(self%map%bent) > 0) call system%deflection_remainder(self%u_points, self%w_points)
     do b = 1, size(self%map%bent)
-      self%bends(1:, b) = w(:, self%map%bent(b))
+      call copy(s + 1, self%w_points(:, self%map%bent(b)), self%y((b - 1)*(s + 1) + 1:b*(s + 1)))
     end do
-    if (.not. self%map%separable) then
-      inner = u(:s, :)
-      variables = reshape(x(self%map%variable_row:self%map%n_used), [s, self%map%n_memory])
-      call system%force_remainder(inner, variables, self%remainders)
-    end if
-    call pack_bends(self, y)
+    if (.not. self%map%separable) call self%evaluate_remainders(system)
   end subroutine evaluate_bends
 
-  !> Newton's next X: x + (1 - Z S)^-1 (next - x), S the slopes of y.
-  subroutine newton_step(self, system, x, next, made)
-    class(hereditary_type), intent(in) :: self
+  pure subroutine copy(n, from, to)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: from(n)
+    real(wp), intent(out) :: to(n)
+    to = from
+  end subroutine copy
+
+  pure subroutine add_columns(n, m, start, shift, total)
+    integer, intent(in) :: n, m
+    real(wp), intent(in) :: start(m), shift(n, m)
+    real(wp), intent(out) :: total(n, m)
+    integer :: d
+    do d = 1, m
+      total(:, d) = start(d) + shift(:, d)
+    end do
+  end subroutine add_columns
+
+  !> r(u, v) at the nodes.
+  subroutine evaluate_remainders(self, system)
+    class(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: x(:)
-    real(wp), intent(inout) :: next(:)
+    real(wp) :: inner(self%map%s, self%map%n_dof), variables(self%map%s, self%map%n_memory)
+    real(wp) :: force(self%map%s, self%map%n_dof)
+    integer :: first
+
+    first = self%map%variable_row
+    inner = self%u_points(:self%map%s, :)
+    variables = reshape(self%x(first:first + size(variables) - 1), shape(variables))
+    call system%force_remainder(inner, variables, force)
+    self%y(self%map%at_remainder + 1:) = reshape(force, [size(force)])
+  end subroutine evaluate_remainders
+
+  !> Newton's next X: x + (1 - Z S)^-1 (next - x), S the slopes of y.
+  subroutine newton_step(self, system, made)
+    class(hereditary_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
     logical, intent(out) :: made
-    real(wp) :: u(self%map%s + 1, self%map%n_dof)
     real(wp) :: slopes(self%map%s + 1, self%map%n_memory, self%map%n_dof)
     real(wp) :: inner(self%map%s, self%map%n_dof), variables(self%map%s, self%map%n_memory)
     real(wp) :: by_u(self%map%s, self%map%n_dof, self%map%n_dof)
     real(wp) :: by_v(self%map%s, self%map%n_dof, self%map%n_memory)
-    real(wp) :: matrix(self%map%n_used, self%map%n_used), shift(self%map%n_used)
-    integer :: pivots(self%map%n_used), a, b, i, j, n, s, row, column
+    real(wp) :: matrix(size(self%x), size(self%x)), shift(size(self%x))
+    integer :: pivots(size(self%x)), a, b, i, j, n, s, row, column, first
     logical :: singular
 
     s = self%map%s
-    n = self%map%n_used
-    do b = 1, self%map%n_dof
-      u(:, b) = self%u(b) + x((b - 1)*(s + 1) + 1:b*(s + 1))
-    end do
+    n = size(self%x)
     matrix = 0.0_wp
     do i = 1, n
       matrix(i, i) = 1.0_wp
     end do
-    if (size(self%map%bent) > 0) call system%deflection_slopes(u, slopes)
+    if (size(self%map%bent) > 0) call system%deflection_slopes(self%u_points, slopes)
     do b = 1, self%map%n_dof
       do j = 1, size(self%map%bent)
         do i = 1, s + 1
           row = (b - 1)*(s + 1) + i
           column = (j - 1)*(s + 1) + i
           matrix(:, row) = matrix(:, row) &
-                           - self%map%from_bend(:n, column)*slopes(i, self%map%bent(j), b)
+                           - self%map%from_bend(:, column)*slopes(i, self%map%bent(j), b)
         end do
       end do
     end do
     if (.not. self%map%separable) then
-      inner = u(:s, :)
-      variables = reshape(x(self%map%variable_row:n), [s, self%map%n_memory])
+      first = self%map%variable_row
+      inner = self%u_points(:s, :)
+      variables = reshape(self%x(first:first + size(variables) - 1), shape(variables))
       call system%force_slopes(inner, variables, by_u, by_v)
       do a = 1, self%map%n_dof
         do i = 1, s
           column = self%map%at_remainder + (a - 1)*s + i
           do b = 1, self%map%n_dof
             row = (b - 1)*(s + 1) + i
-            matrix(:, row) = matrix(:, row) - self%map%from_bend(:n, column)*by_u(i, a, b)
+            matrix(:, row) = matrix(:, row) - self%map%from_bend(:, column)*by_u(i, a, b)
           end do
           do j = 1, self%map%n_memory
-            row = self%map%variable_row + (j - 1)*s + i - 1
-            matrix(:, row) = matrix(:, row) - self%map%from_bend(:n, column)*by_v(i, a, j)
+            row = first + (j - 1)*s + i - 1
+            matrix(:, row) = matrix(:, row) - self%map%from_bend(:, column)*by_v(i, a, j)
           end do
         end do
       end do
     end if
-    shift = next(:n) - x(:n)
+    shift = self%next - self%x
     call factorize(n, matrix, pivots, singular)
     made = .not. singular
     if (singular) return
     call solve(n, matrix, pivots, shift)
-    next(:n) = x(:n) + shift
+    self%next = self%x + shift
   end subroutine newton_step
 
   !> out = matrix x, rows in whole registers.
@@ -460,22 +533,18 @@ contains
 
   pure integer function memory_size(self)
     class(hereditary_type), intent(in) :: self
-    memory_size = 3 + 4*size(self%u) + size(self%bends) + size(self%remainders) &
-                  + 2*size(self%clock%high)
+    memory_size = 2 + 4*size(self%u) + size(self%y_start) + size(self%y) + 2*size(self%clock%high)
     if (self%map%n_channels > 0) memory_size = memory_size + self%history%memory_size()
   end function memory_size
 
   function save_memory(self) result(memory)
     class(hereditary_type), intent(in) :: self
-    real(wp) :: memory(self%memory_size()), head(3)
+    real(wp) :: memory(self%memory_size())
     integer :: n
 
-    head = [merge(1.0_wp, 0.0_wp, self%rolling), self%clock%t, 0.0_wp]
-    memory(:3) = head
-    n = 3
-    call push([self%u, self%v, self%u_rest, self%v_rest])
-    call push(reshape(self%bends, [size(self%bends)]))
-    call push(reshape(self%remainders, [size(self%remainders)]))
+    n = 0
+    call push([merge(1.0_wp, 0.0_wp, self%rolling), self%clock%t])
+    call push([self%u, self%v, self%u_rest, self%v_rest, self%y_start, self%y])
     call push([self%clock%high, self%clock%low])
     if (self%map%n_channels > 0) call push(self%history%save_memory())
 
@@ -492,27 +561,29 @@ contains
   subroutine load_memory(self, memory)
     class(hereditary_type), intent(inout) :: self
     real(wp), intent(in) :: memory(:)
-    integer :: n, m
+    integer :: n
 
     self%rolling = memory(1) > 0.5_wp
     self%clock%t = memory(2)
-    n = 3
-    m = size(self%u)
-    self%u = memory(n + 1:n + m)
-    self%v = memory(n + m + 1:n + 2*m)
-    self%u_rest = memory(n + 2*m + 1:n + 3*m)
-    self%v_rest = memory(n + 3*m + 1:n + 4*m)
-    n = n + 4*m
-    self%bends(:, :) = reshape(memory(n + 1:n + size(self%bends)), shape(self%bends))
-    n = n + size(self%bends)
-    self%remainders(:, :) = reshape(memory(n + 1:n + size(self%remainders)), &
-                                    shape(self%remainders))
-    n = n + size(self%remainders)
-    m = size(self%clock%high)
-    self%clock%high = memory(n + 1:n + m)
-    self%clock%low = memory(n + m + 1:n + 2*m)
-    n = n + 2*m
+    n = 2
+    call pull(self%u)
+    call pull(self%v)
+    call pull(self%u_rest)
+    call pull(self%v_rest)
+    call pull(self%y_start)
+    call pull(self%y)
+    call pull(self%clock%high)
+    call pull(self%clock%low)
     if (self%map%n_channels > 0) call self%history%load_memory(memory(n + 1:))
+
+  contains
+
+    subroutine pull(part)
+      real(wp), intent(out) :: part(:)
+      part = memory(n + 1:n + size(part))
+      n = n + size(part)
+    end subroutine pull
+
   end subroutine load_memory
 
 end module viscovib_hereditary

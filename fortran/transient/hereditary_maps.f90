@@ -40,8 +40,8 @@ module viscovib_hereditary_maps
     !> What each node remembers of a displacement held before the start, that is
     !! beyond the motion since, shape (s, n_channels).
     real(wp), allocatable :: held(:, :)
-    !> Rows used, and the first ones of velocity and of v.
-    integer :: n_used = 0, velocity_row = 0, variable_row = 0
+    !> First rows of velocity and of v; rows before those of v, whole registers.
+    integer :: velocity_row = 0, variable_row = 0, n_core = 0
     !> Where in z each part begins, less 1.
     integer :: at_u = 0, at_v = 0, at_load = 0, at_memory = 0, at_bend = 0
     !> Where r begins among the nonlinear inputs, less 1.
@@ -50,23 +50,31 @@ module viscovib_hereditary_maps
 
 contains
 
-  !> L for each of several kernels, shape (s, 0:s+1).
-  subroutine local_weights(kernel, scale, table, h, weights)
+  !> L of a kernel for steps of several lengths, shape (s, 0:s+1, n).
+  subroutine local_weights(kernel, scale, table, lengths, weights)
     class(kernel_type), intent(in) :: kernel
     !> Factor of the kernel.
     real(wp), intent(in) :: scale
     type(collocation_type), intent(in) :: table
-    real(wp), intent(in) :: h
-    real(wp), intent(out) :: weights(table%s, 0:table%s + 1)
+    !> Shape (n).
+    real(wp), intent(in) :: lengths(:)
+    real(wp), intent(out) :: weights(table%s, 0:table%s + 1, size(lengths))
     real(wp), allocatable :: sigma(:, :), w(:, :)
-    integer :: i, k
+    real(wp) :: row(0:table%s + 1), taus(table%s*size(lengths))
+    integer :: i, k, m, at
 
-    call kernel%local_rules(h*table%points(1:table%s), sigma, w)
-    weights = 0.0_wp
-    do i = 1, table%s
-      do k = 1, size(sigma, 1)
-        weights(i, :) = weights(i, :) &
-                        + scale*w(k, i)*table%basis(table%points(i) - sigma(k, i)/h)
+    do m = 1, size(lengths)
+      taus((m - 1)*table%s + 1:m*table%s) = lengths(m)*table%points(1:table%s)
+    end do
+    call kernel%local_rules(taus, sigma, w)
+    do m = 1, size(lengths)
+      do i = 1, table%s
+        at = (m - 1)*table%s + i
+        row = 0.0_wp
+        do k = 1, size(sigma, 1)
+          row = row + w(k, at)*table%basis(table%points(i) - sigma(k, at)/lengths(m))
+        end do
+        weights(i, :, m) = scale*row
       end do
     end do
   end subroutine local_weights
@@ -99,12 +107,9 @@ contains
     map%at_remainder = (map%s + 1)*size(map%bent)
     n_bends = map%at_remainder
     map%velocity_row = (map%s + 1)*map%n_dof + 1
-    map%variable_row = map%velocity_row + map%n_dof
-    map%n_used = map%variable_row - 1
-    if (.not. map%separable) then
-      n_bends = n_bends + map%s*map%n_dof
-      map%n_used = map%n_used + map%s*map%n_memory
-    end if
+    map%n_core = padded(map%velocity_row + map%n_dof - 1)
+    map%variable_row = map%n_core + 1
+    if (.not. map%separable) n_bends = n_bends + map%s*map%n_dof
 
     call remaining_weights(system, table, h, e)
     allocate (map%held(map%s, map%n_channels))
@@ -124,13 +129,19 @@ contains
     call set_rows(map, system, channels, table, h, e, right, n_in)
   end subroutine new_step_map
 
+  !> Rows in whole registers.
+  pure integer function padded(n)
+    integer, intent(in) :: n
+    padded = (n + row_block - 1)/row_block*row_block
+  end function padded
+
   !> E = 1 - L for each kernel, and for none (place 0).
   subroutine remaining_weights(system, table, h, e)
     class(oscillator_type), intent(in) :: system
     type(collocation_type), intent(in) :: table
     real(wp), intent(in) :: h
     real(wp), intent(out) :: e(table%s, 0:table%s + 1, 0:size(system%kernels))
-    real(wp) :: local(table%s, 0:table%s + 1)
+    real(wp) :: local(table%s, 0:table%s + 1, 1)
     integer :: i, k
 
     e = 0.0_wp
@@ -139,8 +150,8 @@ contains
     end do
     do k = 1, size(system%kernels)
       if (.not. any(system%kernel_of == k)) cycle
-      call local_weights(system%kernels(k)%kernel, system%memory_scale, table, h, local)
-      e(:, :, k) = e(:, :, k) - local
+      call local_weights(system%kernels(k)%kernel, system%memory_scale, table, [h], local)
+      e(:, :, k) = e(:, :, k) - local(:, :, 1)
     end do
   end subroutine remaining_weights
 
@@ -224,7 +235,8 @@ contains
     real(wp) :: left(0:table%s + 1)
     integer :: b, i, j, k, first, n_rows
 
-    n_rows = (map%n_used + row_block - 1)/row_block*row_block
+    n_rows = map%n_core
+    if (.not. map%separable) n_rows = n_rows + padded(map%s*map%n_memory)
     allocate (rows(n_rows, size(a, 2)))
     rows = 0.0_wp
     do b = 1, map%n_dof

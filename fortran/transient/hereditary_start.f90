@@ -13,10 +13,10 @@ module viscovib_hereditary_start
   use viscovib_dense, only: factorize, solve
   use viscovib_hereditary_maps, only: local_weights
   use viscovib_history, only: far_nodes, past_type
-  use viscovib_kernel, only: panel_nodes
+  use viscovib_gauss_points, only: points_16, weights_16
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_quadrature, only: gauss_nodes, lagrange, lagrange_factors
+  use viscovib_quadrature, only: lagrange, lagrange_factors
   use viscovib_time_load, only: time_load_type
   implicit none
   private
@@ -59,6 +59,7 @@ contains
     real(wp) :: masses(far_nodes, size(channels%kernel_of)), x(far_nodes), factors(far_nodes)
     real(wp) :: next_u(size(u)), next_v(size(u)), points(0:start_nodes + 1, size(u))
     real(wp) :: remembered(start_nodes, size(channels%kernel_of))
+    real(wp) :: local(start_nodes, 0:start_nodes + 1, doublings + 1, size(system%kernels))
     integer :: k, m
 
     x = [(0.5_wp - 0.5_wp*cos((m - 0.5_wp)*pi/far_nodes), m=1, far_nodes)]
@@ -69,6 +70,11 @@ contains
     do k = 1, doublings + 1
       start%ends(k) = scale(h, k - 1 - doublings)
     end do
+    do k = 1, size(system%kernels)
+      if (.not. any(channels%kernel_of == k)) cycle
+      call local_weights(system%kernels(k)%kernel, system%memory_scale, start%table, &
+                         start%ends(1:) - start%ends(:doublings), local(:, :, :, k))
+    end do
     next_u = u
     next_v = v
     masses = 0.0_wp
@@ -78,8 +84,8 @@ contains
       remembered = 0.0_wp
       if (k > 1) call recall(system, channels, start%table, start%ends(k - 1), length, &
                              start%ends(k - 2), before, x, masses, k > 2, remembered)
-      call make_panel(system, channels, load, start%table, start%ends(k - 1), length, remembered, &
-                      next_u, next_v, points, g, made)
+      call make_panel(system, channels, load, start%table, local(:, :, k, :), start%ends(k - 1), &
+                      length, remembered, next_u, next_v, points, g, made)
       if (.not. made) return
       start%points(:, :, k) = points
       if (k > 1) call carry(start%table, k == 2, start%ends(k - 1) - start%ends(k - 2), before, x, &
@@ -141,15 +147,14 @@ contains
     real(wp), intent(in) :: length, x(far_nodes), factors(far_nodes)
     real(wp), intent(in) :: before(0:, :)
     real(wp), intent(inout) :: masses(:, :)
-    real(wp) :: c(panel_nodes), b(panel_nodes), fresh(far_nodes, size(masses, 2))
+    real(wp) :: fresh(far_nodes, size(masses, 2))
     real(wp) :: share(far_nodes), mass(size(masses, 2))
     integer :: j, m
 
-    call gauss_nodes(panel_nodes, c, b)
     fresh = 0.0_wp
-    do j = 1, panel_nodes
-      share = lagrange(x, factors, merge(c(j), 0.5_wp + 0.5_wp*c(j), first))
-      mass = length*b(j)*matmul(table%basis(c(j)), before)
+    do j = 1, size(points_16)
+      share = lagrange(x, factors, merge(points_16(j), 0.5_wp + 0.5_wp*points_16(j), first))
+      mass = length*weights_16(j)*matmul(table%basis(points_16(j)), before)
       do m = 1, size(mass)
         fresh(:, m) = fresh(:, m) + share*mass(m)
       end do
@@ -167,17 +172,18 @@ contains
 
   !> A panel: accelerations at its nodes by iteration, which contracts like the
   !! square of its length.
-  subroutine make_panel(system, channels, load, table, now, length, remembered, u, v, points, g, &
-                        made)
+  subroutine make_panel(system, channels, load, table, local, now, length, remembered, u, v, &
+                        points, g, made)
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
     type(time_load_type), intent(in) :: load
     type(collocation_type), intent(in) :: table
+    !> L of each kernel.
+    real(wp), intent(in) :: local(table%s, 0:table%s + 1, size(system%kernels))
     real(wp), intent(in) :: now, length, remembered(:, :)
     real(wp), intent(inout) :: u(:), v(:)
     real(wp), intent(out) :: points(0:table%s + 1, size(u)), g(0:, :)
     logical, intent(out) :: made
-    real(wp) :: local(table%s, 0:table%s + 1, size(system%kernels))
     real(wp), dimension(table%s, size(u)) :: a, new, f, speed, force
     real(wp) :: mass(size(u), size(u)), inner(table%s, size(u))
     real(wp) :: w(0:table%s + 1, system%n_memory()), bend(table%s + 2, system%n_memory())
@@ -187,12 +193,6 @@ contains
     logical :: singular
 
     s = table%s
-    do k = 1, size(system%kernels)
-      if (any(channels%kernel_of == k)) then
-        call local_weights(system%kernels(k)%kernel, system%memory_scale, table, length, &
-                           local(:, :, k))
-      end if
-    end do
     do i = 1, s
       call load%at(now + table%points(i)*length, row)
       f(i, :) = row

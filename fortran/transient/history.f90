@@ -38,11 +38,11 @@ module viscovib_history
 
   abstract interface
 
-    !> What the nodes of the present step remember, shape (s, n_channels).
+    !> What the nodes of the present step remember, node i of channel c at (c-1) s + i.
     subroutine recall_interface(self, remembered)
       import :: history_type, wp
       class(history_type), intent(in) :: self
-      real(wp), intent(out), contiguous :: remembered(:, :)
+      real(wp), intent(out), contiguous :: remembered(:)
     end subroutine recall_interface
 
     !> The step is made: the channels at its points, shape (0:s+1, n_channels).

@@ -27,7 +27,9 @@ module viscovib_time_load
     real(wp) :: t = 0.0_wp
     real(wp), allocatable :: high(:), low(:)
     real(wp), allocatable, private :: step_high(:), step_low(:), c(:)
-    complex(wp), allocatable, private :: turned(:, :, :)
+    !> Amplitudes turned to the nodes, factors of the sine and of the cosine of the
+    !! phase at the start of the step, a column a frequency.
+    real(wp), allocatable, private :: turned_sine(:, :), turned_cosine(:, :)
     integer, private :: piece = 1
   contains
     procedure :: at_nodes
@@ -79,6 +81,7 @@ contains
     type(load_clock), intent(out) :: clock
     type(time_load_type), intent(in) :: load
     real(wp), intent(in) :: start, h, c(:)
+    complex(wp) :: turned(size(c), size(load%amplitudes, 1))
     integer :: i, k, m
 
     m = size(load%frequencies)
@@ -87,39 +90,54 @@ contains
     allocate (clock%high(m), clock%low(m), clock%step_high(m), clock%step_low(m))
     call split_phase(load%frequencies, start, clock%high, clock%low)
     call split_phase(load%frequencies, h, clock%step_high, clock%step_low)
-    allocate (clock%turned(size(c), size(load%amplitudes, 1), m))
+    allocate (clock%turned_sine(size(turned), m), clock%turned_cosine(size(turned), m))
     do k = 1, m
       do i = 1, size(c)
-        clock%turned(i, :, k) = load%amplitudes(:, k) &
-                                *exp(imaginary_unit*(load%frequencies(k)*h*c(i)))
+        turned(i, :) = load%amplitudes(:, k)*exp(imaginary_unit*(load%frequencies(k)*h*c(i)))
       end do
+      clock%turned_sine(:, k) = reshape(real(turned), [size(turned)])
+      clock%turned_cosine(:, k) = reshape(aimag(turned), [size(turned)])
     end do
   end subroutine new_clock
 
-  !> Load at the nodes of the present step, shape (s, n_dof).
+  !> Load at the nodes of the present step, node i of coordinate d at (d-1) s + i.
   subroutine at_nodes(self, load, f)
     class(load_clock), intent(inout) :: self
     type(time_load_type), intent(in) :: load
-    real(wp), intent(out) :: f(:, :)
-    real(wp) :: s, c, part(size(f, 2))
-    integer :: i, k
+    real(wp), intent(out), contiguous :: f(:)
+    integer :: k
 
     f = 0.0_wp
-    do k = 1, size(load%frequencies)
-      s = sin(self%high(k))
-      c = cos(self%high(k))
-      part(1) = s
-      s = s + c*self%low(k)
-      c = c - part(1)*self%low(k)
-      f = f + (real(self%turned(:, :, k))*s + aimag(self%turned(:, :, k))*c)
+    do k = 1, size(self%high)
+      call add_wave(size(f), self%turned_sine(:, k), self%turned_cosine(:, k), self%high(k), &
+                    self%low(k), f)
     end do
-    if (size(load%breaks) < 2) return
-    do i = 1, size(f, 1)
-      part = f(i, :)
-      call load%add_table(self%t + self%c(i), self%piece, part)
-      f(i, :) = part
-    end do
+    if (size(load%breaks) > 1) call add_table_at_nodes(self, load, f)
   end subroutine at_nodes
+
+  pure subroutine add_wave(n, of_sine, of_cosine, high, low, f)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: of_sine(n), of_cosine(n), high, low
+    real(wp), intent(inout) :: f(n)
+    real(wp) :: s, c
+    s = sin(high)
+    c = cos(high)
+    f = f + (of_sine*(s + c*low) + of_cosine*(c - s*low))
+  end subroutine add_wave
+
+  subroutine add_table_at_nodes(self, load, f)
+    class(load_clock), intent(inout) :: self
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(inout) :: f(:)
+    real(wp) :: part(size(load%pieces, 1))
+    integer :: i, s
+    s = size(self%c)
+    do i = 1, s
+      part = f(i::s)
+      call load%add_table(self%t + self%c(i), self%piece, part)
+      f(i::s) = part
+    end do
+  end subroutine add_table_at_nodes
 
   !> To the start of the next step, at time t.
   subroutine advance(self, t)

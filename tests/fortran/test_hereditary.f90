@@ -10,7 +10,8 @@ module test_hereditary
   use viscovib_mount, only: geometry_cubic, geometry_exact, mount_parameters, mount_type, new_mount
   use viscovib_oscillator, only: kernel_holder
   use viscovib_prony, only: new_prony, prony_kernel
-  use viscovib_quadrature, only: gauss_power_nodes, nodes_of_recurrence, recurrence_of
+  use viscovib_gauss_points, only: points_16, points_32, weights_16, weights_32
+  use viscovib_quadrature, only: gauss_nodes, gauss_power_nodes, nodes_of_recurrence, recurrence_of
   use viscovib_rabotnov, only: new_rabotnov, rabotnov_kernel
   use viscovib_rzhanitsyn, only: new_rzhanitsyn, rzhanitsyn_kernel
   use viscovib_simulate, only: run_completed
@@ -26,6 +27,7 @@ contains
 
   subroutine run_hereditary_suite()
     if (begin('quadrature with a power weight')) call power_weight()
+    if (begin('tabulated Gauss rules')) call tabulated_rules()
     if (begin('Gauss rule of a discrete measure')) call discrete_measure()
     if (begin('local rules integrate the kernel')) call local_integrals()
     if (begin('short sums of exponentials')) call short_sums()
@@ -49,6 +51,16 @@ contains
       end do
     end do
   end subroutine power_weight
+
+  subroutine tabulated_rules()
+    real(wp) :: x(32), w(32)
+    call gauss_nodes(32, x, w)
+    call check(maxval(abs(x - points_32)) < 4.0e-16_wp, '32 nodes')
+    call check(maxval(abs(w - weights_32)) < 1.0e-15_wp, '32 weights')
+    call gauss_nodes(16, x(:16), w(:16))
+    call check(maxval(abs(x(:16) - points_16)) < 4.0e-16_wp, '16 nodes')
+    call check(maxval(abs(w(:16) - weights_16)) < 1.0e-15_wp, '16 weights')
+  end subroutine tabulated_rules
 
   !> The rule has the moments of the masses up to degree 2n-1.
   subroutine discrete_measure()
