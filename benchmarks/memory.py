@@ -172,6 +172,10 @@ def growth() -> list[Row]:
     return rows
 
 
+def run() -> tuple[list[Row], list[Row]]:
+    """Both tables."""
+    return measure(), growth()
+
+
 if __name__ == "__main__":
-    measure()
-    growth()
+    run()

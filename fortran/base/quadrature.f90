@@ -116,7 +116,7 @@ contains
     !> Polynomials there are, fewer than n if the points are.
     integer, intent(out) :: found
     real(wp) :: basis(size(points), n), v(size(points))
-    integer :: k, j, turn
+    integer :: k, j
 
     diagonal = 0.0_wp
     beside = 0.0_wp
@@ -126,10 +126,8 @@ contains
       basis(:, k) = v
       v = points*basis(:, k)
       diagonal(k) = dot_product(v, basis(:, k))
-      do turn = 1, 2
-        do j = 1, k
-          v = v - dot_product(v, basis(:, j))*basis(:, j)
-        end do
+      do j = k, 1, -1
+        v = v - dot_product(v, basis(:, j))*basis(:, j)
       end do
       beside(k) = norm2(v)
       if (.not. beside(k) > epsilon(1.0_wp)**2*maxval(abs(points))) return

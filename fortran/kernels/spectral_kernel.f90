@@ -10,7 +10,7 @@
 !! a Gauss rule of a few nodes replaces: exp(-t lambda) is nearly a polynomial
 !! there, and the error of the rule is known,
 !!   t^(2n)/(2n)! times the squared norm of the n-th orthogonal polynomial.
-!! For t^(-0.9) on [1e-4, 1e4] this takes 37, 58 and 74 terms for 1e-6, 1e-10 and
+!! For t^(-0.9) on [1e-4, 1e4] this takes 38, 59 and 75 terms for 1e-6, 1e-10 and
 !! 1e-13, a tenth more than the best there are, and none of the optimisation.
 module viscovib_spectral_kernel
   use viscovib_constants, only: half_pi, pi
@@ -58,8 +58,9 @@ module viscovib_spectral_kernel
 
   !> Parts of the tolerance for the spacing and for each end.
   real(wp), parameter :: share_of_spacing = 0.7_wp, share_of_end = 0.15_wp
-  !> Most nodes of the Gauss rule, and length of the tail in units of x.
-  integer, parameter :: most_slow = 24
+  !> Most nodes of the Gauss rule, and length of the tail in units of x; of
+  !! a power half of it will do, since what is left is known.
+  integer, parameter :: most_slow = 16
   !> More terms than any spacing and any times need.
   integer, parameter :: most_fast = 100000
   real(wp), parameter :: tail_length = 40.0_wp
@@ -159,7 +160,7 @@ contains
   real(wp) function sum_at(self, h, t) result(total)
     class(spectral_kernel_type), intent(in) :: self
     real(wp), intent(in) :: h, t
-    real(wp), dimension(tail_nodes(h)) :: x, density
+    real(wp), dimension(ceiling(tail_length/h) + 10) :: x, density
     integer :: k
 
     x = [(5.0_wp - log(t) - (k - 1)*h, k=1, size(x))]
@@ -183,47 +184,55 @@ contains
     end do
   end function fastest_rate
 
-  !> Mass of the tail from x down; beyond the lattice in memory as a power.
-  real(wp) function tail_mass(self, h, x) result(total)
+  pure integer function tail_nodes(self, h)
     class(spectral_kernel_type), intent(in) :: self
-    real(wp), intent(in) :: h, x
-    real(wp) :: masses(tail_nodes(h))
-    call tail_masses(self, h, x, masses)
-    total = sum(masses)
-  end function tail_mass
-
-  pure integer function tail_nodes(h)
     real(wp), intent(in) :: h
-    tail_nodes = ceiling(tail_length/h) + 1
+    tail_nodes = ceiling(merge(0.5_wp, 1.0_wp, self%self_similar)*tail_length/h) + 1
   end function tail_nodes
 
-  !> The masses h density of the tail, the fastest rate first, the last one with all
-  !! slower ones.
-  subroutine tail_masses(self, h, x, masses)
+  !> The tail from x down: rates relative to the fastest, and masses h density. The
+  !! last one stands for all slower ones, as a power, at their centre.
+  subroutine tail_of(self, h, x, rates, masses)
     class(spectral_kernel_type), intent(in) :: self
     real(wp), intent(in) :: h, x
-    real(wp), intent(out) :: masses(:)
+    real(wp), intent(out) :: rates(:), masses(:)
+    real(wp) :: fall
     integer :: k, n
 
     n = size(masses)
+    rates = [(exp(-(k - 1)*h), k=1, n)]
     call self%spectrum([(x - (k - 1)*h, k=1, n)], masses)
     masses = h*masses
-    ! 1 - exp(-p h), whose digits a small p would take.
-    masses(n) = masses(n)/(2.0_wp*exp(-0.5_wp*self%tail_power*h) &
-                           *sinh(0.5_wp*self%tail_power*h))
-  end subroutine tail_masses
+    fall = self%tail_power*h
+    if (.not. self%self_similar) fall = log(masses(n - 1)/masses(n))
+    masses(n) = masses(n)/shrinking(fall)
+    rates(n) = rates(n)*shrinking(fall)/shrinking(fall + h)
+  end subroutine tail_of
+
+  !> 1 - exp(-x), whose digits a small x would take.
+  elemental real(wp) function shrinking(x)
+    real(wp), intent(in) :: x
+    shrinking = 2.0_wp*exp(-0.5_wp*x)*sinh(0.5_wp*x)
+  end function shrinking
+
+  !> Mass of the tail from x down.
+  real(wp) function tail_mass(self, h, x) result(total)
+    class(spectral_kernel_type), intent(in) :: self
+    real(wp), intent(in) :: h, x
+    real(wp), dimension(tail_nodes(self, h)) :: rates, masses
+    call tail_of(self, h, x, rates, masses)
+    total = sum(masses)
+  end function tail_mass
 
   subroutine tail_recurrence(self, h, x, diagonal, beside, found)
     class(spectral_kernel_type), intent(in) :: self
     real(wp), intent(in) :: h, x
     real(wp), intent(out) :: diagonal(most_slow), beside(most_slow)
     integer, intent(out) :: found
-    real(wp), dimension(tail_nodes(h)) :: masses, points
-    integer :: k
+    real(wp), dimension(tail_nodes(self, h)) :: rates, masses
 
-    call tail_masses(self, h, x, masses)
-    points = [(exp(-(k - 1)*h), k=1, size(points))]
-    call recurrence_of(points, masses, most_slow, diagonal, beside, found)
+    call tail_of(self, h, x, rates, masses)
+    call recurrence_of(rates, masses, most_slow, diagonal, beside, found)
   end subroutine tail_recurrence
 
   !> Fewest Gauss nodes whose error for exp(-z y), y in [0, 1], is allowed.
