@@ -10,6 +10,7 @@ from viscovib.errors import (
     FileError,
     InputError,
     StabilityWarning,
+    SweepError,
     ViscovibError,
 )
 from viscovib.kernels import (
@@ -34,6 +35,7 @@ from viscovib.spectrum import (
     name_frequencies,
     spectrum,
 )
+from viscovib.sweep import sweep
 from viscovib.transient import Trajectory, simulate
 
 __version__ = _version("viscovib")
@@ -60,6 +62,7 @@ __all__ = [
     "SceneResult",
     "Spectrum",
     "StabilityWarning",
+    "SweepError",
     "TabulatedKernel",
     "Trajectory",
     "ViscovibError",
@@ -79,5 +82,6 @@ __all__ = [
     "simulate",
     "simulate_ensemble",
     "spectrum",
+    "sweep",
     "trace_response",
 ]

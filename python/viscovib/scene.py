@@ -6,8 +6,9 @@ back the scene with every default written out, which is what Python sees.
 
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,8 @@ _KERNELS: dict[str, type[Kernel]] = {
     "rabotnov": RabotnovKernel,
     "tabulated": TabulatedKernel,
 }
+#: Groups that may be given more than once.
+_REPEATED = ("kernel", "load", "sweep")
 _LISTS = ("weights", "rates", "times", "values")
 _MAX_PATH = 4096
 
@@ -76,9 +79,9 @@ class Scene:
             If the file cannot be read.
         """
         text = _canonical(path)
-        groups: dict[str, Any] = {"kernel": [], "load": []}
+        groups: dict[str, Any] = {name: [] for name in _REPEATED}
         for name, group in f90nml.reads(text).items():
-            if name in ("kernel", "load"):
+            if name in _REPEATED:
                 groups[name].append(dict(group))
             else:
                 groups[name] = dict(group)
@@ -88,6 +91,27 @@ class Scene:
             groups=groups,
             canonical=text,
         )
+
+    def override(self, values: Mapping[str, Any]) -> "Scene":
+        """Return the scene with keys changed, checked as a file is.
+
+        Keys are named as ``{"mount.stiffness_x": 12}``; one of several groups of a name
+        ``"load(2).amplitude"``, one entry of a list ``"transient.initial(3)"``, counted from 1.
+        Groups &sweep are left out.
+        """
+        groups: Mapping[str, Any] = {
+            name: group for name, group in self.groups.items() if name != "sweep"
+        }
+        for key, value in values.items():
+            groups = _with_key(groups, key, value)
+        changes = ", ".join(f"{key} = {value}" for key, value in values.items())
+        name = f"{self.path} with {changes}" if changes else f"{self.path}"
+        try:
+            text = _canonical_text(name, _namelist(groups))
+        except InputError as error:
+            # A line of the text made here would mislead.
+            raise InputError(re.sub(r"^:\d+: ", ": ", f"{error}".removeprefix(name))[2:]) from None
+        return replace(self, groups=groups, canonical=text)
 
     @property
     def is_pendulum(self) -> bool:
@@ -138,6 +162,20 @@ class Scene:
                 group["nu_count"],
             )
         )
+
+    def sweep_grid(self) -> dict[str, FloatArray]:
+        """Values of each parameter that a &sweep group names."""
+        grid = {}
+        for group in self.groups["sweep"]:
+            if "values" in group:
+                values = np.atleast_1d(np.asarray(group["values"], dtype=float))
+            else:
+                log = int(group["spacing"] == "log")
+                values = core.frequency_grid(group["min"], group["max"], log, group["count"])
+            grid[group["key"].lower()] = np.asarray(values)
+        if not grid:
+            raise InputError(f"{self.path}: has no &sweep group, and no grid is given")
+        return grid
 
     def _group(self, name: str) -> Mapping[str, Any]:
         if name not in self.groups:
@@ -278,12 +316,86 @@ def _canonical(path: str | os.PathLike[str]) -> str:
     encoded = os.fsencode(name)
     if not encoded or b"\0" in encoded or len(encoded) > _MAX_PATH:
         raise FileError(f"{name!r}: not a path of a scene file")
+    return _read(core.scene_canonical, encoded)
+
+
+def _canonical_text(name: str, text: str) -> str:
+    return _read(core.scene_canonical_of_text, name.encode(), text.encode())
+
+
+def _read(routine: Callable[..., tuple[Any, ...]], *given: bytes) -> str:
     room = 1 << 16
     while True:
-        text, length = _native.call(core.scene_canonical, encoded, room)
+        text, length = _native.call(routine, *given, room)
         if length <= room:
             return bytes(text.tobytes()[:length]).decode()
         room = int(length)
+
+
+def _with_key(groups: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
+    """Return groups with one key changed, its value unchecked."""
+    form = re.fullmatch(r"(\w+)(?:\((\d+)\))?\.(\w+)(?:\((\d+)\))?", str(key).lower())
+    if form is None:
+        raise InputError(
+            f"{key!r}: must be a key in its group, as 'mount.stiffness_x' or 'load(2).amplitude'"
+        )
+    name, which, entry, element = form[1], int(form[2] or 0), form[3], int(form[4] or 0)
+    found = groups.get(name, [])
+    several = found if isinstance(found, list) else [found]
+    if not 0 <= which <= len(several) or not several:
+        raise InputError(f"{key!r}: this scene has &{name} {len(several)} times")
+    if which == 0 and len(several) > 1:
+        raise InputError(
+            f"{key!r}: this scene has &{name} {len(several)} times, say which, as "
+            f"'{name}(1).{entry}'"
+        )
+    place = max(which, 1) - 1
+    group = dict(several[place])
+    if entry not in group:
+        raise InputError(f"{key!r}: &{name} has no {entry} here, must be one of {', '.join(group)}")
+    before = group[entry]
+    if isinstance(value, np.generic):
+        value = value.item()
+    listed = isinstance(before, list)
+    if (element == 0) == listed or element > (len(before) if listed else 0):
+        size = f"a list of {len(before)}, must be named as {entry}(1)" if listed else "one value"
+        raise InputError(f"{key!r}: is {size}")
+    if listed:
+        group[entry] = [
+            *before[: element - 1],
+            _like(before[element - 1], value),
+            *before[element:],
+        ]
+    else:
+        group[entry] = _like(before, value)
+    if isinstance(found, list):
+        return {**groups, name: [*found[:place], group, *found[place + 1 :]]}
+    return {**groups, name: group}
+
+
+def _like(before: Any, value: Any) -> Any:
+    """Whole numbers where an integer stood, and the other way round."""
+    if isinstance(before, int) and isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value
+
+
+def _namelist(groups: Mapping[str, Any]) -> str:
+    lines = []
+    for name, group in groups.items():
+        for one in group if isinstance(group, list) else [group]:
+            lines.append(f"&{name}")
+            lines += [f"  {key} = {_text(value)}" for key, value in one.items()]
+            lines.append("/")
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    if isinstance(value, list):
+        return " ".join(map(_text, value))
+    return repr(value)
 
 
 def _kernel(group: Mapping[str, Any]) -> Kernel:
