@@ -1,7 +1,9 @@
 """Who computes the pieces of a sweep: threads of this process, or the workers of a Dask cluster."""
 
+import pickle
 import threading
 import warnings
+from functools import lru_cache
 from queue import SimpleQueue
 from typing import Any, Protocol
 
@@ -81,7 +83,7 @@ class DaskWorkers:
             raise InputError("client: is asynchronous, must be an ordinary one")
         if client.status != "running":
             raise InputError(f"client: is {client.status}, must be running")
-        self._task, self._client, self._retries = task, client, retries
+        self._task, self._client, self._retries = _pickled(task), client, retries
         self.capacity = max(2 * sum(client.nthreads().values()), 8)
         self._done: SimpleQueue[Any] = SimpleQueue()
         self._pieces: dict[str, tuple[int, dict[str, Array], Template | None, int, Any]] = {}
@@ -114,6 +116,8 @@ class DaskWorkers:
                     why = error
             elif future.status == "error":
                 why = future.exception()
+            if isinstance(why, _CannotLoad):
+                raise InputError(f"client: its workers cannot load the function ({why})") from None
             reason = type(why).__name__ if why is not None else future.status
             if self._client.status != "running":
                 raise ViscovibError(f"client: is {self._client.status}, its cluster was lost")
@@ -129,7 +133,36 @@ class DaskWorkers:
             future.release()
 
 
-def _remote(task: Task, columns: dict[str, Array], template: Template | None) -> Computed:
+class _CannotLoad(Exception):
+    """The function does not come to life in a worker."""
+
+
+def _pickled(task: Task) -> bytes:
+    """Return the task as bytes, made once.
+
+    Left to Dask, a function that a worker cannot import would stop the worker's connection, and
+    with it the whole computation, without a word.
+    """
+    import cloudpickle
+
+    try:
+        data: bytes = cloudpickle.dumps(task)
+    except Exception as error:
+        raise InputError(f"client: the function cannot be sent to its workers ({error})") from None
+    return data
+
+
+@lru_cache(maxsize=4)
+def _loaded(data: bytes) -> Task:
+    try:
+        task: Task = pickle.loads(data)
+    except Exception as error:
+        raise _CannotLoad(f"{type(error).__name__}: {error}") from None
+    return task
+
+
+def _remote(data: bytes, columns: dict[str, Array], template: Template | None) -> Computed:
+    task = _loaded(data)
     with warnings.catch_warnings():
         quiet()
         return compute(task, columns, template)

@@ -4,7 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+import types
 from pathlib import Path
 
 import numpy as np
@@ -55,8 +57,6 @@ def product(a, b):
     return {"y": a * b, "process": os.getpid()}
 
 
-
-
 @pytest.fixture(autouse=True)
 def _send_by_value():
     import cloudpickle
@@ -74,6 +74,17 @@ def test_processes_give_what_threads_give(client):
     here, there = sweep(PAPER, grid), sweep(PAPER, grid, client)
     assert np.array_equal(here.coefficients.values, there.coefficients.values, equal_nan=True)
     assert (here.outcome.values == there.outcome.values).all()
+
+
+def test_a_function_that_the_workers_lack_is_told(client, monkeypatch):
+    module = types.ModuleType("nowhere_to_be_found")
+    exec("def far(x):\n    return x", module.__dict__)
+    monkeypatch.setitem(sys.modules, "nowhere_to_be_found", module)
+    with pytest.raises(vv.InputError, match="cannot load the function .*nowhere_to_be_found"):
+        sweep(module.far, {"x": [1.0]}, client)
+    with pytest.raises(vv.InputError, match="cannot be sent"):
+        lock = threading.Lock()
+        sweep(lambda x: lock and x, {"x": [1.0]}, client)
 
 
 def test_a_point_that_fails_in_a_process_is_named_or_kept(client):
@@ -119,7 +130,9 @@ def test_a_point_that_kills_every_worker_ends_in_a_line(client, tmp_path):
     grid = {"x": np.arange(6)}
     with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
         client.cluster.scheduler.allowed_failures = 0
-        with pytest.raises(vv.SweepError, match=r"x = 3.*the worker was lost at each of 2 attempts"):
+        with pytest.raises(
+            vv.SweepError, match=r"x = 3.*the worker was lost at each of 2 attempts"
+        ):
             sweep(deadly, grid, client, chunk=1, retries=1)
         # Neighbours may have been with the worker; the point itself was tried twice and no more.
         assert len(Path(tries).read_text()) == 2
