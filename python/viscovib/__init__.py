@@ -22,6 +22,7 @@ from viscovib.kernels import (
     TabulatedKernel,
 )
 from viscovib.load import fourier_coefficients
+from viscovib.maps import plot_map
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.plots import plot_branch, plot_response, plot_sections, plot_spectrum, plot_trajectory
@@ -74,6 +75,7 @@ __all__ = [
     "plan",
     "plan_response",
     "plot_branch",
+    "plot_map",
     "plot_response",
     "plot_sections",
     "plot_spectrum",

@@ -14,6 +14,7 @@ from typing import Any
 
 import f90nml
 import numpy as np
+import xarray as xr
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
@@ -99,9 +100,7 @@ class Scene:
         ``"load(2).amplitude"``, one entry of a list ``"transient.initial(3)"``, counted from 1.
         Groups &sweep are left out.
         """
-        groups: Mapping[str, Any] = {
-            name: group for name, group in self.groups.items() if name != "sweep"
-        }
+        groups: Mapping[str, Any] = {**self.groups, "sweep": []}
         for key, value in values.items():
             groups = _with_key(groups, key, value)
         changes = ", ".join(f"{key} = {value}" for key, value in values.items())
@@ -218,15 +217,17 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
-    """What a scene gave: response or branch of a mount, or motion of a pendulum and its spectra."""
+    """What a scene gave: response, branch, or motion and its spectra; or a table of a sweep."""
 
     scene: Scene
-    value: Response | Branch | Trajectory
+    value: Response | Branch | Trajectory | xr.Dataset
     spectrum: Spectrum | None = None
 
     @property
     def kind(self) -> str:
-        """As in the names of tables: "response", "branch" or "transient"."""
+        """As in the names of tables: "response", "branch", "transient" or "sweep"."""
+        if isinstance(self.value, xr.Dataset):
+            return "sweep"
         if isinstance(self.value, Branch):
             return "branch"
         return "response" if isinstance(self.value, Response) else "transient"
@@ -246,6 +247,13 @@ class SceneResult:
         return self.value
 
     @property
+    def sweep(self) -> xr.Dataset:
+        """A few numbers at every point of a grid (`viscovib.sweep_scene.summary`)."""
+        if not isinstance(self.value, xr.Dataset):
+            raise InputError("sweep: this scene gave something else, see value")
+        return self.value
+
+    @property
     def trajectory(self) -> Trajectory:
         """The motion of a pendulum."""
         if not isinstance(self.value, Trajectory):
@@ -254,8 +262,12 @@ class SceneResult:
 
 
 def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
-    """Compute what a scene asks for."""
+    """Compute what a scene asks for; with &sweep groups, at every point of their grid."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
+    if read.groups["sweep"]:
+        from viscovib.sweep import sweep
+
+        return SceneResult(read, sweep(read, progress=progress, extract="summary"))
     if read.is_pendulum:
         run = simulate(**read._motion(), progress=progress)
         return SceneResult(read, run, _spectrum(read, run))
@@ -277,6 +289,8 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
 def plan(scene: Scene | str | os.PathLike[str]) -> str:
     """Say what a scene will compute and what is skipped, with the reasons."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
+    if read.groups["sweep"]:
+        return _plan_sweep(read)
     if "branch" in read.groups:
         return _plan_branch(read)
     if not read.is_pendulum:
@@ -296,6 +310,13 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
     return (
         f"{lines}\ncomputes: spectra of z, phi, psi, window {read.groups['spectrum']['window']}\n"
     )
+
+
+def _plan_sweep(scene: Scene) -> str:
+    grid = scene.sweep_grid()
+    axes = [f"{name} ({v.size} values {v[0]:g} to {v[-1]:g})" for name, v in grid.items()]
+    points = math.prod(v.size for v in grid.values())
+    return f"sweeps: {' x '.join(axes)} = {points} points, each:\n{plan(scene.override({}))}"
 
 
 def _plan_branch(scene: Scene) -> str:

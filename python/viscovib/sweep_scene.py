@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from viscovib.branch import Branch
 from viscovib.errors import InputError
@@ -49,7 +50,7 @@ class _AtPoint:
         if callable(self.extract):
             return self.extract(result)
         if self.extract == "summary":
-            return summary(result)
+            return _with_units(summary(result), result.value)
         return result.value
 
 
@@ -104,6 +105,19 @@ def _peaks(value: Response | Branch) -> dict[str, Any]:
     if isinstance(value, Branch):
         return found | {"folds": value.folds.size, "outcome": value.outcome}
     return found | {"unsolved": 1 - value.converged.mean()}
+
+
+def _with_units(found: dict[str, Any], value: Any) -> Any:
+    if not isinstance(value, (Response, Branch)):
+        return found
+    units = {f"nu_peak_{name}": "rad/s" for name in value.dof_names}
+    units |= {f"peak_{n}": u for n, u in zip(value.dof_names, value.dof_units, strict=True)}
+    return xr.Dataset(
+        {
+            name: ((), v, {"units": units[name]} if name in units else {})
+            for name, v in found.items()
+        }
+    )
 
 
 def _unit(scene: Scene, name: str) -> str:

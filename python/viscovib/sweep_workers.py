@@ -116,7 +116,7 @@ class DaskWorkers:
                     why = error
             elif future.status == "error":
                 why = future.exception()
-            if isinstance(why, _CannotLoad):
+            if isinstance(why, _LoadError):
                 raise InputError(f"client: its workers cannot load the function ({why})") from None
             reason = type(why).__name__ if why is not None else future.status
             if self._client.status != "running":
@@ -133,7 +133,7 @@ class DaskWorkers:
             future.release()
 
 
-class _CannotLoad(Exception):
+class _LoadError(Exception):
     """The function does not come to life in a worker."""
 
 
@@ -157,7 +157,7 @@ def _loaded(data: bytes) -> Task:
     try:
         task: Task = pickle.loads(data)
     except Exception as error:
-        raise _CannotLoad(f"{type(error).__name__}: {error}") from None
+        raise _LoadError(f"{type(error).__name__}: {error}") from None
     return task
 
 

@@ -80,10 +80,10 @@ def test_a_function_that_the_workers_lack_is_told(client, monkeypatch):
     module = types.ModuleType("nowhere_to_be_found")
     exec("def far(x):\n    return x", module.__dict__)
     monkeypatch.setitem(sys.modules, "nowhere_to_be_found", module)
-    with pytest.raises(vv.InputError, match="cannot load the function .*nowhere_to_be_found"):
+    with pytest.raises(vv.InputError, match=r"cannot load the function .*nowhere_to_be_found"):
         sweep(module.far, {"x": [1.0]}, client)
+    lock = threading.Lock()
     with pytest.raises(vv.InputError, match="cannot be sent"):
-        lock = threading.Lock()
         sweep(lambda x: lock and x, {"x": [1.0]}, client)
 
 
