@@ -14,7 +14,8 @@ import resource, sys, tempfile, warnings
 import numpy as np, viscovib as vv
 warnings.simplefilter("ignore")
 n = int(sys.argv[1])
-pend = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=.01, c2=.01, c3=.01, f0=.005, p1=.93)
+pend = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=.01, c2=.01, c3=.01, f0=.005, m01=.0025,
+                   m02=.005, p1=.93, p2=.37, p3=.71)
 start = (0.05, 0, 0.3, 0, -0.2, 0)
 def mount():
     kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
