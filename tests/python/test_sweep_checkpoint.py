@@ -1,5 +1,6 @@
 """Checkpoints of sweeps: nothing finished is lost or repeated, nothing broken is believed."""
 
+import fcntl
 import os
 import signal
 import subprocess
@@ -84,8 +85,9 @@ def test_a_scene_keeps_its_coordinates_and_units_on_disk(tmp_path):
 def finished(folder):
     """Points of the chunks whose outcomes are on disk."""
     done = set()
-    for file in (folder / "point_outcome" / "c").glob("*/*"):
-        done.add((float(file.parent.name), file.name))
+    for file in (folder / "point_outcome" / "c").rglob("*"):
+        if file.is_file() and file.name.isdigit():
+            done.add((float(file.relative_to(folder).parts[2]), file.name))
     return done
 
 
@@ -275,13 +277,35 @@ def test_folders_that_are_no_checkpoint_are_left_alone(tmp_path):
 
 
 def test_a_checkpoint_is_written_by_one_at_a_time(tmp_path):
-    def nested(a, b):
-        if a > 1:
-            sweep(nested, GRID, checkpoint=tmp_path / "c")
-        return 1
+    folder = tmp_path / "c"
+    sweep(Counted(), GRID, checkpoint=folder)
+    holder = (
+        "import sys, os, fcntl; fcntl.flock(os.open(sys.argv[1], os.O_RDONLY), fcntl.LOCK_EX)\n"
+        "print('held', flush=True); sys.stdin.read()"
+    )
+    other = subprocess.Popen(
+        [sys.executable, "-c", holder, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert other.stdout.readline() == b"held\n"
+    with pytest.raises(vv.InputError, match="being written by another sweep"):
+        sweep(Counted(), GRID, checkpoint=folder)
+    other.kill()
+    other.communicate()
+    sweep(Counted(), GRID, checkpoint=folder)
+    # A sweep under way holds it as well.
 
-    with pytest.raises(vv.SweepError, match="being written by another sweep"):
-        sweep(nested, GRID, checkpoint=tmp_path / "c", chunk=3)
+    def inside(a, b):
+        try:
+            fd = os.open(tmp_path / "d", os.O_RDONLY)
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return 1
+        finally:
+            os.close(fd)
+        return 0
+
+    seen = sweep(inside, GRID, checkpoint=tmp_path / "d", chunk=3)
+    assert (seen.result == 1).all()
 
 
 def test_killed_between_its_first_files_it_begins_again(tmp_path):
@@ -305,3 +329,40 @@ def test_killed_between_its_first_files_it_begins_again(tmp_path):
     assert len(CALLS) == 24
     assert (data.y.values == np.outer(GRID["a"], GRID["b"])).all()
     assert (data.a.values == GRID["a"]).all()
+
+
+#: Two points of a minute each in the core, which no signal reaches.
+LONG = """
+import sys, numpy as np, viscovib as vv
+body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=.01, c2=.01, c3=.01, f0=.005, m01=.0025,
+                   m02=.005, p1=.93, p2=.37, p3=.71)
+def long(x):
+    if x < 2:
+        return x
+    n = 300_000_000
+    return vv.simulate(body, 0.1 * n, dt=0.1, initial=(0.01 * x, 0, 0.1, 0, 0, 0), keep="last").t
+print("begun", flush=True)
+vv.sweep(lambda x: (long(x), 0.0)[1], {"x": np.arange(4)}, checkpoint=sys.argv[1], chunk=1,
+         n_threads=2, progress=False)
+"""
+
+
+def test_ctrl_c_does_not_wait_for_points_under_way(tmp_path):
+    script, folder = tmp_path / "long.py", tmp_path / "c"
+    script.write_text(LONG)
+    child = subprocess.Popen(
+        [sys.executable, str(script), str(folder)], stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while len(finished(folder)) < 2:
+        assert child.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    time.sleep(0.3)
+    child.send_signal(signal.SIGINT)
+    begun = time.monotonic()
+    _, said = child.communicate(timeout=30)
+    assert time.monotonic() - begun < 1
+    assert said.strip().endswith("KeyboardInterrupt")
+    assert len(finished(folder)) == 2
