@@ -229,7 +229,8 @@ class _Sweep:
                 columns = self.grid.columns(store.chunks.box(i))
                 if first is not None and i == 0:
                     columns = {name: values[1:] for name, values in columns.items()}
-                self.workers.submit(i, columns, store.template)
+                like = store.template or (first.template if first is not None else None)
+                self.workers.submit(i, columns, like)
                 under_way += 1
             if not under_way:
                 return

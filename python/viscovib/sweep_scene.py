@@ -13,7 +13,8 @@ from viscovib.branch import Branch
 from viscovib.errors import InputError
 from viscovib.fingerprint import describe
 from viscovib.response import Response
-from viscovib.scene import Scene, SceneResult, _with_key, run
+from viscovib.scene import Scene, SceneResult, run
+from viscovib.scene_keys import with_key
 from viscovib.sweep_points import Grid
 from viscovib.transient import Trajectory
 
@@ -66,7 +67,7 @@ def scene_job(
     plain = scene.override({})
     # A wrong name is told at once, before any point is computed.
     for name, values in points.values.items():
-        _with_key(plain.groups, name, values[0].item())
+        with_key(plain.groups, name, values[0].item())
     kept: Any = describe(extract) if callable(extract) else extract
     identity = {"scene": _flat(plain), "extract": kept}
     return _AtPoint(plain, extract), points, identity, str(scene.path)

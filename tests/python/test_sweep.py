@@ -227,6 +227,14 @@ def test_results_that_do_not_fit_are_told(function, message):
         sweep(function, {"x": [1, 2, 3]}, n_threads=1)
 
 
+@pytest.mark.parametrize("chunk", [1, 7, "auto"])
+def test_the_first_point_sets_the_shape(chunk):
+    with pytest.raises(vv.SweepError, match=r"has shape \(1,\), at other points \(2,\)"):
+        sweep(
+            lambda x: np.zeros(2 if x == 0 else 1), {"x": np.arange(50)}, chunk=chunk, n_threads=1
+        )
+
+
 def test_a_wrong_value_in_a_scene_is_told_with_its_point():
     with pytest.raises(vv.SweepError, match=r"at mount.mass = -1.0: InputError: mass = -1: must"):
         sweep(PAPER, {"mount.mass": [1.0, -1.0]})
