@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,10 @@ def run_sweep(options: argparse.Namespace) -> int:
             errors=getattr(options, "errors", "raise"), extract="all" if keep_all else "summary",
             n_threads=getattr(options, "threads", None),
         )  # fmt: skip
+    except KeyboardInterrupt:
+        print(f"{checkpoint}: holds what is finished, the same command goes on from there",
+              file=sys.stderr)  # fmt: skip
+        raise
     finally:
         if client is not None:
             client.close()

@@ -1,5 +1,9 @@
 """The commands sweep, explore and bench, and maps of sweeps."""
 
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import matplotlib
@@ -75,6 +79,27 @@ def test_options_of_the_sweep(tmp_path, capsys):
     for bad in ("mount.mass", "mount.mass=1:2", "mount.mass=1:2:1", "=3"):
         assert main(["sweep", str(PAPER), "--over", bad, *out, *other]) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_ctrl_c_says_how_to_go_on(tmp_path):
+    scene = small_map(tmp_path, "&sweep key='mount.stiffness_x', min=8, max=12, count=100000 /\n")
+    command = [sys.executable, "-m", "viscovib.cli", "sweep", str(scene), "--out", str(tmp_path)]
+    child = subprocess.Popen([*command, "--quiet"], stderr=subprocess.PIPE, text=True)
+    outcomes = tmp_path / "small_sweep.zarr" / "point_outcome" / "c"
+    deadline = time.monotonic() + 60
+    while not outcomes.exists():
+        assert child.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    child.send_signal(signal.SIGINT)
+    begun = time.monotonic()
+    _, said = child.communicate(timeout=30)
+    assert time.monotonic() - begun < 1
+    assert child.returncode == 130
+    assert said.splitlines() == [
+        f"{outcomes.parents[1]}: holds what is finished, the same command goes on from there",
+        "viscovib: interrupted",
+    ]
 
 
 @pytest.mark.parametrize(
