@@ -25,6 +25,7 @@ contains
     character(len=:), allocatable :: why
     real(wp), allocatable :: values(:)
 
+    allocate (values(0))
     key = lower(reader%read_text('key'))
     if (.not. reader%status%failed()) then
       why = lack(key, canonical)

@@ -107,6 +107,7 @@ class DiskStore:
         self, path: str | os.PathLike[str], grid: Grid, chunks: Chunks, identity: dict[str, Any]
     ) -> None:
         self.path, self.grid, self.template = Path(path), grid, None
+        self._arrays: dict[str, Any] = {}
         zarr, self._lock = _zarr(), -1
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -224,13 +225,21 @@ class DiskStore:
                 done[i] = self._sound(i, failures_count)
         return done
 
+    def _open(self, name: str) -> Any:
+        """Return an array, opened once."""
+        if name not in self._arrays:
+            # A chunk of blanks is a file as well: else it could not be told from one missing.
+            with _zarr().config.set({"array.write_empty_chunks": True}):
+                self._arrays[name] = self._group[name]
+        return self._arrays[name]
+
     def _sound(self, i: int, failures_count: bool) -> bool:
         box = self.chunks.box(i)
         place = tuple(cut.start // c for cut, c in zip(box, self.chunks.chunk, strict=True))
         if not self._file(OUTCOME, place).exists():
             return False
         # Reading raises where a checksum is wrong.
-        outcome = self._group[OUTCOME][box]
+        outcome = self._open(OUTCOME)[box]
         if not (outcome == COMPLETED).all() and not (failures_count and (outcome != 0).all()):
             return False
         names = [ERROR]
@@ -239,7 +248,7 @@ class DiskStore:
                 return False
             names += self.template.variables
         for name in names:
-            array = self._group[name]
+            array = self._open(name)
             rest = (0,) * (array.ndim - len(place))
             if not array.size:
                 continue
@@ -257,13 +266,11 @@ class DiskStore:
         shape = box_shape(box)
         errors = np.array(part.errors, dtype=TYPES["U"])
         try:
-            # A chunk of blanks is a file as well: else it could not be told from one missing.
-            with _zarr().config.set({"array.write_empty_chunks": True}):
-                for name, values in part.arrays.items():
-                    if values.size:
-                        self._group[name][box] = values.reshape(*shape, *values.shape[1:])
-                self._group[ERROR][box] = errors.reshape(shape)
-                self._group[OUTCOME][box] = part.outcome.reshape(shape)
+            for name, values in part.arrays.items():
+                if values.size:
+                    self._open(name)[box] = values.reshape(*shape, *values.shape[1:])
+            self._open(ERROR)[box] = errors.reshape(shape)
+            self._open(OUTCOME)[box] = part.outcome.reshape(shape)
         except OSError as error:
             why = error.strerror or error
             raise FileError(f"checkpoint = {self.path}: cannot be written ({why})") from None

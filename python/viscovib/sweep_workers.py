@@ -73,7 +73,11 @@ class Threads:
 
 
 class DaskWorkers:
-    """Workers of a Dask cluster; a piece that is lost with its worker is tried again."""
+    """Workers of a Dask cluster.
+
+    Dask moves a piece whose worker died to another worker, a few times; what it then gives up is
+    tried again, on its own.
+    """
 
     def __init__(self, task: Task, client: Any, retries: int) -> None:
         for name in ("submit", "nthreads", "scheduler_info"):
@@ -86,6 +90,8 @@ class DaskWorkers:
         self._task, self._client, self._retries = _pickled(task), client, retries
         self.capacity = max(2 * sum(client.nthreads().values()), 8)
         self._done: SimpleQueue[Any] = SimpleQueue()
+        #: Pieces whose worker died: tried again alone, lest one takes others down with it.
+        self._suspects: list[tuple[int, dict[str, Array], Template | None, int]] = []
         self._pieces: dict[str, tuple[int, dict[str, Array], Template | None, int, Any]] = {}
 
     def submit(self, i: int, columns: dict[str, Array], template: Template | None) -> None:
@@ -105,6 +111,8 @@ class DaskWorkers:
     def next(self) -> tuple[int, Computed]:
         """Wait for a piece."""
         while True:
+            if not self._pieces and self._suspects:
+                self._submit(*self._suspects.pop())
             future = self._done.get()
             i, columns, template, tries, _ = self._pieces.pop(future.key)
             why: BaseException | None = None
@@ -125,7 +133,7 @@ class DaskWorkers:
                 n = next(iter(columns.values())).size
                 lost = f"the worker was lost at each of {tries + 1} attempts ({reason})"
                 return i, Computed.none(n, lost)
-            self._submit(i, columns, template, tries + 1)
+            self._suspects.append((i, columns, template, tries + 1))
 
     def close(self) -> None:
         """Give up what is under way."""

@@ -134,10 +134,11 @@ def test_a_point_that_kills_every_worker_ends_in_a_line(client, tmp_path):
             vv.SweepError, match=r"x = 3.*the worker was lost at each of 2 attempts"
         ):
             sweep(deadly, grid, client, chunk=1, retries=1)
-        # Neighbours may have been with the worker; the point itself was tried twice and no more.
         assert len(Path(tries).read_text()) == 2
         kept = sweep(deadly, grid, client, chunk=1, retries=1, errors="keep")
-    assert kept.point_outcome.values[3] == "lost"
+    # Its neighbours, which may have been with the worker, are not lost with it.
+    outcomes = ["completed"] * 3 + ["lost"] + ["completed"] * 2
+    assert kept.point_outcome.values.tolist() == outcomes
     assert "worker was lost" in kept.point_error.values[3]
     assert np.isnan(kept.result.values[3])
 
