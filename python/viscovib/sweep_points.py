@@ -48,7 +48,7 @@ class Grid:
             raise InputError(f"grid = {grid!r}: must be a mapping of names to lists of values")
         values = {}
         for name, given in grid.items():
-            if not isinstance(name, str) or not name or name in (OUTCOME, ERROR):
+            if not isinstance(name, str) or not _is_name(name) or name in (OUTCOME, ERROR):
                 raise InputError(f"grid: {name!r} is no name of a parameter")
             try:
                 array = np.asarray(given)
@@ -90,6 +90,11 @@ class Grid:
             name: mesh.ravel()
             for name, mesh in zip(self.names, np.meshgrid(*parts, indexing="ij"), strict=True)
         }
+
+
+def _is_name(name: str) -> bool:
+    """Whether this may name an array in a file."""
+    return bool(name) and "/" not in name and not name.startswith((".", "__"))
 
 
 #: A block of the grid: a slice of each parameter.
@@ -335,7 +340,8 @@ def _from_dataset(dataset: xr.Dataset, attributes: bool) -> tuple[Template, dict
     coords: dict[str, Any] = {}
     for key, coord in dataset.coords.items():
         values, kind = _values(str(key), coord.values, keep_integers=True)
-        coords[str(key)] = (tuple(map(str, coord.dims)), values, dict(coord.attrs))
+        attrs = {k: value for k, value in coord.attrs.items() if isinstance(value, (str, float))}
+        coords[str(key)] = (tuple(map(str, coord.dims)), values, attrs)
     return Template(variables, coords), arrays
 
 
@@ -358,6 +364,8 @@ def _values(name: str, value: Any, keep_integers: bool = False) -> tuple[Array, 
     kind = array.dtype.kind
     if name in (OUTCOME, ERROR):
         raise InputError(f"result: {name!r} is a name that the sweep gives itself")
+    if not _is_name(name):
+        raise InputError(f"result: {name!r} is no name of a variable")
     if kind == "O" and all(isinstance(item, str) for item in array.flat):
         kind = "U"
     if kind in "biuf":

@@ -9,9 +9,11 @@ written last, and all its variables are there and agree with their checksums.
 import json
 import os
 import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +35,10 @@ from viscovib.sweep_points import (
     box_shape,
 )
 
+_T = TypeVar("_T")
 _ABOUT = "viscovib_sweep"
+#: Seconds that a write under way is given after Ctrl-C.
+_PATIENCE = 0.5
 _FLAGS = {"flag_values": list(range(len(OUTCOMES))), "flag_meanings": " ".join(OUTCOMES)}
 
 
@@ -108,6 +113,7 @@ class DiskStore:
     ) -> None:
         self.path, self.grid, self.template = Path(path), grid, None
         self._arrays: dict[str, Any] = {}
+        self._thread = ThreadPoolExecutor(1)
         zarr, self._lock = _zarr(), -1
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -156,6 +162,22 @@ class DiskStore:
 
     def define(self, template: Template) -> None:
         """Make the arrays of the variables."""
+        self._apart(self._define, template)
+
+    def write(self, i: int, part: Computed) -> None:
+        """Keep the i-th chunk: its outcomes last, so that they stand for all of it."""
+        self._apart(self._write, i, part)
+
+    def _apart(self, action: Callable[..., _T], *given: Any) -> _T:
+        """Do something with the files in a thread, which Ctrl-C does not break off midway."""
+        work = self._thread.submit(action, *given)
+        try:
+            return work.result()
+        except KeyboardInterrupt:
+            wait([work], timeout=_PATIENCE)
+            raise
+
+    def _define(self, template: Template) -> None:
         for name, item in template.variables.items():
             kind = str if item.kind == "U" else TYPES[item.kind]
             shape, extent = (*self.grid.shape, *item.shape), tuple(max(n, 1) for n in item.shape)
@@ -222,7 +244,7 @@ class DiskStore:
         done = np.zeros(n, dtype=bool)
         for i in range(n):
             with suppress(Exception):
-                done[i] = self._sound(i, failures_count)
+                done[i] = self._apart(self._sound, i, failures_count)
         return done
 
     def _open(self, name: str) -> Any:
@@ -260,8 +282,7 @@ class DiskStore:
     def _file(self, name: str, place: tuple[int, ...]) -> Path:
         return self.path.joinpath(name, "c", *map(str, place))
 
-    def write(self, i: int, part: Computed) -> None:
-        """Keep the i-th chunk: its outcomes last, so that they stand for all of it."""
+    def _write(self, i: int, part: Computed) -> None:
         box = self.chunks.box(i)
         shape = box_shape(box)
         errors = np.array(part.errors, dtype=TYPES["U"])
@@ -293,6 +314,7 @@ class DiskStore:
 
     def close(self) -> None:
         """Let others use the checkpoint."""
+        self._thread.shutdown(wait=False)
         if self._lock >= 0:
             os.close(self._lock)
         self._lock = -1
