@@ -29,6 +29,34 @@ subroutine scene_canonical(path, max_text, text, n_text, status, message)
   call report(outcome, status, message)
 end subroutine scene_canonical
 
+!> As scene_canonical, from the text of a scene; `path` only names it in messages.
+subroutine scene_canonical_of_text(path, given, max_text, text, n_text, status, message)
+  use, intrinsic :: iso_c_binding, only: c_int
+  use viscovib_binding_tools, only: report
+  use viscovib_scene, only: read_scene, scene_type
+  use viscovib_status, only: status_type
+  implicit none
+  character(len=*), intent(in) :: path, given
+  integer(c_int), intent(in) :: max_text
+  character(len=1), intent(out) :: text(max_text)
+  integer(c_int), intent(out) :: n_text, status
+  character(len=512), intent(out) :: message
+  type(scene_type) :: scene
+  type(status_type) :: outcome
+  integer :: i
+
+  text = ' '
+  n_text = 0
+  call read_scene(path, scene, outcome, given)
+  if (.not. outcome%failed()) then
+    n_text = len(scene%canonical)
+    do i = 1, min(n_text, max_text)
+      text(i) = scene%canonical(i:i)
+    end do
+  end if
+  call report(outcome, status, message)
+end subroutine scene_canonical_of_text
+
 !> Evenly spaced frequencies, as scenes make them.
 subroutine frequency_grid(lowest, highest, logarithmic, n, grid)
   use, intrinsic :: iso_c_binding, only: c_double, c_int

@@ -55,16 +55,22 @@ module viscovib_namelist
 contains
 
   !> Read and split a file; values stay text.
-  subroutine read_namelist(path, file, status)
+  subroutine read_namelist(path, file, status, text)
     character(len=*), intent(in) :: path
     type(namelist_type), intent(out) :: file
     type(status_type), intent(out) :: status
+    !> The text itself, instead of the file.
+    character(len=*), intent(in), optional :: text
     type(cursor_type) :: cursor
     type(group_type) :: group
 
     file%path = path
     allocate (file%groups(0))
-    call read_text_file(path, cursor%text, status)
+    if (present(text)) then
+      cursor%text = text
+    else
+      call read_text_file(path, cursor%text, status)
+    end if
     if (status%failed()) return
     do
       call skip_blank(cursor)

@@ -12,7 +12,7 @@ module viscovib_run_scene
   use viscovib_scene, only: scene_type
   use viscovib_simulate, only: run_completed, run_names
   use viscovib_spectrum_table, only: write_spectrum
-  use viscovib_status, only: show, status_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_transient_job, only: plan_transient, run_transient, trajectory_type
   use viscovib_transient_table, only: write_transient
   use viscovib_windows, only: window_names
@@ -37,6 +37,12 @@ contains
     type(response_plan_type) :: plan
 
     text = ''
+    if (scene%sweep_line > 0) then
+      call fail(status, status_input_error, 'sweep', scene%path//':'//show(scene%sweep_line) &
+                //': &sweep: sweeps are run by Python (viscovib sweep SCENE); this program runs ' &
+                //'single points, leave the group out')
+      return
+    end if
     if (scene%is_pendulum) then
       text = plan_transient(scene%transient)
       if (scene%spectrum%wanted) then

@@ -16,6 +16,7 @@ module viscovib_scene
   use viscovib_response_plan, only: method_names, method_newton, new_response_plan, &
     response_plan_type
   use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_sweep_groups, only: read_sweep
   use viscovib_transient_job, only: transient_job
   implicit none
   private
@@ -39,14 +40,16 @@ module viscovib_scene
     real(wp), allocatable :: nu(:)
     integer :: method = 0
     type(response_options) :: options
+    !> Line of the first &sweep, 0 without: one point is computed, or a grid of them.
+    integer :: sweep_line = 0
     !> The scene as it was understood, every default written out; reads back
     !! to the same numbers.
     character(len=:), allocatable :: canonical
   end type scene_type
 
-  character(len=*), parameter :: group_names(9) = &
+  character(len=*), parameter :: group_names(10) = &
     [character(len=9) :: 'scene', 'mount', 'kernel', 'load', 'response', 'branch', 'pendulum', &
-     'transient', 'spectrum']
+     'transient', 'spectrum', 'sweep']
   !> What belongs to each system.
   character(len=*), parameter :: mount_groups(5) = &
     [character(len=9) :: 'mount', 'kernel', 'load', 'response', 'branch'], &
@@ -61,29 +64,32 @@ module viscovib_scene
 contains
 
   !> Read and check everything; nothing is computed yet.
-  subroutine read_scene(path, scene, status)
+  subroutine read_scene(path, scene, status, text)
     character(len=*), intent(in) :: path
     type(scene_type), intent(out) :: scene
     type(status_type), intent(out) :: status
+    !> The scene itself, instead of the file; its path then only names it.
+    character(len=*), intent(in), optional :: text
     type(namelist_type) :: file
     type(kernel_holder) :: kernels(2)
     type(mount_parameters) :: parameters
 
     scene%path = path
     scene%canonical = ''
-    call read_namelist(path, file, status)
+    call read_namelist(path, file, status, text)
     if (.not. status%failed()) call check_groups(file, scene%is_pendulum, status)
     if (.not. status%failed()) call read_title(file, scene, status)
     if (status%failed()) return
     if (scene%is_pendulum) then
       call read_motion(file, scene, status)
-      return
+    else
+      call read_kernels(file, kernels, parameters, scene%canonical, status)
+      if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
+      if (.not. status%failed()) call read_loads(file, scene, status)
+      if (.not. status%failed()) call read_result(file, scene, status)
+      if (.not. status%failed()) call check_job(file, scene, status)
     end if
-    call read_kernels(file, kernels, parameters, scene%canonical, status)
-    if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
-    if (.not. status%failed()) call read_loads(file, scene, status)
-    if (.not. status%failed()) call read_result(file, scene, status)
-    if (.not. status%failed()) call check_job(file, scene, status)
+    if (.not. status%failed()) call read_sweeps(file, scene, status)
   end subroutine read_scene
 
   !> Known groups only, the right number of each, and one system.
@@ -109,7 +115,7 @@ contains
       do i = 1, size(file%groups)
         if (file%groups(i)%name /= group_names(j)) cycle
         n = n + 1
-        if (n == 2 .and. .not. any(group_names(j) == ['kernel', 'load  '])) then
+        if (n == 2 .and. .not. any(group_names(j) == ['kernel', 'load  ', 'sweep '])) then
           call refuse_group(i, 'a second &'//trim(group_names(j))//': must be given once')
         else if (is_pendulum .and. any(mount_groups == group_names(j))) then
           call refuse_group(i, '&'//trim(group_names(j))//': belongs to a mount, and this scene ' &
@@ -384,6 +390,30 @@ contains
       nu = log_grid(lowest, highest, n)
     end if
   end subroutine read_frequencies
+
+  !> Every &sweep is a parameter; no two may be the same.
+  subroutine read_sweeps(file, scene, status)
+    type(namelist_type), intent(in) :: file
+    type(scene_type), intent(inout) :: scene
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+    character(len=:), allocatable :: key, keys
+    integer :: i
+
+    keys = ';'
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name /= 'sweep') cycle
+      call reader%start(file%path, file%groups(i))
+      call read_sweep(reader, scene%canonical, key)
+      if (index(keys, ';'//key//';') > 0) then
+        call reader%complain('key', "key = '"//key//"': is swept already")
+      end if
+      keys = keys//key//';'
+      if (scene%sweep_line == 0) scene%sweep_line = file%groups(i)%line
+      call close_group(reader, scene, status)
+      if (status%failed()) return
+    end do
+  end subroutine read_sweeps
 
   !> What only the whole job shows to be wrong, with the line to change.
   subroutine check_job(file, scene, status)

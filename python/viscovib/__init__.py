@@ -11,6 +11,7 @@ from viscovib.errors import (
     FileError,
     InputError,
     StabilityWarning,
+    SweepError,
     ViscovibError,
 )
 from viscovib.kernels import (
@@ -24,6 +25,7 @@ from viscovib.kernels import (
 )
 from viscovib.load import fourier_coefficients
 from viscovib.load_table import LoadTable
+from viscovib.maps import plot_map
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.plots import plot_branch, plot_response, plot_sections, plot_spectrum, plot_trajectory
@@ -37,6 +39,7 @@ from viscovib.spectrum import (
     name_frequencies,
     spectrum,
 )
+from viscovib.sweep import sweep
 from viscovib.trajectory import Trajectory
 from viscovib.transient import simulate
 
@@ -67,6 +70,7 @@ __all__ = [
     "SceneResult",
     "Spectrum",
     "StabilityWarning",
+    "SweepError",
     "TabulatedKernel",
     "Trajectory",
     "ViscovibError",
@@ -79,6 +83,7 @@ __all__ = [
     "plan",
     "plan_response",
     "plot_branch",
+    "plot_map",
     "plot_response",
     "plot_sections",
     "plot_spectrum",
@@ -87,5 +92,6 @@ __all__ = [
     "simulate",
     "simulate_ensemble",
     "spectrum",
+    "sweep",
     "trace_response",
 ]

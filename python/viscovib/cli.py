@@ -1,12 +1,15 @@
-"""The command ``viscovib``: run, plan and plot scenes."""
+"""The command ``viscovib``: run, plan, plot, sweep, explore and time scenes."""
 
 import argparse
 import sys
 import warnings
 from pathlib import Path
 
-from viscovib import __version__
+import xarray as xr
+
+from viscovib import __version__, bench, cli_sweep, explore
 from viscovib.branch import Branch
+from viscovib.cli_sweep import run_sweep
 from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, ViscovibError
 from viscovib.pendulum import Pendulum
 from viscovib.plots import save_picture
@@ -41,22 +44,36 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="viscovib", description=__doc__)
     parser.add_argument("--version", action="version", version=f"viscovib {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command")
+    extras = {
+        "sweep": cli_sweep.add_options,
+        "explore": explore.add_options,
+        "bench": bench.add_options,
+    }
     for name, action, text in (
         ("run", _run, "compute a scene; write its table and picture"),
         ("plan", _plan, "say what a scene would compute and what is skipped, and why"),
         ("plot", _plot, "compute a scene and write only its picture"),
+        ("sweep", run_sweep, "compute a scene at every point of a grid; stopped, it goes on later"),
+        ("explore", explore.run_explore, "move a scene's numbers and watch its curves"),
+        ("bench", bench.run_bench, "time a scene on this machine, its error beside it"),
     ):
         command = commands.add_parser(name, help=text, description=text)
         command.add_argument("scene", type=Path, help="scene file (*.nml)")
         command.set_defaults(action=action)
-        if name != "plan":
+        if name not in ("plan", "bench"):
             command.add_argument("--out", type=Path, default=Path("out"), help="folder (out)")
             command.add_argument("--quiet", action="store_true", help="only warnings and errors")
+        if name in extras:
+            extras[name](command)
     return parser
 
 
 def _run(options: argparse.Namespace) -> int:
-    result = _compute(options)
+    scene = Scene.read(options.scene)
+    if scene.groups["sweep"]:
+        return run_sweep(options)
+    result = _compute(options, scene)
+    assert not isinstance(result.value, xr.Dataset)
     table = options.out / f"{options.scene.stem}_{result.kind}.csv"
     result.value.to_csv(table)
     if result.spectrum is not None:
@@ -93,12 +110,14 @@ def _plan(options: argparse.Namespace) -> int:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    _picture(options, _compute(options))
+    scene = Scene.read(options.scene)
+    if scene.groups["sweep"]:
+        return run_sweep(options)
+    _picture(options, _compute(options, scene))
     return 0
 
 
-def _compute(options: argparse.Namespace) -> SceneResult:
-    scene = Scene.read(options.scene)
+def _compute(options: argparse.Namespace, scene: Scene) -> SceneResult:
     try:
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -107,6 +126,7 @@ def _compute(options: argparse.Namespace) -> SceneResult:
 
 
 def _picture(options: argparse.Namespace, result: SceneResult) -> None:
+    assert not isinstance(result.value, xr.Dataset)
     pictures: list[tuple[str, Response | Branch | Trajectory | Spectrum]] = [
         (result.kind, result.value)
     ]

@@ -1,5 +1,7 @@
 """Errors and warnings of the public interface."""
 
+from typing import Any
+
 
 class ViscovibError(Exception):
     """Base of every error that viscovib raises on purpose."""
@@ -19,3 +21,11 @@ class ConvergenceWarning(UserWarning):
 
 class StabilityWarning(UserWarning):
     """The system creeps away from rest, though its forced response exists."""
+
+
+class SweepError(ViscovibError):
+    """A point of a sweep failed: the message names its parameters, which ``point`` holds."""
+
+    def __init__(self, message: str, point: dict[str, Any] | None = None) -> None:
+        super().__init__(message)
+        self.point = dict(point or {})

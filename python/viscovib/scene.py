@@ -6,13 +6,15 @@ back the scene with every default written out, which is what Python sees.
 
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import f90nml
 import numpy as np
+import xarray as xr
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
@@ -29,6 +31,7 @@ from viscovib.kernels import (
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.response import Response, _prepare, forced_response, plan_response
+from viscovib.scene_keys import namelist_text, with_key
 from viscovib.spectrum import Spectrum, spectrum
 from viscovib.trajectory import Trajectory
 from viscovib.transient import METHODS, simulate
@@ -40,6 +43,8 @@ _KERNELS: dict[str, type[Kernel]] = {
     "rabotnov": RabotnovKernel,
     "tabulated": TabulatedKernel,
 }
+#: Groups that may be given more than once.
+_REPEATED = ("kernel", "load", "sweep")
 _LISTS = ("weights", "rates", "times", "values")
 _MAX_PATH = 4096
 
@@ -77,9 +82,9 @@ class Scene:
             If the file cannot be read.
         """
         text = _canonical(path)
-        groups: dict[str, Any] = {"kernel": [], "load": []}
+        groups: dict[str, Any] = {name: [] for name in _REPEATED}
         for name, group in f90nml.reads(text).items():
-            if name in ("kernel", "load"):
+            if name in _REPEATED:
                 groups[name].append(dict(group))
             else:
                 groups[name] = dict(group)
@@ -89,6 +94,25 @@ class Scene:
             groups=groups,
             canonical=text,
         )
+
+    def override(self, values: Mapping[str, Any]) -> "Scene":
+        """Return the scene with keys changed, checked as a file is.
+
+        Keys are named as ``{"mount.stiffness_x": 12}``; one of several groups of a name
+        ``"load(2).amplitude"``, one entry of a list ``"transient.initial(3)"``, counted from 1.
+        Groups &sweep are left out.
+        """
+        groups: Mapping[str, Any] = {**self.groups, "sweep": []}
+        for key, value in values.items():
+            groups = with_key(groups, key, value)
+        changes = ", ".join(f"{key} = {value}" for key, value in values.items())
+        name = f"{self.path} with {changes}" if changes else f"{self.path}"
+        try:
+            text = _canonical_text(name, namelist_text(groups))
+        except InputError as error:
+            # A line of the text made here would mislead.
+            raise InputError(re.sub(r"^:\d+: ", ": ", f"{error}".removeprefix(name))[2:]) from None
+        return replace(self, groups=groups, canonical=text)
 
     @property
     def is_pendulum(self) -> bool:
@@ -140,6 +164,20 @@ class Scene:
             )
         )
 
+    def sweep_grid(self) -> dict[str, FloatArray]:
+        """Values of each parameter that a &sweep group names."""
+        grid = {}
+        for group in self.groups["sweep"]:
+            if "values" in group:
+                values = np.atleast_1d(np.asarray(group["values"], dtype=float))
+            else:
+                log = int(group["spacing"] == "log")
+                values = core.frequency_grid(group["min"], group["max"], log, group["count"])
+            grid[group["key"].lower()] = np.asarray(values)
+        if not grid:
+            raise InputError(f"{self.path}: has no &sweep group, and no grid is given")
+        return grid
+
     def _group(self, name: str) -> Mapping[str, Any]:
         if name not in self.groups:
             raise InputError(f"{self.path}: has no &{name} group")
@@ -181,15 +219,17 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
-    """What a scene gave: response or branch of a mount, or motion of a pendulum and its spectra."""
+    """What a scene gave: response, branch, or motion and its spectra; or a table of a sweep."""
 
     scene: Scene
-    value: Response | Branch | Trajectory
+    value: Response | Branch | Trajectory | xr.Dataset
     spectrum: Spectrum | None = None
 
     @property
     def kind(self) -> str:
-        """As in the names of tables: "response", "branch" or "transient"."""
+        """As in the names of tables: "response", "branch", "transient" or "sweep"."""
+        if isinstance(self.value, xr.Dataset):
+            return "sweep"
         if isinstance(self.value, Branch):
             return "branch"
         return "response" if isinstance(self.value, Response) else "transient"
@@ -209,6 +249,13 @@ class SceneResult:
         return self.value
 
     @property
+    def sweep(self) -> xr.Dataset:
+        """A few numbers at every point of a grid (`viscovib.sweep_scene.summary`)."""
+        if not isinstance(self.value, xr.Dataset):
+            raise InputError("sweep: this scene gave something else, see value")
+        return self.value
+
+    @property
     def trajectory(self) -> Trajectory:
         """The motion of a pendulum."""
         if not isinstance(self.value, Trajectory):
@@ -217,8 +264,12 @@ class SceneResult:
 
 
 def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
-    """Compute what a scene asks for."""
+    """Compute what a scene asks for; with &sweep groups, at every point of their grid."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
+    if read.groups["sweep"]:
+        from viscovib.sweep import sweep
+
+        return SceneResult(read, sweep(read, progress=progress, extract="summary"))
     if read.is_pendulum:
         run = simulate(**read._motion(), progress=progress)
         return SceneResult(read, run, _spectrum(read, run))
@@ -240,6 +291,8 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
 def plan(scene: Scene | str | os.PathLike[str]) -> str:
     """Say what a scene will compute and what is skipped, with the reasons."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
+    if read.groups["sweep"]:
+        return _plan_sweep(read)
     if "branch" in read.groups:
         return _plan_branch(read)
     if not read.is_pendulum:
@@ -261,6 +314,13 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
     )
 
 
+def _plan_sweep(scene: Scene) -> str:
+    grid = scene.sweep_grid()
+    axes = [f"{name} ({v.size} values {v[0]:g} to {v[-1]:g})" for name, v in grid.items()]
+    points = math.prod(v.size for v in grid.values())
+    return f"sweeps: {' x '.join(axes)} = {points} points, each:\n{plan(scene.override({}))}"
+
+
 def _plan_branch(scene: Scene) -> str:
     group, loads = scene.groups["branch"], scene.loads()
     planned = _prepare(
@@ -279,9 +339,17 @@ def _canonical(path: str | os.PathLike[str]) -> str:
     encoded = os.fsencode(name)
     if not encoded or b"\0" in encoded or len(encoded) > _MAX_PATH:
         raise FileError(f"{name!r}: not a path of a scene file")
+    return _read(core.scene_canonical, encoded)
+
+
+def _canonical_text(name: str, text: str) -> str:
+    return _read(core.scene_canonical_of_text, name.encode(), text.encode())
+
+
+def _read(routine: Callable[..., tuple[Any, ...]], *given: bytes) -> str:
     room = 1 << 16
     while True:
-        text, length = _native.call(core.scene_canonical, encoded, room)
+        text, length = _native.call(routine, *given, room)
         if length <= room:
             return bytes(text.tobytes()[:length]).decode()
         room = int(length)

@@ -490,3 +490,48 @@ def test_driver_reproduces_the_tabulated_curves(solve, tmp_path):
                     expected = np.array([float(p[f"{dof}_{k}_{part}"]) for p in points])
                     error = np.abs(table[f"{dof}_{k}_{part}"] - expected)
                     assert (error <= 1e-10 * largest).all()
+
+
+def test_sweeps_are_left_to_python(solve, tmp_path):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(GOOD + "&sweep key='load.amplitude', values=0.1 0.2 /\n")
+    for more in ([], ["--plan"]):
+        done = solve(scene, "--out", tmp_path / "out", *more)
+        assert done.returncode == 2
+        assert done.stderr == (
+            f"viscovib-solve: {scene}:5: &sweep: sweeps are run by Python (viscovib sweep SCENE); "
+            "this program runs single points, leave the group out\n"
+        )
+    assert not (tmp_path / "out").exists()
+    scene.write_text(GOOD + "&sweep key='load.weight', values=0.1 0.2 /\n")
+    done = solve(scene, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"viscovib-solve: {scene}:5: key = 'load.weight': &load has no")
+
+
+@pytest.mark.parametrize(
+    ("group", "message"),
+    [
+        ("key='', values=1", "must be a key in its group"),
+        ("key='.', values=1", "must be a key in its group"),
+        ("key='load.', values=1", "must be a key in its group"),
+        ("key='load(.amplitude', values=1", "must be a key in its group"),
+        ("key='load().amplitude', values=1", "must be a key in its group"),
+        ("key='load(x).amplitude', values=1", "must be a key in its group"),
+        ("key='load(999999999999).amplitude', values=1", "must be a key in its group"),
+        ("key='load(7).amplitude', values=1", "this scene has &load 1 times"),
+        ("key='mount.', values=1", "must be a key in its group"),
+        ("key=3, values=1", "must be a quoted text"),
+        ("key='load.amplitude', values='a'", "must be numbers"),
+        ("key='load.amplitude', values=", "values has no value"),
+        ("key='load.amplitude', min=1, max=2, count=3, spacing='odd'", "must be one of"),
+    ],
+)
+def test_every_wrong_sweep_is_a_line(solve, tmp_path, group, message):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(GOOD + f"&sweep {group} /\n")
+    done = solve(scene, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith(f"viscovib-solve: {scene}:5: ")
+    assert message in done.stderr

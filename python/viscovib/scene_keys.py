@@ -1,0 +1,76 @@
+"""Keys of a scene by name, as "load(2).amplitude": changing one, and writing the scene anew."""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from viscovib.errors import InputError
+
+
+def with_key(groups: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
+    """Return groups with one key changed, its value unchecked."""
+    form = re.fullmatch(r"(\w+)(?:\((\d+)\))?\.(\w+)(?:\((\d+)\))?", str(key).lower())
+    if form is None:
+        raise InputError(
+            f"{key!r}: must be a key in its group, as 'mount.stiffness_x' or 'load(2).amplitude'"
+        )
+    name, which, entry, element = form[1], int(form[2] or 0), form[3], int(form[4] or 0)
+    found = groups.get(name, [])
+    several = found if isinstance(found, list) else [found]
+    if not 0 <= which <= len(several) or not several:
+        raise InputError(f"{key!r}: this scene has &{name} {len(several)} times")
+    if which == 0 and len(several) > 1:
+        raise InputError(
+            f"{key!r}: this scene has &{name} {len(several)} times, say which, as "
+            f"'{name}(1).{entry}'"
+        )
+    place = max(which, 1) - 1
+    group = dict(several[place])
+    if entry not in group:
+        raise InputError(f"{key!r}: &{name} has no {entry} here, must be one of {', '.join(group)}")
+    before = group[entry]
+    if isinstance(value, np.generic):
+        value = value.item()
+    listed = isinstance(before, list)
+    if (element == 0) == listed or element > (len(before) if listed else 0):
+        size = f"a list of {len(before)}, must be named as {entry}(1)" if listed else "one value"
+        raise InputError(f"{key!r}: is {size}")
+    if listed:
+        group[entry] = [
+            *before[: element - 1],
+            _like(before[element - 1], value),
+            *before[element:],
+        ]
+    else:
+        group[entry] = _like(before, value)
+    if isinstance(found, list):
+        return {**groups, name: [*found[:place], group, *found[place + 1 :]]}
+    return {**groups, name: group}
+
+
+def _like(before: Any, value: Any) -> Any:
+    """Whole numbers where an integer stood, and the other way round."""
+    if isinstance(before, int) and isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value
+
+
+def namelist_text(groups: Mapping[str, Any]) -> str:
+    """Return groups as the text of a scene."""
+    lines = []
+    for name, group in groups.items():
+        for one in group if isinstance(group, list) else [group]:
+            lines.append(f"&{name}")
+            lines += [f"  {key} = {_text(value)}" for key, value in one.items()]
+            lines.append("/")
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    if isinstance(value, list):
+        return " ".join(map(_text, value))
+    return repr(value)

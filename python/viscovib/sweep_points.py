@@ -1,0 +1,380 @@
+"""The points of a sweep: its grid, and a piece of it computed by whoever is given it.
+
+`compute` is what runs in threads and, by Dask, in other processes: it depends on nothing but its
+arguments and returns plain arrays.
+"""
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning
+
+Array = npt.NDArray[Any]
+
+#: How a point ended, as `point_outcome` holds it; 0 is a point not computed yet.
+OUTCOMES = ("not computed", "completed", "failed", "lost")
+COMPLETED, FAILED, LOST = 1, 2, 3
+#: Names that the sweep itself gives.
+OUTCOME, ERROR = "point_outcome", "point_error"
+#: Where a variable has no value: by kind of numbers.
+BLANK: dict[str, Any] = {"f": math.nan, "c": complex(math.nan, math.nan), "U": ""}
+#: The types in which they are kept.
+TYPES: dict[str, Any] = {
+    "f": np.dtype(np.float64),
+    "c": np.dtype(np.complex128),
+    "U": np.dtypes.StringDType(),
+}
+_MAX_POINTS = 10**10
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Parameters and their values; points are counted with the last parameter fastest."""
+
+    values: dict[str, Array]
+    units: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def checked(cls, grid: Mapping[str, npt.ArrayLike]) -> "Grid":
+        """Check names and values."""
+        if not isinstance(grid, Mapping) or not grid:
+            raise InputError(f"grid = {grid!r}: must be a mapping of names to lists of values")
+        values = {}
+        for name, given in grid.items():
+            if not isinstance(name, str) or not _is_name(name) or name in (OUTCOME, ERROR):
+                raise InputError(f"grid: {name!r} is no name of a parameter")
+            try:
+                array = np.asarray(given)
+            except ValueError:
+                raise InputError(f"grid[{name!r}]: must be a list of numbers or words") from None
+            if array.ndim != 1 or not array.size:
+                raise InputError(
+                    f"grid[{name!r}]: must be a list of at least one value, got shape {array.shape}"
+                )
+            if array.dtype.kind not in "biufU":
+                raise InputError(f"grid[{name!r}]: must be real numbers or words")
+            if array.dtype.kind == "f" and not np.isfinite(array).all():
+                raise InputError(f"grid[{name!r}]: must be finite numbers")
+            values[name] = array.astype(np.float64) if array.dtype.kind == "f" else array
+        made = cls(values)
+        if made.size > _MAX_POINTS:
+            raise InputError(f"grid: {made.size} points, must be at most {_MAX_POINTS:.0e}")
+        return made
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(self.values)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values of each."""
+        return tuple(array.size for array in self.values.values())
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return math.prod(self.shape)
+
+    def columns(self, box: "Box") -> dict[str, Array]:
+        """Values of each parameter at each point of a box."""
+        parts = [v[cut] for v, cut in zip(self.values.values(), box, strict=True)]
+        return {
+            name: mesh.ravel()
+            for name, mesh in zip(self.names, np.meshgrid(*parts, indexing="ij"), strict=True)
+        }
+
+
+def _is_name(name: str) -> bool:
+    """Whether this may name an array in a file."""
+    return bool(name) and "/" not in name and not name.startswith((".", "__"))
+
+
+#: A block of the grid: a slice of each parameter.
+Box = tuple[slice, ...]
+
+
+@dataclass(frozen=True)
+class Chunks:
+    """The grid cut into equal boxes, numbered with the last parameter fastest."""
+
+    shape: tuple[int, ...]
+    chunk: tuple[int, ...]
+
+    @classmethod
+    def of_about(cls, shape: tuple[int, ...], points: int) -> "Chunks":
+        """Boxes of at most so many points (and one at least), whole in the last parameters."""
+        chunk, left = [], max(points, 1)
+        for n in reversed(shape):
+            chunk.append(min(n, max(left, 1)))
+            left //= n
+        return cls(shape, tuple(reversed(chunk)))
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Boxes along each parameter."""
+        return tuple(-(-n // c) for n, c in zip(self.shape, self.chunk, strict=True))
+
+    def __len__(self) -> int:
+        return math.prod(self.counts)
+
+    def box(self, i: int) -> Box:
+        """The i-th box."""
+        place = np.unravel_index(i, self.counts)
+        return tuple(
+            slice(int(p) * c, min((int(p) + 1) * c, n))
+            for p, c, n in zip(place, self.chunk, self.shape, strict=True)
+        )
+
+
+def box_shape(box: Box) -> tuple[int, ...]:
+    """Points of a box along each parameter."""
+    return tuple(cut.stop - cut.start for cut in box)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One quantity of a result: its dimensions beyond those of the grid."""
+
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]
+    kind: str
+    attrs: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """What every point gives: variables, and the coordinates they share."""
+
+    variables: dict[str, Variable]
+    coords: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]]
+
+    def difference(self, other: "Template") -> str:
+        """What makes another result unlike this one; empty if nothing does."""
+        if self.variables.keys() != other.variables.keys():
+            return (
+                f"its result has {', '.join(other.variables)}, others have "
+                f"{', '.join(self.variables)}"
+            )
+        for name, mine in self.variables.items():
+            theirs = other.variables[name]
+            if (mine.dims, mine.shape) != (theirs.dims, theirs.shape):
+                return f"its {name!r} has shape {theirs.shape}, at other points {mine.shape}"
+            if mine.kind != theirs.kind and (mine.kind, theirs.kind) != ("c", "f"):
+                return f"its {name!r} is of another kind than at other points"
+        for name, (_, values, _) in self.coords.items():
+            if name not in other.coords or not np.array_equal(values, other.coords[name][1]):
+                return f"its coordinate {name!r} differs from that at other points"
+        return ""
+
+
+@dataclass(frozen=True)
+class Computed:
+    """Results of some points, each array with the points first."""
+
+    outcome: npt.NDArray[np.int8]
+    errors: list[str]
+    template: Template | None
+    arrays: dict[str, Array]
+    #: What the first failure was, where it happened in this process.
+    cause: BaseException | None = field(default=None, compare=False)
+
+    @classmethod
+    def none(cls, n: int, why: str) -> "Computed":
+        """Points that were lost with the worker that had them."""
+        return cls(np.full(n, LOST, dtype=np.int8), [why] * n, None, {})
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is computed at each point."""
+
+    function: Callable[..., Any]
+    vectorized: bool = False
+    #: Go on after a point that fails.
+    keep_errors: bool = False
+
+
+def compute(
+    task: Task,
+    columns: dict[str, Array],
+    template: Template | None = None,
+    stopped: Callable[[], bool] = bool,
+    with_cause: bool = False,
+) -> Computed:
+    """Compute some points; a failure is part of what is returned.
+
+    ``stopped`` is asked between points; what is returned after it said so is incomplete.
+    """
+    n = next(iter(columns.values())).size
+    if task.vectorized:
+        try:
+            found, arrays = _gathered(task.function(**columns), n)
+            if template is not None and (why := template.difference(found)):
+                raise InputError(why)
+            return Computed(np.full(n, COMPLETED, dtype=np.int8), [""] * n, found, arrays)
+        except Exception as error:
+            if n == 1:
+                failed = np.full(1, FAILED, dtype=np.int8)
+                return Computed(failed, [_text(error)], None, {}, _cause(error, with_cause))
+        # One of them is at fault: found by asking for each alone.
+    return _one_by_one(task, columns, n, template, stopped, with_cause)
+
+
+def quiet() -> None:
+    """Leave out warnings that every point's own result tells as well."""
+    warnings.simplefilter("ignore", ConvergenceWarning)
+    warnings.simplefilter("ignore", StabilityWarning)
+
+
+def _one_by_one(
+    task: Task,
+    columns: dict[str, Array],
+    n: int,
+    template: Template | None,
+    stopped: Callable[[], bool],
+    with_cause: bool,
+) -> Computed:
+    outcome = np.zeros(n, dtype=np.int8)
+    errors, arrays, cause = [""] * n, dict[str, Array](), None
+    for i in range(n):
+        if stopped():
+            break
+        try:
+            if task.vectorized:
+                part = {name: values[i : i + 1] for name, values in columns.items()}
+                found, values = _gathered(task.function(**part), 1)
+                values = {name: value[0] for name, value in values.items()}
+            else:
+                point = {name: values[i].item() for name, values in columns.items()}
+                found, values = _result(task.function(**point))
+            if template is None:
+                template = found
+            elif why := template.difference(found):
+                raise InputError(why)
+        except Exception as error:
+            outcome[i], errors[i] = FAILED, _text(error)
+            cause = cause or _cause(error, with_cause)
+            if not task.keep_errors:
+                break
+            continue
+        if not arrays:
+            arrays = blank(template, n)
+        for name, value in values.items():
+            arrays[name][i] = value
+        outcome[i] = COMPLETED
+    return Computed(outcome, errors, template if arrays else None, arrays, cause)
+
+
+def blank(template: Template, n: int) -> dict[str, Array]:
+    """Arrays of n points without values."""
+    return {
+        name: np.full((n, *variable.shape), BLANK[variable.kind], dtype=TYPES[variable.kind])
+        for name, variable in template.variables.items()
+    }
+
+
+def _text(error: BaseException) -> str:
+    first = str(error).strip().splitlines()[:1]
+    return f"{type(error).__name__}: {first[0]}" if first else type(error).__name__
+
+
+def _cause(error: BaseException, wanted: bool) -> BaseException | None:
+    return error if wanted else None
+
+
+def _gathered(result: Any, n: int) -> tuple[Template, dict[str, Array]]:
+    """Take a result for n points apart: its variables have the points first."""
+    template, arrays = _result(result, attributes=False)
+    variables = {}
+    for name, variable in template.variables.items():
+        if variable.shape[:1] != (n,):
+            raise InputError(
+                f"vectorized: {name!r} has shape {variable.shape}, must be ({n}, ...): one entry "
+                "a point first"
+            )
+        variables[name] = Variable(
+            variable.dims[1:], variable.shape[1:], variable.kind, variable.attrs
+        )
+    points = {variable.dims[:1] for variable in template.variables.values()}
+    coords = {name: coord for name, coord in template.coords.items() if coord[0][:1] not in points}
+    return Template(variables, coords), arrays
+
+
+def _result(result: Any, attributes: bool = True) -> tuple[Template, dict[str, Array]]:
+    """Take a result apart: numbers and arrays as they stand, datasets with their coordinates."""
+    if hasattr(result, "to_dataset") and not isinstance(result, xr.DataArray):
+        result = result.to_dataset()
+    if isinstance(result, xr.DataArray):
+        result = result.to_dataset(name=result.name or "result")
+    if isinstance(result, xr.Dataset):
+        return _from_dataset(result, attributes)
+    if hasattr(result, "_asdict"):
+        result = result._asdict()
+    named = dict(result) if isinstance(result, Mapping) else {"result": result}
+    if not named:
+        raise InputError("result: holds nothing")
+    variables, arrays = {}, {}
+    for name, value in named.items():
+        array, kind = _values(str(name), value)
+        dims = tuple(f"{name}_{d}" for d in range(array.ndim))
+        variables[str(name)] = Variable(dims, array.shape, kind)
+        arrays[str(name)] = array
+    return Template(variables, {}), arrays
+
+
+def _from_dataset(dataset: xr.Dataset, attributes: bool) -> tuple[Template, dict[str, Array]]:
+    variables, arrays = {}, {}
+    for name, item in _items(dataset, attributes):
+        array, kind = _values(name, item.values)
+        attrs = {key: value for key, value in item.attrs.items() if isinstance(value, (str, float))}
+        variables[name] = Variable(tuple(map(str, item.dims)), array.shape, kind, attrs)
+        arrays[name] = array
+    coords: dict[str, Any] = {}
+    for key, coord in dataset.coords.items():
+        values, kind = _values(str(key), coord.values, keep_integers=True)
+        attrs = {k: value for k, value in coord.attrs.items() if isinstance(value, (str, float))}
+        coords[str(key)] = (tuple(map(str, coord.dims)), values, attrs)
+    return Template(variables, coords), arrays
+
+
+def _items(dataset: xr.Dataset, attributes: bool) -> Iterator[tuple[str, Any]]:
+    """Variables, and attributes that are a number or a line: they may differ between points."""
+    for name, item in dataset.data_vars.items():
+        yield str(name), item
+    for key, value in dataset.attrs.items() if attributes else ():
+        line = isinstance(value, str) and "\n" not in value
+        if (line or isinstance(value, (int, float))) and key not in dataset:
+            yield str(key), xr.Variable((), value)
+
+
+def _values(name: str, value: Any, keep_integers: bool = False) -> tuple[Array, str]:
+    """Return an array of one of the kinds that are kept."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise InputError(f"result: {name!r} must be numbers of one shape") from None
+    kind = array.dtype.kind
+    if name in (OUTCOME, ERROR):
+        raise InputError(f"result: {name!r} is a name that the sweep gives itself")
+    if not _is_name(name):
+        raise InputError(f"result: {name!r} is no name of a variable")
+    if kind == "O" and all(isinstance(item, str) for item in array.flat):
+        kind = "U"
+    if kind in "biuf":
+        return (array if keep_integers else array.astype(np.float64, copy=False)), "f"
+    if kind == "c":
+        return array.astype(np.complex128, copy=False), "c"
+    if kind in "UT":
+        return array.astype(TYPES["U"]), "U"
+    raise InputError(
+        f"result: {name!r} = {type(value).__name__}: must be numbers, words, arrays or a dict of "
+        "them, or have to_dataset"
+    )

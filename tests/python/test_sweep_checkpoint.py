@@ -1,0 +1,368 @@
+"""Checkpoints of sweeps: nothing finished is lost or repeated, nothing broken is believed."""
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import viscovib as vv
+import xarray as xr
+
+PAPER = Path(__file__).parents[2] / "data" / "scenes" / "mount_paper.nml"
+GRID = {"a": np.arange(1.0, 9.0), "b": np.array([0.5, 1.5, 2.5])}
+SCALE = 3.0
+
+#: A sweep in a process of its own; every point that begins is noted.
+CHILD = """
+import sys, time, pathlib
+import numpy as np, viscovib as vv
+notes, checkpoint = sys.argv[1:3]
+def slow(a, b):
+    with open(notes, "a") as file:
+        file.write(f"{a} {b}\\n")
+    time.sleep(0.03)
+    return {"y": a * b, "v": np.array([a, b]), "w": f"{a:g}"}
+data = vv.sweep(slow, {"a": np.arange(30.0), "b": np.arange(4)}, checkpoint=checkpoint,
+                chunk=4, n_threads=2, progress=False)
+np.save(notes + ".npy", data.y.values)
+"""
+
+
+def sweep(*arguments, **options):
+    return vv.sweep(*arguments, progress=False, **options)
+
+
+class Counted:
+    """A function that notes its calls; they are no part of what it is."""
+
+    def __init__(self, factor=1.0):
+        self.factor = factor
+
+    def __call__(self, a, b):
+        sys.modules[__name__].CALLS.append((a, b))
+        return {"y": self.factor * a * b, "wave": np.array([a, 1j * b]), "word": f"{a:g}"}
+
+
+CALLS = []
+
+
+@pytest.fixture(autouse=True)
+def _fresh():
+    CALLS.clear()
+
+
+def test_what_comes_back_from_disk_is_what_was_computed(tmp_path):
+    here = sweep(Counted(), GRID)
+    there = sweep(Counted(), GRID, checkpoint=tmp_path / "c", chunk=5)
+    assert len(CALLS) == 48
+    again = sweep(Counted(), GRID, checkpoint=tmp_path / "c")
+    assert len(CALLS) == 48
+    for data in (there, again):
+        assert list(data.data_vars) == list(here.data_vars)
+        for name, item in here.items():
+            assert data[name].dims == item.dims
+            assert (data[name].values == item.values).all()
+    # Other programs read it without knowing of sweeps.
+    plain = xr.open_zarr(tmp_path / "c", chunks=None)
+    assert (plain.y.values == here.y.values).all()
+    assert (plain.point_outcome == 1).all()
+
+
+def test_a_scene_keeps_its_coordinates_and_units_on_disk(tmp_path):
+    grid = {"mount.stiffness_x": [8.0, 12.0]}
+    here, there = (sweep(PAPER, grid, checkpoint=c) for c in (None, tmp_path / "c"))
+    xr.testing.assert_equal(here.drop_vars("unit"), there.drop_vars("unit"))
+    assert (there.unit.values == here.unit.values).all()
+    assert there.nu.attrs["units"] == "rad/s"
+    assert there["mount.stiffness_x"].attrs["units"] == "N/m"
+
+
+def finished(folder):
+    """Points of the chunks whose outcomes are on disk."""
+    done = set()
+    for file in (folder / "point_outcome" / "c").rglob("*"):
+        if file.is_file() and file.name.isdigit():
+            done.add((float(file.relative_to(folder).parts[2]), file.name))
+    return done
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_killed_sweep_goes_on_where_it_was(tmp_path, how):
+    """The process really dies, in the middle of its chunks."""
+    script = tmp_path / "child.py"
+    script.write_text(CHILD)
+    notes, folder = tmp_path / "notes", tmp_path / "c"
+    command = [sys.executable, str(script), str(notes), str(folder)]
+    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while len(finished(folder)) < 6 and child.poll() is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert child.poll() is None
+    child.send_signal(how)
+    begun = time.monotonic()
+    _, said = child.communicate(timeout=30)
+    if how == signal.SIGINT:
+        assert time.monotonic() - begun < 1
+        assert said.strip().endswith("KeyboardInterrupt")
+    assert child.returncode == -how
+    safe = {a for a, _ in finished(folder)}
+    assert 6 <= len(safe) < 30
+    notes.rename(tmp_path / "first")
+    subprocess.run(command, check=True, timeout=60)
+    repeated = [line.split() for line in notes.read_text().splitlines()]
+    assert {float(a) for a, _ in repeated} == {float(a) for a in range(30)} - safe
+    assert len(repeated) == 4 * (30 - len(safe))
+    y = np.load(str(notes) + ".npy")
+    assert (y == np.outer(np.arange(30.0), np.arange(4))).all()
+
+
+def test_broken_and_half_written_chunks_are_made_again(tmp_path):
+    folder = tmp_path / "c"
+    want = sweep(Counted(), GRID, checkpoint=folder, chunk=3).y.values
+    assert len(CALLS) == 24
+
+    def spoil(name, i, how):
+        file = next(f for f in (folder / name / "c" / str(i)).rglob("0") if f.is_file())
+        data = bytearray(file.read_bytes())
+        if how == "flip":
+            data[len(data) // 2] ^= 4
+        elif how == "cut":
+            data = data[: len(data) // 2]
+        elif how == "empty":
+            data = b""
+        file.write_bytes(data) if how != "gone" else file.unlink()
+
+    for k, name in enumerate(("y", "wave", "word", "point_outcome", "point_error")):
+        for how in ("flip", "cut", "empty", "gone"):
+            CALLS.clear()
+            spoil(name, k, how)
+            again = sweep(Counted(), GRID, checkpoint=folder)
+            assert {a for a, _ in CALLS} == {k + 1.0}, (name, how)
+            assert len(CALLS) == 3
+            assert (again.y.values == want).all()
+
+
+def test_another_sweep_is_refused_with_what_differs(tmp_path):
+    folder = tmp_path / "c"
+
+    def plain(a, b):
+        return SCALE * a * b
+
+    sweep(plain, GRID, checkpoint=folder)
+
+    def refused(message, function=plain, grid=GRID, **options):
+        with pytest.raises(vv.InputError, match=message) as told:
+            sweep(function, grid, checkpoint=folder, **options)
+        assert "\n" not in str(told.value)
+
+    refused(
+        "grid a last: was 8.0, is 9.0", grid=GRID | {"a": np.arange(1.0, 10.0)[[0, *range(2, 9)]]}
+    )
+    refused("grid a count: was 8, is 9", grid=GRID | {"a": np.arange(1.0, 10.0)})
+    middle = GRID["a"].copy()
+    middle[3] += 1e-13
+    refused("grid a values: differs", grid=GRID | {"a": middle})
+    refused("grid: are in another order", grid=dict(reversed(GRID.items())))
+    refused("vectorized: was False, is True", vectorized=True)
+    refused("name: was .*plain, is .*lambda", function=lambda a, b: 2 * a)
+
+    def plain(a, b):
+        return SCALE * (a + b)
+
+    refused("function code: differs", function=plain)
+
+    def plain(a, b):
+        """Say the same; words about it change nothing."""
+        return SCALE * a * b
+
+    assert sweep(plain, GRID, checkpoint=folder).result[0, 0] == 1.5
+
+
+def test_what_a_function_looks_at_counts_as_well(tmp_path, monkeypatch):
+    inner = {"k": np.array([1.0, 2.0])}
+
+    def outer(a, b, *, power=2):
+        return SCALE * a**power + inner["k"][0] * b
+
+    folder = tmp_path / "c"
+    sweep(outer, GRID, checkpoint=folder)
+    inner["k"][1] = 2.5
+    with pytest.raises(vv.InputError, match="value of 'inner': differs"):
+        sweep(outer, GRID, checkpoint=folder)
+    inner["k"][1] = 2.0
+    sweep(outer, GRID, checkpoint=folder)
+    monkeypatch.setattr(sys.modules[__name__], "SCALE", 3.5)
+    with pytest.raises(vv.InputError, match="value of 'SCALE': differs"):
+        sweep(outer, GRID, checkpoint=folder)
+    monkeypatch.undo()
+    outer.__kwdefaults__["power"] = 3
+    with pytest.raises(vv.InputError, match="default of 'power': differs"):
+        sweep(outer, GRID, checkpoint=folder)
+    with pytest.raises(vv.InputError, match=r"function name: was .*outer, is Counted"):
+        sweep(Counted(), GRID, checkpoint=folder)
+    folder = tmp_path / "d"
+    sweep(Counted(1.0), GRID, checkpoint=folder)
+    with pytest.raises(vv.InputError, match="function object: differs"):
+        sweep(Counted(2.0), GRID, checkpoint=folder)
+
+
+def test_another_scene_is_refused_by_its_key(tmp_path):
+    folder, copy = tmp_path / "c", tmp_path / "scene.nml"
+    text = PAPER.read_text()
+    copy.write_text(text)
+    grid = {"load.amplitude": [0.02, 0.04]}
+    sweep(copy, grid, checkpoint=folder, extract="summary")
+    copy.write_text(text.replace("mount of the paper", "the same under another title"))
+    sweep(copy, grid, checkpoint=folder, extract="summary")
+    copy.write_text(text.replace("stiffness_x = 10.0", "stiffness_x = 11.0"))
+    with pytest.raises(vv.InputError, match=r"scene mount.stiffness_x: was 10.0, is 11.0"):
+        sweep(copy, grid, checkpoint=folder, extract="summary")
+    copy.write_text(text)
+    with pytest.raises(vv.InputError, match="extract: was summary, is all"):
+        sweep(copy, grid, checkpoint=folder)
+
+
+def test_failures_are_kept_or_tried_again(tmp_path):
+    folder, fragile = tmp_path / "c", {"yes": True}
+
+    class Fragile(Counted):
+        def __call__(self, a, b):
+            value = super().__call__(a, b)
+            if a == 3 and os.environ.get("VISCOVIB_TEST_FRAGILE"):
+                raise OSError("no licence")
+            return value
+
+    os.environ["VISCOVIB_TEST_FRAGILE"] = "1"
+    try:
+        with pytest.raises(vv.SweepError, match=r"at a = 3.0, b = 0.5: OSError: no licence"):
+            sweep(Fragile(), GRID, checkpoint=folder, chunk=3, n_threads=1)
+        kept = sweep(Fragile(), GRID, checkpoint=folder, errors="keep")
+        assert (kept.point_outcome[2] == "failed").all()
+        assert np.isnan(kept.y.values[2]).all()
+        n = len(CALLS)
+        again = sweep(Fragile(), GRID, checkpoint=folder, errors="keep")
+        assert len(CALLS) == n
+        assert (again.point_error[2] == "OSError: no licence").all()
+    finally:
+        del os.environ["VISCOVIB_TEST_FRAGILE"]
+    whole = sweep(Fragile(), GRID, checkpoint=folder)
+    assert len(CALLS) == n + 3
+    assert np.isfinite(whole.y.values).all()
+    assert "point_outcome" not in whole
+    assert fragile
+
+
+def test_folders_that_are_no_checkpoint_are_left_alone(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(vv.InputError, match="exists and is no checkpoint"):
+        sweep(Counted(), GRID, checkpoint=tmp_path)
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(vv.FileError, match=r"checkpoint = .*file: cannot be used"):
+        sweep(Counted(), GRID, checkpoint=tmp_path / "file")
+    foreign = tmp_path / "foreign"
+    xr.Dataset({"y": ("t", [1.0])}).to_zarr(foreign, zarr_format=3, consolidated=False)
+    with pytest.raises(vv.InputError, match="is not the checkpoint of a sweep"):
+        sweep(Counted(), GRID, checkpoint=foreign)
+    broken = tmp_path / "broken"
+    sweep(Counted(), GRID, checkpoint=broken)
+    (broken / "zarr.json").write_text("{")
+    with pytest.raises(vv.FileError, match="cannot be used"):
+        sweep(Counted(), GRID, checkpoint=broken)
+
+
+def test_a_checkpoint_is_written_by_one_at_a_time(tmp_path):
+    folder = tmp_path / "c"
+    sweep(Counted(), GRID, checkpoint=folder)
+    holder = (
+        "import sys, os, fcntl; fcntl.flock(os.open(sys.argv[1], os.O_RDONLY), fcntl.LOCK_EX)\n"
+        "print('held', flush=True); sys.stdin.read()"
+    )
+    other = subprocess.Popen(
+        [sys.executable, "-c", holder, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert other.stdout.readline() == b"held\n"
+    with pytest.raises(vv.InputError, match="being written by another sweep"):
+        sweep(Counted(), GRID, checkpoint=folder)
+    other.kill()
+    other.communicate()
+    sweep(Counted(), GRID, checkpoint=folder)
+    # A sweep under way holds it as well.
+
+    def inside(a, b):
+        try:
+            fd = os.open(tmp_path / "d", os.O_RDONLY)
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return 1
+        finally:
+            os.close(fd)
+        return 0
+
+    seen = sweep(inside, GRID, checkpoint=tmp_path / "d", chunk=3)
+    assert (seen.result == 1).all()
+
+
+def test_killed_between_its_first_files_it_begins_again(tmp_path):
+    """Whatever part of the preparations was made when the process died."""
+    folder = tmp_path / "c"
+    sweep(Counted(), GRID, checkpoint=folder, chunk=6)
+    about = (folder / "zarr.json").read_text()
+    for name in ("y", "point_error", "a"):
+        for file in sorted((folder / name).rglob("*"), reverse=True):
+            file.unlink() if file.is_file() else file.rmdir()
+        (folder / name).rmdir()
+    # Before the variables are agreed upon their list is empty.
+    import json
+
+    group = json.loads(about)
+    group["attributes"]["viscovib_sweep"]["variables"] = None
+    group.pop("consolidated_metadata", None)
+    (folder / "zarr.json").write_text(json.dumps(group))
+    CALLS.clear()
+    data = sweep(Counted(), GRID, checkpoint=folder)
+    assert len(CALLS) == 24
+    assert (data.y.values == np.outer(GRID["a"], GRID["b"])).all()
+    assert (data.a.values == GRID["a"]).all()
+
+
+#: Two points of a minute each in the core, which no signal reaches.
+LONG = """
+import sys, numpy as np, viscovib as vv
+body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=.01, c2=.01, c3=.01, f0=.005, m01=.0025,
+                   m02=.005, p1=.93, p2=.37, p3=.71)
+def long(x):
+    if x < 2:
+        return x
+    n = 300_000_000
+    return vv.simulate(body, 0.1 * n, dt=0.1, initial=(0.01 * x, 0, 0.1, 0, 0, 0), keep="last").t
+print("begun", flush=True)
+vv.sweep(lambda x: (long(x), 0.0)[1], {"x": np.arange(4)}, checkpoint=sys.argv[1], chunk=1,
+         n_threads=2, progress=False)
+"""
+
+
+def test_ctrl_c_does_not_wait_for_points_under_way(tmp_path):
+    script, folder = tmp_path / "long.py", tmp_path / "c"
+    script.write_text(LONG)
+    child = subprocess.Popen(
+        [sys.executable, str(script), str(folder)], stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while len(finished(folder)) < 2:
+        assert child.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    time.sleep(0.3)
+    child.send_signal(signal.SIGINT)
+    begun = time.monotonic()
+    _, said = child.communicate(timeout=30)
+    assert time.monotonic() - begun < 1
+    assert said.strip().endswith("KeyboardInterrupt")
+    assert len(finished(folder)) == 2
