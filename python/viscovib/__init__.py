@@ -9,6 +9,7 @@ from viscovib.errors import (
     ConvergenceWarning,
     FileError,
     InputError,
+    RangeWarning,
     StabilityWarning,
     ViscovibError,
 )
@@ -22,9 +23,12 @@ from viscovib.kernels import (
 )
 from viscovib.load import fourier_coefficients
 from viscovib.mount import Mount
+from viscovib.multiple_scales import MultipleScales
 from viscovib.pendulum import Pendulum
 from viscovib.plots import plot_branch, plot_response, plot_sections, plot_spectrum, plot_trajectory
+from viscovib.polynomial import PolynomialSystem
 from viscovib.response import Peak, Response, forced_response, plan_response
+from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.spectrum import (
     Lines,
@@ -49,13 +53,20 @@ __all__ = [
     "InputError",
     "Kernel",
     "Lines",
+    "Modulation",
     "Mount",
+    "MultipleScales",
     "Peak",
     "Pendulum",
+    "PolynomialSystem",
     "PronyKernel",
     "RabotnovKernel",
+    "RangeWarning",
+    "Resonance",
     "Response",
     "RzhanitsynKernel",
+    "ScalesMotion",
+    "ScalesResponse",
     "Scene",
     "SceneResult",
     "Spectrum",

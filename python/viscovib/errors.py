@@ -19,3 +19,7 @@ class ConvergenceWarning(UserWarning):
 
 class StabilityWarning(UserWarning):
     """The system creeps away from rest, though its forced response exists."""
+
+
+class RangeWarning(UserWarning):
+    """An asymptotic result is outside the range in which its expansion holds."""
