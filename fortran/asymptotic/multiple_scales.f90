@@ -20,12 +20,14 @@ module viscovib_multiple_scales
 
 contains
 
-  subroutine new_multiple_scales(scales, form, tolerance, status)
+  subroutine new_multiple_scales(scales, form, tolerance, steady, status)
     type(multiple_scales_type), intent(out) :: scales
     type(polynomial_form_type), intent(in) :: form
     real(wp), intent(in) :: tolerance
+    !> As in `new_normal_form`.
+    logical, intent(in) :: steady
     type(status_type), intent(out) :: status
-    call new_normal_form(scales%normal, form, tolerance, status)
+    call new_normal_form(scales%normal, form, tolerance, steady, status)
     if (.not. status%failed()) call new_slow_flow(scales%flow, scales%normal, form)
   end subroutine new_multiple_scales
 

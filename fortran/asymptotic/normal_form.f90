@@ -20,6 +20,10 @@
 !! second order do to products of second order. Damping and memory are in s_j and L: their
 !! linear effects are exact. Loads that resonate with a mode count as of third order.
 !!
+!! The exponents of products are those of free motion, decay included, or, where a load
+!! keeps a mode moving, of steady motion, i times the frequencies: both are the same to this
+!! order if damping counts as of second order, but each is nearer to its own case if not.
+!!
 !! Sources: Nayfeh, Introduction to perturbation techniques, 1981, chapters 7, 15 (scales);
 !! Touze, Vizzaccaro, Thomas, Nonlinear Dyn. 105 (2021) 1141, equations (44)-(60) (normal forms
 !! with the same bordered equations). One time scale a degree here gives Nayfeh's equations.
@@ -42,9 +46,11 @@ module viscovib_normal_form
     real(wp) :: tolerance = 0.0_wp
     !> Loads far from the modes (generators n_modes + 1, ...) and near them.
     integer, allocatable :: hard(:), weak(:)
-    !> Generator a + n_generators is the conjugate of a. Shapes (2 n_generators),
-    !! (n, 2 n_generators).
-    complex(wp), allocatable :: s(:), right(:, :), left(:, :)
+    !> Products are those of steady motion.
+    logical :: steady = .false.
+    !> Generator a + n_generators is the conjugate of a. Exponents of the linear flow and
+    !! of products, shape (2 n_generators); vectors, shape (n, 2 n_generators).
+    complex(wp), allocatable :: exponents(:), s(:), right(:, :), left(:, :)
     !> Products: factors, exponents, coefficients of y, shape (n, n_products), and of the
     !! modes' changes, shape (2 n_generators, n_products).
     integer, allocatable :: pair(:, :), triple(:, :)
@@ -68,10 +74,12 @@ module viscovib_normal_form
 
 contains
 
-  subroutine new_normal_form(normal, form, tolerance, status)
+  subroutine new_normal_form(normal, form, tolerance, steady, status)
     type(normal_form_type), intent(out) :: normal
     type(polynomial_form_type), intent(in) :: form
     real(wp), intent(in) :: tolerance
+    !> Take steady motion for granted, even if no load is near a mode.
+    logical, intent(in) :: steady
     type(status_type), intent(out) :: status
     complex(wp) :: s(form%n_modes()), right(form%n, form%n_modes()), left(form%n, form%n_modes())
     complex(wp) :: wave(form%n, size(form%drives))
@@ -96,6 +104,7 @@ contains
     normal%n_generators = n
     normal%tolerance = tolerance
     normal%s = [s, conjg(s)]
+    normal%exponents = normal%s
     normal%right = reshape([right, conjg(right)], [form%n, 2*n])
     normal%left = reshape([left, conjg(left)], [form%n, 2*n])
 
@@ -118,10 +127,13 @@ contains
     m = n + size(normal%hard)
     normal%n_generators = m
     associate (wave_s => cmplx(0.0_wp, form%drives(normal%hard), wp), hard => wave(:, normal%hard))
-      normal%s = [s, wave_s, conjg(s), conjg(wave_s)]
+      normal%exponents = [s, wave_s, conjg(s), conjg(wave_s)]
       normal%right = reshape([right, hard, conjg(right), conjg(hard)], [form%n, 2*m])
       normal%left = reshape([left, 0.0_wp*hard, conjg(left), 0.0_wp*hard], [form%n, 2*m])
     end associate
+    normal%steady = steady .or. size(normal%weak) > 0
+    normal%s = normal%exponents
+    if (normal%steady) normal%s = cmplx(0.0_wp, aimag(normal%exponents), wp)
     call number_products(normal)
     call normal%second_order(form, status)
     if (.not. status%failed()) call normal%third_order(form, status)
@@ -233,7 +245,7 @@ contains
       if (.not. self%near(place, widest, a)) cycle
       m = m + 1
       modes(m) = a
-      slope = form%operator_between(s, self%s(a))
+      slope = form%operator_between(s, self%exponents(a))
       matrix(:n, n + m) = matmul(slope, self%right(:, a))
       matrix(n + m, :n) = matmul(self%left(:, a), slope)
     end do

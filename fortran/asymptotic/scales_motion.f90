@@ -159,7 +159,7 @@ contains
 
     n = form%n_dof
     do j = 1, n
-      associate (r => scales%normal%right(:n, j), s => scales%normal%s(j))
+      associate (r => scales%normal%right(:n, j), s => scales%normal%exponents(j))
         matrix(:n, 2*j - 1) = 2.0_wp*real(r)
         matrix(:n, 2*j) = -2.0_wp*aimag(r)
         matrix(n + 1:, 2*j - 1) = 2.0_wp*real(s*r)

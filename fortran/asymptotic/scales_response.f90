@@ -59,7 +59,7 @@ contains
                 //'there is nothing to respond to')
       return
     end if
-    call new_multiple_scales(scales, here, tolerance, status)
+    call new_multiple_scales(scales, here, tolerance, .true., status)
     if (status%failed()) return
     near = any(scales%normal%weak == load)
     ready = .false.
@@ -69,7 +69,7 @@ contains
         call move_load(values(i))
       else
         call set_value(values(i))
-        call new_multiple_scales(scales, here, tolerance, status)
+        call new_multiple_scales(scales, here, tolerance, .true., status)
         ready = .false.
       end if
       if (status%failed()) return

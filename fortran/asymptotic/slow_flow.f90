@@ -52,7 +52,7 @@ contains
     integer :: i, j, k, n
 
     flow%n_modes = normal%n_modes
-    flow%s = normal%s(:normal%n_modes)
+    flow%s = normal%exponents(:normal%n_modes)
     n = normal%n_modes*(size(normal%weak) + size(normal%pair, 2) + size(normal%triple, 2))
     allocate (terms(n))
     n = 0

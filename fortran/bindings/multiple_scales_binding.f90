@@ -34,6 +34,40 @@ subroutine pendulum_form(flat, max_length, packed, length, status, message)
   call report(outcome, status, message)
 end subroutine pendulum_form
 
+!> The mount as such a vector; one load, cosine, force on x and moment on phi.
+subroutine mount_form(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, load, nu, max_length, &
+                      packed, length, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_mount, report
+  use viscovib_mount, only: mount_type
+  use viscovib_mount_form, only: new_mount_form
+  use viscovib_packed_form, only: pack_form
+  use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: kind_x, n_x, kind_phi, n_phi, max_length
+  real(c_double), intent(in) :: mount(12), data_x(n_x), data_phi(n_phi), load(2), nu
+  real(c_double), intent(out) :: packed(max_length)
+  integer(c_int), intent(out) :: length, status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(mount_type) :: system
+  type(polynomial_form_type) :: form
+  type(status_type) :: outcome
+  real(c_double), allocatable :: numbers(:)
+
+  packed = 0.0_c_double
+  length = 0
+  call make_mount(system, mount, kind_x, data_x, kind_phi, data_phi, outcome)
+  if (.not. outcome%failed()) then
+    call new_mount_form(form, system, load, nu)
+    call pack_form(form, numbers)
+    length = min(size(numbers), max_length)
+    packed(:length) = numbers(:length)
+  end if
+  call report(outcome, status, message)
+end subroutine mount_form
+
 !> Modes, interaction and the terms of the modulation equations.
 subroutine scales_form(packed, n_packed, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
                        tolerance, n_modes, n_unknowns, max_terms, exponents, shapes, &
@@ -69,7 +103,7 @@ subroutine scales_form(packed, n_packed, kind_x, data_x, n_x, kind_phi, data_phi
   n_terms = 0
   terms = 0
   call make_form(packed, kind_x, data_x, kind_phi, data_phi, form, outcome)
-  if (.not. outcome%failed()) call new_multiple_scales(scales, form, tolerance, outcome)
+  if (.not. outcome%failed()) call new_multiple_scales(scales, form, tolerance, .false., outcome)
   if (.not. outcome%failed()) then
     exponents = scales%flow%s
     shapes = scales%normal%right(:, :n_modes)
@@ -127,7 +161,7 @@ subroutine scales_motion(packed, n_packed, kind_x, data_x, n_x, kind_phi, data_p
   n_steps = 0
   outcome_of = 0
   call make_form(packed, kind_x, data_x, kind_phi, data_phi, form, outcome)
-  if (.not. outcome%failed()) call new_multiple_scales(scales, form, tolerance, outcome)
+  if (.not. outcome%failed()) call new_multiple_scales(scales, form, tolerance, .false., outcome)
   if (.not. outcome%failed()) then
     frame = scales%flow%frame
     a = start

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, RangeWarning
+from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.polynomial import PolynomialSystem
 from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
@@ -38,7 +39,12 @@ class MultipleScales:
 
     Parameters
     ----------
-    system : Pendulum or PolynomialSystem
+    system : Pendulum, Mount or PolynomialSystem
+    load : float or array_like, shape (2,), optional
+        For a Mount: amplitude of a harmonic force on x (N), or of that and a moment on phi (N m),
+        times cos(nu t).
+    nu : float, optional
+        For a Mount: circular frequency of the load (rad/s), > 0.
     tolerance : float
         Frequencies that differ by less than this part of the highest of them count as resonant:
         their terms go into the modulation equations, and their divisors are not divided by.
@@ -67,10 +73,23 @@ class MultipleScales:
 
     dof_names: ClassVar[tuple[str, ...]]
 
-    def __init__(self, system: Pendulum | PolynomialSystem, *, tolerance: float = 0.05) -> None:
+    def __init__(
+        self,
+        system: Pendulum | Mount | PolynomialSystem,
+        *,
+        load: npt.ArrayLike | None = None,
+        nu: float | None = None,
+        tolerance: float = 0.05,
+    ) -> None:
         self.tolerance = _native.number("tolerance", tolerance)
         self.system = system
-        self._names = system.dof_names if hasattr(system, "dof_names") else ()
+        if not isinstance(system, Pendulum | Mount | PolynomialSystem):
+            raise InputError(
+                f"system = {system!r:.60}: must be a Pendulum, a Mount or a PolynomialSystem"
+            )
+        if not isinstance(system, Mount) and not (load is None and nu is None):
+            raise InputError("load, nu: are for a Mount, other systems hold their loads")
+        self._names = system.dof_names
         nothing = np.zeros(1)
         self._kernels: tuple[int, FloatArray, int, FloatArray] = (0, nothing, 0, nothing)
         if isinstance(system, Pendulum):
@@ -78,13 +97,25 @@ class MultipleScales:
             self._packed: FloatArray = packed[:length].copy()
             self._load_names = {"p1": (1, 1), "p2": (2, 1), "p3": (3, 1), "f0": (1, 2),
                                 "m01": (2, 2), "m02": (3, 2)}  # fmt: skip
-        elif isinstance(system, PolynomialSystem):
+        elif isinstance(system, Mount):
+            self._kernels = system._kernels
+            forces = _native.real_array("load", 0.0 if load is None else load)
+            if forces.shape not in ((), (2,)):
+                raise InputError(f"load: must be a number or two, got shape {forces.shape}")
+            pair = np.append(forces, 0.0) if forces.ndim == 0 else forces
+            frequency = _native.number("nu", 1.0 if nu is None else nu)
+            if frequency <= 0:
+                raise InputError(f"nu = {frequency:g}: must be greater than 0")
+            packed, length = _native.call(
+                core.mount_form, system._flat, *self._kernels, pair, frequency, _MAX_FORM
+            )
+            self._packed = packed[:length].copy()
+            self._load_names = {"nu": (1, 1), "load": (1, 2)}
+        else:
             self._packed = system._packed
             n_loads = int(self._packed[4])
             self._load_names = {f"p{k + 1}": (k + 1, 1) for k in range(n_loads)}
             self._load_names |= {f"f{k + 1}": (k + 1, 2) for k in range(n_loads)}
-        else:
-            raise InputError(f"system = {system!r:.60}: must be a Pendulum or a PolynomialSystem")
         self._n_dof, self._n = int(self._packed[1]), int(self._packed[3])
         (
             exponents, shapes, interaction, frame, autonomous, n_terms, terms, coefficients,
@@ -211,7 +242,8 @@ class MultipleScales:
         ----------
         parameter : str
             For a Pendulum "p1", "p2", "p3" (frequencies) or "f0", "m01", "m02" (amplitudes); for a
-            PolynomialSystem "p1", "p2", ... or "f1", "f2", ...: the load's largest entry.
+            Mount "nu" or "load"; for a PolynomialSystem "p1", "p2", ... or "f1", "f2", ...: the
+            load's largest entry.
         values : array_like, shape (n,)
 
         Notes
@@ -237,6 +269,16 @@ class MultipleScales:
                 break
             room = n
         kept = slice(n)
+        # What the next order of the exponents, and the distance from free undamped motion, make
+        # of the shifts, and these of the amplitudes.
+        first = np.maximum(sizes[0, kept], 1e-300)
+        ratio = np.maximum(sizes[1, kept] / first, np.sqrt(sizes[2, kept] / first))
+        rate = np.abs(self.interaction + 1j * self.nonlinear_decay)
+        shift = (rate @ np.abs(2 * a[:, kept]) ** 2).max(axis=0)
+        off = np.abs(1j * frames[:, kept] - self.exponents[:, np.newaxis])
+        distance = (off / self.frequencies[:, np.newaxis]).max(axis=0)
+        slowest = np.maximum(np.abs(eigenvalues[:, kept]).min(axis=0), 1e-300)
+        error = first * (ratio**3 + shift * (ratio**2 + distance) / slowest)
         return ScalesResponse(
             parameter=parameter,
             values=where,
@@ -246,6 +288,8 @@ class MultipleScales:
             eigenvalues=eigenvalues.T[kept].copy(),
             harmonics=harmonics.T[kept, : self._n_dof].copy(),
             order_sizes=sizes.T[kept].copy(),
+            error_estimate=error,
+            in_range=(ratio <= 0.3) & (error <= 0.3 * first),
             dof_names=self._names,
         )
 

@@ -130,6 +130,10 @@ class ScalesResponse:
         third order included.
     order_sizes : ndarray, shape (n, 3)
         What the terms of each order can add up to.
+    error_estimate : ndarray, shape (n,)
+        Of the largest coordinate: size of the next order, and what it makes of the amplitudes.
+    in_range : ndarray of bool, shape (n,)
+        The orders fall off fast enough for the expansion to mean something.
     """
 
     parameter: str
@@ -140,6 +144,8 @@ class ScalesResponse:
     eigenvalues: ComplexArray
     harmonics: ComplexArray
     order_sizes: FloatArray
+    error_estimate: FloatArray
+    in_range: npt.NDArray[np.bool_]
     dof_names: tuple[str, ...]
 
     @property
@@ -152,23 +158,6 @@ class ScalesResponse:
         """No eigenvalue with a positive real part, shape (n,)."""
         limit = _NEUTRAL * self.frequencies.max(axis=1)
         return np.asarray(self.eigenvalues.real.max(axis=1) <= limit)
-
-    @property
-    def error_estimate(self) -> FloatArray:
-        """Size of the first order left out, shape (n,)."""
-        first = np.maximum(self.order_sizes[:, 0], 1e-300)
-        return np.asarray(first * self._ratio**3)
-
-    @property
-    def in_range(self) -> npt.NDArray[np.bool_]:
-        """The orders fall off fast enough for the expansion to mean something."""
-        return np.asarray(self._ratio <= 0.3)
-
-    @property
-    def _ratio(self) -> FloatArray:
-        first = np.maximum(self.order_sizes[:, 0], 1e-300)
-        ratios = self.order_sizes[:, 1] / first, np.sqrt(self.order_sizes[:, 2] / first)
-        return np.maximum(*ratios)
 
     def amplitude(self, dof: str) -> FloatArray:
         """Size of the first harmonic of a coordinate, shape (n,)."""

@@ -58,7 +58,7 @@ contains
 
     if (begin('the frequency of a Duffing oscillator')) then
       call duffing_form(form, omega, alpha, 0.0_wp, 0.0_wp, 1.0_wp)
-      call new_multiple_scales(scales, form, 0.05_wp, status)
+      call new_multiple_scales(scales, form, 0.05_wp, .false., status)
       call check_ok(status)
       gamma = scales%interaction()
       call check_close(aimag(gamma(1, 1)), 3.0_wp*alpha/(8.0_wp*omega), 1.0e-14_wp, 'gamma')
@@ -66,7 +66,7 @@ contains
     end if
     if (begin('a damped amplitude decays by the linear law')) then
       call duffing_form(form, omega, alpha, c, 0.0_wp, 1.0_wp)
-      call new_multiple_scales(scales, form, 0.05_wp, status)
+      call new_multiple_scales(scales, form, 0.05_wp, .false., status)
       call check_ok(status)
       cancel = 0
       call modulate(scales%flow, [(0.01_wp, 0.0_wp)], [0.0_wp, 50.0_wp, 100.0_wp], 1.0e-11_wp, &
