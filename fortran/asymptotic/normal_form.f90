@@ -58,6 +58,8 @@ module viscovib_normal_form
     complex(wp), allocatable :: u_pair(:, :), u_triple(:, :), g_pair(:, :), g_triple(:, :)
     !> Products that y has at all.
     integer, allocatable :: used_pairs(:), used_triples(:)
+    !> Moduli of the coefficients of the coordinates.
+    real(wp), allocatable :: size_one(:, :), size_pair(:, :), size_triple(:, :)
     !> Loads near modes: y, shape (n, n_loads), and g, shape (n_modes, n_loads).
     complex(wp), allocatable :: u_load(:, :), g_load(:, :)
     integer, allocatable, private :: pair_at(:, :), triple_at(:, :, :)
@@ -140,6 +142,9 @@ contains
     if (status%failed()) return
     normal%used_pairs = used(form%n_dof, normal%u_pair)
     normal%used_triples = used(form%n_dof, normal%u_triple)
+    normal%size_one = abs(normal%right(:form%n_dof, :))
+    normal%size_pair = abs(normal%u_pair(:form%n_dof, :))
+    normal%size_triple = abs(normal%u_triple(:form%n_dof, :))
   end subroutine new_normal_form
 
   pure function used(n_dof, u) result(which)

@@ -51,7 +51,7 @@ contains
       do i = 1, g
         q = q + 2.0_wp*real(normal%right(:d, i)*y(i))
         v = v + 2.0_wp*real(normal%right(:d, i)*dy(i))
-        bounds(:, 1) = bounds(:, 1) + 2.0_wp*abs(normal%right(:d, i))*abs(y(i))
+        bounds(:, 1) = bounds(:, 1) + 2.0_wp*normal%size_one(:, i)*abs(y(i))
       end do
       do i = 1, size(normal%weak)
         k = normal%weak(i)
@@ -66,7 +66,7 @@ contains
           change = dy(p(1))*y(p(2)) + y(p(1))*dy(p(2))
           q = q + real(u*product)
           v = v + real(u*change)
-          bounds(:, 2) = bounds(:, 2) + abs(u)*abs(product)
+          bounds(:, 2) = bounds(:, 2) + normal%size_pair(:, i)*abs(product)
         end associate
       end do
       do k = 1, size(normal%used_triples)
@@ -76,7 +76,7 @@ contains
           change = dy(p(1))*y(p(2))*y(p(3)) + y(p(1))*(dy(p(2))*y(p(3)) + y(p(2))*dy(p(3)))
           q = q + real(u*product)
           v = v + real(u*change)
-          bounds(:, 3) = bounds(:, 3) + abs(u)*abs(product)
+          bounds(:, 3) = bounds(:, 3) + normal%size_triple(:, m)*abs(product)
         end associate
       end do
     end associate
@@ -92,8 +92,9 @@ contains
     !> Shape (n_dof).
     complex(wp), intent(out) :: x(:)
     real(wp), intent(out) :: sizes(3)
-    complex(wp) :: y(2*scales%normal%n_generators), product
-    real(wp) :: turn(2*scales%normal%n_generators), bounds(form%n_dof, 3), margin
+    complex(wp) :: y(2*scales%normal%n_generators)
+    real(wp) :: turn(2*scales%normal%n_generators), bounds(form%n_dof, 3), margin, modulus
+    real(wp) :: moduli(2*scales%normal%n_generators)
     integer :: n, g, d, i, k
 
     associate (normal => scales%normal)
@@ -104,13 +105,14 @@ contains
       y(:n) = a
       y(n + 1:g) = (1.0_wp, 0.0_wp)
       y(g + 1:) = conjg(y(:g))
+      moduli = abs(y)
       turn(:n) = scales%flow%frame
       turn(n + 1:g) = form%drives(normal%hard)
       turn(g + 1:) = -turn(:g)
       x = (0.0_wp, 0.0_wp)
       bounds = 0.0_wp
       do i = 1, g
-        bounds(:, 1) = bounds(:, 1) + 2.0_wp*abs(normal%right(:d, i))*abs(y(i))
+        bounds(:, 1) = bounds(:, 1) + 2.0_wp*normal%size_one(:, i)*moduli(i)
         if (abs(turn(i) - p) <= margin) x = x + 2.0_wp*normal%right(:d, i)*y(i)
       end do
       do i = 1, size(normal%weak)
@@ -120,19 +122,21 @@ contains
       do k = 1, size(normal%used_pairs)
         i = normal%used_pairs(k)
         associate (f => normal%pair(:, i), u => normal%u_pair(:d, i))
-          product = y(f(1))*y(f(2))
-          if (.not. abs(product) > 0.0_wp) cycle
-          bounds(:, 2) = bounds(:, 2) + abs(u)*abs(product)
-          if (abs(sum(turn(f)) - p) <= margin) x = x + 2.0_wp*u*product
+          modulus = moduli(f(1))*moduli(f(2))
+          if (.not. modulus > 0.0_wp) cycle
+          bounds(:, 2) = bounds(:, 2) + normal%size_pair(:, i)*modulus
+          if (abs(turn(f(1)) + turn(f(2)) - p) > margin) cycle
+          x = x + 2.0_wp*u*(y(f(1))*y(f(2)))
         end associate
       end do
       do k = 1, size(normal%used_triples)
         i = normal%used_triples(k)
         associate (f => normal%triple(:, i), u => normal%u_triple(:d, i))
-          product = y(f(1))*y(f(2))*y(f(3))
-          if (.not. abs(product) > 0.0_wp) cycle
-          bounds(:, 3) = bounds(:, 3) + abs(u)*abs(product)
-          if (abs(turn(f(1)) + turn(f(2)) + turn(f(3)) - p) <= margin) x = x + 2.0_wp*u*product
+          modulus = moduli(f(1))*moduli(f(2))*moduli(f(3))
+          if (.not. modulus > 0.0_wp) cycle
+          bounds(:, 3) = bounds(:, 3) + normal%size_triple(:, i)*modulus
+          if (abs(turn(f(1)) + turn(f(2)) + turn(f(3)) - p) > margin) cycle
+          x = x + 2.0_wp*u*(y(f(1))*y(f(2))*y(f(3)))
         end associate
       end do
     end associate

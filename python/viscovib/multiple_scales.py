@@ -1,6 +1,5 @@
 """The method of multiple scales to third order: modulation equations and what follows."""
 
-import re
 import warnings
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -159,20 +158,15 @@ class MultipleScales:
         coefficients, orders, divisors, n = core.scales_resonances(
             self.frequencies, drives[acting], _MAX_RESONANCES
         )
-        names = [f"w{j + 1}" for j in range(self._n)] + [f"p{k + 1}" for k in acting]
-        found = [
-            Resonance(
-                label=_label(coefficients[:, i], names),
-                order=int(orders[i]),
-                coefficients={
-                    name: int(c) for name, c in zip(names, coefficients[:, i], strict=True) if c
-                },
-                divisor=float(divisors[i]),
-                near=bool(divisors[i] <= limit),
-            )
-            for i in np.argsort(divisors[:n], kind="stable")
-        ]
-        return tuple(found)
+        names = (*(f"w{j + 1}" for j in range(self._n)), *(f"p{k + 1}" for k in acting))
+        order = np.argsort(divisors[:n], kind="stable")
+        columns = (
+            map(tuple, coefficients[:, order].T.tolist()),
+            orders[order].tolist(),
+            divisors[order].tolist(),
+            (divisors[order] <= limit).tolist(),
+        )
+        return tuple(Resonance(names, *row) for row in zip(*columns, strict=True))
 
     def modulation(
         self,
@@ -371,17 +365,3 @@ def _factors(row: Any) -> tuple[str, ...]:
     amplitudes = [f"a{k}" if k > 0 else f"a{-k}*" for k in map(int, row[:3]) if k]
     loads = [f"p{k}" if k > 0 else f"p{-k}*" for k in map(int, row[3:]) if k]
     return (*amplitudes, *loads)
-
-
-def _label(coefficients: Any, names: list[str]) -> str:
-    """Write sum c f = 0 with positive factors; on the left what is alone, or has a load."""
-    sides: list[list[str]] = [[], []]
-    for c, name in zip(coefficients, names, strict=True):
-        if c:
-            sides[int(c < 0)].append(name if abs(c) == 1 else f"{abs(c)} {name}")
-    left, right = sides
-    lone = [len(side) == 1 and " " not in side[0] for side in sides]
-    loaded = [any(re.search(r"p\d", word) for word in side) for side in sides]
-    if (lone[1], loaded[1]) > (lone[0], loaded[0]):
-        left, right = right, left
-    return f"{' + '.join(left)} ~ {' + '.join(right)}"

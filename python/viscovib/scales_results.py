@@ -4,7 +4,7 @@ import csv
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,19 +19,40 @@ from viscovib.files import whole_file
 _NEUTRAL = 1e-9
 
 
-@dataclass(frozen=True)
-class Resonance:
-    """A condition of resonance: sum of coefficients x frequencies near 0.
+class Resonance(NamedTuple):
+    """A condition of resonance: sum of multiples x frequencies near 0.
 
-    ``label`` reads as in "w1 ~ 2 w2"; ``order`` is the order of the expansion in which it is felt;
-    ``divisor`` is the sum over the highest frequency in it.
+    ``order`` is the order of the expansion in which it is felt; ``divisor`` is the sum over the
+    highest frequency in it, ``near`` whether that is within the tolerance asked for.
     """
 
-    label: str
+    names: tuple[str, ...]
+    multiples: tuple[int, ...]
     order: int
-    coefficients: dict[str, int]
     divisor: float
     near: bool
+
+    @property
+    def coefficients(self) -> dict[str, int]:
+        """Multiples that are not 0, by the frequency's name."""
+        return {name: c for name, c in zip(self.names, self.multiples, strict=True) if c}
+
+    @property
+    def label(self) -> str:
+        """The condition as in "w1 ~ 2 w2"; on the left what is alone, or has a load."""
+        sides: list[list[str]] = [[], []]
+        for name, c in self.coefficients.items():
+            sides[int(c < 0)].append(name if abs(c) == 1 else f"{abs(c)} {name}")
+        lone = [len(side) == 1 and " " not in side[0] for side in sides]
+        loaded = [any("p" in word for word in side) for side in sides]
+        if (lone[1], loaded[1]) > (lone[0], loaded[0]):
+            sides.reverse()
+        return " ~ ".join(" + ".join(side) for side in sides)
+
+    def __str__(self) -> str:
+        """Label, order and divisor."""
+        near = ", near" if self.near else ""
+        return f"{self.label}: order {self.order}, divisor {self.divisor:.4g}{near}"
 
 
 @dataclass(frozen=True, eq=False)
