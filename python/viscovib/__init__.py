@@ -28,6 +28,7 @@ from viscovib.pendulum import Pendulum
 from viscovib.plots import plot_branch, plot_response, plot_sections, plot_spectrum, plot_trajectory
 from viscovib.polynomial import PolynomialSystem
 from viscovib.response import Peak, Response, forced_response, plan_response
+from viscovib.scales_plots import plot_modulation, plot_scales_response
 from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.spectrum import (
@@ -82,7 +83,9 @@ __all__ = [
     "plan",
     "plan_response",
     "plot_branch",
+    "plot_modulation",
     "plot_response",
+    "plot_scales_response",
     "plot_sections",
     "plot_spectrum",
     "plot_trajectory",

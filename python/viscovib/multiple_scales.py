@@ -216,6 +216,7 @@ class MultipleScales:
             order_sizes=sizes,
             error_estimate=first * (ratio**3 + drift),
             in_range=(ratio <= 0.3) & (ratio**3 + drift <= 0.3),
+            mode_shapes=self.mode_shapes,
             dof_names=self._names,
         )
         if not result.in_range.all():
@@ -264,13 +265,15 @@ class MultipleScales:
             room = n
         kept = slice(n)
         # What the next order of the exponents, and the distance from free undamped motion, make
-        # of the shifts, and these of the amplitudes.
+        # of the shifts of the modes that move, and these of the amplitudes.
         first = np.maximum(sizes[0, kept], 1e-300)
         ratio = np.maximum(sizes[1, kept] / first, np.sqrt(sizes[2, kept] / first))
         rate = np.abs(self.interaction + 1j * self.nonlinear_decay)
-        shift = (rate @ np.abs(2 * a[:, kept]) ** 2).max(axis=0)
+        size = np.abs(2 * a[:, kept])
+        moves = size > 1e-9 * size.max(axis=0)
+        shift = ((rate @ size**2) * moves).max(axis=0)
         off = np.abs(1j * frames[:, kept] - self.exponents[:, np.newaxis])
-        distance = (off / self.frequencies[:, np.newaxis]).max(axis=0)
+        distance = (off / self.frequencies[:, np.newaxis] * moves).max(axis=0)
         slowest = np.maximum(np.abs(eigenvalues[:, kept]).min(axis=0), 1e-300)
         error = first * (ratio**3 + shift * (ratio**2 + distance) / slowest)
         return ScalesResponse(

@@ -105,6 +105,8 @@ class ScalesMotion:
         Of the coordinates: size of the next order, and drift of the phases by it.
     in_range : ndarray of bool, shape (n,)
         The orders fall off fast enough for the expansion to mean something.
+    mode_shapes : ndarray, shape (n_dof, n_modes)
+        As of `MultipleScales`.
     """
 
     t: FloatArray
@@ -113,6 +115,7 @@ class ScalesMotion:
     order_sizes: FloatArray
     error_estimate: FloatArray
     in_range: npt.NDArray[np.bool_]
+    mode_shapes: npt.NDArray[Any]
     dof_names: tuple[str, ...]
 
     def to_dataset(self) -> xr.Dataset:
@@ -230,6 +233,9 @@ class ScalesResponse:
             columns[f"{name}_im"] = self.harmonics[:, d].imag
         for j in range(self.amplitudes.shape[1]):
             columns[f"mode_{j + 1}"] = np.abs(self.amplitudes[:, j])
+        columns["growth"] = self.eigenvalues.real.max(axis=1)
+        for k in range(3):
+            columns[f"order_{k + 1}"] = self.order_sizes[:, k]
         columns["error_estimate"] = self.error_estimate
         with whole_file(path) as file:
             file.write(f"# viscovib {version('viscovib')}, multiple scales\n")

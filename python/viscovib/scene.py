@@ -27,8 +27,10 @@ from viscovib.kernels import (
     TabulatedKernel,
 )
 from viscovib.mount import Mount
+from viscovib.multiple_scales import MultipleScales
 from viscovib.pendulum import Pendulum
 from viscovib.response import Response, _prepare, forced_response, plan_response
+from viscovib.scales_results import ScalesResponse
 from viscovib.spectrum import Spectrum, spectrum
 from viscovib.transient import METHODS, Trajectory, simulate
 
@@ -41,6 +43,8 @@ _KERNELS: dict[str, type[Kernel]] = {
 }
 _LISTS = ("weights", "rates", "times", "values")
 _MAX_PATH = 4096
+#: What &multiple_scales can vary, in the order of the core.
+_SCALES = ("p1", "p2", "p3", "f0", "m01", "m02")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +95,7 @@ class Scene:
 
     @property
     def is_pendulum(self) -> bool:
-        """Whether the system is a pendulum, its result a motion in time; else it is a mount."""
+        """Whether the system is a pendulum; else it is a mount."""
         return "pendulum" in self.groups
 
     def pendulum(self) -> Pendulum:
@@ -157,6 +161,12 @@ class Scene:
             "save_every": group["save_every"],
         }
 
+    def _steady(self) -> ScalesResponse:
+        group = self._group("multiple_scales")
+        values = core.frequency_grid(group["from"], group["to"], 0, group["count"])
+        system = MultipleScales(self.pendulum(), tolerance=group["tolerance"])
+        return system.response(group["parameter"], values)
+
     def _branch(self) -> dict[str, Any]:
         group = self._group("branch")
         return {
@@ -180,15 +190,20 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
-    """What a scene gave: response or branch of a mount, or motion of a pendulum and its spectra."""
+    """What a scene gave: response or branch of a mount; motion of a pendulum and its spectra.
+
+    Or steady motions of a pendulum.
+    """
 
     scene: Scene
-    value: Response | Branch | Trajectory
+    value: Response | Branch | Trajectory | ScalesResponse
     spectrum: Spectrum | None = None
 
     @property
     def kind(self) -> str:
-        """As in the names of tables: "response", "branch" or "transient"."""
+        """As in the names of tables: "response", "branch", "transient" or "multiple_scales"."""
+        if isinstance(self.value, ScalesResponse):
+            return "multiple_scales"
         if isinstance(self.value, Branch):
             return "branch"
         return "response" if isinstance(self.value, Response) else "transient"
@@ -208,6 +223,13 @@ class SceneResult:
         return self.value
 
     @property
+    def steady(self) -> ScalesResponse:
+        """The steady motions of a pendulum."""
+        if not isinstance(self.value, ScalesResponse):
+            raise InputError("steady: this scene gave something else, see value")
+        return self.value
+
+    @property
     def trajectory(self) -> Trajectory:
         """The motion of a pendulum."""
         if not isinstance(self.value, Trajectory):
@@ -218,6 +240,8 @@ class SceneResult:
 def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
     """Compute what a scene asks for."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
+    if "multiple_scales" in read.groups:
+        return SceneResult(read, read._steady())
     if read.is_pendulum:
         run = simulate(**read._motion(), progress=progress)
         return SceneResult(read, run, _spectrum(read, run))
@@ -241,6 +265,8 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
     if "branch" in read.groups:
         return _plan_branch(read)
+    if "multiple_scales" in read.groups:
+        return _plan_steady(read)
     if not read.is_pendulum:
         return plan_response(**read._job())
     group = read._group("transient")
@@ -258,6 +284,14 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
     return (
         f"{lines}\ncomputes: spectra of z, phi, psi, window {read.groups['spectrum']['window']}\n"
     )
+
+
+def _plan_steady(scene: Scene) -> str:
+    group = scene.groups["multiple_scales"]
+    text: bytes = core.scales_plan(
+        _SCALES.index(group["parameter"]) + 1, group["from"], group["to"], group["count"]
+    )
+    return text.decode().strip() + "\n"
 
 
 def _plan_branch(scene: Scene) -> str:
