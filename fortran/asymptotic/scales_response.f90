@@ -2,6 +2,7 @@
 module viscovib_scales_response
   use viscovib_flow_stability, only: flow_eigenvalues
   use viscovib_kinds, only: wp
+  use viscovib_linear_modes, only: find_modes
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_scales_motion, only: harmonic_of
@@ -36,7 +37,8 @@ contains
     type(polynomial_form_type) :: here
     type(multiple_scales_type) :: scales
     type(steady_solver_type) :: solver
-    complex(wp) :: a(form%n_modes(), max_steady)
+    complex(wp) :: a(form%n_modes(), max_steady), exponents(form%n_modes())
+    complex(wp), dimension(form%n, form%n_modes()) :: right, left
     real(wp) :: reference
     integer :: i, k, n_found
     logical :: near, ready
@@ -49,7 +51,9 @@ contains
     end if
     here = form
     if (vary == vary_frequency) then
-      call set_value(nearest_to_mode(form, load, values))
+      call find_modes(form, exponents, right, left, status)
+      if (status%failed()) return
+      call set_value(nearest_to_mode(aimag(exponents), left, form%load(:, load), values))
     else if (any(abs(values) > 0.0_wp)) then
       call set_value(values(maxloc(abs(values), 1)))
     end if
@@ -166,19 +170,18 @@ contains
   end subroutine reserve
 
   !> The value that lies nearest to a mode that the load drives.
-  pure real(wp) function nearest_to_mode(form, load, values)
-    type(polynomial_form_type), intent(in) :: form
-    integer, intent(in) :: load
-    real(wp), intent(in) :: values(:)
-    real(wp) :: distance, best, work
+  pure real(wp) function nearest_to_mode(omega, left, load, values)
+    !> Frequencies and left vectors of the modes, a column each.
+    real(wp), intent(in) :: omega(:), load(:), values(:)
+    complex(wp), intent(in) :: left(:, :)
+    real(wp) :: distance, best
     integer :: i, j
     best = huge(best)
     nearest_to_mode = values(1)
-    do j = 1, form%n_modes()
-      work = abs(sum(form%left(:, j)*form%load(:, load)))
-      if (work <= 1.0e-12_wp*maxval(abs(form%left(:, j)))*maxval(abs(form%load(:, load)))) cycle
+    do j = 1, size(omega)
+      if (abs(sum(left(:, j)*load)) <= 1.0e-12_wp*maxval(abs(left(:, j)))*maxval(abs(load))) cycle
       do i = 1, size(values)
-        distance = abs(values(i)/form%omega(j) - 1.0_wp)
+        distance = abs(values(i)/omega(j) - 1.0_wp)
         if (distance >= best) cycle
         best = distance
         nearest_to_mode = values(i)

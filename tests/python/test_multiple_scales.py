@@ -433,3 +433,85 @@ def test_bad_input(call, message):
     ms = vv.MultipleScales(vv.Pendulum(**FREE, f0=0.001, p1=1.0))
     with pytest.raises(vv.InputError, match=message):
         call(ms)
+
+
+def test_subharmonic_motions():
+    """Load at three times the frequency: rest and two sets of three motions, as one integrates."""
+    cubic = np.ones((1, 1, 1, 1))
+    system = vv.PolynomialSystem(
+        mass=[[1]], stiffness=[[1]], damping=[[0.002]], cubic=cubic, load=[[1.0]], drives=[3.1]
+    )
+    ms = vv.MultipleScales(system)
+    response = ms.response("p1", [3.02, 3.1, 3.2])
+    assert list(np.bincount(response.index)) == [1, 7, 1]
+    at = response.nearest(3.1)
+    assert list(response.stable[at]) == [True, False, False, False, True, True, True]
+    # A stable one, followed for ten of its periods, comes back to itself.
+    state = ms.motion([0.0], amplitudes=response.amplitudes[at[-1]]).state[0]
+    period = 6 * np.pi / 3.1
+
+    def rhs(t, y):
+        return [y[1], -y[0] - 0.002 * y[1] - y[0] ** 3 + np.cos(3.1 * t)]
+
+    run = scipy.integrate.solve_ivp(rhs, (0, 10 * period), state, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(run.y[:, -1], state, atol=0.03)
+
+
+def test_constant_load():
+    """A constant load moves the equilibrium: products with it resonate with the mode itself."""
+    pend = vv.Pendulum(**FREE, f0=0.01, p1=0.0)
+    t = np.linspace(0, 30, 61)
+    initial = np.array([0.01, 0, 0.02, 0, 0.01, 0])
+    motion = vv.MultipleScales(pend).motion(t, initial)
+    exact = vv.simulate(pend, 30, times=t, initial=initial, tolerance=1e-12).state
+    assert abs(motion.state - exact).max() < 1e-5
+    without = vv.MultipleScales(vv.Pendulum(**FREE)).motion(t, initial)
+    assert abs(without.state - exact).max() > 1e-2
+
+
+def test_pictures(tmp_path):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    pend = vv.Pendulum(**FREE, c1=0.005, c2=0.005, c3=0.005, f0=0.001, p1=1.04)
+    ms = vv.MultipleScales(pend)
+    axes = vv.plot_scales_response(ms.response("p1", np.linspace(1.02, 1.06, 41)))
+    assert len(axes) == 1
+    axes[0].figure.savefig(tmp_path / "response.png")
+    initial = [0.01, 0, 0.01, 0, 0.01, 0]
+    motion = ms.motion(np.linspace(0, 50, 201), initial)
+    axes = vv.plot_modulation(motion, vv.simulate(pend, 50, initial=initial))
+    assert len(axes) == 3
+    axes[0].figure.savefig(tmp_path / "motion.png")
+    with pytest.raises(vv.InputError, match="ax: 1 axes given, must be 3"):
+        vv.plot_modulation(motion, ax=axes[0])
+    matplotlib.pyplot.close("all")
+
+
+def test_results_as_tables(tmp_path):
+    pend = vv.Pendulum(**FREE, c1=0.005, f0=0.001, p1=1.04)
+    ms = vv.MultipleScales(pend)
+    response = ms.response("p1", [1.03, 1.04])
+    response.to_csv(tmp_path / "steady.csv")
+    lines = (tmp_path / "steady.csv").read_text().splitlines()
+    rows = [line for line in lines if not line.startswith("#")]
+    assert len(rows) == 1 + response.index.size
+    assert response.to_dataset().sizes["dof"] == 3
+    assert ms.motion([0.0, 1.0], [0.01, 0, 0, 0, 0, 0]).to_dataset().sizes["t"] == 2
+
+
+def test_example_runs(tmp_path):
+    import runpy
+    import sys
+    from pathlib import Path
+
+    example = Path(__file__).parents[2] / "examples" / "multiple_scales.py"
+    arguments = sys.argv
+    try:
+        sys.argv = [str(example), str(tmp_path)]
+        with warnings.catch_warnings():
+            runpy.run_path(str(example), run_name="__main__")
+    finally:
+        sys.argv = arguments
+    names = {path.stem for path in tmp_path.iterdir()}
+    assert names == {"error", "response", "mount", "modulation"}
