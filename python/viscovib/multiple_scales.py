@@ -274,6 +274,11 @@ class MultipleScales:
         shift = ((rate @ size**2) * moves).max(axis=0)
         off = np.abs(1j * frames[:, kept] - self.exponents[:, np.newaxis])
         distance = (off / self.frequencies[:, np.newaxis] * moves).max(axis=0)
+        # The part of the load's wave outside its mode, which products leave out.
+        p = (where if vary == 1 else np.full(where.size, self._drives[load - 1]))[which[kept] - 1]
+        own = np.abs(frames[:, kept] - p) <= 1e-9 * p
+        rest = harmonics[: self._n_dof, kept] - 2 * self.mode_shapes @ (a[:, kept] * own)
+        distance = distance + 2 * np.abs(rest).max(axis=0) / first
         slowest = np.maximum(np.abs(eigenvalues[:, kept]).min(axis=0), 1e-300)
         error = first * (ratio**3 + shift * (ratio**2 + distance) / slowest)
         return ScalesResponse(
