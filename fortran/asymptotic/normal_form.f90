@@ -175,7 +175,9 @@ contains
     near = modulo(a - 1, self%n_generators) < self%n_modes
     if (.not. near) return
     associate (own => aimag(self%s(a)))
-      near = abs(aimag(s) - own) <= max(self%tolerance, 1.0e-10_wp)*max(highest, abs(own))
+      ! Never so far that a mode and its conjugate were near at once.
+      near = abs(aimag(s) - own) <= min(max(self%tolerance, 1.0e-10_wp)*max(highest, abs(own)), &
+                                        0.5_wp*abs(own))
     end associate
   end function near
 
@@ -242,17 +244,19 @@ contains
       widest = reference
     end if
     m = 0
-    matrix = (0.0_wp, 0.0_wp)
-    x = (0.0_wp, 0.0_wp)
-    matrix(:n, :n) = form%operator_at(s)
-    x(:n) = load
     do a = 1, 2*self%n_generators
       if (.not. self%near(place, widest, a)) cycle
       m = m + 1
       modes(m) = a
-      slope = form%operator_between(s, self%exponents(a))
-      matrix(:n, n + m) = matmul(slope, self%right(:, a))
-      matrix(n + m, :n) = matmul(self%left(:, a), slope)
+    end do
+    matrix(:n, :n) = form%operator_at(s)
+    x(:n) = load
+    do i = 1, m
+      slope = form%operator_between(s, self%exponents(modes(i)))
+      matrix(:n, n + i) = matmul(slope, self%right(:, modes(i)))
+      matrix(n + i, :n) = matmul(self%left(:, modes(i)), slope)
+      matrix(n + 1:n + m, n + i) = (0.0_wp, 0.0_wp)
+      x(n + i) = (0.0_wp, 0.0_wp)
     end do
     call solve_complex(matrix(:n + m, :n + m), x(:n + m), .false., singular)
     if (singular) return

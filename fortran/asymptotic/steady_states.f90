@@ -9,7 +9,7 @@ module viscovib_steady_states
   use viscovib_homotopy, only: family_type, max_unknowns, new_family
   use viscovib_kinds, only: wp
   use viscovib_slow_flow, only: flow_term_type, slow_flow_type
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
   private
 
@@ -34,8 +34,9 @@ module viscovib_steady_states
 contains
 
   !> From the flow at one value of what will vary; its terms stay, their coefficients may not.
+  !! A solver that was made for the same terms keeps what it knows.
   subroutine new_steady_solver(solver, flow, status)
-    type(steady_solver_type), intent(out) :: solver
+    type(steady_solver_type), intent(inout) :: solver
     type(slow_flow_type), intent(in) :: flow
     type(status_type), intent(out) :: status
     integer, allocatable :: row(:), at(:, :)
@@ -43,6 +44,9 @@ contains
     logical :: moves(flow%n_modes), shifts_only
     integer :: i, n
 
+    solver%kind = kind_none
+    solver%unit = 1.0_wp
+    call set_ok(status)
     moves = .false.
     do n = 1, flow%n_modes + 1
       do i = 1, size(flow%terms)
@@ -66,16 +70,25 @@ contains
       solver%unit = natural_unit(solver, flow)
       if (shifts_only) then
         call square_terms(solver, flow, row, at, coefficients)
-        call new_family(solver%family, n, row, at)
+        if (.not. same_terms(solver%family, n, row, at)) call new_family(solver%family, n, row, at)
       else
         call general_terms(solver, flow, row, at, coefficients)
-        call new_family(solver%family, 2*n, row, at)
+        n = 2*n
+        if (.not. same_terms(solver%family, n, row, at)) call new_family(solver%family, n, row, at)
       end if
     else
       call fail(status, status_input_error, 'system', 'system: '//show(n)//' modes move together ' &
                 //'in resonance; steady motions are found for at most '//show(max_unknowns/2))
     end if
   end subroutine new_steady_solver
+
+  pure logical function same_terms(family, n, row, at)
+    type(family_type), intent(in) :: family
+    integer, intent(in) :: n, row(:), at(:, :)
+    same_terms = family%n == n .and. allocated(family%row)
+    if (same_terms) same_terms = size(family%row) == size(row)
+    if (same_terms) same_terms = all(family%row == row) .and. all(family%at == at)
+  end function same_terms
 
   !> row, times squares of moduli and loads against themselves: a shift of the exponent.
   pure logical function is_shift(t)
@@ -430,6 +443,8 @@ contains
       if (n_found == size(a, 2)) exit
       n_found = n_found + 1
       a(self%active, n_found) = 0.5_wp*(x(:m, i) + conjg(x(m + 1:, i)))*self%unit
+      ! Rest is found as some tiny number.
+      where (abs(a(:, n_found)) < 1.0e-30_wp*self%unit) a(:, n_found) = (0.0_wp, 0.0_wp)
     end do
   end subroutine solve_general
 

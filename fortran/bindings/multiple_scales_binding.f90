@@ -25,8 +25,8 @@ subroutine pendulum_form(flat, max_length, packed, length, status, message)
   packed = 0.0_c_double
   length = 0
   call make_pendulum(system, flat, outcome)
+  if (.not. outcome%failed()) call new_pendulum_form(form, system, outcome)
   if (.not. outcome%failed()) then
-    call new_pendulum_form(form, system)
     call pack_form(form, numbers)
     length = min(size(numbers), max_length)
     packed(:length) = numbers(:length)

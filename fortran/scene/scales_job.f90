@@ -78,7 +78,8 @@ contains
     integer :: cancel
 
     cancel = 0
-    call new_pendulum_form(form, pendulum)
+    call new_pendulum_form(form, pendulum, status)
+    if (status%failed()) return
     call response_along(form, modulo(job%parameter - 1, 3) + 1, &
                         merge(vary_frequency, vary_amplitude, job%parameter <= 3), job%values, &
                         job%tolerance, points, status, cancel)

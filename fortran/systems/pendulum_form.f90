@@ -12,6 +12,7 @@ module viscovib_pendulum_form
   use viscovib_kinds, only: wp
   use viscovib_pendulum, only: equations_printed, pendulum_type
   use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
 
@@ -20,13 +21,22 @@ module viscovib_pendulum_form
 contains
 
   !> The exact equations and the cubic ones have the same form.
-  subroutine new_pendulum_form(form, pendulum)
+  subroutine new_pendulum_form(form, pendulum, status)
     type(polynomial_form_type), intent(out) :: form
     type(pendulum_type), intent(in) :: pendulum
+    type(status_type), intent(out) :: status
     type(jet_type) :: x(9), equations(3)
     real(wp) :: omega(3), shapes(3, 3)
     integer :: i
 
+    associate (p => pendulum%parameters)
+      if (.not. p%e > 0.0_wp .and. abs(p%w2 - p%w3) <= 1.0e-8_wp*p%w2) then
+        call fail(status, status_input_error, 'w3', 'w3 = '//show(p%w3)//': must differ from ' &
+                  //'w2 where e = 0: phi and psi have one mode between them, and psi grows ' &
+                  //'without bound')
+        return
+      end if
+    end associate
     x = variables(9)
     if (pendulum%parameters%equations == equations_printed) then
       equations = printed(pendulum, x(1:3), x(4:6), x(7:9))

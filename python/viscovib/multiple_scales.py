@@ -253,7 +253,7 @@ class MultipleScales:
             raise InputError("values: must hold at least one number")
         if vary == 1 and not where.min() > 0:
             raise InputError(f"{parameter} = {where.min():g}: must be greater than 0")
-        room = 4 * where.size + 40
+        room = 3 * where.size + 40
         while True:
             cancel = np.zeros(1, dtype=np.intc)
             n, which, a, frames, eigenvalues, harmonics, sizes = _native.call_interruptibly(

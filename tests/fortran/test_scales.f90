@@ -115,7 +115,8 @@ contains
     call new_pendulum(system, pendulum_parameters(e=0.1_wp, w2=0.4_wp, w3=0.8_wp, alpha=0.5_wp, &
                                                   damping=[0.1_wp, 0.2_wp, 0.3_wp]), status)
     call check_ok(status)
-    call new_pendulum_form(form, system)
+    call new_pendulum_form(form, system, status)
+    call check_ok(status)
     call pack_form(form, packed)
     call unpack_form(packed, none, again, status)
     call check_ok(status)

@@ -406,6 +406,10 @@ def test_overdamped_is_refused():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
+        (
+            lambda ms: vv.MultipleScales(vv.Pendulum(e=0.0, w2=0.5, w3=0.5)),
+            "w3 = 0.5: must differ from w2 where e = 0",
+        ),
         (lambda ms: vv.MultipleScales(3), "system = 3: must be a"),
         (lambda ms: vv.MultipleScales(ms.system, tolerance=1.0), "tolerance = 1: must be in"),
         (lambda ms: ms.response("p7", [1.0]), "parameter = 'p7': must be one of"),
@@ -515,3 +519,13 @@ def test_example_runs(tmp_path):
         sys.argv = arguments
     names = {path.stem for path in tmp_path.iterdir()}
     assert names == {"error", "response", "mount", "modulation"}
+
+
+def test_wide_tolerance():
+    """However much counts as resonant, no mode is near its own conjugate."""
+    pend = vv.Pendulum(e=0.1, w2=1.0863, w3=3.2589, alpha=0.0177, f0=0.002, p1=0.51)
+    initial = np.array([0.01, 0, 0.002, 0, 0.002, 0])
+    t = np.linspace(0, 20, 41)
+    motion = vv.MultipleScales(pend, tolerance=0.2).motion(t, initial)
+    exact = vv.simulate(pend, 20, times=t, initial=initial, tolerance=1e-12).state
+    assert abs(motion.state - exact)[:, ::2].max() < 1e-4
