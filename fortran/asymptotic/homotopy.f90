@@ -12,7 +12,9 @@ module viscovib_homotopy
 
   integer, parameter, public :: max_unknowns = 6
   integer, parameter :: max_steps = 2000
-  real(wp), parameter :: infinite = 1.0e4_wp
+  !> Solutions of the random member larger than this lie at infinity; on the way from it to
+  !! another member a path may pass far outside.
+  real(wp), parameter :: infinite = 1.0e4_wp, far = 1.0e8_wp
 
   !> Systems with the same terms: sum over terms of coefficient x_i x_j x_k in equation row.
   type :: family_type
@@ -63,7 +65,7 @@ contains
         rest = rest/degree(i)
         x(i) = wave((0.137_wp*i + part(i))/degree(i))
       end do
-      call follow(n, rows, places, from, to, x, ended)
+      call follow(n, rows, places, from, to, infinite, x, ended)
       if (.not. ended) cycle
       if (known(found(:, :k), x)) cycle
       k = k + 1
@@ -104,7 +106,7 @@ contains
     x = (0.0_wp, 0.0_wp)
     do i = 1, size(self%solutions, 2)
       path = self%solutions(:, i)
-      call follow(self%n, self%row, self%at, self%generic, coefficients, path, ended)
+      call follow(self%n, self%row, self%at, self%generic, coefficients, far, path, ended)
       if (.not. ended) cycle
       if (known(x(:, :n_found), path)) cycle
       n_found = n_found + 1
@@ -113,9 +115,11 @@ contains
   end subroutine solve_member
 
   !> One path of (1 - t) from + t to = 0, t from 0 to 1: tangent predictor, Newton corrector.
-  subroutine follow(n, row, at, from, to, x, ended)
+  subroutine follow(n, row, at, from, to, limit, x, ended)
     integer, intent(in) :: n, row(:), at(:, :)
     complex(wp), intent(in) :: from(:), to(:)
+    !> A path that leaves this is given up.
+    real(wp), intent(in) :: limit
     complex(wp), intent(inout) :: x(n)
     logical, intent(out) :: ended
     complex(wp) :: now(size(from)), f(n), slope(n, n), tangent(n), new(n)
@@ -152,14 +156,14 @@ contains
         new = new - f
         size_of = max(maxval(abs(new)), 1.0e-3_wp)
         ! A first correction too large may lead to another path.
-        if (.not. maxval(abs(f)) <= 0.05_wp*size_of) exit
+        if (.not. maxval(abs(f)) <= 0.02_wp*size_of) exit
         settled = maxval(abs(f)) <= 1.0e-7_wp*size_of
         if (settled) exit
       end do
       if (settled) then
         t = t + h
         x = new
-        if (maxval(abs(x)) > infinite) return
+        if (maxval(abs(x)) > limit) return
         if (round <= 2) h = 2.0_wp*h
       else
         h = 0.4_wp*h

@@ -115,3 +115,22 @@ def test_branches_against_continuation():
 def test_bad_input(call, message):
     with pytest.raises(vv.InputError, match=message):
         call()
+
+
+def test_no_motion_is_lost_where_many_modes_may_move():
+    """With a wide tolerance mode 3 w1 ~ w2 counts: still one motion at each detuning."""
+    kernel = vv.AbelKernel(amplitude=0.05, alpha=0.2)
+    with pytest.warns(vv.StabilityWarning):
+        system = mount(
+            kernel=kernel, inertia=2.2926, offset=-0.3, damping=[[0.062, 0], [0, 0.0432]]
+        )
+    omega = vv.MultipleScales(system).frequencies[0]
+    ms = vv.MultipleScales(system, load=[0.05, 0.01], nu=omega, tolerance=0.2)
+    assert len(ms.terms) == 6
+    nu = omega * np.linspace(0.9, 1.35, 19)
+    response = ms.response("nu", nu)
+    assert list(np.bincount(response.index, minlength=nu.size)) == [1] * nu.size
+    exact = vv.forced_response(system, nu, load=[0.05, 0.01], method="newton", harmonics=7)
+    error = abs(response.amplitude("phi") - exact.amplitude("phi"))
+    assert (error < 10 * response.error_estimate).all()
+    np.testing.assert_allclose(response.amplitude("phi"), exact.amplitude("phi"), rtol=1e-3)
