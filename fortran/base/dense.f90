@@ -4,7 +4,7 @@ module viscovib_dense
   implicit none
   private
 
-  public :: invert, factorize, solve
+  public :: invert, factorize, solve, solve_complex
 
 contains
 
@@ -148,5 +148,46 @@ contains
       x(:k - 1) = x(:k - 1) - factors(:k - 1, k)*x(k)
     end do
   end subroutine solve
+
+  !> x of A x = b by elimination, the largest pivot of its column each time.
+  !! `nudge`: a pivot that vanishes is taken as rounding of the largest entry, as
+  !! inverse iteration wants it.
+  pure subroutine solve_complex(matrix, x, nudge, singular)
+    !> Shape (n, n).
+    complex(wp), intent(in) :: matrix(:, :)
+    !> Right side, then solution, shape (n).
+    complex(wp), intent(inout) :: x(:)
+    logical, intent(in) :: nudge
+    logical, intent(out) :: singular
+    complex(wp) :: a(size(x), size(x)), row(size(x)), entry, factor
+    real(wp) :: smallest
+    integer :: n, i, k, p
+
+    n = size(x)
+    a = matrix
+    smallest = merge(epsilon(1.0_wp)*maxval(abs(a)), 0.0_wp, nudge)
+    do k = 1, n
+      p = k - 1 + maxloc(abs(a(k:, k)), 1)
+      if (p /= k) then
+        row(k:) = a(p, k:)
+        a(p, k:) = a(k, k:)
+        a(k, k:) = row(k:)
+        entry = x(p)
+        x(p) = x(k)
+        x(k) = entry
+      end if
+      if (nudge .and. .not. abs(a(k, k)) > smallest) a(k, k) = smallest
+      singular = .not. (abs(a(k, k)) > 0.0_wp .and. abs(a(k, k)) <= huge(1.0_wp))
+      if (singular) return
+      do i = k + 1, n
+        factor = a(i, k)/a(k, k)
+        a(i, k + 1:) = a(i, k + 1:) - factor*a(k, k + 1:)
+        x(i) = x(i) - factor*x(k)
+      end do
+    end do
+    do k = n, 1, -1
+      x(k) = (x(k) - sum(a(k, k + 1:)*x(k + 1:)))/a(k, k)
+    end do
+  end subroutine solve_complex
 
 end module viscovib_dense

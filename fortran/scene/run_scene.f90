@@ -9,6 +9,8 @@ module viscovib_run_scene
   use viscovib_response, only: response_type
   use viscovib_response_plan, only: new_response_plan, response_plan_type
   use viscovib_response_table, only: write_response
+  use viscovib_scales_job, only: plan_scales, run_scales, stable_points, write_scales
+  use viscovib_scales_response, only: steady_points_type
   use viscovib_scene, only: scene_type
   use viscovib_simulate, only: run_completed, run_names
   use viscovib_spectrum_table, only: write_spectrum
@@ -43,7 +45,10 @@ contains
                 //'single points, leave the group out')
       return
     end if
-    if (scene%is_pendulum) then
+    if (scene%wants_scales) then
+      text = plan_scales(scene%scales)
+      return
+    else if (scene%is_pendulum) then
       text = plan_transient(scene%transient)
       if (scene%spectrum%wanted) then
         text = text//'computes: spectra of z, phi, psi, window ' &
@@ -73,7 +78,9 @@ contains
     character(len=:), allocatable :: header
 
     header = 'viscovib '//version//', scene '//scene%path//new_line('a')//scene%title
-    if (scene%is_pendulum) then
+    if (scene%wants_scales) then
+      call run_steady(scene, folder, header, report, status)
+    else if (scene%is_pendulum) then
       call run_motion(scene, folder, header, report, status)
     else if (scene%wants_branch) then
       call run_one_branch(scene, folder, header, report, status)
@@ -127,6 +134,28 @@ contains
     report%summary = trim(branch_names(branch%outcome))//', '//show(branch%n_points) &
                      //' points, '//show(branch%n_folds)//' folds'
   end subroutine run_one_branch
+
+  subroutine run_steady(scene, folder, header, report, status)
+    type(scene_type), intent(in) :: scene
+    character(len=*), intent(in) :: folder, header
+    type(scene_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(steady_points_type) :: points
+    integer :: i
+
+    call run_scales(scene%scales, scene%pendulum, points, status)
+    if (status%failed()) then
+      status%message = scene%path//': '//status%message
+      return
+    end if
+    report%path = folder//'/'//stem(scene%path)//'_multiple_scales.csv'
+    call write_scales(folder, stem(scene%path)//'_multiple_scales.csv', scene%scales, points, &
+                      header, status)
+    if (status%failed()) return
+    report%complete = all([(any(points%value(:points%n) == i), i=1, size(scene%scales%values))])
+    report%summary = show(points%n)//' steady motions at '//show(size(scene%scales%values)) &
+                     //' values, '//show(count(stable_points(points)))//' of them stable'
+  end subroutine run_steady
 
   subroutine run_motion(scene, folder, header, report, status)
     type(scene_type), intent(in) :: scene

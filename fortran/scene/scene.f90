@@ -15,6 +15,7 @@ module viscovib_scene
   use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_names, method_newton, new_response_plan, &
     response_plan_type
+  use viscovib_scales_job, only: read_scales, scales_job
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_sweep_groups, only: read_sweep
   use viscovib_transient_job, only: transient_job
@@ -30,6 +31,9 @@ module viscovib_scene
     type(pendulum_type) :: pendulum
     type(transient_job) :: transient
     type(spectrum_job) :: spectrum
+    !> Or its steady motions by multiple scales.
+    logical :: wants_scales = .false.
+    type(scales_job) :: scales
     !> Or it is a mount, its result a response.
     type(mount_type) :: mount
     type(load_type) :: load
@@ -47,14 +51,14 @@ module viscovib_scene
     character(len=:), allocatable :: canonical
   end type scene_type
 
-  character(len=*), parameter :: group_names(10) = &
-    [character(len=9) :: 'scene', 'mount', 'kernel', 'load', 'response', 'branch', 'pendulum', &
-     'transient', 'spectrum', 'sweep']
+  character(len=*), parameter :: group_names(11) = &
+    [character(len=15) :: 'scene', 'mount', 'kernel', 'load', 'response', 'branch', 'pendulum', &
+     'transient', 'spectrum', 'multiple_scales', 'sweep']
   !> What belongs to each system.
   character(len=*), parameter :: mount_groups(5) = &
-    [character(len=9) :: 'mount', 'kernel', 'load', 'response', 'branch'], &
-                                 pendulum_groups(3) = &
-    [character(len=9) :: 'pendulum', 'transient', 'spectrum']
+    [character(len=15) :: 'mount', 'kernel', 'load', 'response', 'branch'], &
+                                 pendulum_groups(4) = &
+    [character(len=15) :: 'pendulum', 'transient', 'spectrum', 'multiple_scales']
   character(len=*), parameter :: coordinate_names(2) = [character(len=3) :: 'x', 'phi']
   character(len=*), parameter :: grid_keys(4) = &
     [character(len=10) :: 'nu_min', 'nu_max', 'nu_count', 'nu_spacing']
@@ -127,14 +131,26 @@ contains
       end do
       if (n > 0) cycle
       if (is_pendulum .and. group_names(j) == 'transient') then
+        if (place_of(file, 'multiple_scales') <= size(file%groups)) cycle
         call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
-                  //'a scene with &pendulum needs a wanted result (&transient)')
+                  //'a scene with &pendulum needs a wanted result (&transient or ' &
+                  //'&multiple_scales)')
       else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load '])) then
         call refuse_lack(trim(group_names(j)))
       end if
       if (status%failed()) return
     end do
-    if (is_pendulum) return
+    if (is_pendulum) then
+      n = place_of(file, 'multiple_scales')
+      if (n > size(file%groups)) return
+      if (place_of(file, 'transient') <= size(file%groups)) then
+        call refuse_group(n, '&multiple_scales: this scene has &transient already, give one of ' &
+                          //'them')
+      else if (place_of(file, 'spectrum') <= size(file%groups)) then
+        call refuse_group(place_of(file, 'spectrum'), '&spectrum: needs &transient')
+      end if
+      return
+    end if
     n = place_of(file, 'branch')
     if (place_of(file, 'response') > size(file%groups)) then
       if (n > size(file%groups)) call refuse_lack('response')
@@ -190,6 +206,13 @@ contains
     call read_pendulum(reader, scene%pendulum)
     call close_group(reader, scene, status)
     if (status%failed()) return
+    scene%wants_scales = place_of(file, 'multiple_scales') <= size(file%groups)
+    if (scene%wants_scales) then
+      call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
+      call read_scales(reader, scene%scales)
+      call close_group(reader, scene, status)
+      return
+    end if
     call reader%start(file%path, file%groups(place_of(file, 'transient')))
     call read_transient(reader, scene%pendulum, scene%transient)
     call close_group(reader, scene, status)

@@ -4,6 +4,7 @@
 !! Coordinates u = (x, phi); spring deflections x - l sin(phi) and phi.
 module viscovib_mount
   use viscovib_checks, only: check_finite, check_not_negative, check_positive
+  use viscovib_jet, only: cosine, jet_type, operator(*), operator(+), operator(-), sine
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
   use viscovib_status, only: fail, show, status_input_error, status_type
@@ -44,6 +45,7 @@ module viscovib_mount
     procedure :: force_remainder
     procedure :: deflection_slopes
     procedure :: force_slopes
+    procedure :: jets
     procedure :: natural_modes
   end type mount_type
 
@@ -202,6 +204,30 @@ contains
       by_v(i, 2, 1) = 2.0_wp*self%parameters%offset*sin(0.5_wp*u(i, 2))**2
     end do
   end subroutine force_slopes
+
+  !> w(u) and F(u, v) as polynomials up to the third degree.
+  pure subroutine jets(self, u, v, w, f)
+    class(mount_type), intent(in) :: self
+    !> Shapes (2), (n_memory), (n_memory) and (2).
+    type(jet_type), intent(in) :: u(:), v(:)
+    type(jet_type), intent(out) :: w(:), f(:)
+
+    associate (p => self%parameters)
+      if (p%geometry == geometry_exact) then
+        w(1) = p%stiffness_x*(u(1) - p%offset*sine(u(2)))
+        w(2) = p%stiffness_phi*u(2)
+        f(1) = v(1)
+        f(2) = v(2) - p%offset*(cosine(u(2))*v(1))
+      else
+        w(1) = p%stiffness_x*(u(1) - p%offset*u(2)) + self%x_ppp*(u(2)*u(2)*u(2))
+        w(2) = (p%stiffness_x*p%offset)*(p%offset*u(2) - u(1)) &
+               + u(2)*u(2)*(self%phi_ppx*u(1) + self%phi_ppp*u(2))
+        w(3) = p%stiffness_phi*u(2)
+        f(1) = v(1)
+        f(2) = v(2) + v(3)
+      end if
+    end associate
+  end subroutine jets
 
   !> Undamped natural frequencies without memory, and mode shapes.
   !!

@@ -4,12 +4,14 @@ from importlib.metadata import version as _version
 
 from viscovib.branch import Branch, Crossing, trace_response
 from viscovib.characteristic import CharacteristicRoots
+from viscovib.cubic_system import CubicSystem
 from viscovib.decay import FreeDecay, free_decay
 from viscovib.ensemble import Ensemble, simulate_ensemble
 from viscovib.errors import (
     ConvergenceWarning,
     FileError,
     InputError,
+    RangeWarning,
     StabilityWarning,
     SweepError,
     ViscovibError,
@@ -27,9 +29,12 @@ from viscovib.load import fourier_coefficients
 from viscovib.load_table import LoadTable
 from viscovib.maps import plot_map
 from viscovib.mount import Mount
+from viscovib.multiple_scales import MultipleScales
 from viscovib.pendulum import Pendulum
 from viscovib.plots import plot_branch, plot_response, plot_sections, plot_spectrum, plot_trajectory
 from viscovib.response import Peak, Response, forced_response, plan_response
+from viscovib.scales_plots import plot_modulation, plot_scales_response
+from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.spectrum import (
     Lines,
@@ -51,6 +56,7 @@ __all__ = [
     "CharacteristicRoots",
     "ConvergenceWarning",
     "Crossing",
+    "CubicSystem",
     "Ensemble",
     "ExponentialSum",
     "FileError",
@@ -59,13 +65,19 @@ __all__ = [
     "Kernel",
     "Lines",
     "LoadTable",
+    "Modulation",
     "Mount",
+    "MultipleScales",
     "Peak",
     "Pendulum",
     "PronyKernel",
     "RabotnovKernel",
+    "RangeWarning",
+    "Resonance",
     "Response",
     "RzhanitsynKernel",
+    "ScalesMotion",
+    "ScalesResponse",
     "Scene",
     "SceneResult",
     "Spectrum",
@@ -84,7 +96,9 @@ __all__ = [
     "plan_response",
     "plot_branch",
     "plot_map",
+    "plot_modulation",
     "plot_response",
+    "plot_scales_response",
     "plot_sections",
     "plot_spectrum",
     "plot_trajectory",

@@ -5,6 +5,7 @@ import sys
 import warnings
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 
 from viscovib import __version__, bench, cli_sweep, explore
@@ -14,6 +15,7 @@ from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, Vis
 from viscovib.pendulum import Pendulum
 from viscovib.plots import save_picture
 from viscovib.response import Response
+from viscovib.scales_results import ScalesResponse
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.spectrum import Spectrum
 from viscovib.trajectory import Trajectory
@@ -85,12 +87,20 @@ def _run(options: argparse.Namespace) -> int:
     return 0 if whole else _UNSOLVED
 
 
-def _summary(value: Response | Branch | Trajectory) -> tuple[list[str], bool]:
+def _summary(value: Response | Branch | Trajectory | ScalesResponse) -> tuple[list[str], bool]:
     """Lines about a result, and whether all of it was found."""
     if isinstance(value, Branch):
         lines = [f"{value.outcome}, {value.nu.size} points, {value.folds.size} folds"]
         lines += [f"fold at nu = {fold:.10g}" for fold in value.folds]
         return lines, value.outcome == "completed"
+    if isinstance(value, ScalesResponse):
+        lines = [
+            f"{value.index.size} steady motions at {value.values.size} values, "
+            f"{value.stable.sum()} of them stable"
+        ]
+        if not value.in_range.all():
+            lines.append(f"{(~value.in_range).sum()} of them outside the range of the expansion")
+        return lines, np.unique(value.index).size == value.values.size
     if isinstance(value, Trajectory):
         lines = [f"{value.outcome} at t = {value.t_reached:g}, {value.t.size} states"]
         if value.error is not None:
@@ -127,7 +137,7 @@ def _compute(options: argparse.Namespace, scene: Scene) -> SceneResult:
 
 def _picture(options: argparse.Namespace, result: SceneResult) -> None:
     assert not isinstance(result.value, xr.Dataset)
-    pictures: list[tuple[str, Response | Branch | Trajectory | Spectrum]] = [
+    pictures: list[tuple[str, Response | Branch | Trajectory | Spectrum | ScalesResponse]] = [
         (result.kind, result.value)
     ]
     bases = None

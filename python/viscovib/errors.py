@@ -29,3 +29,7 @@ class SweepError(ViscovibError):
     def __init__(self, message: str, point: dict[str, Any] | None = None) -> None:
         super().__init__(message)
         self.point = dict(point or {})
+
+
+class RangeWarning(UserWarning):
+    """An asymptotic result is outside the range in which its expansion holds."""

@@ -14,6 +14,8 @@ from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.response import Response
+from viscovib.scales_plots import moving, plot_scales_response
+from viscovib.scales_results import ScalesResponse
 from viscovib.spectrum import Spectrum, name_frequencies
 from viscovib.trajectory import Trajectory
 
@@ -323,7 +325,7 @@ def _motion_axes(figure: "Figure", n: int) -> "Sequence[Axes]":
 
 
 def save_picture(
-    result: Response | Branch | Trajectory | Spectrum,
+    result: Response | Branch | Trajectory | Spectrum | ScalesResponse,
     path: str | os.PathLike[str],
     *,
     bases: Mapping[str, float] | None = None,
@@ -342,6 +344,11 @@ def save_picture(
         figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
         FigureCanvasAgg(figure)
         plot_branch(result, figure.subplots(len(names), 1, sharex=True))
+    elif isinstance(result, ScalesResponse):
+        names = moving(result)
+        figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
+        FigureCanvasAgg(figure)
+        plot_scales_response(result, figure.subplots(len(names), 1, sharex=True))
     elif isinstance(result, Trajectory):
         names = result.dof_names
         figure = Figure(figsize=(10, 2.4 * len(names)), layout="constrained")

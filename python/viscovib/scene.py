@@ -29,8 +29,10 @@ from viscovib.kernels import (
     TabulatedKernel,
 )
 from viscovib.mount import Mount
+from viscovib.multiple_scales import MultipleScales
 from viscovib.pendulum import Pendulum
 from viscovib.response import Response, _prepare, forced_response, plan_response
+from viscovib.scales_results import ScalesResponse
 from viscovib.scene_keys import namelist_text, with_key
 from viscovib.spectrum import Spectrum, spectrum
 from viscovib.trajectory import Trajectory
@@ -47,6 +49,8 @@ _KERNELS: dict[str, type[Kernel]] = {
 _REPEATED = ("kernel", "load", "sweep")
 _LISTS = ("weights", "rates", "times", "values")
 _MAX_PATH = 4096
+#: What &multiple_scales can vary, in the order of the core.
+_SCALES = ("p1", "p2", "p3", "f0", "m01", "m02")
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +120,7 @@ class Scene:
 
     @property
     def is_pendulum(self) -> bool:
-        """Whether the system is a pendulum, its result a motion in time; else it is a mount."""
+        """Whether the system is a pendulum; else it is a mount."""
         return "pendulum" in self.groups
 
     def pendulum(self) -> Pendulum:
@@ -196,6 +200,12 @@ class Scene:
             "save_every": group["save_every"],
         }
 
+    def _steady(self) -> ScalesResponse:
+        group = self._group("multiple_scales")
+        values = core.frequency_grid(group["from"], group["to"], 0, group["count"])
+        system = MultipleScales(self.pendulum(), tolerance=group["tolerance"])
+        return system.response(group["parameter"], values)
+
     def _branch(self) -> dict[str, Any]:
         group = self._group("branch")
         return {
@@ -219,17 +229,23 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
-    """What a scene gave: response, branch, or motion and its spectra; or a table of a sweep."""
+    """What a scene gave.
+
+    Response or branch of a mount; motion of a pendulum and its spectra, or its steady motions;
+    a table of a sweep.
+    """
 
     scene: Scene
-    value: Response | Branch | Trajectory | xr.Dataset
+    value: Response | Branch | Trajectory | ScalesResponse | xr.Dataset
     spectrum: Spectrum | None = None
 
     @property
     def kind(self) -> str:
-        """As in the names of tables: "response", "branch", "transient" or "sweep"."""
+        """As in the names of tables: "response", "branch", "transient", ..."""
         if isinstance(self.value, xr.Dataset):
             return "sweep"
+        if isinstance(self.value, ScalesResponse):
+            return "multiple_scales"
         if isinstance(self.value, Branch):
             return "branch"
         return "response" if isinstance(self.value, Response) else "transient"
@@ -256,6 +272,13 @@ class SceneResult:
         return self.value
 
     @property
+    def steady(self) -> ScalesResponse:
+        """The steady motions of a pendulum."""
+        if not isinstance(self.value, ScalesResponse):
+            raise InputError("steady: this scene gave something else, see value")
+        return self.value
+
+    @property
     def trajectory(self) -> Trajectory:
         """The motion of a pendulum."""
         if not isinstance(self.value, Trajectory):
@@ -270,6 +293,8 @@ def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> Sce
         from viscovib.sweep import sweep
 
         return SceneResult(read, sweep(read, progress=progress, extract="summary"))
+    if "multiple_scales" in read.groups:
+        return SceneResult(read, read._steady())
     if read.is_pendulum:
         run = simulate(**read._motion(), progress=progress)
         return SceneResult(read, run, _spectrum(read, run))
@@ -295,6 +320,8 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
         return _plan_sweep(read)
     if "branch" in read.groups:
         return _plan_branch(read)
+    if "multiple_scales" in read.groups:
+        return _plan_steady(read)
     if not read.is_pendulum:
         return plan_response(**read._job())
     group = read._group("transient")
@@ -319,6 +346,14 @@ def _plan_sweep(scene: Scene) -> str:
     axes = [f"{name} ({v.size} values {v[0]:g} to {v[-1]:g})" for name, v in grid.items()]
     points = math.prod(v.size for v in grid.values())
     return f"sweeps: {' x '.join(axes)} = {points} points, each:\n{plan(scene.override({}))}"
+
+
+def _plan_steady(scene: Scene) -> str:
+    group = scene.groups["multiple_scales"]
+    text: bytes = core.scales_plan(
+        _SCALES.index(group["parameter"]) + 1, group["from"], group["to"], group["count"]
+    )
+    return text.decode().strip() + "\n"
 
 
 def _plan_branch(scene: Scene) -> str:

@@ -11,6 +11,7 @@ program tester
   use test_kernels, only: run_kernels
   use test_namelist, only: run_namelist
   use test_response, only: run_response
+  use test_scales, only: run_scales
   use test_scene, only: run_scene
   use test_table, only: run_table
   use test_transient, only: run_transient
@@ -33,6 +34,7 @@ program tester
   if (wants('kernels')) call run_kernels()
   if (wants('namelist')) call run_namelist()
   if (wants('response')) call run_response()
+  if (wants('scales')) call run_scales()
   if (wants('scene')) call run_scene()
   if (wants('table')) call run_table()
   if (wants('transient')) call run_transient()

@@ -1,0 +1,78 @@
+!> The conditions of resonance up to third order among natural frequencies w_j and those of
+!! loads p_k, enumerated.
+!!
+!! In the method a product of one to three generators, each with its frequency or the
+!! opposite, resonates with mode j when sum = w_j. Conditions that hold whatever the
+!! frequencies are (w_j = w_j + w_k - w_k) are no conditions; sign changes, and what
+!! moves from one side to the other, give the same one. What is left are integer vectors
+!! c, the first entry that is not 0 positive, with sum_i c_i f_i = 0: at least one mode in it,
+!! |c_1| + |c_2| + ... = 2 (loads near modes, modes near each other), 3 or 4; as a condition
+!! on a mode, of order 1, 2 or 3.
+module viscovib_resonances
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: list_resonances, max_resonances
+
+  integer, parameter :: max_resonances = 5000
+  integer, parameter :: highest_order = 3
+
+contains
+
+  !> Of order n - 1: n frequencies, repetitions counted. A single frequency is no condition.
+  subroutine list_resonances(natural, drives, coefficients, orders, divisors, n)
+    !> Circular frequencies, all > 0.
+    real(wp), intent(in) :: natural(:), drives(:)
+    !> Shape (n_natural + n_drives, max_resonances): c; columns beyond n are 0.
+    integer, intent(out) :: coefficients(:, :), orders(:)
+    !> |sum c_i f_i|/max(f_i with c_i /= 0).
+    real(wp), intent(out) :: divisors(:)
+    integer, intent(out) :: n
+    real(wp) :: frequencies(size(natural) + size(drives))
+    integer :: c(size(natural) + size(drives)), total
+
+    frequencies = [natural, drives]
+    coefficients = 0
+    orders = 0
+    divisors = 0.0_wp
+    n = 0
+    c = 0
+    do total = 2, highest_order + 1
+      call place(1, total)
+    end do
+
+  contains
+
+    !> Give the entries from i on what is left of the sum of moduli.
+    recursive subroutine place(i, left)
+      integer, intent(in) :: i, left
+      integer :: value
+      if (i > size(c)) then
+        if (left == 0) call keep()
+        return
+      end if
+      do value = -left, left
+        ! The first that is not 0 is positive.
+        if (value < 0 .and. all(c(:i - 1) == 0)) cycle
+        c(i) = value
+        call place(i + 1, left - abs(value))
+      end do
+      c(i) = 0
+    end subroutine place
+
+    subroutine keep()
+      logical :: used(size(c))
+      used = c /= 0
+      if (.not. any(used(:size(natural)))) return
+      ! All of one sign is never 0; twice a condition is no other.
+      if (all(c >= 0) .or. all(modulo(c, 2) == 0) .or. n == size(orders)) return
+      n = n + 1
+      coefficients(:, n) = c
+      orders(n) = total - 1
+      divisors(n) = abs(sum(c*frequencies))/maxval(frequencies, mask=used)
+    end subroutine keep
+
+  end subroutine list_resonances
+
+end module viscovib_resonances

@@ -1,0 +1,192 @@
+!> The motion that belongs to amplitudes, and amplitudes that belong to a state.
+module viscovib_scales_motion
+  use viscovib_dense, only: factorize, solve
+  use viscovib_kinds, only: wp
+  use viscovib_multiple_scales, only: multiple_scales_type
+  use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_status, only: fail, status_input_error, status_type
+  implicit none
+  private
+
+  public :: motion_at, harmonic_of, amplitudes_of_state
+
+  integer, parameter :: max_rounds = 200
+
+contains
+
+  !> Coordinates and velocities at time t where the amplitudes are a, to third order.
+  subroutine motion_at(scales, form, t, a, q, v, sizes)
+    type(multiple_scales_type), intent(in) :: scales
+    type(polynomial_form_type), intent(in) :: form
+    real(wp), intent(in) :: t
+    complex(wp), intent(in) :: a(:)
+    !> Shape (n_dof).
+    real(wp), intent(out) :: q(:), v(:)
+    !> What the terms of each order can add up to, in the coordinate where that is most.
+    real(wp), intent(out) :: sizes(3)
+    complex(wp) :: y(2*scales%normal%n_generators), dy(2*scales%normal%n_generators)
+    complex(wp) :: da(size(a)), wave, product, change
+    real(wp) :: bounds(form%n_dof, 3)
+    integer :: n, m, g, d, i, k
+
+    associate (normal => scales%normal, flow => scales%flow)
+      n = normal%n_modes
+      g = normal%n_generators
+      d = form%n_dof
+      call flow%rates(t, a, da)
+      do i = 1, n
+        wave = turned(flow%frame(i)*t)
+        y(i) = a(i)*wave
+        dy(i) = (da(i) + cmplx(0.0_wp, flow%frame(i), wp)*a(i))*wave
+      end do
+      do i = n + 1, g
+        y(i) = turned(aimag(normal%s(i))*t)
+        dy(i) = normal%s(i)*y(i)
+      end do
+      y(g + 1:) = conjg(y(:g))
+      dy(g + 1:) = conjg(dy(:g))
+      q = 0.0_wp
+      v = 0.0_wp
+      bounds = 0.0_wp
+      do i = 1, g
+        q = q + 2.0_wp*real(normal%right(:d, i)*y(i))
+        v = v + 2.0_wp*real(normal%right(:d, i)*dy(i))
+        bounds(:, 1) = bounds(:, 1) + 2.0_wp*normal%size_one(:, i)*abs(y(i))
+      end do
+      do i = 1, size(normal%weak)
+        k = normal%weak(i)
+        wave = turned(form%drives(k)*t)
+        q = q + 2.0_wp*real(normal%u_load(:d, k)*wave)
+        v = v + 2.0_wp*real(normal%u_load(:d, k)*wave*cmplx(0.0_wp, form%drives(k), wp))
+      end do
+      do k = 1, size(normal%used_pairs)
+        i = normal%used_pairs(k)
+        associate (p => normal%pair(:, i), u => normal%u_pair(:d, i))
+          product = y(p(1))*y(p(2))
+          change = dy(p(1))*y(p(2)) + y(p(1))*dy(p(2))
+          q = q + real(u*product)
+          v = v + real(u*change)
+          bounds(:, 2) = bounds(:, 2) + normal%size_pair(:, i)*abs(product)
+        end associate
+      end do
+      do k = 1, size(normal%used_triples)
+        m = normal%used_triples(k)
+        associate (p => normal%triple(:, m), u => normal%u_triple(:d, m))
+          product = y(p(1))*y(p(2))*y(p(3))
+          change = dy(p(1))*y(p(2))*y(p(3)) + y(p(1))*(dy(p(2))*y(p(3)) + y(p(2))*dy(p(3)))
+          q = q + real(u*product)
+          v = v + real(u*change)
+          bounds(:, 3) = bounds(:, 3) + normal%size_triple(:, m)*abs(product)
+        end associate
+      end do
+    end associate
+    sizes = maxval(bounds, 1)
+  end subroutine motion_at
+
+  !> Of a steady motion, u = Re(X exp(i p t)) + other frequencies; and the sizes of the orders.
+  pure subroutine harmonic_of(scales, form, a, p, x, sizes)
+    type(multiple_scales_type), intent(in) :: scales
+    type(polynomial_form_type), intent(in) :: form
+    complex(wp), intent(in) :: a(:)
+    real(wp), intent(in) :: p
+    !> Shape (n_dof).
+    complex(wp), intent(out) :: x(:)
+    real(wp), intent(out) :: sizes(3)
+    complex(wp) :: y(2*scales%normal%n_generators)
+    real(wp) :: turn(2*scales%normal%n_generators), bounds(form%n_dof, 3), margin, modulus
+    real(wp) :: moduli(2*scales%normal%n_generators)
+    integer :: n, g, d, i, k
+
+    associate (normal => scales%normal)
+      n = normal%n_modes
+      g = normal%n_generators
+      d = form%n_dof
+      margin = 1.0e-9_wp*p
+      y(:n) = a
+      y(n + 1:g) = (1.0_wp, 0.0_wp)
+      y(g + 1:) = conjg(y(:g))
+      moduli = abs(y)
+      turn(:n) = scales%flow%frame
+      turn(n + 1:g) = form%drives(normal%hard)
+      turn(g + 1:) = -turn(:g)
+      x = (0.0_wp, 0.0_wp)
+      bounds = 0.0_wp
+      do i = 1, g
+        bounds(:, 1) = bounds(:, 1) + 2.0_wp*normal%size_one(:, i)*moduli(i)
+        if (abs(turn(i) - p) <= margin) x = x + 2.0_wp*normal%right(:d, i)*y(i)
+      end do
+      do i = 1, size(normal%weak)
+        k = normal%weak(i)
+        if (abs(form%drives(k) - p) <= margin) x = x + 2.0_wp*normal%u_load(:d, k)
+      end do
+      do k = 1, size(normal%used_pairs)
+        i = normal%used_pairs(k)
+        associate (f => normal%pair(:, i), u => normal%u_pair(:d, i))
+          modulus = moduli(f(1))*moduli(f(2))
+          if (.not. modulus > 0.0_wp) cycle
+          bounds(:, 2) = bounds(:, 2) + normal%size_pair(:, i)*modulus
+          if (abs(turn(f(1)) + turn(f(2)) - p) > margin) cycle
+          x = x + 2.0_wp*u*(y(f(1))*y(f(2)))
+        end associate
+      end do
+      do k = 1, size(normal%used_triples)
+        i = normal%used_triples(k)
+        associate (f => normal%triple(:, i), u => normal%u_triple(:d, i))
+          modulus = moduli(f(1))*moduli(f(2))*moduli(f(3))
+          if (.not. modulus > 0.0_wp) cycle
+          bounds(:, 3) = bounds(:, 3) + normal%size_triple(:, i)*modulus
+          if (abs(turn(f(1)) + turn(f(2)) + turn(f(3)) - p) > margin) cycle
+          x = x + 2.0_wp*u*(y(f(1))*y(f(2))*y(f(3)))
+        end associate
+      end do
+    end associate
+    sizes = maxval(bounds, 1)
+  end subroutine harmonic_of
+
+  elemental complex(wp) function turned(angle)
+    real(wp), intent(in) :: angle
+    turned = cmplx(cos(angle), sin(angle), wp)
+  end function turned
+
+  !> Amplitudes at t = 0 of a motion that begins at (q, v), by corrections through the
+  !! linear part; they shrink in proportion to the amplitude.
+  subroutine amplitudes_of_state(scales, form, q, v, a, status)
+    type(multiple_scales_type), intent(in) :: scales
+    type(polynomial_form_type), intent(in) :: form
+    real(wp), intent(in) :: q(:), v(:)
+    complex(wp), intent(out) :: a(:)
+    type(status_type), intent(out) :: status
+    real(wp) :: matrix(2*form%n_dof, 2*form%n_dof), x(2*form%n_dof)
+    real(wp) :: q_now(form%n_dof), v_now(form%n_dof), sizes(3), error, best
+    integer :: pivots(2*form%n_dof), n, j, round
+    logical :: singular
+
+    n = form%n_dof
+    do j = 1, n
+      associate (r => scales%normal%right(:n, j), s => scales%normal%exponents(j))
+        matrix(:n, 2*j - 1) = 2.0_wp*real(r)
+        matrix(:n, 2*j) = -2.0_wp*aimag(r)
+        matrix(n + 1:, 2*j - 1) = 2.0_wp*real(s*r)
+        matrix(n + 1:, 2*j) = -2.0_wp*aimag(s*r)
+      end associate
+    end do
+    call factorize(2*n, matrix, pivots, singular)
+    a = (0.0_wp, 0.0_wp)
+    best = huge(best)
+    do round = 1, merge(0, max_rounds, singular)
+      call motion_at(scales, form, 0.0_wp, a, q_now, v_now, sizes)
+      x = [q - q_now, v - v_now]
+      error = maxval(abs(x))
+      if (.not. error < huge(error)) exit
+      call solve(2*n, matrix, pivots, x)
+      a = a + cmplx(x(1::2), x(2::2), wp)
+      if (.not. error > 1.0e-15_wp*maxval(abs([q, v]))) return
+      ! Rounding: no better than before.
+      if (round > 5 .and. error >= best .and. best <= 1.0e-12_wp*maxval(abs([q, v]))) return
+      best = min(best, error)
+    end do
+    call fail(status, status_input_error, 'initial', 'initial: no amplitudes give this state; it ' &
+              //'is beyond the range of the expansion')
+  end subroutine amplitudes_of_state
+
+end module viscovib_scales_motion

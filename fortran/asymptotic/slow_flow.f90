@@ -1,0 +1,229 @@
+!> The modulation equations of a normal form, in a frame that turns with each mode:
+!!
+!!   Y_j = a_j exp(i W_j t),
+!!   a_j' = (s_j - i W_j) a_j + sum_k g_jk exp(i (p_k - W_j) t)
+!!          + sum_M g_jM a_M exp(i (W_M - W_j) t),
+!!
+!! a_M the product of the amplitudes of M (1 for a load), W_M the sum of their
+!! frequencies. The frame is the nearest one to the natural frequencies in which every
+!! exponential stands still, if there is one: then steady motions are the zeros of the
+!! right side. The real amplitude of mode j is 2 |a_j|.
+module viscovib_slow_flow
+  use viscovib_kinds, only: wp
+  use viscovib_normal_form, only: normal_form_type
+  use viscovib_polynomial_form, only: polynomial_form_type
+  implicit none
+  private
+
+  public :: slow_flow_type, flow_term_type, new_slow_flow
+
+  type :: flow_term_type
+    !> Mode that changes, and the factors: amplitude j > 0, its conjugate -j, or 0
+    !! where there is none (a load, or a product of two).
+    integer :: row = 0, at(3) = 0
+    complex(wp) :: coefficient = (0.0_wp, 0.0_wp)
+    !> Frequency of the loads among the factors; W_M - W_row.
+    real(wp) :: drive = 0.0_wp, turn = 0.0_wp
+    !> Which loads are among the factors: load k with sign, 0: none.
+    integer :: loads(3) = 0
+  end type flow_term_type
+
+  type :: slow_flow_type
+    integer :: n_modes = 0
+    complex(wp), allocatable :: s(:)
+    type(flow_term_type), allocatable :: terms(:)
+    !> W_j; and whether everything stands still in this frame.
+    real(wp), allocatable :: frame(:)
+    logical :: autonomous = .true.
+  contains
+    procedure :: rates
+    procedure :: slopes
+    procedure :: turn_frame
+  end type slow_flow_type
+
+contains
+
+  subroutine new_slow_flow(flow, normal, form)
+    type(slow_flow_type), intent(out) :: flow
+    type(normal_form_type), intent(in) :: normal
+    type(polynomial_form_type), intent(in) :: form
+    type(flow_term_type), allocatable :: terms(:)
+    real(wp) :: scale
+    integer :: i, j, k, n
+
+    flow%n_modes = normal%n_modes
+    flow%s = normal%exponents(:normal%n_modes)
+    n = normal%n_modes*(size(normal%weak) + size(normal%pair, 2) + size(normal%triple, 2))
+    allocate (terms(n))
+    n = 0
+    do i = 1, size(normal%weak)
+      k = normal%weak(i)
+      do j = 1, normal%n_modes
+        if (.not. abs(normal%g_load(j, k)) > 0.0_wp) cycle
+        n = n + 1
+        terms(n) = flow_term_type(j, 0, normal%g_load(j, k), form%drives(k), 0.0_wp, [k, 0, 0])
+      end do
+    end do
+    ! Coefficients at the level of rounding are none.
+    scale = maxval(abs(normal%g_pair(:normal%n_modes, :)))
+    do i = 1, size(normal%pair, 2)
+      do j = 1, normal%n_modes
+        if (.not. abs(normal%g_pair(j, i)) > 1.0e-13_wp*scale) cycle
+        call add([normal%pair(:, i), 0], normal%g_pair(j, i))
+      end do
+    end do
+    scale = maxval(abs(normal%g_triple(:normal%n_modes, :)))
+    do i = 1, size(normal%triple, 2)
+      do j = 1, normal%n_modes
+        if (.not. abs(normal%g_triple(j, i)) > 1.0e-13_wp*scale) cycle
+        call add(normal%triple(:, i), normal%g_triple(j, i))
+      end do
+    end do
+    flow%terms = terms(:n)
+    flow%frame = aimag(flow%s)
+    call flow%turn_frame()
+
+  contains
+
+    subroutine add(factors, coefficient)
+      integer, intent(in) :: factors(3)
+      complex(wp), intent(in) :: coefficient
+      integer :: q, place, sign_of
+
+      n = n + 1
+      terms(n) = flow_term_type(row=j, coefficient=coefficient)
+      do q = 1, 3
+        if (factors(q) == 0) cycle
+        sign_of = merge(1, -1, factors(q) <= normal%n_generators)
+        place = modulo(factors(q) - 1, normal%n_generators) + 1
+        if (place <= normal%n_modes) then
+          terms(n)%at(q) = sign_of*place
+        else
+          terms(n)%loads(q) = sign_of*normal%hard(place - normal%n_modes)
+          terms(n)%drive = terms(n)%drive + sign_of*aimag(normal%s(place))
+        end if
+      end do
+    end subroutine add
+
+  end subroutine new_slow_flow
+
+  !> The frame nearest to the natural frequencies in which every term stands still:
+  !! one linear condition a term on W - omega, taken in the order of the terms by
+  !! orthogonal projection; one against the others leaves the flow not autonomous.
+  pure subroutine turn_frame(self)
+    class(slow_flow_type), intent(inout) :: self
+    real(wp) :: basis(self%n_modes, self%n_modes), offset(self%n_modes)
+    real(wp) :: condition(self%n_modes), wanted, part
+    integer :: i, k, q, n, pass
+
+    n = 0
+    self%autonomous = .true.
+    self%frame = aimag(self%s)
+    do i = 1, size(self%terms)
+      associate (t => self%terms(i))
+        condition = 0.0_wp
+        condition(t%row) = -1.0_wp
+        do q = 1, 3
+          k = abs(t%at(q))
+          if (k > 0) condition(k) = condition(k) + sign(1, t%at(q))
+        end do
+        wanted = -t%drive - sum(condition*aimag(self%s))
+      end associate
+      ! A shift holds in every frame.
+      if (.not. any(abs(condition) > 0.0_wp) .and. .not. abs(wanted) > 0.0_wp) cycle
+      do pass = 1, 2
+        do k = 1, n
+          part = sum(basis(:, k)*condition)
+          condition = condition - part*basis(:, k)
+          wanted = wanted - part*offset(k)
+        end do
+      end do
+      if (norm2(condition) > 1.0e-9_wp) then
+        n = n + 1
+        offset(n) = wanted/norm2(condition)
+        basis(:, n) = condition/norm2(condition)
+      else if (abs(wanted) > 1.0e-9_wp*(maxval(aimag(self%s)) + abs(self%terms(i)%drive))) then
+        self%autonomous = .false.
+      end if
+    end do
+    do k = 1, n
+      self%frame = self%frame + offset(k)*basis(:, k)
+    end do
+    do i = 1, size(self%terms)
+      associate (t => self%terms(i))
+        t%turn = t%drive - self%frame(t%row)
+        do q = 1, 3
+          k = abs(t%at(q))
+          if (k > 0) t%turn = t%turn + sign(1, t%at(q))*self%frame(k)
+        end do
+        ! What the frame was made to stop is rounding.
+        if (self%autonomous) t%turn = 0.0_wp
+      end associate
+    end do
+  end subroutine turn_frame
+
+  !> a'.
+  pure subroutine rates(self, t, a, da)
+    class(slow_flow_type), intent(in) :: self
+    real(wp), intent(in) :: t
+    complex(wp), intent(in) :: a(self%n_modes)
+    complex(wp), intent(out) :: da(self%n_modes)
+    complex(wp) :: value
+    integer :: i, q, k
+
+    do i = 1, self%n_modes
+      da(i) = (self%s(i) - cmplx(0.0_wp, self%frame(i), wp))*a(i)
+    end do
+    do i = 1, size(self%terms)
+      value = self%terms(i)%coefficient
+      do q = 1, 3
+        k = self%terms(i)%at(q)
+        if (k > 0) value = value*a(k)
+        if (k < 0) value = value*conjg(a(-k))
+      end do
+      if (.not. self%autonomous) value = value*turned(self%terms(i)%turn*t)
+      da(self%terms(i)%row) = da(self%terms(i)%row) + value
+    end do
+  end subroutine rates
+
+  !> da'/da and da'/dconjg(a) where the flow is autonomous.
+  pure subroutine slopes(self, a, by_a, by_conjugate)
+    class(slow_flow_type), intent(in) :: self
+    complex(wp), intent(in) :: a(self%n_modes)
+    complex(wp), intent(out), dimension(self%n_modes, self%n_modes) :: by_a, by_conjugate
+    complex(wp) :: value
+    integer :: i, q, k, other
+
+    by_a = (0.0_wp, 0.0_wp)
+    by_conjugate = (0.0_wp, 0.0_wp)
+    do i = 1, self%n_modes
+      by_a(i, i) = self%s(i) - cmplx(0.0_wp, self%frame(i), wp)
+    end do
+    do i = 1, size(self%terms)
+      associate (t => self%terms(i))
+        do q = 1, 3
+          if (t%at(q) == 0) cycle
+          value = t%coefficient
+          do other = 1, 3
+            k = t%at(other)
+            if (other == q) cycle
+            if (k > 0) value = value*a(k)
+            if (k < 0) value = value*conjg(a(-k))
+          end do
+          k = t%at(q)
+          if (k > 0) then
+            by_a(t%row, k) = by_a(t%row, k) + value
+          else
+            by_conjugate(t%row, -k) = by_conjugate(t%row, -k) + value
+          end if
+        end do
+      end associate
+    end do
+  end subroutine slopes
+
+  elemental complex(wp) function turned(angle)
+    real(wp), intent(in) :: angle
+    turned = cmplx(cos(angle), sin(angle), wp)
+  end function turned
+
+end module viscovib_slow_flow

@@ -1,0 +1,253 @@
+"""Results of the method of multiple scales."""
+
+import csv
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.errors import InputError
+from viscovib.files import whole_file
+
+#: Growth below this part of the frequency counts as none.
+_NEUTRAL = 1e-9
+
+
+class Resonance(NamedTuple):
+    """A condition of resonance: sum of multiples x frequencies near 0.
+
+    ``order`` is the order of the expansion in which it is felt; ``divisor`` is the sum over the
+    highest frequency in it, ``near`` whether that is within the tolerance asked for.
+    """
+
+    names: tuple[str, ...]
+    multiples: tuple[int, ...]
+    order: int
+    divisor: float
+    near: bool
+
+    @property
+    def coefficients(self) -> dict[str, int]:
+        """Multiples that are not 0, by the frequency's name."""
+        return {name: c for name, c in zip(self.names, self.multiples, strict=True) if c}
+
+    @property
+    def label(self) -> str:
+        """The condition as in "w1 ~ 2 w2"; on the left what is alone, or has a load."""
+        sides: list[list[str]] = [[], []]
+        for name, c in self.coefficients.items():
+            sides[int(c < 0)].append(name if abs(c) == 1 else f"{abs(c)} {name}")
+        lone = [len(side) == 1 and " " not in side[0] for side in sides]
+        loaded = [any("p" in word for word in side) for side in sides]
+        if (lone[1], loaded[1]) > (lone[0], loaded[0]):
+            sides.reverse()
+        return " ~ ".join(" + ".join(side) for side in sides)
+
+    def __str__(self) -> str:
+        """Label, order and divisor."""
+        near = ", near" if self.near else ""
+        return f"{self.label}: order {self.order}, divisor {self.divisor:.4g}{near}"
+
+
+@dataclass(frozen=True, eq=False)
+class Modulation:
+    """Amplitudes in time, q = Re sum_j r_j A_j(t) exp(i frame_j t) + higher orders.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+    complex_amplitudes : ndarray, shape (n, n_modes)
+        A_j.
+    frame : ndarray, shape (n_modes,)
+        Frequencies at which the frame of each amplitude turns.
+    steps : int
+        Steps of the integration.
+    outcome : str
+        "complete", "overflow" (beyond all range), "step limit" or "cancelled".
+    """
+
+    t: FloatArray
+    complex_amplitudes: ComplexArray
+    frame: FloatArray
+    steps: int
+    outcome: str
+
+    @property
+    def amplitude(self) -> FloatArray:
+        """Real amplitudes b_j, shape (n, n_modes)."""
+        return np.abs(self.complex_amplitudes)
+
+    @property
+    def phase(self) -> FloatArray:
+        """Phases relative to the frame (rad), continuous in time, shape (n, n_modes)."""
+        return np.asarray(np.unwrap(np.angle(self.complex_amplitudes), axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class ScalesMotion:
+    """A motion to third order.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+    state : ndarray, shape (n, 2 n_dof)
+        (q1, q1', q2, q2', ...).
+    modulation : Modulation
+    order_sizes : ndarray, shape (n, 3)
+        What the terms of first, second and third order can add up to.
+    error_estimate : ndarray, shape (n,)
+        Of the coordinates: size of the next order, and drift of the phases by it.
+    in_range : ndarray of bool, shape (n,)
+        The orders fall off fast enough for the expansion to mean something.
+    mode_shapes : ndarray, shape (n_dof, n_modes)
+        As of `MultipleScales`.
+    """
+
+    t: FloatArray
+    state: FloatArray
+    modulation: Modulation
+    order_sizes: FloatArray
+    error_estimate: FloatArray
+    in_range: npt.NDArray[np.bool_]
+    mode_shapes: npt.NDArray[Any]
+    dof_names: tuple[str, ...]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over t."""
+        names = [text for name in self.dof_names for text in (name, f"{name}'")]
+        return xr.Dataset(
+            {
+                "state": (("t", "component"), self.state),
+                "amplitude": (("t", "mode"), self.modulation.amplitude),
+                "order_sizes": (("t", "order"), self.order_sizes),
+                "error_estimate": ("t", self.error_estimate),
+                "in_range": ("t", self.in_range),
+            },
+            coords={"t": self.t, "component": names, "order": [1, 2, 3]},
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ScalesResponse:
+    """Steady motions, one a point; several may belong to one value.
+
+    Attributes
+    ----------
+    parameter : str
+        What was varied.
+    values : ndarray, shape (n_values,)
+    index : ndarray of int, shape (n,)
+        Which value a point belongs to; of one value the smaller motions come first.
+    amplitudes : complex ndarray, shape (n, n_modes)
+        A_j; mode j moves as Re A_j exp(i frequencies_j t).
+    frequencies : ndarray, shape (n, n_modes)
+    eigenvalues : complex ndarray, shape (n, 2 n_modes)
+        Of the modulation equations.
+    harmonics : complex ndarray, shape (n, n_dof)
+        Harmonic of the varied load's frequency in each coordinate, u = Re X exp(i p t), terms of
+        third order included.
+    order_sizes : ndarray, shape (n, 3)
+        What the terms of each order can add up to.
+    error_estimate : ndarray, shape (n,)
+        Of the largest coordinate: size of the next order, and what it makes of the amplitudes.
+    in_range : ndarray of bool, shape (n,)
+        The orders fall off fast enough for the expansion to mean something.
+    """
+
+    parameter: str
+    values: FloatArray
+    index: npt.NDArray[np.int32]
+    amplitudes: ComplexArray
+    frequencies: FloatArray
+    eigenvalues: ComplexArray
+    harmonics: ComplexArray
+    order_sizes: FloatArray
+    error_estimate: FloatArray
+    in_range: npt.NDArray[np.bool_]
+    dof_names: tuple[str, ...]
+
+    @property
+    def at(self) -> FloatArray:
+        """The value each point belongs to, shape (n,)."""
+        return self.values[self.index]
+
+    @property
+    def stable(self) -> npt.NDArray[np.bool_]:
+        """No eigenvalue with a positive real part, shape (n,)."""
+        limit = _NEUTRAL * self.frequencies.max(axis=1)
+        return np.asarray(self.eigenvalues.real.max(axis=1) <= limit)
+
+    def amplitude(self, dof: str) -> FloatArray:
+        """Size of the first harmonic of a coordinate, shape (n,)."""
+        d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
+        return np.abs(self.harmonics[:, d])
+
+    def routh_hurwitz(self, point: int) -> FloatArray:
+        """First column of Routh's table of the characteristic polynomial at a point.
+
+        All of one sign: stable. Shape (2 n_modes + 1,); NaN after a zero, where the table ends.
+        """
+        i = _native.integer("point", point, 0, self.index.size - 1)
+        scale = float(np.abs(self.eigenvalues[i]).max()) or 1.0
+        polynomial = np.poly(self.eigenvalues[i] / scale).real
+        width = polynomial.size // 2 + 1
+        rows = np.zeros((2, width))
+        rows[0, : polynomial[::2].size] = polynomial[::2]
+        rows[1, : polynomial[1::2].size] = polynomial[1::2]
+        column = np.full(polynomial.size, np.nan)
+        column[0] = rows[0, 0]
+        for k in range(1, polynomial.size):
+            column[k] = rows[1, 0]
+            if abs(rows[1, 0]) < 1e-14:
+                break
+            below = rows[0] - rows[0, 0] / rows[1, 0] * rows[1]
+            rows = np.array([rows[1], np.append(below[1:], 0.0)])
+        return column
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over the points."""
+        return xr.Dataset(
+            {
+                self.parameter: ("point", self.at),
+                "amplitudes": (("point", "mode"), self.amplitudes),
+                "eigenvalues": (("point", "eigenvalue"), self.eigenvalues),
+                "harmonics": (("point", "dof"), self.harmonics),
+                "stable": ("point", self.stable),
+                "error_estimate": ("point", self.error_estimate),
+                "in_range": ("point", self.in_range),
+            },
+            coords={"dof": list(self.dof_names)},
+        )
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write a table: one row a point."""
+        columns: dict[str, Any] = {self.parameter: self.at, "stable": self.stable.astype(int)}
+        for d, name in enumerate(self.dof_names):
+            columns[f"{name}_re"] = self.harmonics[:, d].real
+            columns[f"{name}_im"] = self.harmonics[:, d].imag
+        for j in range(self.amplitudes.shape[1]):
+            columns[f"mode_{j + 1}"] = np.abs(self.amplitudes[:, j])
+        columns["growth"] = self.eigenvalues.real.max(axis=1)
+        for k in range(3):
+            columns[f"order_{k + 1}"] = self.order_sizes[:, k]
+        columns["error_estimate"] = self.error_estimate
+        with whole_file(path) as file:
+            file.write(f"# viscovib {version('viscovib')}, multiple scales\n")
+            file.write(f"# first harmonic of u = Re X exp(i p t) along {self.parameter}\n")
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            for row in zip(*columns.values(), strict=True):
+                writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
+
+    def nearest(self, value: float) -> npt.NDArray[np.intp]:
+        """Points that belong to the value nearest to ``value``."""
+        wanted = _native.number("value", value)
+        if not self.index.size:
+            raise InputError(f"value = {wanted:g}: the response has no points")
+        return np.flatnonzero(self.index == np.abs(self.values - wanted).argmin())

@@ -1,0 +1,145 @@
+!> The method of multiple scales: formulas known by hand, with every run-time check on.
+module test_scales
+  use testing, only: begin, check, check_close, check_ok
+  use viscovib_kinds, only: wp
+  use viscovib_modulation, only: modulate, modulation_complete
+  use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
+  use viscovib_packed_form, only: pack_form, unpack_form
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
+  use viscovib_pendulum_form, only: new_pendulum_form
+  use viscovib_polynomial_form, only: polynomial_form_type, term_type
+  use viscovib_resonances, only: list_resonances, max_resonances
+  use viscovib_scales_response, only: response_along, steady_points_type, vary_frequency
+  use viscovib_status, only: status_type
+  implicit none
+  private
+
+  public :: run_scales
+
+contains
+
+  subroutine run_scales()
+    call duffing()
+    call forced_duffing()
+    call pendulum()
+    call count_of_resonances()
+  end subroutine run_scales
+
+  !> q'' + c q' + w^2 q + al q^3 = f cos(p t).
+  subroutine duffing_form(form, omega, alpha, damping, load, drive)
+    type(polynomial_form_type), intent(out) :: form
+    real(wp), intent(in) :: omega, alpha, damping, load, drive
+    form%n = 1
+    form%n_dof = 1
+    form%n_arguments = 1
+    form%source = [1]
+    form%derivative = [0]
+    form%kernel_of = [0]
+    allocate (form%kernels(0), form%quadratic(0))
+    allocate (form%linear(1, 1, 0:2), form%hereditary(1, 1), source=0.0_wp)
+    form%linear(1, 1, :) = [omega**2, damping, 1.0_wp]
+    form%cubic = [term_type(1, [1, 1, 1], alpha)]
+    form%load = reshape([load], [1, 1])
+    form%drives = [drive]
+    form%omega = [omega]
+    form%right = reshape([1.0_wp], [1, 1])
+    form%left = form%right
+  end subroutine duffing_form
+
+  subroutine duffing()
+    type(polynomial_form_type) :: form
+    type(multiple_scales_type) :: scales
+    type(status_type) :: status
+    complex(wp) :: gamma(1, 1), a(1, 3)
+    real(wp), parameter :: omega = 1.3_wp, alpha = 0.7_wp, c = 0.02_wp
+    real(wp) :: amplitude
+    integer :: reached, steps, outcome, cancel
+
+    if (begin('the frequency of a Duffing oscillator')) then
+      call duffing_form(form, omega, alpha, 0.0_wp, 0.0_wp, 1.0_wp)
+      call new_multiple_scales(scales, form, 0.05_wp, .false., status)
+      call check_ok(status)
+      gamma = scales%interaction()
+      call check_close(aimag(gamma(1, 1)), 3.0_wp*alpha/(8.0_wp*omega), 1.0e-14_wp, 'gamma')
+      call check_close(real(gamma(1, 1)), 0.0_wp, 1.0e-15_wp, 'no decay', floor=1.0_wp)
+    end if
+    if (begin('a damped amplitude decays by the linear law')) then
+      call duffing_form(form, omega, alpha, c, 0.0_wp, 1.0_wp)
+      call new_multiple_scales(scales, form, 0.05_wp, .false., status)
+      call check_ok(status)
+      cancel = 0
+      call modulate(scales%flow, [(0.01_wp, 0.0_wp)], [0.0_wp, 50.0_wp, 100.0_wp], 1.0e-11_wp, &
+                    100000, a, reached, steps, outcome, cancel)
+      call check(outcome == modulation_complete .and. reached == 3, 'complete')
+      ! b' = -c/2 b + rho b^3, a Bernoulli equation.
+      gamma = scales%interaction()
+      amplitude = 4.0_wp*abs(a(1, 1))**2
+      amplitude = 1.0_wp/((1.0_wp/amplitude - 2.0_wp*real(gamma(1, 1))/c)*exp(c*100.0_wp) &
+                          + 2.0_wp*real(gamma(1, 1))/c)
+      call check_close(4.0_wp*abs(a(1, 3))**2, amplitude, 1.0e-8_wp, 'amplitude')
+    end if
+  end subroutine duffing
+
+  subroutine forced_duffing()
+    type(polynomial_form_type) :: form
+    type(steady_points_type) :: points
+    type(status_type) :: status
+    real(wp), parameter :: alpha = 1.0_wp, c = 6.25e-5_wp, f = 6.25e-6_wp, p = 1.000625_wp
+    real(wp) :: x, residual
+    integer :: i, cancel
+    if (.not. begin('three steady motions of a loaded Duffing oscillator')) return
+    call duffing_form(form, 1.0_wp, alpha, c, f, p)
+    cancel = 0
+    call response_along(form, 1, vary_frequency, [p], 0.1_wp, points, status, cancel)
+    call check_ok(status)
+    call check(points%n == 3, 'three of them')
+    do i = 1, points%n
+      ! Harmonic balance with one harmonic, the same up to the square of the amplitude.
+      x = abs(points%harmonic(1, i))
+      residual = x**2*((1.0_wp - p**2 + 0.75_wp*alpha*x**2)**2 + (c*p)**2) - f**2
+      call check_close(residual, 0.0_wp, 0.01_wp, 'balance', floor=f**2)
+    end do
+    call check(maxval(real(points%eigenvalues(:, 1))) < 0.0_wp, 'the small one is stable')
+    call check(maxval(real(points%eigenvalues(:, 2))) > 0.0_wp, 'the middle one is not')
+    call check(maxval(real(points%eigenvalues(:, 3))) < 0.0_wp, 'the large one is stable')
+  end subroutine forced_duffing
+
+  subroutine pendulum()
+    type(pendulum_type) :: system
+    type(polynomial_form_type) :: form, again
+    type(kernel_holder) :: none(0)
+    type(status_type) :: status
+    real(wp), allocatable :: packed(:)
+    if (.not. begin('the form of a pendulum survives packing')) return
+    call new_pendulum(system, pendulum_parameters(e=0.1_wp, w2=0.4_wp, w3=0.8_wp, alpha=0.5_wp, &
+                                                  damping=[0.1_wp, 0.2_wp, 0.3_wp]), status)
+    call check_ok(status)
+    call new_pendulum_form(form, system, status)
+    call check_ok(status)
+    call pack_form(form, packed)
+    call unpack_form(packed, none, again, status)
+    call check_ok(status)
+    call check(all(abs(form%linear - again%linear) <= 0.0_wp), 'linear')
+    call check(all(form%cubic%row == again%cubic%row), 'rows')
+    call check(all(abs(form%cubic%coefficient - again%cubic%coefficient) <= 0.0_wp), 'cubic')
+    ! z'' + (1 + 3 al z_r^2) z, phi'' + e psi'' + w2^2 phi, r phi'' + psi'' + w3^2 psi.
+    call check_close(form%linear(1, 1, 0), system%stiffness, 1.0e-15_wp, 'stiffness')
+    call check_close(form%linear(2, 3, 2), 0.1_wp, 1.0e-15_wp, 'e')
+    call check_close(form%linear(3, 2, 2), 4.0_wp, 1.0e-15_wp, 'r')
+    call unpack_form(packed(:20), none, again, status)
+    call check(status%failed(), 'too few numbers are an error')
+  end subroutine pendulum
+
+  subroutine count_of_resonances()
+    integer :: coefficients(2, max_resonances), orders(max_resonances), n
+    real(wp) :: divisors(max_resonances)
+    if (.not. begin('conditions of one mode and one load')) return
+    call list_resonances([1.0_wp], [1.9_wp], coefficients, orders, divisors, n)
+    ! p ~ w; p ~ 2 w, 2 p ~ w; p ~ 3 w, 3 p ~ w (2 p ~ 2 w is no other).
+    call check(n == 5, 'five')
+    call check(count(orders(:n) == 2) == 2, 'two of second order')
+    call check_close(minval(divisors(:n)), 0.1_wp/1.9_wp, 1.0e-14_wp, 'p ~ 2 w')
+  end subroutine count_of_resonances
+
+end module test_scales

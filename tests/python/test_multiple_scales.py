@@ -1,0 +1,531 @@
+"""Multiple scales against symbolic derivations, known formulas and direct integration."""
+
+import itertools
+import warnings
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.optimize
+import sympy as sp
+import viscovib as vv
+from scales_reference import interaction, pendulum_equations, terms_to_third
+
+FREE = {"e": 0.1, "w2": 0.48, "w3": 0.8, "alpha": 0.5}
+
+
+def one(**terms):
+    return vv.CubicSystem(mass=[[1.0]], **terms)
+
+
+def test_duffing_frequency():
+    omega, alpha = 1.3, 0.7
+    ms = vv.MultipleScales(one(stiffness=[[omega**2]], cubic=[[[[alpha]]]]))
+    np.testing.assert_allclose(ms.frequencies, [omega], rtol=1e-15)
+    np.testing.assert_allclose(ms.interaction, [[3 * alpha / (8 * omega)]], rtol=1e-14)
+    assert abs(ms.nonlinear_decay).max() < 1e-16
+    np.testing.assert_allclose(
+        ms.backbone(0, [0.0, 0.2]), omega + ms.interaction[0, 0] * np.array([0, 0.04])
+    )
+
+
+def test_quadratic_and_cubic_together():
+    # Nayfeh and Mook, Nonlinear oscillations, 1979, (2.3.31).
+    omega, a2, a3 = 1.3, 0.4, 0.7
+    ms = vv.MultipleScales(one(stiffness=[[omega**2]], quadratic=[[[a2]]], cubic=[[[[a3]]]]))
+    expected = (9 * a3 * omega**2 - 10 * a2**2) / (24 * omega**3)
+    np.testing.assert_allclose(ms.interaction, [[expected]], rtol=1e-13)
+
+
+def test_terms_in_velocity_and_acceleration():
+    # (1 + k q^2) q'' + k q q'^2 + q = 0, from T = (1 + k q^2) q'^2/2: with x = q + k q^3/6 and
+    # x' = sqrt(1 + k q^2) q' to this order, x'' + x - k x^3/6 ... gives -k b^2/4 in all.
+    k = 0.3
+    cubic = np.zeros((1, 3, 3, 3))
+    cubic[0, 0, 0, 2] = k
+    cubic[0, 0, 1, 1] = k
+    ms = vv.MultipleScales(one(stiffness=[[1.0]], cubic=cubic))
+    # Period by quadrature of the energy integral.
+    b = 1e-2
+    theta, weight = np.polynomial.legendre.leggauss(60)
+    angle = np.pi / 4 * (theta + 1)
+    quarter = np.pi / 4 * np.sum(weight * np.sqrt(1 + k * b**2 * np.sin(angle) ** 2))
+    shift = np.pi / 2 / quarter - 1
+    np.testing.assert_allclose(ms.interaction[0, 0] * b**2, shift, rtol=1e-4)
+
+
+@pytest.fixture(scope="module")
+def lagrange():
+    numbers = [sp.Rational(Fraction(str(FREE[k]))) for k in ("e", "w2", "w3", "alpha")]
+    return terms_to_third(*pendulum_equations(*numbers))
+
+
+def test_pendulum_interaction_against_lagrange_and_sympy(lagrange):
+    omega, gamma = interaction(lagrange, 3)
+    pend = vv.Pendulum(**FREE)
+    ms = vv.MultipleScales(pend, tolerance=1e-6)
+    order = [int(np.argmin([abs(w - x) for w in omega])) for x in ms.frequencies]
+    np.testing.assert_allclose(ms.frequencies, [float(omega[i]) for i in order], rtol=1e-14)
+    expected = [[float(gamma[i, k]) for k in order] for i in order]
+    np.testing.assert_allclose(ms.interaction, expected, rtol=1e-10)
+
+
+def packed_terms(system):
+    """Polynomial form as a function of (q, q', q'')."""
+    packed = vv.MultipleScales(system, tolerance=0.01)._packed
+    n, n_arguments, n2, n3 = (int(packed[i]) for i in (0, 2, 5, 6))
+    at = 8 + 2 * n_arguments + n
+    a = packed[at : at + 4 * n * n].reshape(4, n, n).transpose(0, 2, 1)
+    at += 4 * n * n
+    quadratic = packed[at : at + 4 * n2].reshape(n2, 4)
+    cubic = packed[at + 4 * n2 : at + 4 * n2 + 5 * n3].reshape(n3, 5)
+
+    def residual(q, v, acceleration):
+        x = np.concatenate([q, v, acceleration])
+        total = a[0] @ q + a[1] @ v + a[2] @ acceleration + a[3] @ q
+        for terms in (quadratic, cubic):
+            for row, *places, c in terms:
+                total[int(row) - 1] += c * np.prod(x[np.array(places, int) - 1])
+        return total
+
+    return residual
+
+
+@pytest.mark.parametrize("equations", ["cubic", "exact"])
+def test_polynomial_form_is_the_cubic_variant(equations):
+    residual = packed_terms(vv.Pendulum(**FREE, c1=0.1, c2=0.2, c3=0.3, equations=equations))
+    pend = vv.Pendulum(**FREE, c1=0.1, c2=0.2, c3=0.3, f0=0.3, m01=0.2, m02=0.1, equations="cubic")
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        state = rng.uniform(-0.4, 0.4, 6)
+        acceleration = pend.rhs(0.0, state)[1::2]
+        loads = residual(state[::2], state[1::2], acceleration)
+        np.testing.assert_allclose(loads, [0.3, 0.2, 0.1], atol=4e-15)
+
+
+def test_printed_equations_to_third_degree():
+    # Against the printed equations themselves: the rest is of the fourth degree.
+    with pytest.warns(vv.RangeWarning, match="mode 3 is unstable"):
+        residual = packed_terms(vv.Pendulum(**FREE, equations="printed"))
+    pend = vv.Pendulum(**FREE, equations="printed")
+    direction = np.array([0.3, -0.2, 0.5, 0.4, -0.6, 0.3])
+    sizes = []
+    for size in (0.1, 0.05):
+        state = size * direction
+        sizes.append(abs(residual(state[::2], state[1::2], pend.rhs(0.0, state)[1::2])).max())
+    assert 3.7 < np.log2(sizes[0] / sizes[1]) < 4.6
+
+
+CASES = {
+    "free": ({}, 0.02, 1e-3),
+    "near 3:1": ({"w2": 0.4}, 0.05, 1e-3),
+    "near 2:1, damped": ({"w2": 0.57, "c1": 0.01, "c2": 0.02, "c3": 0.01}, 0.05, 1e-3),
+    "loaded far from the modes": (
+        {"w2": 0.57, "w3": 0.9, "c2": 0.01, "m02": 0.05, "p3": 0.31},
+        0.05,
+        1e-3,
+    ),
+}
+
+
+def halvings(case, n=5, t_end=30.0):
+    """Relative errors and estimates of motions whose sizes are halved."""
+    change, tolerance, _ = CASES[case]
+    errors, estimates = [], []
+    for k in range(n):
+        size = 0.25 * 2.0**-k
+        numbers = {**FREE, **change}
+        if "m02" in numbers:
+            numbers["m02"] *= size
+        pend = vv.Pendulum(**numbers)
+        initial = size * np.array([0.3, 0.1, 0.2, -0.05, -0.15, 0.05])
+        t = np.linspace(0, t_end, 61)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", vv.RangeWarning)
+            motion = vv.MultipleScales(pend, tolerance=tolerance).motion(t, initial)
+        exact = vv.simulate(pend, t_end, times=t, initial=initial, tolerance=1e-13).state
+        errors.append(abs(motion.state - exact)[:, ::2].max() / size)
+        estimates.append(motion.error_estimate.max() / size)
+    return np.array(errors), np.array(estimates)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_error_falls_with_the_third_power(case):
+    # Terms to third order: what is left is amplitude^4, relative to it amplitude^3.
+    errors, estimates = halvings(case)
+    assert errors[0] > 1000 * errors[-1]
+    powers = np.log2(errors[:-1] / errors[1:])[-2:]
+    assert ((powers > 2.8) & (powers < 3.4)).all()
+    # The estimate tells the size of the error.
+    ratio = estimates[1:] / errors[1:]
+    assert (ratio > 0.1).all()
+    assert (ratio < 100).all()
+
+
+def test_motion_begins_at_the_state_given():
+    initial = np.array([0.05, 0.01, 0.04, -0.02, -0.03, 0.02])
+    pend = vv.Pendulum(**FREE, c1=0.02, f0=0.01, p1=0.4)
+    motion = vv.MultipleScales(pend).motion([0.0], initial)
+    np.testing.assert_allclose(motion.state[0], initial, atol=1e-15)
+
+
+def test_energy_exchange_at_two_to_one():
+    """Spring and swing exchange energy with the period that direct integration shows."""
+    # 1 + 3 alpha z_r^2 = 4 w2^2 exactly with e = 0, alpha = 0.
+    pend = vv.Pendulum(e=0.0, w2=0.5, w3=0.83)
+    initial = np.array([0.04, 0, 0.02, 0, 0, 0])
+    t = np.linspace(0, 1600, 16001)
+    ms = vv.MultipleScales(pend)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.RangeWarning)
+        motion = ms.motion(t, initial)
+    exact = vv.simulate(pend, 1600, times=t, initial=initial, tolerance=1e-12).state
+    energy = (exact[:, 0] ** 2 + exact[:, 1] ** 2) / 2
+    smooth = np.convolve(energy, np.ones(63) / 63, "same")
+    own = motion.modulation.amplitude[:, 0] ** 2 / 4
+
+    def dips(curve):
+        inside = slice(100, -100)
+        c = curve[inside]
+        low = np.flatnonzero((c[1:-1] < c[:-2]) & (c[1:-1] <= c[2:])) + 1
+        return t[inside][low[c[low] < 0.5 * c.max()]]
+
+    own_dips, true_dips = dips(np.convolve(own, np.ones(63) / 63, "same")), dips(smooth)
+    assert own_dips.size == true_dips.size >= 3
+    np.testing.assert_allclose(np.diff(own_dips), np.diff(true_dips), rtol=0.01)
+    assert own.min() < 0.3 * own.max()
+
+
+def test_fewer_steps_than_direct_integration():
+    pend = vv.Pendulum(**FREE, c1=0.002, c2=0.002, c3=0.002)
+    initial = np.array([0.02, 0, 0.01, 0, 0.01, 0])
+    modulation = vv.MultipleScales(pend).modulation([0.0, 500.0], initial)
+    steps = vv.simulate(pend, 500, initial=initial, tolerance=1e-8, keep="last").stats["steps"]
+    assert modulation.steps * 10 < steps
+
+
+def test_resonances_are_all_there():
+    """Counted again: products of up to three frequencies and signs against a mode."""
+    pend = vv.Pendulum(**FREE, f0=0.1, m01=0.1, m02=0.1, p1=0.31, p2=0.57, p3=1.7)
+    ms = vv.MultipleScales(pend)
+    names = ["w1", "w2", "w3", "p1", "p2", "p3"]
+    values = dict(zip(names, [*ms.frequencies, 0.31, 0.57, 1.7], strict=True))
+    expected = set()
+    for mode in names[:3]:
+        for n in (1, 2, 3):
+            for factors in itertools.combinations_with_replacement(names, n):
+                for signs in itertools.product((1, -1), repeat=n):
+                    total = dict.fromkeys(names, 0)
+                    total[mode] -= 1
+                    for name, sign in zip(factors, signs, strict=True):
+                        total[name] += sign
+                    kept = [(k, c) for k, c in total.items() if c]
+                    if not kept or all(c % 2 == 0 for _, c in kept):
+                        continue
+                    if len({c > 0 for _, c in kept}) == 1 or sum(abs(c) for _, c in kept) != n + 1:
+                        continue
+                    if kept[0][1] < 0:
+                        kept = [(k, -c) for k, c in kept]
+                    expected.add(tuple(kept))
+    found = ms.resonances()
+    assert {tuple(r.coefficients.items()) for r in found} == expected
+    assert len(found) == len(expected)
+    for r in found:
+        assert r.order == sum(map(abs, r.coefficients.values())) - 1
+        divisor = abs(sum(c * values[k] for k, c in r.coefficients.items()))
+        np.testing.assert_allclose(
+            r.divisor, divisor / max(values[k] for k in r.coefficients), atol=1e-14
+        )
+    assert [r.near for r in found] == [r.divisor <= 0.05 for r in found]
+
+
+def test_labels():
+    pend = vv.Pendulum(**FREE, f0=0.1, m02=0.1, p1=0.9, p3=1.5)
+    labels = {r.label for r in vv.MultipleScales(pend).resonances()}
+    assert {"p1 ~ w1", "w1 ~ 2 w2", "p3 ~ w2 + w3", "w3 ~ 3 w2"} <= labels
+    assert not any("p2" in label for label in labels)
+
+
+def flow_of(ms):
+    """Modulation equations in the frame, out of the list of terms."""
+
+    def rates(a):
+        da = (ms.exponents - 1j * ms.frame) * a
+        for term in ms.terms:
+            value = term.coefficient
+            for factor in term.factors:
+                if factor.startswith("a"):
+                    j = int(factor[1:].rstrip("*")) - 1
+                    value = value * (np.conj(a[j]) if factor.endswith("*") else a[j])
+            da[term.mode] += value
+        return da
+
+    return rates
+
+
+STEADY = {
+    "one load": ({"c1": 0.004, "c2": 0.004, "c3": 0.004, "f0": 0.002, "p1": 1.05}, "p1", 3),
+    "three loads": (
+        {
+            "c1": 0.01, "c2": 0.01, "c3": 0.01,
+            "f0": 0.003, "m01": 0.001, "m02": 0.004, "p1": 1.05, "p2": 0.45, "p3": 0.99,
+        },
+        "p2",
+        None,
+    ),
+    "2:1": (
+        {"w2": 0.57, "w3": 0.9, "c1": 0.01, "c2": 0.01, "c3": 0.01, "f0": 0.003, "p1": 1.06},
+        "p1",
+        3,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", STEADY)
+def test_steady_motions_are_all_found(case):
+    """Each is a zero of the flow; a search from many starts finds no other."""
+    change, parameter, count = STEADY[case]
+    pend = vv.Pendulum(**{**FREE, **change})
+    ms = vv.MultipleScales(pend, tolerance=0.03)
+    assert ms.autonomous
+    response = ms.response(parameter, [change[parameter]])
+    rates = flow_of(ms)
+    found = response.amplitudes / 2
+    scale = abs(found).max()
+    for a in found:
+        assert abs(rates(a)).max() < 1e-10 * scale
+    if count is not None:
+        assert len(found) == count
+
+    def real(x):
+        da = rates(x[:3] + 1j * x[3:])
+        return np.concatenate([da.real, da.imag])
+
+    rng = np.random.default_rng(2)
+    for _ in range(60):
+        start = rng.uniform(-2, 2, 6) * scale
+        result = scipy.optimize.root(real, start, tol=1e-14)
+        if np.abs(real(result.x)).max() > 1e-12 * scale or np.abs(result.x).max() > 5 * scale:
+            continue
+        a = result.x[:3] + 1j * result.x[3:]
+        assert min(abs(a - b).max() for b in found) < 1e-6 * scale
+
+    # Stability by differences of the same flow.
+    for i, a in enumerate(found):
+        x = np.concatenate([a.real, a.imag])
+        step = 1e-6 * scale
+        columns = [(real(x + step * d) - real(x - step * d)) / (2 * step) for d in np.eye(6)]
+        roots = np.linalg.eigvals(np.array(columns).T)
+        growth = response.eigenvalues[i].real.max()
+        np.testing.assert_allclose(growth, roots.real.max(), atol=1e-7)
+        signs = response.routh_hurwitz(i)
+        assert response.stable[i] == bool((signs > 0).all())
+
+
+def test_response_against_direct_integration():
+    """Halving amplitude, detuning and damping: the relative error of a steady motion falls."""
+    errors = []
+    for k in range(4):
+        x = 2.0**-k
+        damping = 0.02 * x**2
+        base = vv.Pendulum(**FREE)
+        p1 = float(base.natural_frequencies()[0] + 0.01 * x**2)
+        pend = vv.Pendulum(**FREE, c1=damping, c2=damping, c3=damping, f0=0.003 * x**3, p1=p1)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", vv.RangeWarning)
+            response = vv.MultipleScales(pend).response("p1", [p1])
+        # The stable one is reached from its own state; Newton's method on the period.
+        a = response.amplitudes[response.stable][0]
+        state = vv.MultipleScales(pend).motion([0.0], amplitudes=a).state[0]
+        period = 2 * np.pi / p1
+        for _ in range(4):
+            states = [state] + [state + 1e-6 * x * d for d in np.eye(6)]
+            ends = [
+                vv.simulate(pend, period, initial=s, tolerance=1e-13, keep="last").state[-1]
+                for s in states
+            ]
+            matrix = np.array([(end - ends[0]) / (1e-6 * x) for end in ends[1:]]).T
+            state = state + np.linalg.solve(matrix - np.eye(6), state - ends[0])
+        t = np.arange(64) * period / 64
+        z = vv.simulate(pend, period, times=t, initial=state, tolerance=1e-13).state[:, 0]
+        exact = 2 * np.fft.fft(z)[1] / 64
+        errors.append(abs(response.harmonics[response.stable][0, 0] - exact) / abs(exact))
+    powers = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert powers[-1] > 1.8
+    assert errors[-1] < 1e-3
+
+
+def test_load_response_jumps():
+    pend = vv.Pendulum(**FREE, c1=0.004, c2=0.004, c3=0.004, f0=1.0, p1=1.05)
+    response = vv.MultipleScales(pend).response("f0", np.linspace(0, 0.004, 81))
+    counts = np.bincount(response.index)
+    assert counts[0] == 1
+    assert set(counts) == {1, 3}
+    middle = response.nearest(response.values[np.argmax(counts == 3)])
+    assert list(response.stable[middle]) == [True, False, True]
+    assert abs(response.amplitudes[0]).max() == 0
+
+
+def test_repeated_frequencies_exchange():
+    """Two equal oscillators coupled by a cubic term: nothing is divided by their difference."""
+    cubic = np.zeros((2, 2, 2, 2))
+    cubic[0, 0, 1, 1] = cubic[1, 1, 0, 0] = 0.3
+    system = vv.CubicSystem(mass=np.eye(2), stiffness=np.eye(2), cubic=cubic)
+    ms = vv.MultipleScales(system)
+    assert {"w1 ~ w2"} <= {r.label for r in ms.resonances() if r.near}
+    initial = np.array([0.1, 0, 0.03, 0.05])
+    t = np.linspace(0, 200, 401)
+    motion = ms.motion(t, initial)
+
+    def rhs(_, y):
+        return [y[1], -y[0] - 0.3 * y[0] * y[2] ** 2, y[3], -y[2] - 0.3 * y[2] * y[0] ** 2]
+
+    exact = scipy.integrate.solve_ivp(rhs, (0, 200), initial, t_eval=t, rtol=1e-11, atol=1e-13)
+    assert abs(motion.state.T - exact.y).max() < 2e-3 * 0.1
+    assert np.ptp(motion.modulation.amplitude[:, 0]) > 1e-3
+
+
+def test_unstable_mode_is_told():
+    with pytest.warns(vv.RangeWarning, match="mode 1 is unstable without load"):
+        vv.MultipleScales(vv.Pendulum(**FREE, c1=-0.01))
+
+
+def test_leaving_the_range_is_told():
+    ms = vv.MultipleScales(vv.Pendulum(**FREE))
+    with pytest.warns(vv.RangeWarning, match="leaves the range"):
+        motion = ms.motion([0.0, 1.0], [0.15, 0, 0.12, 0, 0.1, 0])
+    assert not motion.in_range.all()
+
+
+def test_overdamped_is_refused():
+    with pytest.raises(vv.InputError, match="does not oscillate"):
+        vv.MultipleScales(vv.Pendulum(**FREE, c1=5.0))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda ms: vv.MultipleScales(vv.Pendulum(e=0.0, w2=0.5, w3=0.5)),
+            "w3 = 0.5: must differ from w2 where e = 0",
+        ),
+        (lambda ms: vv.MultipleScales(3), "system = 3: must be a"),
+        (lambda ms: vv.MultipleScales(ms.system, tolerance=1.0), "tolerance = 1: must be in"),
+        (lambda ms: ms.response("p7", [1.0]), "parameter = 'p7': must be one of"),
+        (lambda ms: ms.response("p1", []), "values: must hold at least one"),
+        (lambda ms: ms.response("p1", [-1.0]), "p1 = -1: must be greater than 0"),
+        (lambda ms: ms.response("p2", [1.0]), "load 2 has no amplitude"),
+        (lambda ms: ms.modulation([1.0, 0.0], np.zeros(6)), "t: must be one or more times"),
+        (lambda ms: ms.modulation([1.0]), "initial or amplitudes: must be given"),
+        (lambda ms: ms.modulation([1.0], np.zeros(5)), r"initial: must have shape \(6,\)"),
+        (lambda ms: ms.modulation([1.0], np.full(6, 50.0)), "beyond the range"),
+        (lambda ms: ms.modulation([1.0], np.zeros(6), accuracy=1), "accuracy = 1: must be in"),
+        (lambda ms: ms.resonances(tolerance=2), "tolerance = 2: must be in"),
+        (lambda ms: ms.backbone(3, 0.1), "mode = 3: must be 0 to 2"),
+        (
+            lambda ms: vv.CubicSystem(mass=[[1]], stiffness=[[-1]]),
+            "eigenvalue -1, all must be greater than 0",
+        ),
+        (
+            lambda ms: vv.CubicSystem(mass=[[1]], stiffness=[[1]], cubic=[[1]]),
+            r"cubic: must have shape",
+        ),
+    ],
+)
+def test_bad_input(call, message):
+    ms = vv.MultipleScales(vv.Pendulum(**FREE, f0=0.001, p1=1.0))
+    with pytest.raises(vv.InputError, match=message):
+        call(ms)
+
+
+def test_subharmonic_motions():
+    """Load at three times the frequency: rest and two sets of three motions, as one integrates."""
+    cubic = np.ones((1, 1, 1, 1))
+    system = vv.CubicSystem(
+        mass=[[1]], stiffness=[[1]], damping=[[0.002]], cubic=cubic, load=[[1.0]], drives=[3.1]
+    )
+    ms = vv.MultipleScales(system)
+    response = ms.response("p1", [3.02, 3.1, 3.2])
+    assert list(np.bincount(response.index)) == [1, 7, 1]
+    at = response.nearest(3.1)
+    assert list(response.stable[at]) == [True, False, False, False, True, True, True]
+    # A stable one, followed for ten of its periods, comes back to itself.
+    state = ms.motion([0.0], amplitudes=response.amplitudes[at[-1]]).state[0]
+    period = 6 * np.pi / 3.1
+
+    def rhs(t, y):
+        return [y[1], -y[0] - 0.002 * y[1] - y[0] ** 3 + np.cos(3.1 * t)]
+
+    run = scipy.integrate.solve_ivp(rhs, (0, 10 * period), state, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(run.y[:, -1], state, atol=0.03)
+
+
+def test_constant_load():
+    """A constant load moves the equilibrium: products with it resonate with the mode itself."""
+    pend = vv.Pendulum(**FREE, f0=0.01, p1=0.0)
+    t = np.linspace(0, 30, 61)
+    initial = np.array([0.01, 0, 0.02, 0, 0.01, 0])
+    motion = vv.MultipleScales(pend).motion(t, initial)
+    exact = vv.simulate(pend, 30, times=t, initial=initial, tolerance=1e-12).state
+    assert abs(motion.state - exact).max() < 1e-5
+    without = vv.MultipleScales(vv.Pendulum(**FREE)).motion(t, initial)
+    assert abs(without.state - exact).max() > 1e-2
+
+
+def test_pictures(tmp_path):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    pend = vv.Pendulum(**FREE, c1=0.005, c2=0.005, c3=0.005, f0=0.001, p1=1.04)
+    ms = vv.MultipleScales(pend)
+    axes = vv.plot_scales_response(ms.response("p1", np.linspace(1.02, 1.06, 41)))
+    assert len(axes) == 1
+    axes[0].figure.savefig(tmp_path / "response.png")
+    initial = [0.01, 0, 0.01, 0, 0.01, 0]
+    motion = ms.motion(np.linspace(0, 50, 201), initial)
+    axes = vv.plot_modulation(motion, vv.simulate(pend, 50, initial=initial))
+    assert len(axes) == 3
+    axes[0].figure.savefig(tmp_path / "motion.png")
+    with pytest.raises(vv.InputError, match="ax: 1 axes given, must be 3"):
+        vv.plot_modulation(motion, ax=axes[0])
+    matplotlib.pyplot.close("all")
+
+
+def test_results_as_tables(tmp_path):
+    pend = vv.Pendulum(**FREE, c1=0.005, f0=0.001, p1=1.04)
+    ms = vv.MultipleScales(pend)
+    response = ms.response("p1", [1.03, 1.04])
+    response.to_csv(tmp_path / "steady.csv")
+    lines = (tmp_path / "steady.csv").read_text().splitlines()
+    rows = [line for line in lines if not line.startswith("#")]
+    assert len(rows) == 1 + response.index.size
+    assert response.to_dataset().sizes["dof"] == 3
+    assert ms.motion([0.0, 1.0], [0.01, 0, 0, 0, 0, 0]).to_dataset().sizes["t"] == 2
+
+
+def test_example_runs(tmp_path):
+    import runpy
+    import sys
+    from pathlib import Path
+
+    example = Path(__file__).parents[2] / "examples" / "multiple_scales.py"
+    arguments = sys.argv
+    try:
+        sys.argv = [str(example), str(tmp_path)]
+        with warnings.catch_warnings():
+            runpy.run_path(str(example), run_name="__main__")
+    finally:
+        sys.argv = arguments
+    names = {path.stem for path in tmp_path.iterdir()}
+    assert names == {"error", "response", "mount", "modulation"}
+
+
+def test_wide_tolerance():
+    """However much counts as resonant, no mode is near its own conjugate."""
+    pend = vv.Pendulum(e=0.1, w2=1.0863, w3=3.2589, alpha=0.0177, f0=0.002, p1=0.51)
+    initial = np.array([0.01, 0, 0.002, 0, 0.002, 0])
+    t = np.linspace(0, 20, 41)
+    motion = vv.MultipleScales(pend, tolerance=0.2).motion(t, initial)
+    exact = vv.simulate(pend, 20, times=t, initial=initial, tolerance=1e-12).state
+    assert abs(motion.state - exact)[:, ::2].max() < 1e-4
