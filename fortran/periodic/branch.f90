@@ -28,7 +28,6 @@ module viscovib_branch
   real(wp), parameter :: first_step = 0.01_wp, smallest_step = 1.0e-9_wp
   !> Wanted angle between successive tangents.
   real(wp), parameter :: wanted_angle = 0.12_wp
-  real(wp), parameter :: amplitude_limit = 1.0e60_wp
 
   type :: branch_options
     !> Where p begins and ends; the branch also ends if p falls back behind its
@@ -116,7 +115,7 @@ contains
         branch%outcome = branch_stuck
         return
       end if
-      if (.not. maxval(abs(next%x)) <= amplitude_limit) then
+      if (.not. maxval(abs(next%x)) <= system%largest_amplitude()) then
         branch%outcome = branch_overflow
         return
       end if

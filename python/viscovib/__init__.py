@@ -24,6 +24,7 @@ from viscovib.load import fourier_coefficients
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.plots import plot_branch, plot_response, plot_sections, plot_spectrum, plot_trajectory
+from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
 from viscovib.response import Peak, Response, forced_response, plan_response
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.spectrum import (
@@ -49,9 +50,11 @@ __all__ = [
     "InputError",
     "Kernel",
     "Lines",
+    "Monomial",
     "Mount",
     "Peak",
     "Pendulum",
+    "PolynomialSystem",
     "PronyKernel",
     "RabotnovKernel",
     "Response",
@@ -59,6 +62,7 @@ __all__ = [
     "Scene",
     "SceneResult",
     "Spectrum",
+    "Springs",
     "StabilityWarning",
     "TabulatedKernel",
     "Trajectory",

@@ -16,7 +16,7 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, StabilityWarning
 from viscovib.files import whole_file
 from viscovib.load import LoadLike
-from viscovib.mount import Mount
+from viscovib.oscillators import Oscillator
 from viscovib.response import Peak, _prepare
 
 OUTCOMES = ("completed", "returned", "step limit", "stuck", "overflow")
@@ -158,7 +158,7 @@ class Branch:
 
 
 def trace_response(
-    mount: Mount,
+    mount: Oscillator,
     nu_range: tuple[float, float] | None = None,
     *,
     load: LoadLike | None = None,
@@ -175,7 +175,7 @@ def trace_response(
 
     Parameters
     ----------
-    mount : Mount
+    mount : Mount or PolynomialSystem
     nu_range : (float, float)
         Frequencies (rad/s) from which and to which the branch is followed, up or down.
     load, base : as for `forced_response`
@@ -258,13 +258,18 @@ def trace_response(
         load_factor=same if varies == "nu" else values,
         harmonics=planned.orders,
         coefficients=_absolute(
-            coefficients[:, :, :n].T, job, planned.orders, same if varies == "nu" else values
+            coefficients[:, :, :n].T,
+            mount._base_direction,
+            job,
+            planned.orders,
+            same if varies == "nu" else values,
         ),
         stable=stable,
         multipliers=multipliers,
         folds=folds[:n_folds].copy(),
         fold_coefficients=_absolute(
             fold_coefficients[:, :, :n_folds].T,
+            mount._base_direction,
             job,
             planned.orders,
             np.ones(n_folds) if varies == "nu" else folds[:n_folds],
@@ -289,6 +294,7 @@ def _range(name: str, value: object) -> tuple[float, float]:
 
 def _absolute(
     relative: ComplexArray,
+    direction: FloatArray | None,
     job: tuple[Any, ...],
     kept: npt.NDArray[np.int32],
     factors: FloatArray,
@@ -296,8 +302,11 @@ def _absolute(
     """From coordinates relative to the base to absolute ones."""
     result = np.ascontiguousarray(relative)
     orders, series = job[-2], job[-1]
-    for order, moved in zip(orders, series[2], strict=True):
-        result[:, 0, kept == order] += moved * factors[:, np.newaxis]
+    if direction is None:
+        return result
+    for order, moved in zip(orders, series[-1], strict=True):
+        for d in np.flatnonzero(direction):
+            result[:, d, kept == order] += direction[d] * moved * factors[:, np.newaxis]
     return result
 
 

@@ -20,7 +20,7 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.files import whole_file
 from viscovib.load import LoadLike, load_series
-from viscovib.mount import Mount
+from viscovib.oscillators import Oscillator, check_oscillator
 
 METHODS = ("linear", "successive", "newton")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow"])
@@ -204,7 +204,7 @@ class Response:
 
 
 def forced_response(
-    mount: Mount,
+    mount: Oscillator,
     nu: npt.ArrayLike,
     *,
     load: LoadLike | None = None,
@@ -216,21 +216,22 @@ def forced_response(
     relaxation: float | str = 1.0,
     progress: bool = False,
 ) -> Response:
-    """Steady response of a mount to a periodic load or motion of its base.
+    """Steady response of a system to a periodic load or motion of its base.
 
     Parameters
     ----------
-    mount : Mount
+    mount : Mount or PolynomialSystem
         The system.
     nu : array_like, shape (n,)
         Circular frequencies of the load (rad/s), each > 0, in any order.
     load : complex, array_like or mapping
-        Force on x (N): P sin(nu t); or a vector (force on x, moment on phi); or a Fourier series
-        {order: either}, f(t) = Im sum_k P_k exp(i k nu t), whose mean is the imaginary part of
-        P_0. `fourier_coefficients` makes one from samples.
+        Force on the first coordinate (x, N): P sin(nu t); or a vector over the coordinates (of a
+        mount: force on x, moment on phi); or a Fourier series {order: either}, f(t) = Im sum_k
+        P_k exp(i k nu t), whose mean is the imaginary part of P_0. `fourier_coefficients` makes
+        one from samples.
     base : complex or mapping
-        Displacement of the supports in x (m), likewise. The response stays absolute. Viscous
-        damping acts on the motion relative to the base.
+        Displacement of the supports (of a mount: in x, m), likewise. The response stays
+        absolute. Viscous damping acts on the motion relative to the base.
     method : {"successive", "newton", "linear"}
         "linear": nonlinear terms left out; "successive": successive approximations from the
         linear response, which converge where the nonlinear force is small against the dynamic
@@ -360,7 +361,7 @@ def _with_enough_harmonics(
 
 
 def plan_response(
-    mount: Mount,
+    mount: Oscillator,
     nu: npt.ArrayLike,
     *,
     load: LoadLike | None = None,
@@ -384,7 +385,7 @@ class _Plan(NamedTuple):
 
 
 def _prepare(
-    mount: Mount,
+    mount: Oscillator,
     nu: npt.ArrayLike,
     load: LoadLike | None,
     base: LoadLike | None,
@@ -395,8 +396,7 @@ def _prepare(
     relaxation: float | str,
 ) -> tuple[tuple[Any, ...], FloatArray, tuple[Any, ...], _Plan]:
     """Check everything and bring it into the form of the core."""
-    if not isinstance(mount, Mount):
-        raise InputError(f"mount = {mount!r}: must be a Mount")
+    check_oscillator(mount, base)
     frequencies = _native.real_array("nu", nu)
     if frequencies.ndim > 1:
         raise InputError(f"nu: must have 0 or 1 dimension(s), got shape {frequencies.shape}")

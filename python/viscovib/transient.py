@@ -1,7 +1,8 @@
-"""Motion in time: fixed-step integration of the pendulum."""
+"""Motion in time: fixed-step integration of the pendulum and of polynomial systems."""
 
 import csv
 import math
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
@@ -18,7 +19,9 @@ from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.errors import InputError
 from viscovib.files import whole_file
+from viscovib.load import LoadLike, load_series
 from viscovib.pendulum import Pendulum
+from viscovib.polynomial_system import PolynomialSystem
 
 #: Explicit methods by their place in the core.
 EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
@@ -31,9 +34,11 @@ OUTCOMES = ("completed", "diverged", "unphysical")
 CHUNK = 200_000
 
 #: Numbers that a run needs to go on; the core uses as many as the method has.
-_MEMORY = 128
+_MEMORY = 256
 _MAX_STEPS = 10**12
 _ROUNDING = 1e-15
+#: Highest order of a load in time: its phase is reached by rotations.
+_MAX_LOAD_ORDER = 199
 #: Halvings of the step before a tolerance is given up.
 _MIN_HALVINGS, _MAX_HALVINGS = 5, 12
 
@@ -46,10 +51,10 @@ class Trajectory:
     ----------
     t : ndarray, shape (n,)
         Times of the states kept.
-    state : ndarray, shape (n, 6)
-        (z, z', phi, phi', psi, psi').
+    state : ndarray, shape (n, 2 n_dof)
+        Each coordinate and its velocity: (z, z', phi, phi', psi, psi') of a pendulum.
     outcome : str
-        "completed"; "diverged": the step is too large or an angle passed 1e6 rad, the run
+        "completed"; "diverged": the step is too large or a coordinate passed 1e6, the run
         stopped; "unphysical": z <= -1, the spring passes through the pivot, the run stopped.
     t_reached : float
         Time of the last step made.
@@ -60,7 +65,7 @@ class Trajectory:
         Estimated largest error of the states kept, if asked for or ``dt`` was "auto".
     stats : dict
         "steps", "evaluations" (of all lanes at once).
-    system : Pendulum
+    system : Pendulum or PolynomialSystem
     """
 
     t: FloatArray
@@ -71,7 +76,7 @@ class Trajectory:
     method: str
     error: float | None
     stats: dict[str, int]
-    system: Pendulum
+    system: Pendulum | PolynomialSystem
     _resume: dict[str, Any] = field(repr=False)
 
     @property
@@ -80,7 +85,7 @@ class Trajectory:
         return self.system.dof_names
 
     def coordinate(self, name: str) -> FloatArray:
-        """One of "z", "z_dot", "phi", "phi_dot", "psi", "psi_dot", shape (n,)."""
+        """One of "z", "z_dot", "phi", ... (name of a coordinate, or with _dot), shape (n,)."""
         names = tuple(f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot"))
         return self.state[:, names.index(_native.choice("name", name, names))]
 
@@ -89,12 +94,14 @@ class Trajectory:
 
         Work of the loads less dissipation, by a spline through the power at the states kept: the
         defect shows the error of the motion once these are close enough for the spline. It is
-        that of the exact equations; `cubic` and `printed` ones do not keep this balance.
+        that of the exact equations; `cubic` and `printed` ones do not keep this balance, nor do
+        polynomial forces without a potential, which are refused.
         """
         energy = self.system.energy(self.state)
         if self.t.size < 4:
             raise InputError(f"trajectory: {self.t.size} states kept, must be at least 4")
-        work = CubicSpline(self.t, self.system.power(self.t, self.state)).antiderivative()
+        motion = _motion(self.system, *self._resume["load"])
+        work = CubicSpline(self.t, motion.power(self.t, self.state)).antiderivative()
         return np.asarray(energy - energy[0] - (work(self.t) - work(self.t[0])))
 
     def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
@@ -104,8 +111,12 @@ class Trajectory:
         then the extension beyond static.
         """
         time, length = 1.0, 1.0
-        units = ("1/omega_1", "L", "rad", "rad", "L omega_1", "rad omega_1", "rad omega_1")
-        if physical:
+        units: tuple[str, ...]
+        if isinstance(self.system, PolynomialSystem):
+            units = ("s", *self.system.dof_units, *(f"{unit}/s" for unit in self.system.dof_units))
+        elif not physical:
+            units = ("1/omega_1", "L", "rad", "rad", "L omega_1", "rad omega_1", "rad omega_1")
+        else:
             scales = self.system.scales
             if scales is None:
                 raise InputError(
@@ -118,7 +129,8 @@ class Trajectory:
             size = length if d == 0 else 1.0
             at, dot = self.state[:, 2 * d] * size, self.state[:, 2 * d + 1] * (size / time)
             variables[name] = ("t", at, {"units": units[1 + d]})
-            variables[f"{name}_dot"] = ("t", dot, {"units": units[4 + d]})
+            dot_units = units[1 + len(self.dof_names) + d]
+            variables[f"{name}_dot"] = ("t", dot, {"units": dot_units})
         attributes = {"outcome": self.outcome, "dt": self.dt * time, "method": self.method}
         if self.error is not None:
             attributes["error"] = self.error
@@ -131,7 +143,11 @@ class Trajectory:
         with whole_file(path) as file:
             file.write(f"# viscovib {version('viscovib')}\n")
             file.write(f"# method {self.method}, step {self.dt:.17g}, {self.outcome}\n")
-            file.write("# dimensionless: t in 1/omega_1, z in L, phi and psi in rad\n")
+            if isinstance(self.system, PolynomialSystem):
+                pairs = zip(self.dof_names, self.system.dof_units, strict=True)
+                file.write(f"# t in s, {', '.join(f'{name} in {unit}' for name, unit in pairs)}\n")
+            else:
+                file.write("# dimensionless: t in 1/omega_1, z in L, phi and psi in rad\n")
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["t", *names])
             for t, row in zip(self.t, self.state, strict=True):
@@ -139,9 +155,11 @@ class Trajectory:
 
 
 def simulate(
-    system: Pendulum,
+    system: Pendulum | PolynomialSystem,
     t_end: float,
     *,
+    load: LoadLike | None = None,
+    nu: float | None = None,
     dt: float | str = "auto",
     initial: npt.ArrayLike | None = None,
     resume: Trajectory | None = None,
@@ -158,18 +176,24 @@ def simulate(
 
     Parameters
     ----------
-    system : Pendulum
+    system : Pendulum or PolynomialSystem
+        The latter without memory and with at most 6 coordinates.
     t_end : float
         End of the run, after its start.
+    load : complex, array_like or mapping, optional
+        Periodic load of a polynomial system as for `forced_response`, such as P: P sin(nu t) on
+        its first coordinate. A pendulum has its loads within.
+    nu : float, optional
+        Circular frequency of ``load`` (rad/s).
     dt : float or "auto"
         Step, shortened so that a whole number of steps reaches t_end. "auto": halved from a
         quarter of the fastest linear period until halving changes the kept states by no more
         than ``tolerance``.
-    initial : array_like, shape (6,)
-        State at t = 0.
+    initial : array_like, shape (2 n_dof,)
+        State at t = 0: each coordinate and its velocity.
     resume : Trajectory
-        Continue this run instead, bit for bit as if it had never stopped; ``dt`` and ``method``
-        are those of the run.
+        Continue this run instead, bit for bit as if it had never stopped; ``dt``, ``method`` and
+        ``load`` are those of the run.
     method : str
         "gauss8", "gauss16", "gauss2", "gauss3": Gauss-Legendre collocation of that many nodes
         (order twice as high), symplectic; "rk4"; "dop8": Dormand and Prince, order 8; "verner8",
@@ -200,8 +224,8 @@ def simulate(
     Phases of the loads are carried in two doubles, so that long runs lose no digits; the state
     with compensated summation.
     """
-    if not isinstance(system, Pendulum):
-        raise InputError(f"system = {system!r}: must be a Pendulum")
+    if not isinstance(system, (Pendulum, PolynomialSystem)):
+        raise InputError(f"system = {system!r}: must be a Pendulum or a PolynomialSystem")
     end = _native.number("t_end", t_end)
     want = _Wanted.checked(times, save_every, keep, tail)
     wanted = None if tolerance is None else _native.number("tolerance", tolerance)
@@ -210,10 +234,13 @@ def simulate(
     if resume is not None:
         if initial is not None:
             raise InputError("initial and resume are both given: must be one of them")
+        if load is not None or nu is not None:
+            raise InputError("load, nu: are those of the run that is resumed, must not be given")
         return _go_on(system, end, resume, want, progress)
     if initial is None:
         raise InputError("initial: must be given (or resume)")
-    state = checked_state("initial", initial, (6,))
+    motion = _motion(system, load, nu)
+    state = motion.checked(initial)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
     name = _native.choice("method", method, ("auto", *METHODS))
@@ -222,15 +249,15 @@ def simulate(
     if dt == "auto":
         wanted = 1e-10 if wanted is None else wanted
         solved = max(0.1 * wanted, _ROUNDING)
-        return _by_tolerance(system, end, state, name, wanted, solved, want, progress)
+        return _by_tolerance(motion, end, state, name, wanted, solved, want, progress)
     step = _native.number("dt", dt)
     if not 0 < step <= end:
         raise InputError(f"dt = {step:g}: must be greater than 0 and not exceed t_end = {end:g}")
     n = math.ceil(end / step * (1 - 1e-12))
     _native.integer("t_end / dt", n, 1, _MAX_STEPS)
-    run = _Run(system, name, state, end / n, solved).steps(n, want, progress)
+    run = _Run(motion, name, state, end / n, solved).steps(n, want, progress)
     if estimate_error:
-        finer = _Run(system, name, state, end / (2 * n), solved)
+        finer = _Run(motion, name, state, end / (2 * n), solved)
         check = finer.steps(2 * n, want.finer(2), progress)
         return replace(run, error=_difference(run, check))
     return run
@@ -251,6 +278,58 @@ def first_steps(system: Pendulum, end: float) -> int:
     natural = float(system.natural_frequencies().max())
     fastest = max(natural, system.p1, system.p2, system.p3)
     return max(1, math.ceil(end * fastest / (0.5 * math.pi)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """What moves, under which load, and the native routine with what it takes first."""
+
+    system: Pendulum | PolynomialSystem
+    load: tuple[LoadLike | None, float | None]
+    routine: Callable[..., tuple[Any, ...]]
+    given: tuple[Any, ...]
+
+    def checked(self, initial: npt.ArrayLike) -> FloatArray:
+        if isinstance(self.system, Pendulum):
+            return checked_state("initial", initial, (6,))
+        state, n = _native.real_array("initial", initial), 2 * len(self.system.dof_names)
+        if state.shape != (n,):
+            raise InputError(f"initial: must have shape ({n},), got {state.shape}")
+        return state
+
+    def first_steps(self, end: float) -> int:
+        if isinstance(self.system, Pendulum):
+            return first_steps(self.system, end)
+        fastest = self.system._rates().max(initial=1e-300)
+        _, _, nu = self.given[1:]
+        return max(1, math.ceil(end * max(fastest, nu) / (0.5 * math.pi)))
+
+    def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
+        """Power of load and damping."""
+        if isinstance(self.system, Pendulum):
+            return self.system.power(t, state)
+        orders, series, nu = self.given[1:]
+        v = state[:, 1::2]
+        force = (np.exp(1j * nu * np.outer(t, orders)) @ series[:-1].T).imag
+        return np.asarray(np.einsum("ta,ta->t", v, force - v @ np.asarray(self.system.damping).T))
+
+
+def _motion(
+    system: Pendulum | PolynomialSystem, load: LoadLike | None, nu: float | None
+) -> _Motion:
+    if isinstance(system, Pendulum):
+        if load is not None or nu is not None:
+            raise InputError("load, nu: must not be given, a pendulum has its loads within")
+        return _Motion(system, (None, None), core.pendulum_simulate, (system._flat,))
+    if (load is None) != (nu is None):
+        raise InputError("load, nu: must be given together, or neither")
+    frequency = 0.0 if nu is None else _native.number("nu", nu)
+    if nu is not None and frequency <= 0:
+        raise InputError(f"nu = {frequency:g}: must be greater than 0")
+    given = (system._flat, *load_series(load, None, len(system.dof_names)), frequency)
+    if np.max(given[1], initial=0) > _MAX_LOAD_ORDER:
+        raise InputError(f"load: order {np.max(given[1])}, must be at most {_MAX_LOAD_ORDER}")
+    return _Motion(system, (load, nu), core.polynomial_simulate, given)
 
 
 @dataclass(frozen=True)
@@ -306,7 +385,7 @@ def _difference(coarse: Trajectory, fine: Trajectory) -> float:
 
 
 def _by_tolerance(
-    system: Pendulum,
+    motion: "_Motion",
     end: float,
     state: FloatArray,
     method: str,
@@ -315,12 +394,12 @@ def _by_tolerance(
     want: _Wanted,
     progress: bool,
 ) -> Trajectory:
-    n = want.every * math.ceil(first_steps(system, end) / want.every)
-    factor, coarse = 1, _Run(system, method, state, end / n, solved).steps(n, want, progress)
+    n = want.every * math.ceil(motion.first_steps(end) / want.every)
+    factor, coarse = 1, _Run(motion, method, state, end / n, solved).steps(n, want, progress)
     changes: list[float] = []
     while not hopeless(changes):
         factor *= 2
-        run = _Run(system, method, state, end / (n * factor), solved)
+        run = _Run(motion, method, state, end / (n * factor), solved)
         fine = run.steps(n * factor, want.finer(factor), progress)
         change = math.inf
         if "completed" == coarse.outcome == fine.outcome:
@@ -339,11 +418,16 @@ def _by_tolerance(
 
 
 def _go_on(
-    system: Pendulum, end: float, earlier: Trajectory, want: _Wanted, progress: bool
+    system: Pendulum | PolynomialSystem,
+    end: float,
+    earlier: Trajectory,
+    want: _Wanted,
+    progress: bool,
 ) -> Trajectory:
     if earlier.outcome != "completed":
         raise InputError(f"resume: that run ended {earlier.outcome!r}, must be 'completed'")
-    run = _Run(system, **earlier._resume)
+    given = dict(earlier._resume)
+    run = _Run(_motion(system, *given.pop("load")), **given)
     n = round((end - run.time) / run.h)
     if n < 1 or abs(run.time + n * run.h - end) > 1e-9 * max(abs(end), run.h):
         raise InputError(
@@ -362,7 +446,7 @@ class _Run:
 
     def __init__(
         self,
-        system: Pendulum,
+        motion: "_Motion",
         method: str,
         state: FloatArray,
         h: float,
@@ -370,7 +454,7 @@ class _Run:
         done: int = 0,
         memory: FloatArray | None = None,
     ) -> None:
-        self.system, self.method, self.state, self.h = system, method, state, h
+        self.motion, self.method, self.state, self.h = motion, method, state, h
         self.solved, self.done, self.memory = solved, done, memory
 
     @property
@@ -412,8 +496,9 @@ class _Run:
             method=self.method,
             error=None,
             stats={"steps": self.done, **counts},
-            system=self.system,
+            system=self.motion.system,
             _resume={
+                "load": self.motion.load,
                 "method": self.method,
                 "state": self.state,
                 "h": self.h,
@@ -446,8 +531,8 @@ class _Run:
                 times = want.times[(want.times >= now) & (want.times < until)]
             resume = self.memory is not None
             kept, at_times, last, memory, made, ended, evaluated = _native.call(
-                core.pendulum_simulate,
-                self.system._flat,
+                self.motion.routine,
+                *self.motion.given,
                 METHODS[self.method],
                 self.state,
                 self.h,
