@@ -217,6 +217,7 @@ contains
     integer :: a, b
     do a = 1, n
       total = 0.0_wp
+      !GCC$ novector
       do b = 1, n
         total = total - (stiffness(a, b)*q(:, b) + damping(a, b)*v(:, b))
       end do

@@ -5,6 +5,7 @@ module viscovib_run_scene
   use viscovib_files, only: stem
   use viscovib_forced_response, only: forced_response
   use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_type
   use viscovib_response_plan, only: new_response_plan, response_plan_type
@@ -31,7 +32,7 @@ contains
 
   !> What will be computed and what is skipped, with the reasons.
   subroutine plan_scene(scene, text, status)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=:), allocatable, intent(out) :: text
     type(status_type), intent(out) :: status
     type(response_plan_type) :: plan
@@ -47,8 +48,8 @@ contains
       end if
       return
     end if
-    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
-                           status)
+    call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
+                           scene%options, status)
     if (status%failed()) then
       status%message = scene%path//': '//status%message
     else if (scene%wants_branch) then
@@ -60,7 +61,7 @@ contains
 
   !> Compute what is wanted and write its table into a folder.
   subroutine run_scene(scene, folder, version, report, status)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=*), intent(in) :: folder, version
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
@@ -77,7 +78,7 @@ contains
   end subroutine run_scene
 
   subroutine run_response(scene, folder, header, report, status)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=*), intent(in) :: folder, header
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
@@ -85,12 +86,13 @@ contains
     type(response_type) :: response
     integer :: found
 
-    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
-                           status)
+    call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
+                           scene%options, status)
     if (status%failed()) return
-    call forced_response(plan, scene%mount, scene%load, scene%nu, response)
+    call forced_response(plan, scene%oscillator(), scene%load, scene%nu, response)
     report%path = folder//'/'//stem(scene%path)//'_response.csv'
-    call write_response(folder, stem(scene%path)//'_response.csv', response, header, status)
+    call write_response(folder, stem(scene%path)//'_response.csv', response, scene%coordinates, &
+                        scene%units, header, status)
     if (status%failed()) return
     found = count(response%outcome == outcome_converged)
     report%complete = found == size(scene%nu)
@@ -98,24 +100,24 @@ contains
   end subroutine run_response
 
   subroutine run_one_branch(scene, folder, header, report, status)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=*), intent(in) :: folder, header
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
     type(response_plan_type) :: plan
     type(branch_type) :: branch
 
-    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
-                           status)
+    call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
+                           scene%options, status)
     if (status%failed()) return
-    call run_branch(scene%branch, plan, scene%mount, scene%load, branch, status)
+    call run_branch(scene%branch, plan, scene%oscillator(), scene%load, branch, status)
     if (status%failed()) then
       status%message = scene%path//': '//status%message
       return
     end if
     report%path = folder//'/'//stem(scene%path)//'_branch.csv'
-    call write_branch(folder, stem(scene%path)//'_branch.csv', plan%set%orders, branch, header, &
-                      status)
+    call write_branch(folder, stem(scene%path)//'_branch.csv', plan%set%orders, branch, &
+                      scene%coordinates, scene%units, header, status)
     if (status%failed()) return
     report%complete = branch%outcome == branch_completed
     report%summary = trim(branch_names(branch%outcome))//', '//show(branch%n_points) &
@@ -123,7 +125,7 @@ contains
   end subroutine run_one_branch
 
   subroutine run_motion(scene, folder, header, report, status)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=*), intent(in) :: folder, header
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
@@ -160,15 +162,17 @@ contains
 
   !> A line for each kernel in use whose integral is not between 0 and 1.
   function scene_warnings(scene) result(text)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=:), allocatable :: text
+    class(oscillator_type), pointer :: system
     integer :: i
 
     text = ''
     if (scene%is_pendulum) return
-    do i = 1, size(scene%mount%kernels)
-      if (.not. any(scene%mount%kernel_of == i)) cycle
-      associate (total => scene%mount%memory_scale*scene%mount%kernels(i)%kernel%integral())
+    system => scene%oscillator()
+    do i = 1, size(system%kernels)
+      if (.not. any(system%kernel_of == i)) cycle
+      associate (total => system%memory_scale*system%kernels(i)%kernel%integral())
         if (total >= 1) then
           text = text//'kernel integral = '//show(total)//' >= 1: the relaxed stiffness is not ' &
                  //'positive, and free motion creeps away slowly; the forced response without ' &

@@ -9,13 +9,15 @@ module viscovib_scene
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: geometry_cubic, geometry_names, mount_parameters, mount_type, new_mount
   use viscovib_namelist, only: namelist_type, read_namelist
-  use viscovib_oscillator, only: kernel_holder
+  use viscovib_oscillator, only: kernel_holder, oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_groups, only: read_pendulum, read_spectrum, read_transient, spectrum_job
+  use viscovib_polynomial, only: polynomial_type
   use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_names, method_newton, new_response_plan, &
     response_plan_type
   use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_system_groups, only: name_length, read_system
   use viscovib_transient_job, only: transient_job
   implicit none
   private
@@ -29,8 +31,12 @@ module viscovib_scene
     type(pendulum_type) :: pendulum
     type(transient_job) :: transient
     type(spectrum_job) :: spectrum
-    !> Or it is a mount, its result a response.
+    !> Or it is a mount or a polynomial system, its result a response.
+    logical :: is_polynomial = .false.
     type(mount_type) :: mount
+    type(polynomial_type) :: polynomial
+    !> Names and units of its coordinates.
+    character(len=name_length), allocatable :: coordinates(:), units(:)
     type(load_type) :: load
     !> Or a branch, followed through its folds.
     logical :: wants_branch = .false.
@@ -42,17 +48,22 @@ module viscovib_scene
     !> The scene as it was understood, every default written out; reads back
     !! to the same numbers.
     character(len=:), allocatable :: canonical
+  contains
+    procedure :: oscillator
+    procedure, private :: base_direction
   end type scene_type
 
-  character(len=*), parameter :: group_names(9) = &
-    [character(len=9) :: 'scene', 'mount', 'kernel', 'load', 'response', 'branch', 'pendulum', &
-     'transient', 'spectrum']
+  character(len=*), parameter :: group_names(12) = &
+    [character(len=9) :: 'scene', 'mount', 'system', 'spring', 'force', 'kernel', 'load', &
+     'response', 'branch', 'pendulum', 'transient', 'spectrum']
   !> What belongs to each system.
-  character(len=*), parameter :: mount_groups(5) = &
-    [character(len=9) :: 'mount', 'kernel', 'load', 'response', 'branch'], &
+  character(len=*), parameter :: mount_groups(8) = &
+    [character(len=9) :: 'mount', 'system', 'spring', 'force', 'kernel', 'load', 'response', &
+     'branch'], &
                                  pendulum_groups(3) = &
-    [character(len=9) :: 'pendulum', 'transient', 'spectrum']
-  character(len=*), parameter :: coordinate_names(2) = [character(len=3) :: 'x', 'phi']
+    [character(len=9) :: 'pendulum', 'transient', 'spectrum'], &
+                                 repeatable(4) = &
+    [character(len=9) :: 'kernel', 'load', 'spring', 'force']
   character(len=*), parameter :: grid_keys(4) = &
     [character(len=10) :: 'nu_min', 'nu_max', 'nu_count', 'nu_spacing']
   !> Bounds that stop a slip of the pen before it fills the memory.
@@ -79,21 +90,53 @@ contains
       call read_motion(file, scene, status)
       return
     end if
-    call read_kernels(file, kernels, parameters, scene%canonical, status)
-    if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
+    scene%is_polynomial = place_of(file, 'system') <= size(file%groups)
+    if (scene%is_polynomial) then
+      call read_system(file, scene%polynomial, scene%coordinates, scene%units, scene%canonical, &
+                       status)
+    else
+      scene%coordinates = [character(len=name_length) :: 'x', 'phi']
+      scene%units = [character(len=name_length) :: 'm', 'rad']
+      call read_kernels(file, kernels, parameters, scene%canonical, status)
+      if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
+    end if
     if (.not. status%failed()) call read_loads(file, scene, status)
     if (.not. status%failed()) call read_result(file, scene, status)
     if (.not. status%failed()) call check_job(file, scene, status)
   end subroutine read_scene
+
+  !> The system that responds: the mount or the polynomial system.
+  function oscillator(self)
+    class(scene_type), intent(in), target :: self
+    class(oscillator_type), pointer :: oscillator
+    if (self%is_polynomial) then
+      oscillator => self%polynomial
+    else
+      oscillator => self%mount
+    end if
+  end function oscillator
+
+  !> How its coordinates move with the base.
+  pure function base_direction(self)
+    class(scene_type), intent(in) :: self
+    real(wp), allocatable :: base_direction(:)
+    if (self%is_polynomial) then
+      base_direction = self%polynomial%base_direction
+    else
+      base_direction = self%mount%base_direction
+    end if
+  end function base_direction
 
   !> Known groups only, the right number of each, and one system.
   subroutine check_groups(file, is_pendulum, status)
     type(namelist_type), intent(in) :: file
     logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
+    logical :: is_polynomial
     integer :: i, j, n
 
     is_pendulum = .false.
+    is_polynomial = place_of(file, 'system') <= size(file%groups)
     do i = 1, size(file%groups)
       associate (group => file%groups(i))
         if (.not. any(group_names == group%name)) then
@@ -109,11 +152,15 @@ contains
       do i = 1, size(file%groups)
         if (file%groups(i)%name /= group_names(j)) cycle
         n = n + 1
-        if (n == 2 .and. .not. any(group_names(j) == ['kernel', 'load  '])) then
+        if (n == 2 .and. .not. any(group_names(j) == repeatable)) then
           call refuse_group(i, 'a second &'//trim(group_names(j))//': must be given once')
         else if (is_pendulum .and. any(mount_groups == group_names(j))) then
           call refuse_group(i, '&'//trim(group_names(j))//': belongs to a mount, and this scene ' &
                             //'has &pendulum')
+        else if (is_polynomial .and. group_names(j) == 'mount') then
+          call refuse_group(i, '&mount: this scene has &system already, give one of them')
+        else if (.not. is_polynomial .and. any(group_names(j) == ['spring', 'force '])) then
+          call refuse_group(i, '&'//trim(group_names(j))//': needs &system')
         else if (.not. is_pendulum .and. any(pendulum_groups == group_names(j))) then
           call refuse_group(i, '&'//trim(group_names(j))//': needs &pendulum')
         end if
@@ -123,7 +170,8 @@ contains
       if (is_pendulum .and. group_names(j) == 'transient') then
         call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
                   //'a scene with &pendulum needs a wanted result (&transient)')
-      else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load '])) then
+      else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load ']) &
+               .and. .not. (is_polynomial .and. group_names(j) == 'mount')) then
         call refuse_lack(trim(group_names(j)))
       end if
       if (status%failed()) return
@@ -141,7 +189,7 @@ contains
     subroutine refuse_lack(name)
       character(len=*), intent(in) :: name
       call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
-                //'needs &mount, &load and a wanted result (&response or &branch), or ' &
+                //'needs &mount or &system, &load and a wanted result (&response or &branch), or ' &
                 //'&pendulum and &transient')
     end subroutine refuse_lack
 
@@ -266,7 +314,7 @@ contains
     integer :: i, n, kind, on
 
     n = count([(file%groups(i)%name == 'load', i=1, size(file%groups))])
-    allocate (orders(n), force(2, n), base(n))
+    allocate (orders(n), force(size(scene%coordinates), n), base(n))
     force = (0.0_wp, 0.0_wp)
     base = (0.0_wp, 0.0_wp)
     n = 0
@@ -278,9 +326,12 @@ contains
       call reader%start(file%path, file%groups(i))
       word = reader%read_text('kind', 'force', [character(len=5) :: 'force', 'base'], kind)
       if (kind == 1) then
-        word = reader%read_text('on', 'x', coordinate_names, on)
+        word = reader%read_text('on', trim(scene%coordinates(1)), scene%coordinates, on)
       else
-        call reader%refuse(['on'], 'the base moves in x; only a force has this key')
+        call reader%refuse(['on'], 'the base moves as a whole; only a force has this key')
+        if (.not. any(abs(scene%base_direction()) > 0.0_wp)) then
+          call reader%complain('kind', "kind = 'base': needs base_direction in &system")
+        end if
       end if
       orders(n) = reader%read_integer('order', 1)
       if (orders(n) < 0 .or. orders(n) > max_order) then
@@ -303,7 +354,7 @@ contains
       call close_group(reader, scene, status)
       if (status%failed()) return
     end do
-    call new_load(scene%load, 2, orders, force, base, status)
+    call new_load(scene%load, size(scene%coordinates), orders, force, base, status)
   end subroutine read_loads
 
   !> The result wanted of a mount.
@@ -388,13 +439,15 @@ contains
   !> What only the whole job shows to be wrong, with the line to change.
   subroutine check_job(file, scene, status)
     type(namelist_type), intent(in) :: file
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     type(status_type), intent(out) :: status
     type(response_plan_type) :: plan
+    class(oscillator_type), pointer :: system
     character(len=:), allocatable :: name
     integer :: i, n
 
-    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
+    system => scene%oscillator()
+    call new_response_plan(plan, system, scene%load, scene%nu, scene%method, scene%options, &
                            status)
     if (.not. status%failed()) return
     name = 'response'
@@ -402,7 +455,7 @@ contains
     n = 1
     if (status%subject == 'beta') then
       name = 'kernel'
-      n = scene%mount%kernel_without_integral()
+      n = system%kernel_without_integral()
     end if
     do i = 1, size(file%groups)
       if (file%groups(i)%name == name) n = n - 1

@@ -22,6 +22,8 @@ from viscovib.response import Peak, _prepare
 OUTCOMES = ("completed", "returned", "step limit", "stuck", "overflow")
 #: Multipliers this close to the unit circle count as on it.
 _CIRCLE = 1e-9
+#: Numbers that all points together may hold.
+_MAX_NUMBERS = 4e8
 #: Entries of a monodromy matrix beyond this say nothing any more.
 _LARGEST = 1e100
 
@@ -223,6 +225,12 @@ def trace_response(
     if planned.method != "newton":
         raise InputError(
             "mount: nothing is nonlinear, its response is a single curve: see forced_response"
+        )
+    n, m = len(mount.dof_names), planned.orders.size
+    most = int(_MAX_NUMBERS / (8 * m * n + 4 * n**2))
+    if points > most:
+        raise InputError(
+            f"max_points = {points}: must be at most {most} with {n} coordinates and {m} harmonics"
         )
     cancel = np.zeros(1, dtype=np.intc)
     known = bool(stability) and not mount._active_kernels

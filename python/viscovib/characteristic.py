@@ -1,17 +1,15 @@
 """Free motion with memory: roots of the characteristic equation det D(s) = 0."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.kernels import RzhanitsynKernel
-
-if TYPE_CHECKING:
-    from viscovib.oscillators import Oscillator
+from viscovib.kernels import Kernel, RzhanitsynKernel
 
 _HOMOTOPY = 24
 _NEWTON = 60
@@ -52,9 +50,15 @@ class CharacteristicRoots:
         return result
 
 
-def characteristic_roots(oscillator: "Oscillator") -> CharacteristicRoots:
+#: Linear springs, each with its stiffness and its kernel.
+SpringsLike = Sequence[tuple[FloatArray, Kernel | None]]
+
+
+def characteristic_roots(
+    mass: FloatArray, damping: FloatArray, springs: SpringsLike, memory_scale: float = 1.0
+) -> CharacteristicRoots:
     """Roots of det[s^2 M + s C + sum_j K_j (1 - R_j(s))] = 0, R_j(s) the kernels' transforms."""
-    system = _System(oscillator)
+    system = _System(mass, damping, springs, memory_scale)
     oscillatory = system.oscillatory()
     real = system.real()
     n_unstable = system.count_unstable()
@@ -65,15 +69,12 @@ def characteristic_roots(oscillator: "Oscillator") -> CharacteristicRoots:
 class _System:
     """The characteristic matrix D(s)."""
 
-    def __init__(self, oscillator: "Oscillator") -> None:
-        if isinstance(oscillator.mass, float):
-            self.mass = np.diag([oscillator.mass, oscillator.inertia])
-        else:
-            self.mass = np.asarray(oscillator.mass)
-        self.damping = np.asarray(oscillator.damping, dtype=float)
-        self.springs = oscillator._springs
-        self.memory_scale = getattr(oscillator, "memory_scale", 1.0)
-        self.stiffness = sum((spring for spring, _ in self.springs), np.zeros_like(self.mass))
+    def __init__(
+        self, mass: FloatArray, damping: FloatArray, springs: SpringsLike, memory_scale: float
+    ) -> None:
+        self.mass, self.damping = mass, damping
+        self.springs, self.memory_scale = springs, memory_scale
+        self.stiffness = np.sum([spring for spring, _ in springs], axis=0)
         self.scale = 1 / np.sqrt(np.diag(self.mass))
         # Frequencies to scale by, positive also where rest is unstable.
         squares = np.linalg.eigvals(np.linalg.solve(self.mass, self.stiffness))
@@ -174,13 +175,13 @@ class _System:
             return (sign * np.exp(np.clip(size, -600, 600)))[..., np.newaxis][..., j]
 
         values = eigenvalue(grid, slice(None))
-        roots = []
+        found = []
         for j in range(values.shape[1]):
             for i in np.flatnonzero(values[1:, j] * values[:-1, j] < 0):
-                roots.append(
+                found.append(
                     float(brentq(eigenvalue, grid[i], grid[i + 1], (j,), xtol=1e-300, rtol=1e-14))
                 )
-        return np.array(sorted(roots, reverse=True))
+        return np.array(sorted(found, reverse=True))
 
     def count_unstable(self) -> int:
         """Roots right of the imaginary axis by the turns of det D(i omega): Nyquist."""

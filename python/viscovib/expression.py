@@ -37,7 +37,8 @@ def expand(where: str, text: str, names: Sequence[str]) -> Polynomial:
     for powers, coefficient in result.items():
         if not math.isfinite(coefficient):
             raise InputError(
-                f"{where} = {_short(text)}: the coefficient of {spell(powers, names)} must be finite"
+                f"{where} = {_short(text)}: must have finite coefficients, that of "
+                f"{spell(powers, names)} is not"
             )
     return result
 
@@ -86,8 +87,7 @@ class _Expander:
     def _coordinate(self, name: str) -> Polynomial:
         if name not in self.names:
             raise InputError(
-                f"{self.where}: unknown coordinate {name!r}, must be one of "
-                f"{', '.join(self.names)}"
+                f"{self.where}: unknown coordinate {name!r}, must be one of {', '.join(self.names)}"
             )
         place = self.names.index(name)
         return {tuple(int(d == place) for d in range(len(self.names))): 1.0}

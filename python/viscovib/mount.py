@@ -113,7 +113,12 @@ class Mount:
         Without memory the pairs of the damped linear system; with memory also the slow real roots,
         positive where a kernel's integral exceeds 1.
         """
-        return characteristic_roots(self)
+        return characteristic_roots(
+            np.diag([self.mass, self.inertia]),
+            np.asarray(self.damping, dtype=float),
+            self._springs,
+            self.memory_scale,
+        )
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """D(nu), shape nu.shape + (2, 2), for u = Im(X exp(i nu t)).

@@ -13,6 +13,7 @@ from viscovib.branch import Branch
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
 from viscovib.files import whole_file
+from viscovib.polynomial_system import PolynomialSystem
 from viscovib.response import Response
 from viscovib.spectrum import Spectrum, name_frequencies
 from viscovib.transient import Trajectory
@@ -85,7 +86,7 @@ def plot_response(
                 linewidth=1.6,
                 label=labels[i] if labels else None,
             )
-        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{harmonic}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_symbol(name)}_{harmonic}|$ ({unit})")
         if log:
             axis.set_yscale("log")
         _bare(axis)
@@ -137,7 +138,7 @@ def plot_branch(
             branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k", markersize=4,
             markerfacecolor="w", label="fold",
         )  # fmt: skip
-        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{harmonic}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_symbol(name)}_{harmonic}|$ ({unit})")
         if log:
             axis.set_yscale("log")
         _bare(axis)
@@ -189,12 +190,14 @@ def plot_trajectory(
             q, v = run.state[:, 2 * d], run.state[:, 2 * d + 1]
             history.plot(run.t, q, linewidth=1.1, label=labels[i] if labels else None, **style)
             plane.plot(q, v, linewidth=0.7, **style)
-        symbol = _SYMBOLS.get(name, name)
-        history.set_ylabel(f"${symbol}$" + ("" if d == 0 else " (rad)"))
+        symbol = _symbol(name)
+        history.set_ylabel(f"${symbol}$" + _unit(runs[0], d))
         plane.set(xlabel=f"${symbol}$", ylabel=rf"${symbol}'$")
         for axis in (history, plane):
             _bare(axis)
-    axes[-2].set_xlabel(r"$\tau = \omega_1 t$")
+    axes[-2].set_xlabel(
+        "time (s)" if isinstance(runs[0].system, PolynomialSystem) else r"$\tau = \omega_1 t$"
+    )
     if labels:
         axes[0].legend(frameon=False)
     return axes
@@ -220,7 +223,7 @@ def plot_sections(
         import matplotlib.pyplot as plt
 
         ax = plt.figure(figsize=(7, 5), layout="constrained").subplots()
-    symbol = _SYMBOLS.get(quantity, quantity)
+    symbol = _symbol(quantity)
     q = ensemble.sections[:, :, 2 * d]
     if parameter is None:
         ax.plot(q.ravel(), ensemble.sections[:, :, 2 * d + 1].ravel(), **_DOTS)
@@ -267,7 +270,7 @@ def plot_spectrum(
             color=COLOURS[j % len(COLOURS)],
             linestyle=STYLES[j % len(STYLES)],
             linewidth=0.9,
-            label=f"${_SYMBOLS.get(name, name)}$" if len(name) < 4 else name,
+            label=f"${_symbol(name)}$" if len(name) < 4 else name,
         )
     if bases is not None:
         _name_peaks(ax, spectrum.omega[shown], columns[shown].max(axis=1), bases)
@@ -304,6 +307,21 @@ def _name_peaks(
             rotation=90,
             fontsize=7,
         )
+
+
+def _symbol(name: str) -> str:
+    """How a name looks in mathematics: Greek, italic with a number below, or upright."""
+    if name in _SYMBOLS or (len(name) == 1 and name != "_"):
+        return _SYMBOLS.get(name, name)
+    if name[0].isalpha() and name[1:].isdigit():
+        return f"{{{name[0]}_{{{name[1:]}}}}}"
+    return rf"\mathrm{{{name}}}".replace("_", r"\_")
+
+
+def _unit(run: Trajectory, dof: int) -> str:
+    if isinstance(run.system, PolynomialSystem):
+        return f" ({run.system.dof_units[dof]})"
+    return "" if dof == 0 else " (rad)"
 
 
 def _bare(axis: "Axes") -> None:

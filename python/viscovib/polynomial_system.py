@@ -169,7 +169,7 @@ class PolynomialSystem:
 
     def characteristic_roots(self) -> CharacteristicRoots:
         """Roots of det[s^2 M + s C + sum_g K_g (1 - R_g(s))] = 0: decay and pitch about rest."""
-        return characteristic_roots(self)
+        return characteristic_roots(self._mass, self._damping, self._springs)
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """D(nu), shape nu.shape + (n, n), for u = Im(X exp(i nu t)).
@@ -178,23 +178,23 @@ class PolynomialSystem:
         """
         frequencies = check_dynamic_frequencies(nu, self._active_kernels)
         at = frequencies[..., np.newaxis, np.newaxis]
-        total: ComplexArray = 1j * at * self.damping - at**2 * self.mass
+        total: Any = 1j * at * self._damping - at**2 * self._mass
         for group in self.groups:
             kept: Any = 1.0
             if group.kernel is not None:
                 kept = 1 - np.asarray(group.kernel.transform(frequencies))
                 kept = kept[..., np.newaxis, np.newaxis]
             total = total + kept * group.stiffness
-        return total
+        return np.asarray(total, dtype=complex)
 
     def _rates(self) -> FloatArray:
         """Sizes |s| of the roots of the damped linear system without memory (1/s)."""
         n = len(self.dof_names)
-        inverse = np.linalg.inv(self.mass)
+        inverse = np.linalg.inv(self._mass)
         first = np.block(
             [
                 [np.zeros((n, n)), np.eye(n)],
-                [-inverse @ self._stiffness_at_rest, -inverse @ np.asarray(self.damping)],
+                [-inverse @ self._stiffness_at_rest, -inverse @ self._damping],
             ]
         )
         return np.abs(np.linalg.eigvals(first))
@@ -210,20 +210,28 @@ class PolynomialSystem:
             raise InputError(f"state: must have shape (..., {2 * n}), got {states.shape}")
         u, v = states[..., ::2], states[..., 1::2]
         stiffness, forces = self._conservative
-        total = 0.5 * np.einsum("...a,ab,...b", v, self.mass, v)
+        total = 0.5 * np.einsum("...a,ab,...b", v, self._mass, v)
         total += 0.5 * np.einsum("...a,ab,...b", u, stiffness, u)
         # Euler: a potential of degree d + 1 has u . f = (d + 1) V.
         for (on, powers), c in forces.items():
             total += c / (sum(powers) + 1) * u[..., on] * np.prod(u ** np.array(powers), axis=-1)
         return np.asarray(total)
 
+    @property
+    def _mass(self) -> FloatArray:
+        return np.asarray(self.mass, dtype=float)
+
+    @property
+    def _damping(self) -> FloatArray:
+        return np.asarray(self.damping, dtype=float)
+
     @cached_property
     def _modes(self) -> tuple[FloatArray, FloatArray]:
         stiffness = self._stiffness_at_rest
         if np.allclose(stiffness, stiffness.T, rtol=1e-12, atol=0):
-            squares, shapes = eigh(stiffness, self.mass)
+            squares, shapes = eigh(stiffness, self._mass)
         else:
-            squares, shapes = eig(stiffness, self.mass)
+            squares, shapes = eig(stiffness, self._mass)
             if np.abs(squares.imag).max() > 1e-9 * np.abs(squares).max():
                 raise InputError("stiffness: has complex eigenvalues, rest flutters: no modes")
             order = np.argsort(squares.real)
@@ -286,7 +294,7 @@ class PolynomialSystem:
             data += [[kernel._kind, kernel._data.size], kernel._data]
         parts: list[Any] = [
             [n, len(self.groups), len(monomials), len(kernels)],
-            np.ravel(self.mass, order="F"), np.ravel(np.asarray(self.damping), order="F"),
+            self._mass.ravel(order="F"), self._damping.ravel(order="F"),
             direction, *springs, *monomials, *data,
         ]  # fmt: skip
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])

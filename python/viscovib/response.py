@@ -29,6 +29,8 @@ CHUNK = 4096
 
 _FIRST_HARMONICS, _MAX_HARMONICS = 9, 199
 _MAX_ITERATIONS = 100_000
+#: Unknowns of Newton's method, as in the core.
+_MAX_UNKNOWNS = 2000
 #: Frequencies that Newton's method takes without a thread of its own.
 _LONG = 64
 
@@ -94,7 +96,9 @@ class Response:
         sizes = np.abs(self.coefficients)
         if self.method == "linear" or sizes.shape[2] < 3:
             return np.zeros(self.nu.size)
-        largest = np.maximum(sizes.max(axis=2), 1e-300)
+        # A coordinate that stands still but for rounding must not tell.
+        largest = sizes.max(axis=2)
+        largest = np.maximum(largest, 1e-9 * largest.max(axis=1, keepdims=True) + 1e-300)
         return np.asarray((sizes[:, :, -2:].max(axis=2) / largest).max(axis=1))
 
     @cached_property
@@ -280,7 +284,7 @@ def forced_response(
                 tolerance=tolerance, max_iterations=max_iterations, relaxation=relaxation,
                 progress=progress,
             ),
-            load, base, tolerance,
+            load, base, tolerance, len(mount.dof_names) if method == "newton" else 1,
         )  # fmt: skip
     if isinstance(harmonics, str):
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
@@ -339,18 +343,21 @@ def _with_enough_harmonics(
     load: LoadLike | None,
     base: LoadLike | None,
     tolerance: float,
+    n_dof: int,
 ) -> Response:
     """Raise the highest order until what is left out does not count."""
     wanted = _native.number("tolerance", tolerance)
     given = [max(series, default=0) for series in (load, base) if isinstance(series, Mapping)]
     highest = max([_FIRST_HARMONICS, *(2 * order + 1 for order in given)])
+    # The mean counts as an order, where there is one.
+    most = min(_MAX_HARMONICS, _MAX_UNKNOWNS // (2 * n_dof) - 1)
     while True:
-        highest = min(highest, _MAX_HARMONICS)
+        highest = min(highest, most)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             result = solve(highest)
         worst = float(result.truncation[result.converged].max(initial=0.0))
-        if worst <= wanted or highest == _MAX_HARMONICS:
+        if worst <= wanted or highest == most:
             break
         # Orders fall off geometrically: go on as far as that suggests, and a little more.
         fall = math.log(wanted) / math.log(max(min(worst, 0.5), 1e-300))

@@ -27,7 +27,9 @@ from viscovib.kernels import (
     TabulatedKernel,
 )
 from viscovib.mount import Mount
+from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
+from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
 from viscovib.response import Response, _prepare, forced_response, plan_response
 from viscovib.spectrum import Spectrum, spectrum
 from viscovib.transient import METHODS, Trajectory, simulate
@@ -39,6 +41,8 @@ _KERNELS: dict[str, type[Kernel]] = {
     "rabotnov": RabotnovKernel,
     "tabulated": TabulatedKernel,
 }
+#: Groups that a scene may have any number of.
+_REPEATABLE = ("kernel", "load", "spring", "force")
 _LISTS = ("weights", "rates", "times", "values")
 _MAX_PATH = 4096
 
@@ -76,9 +80,9 @@ class Scene:
             If the file cannot be read.
         """
         text = _canonical(path)
-        groups: dict[str, Any] = {"kernel": [], "load": []}
+        groups: dict[str, Any] = {name: [] for name in _REPEATABLE}
         for name, group in f90nml.reads(text).items():
-            if name in ("kernel", "load"):
+            if name in _REPEATABLE:
                 groups[name].append(dict(group))
             else:
                 groups[name] = dict(group)
@@ -91,12 +95,44 @@ class Scene:
 
     @property
     def is_pendulum(self) -> bool:
-        """Whether the system is a pendulum, its result a motion in time; else it is a mount."""
+        """Whether the system is a pendulum, its result a motion in time."""
         return "pendulum" in self.groups
 
     def pendulum(self) -> Pendulum:
         """Build the pendulum."""
         return Pendulum(**self._group("pendulum"))
+
+    def oscillator(self) -> Oscillator:
+        """Build the mount or the polynomial system."""
+        return self.polynomial_system() if "system" in self.groups else self.mount()
+
+    def polynomial_system(self) -> PolynomialSystem:
+        """Build the polynomial system."""
+        given = self._group("system")
+        names = _texts(given["coordinates"])
+        direction = np.atleast_1d(given["base_direction"])
+        kernels: list[Kernel | None] = [None, *(_kernel(group) for group in self.groups["kernel"])]
+        springs = [
+            Springs(
+                stiffness=_matrix(group["stiffness"], len(names)), kernel=kernels[group["kernel"]]
+            )
+            for group in [given, *self.groups["spring"]]
+        ]
+        for group in self.groups["force"]:
+            monomial = Monomial(
+                coefficient=group["coefficient"],
+                powers=[int(p) for p in np.atleast_1d(group["powers"])],
+                on=group["on"],
+            )
+            springs.append(Springs(forces=[monomial], kernel=kernels[group["kernel"]]))
+        return PolynomialSystem(
+            mass=_matrix(given["mass"], len(names)),
+            damping=_matrix(given["damping"], len(names)),
+            springs=springs,
+            names=names,
+            units=_texts(given["units"]),
+            base_direction=direction if direction.any() else None,
+        )
 
     def mount(self) -> Mount:
         """Build the mount."""
@@ -113,6 +149,9 @@ class Scene:
         """Fourier series of force and base motion, as `forced_response` takes them."""
         force: dict[int, Any] = {}
         base: dict[int, Any] = {}
+        names: tuple[str, ...] = ("x", "phi")
+        if "system" in self.groups:
+            names = _texts(self.groups["system"]["coordinates"])
         for group in self.groups["load"]:
             order, phase = group["order"], group.get("phase", 0.0)
             term = group["amplitude"] * complex(math.cos(phase), math.sin(phase))
@@ -121,7 +160,7 @@ class Scene:
             if group["kind"] == "base":
                 base[order] = base.get(order, 0.0) + term
             else:
-                where = np.array([group["on"] == "x", group["on"] == "phi"])
+                where = np.array([group["on"] == name for name in names])
                 force[order] = force.get(order, 0.0) + where * term
         return {"load": force, "base": base}
 
@@ -160,7 +199,7 @@ class Scene:
     def _branch(self) -> dict[str, Any]:
         group = self._group("branch")
         return {
-            "mount": self.mount(),
+            "mount": self.oscillator(),
             "nu_range": (group["nu_from"], group["nu_to"]),
             **self.loads(),
             **{key: group[key] for key in ("harmonics", "tolerance", "max_points", "max_step")},
@@ -170,7 +209,7 @@ class Scene:
         group = self._group("response")
         relaxation = group["relaxation"]
         return {
-            "mount": self.mount(),
+            "mount": self.oscillator(),
             "nu": self.nu(),
             **self.loads(),
             **{key: group[key] for key in ("method", "harmonics", "tolerance", "max_iterations")},
@@ -263,7 +302,7 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
 def _plan_branch(scene: Scene) -> str:
     group, loads = scene.groups["branch"], scene.loads()
     planned = _prepare(
-        scene.mount(), [group["nu_from"]], loads["load"], loads["base"], "newton",
+        scene.oscillator(), [group["nu_from"]], loads["load"], loads["base"], "newton",
         group["harmonics"], group["tolerance"], 100, 1.0,
     )[3]  # fmt: skip
     text: bytes = core.branch_plan(group["nu_from"], group["nu_to"], planned.orders.size)
@@ -284,6 +323,16 @@ def _canonical(path: str | os.PathLike[str]) -> str:
         if length <= room:
             return bytes(text.tobytes()[:length]).decode()
         room = int(length)
+
+
+def _texts(value: str | list[str]) -> tuple[str, ...]:
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+def _matrix(value: Any, n: int) -> FloatArray:
+    """Return n numbers as a diagonal matrix, n^2 row by row."""
+    values = np.atleast_1d(np.asarray(value, dtype=float))
+    return np.diag(values) if values.size == n else values.reshape(n, n)
 
 
 def _kernel(group: Mapping[str, Any]) -> Kernel:

@@ -301,8 +301,8 @@ class _Motion:
         if isinstance(self.system, Pendulum):
             return first_steps(self.system, end)
         fastest = self.system._rates().max(initial=1e-300)
-        _, _, nu = self.given[1:]
-        return max(1, math.ceil(end * max(fastest, nu) / (0.5 * math.pi)))
+        nu = float(self.given[-1])
+        return max(1, math.ceil(end * max(float(fastest), nu) / (0.5 * math.pi)))
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""
@@ -311,7 +311,7 @@ class _Motion:
         orders, series, nu = self.given[1:]
         v = state[:, 1::2]
         force = (np.exp(1j * nu * np.outer(t, orders)) @ series[:-1].T).imag
-        return np.asarray(np.einsum("ta,ta->t", v, force - v @ np.asarray(self.system.damping).T))
+        return np.asarray(np.einsum("ta,ta->t", v, force - v @ self.system._damping.T))
 
 
 def _motion(

@@ -9,6 +9,7 @@ program tester
   use test_harmonics, only: run_harmonics
   use test_kernels, only: run_kernels
   use test_namelist, only: run_namelist
+  use test_polynomial, only: run_polynomial
   use test_response, only: run_response
   use test_scene, only: run_scene
   use test_table, only: run_table
@@ -30,6 +31,7 @@ program tester
   if (wants('harmonics')) call run_harmonics()
   if (wants('kernels')) call run_kernels()
   if (wants('namelist')) call run_namelist()
+  if (wants('polynomial')) call run_polynomial()
   if (wants('response')) call run_response()
   if (wants('scene')) call run_scene()
   if (wants('table')) call run_table()

@@ -1,0 +1,198 @@
+!> The groups of a scene that make up a polynomial system: &system, &spring, &force.
+module viscovib_system_groups
+  use viscovib_group_reader, only: group_reader
+  use viscovib_kernel_groups, only: read_system_kernels
+  use viscovib_kinds, only: wp
+  use viscovib_namelist, only: lower, namelist_type
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_polynomial, only: max_coordinates, max_degree, new_polynomial, &
+    polynomial_parameters, polynomial_type
+  use viscovib_status, only: show, status_type
+  implicit none
+  private
+
+  public :: read_system
+
+  !> Longest name of a coordinate or unit.
+  integer, parameter, public :: name_length = 16
+
+contains
+
+  !> A system with the names and units of its coordinates.
+  subroutine read_system(file, system, coordinates, units, echo, status)
+    type(namelist_type), intent(in) :: file
+    type(polynomial_type), intent(out) :: system
+    character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
+    !> Gets the canonical text of the groups added.
+    character(len=:), allocatable, intent(inout) :: echo
+    type(status_type), intent(out) :: status
+    type(polynomial_parameters) :: p
+    type(kernel_holder), allocatable :: kernels(:)
+    type(group_reader) :: reader
+    type(status_type) :: built
+    integer :: i, at, n_springs, n_forces
+
+    call read_system_kernels(file, kernels, echo, status)
+    if (status%failed()) return
+    n_springs = count([(file%groups(i)%name == 'spring', i=1, size(file%groups))])
+    n_forces = count([(file%groups(i)%name == 'force', i=1, size(file%groups))])
+    at = 0
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name == 'system') at = i
+    end do
+    call reader%start(file%path, file%groups(at))
+    call read_body(reader, p, n_springs, coordinates, units, size(kernels))
+    call finish_group()
+    if (status%failed()) return
+    allocate (p%coefficient(n_forces), p%on(n_forces), p%monomial_kernel(n_forces), &
+              p%powers(size(coordinates), n_forces))
+    n_springs = 1
+    n_forces = 0
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name == 'spring') then
+        n_springs = n_springs + 1
+        call reader%start(file%path, file%groups(i))
+        p%stiffness(:, :, n_springs) = read_matrix(reader, 'stiffness', size(coordinates), .true.)
+        p%spring_kernel(n_springs) = read_kernel_place(reader, size(kernels))
+      else if (file%groups(i)%name == 'force') then
+        n_forces = n_forces + 1
+        call reader%start(file%path, file%groups(i))
+        call read_force(reader, p, n_forces, coordinates, size(kernels))
+      else
+        cycle
+      end if
+      call finish_group()
+      if (status%failed()) return
+    end do
+    call reader%start(file%path, file%groups(at))
+    call new_polynomial(system, p, kernels, built)
+    call reader%place(built)
+    status = reader%status
+
+  contains
+
+    subroutine finish_group()
+      call reader%finish()
+      status = reader%status
+      echo = echo//reader%echo
+    end subroutine finish_group
+
+  end subroutine read_system
+
+  !> The &system group.
+  subroutine read_body(reader, p, n_springs, coordinates, units, n_kernels)
+    type(group_reader), intent(inout) :: reader
+    type(polynomial_parameters), intent(inout) :: p
+    !> &spring groups to come.
+    integer, intent(in) :: n_springs, n_kernels
+    character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
+    integer :: i, j, n
+
+    coordinates = reader%read_words('coordinates', name_length)
+    n = size(coordinates)
+    if (n > max_coordinates) call reader%complain('coordinates', 'coordinates: '//show(n) &
+                                                  //' names, must be at most ' &
+                                                  //show(max_coordinates))
+    ! As all words of a scene, small and capital letters are the same.
+    do i = 1, n
+      coordinates(i) = lower(coordinates(i))
+      if (.not. is_name(trim(coordinates(i)))) then
+        call reader%complain('coordinates', "coordinates: '"//trim(coordinates(i)) &
+                             //"' must be letters, digits and _, and not begin with a digit")
+      end if
+      do j = 1, i - 1
+        if (coordinates(i) == coordinates(j)) then
+          call reader%complain('coordinates', "coordinates: '"//trim(coordinates(i)) &
+                               //"' is there twice: must differ")
+        end if
+      end do
+    end do
+    units = reader%read_words('units', name_length, [(repeat('m', 1), i=1, n)])
+    if (size(units) /= n) call reader%complain('units', 'units: '//show(size(units)) &
+                                               //' texts, must be '//show(n) &
+                                               //', one a coordinate')
+    if (reader%status%failed()) return
+    p%mass = read_matrix(reader, 'mass', n, .true.)
+    allocate (p%stiffness(n, n, n_springs + 1), p%spring_kernel(n_springs + 1))
+    p%stiffness(:, :, 1) = read_matrix(reader, 'stiffness', n, .false.)
+    p%damping = read_matrix(reader, 'damping', n, .false.)
+    p%spring_kernel(1) = read_kernel_place(reader, n_kernels)
+    p%base_direction = reader%read_reals('base_direction', n, [(0.0_wp, i=1, n)])
+  end subroutine read_body
+
+  pure logical function is_name(text)
+    character(len=*), intent(in) :: text
+    character(len=*), parameter :: letters = &
+      'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
+    is_name = len(text) > 0 .and. verify(text, letters//'0123456789') == 0
+    if (is_name) is_name = scan(text(1:1), letters) > 0
+  end function is_name
+
+  !> One monomial: coefficient prod u^powers on an equation.
+  subroutine read_force(reader, p, place, coordinates, n_kernels)
+    type(group_reader), intent(inout) :: reader
+    type(polynomial_parameters), intent(inout) :: p
+    integer, intent(in) :: place, n_kernels
+    character(len=name_length), intent(in) :: coordinates(:)
+    character(len=:), allocatable :: word
+    integer :: total
+
+    p%on(place) = 1
+    if (size(coordinates) > 1) then
+      word = reader%read_text('on', allowed=coordinates, choice=p%on(place))
+    else
+      word = reader%read_text('on', trim(coordinates(1)), coordinates, p%on(place))
+    end if
+    p%coefficient(place) = reader%read_real('coefficient')
+    p%powers(:, place) = reader%read_integers('powers', size(coordinates))
+    p%monomial_kernel(place) = read_kernel_place(reader, n_kernels)
+    if (reader%status%failed()) return
+    total = sum(min(p%powers(:, place), max_degree + 1))
+    if (any(p%powers(:, place) < 0) .or. total < 2 .or. total > max_degree) then
+      call reader%complain('powers', 'powers: must not be negative, and their sum 2 to ' &
+                           //show(max_degree)//' (what is linear belongs to the stiffness)')
+    end if
+  end subroutine read_force
+
+  !> n numbers make a diagonal matrix, n^2 are row by row.
+  function read_matrix(reader, key, n, required) result(matrix)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: key
+    integer, intent(in) :: n
+    logical, intent(in) :: required
+    real(wp) :: matrix(n, n)
+    real(wp), allocatable :: values(:)
+    integer :: i
+
+    if (required) then
+      values = reader%read_reals(key)
+    else
+      values = reader%read_reals(key, default=[(0.0_wp, i=1, n)])
+    end if
+    matrix = 0.0_wp
+    if (reader%status%failed()) return
+    if (size(values) == n) then
+      do i = 1, n
+        matrix(i, i) = values(i)
+      end do
+    else if (size(values) == n*n) then
+      matrix = reshape(values, [n, n], order=[2, 1])
+    else
+      call reader%complain(key, key//' has '//show(size(values))//' values: must be '//show(n) &
+                           //' (a diagonal) or '//show(n*n)//' (row by row)')
+    end if
+  end function read_matrix
+
+  !> Which &kernel acts, counted from 1; 0: none.
+  integer function read_kernel_place(reader, n_kernels) result(place)
+    type(group_reader), intent(inout) :: reader
+    integer, intent(in) :: n_kernels
+    place = reader%read_integer('kernel', min(n_kernels, 1))
+    if (place < 0 .or. place > n_kernels) then
+      call reader%complain('kernel', 'kernel = '//show(place)//': must be 0 (none) to ' &
+                           //show(n_kernels)//', the place of a &kernel group')
+      place = 0
+    end if
+  end function read_kernel_place
+
+end module viscovib_system_groups
