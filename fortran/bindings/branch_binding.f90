@@ -5,8 +5,8 @@
 !! the factor of the load (2) at the frequency nu. n_kept as the plan says.
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                         series, n_rows, n_series, parameter, nu, start, finish, harmonics, &
-                        tolerance, max_points, max_step, with_stability, n_kept, cancel, n_points, ended, p, iterations, &
-                        coefficients, matrices, half_wave, n_folds, folds, &
+                        tolerance, max_points, max_step, with_stability, n_kept, cancel, &
+                        n_points, ended, p, iterations, coefficients, matrices, half_wave, n_folds, folds, &
                         fold_coefficients, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_options, make_system, report

@@ -19,6 +19,7 @@ module test_scene
     '&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 /'//nl
   character(len=*), parameter :: kernel = &
     '&kernel kind=''rzhanitsyn'', amplitude=0.048, alpha=0.1, beta=0.05 /'//nl
+  character(len=*), parameter :: system = '&system coordinates=''x'', mass=1, stiffness=1 /'//nl
   character(len=*), parameter :: load = '&load amplitude=0.1 /'//nl
   character(len=*), parameter :: response = '&response nu = 1 2 4 /'//nl
 
@@ -103,6 +104,59 @@ contains
                  ':3: weights and rates have 3 and 1 numbers: must match')
       call wrong(mount//"&kernel kind='tabulated', times=0 1 2,"//nl//'values=1 /'//nl//load &
                  //response, ':3: times and values have 3 and 1 numbers: must match')
+    end if
+
+    if (begin('a system of one''s own')) then
+      call read_text(kernel//"&system coordinates='Body' 'rod', mass=1 0.1, stiffness=3 -1 -2 2 /" &
+                     //nl//'&spring stiffness=1 0, kernel=0 /'//nl &
+                     //"&force on='BODY', coefficient=0.5, powers=2 1 /"//nl &
+                     //"&load on='rod', amplitude=0.1 /"//nl//response, scene, status)
+      call check_ok(status)
+      call check(all(scene%coordinates == ['body', 'rod ']), 'names')
+      call check(all(scene%units == 'm'), 'units')
+      call check_close(scene%polynomial%gather(1, 1), 1.0_wp, 0.0_wp, 'the spring without memory')
+      call check_close(scene%polynomial%gather(2, 2), -1.0_wp, 0.0_wp, 'rows first')
+      call check(all(scene%polynomial%kernel_of == [0, 1, 1]), 'the first kernel unless told')
+      call check_close(real(scene%load%force(2, 1)), 0.1_wp, 0.0_wp, 'a load on the second')
+      call round_trip(kernel//"&system coordinates='a' 'b' 'c', units='m' 'rad' 'it''s', " &
+                      //'mass=1 2 3, damping=9*0.1, base_direction=1 0 1, kernel=0 /'//nl &
+                      //"&force on='c', coefficient=-1e-3, powers=0 0 3, kernel=1 /"//nl &
+                      //"&load kind='base', amplitude=1 /"//nl//response)
+    end if
+
+    if (begin('what is wrong with such a system, and where')) then
+      call wrong(system//load//response//'&force coefficient=1,'//nl//'powers=1 /', &
+                 ':5: powers: must not be negative, and their sum 2 to 15')
+      call wrong(system//load//response//'&force coefficient=1,'//nl//'powers=1 2 /', &
+                 ':5: powers has 2 values: must be 1')
+      call wrong(system//load//response//'&force coefficient=1,'//nl//'powers=1.5 /', &
+                 ':5: powers = 1.5: must be integers')
+      call wrong(system//load//response//'&force coefficient=1, powers=2,'//nl//'kernel=1 /', &
+                 ':5: kernel = 1: must be 0 (none) to 0')
+      call wrong(system//load//response//"&force coefficient=1, powers=2,"//nl//"on='y' /", &
+                 ":5: on = 'y': must be one of 'x'")
+      call wrong(system//load//response//'&spring stiffness=1 2 3 /', &
+                 ':4: stiffness has 3 values: must be 1')
+      call wrong("&system coordinates='x',"//nl//'mass=0 /'//nl//load//response, &
+                 ':2: mass: must be symmetric and positive definite')
+      call wrong("&system coordinates='x' 'X', mass=1 1 /"//nl//load//response, &
+                 ":1: coordinates: 'x' is there twice")
+      call wrong("&system coordinates='x^2', mass=1 /"//nl//load//response, &
+                 ":1: coordinates: 'x^2' must be letters")
+      call wrong("&system coordinates=1, mass=1 /"//nl//load//response, &
+                 ':1: coordinates = 1: must be quoted texts')
+      call wrong("&system coordinates='abcdefghijklmnopq', mass=1 /"//nl//load//response, &
+                 ":1: coordinates = 'abcdefghijklmnopq': must have 1 to 16 characters")
+      call wrong("&system coordinates='x', units='m' 'm', mass=1 /"//nl//load//response, &
+                 ':1: units: 2 texts, must be 1')
+      call wrong(system//mount//load//response, ':2: &mount: this scene has &system already')
+      call wrong(mount//load//response//'&spring stiffness=1 /', ':4: &spring: needs &system')
+      call wrong(system//"&kernel acts_on='x', kind='abel', amplitude=0.1, alpha=1 /"//nl//load &
+                 //response, ':2: acts_on: belongs to a mount')
+      call wrong(system//"&load kind='base', amplitude=1 /"//nl//response, &
+                 ":2: kind = 'base': needs base_direction")
+      call wrong(system//load//"&response nu=1, method='newton',"//nl//'harmonics=0 /', &
+                 ':4: harmonics = 0')
     end if
 
     if (begin('groups too many, too few, unknown')) then
