@@ -6,8 +6,8 @@
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                         series, n_rows, n_series, parameter, nu, start, finish, harmonics, &
                         tolerance, max_points, max_step, with_stability, n_kept, cancel, &
-                        n_points, ended, p, iterations, coefficients, matrices, half_wave, n_folds, folds, &
-                        fold_coefficients, status, message)
+                        n_points, ended, p, iterations, coefficients, matrices, half_wave, &
+                        n_folds, folds, fold_coefficients, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_branch, only: branch_options, branch_type, follow_branch, parameter_frequency
@@ -94,6 +94,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
     if (with_stability /= 0 .and. n_points > 0) then
       call new_floquet(floquet, system, plan%set)
       do i = 1, n_points
+        if (cancel(1) /= 0) exit
         call floquet%monodromy(system, merge(p(i), nu, parameter == parameter_frequency), &
                                branch%x(:, :, i), matrices(:, :, i))
       end do

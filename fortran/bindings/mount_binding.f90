@@ -54,8 +54,8 @@ end subroutine mount_dynamic_stiffness
 !> What `mount_response` will do: the orders it keeps and the plan in words.
 subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                       series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
-                      max_iterations, relaxation, keep_history, n_kept, kept, half_wave, n_samples, &
-                      plan_method, text, status, message)
+                      max_iterations, relaxation, keep_history, n_kept, kept, half_wave, &
+                      n_samples, plan_method, text, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_load, only: load_type

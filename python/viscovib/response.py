@@ -31,8 +31,8 @@ _FIRST_HARMONICS, _MAX_HARMONICS = 9, 199
 _MAX_ITERATIONS = 100_000
 #: Unknowns of Newton's method, as in the core.
 _MAX_UNKNOWNS = 2000
-#: Frequencies that Newton's method takes without a thread of its own.
-_LONG = 64
+#: Frequencies times unknowns squared that Newton's method takes without a thread of its own.
+_LONG = 6400
 
 
 class Peak(NamedTuple):
@@ -292,10 +292,14 @@ def forced_response(
         mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation
     )
 
+    n_dof = len(mount.dof_names)
+    # A matrix of the unknowns is factorized a few times a frequency.
+    long = frequencies.size * (n_dof * planned.orders.size) ** 2 > _LONG
+
     def run(n_history: int, show: bool) -> list[tuple[Any, ...]]:
         # Newton's method follows its branch from frequency to frequency, all in one piece.
         whole = planned.method == "newton"
-        size = frequencies.size if whole else CHUNK
+        size = frequencies.size if whole else max(CHUNK * 8 // max(n_dof, 2) ** 3, 1)
         starts = range(0, frequencies.size, size)
         cancel = np.zeros(1, dtype=np.intc)
         with tqdm(total=frequencies.size, unit=" nu", disable=not show, leave=False) as bar:
@@ -303,7 +307,7 @@ def forced_response(
             for start in starts:
                 chunk = frequencies[start : start + size]
                 given = (*job, chunk, *options, n_history, planned.orders.size, cancel)
-                if whole and frequencies.size > _LONG:
+                if whole and long:
                     part = _native.call_interruptibly(core.mount_response, cancel, *given)
                 else:
                     part = _native.call(core.mount_response, *given)
