@@ -2,6 +2,7 @@
 
 from importlib.metadata import version as _version
 
+from viscovib.backbone import Backbone, backbone
 from viscovib.branch import Branch, Crossing, trace_response
 from viscovib.characteristic import CharacteristicRoots
 from viscovib.ensemble import Ensemble, simulate_ensemble
@@ -23,7 +24,14 @@ from viscovib.kernels import (
 from viscovib.load import fourier_coefficients
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
-from viscovib.plots import plot_branch, plot_response, plot_sections, plot_spectrum, plot_trajectory
+from viscovib.plots import (
+    plot_backbone,
+    plot_branch,
+    plot_response,
+    plot_sections,
+    plot_spectrum,
+    plot_trajectory,
+)
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
 from viscovib.response import Peak, Response, forced_response, plan_response
 from viscovib.scene import Scene, SceneResult, plan, run
@@ -41,6 +49,7 @@ __version__ = _version("viscovib")
 
 __all__ = [
     "AbelKernel",
+    "Backbone",
     "Branch",
     "CharacteristicRoots",
     "ConvergenceWarning",
@@ -68,12 +77,14 @@ __all__ = [
     "Trajectory",
     "ViscovibError",
     "amplitudes_at",
+    "backbone",
     "dominant_frequencies",
     "forced_response",
     "fourier_coefficients",
     "name_frequencies",
     "plan",
     "plan_response",
+    "plot_backbone",
     "plot_branch",
     "plot_response",
     "plot_sections",

@@ -9,6 +9,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.backbone import Backbone
 from viscovib.branch import Branch
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
@@ -147,6 +148,45 @@ def plot_branch(
         if branch.varies == "nu"
         else f"factor of the load, at frequency {branch.nu[0]:g} rad/s"
     )
+    axes[0].legend(frameon=False)
+    return axes
+
+
+def plot_backbone(
+    backbone: Backbone | Sequence[Backbone],
+    ax: "Axes | Sequence[Axes] | None" = None,
+    *,
+    harmonic: int = 1,
+) -> "Sequence[Axes]":
+    """Draw amplitude against frequency of free motions, one panel a coordinate.
+
+    Axes of `plot_response` or `plot_branch` may be given, so that the curves lie together.
+    """
+    curves = [backbone] if isinstance(backbone, Backbone) else list(backbone)
+    if not curves:
+        raise InputError("backbone: must not be empty")
+    names = curves[0].dof_names
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        figure = plt.figure(figsize=(7, 3 * len(names)), layout="constrained")
+        ax = figure.subplots(len(names), 1, sharex=True)
+    axes = list(np.atleast_1d(np.asarray(ax, dtype=object)))
+    if len(axes) != len(names):
+        raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
+    for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
+        for i, curve in enumerate(curves):
+            axis.plot(
+                curve.nu,
+                curve.amplitude(name, harmonic),
+                color=COLOURS[i % len(COLOURS)],
+                linestyle=(0, (6, 1.5, 1, 1.5)),
+                linewidth=1.2,
+                label=f"backbone, mode {curve.mode}",
+            )
+        axis.set_ylabel(rf"amplitude $|{_symbol(name)}_{harmonic}|$ ({unit})")
+        _bare(axis)
+    axes[-1].set_xlabel(r"circular frequency $\nu$ (rad/s)")
     axes[0].legend(frameon=False)
     return axes
 
