@@ -38,10 +38,10 @@ contains
     type(response_plan_type) :: plan
 
     text = ''
-    if (scene%is_pendulum) then
+    if (scene%wants_motion) then
       text = plan_transient(scene%transient)
       if (scene%spectrum%wanted) then
-        text = text//'computes: spectra of z, phi, psi, window ' &
+        text = text//'computes: spectra of '//joined(scene%coordinates)//', window ' &
                //trim(window_names(scene%spectrum%window))//new_line('a')
       else
         text = text//'skips: spectra (not asked for)'//new_line('a')
@@ -68,7 +68,7 @@ contains
     character(len=:), allocatable :: header
 
     header = 'viscovib '//version//', scene '//scene%path//new_line('a')//scene%title
-    if (scene%is_pendulum) then
+    if (scene%wants_motion) then
       call run_motion(scene, folder, header, report, status)
     else if (scene%wants_branch) then
       call run_one_branch(scene, folder, header, report, status)
@@ -130,25 +130,35 @@ contains
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
     type(trajectory_type) :: trajectory
+    character(len=:), allocatable :: units
     real(wp) :: omega(3), shapes(3, 3)
-    integer :: kept
+    integer :: kept, d
 
-    call scene%pendulum%natural_modes(omega, shapes)
-    call run_transient(scene%transient, scene%pendulum, &
-                       max(maxval(omega), maxval(scene%pendulum%drives)), trajectory, status)
+    if (scene%is_pendulum) then
+      units = 'dimensionless: t in 1/omega_1, z in L, phi and psi in rad'
+      call scene%pendulum%natural_modes(omega, shapes)
+      call run_transient(scene%transient, scene%pendulum, &
+                         max(maxval(omega), maxval(scene%pendulum%drives)), trajectory, status)
+    else
+      units = 't in s'
+      do d = 1, size(scene%coordinates)
+        units = units//', '//trim(scene%coordinates(d))//' in '//trim(scene%units(d))
+      end do
+      call run_transient(scene%transient, scene%motion, scene%motion%fastest(), trajectory, status)
+    end if
     if (status%failed()) then
       status%message = scene%path//': '//status%message
       return
     end if
     report%path = folder//'/'//stem(scene%path)//'_transient.csv'
     call write_transient(folder, stem(scene%path)//'_transient.csv', trajectory, &
-                         scene%transient%method, header, status)
+                         scene%transient%method, scene%coordinates, units, header, status)
     if (status%failed()) return
     if (scene%spectrum%wanted) then
       kept = count(trajectory%t >= scene%spectrum%discard*(1.0_wp - 1.0e-12_wp))
       call write_spectrum(folder, stem(scene%path)//'_spectrum.csv', &
                           transpose(trajectory%states(1::2, size(trajectory%t) - kept + 1:)), &
-                          [character(len=3) :: 'z', 'phi', 'psi'], &
+                          scene%coordinates, &
                           trajectory%t(min(2, size(trajectory%t))), &
                           scene%spectrum%window, header, status)
       if (status%failed()) return
@@ -159,6 +169,16 @@ contains
     if (trajectory%error >= 0.0_wp) report%summary = report%summary//', estimated error ' &
                                                      //show(trajectory%error)
   end subroutine run_motion
+
+  pure function joined(words)
+    character(len=*), intent(in) :: words(:)
+    character(len=:), allocatable :: joined
+    integer :: i
+    joined = trim(words(1))
+    do i = 2, size(words)
+      joined = joined//', '//trim(words(i))
+    end do
+  end function joined
 
   !> A line for each kernel in use whose integral is not between 0 and 1.
   function scene_warnings(scene) result(text)

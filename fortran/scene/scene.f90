@@ -13,6 +13,7 @@ module viscovib_scene
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_groups, only: read_pendulum, read_spectrum, read_transient, spectrum_job
   use viscovib_polynomial, only: polynomial_type
+  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_names, method_newton, new_response_plan, &
     response_plan_type
@@ -31,10 +32,13 @@ module viscovib_scene
     type(pendulum_type) :: pendulum
     type(transient_job) :: transient
     type(spectrum_job) :: spectrum
-    !> Or it is a mount or a polynomial system, its result a response.
+    !> Or it is a mount or a polynomial system, its result a response, or of the latter a
+    !! motion.
     logical :: is_polynomial = .false.
     type(mount_type) :: mount
     type(polynomial_type) :: polynomial
+    type(polynomial_motion_type) :: motion
+    logical :: wants_motion = .false.
     !> Names and units of its coordinates.
     character(len=name_length), allocatable :: coordinates(:), units(:)
     type(load_type) :: load
@@ -86,7 +90,9 @@ contains
     if (.not. status%failed()) call check_groups(file, scene%is_pendulum, status)
     if (.not. status%failed()) call read_title(file, scene, status)
     if (status%failed()) return
+    scene%wants_motion = place_of(file, 'transient') <= size(file%groups)
     if (scene%is_pendulum) then
+      scene%coordinates = [character(len=name_length) :: 'z', 'phi', 'psi']
       call read_motion(file, scene, status)
       return
     end if
@@ -101,7 +107,12 @@ contains
       if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
     end if
     if (.not. status%failed()) call read_loads(file, scene, status)
-    if (.not. status%failed()) call read_result(file, scene, status)
+    if (status%failed()) return
+    if (scene%wants_motion) then
+      call read_motion(file, scene, status)
+      return
+    end if
+    call read_result(file, scene, status)
     if (.not. status%failed()) call check_job(file, scene, status)
   end subroutine read_scene
 
@@ -132,11 +143,12 @@ contains
     type(namelist_type), intent(in) :: file
     logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
-    logical :: is_polynomial
+    logical :: is_polynomial, is_moving
     integer :: i, j, n
 
     is_pendulum = .false.
     is_polynomial = place_of(file, 'system') <= size(file%groups)
+    is_moving = is_polynomial .and. place_of(file, 'transient') <= size(file%groups)
     do i = 1, size(file%groups)
       associate (group => file%groups(i))
         if (.not. any(group_names == group%name)) then
@@ -161,8 +173,14 @@ contains
           call refuse_group(i, '&mount: this scene has &system already, give one of them')
         else if (.not. is_polynomial .and. any(group_names(j) == ['spring', 'force '])) then
           call refuse_group(i, '&'//trim(group_names(j))//': needs &system')
-        else if (.not. is_pendulum .and. any(pendulum_groups == group_names(j))) then
+        else if (group_names(j) == 'transient' .and. .not. (is_pendulum .or. is_polynomial)) then
+          call refuse_group(i, '&transient: needs &pendulum or &system')
+        else if (.not. (is_pendulum .or. is_moving) &
+                 .and. any(pendulum_groups == group_names(j))) then
           call refuse_group(i, '&'//trim(group_names(j))//': needs &pendulum')
+        else if (is_moving .and. any(group_names(j) == ['response', 'branch  '])) then
+          call refuse_group(i, '&'//trim(group_names(j))//': this scene has &transient already, ' &
+                            //'give one of them')
         end if
         if (status%failed()) return
       end do
@@ -171,12 +189,13 @@ contains
         call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
                   //'a scene with &pendulum needs a wanted result (&transient)')
       else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load ']) &
-               .and. .not. (is_polynomial .and. group_names(j) == 'mount')) then
+               .and. .not. (is_polynomial .and. group_names(j) == 'mount') &
+               .and. .not. is_moving) then
         call refuse_lack(trim(group_names(j)))
       end if
       if (status%failed()) return
     end do
-    if (is_pendulum) return
+    if (is_pendulum .or. is_moving) return
     n = place_of(file, 'branch')
     if (place_of(file, 'response') > size(file%groups)) then
       if (n > size(file%groups)) call refuse_lack('response')
@@ -228,12 +247,17 @@ contains
     type(group_reader) :: reader
     integer :: i
 
-    call reader%start(file%path, file%groups(place_of(file, 'pendulum')))
-    call read_pendulum(reader, scene%pendulum)
-    call close_group(reader, scene, status)
-    if (status%failed()) return
-    call reader%start(file%path, file%groups(place_of(file, 'transient')))
-    call read_transient(reader, scene%pendulum, scene%transient)
+    if (scene%is_pendulum) then
+      call reader%start(file%path, file%groups(place_of(file, 'pendulum')))
+      call read_pendulum(reader, scene%pendulum)
+      call close_group(reader, scene, status)
+      if (status%failed()) return
+      call reader%start(file%path, file%groups(place_of(file, 'transient')))
+      call read_transient(reader, scene%pendulum, scene%transient)
+    else
+      call reader%start(file%path, file%groups(place_of(file, 'transient')))
+      call read_own_motion(reader, scene)
+    end if
     call close_group(reader, scene, status)
     if (status%failed() .or. .not. any([(file%groups(i)%name == 'spectrum', &
                                          i=1, size(file%groups))])) return
@@ -241,6 +265,29 @@ contains
     call read_spectrum(reader, scene%transient, scene%spectrum)
     call close_group(reader, scene, status)
   end subroutine read_motion
+
+  !> The &transient group of a polynomial system: its load has the frequency nu.
+  subroutine read_own_motion(reader, scene)
+    type(group_reader), intent(inout) :: reader
+    type(scene_type), intent(inout) :: scene
+    type(status_type) :: status
+    real(wp) :: nu
+
+    nu = 0.0_wp
+    if (size(scene%load%orders) > 0) then
+      nu = reader%read_real('nu')
+      if (.not. reader%status%failed()) then
+        call check_positive('nu', nu, status)
+        call reader%place(status)
+      end if
+    else
+      call reader%refuse(['nu'], 'is the frequency of a load, and there is none')
+    end if
+    if (reader%status%failed()) return
+    call new_polynomial_motion(scene%motion, scene%polynomial, scene%load, nu, status)
+    call reader%place(status)
+    if (.not. status%failed()) call read_transient(reader, scene%motion, scene%transient)
+  end subroutine read_own_motion
 
   subroutine read_title(file, scene, status)
     type(namelist_type), intent(in) :: file

@@ -98,7 +98,8 @@ contains
       coordinates(i) = lower(coordinates(i))
       if (.not. is_name(trim(coordinates(i)))) then
         call reader%complain('coordinates', "coordinates: '"//trim(coordinates(i)) &
-                             //"' must be letters, digits and _, and not begin with a digit")
+                             //"' must be letters, digits and _, not begin with a digit, nor be t or " &
+                             //'end in _dot')
       end if
       do j = 1, i - 1
         if (coordinates(i) == coordinates(j)) then
@@ -125,7 +126,8 @@ contains
     character(len=*), parameter :: letters = &
       'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
     is_name = len(text) > 0 .and. verify(text, letters//'0123456789') == 0
-    if (is_name) is_name = scan(text(1:1), letters) > 0
+    if (is_name) is_name = scan(text(1:1), letters) > 0 .and. text /= 't' &
+                           .and. index(text//' ', '_dot ') == 0
   end function is_name
 
   !> One monomial: coefficient prod u^powers on an equation.

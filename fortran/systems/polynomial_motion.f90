@@ -26,6 +26,7 @@ module viscovib_polynomial_motion
   contains
     procedure :: acceleration
     procedure :: margin
+    procedure :: fastest
   end type polynomial_motion_type
 
 contains
@@ -116,5 +117,13 @@ contains
     real(wp) :: margin(n_lanes)
     margin = 1.0_wp + 0.0_wp*q(:, 1)
   end function margin
+
+  !> Upper bound of the rates of the linear system, and the frequency of the load
+  !! (rad/s): what steps begin with.
+  pure real(wp) function fastest(self)
+    class(polynomial_motion_type), intent(in) :: self
+    fastest = max(sqrt(maxval(sum(abs(self%stiffness), 2))) + maxval(sum(abs(self%damping), 2)), &
+                  self%drives(1))
+  end function fastest
 
 end module viscovib_polynomial_motion

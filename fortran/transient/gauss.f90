@@ -228,6 +228,9 @@ contains
 
     n = size(self%q)
     blocks = self%table%n_blocks
+    ! Coordinates are taken three at a time, those that are lacking too.
+    q_0 = 0.0_wp
+    v_0 = 0.0_wp
     q_0(:n) = self%q
     v_0(:n) = self%v
     converged = .false.

@@ -127,10 +127,11 @@ class PolynomialSystem:
         names = ("x",) if n == 1 else tuple(f"x{d + 1}" for d in range(n))
         self._set("dof_names", _words("names", names if self.names is None else self.names, n))
         for name in self.dof_names:
-            if not (name.isascii() and name.isidentifier() and len(name) <= 16):
+            fits = name.isascii() and name.isidentifier() and len(name) <= 16
+            if not fits or name == "t" or name.endswith("_dot"):
                 raise InputError(
-                    f"names: {name!r} must be letters, digits and _, not begin with a digit, and "
-                    "have at most 16 characters"
+                    f"names: {name!r} must be letters, digits and _, not begin with a digit, have "
+                    "at most 16 characters, and not be t or end in _dot"
                 )
         if len(set(self.dof_names)) < n:
             raise InputError(f"names = {', '.join(self.dof_names)}: must differ")
@@ -187,17 +188,11 @@ class PolynomialSystem:
             total = total + kept * group.stiffness
         return np.asarray(total, dtype=complex)
 
-    def _rates(self) -> FloatArray:
-        """Sizes |s| of the roots of the damped linear system without memory (1/s)."""
-        n = len(self.dof_names)
+    def _fastest(self) -> float:
+        """Upper bound of the rates of the linear system without memory (1/s), as in the core."""
         inverse = np.linalg.inv(self._mass)
-        first = np.block(
-            [
-                [np.zeros((n, n)), np.eye(n)],
-                [-inverse @ self._stiffness_at_rest, -inverse @ self._damping],
-            ]
-        )
-        return np.abs(np.linalg.eigvals(first))
+        stiffness = np.abs(inverse @ self._stiffness_at_rest).sum(axis=1).max()
+        return float(np.sqrt(stiffness) + np.abs(inverse @ self._damping).sum(axis=1).max())
 
     def energy(self, state: npt.ArrayLike) -> FloatArray:
         """Kinetic and potential energy at states (u_1, u_1', u_2, ...), shape (..., 2 n).

@@ -149,9 +149,7 @@ class Scene:
         """Fourier series of force and base motion, as `forced_response` takes them."""
         force: dict[int, Any] = {}
         base: dict[int, Any] = {}
-        names: tuple[str, ...] = ("x", "phi")
-        if "system" in self.groups:
-            names = _texts(self.groups["system"]["coordinates"])
+        names = self._names()
         for group in self.groups["load"]:
             order, phase = group["order"], group.get("phase", 0.0)
             term = group["amplitude"] * complex(math.cos(phase), math.sin(phase))
@@ -178,6 +176,11 @@ class Scene:
             )
         )
 
+    def _names(self) -> tuple[str, ...]:
+        if "system" in self.groups:
+            return _texts(self.groups["system"]["coordinates"])
+        return ("z", "phi", "psi") if self.is_pendulum else ("x", "phi")
+
     def _group(self, name: str) -> Mapping[str, Any]:
         if name not in self.groups:
             raise InputError(f"{self.path}: has no &{name} group")
@@ -186,10 +189,14 @@ class Scene:
 
     def _motion(self) -> dict[str, Any]:
         group = self._group("transient")
+        loads: dict[str, Any] = {}
+        if "nu" in group:
+            loads = {"load": self.loads()["load"], "nu": group["nu"]}
         return {
-            "system": self.pendulum(),
+            "system": self.pendulum() if self.is_pendulum else self.polynomial_system(),
+            **loads,
             "t_end": group["t_end"],
-            "initial": group["initial"],
+            "initial": np.atleast_1d(group["initial"]),
             "dt": group["dt"] or "auto",
             "tolerance": group["tolerance"] or None,
             "method": group["method"],
@@ -257,7 +264,7 @@ class SceneResult:
 def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
     """Compute what a scene asks for."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
-    if read.is_pendulum:
+    if "transient" in read.groups:
         run = simulate(**read._motion(), progress=progress)
         return SceneResult(read, run, _spectrum(read, run))
     if "branch" in read.groups:
@@ -280,7 +287,7 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
     if "branch" in read.groups:
         return _plan_branch(read)
-    if not read.is_pendulum:
+    if "transient" not in read.groups:
         return plan_response(**read._job())
     group = read._group("transient")
     text: bytes = core.transient_plan(
@@ -295,7 +302,8 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
     if "spectrum" not in read.groups:
         return f"{lines}\nskips: spectra (not asked for)\n"
     return (
-        f"{lines}\ncomputes: spectra of z, phi, psi, window {read.groups['spectrum']['window']}\n"
+        f"{lines}\ncomputes: spectra of {', '.join(read._names())}, window "
+        f"{read.groups['spectrum']['window']}\n"
     )
 
 

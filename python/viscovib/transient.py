@@ -300,9 +300,8 @@ class _Motion:
     def first_steps(self, end: float) -> int:
         if isinstance(self.system, Pendulum):
             return first_steps(self.system, end)
-        fastest = self.system._rates().max(initial=1e-300)
-        nu = float(self.given[-1])
-        return max(1, math.ceil(end * max(float(fastest), nu) / (0.5 * math.pi)))
+        fastest = max(self.system._fastest(), float(self.given[-1]))
+        return max(1, math.ceil(end * fastest / (0.5 * math.pi)))
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""

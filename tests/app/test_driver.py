@@ -136,6 +136,34 @@ def test_a_system_of_ones_own(solve, tmp_path):
             assert found == pytest.approx(r.coefficients[:, d, j], abs=1e-12)
 
 
+def test_motion_of_a_system_of_ones_own(solve, tmp_path):
+    scene = tmp_path / "own.nml"
+    scene.write_text(
+        "&system coordinates='a', 'b', units='m', 'rad', mass=1, 0.5, stiffness=2, -1, -1, 1.5,\n"
+        "  damping=0.1, 0.05 /\n&force on='a', coefficient=0.4, powers=2, 1 /\n"
+        "&load on='b', amplitude=0.1, phase=0.3 /\n&load order=0, amplitude=0.05 /\n"
+        "&transient initial=0.3, 0, -0.2, 0.1, t_end=30, dt=0.25, nu=1.3 /\n&spectrum /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / "own_transient.csv")
+    assert table.dtype.names == ("t", "a", "a_dot", "b", "b_dot")
+    assert "# t in s, a in m, b in rad" in (tmp_path / "own_transient.csv").read_text()
+    system = vv.PolynomialSystem(
+        mass=[1, 0.5], stiffness=[[2, -1], [-1, 1.5]], damping=[0.1, 0.05],
+        forces={"a": "0.4*a^2*b"}, names=("a", "b"),
+    )  # fmt: skip
+    load = {0: [0.05j, 0], 1: [0, 0.1 * np.exp(0.3j)]}
+    run = vv.simulate(system, 30, dt=0.25, initial=[0.3, 0, -0.2, 0.1], load=load, nu=1.3)
+    read = vv.run(scene)
+    assert read.trajectory.state == pytest.approx(run.state, abs=1e-14)
+    assert read.spectrum.names == ("a", "b")
+    assert table["b_dot"] == pytest.approx(run.coordinate("b_dot"), abs=1e-12)
+    names = read_csv(tmp_path / "own_spectrum.csv").dtype.names
+    assert {"a_amplitude", "b_amplitude"} <= set(names)
+    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+
+
 def test_branch_of_a_system_of_ones_own(solve, tmp_path):
     done = solve(SCENES / "duffing_branch.nml", "--out", tmp_path)
     assert done.returncode == 0, done.stderr

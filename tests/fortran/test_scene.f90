@@ -155,6 +155,18 @@ contains
                  //response, ':2: acts_on: belongs to a mount')
       call wrong(system//"&load kind='base', amplitude=1 /"//nl//response, &
                  ":2: kind = 'base': needs base_direction")
+      call wrong(system//'&transient initial=0 0, t_end=1, nu=1 /', ':2: nu: is the frequency of')
+      call wrong(system//load//'&transient initial=0 0, t_end=1 /', ':3: &transient lacks nu')
+      call wrong(system//load//'&transient initial=0 0, t_end=1,'//nl//'nu=0 /', ':4: nu = 0: must')
+      call wrong(system//load//'&transient initial=0 0 0, t_end=1, nu=1 /', &
+                 ':3: initial has 3 values: must be 2')
+      call wrong(system//load//response//'&transient initial=0 0, t_end=1, nu=1 /', &
+                 ':3: &response: this scene has &transient already')
+      call wrong(mount//load//'&transient initial=0 0, t_end=1 /', &
+                 ':3: &transient: needs &pendulum or &system')
+      call wrong(system//load//response//'&spectrum /', ':4: &spectrum: needs &pendulum')
+      call wrong(system//kernel//load//'&transient initial=0 0, t_end=1, nu=1 /', &
+                 ':4: system: has memory, motion in time is computed without')
       call wrong(system//load//"&response nu=1, method='newton',"//nl//'harmonics=0 /', &
                  ':4: harmonics = 0')
     end if

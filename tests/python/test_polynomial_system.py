@@ -545,3 +545,30 @@ def test_huge_motions_overflow_in_words():
     assert not r.converged.any()
     run = vv.simulate(system, 10, dt=0.5, initial=[1e3, 0])
     assert run.outcome == "diverged"
+
+
+def test_period_doubling_in_a_well():
+    """x'' + 0.3 x' - x + x^3 = f cos(1.2 t) about the well x = 1: period 2 sets in near f = 0.266.
+
+    Below it motion repeats each period, above it every second one (Guckenheimer and Holmes 1983,
+    section 2.2, for this equation); Floquet multipliers must say where.
+    """
+    system = vv.PolynomialSystem(mass=1, stiffness=2, damping=0.3, forces="3*x^2 + x^3")
+    nu = 1.2
+    branch = vv.trace_response(system, nu=nu, load_range=(0, 0.3), load=1j, harmonics=25)
+    assert [crossing.kind for crossing in branch.crossings] == ["period doubling"]
+    i = branch.crossings[0].before
+    real = branch.multipliers[i : i + 2, 0].real
+    onset = np.interp(1, -real, branch.load_factor[i : i + 2])
+    period = 2 * np.pi / nu
+    for factor, repeats in ((0.98 * onset, 1), (1.02 * onset, 2)):
+        near = int(np.abs(branch.load_factor - factor).argmin())
+        x, k = branch.coefficients[near, 0], branch.harmonics
+        start = [x.sum().imag + 1e-3, (1j * k * nu * x).sum().imag]
+        run = vv.simulate(
+            system, 1500 * period, initial=start, load=1j * factor, nu=nu, dt=period / 40,
+            save_every=40, keep="tail", tail=3.5 * period,
+        )  # fmt: skip
+        once, twice = np.abs(run.state[-1] - run.state[-2:-4:-1]).max(axis=1)
+        assert twice < 1e-9
+        assert (once < 1e-9) == (repeats == 1)
