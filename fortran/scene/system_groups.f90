@@ -98,8 +98,8 @@ contains
       coordinates(i) = lower(coordinates(i))
       if (.not. is_name(trim(coordinates(i)))) then
         call reader%complain('coordinates', "coordinates: '"//trim(coordinates(i)) &
-                             //"' must be letters, digits and _, not begin with a digit, nor be t or " &
-                             //'end in _dot')
+                             //"' must be letters, digits and _, not begin with a digit, nor be " &
+                             //'t or end in _dot')
       end if
       do j = 1, i - 1
         if (coordinates(i) == coordinates(j)) then

@@ -548,10 +548,10 @@ def test_huge_motions_overflow_in_words():
 
 
 def test_period_doubling_in_a_well():
-    """x'' + 0.3 x' - x + x^3 = f cos(1.2 t) about the well x = 1: period 2 sets in near f = 0.266.
+    """Period 2 sets in near f = 0.266 in the well of x'' + 0.3 x' - x + x^3 = f cos(1.2 t).
 
-    Below it motion repeats each period, above it every second one (Guckenheimer and Holmes 1983,
-    section 2.2, for this equation); Floquet multipliers must say where.
+    Below it motion about x = 1 repeats each period, above it every second one; Floquet multipliers
+    must say where. The equation is that of Guckenheimer and Holmes (1983), section 2.2.
     """
     system = vv.PolynomialSystem(mass=1, stiffness=2, damping=0.3, forces="3*x^2 + x^3")
     nu = 1.2
