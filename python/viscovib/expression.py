@@ -85,6 +85,11 @@ class _Expander:
         raise ValueError
 
     def _coordinate(self, name: str) -> Polynomial:
+        if name.removesuffix("_dot") in self.names and name not in self.names:
+            raise InputError(
+                f"{self.where}: {name} is a velocity, and forces depend on coordinates only; linear "
+                "damping is the argument damping"
+            )
         if name not in self.names:
             raise InputError(
                 f"{self.where}: unknown coordinate {name!r}, must be one of {', '.join(self.names)}"

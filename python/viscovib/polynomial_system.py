@@ -279,7 +279,7 @@ class PolynomialSystem:
         springs: list[Any] = []
         monomials: list[Any] = []
         for group in self.groups:
-            place = kernels.index(group.kernel) + 1 if group.kernel in kernels else 0
+            place = 0 if group.kernel is None else kernels.index(group.kernel) + 1
             springs += [[place], group.stiffness.ravel(order="F")]
             for (on, powers), c in group.forces.items():
                 monomials.append([c, on + 1, place, *powers])
@@ -303,8 +303,7 @@ class PolynomialSystem:
     def _active_kernels(self) -> tuple[Kernel, ...]:
         kernels: list[Kernel] = []
         for group in self.groups:
-            idle = not group.forces and not group.stiffness.any()
-            if group.kernel is not None and group.kernel not in kernels and not idle:
+            if group.kernel is not None and group.kernel not in kernels:
                 kernels.append(group.kernel)
         return tuple(kernels)
 
@@ -356,7 +355,9 @@ def _group(prefix: str, springs: Springs, names: tuple[str, ...]) -> SpringGroup
             elif c != 0:
                 forces[on, powers] = forces.get((on, powers), 0.0) + c
     stiffness.setflags(write=False)
-    return SpringGroup(stiffness, forces, springs.kernel)
+    # A kernel of nothing is none.
+    kernel = springs.kernel if forces or stiffness.any() else None
+    return SpringGroup(stiffness, forces, kernel)
 
 
 def _by_equation(

@@ -442,6 +442,7 @@ TWO = {"mass": [1, 1], "stiffness": [1, 1]}
         (TWO | {"forces": {"y": "x1^3"}}, "equation 'y' must be one of 'x1' (0), 'x2' (1)"),
         (TWO | {"forces": {"x1": 3}}, "forces['x1'] = 3: must be a text"),
         (TWO | {"forces": {"x1": "z^2"}}, "forces['x1']: unknown coordinate 'z', must be one of"),
+        (TWO | {"forces": {"x1": "x1_dot^3"}}, "x1_dot is a velocity, and forces depend on"),
         (TWO | {"forces": {"x1": "x1 x2"}}, "must be a polynomial such as 2*x^3"),
         (TWO | {"forces": {"x1": "sin(x1)"}}, "must be a polynomial such as 2*x^3"),
         (TWO | {"forces": {"x1": "x1^1.5"}}, "powers must be whole numbers"),
@@ -572,3 +573,68 @@ def test_period_doubling_in_a_well():
         once, twice = np.abs(run.state[-1] - run.state[-2:-4:-1]).max(axis=1)
         assert twice < 1e-9
         assert (once < 1e-9) == (repeats == 1)
+
+
+def residual(system, load, nu, orders, x, oversampling):
+    """Harmonics of M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g] - load, by numpy.fft."""
+    n = x.shape[0]
+    samples = oversampling * (int(orders.max()) + 1)
+    u = (np.exp(2j * np.pi * np.outer(np.arange(samples) / samples, orders)) @ x.T).imag
+    mass, damping = np.asarray(system.mass), np.asarray(system.damping)
+    total = (1j * orders * nu) ** 2 * (mass @ x) + 1j * orders * nu * (damping @ x)
+    size = np.abs(total).max()
+    for group in system.groups:
+        force = u @ group.stiffness.T
+        for (on, powers), c in group.forces.items():
+            force[:, on] += c * np.prod(u ** np.array(powers), axis=1)
+        spectrum = 2j * np.fft.fft(force, axis=0)[orders].T / samples
+        spectrum[:, orders == 0] = 0.5j * spectrum[:, orders == 0].imag
+        kept = 1 if group.kernel is None else 1 - group.kernel.transform(orders * nu)
+        total = total + kept * spectrum
+        size = max(size, np.abs(spectrum).max())
+    for j, k in enumerate(orders):
+        total[:, j] -= load.get(int(k), np.zeros(n))
+    return np.abs(total).max() / size
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize("seed", range(30))
+def test_solutions_of_random_systems_satisfy_their_equations(seed):
+    rng = np.random.default_rng(seed)
+    n, degree = int(rng.integers(1, 5)), int(rng.choice([3, 5, 8]))
+    kernels = [
+        None,
+        vv.PronyKernel(weights=[0.4 * rng.random()], rates=[0.5 + rng.random()]),
+        vv.RzhanitsynKernel(amplitude=0.1 * rng.random(), alpha=0.3, beta=0.2),
+    ]
+
+    def springs():
+        root = rng.normal(size=(n, n))
+        monomials = []
+        for _ in range(int(rng.integers(1, 5))):
+            factors = rng.integers(n, size=int(rng.integers(2, degree + 1)))
+            powers = np.bincount(factors, minlength=n).tolist()
+            c = float(rng.normal() * 10 ** rng.uniform(-2, 1))
+            monomials.append(vv.Monomial(coefficient=c, powers=powers, on=int(rng.integers(n))))
+        kernel = kernels[int(rng.integers(3))]
+        return vv.Springs(stiffness=root @ root.T + np.eye(n), forces=monomials, kernel=kernel)
+
+    root = rng.normal(size=(n, n))
+    system = vv.PolynomialSystem(
+        mass=root @ root.T + 0.3 * np.eye(n),
+        damping=0.1 * np.ones(n),
+        springs=[springs(), springs()],
+    )
+    load = {1: 0.1 * rng.normal(size=n) + 0j, 2: 0.05j * rng.normal(size=n)}
+    if seed % 2:
+        load[0] = 0.1j * rng.normal(size=n)
+    found = 0
+    for method in ("newton", "successive"):
+        r = vv.forced_response(
+            system, np.geomspace(0.3, 3, 6), load=load, method=method, harmonics=9, tolerance=1e-12
+        )
+        for i in np.flatnonzero(r.converged):
+            x = r.coefficients[i]
+            assert residual(system, load, r.nu[i], r.harmonics, x, 2 * degree + 2) < 1e-10
+            found += 1
+    assert found >= 6
