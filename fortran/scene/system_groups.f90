@@ -7,6 +7,8 @@ module viscovib_system_groups
   use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: max_coordinates, max_degree, new_polynomial, &
     polynomial_parameters, polynomial_type
+  use viscovib_number_text, only: exact
+  use viscovib_polynomial_text, only: expand, terms_type
   use viscovib_status, only: show, status_type
   implicit none
   private
@@ -30,12 +32,11 @@ contains
     type(kernel_holder), allocatable :: kernels(:)
     type(group_reader) :: reader
     type(status_type) :: built
-    integer :: i, at, n_springs, n_forces
+    integer :: i, at, n_springs
 
     call read_system_kernels(file, kernels, echo, status)
     if (status%failed()) return
     n_springs = count([(file%groups(i)%name == 'spring', i=1, size(file%groups))])
-    n_forces = count([(file%groups(i)%name == 'force', i=1, size(file%groups))])
     at = 0
     do i = 1, size(file%groups)
       if (file%groups(i)%name == 'system') at = i
@@ -44,10 +45,8 @@ contains
     call read_body(reader, p, n_springs, coordinates, units, size(kernels))
     call finish_group()
     if (status%failed()) return
-    allocate (p%coefficient(n_forces), p%on(n_forces), p%monomial_kernel(n_forces), &
-              p%powers(size(coordinates), n_forces))
+    allocate (p%coefficient(0), p%on(0), p%monomial_kernel(0), p%powers(size(coordinates), 0))
     n_springs = 1
-    n_forces = 0
     do i = 1, size(file%groups)
       if (file%groups(i)%name == 'spring') then
         n_springs = n_springs + 1
@@ -55,9 +54,8 @@ contains
         p%stiffness(:, :, n_springs) = read_matrix(reader, 'stiffness', size(coordinates), .true.)
         p%spring_kernel(n_springs) = read_kernel_place(reader, size(kernels))
       else if (file%groups(i)%name == 'force') then
-        n_forces = n_forces + 1
         call reader%start(file%path, file%groups(i))
-        call read_force(reader, p, n_forces, coordinates, size(kernels))
+        call read_force(reader, p, coordinates, size(kernels))
       else
         cycle
       end if
@@ -130,30 +128,78 @@ contains
                            .and. index(text//' ', '_dot ') == 0
   end function is_name
 
-  !> One monomial: coefficient prod u^powers on an equation.
-  subroutine read_force(reader, p, place, coordinates, n_kernels)
+  !> One force: a law such as 0.5*(x1 - x2)^3, or coefficient and powers of one
+  !! monomial. The canonical text has monomials only.
+  subroutine read_force(reader, p, coordinates, n_kernels)
     type(group_reader), intent(inout) :: reader
     type(polynomial_parameters), intent(inout) :: p
-    integer, intent(in) :: place, n_kernels
+    integer, intent(in) :: n_kernels
     character(len=name_length), intent(in) :: coordinates(:)
-    character(len=:), allocatable :: word
-    integer :: total
+    type(terms_type) :: terms
+    character(len=:), allocatable :: word, fault, law
+    integer :: i, on, kernel, powers(size(coordinates))
 
-    p%on(place) = 1
+    on = 1
     if (size(coordinates) > 1) then
-      word = reader%read_text('on', allowed=coordinates, choice=p%on(place))
+      word = reader%read_text('on', allowed=coordinates, choice=on)
     else
-      word = reader%read_text('on', trim(coordinates(1)), coordinates, p%on(place))
+      word = reader%read_text('on', trim(coordinates(1)), coordinates, on)
     end if
-    p%coefficient(place) = reader%read_real('coefficient')
-    p%powers(:, place) = reader%read_integers('powers', size(coordinates))
-    p%monomial_kernel(place) = read_kernel_place(reader, n_kernels)
+    kernel = read_kernel_place(reader, n_kernels)
+    if (reader%has('law')) then
+      call reader%refuse([character(len=11) :: 'coefficient', 'powers'], 'the law says it ' &
+                         //'already; give either law, or coefficient and powers')
+      law = reader%read_text('law')
+      if (reader%status%failed()) return
+      call expand(law, coordinates, terms, fault)
+      if (fault /= '') call reader%complain('law', "law = '"//law//"': "//fault)
+    else
+      terms%coefficients = [reader%read_real('coefficient')]
+      powers = reader%read_integers('powers', size(coordinates))
+      terms%powers = reshape(powers, [size(powers), 1])
+    end if
     if (reader%status%failed()) return
-    total = sum(min(p%powers(:, place), max_degree + 1))
-    if (any(p%powers(:, place) < 0) .or. total < 2 .or. total > max_degree) then
-      call reader%complain('powers', 'powers: must not be negative, and their sum 2 to ' &
-                           //show(max_degree)//' (what is linear belongs to the stiffness)')
-    end if
+    do i = 1, size(terms%coefficients)
+      powers = terms%powers(:, i)
+      if (any(powers < 0) .or. sum(min(powers, max_degree + 1)) < 2 &
+          .or. sum(min(powers, max_degree + 1)) > max_degree) then
+        word = 'powers'
+        if (reader%has('law')) word = 'law'
+        call reader%complain(word, word//': powers must not be negative, and their sum 2 to ' &
+                             //show(max_degree)//' (what is linear belongs to the stiffness, ' &
+                             //'what is constant to the load)')
+        return
+      end if
+      p%coefficient = [p%coefficient, terms%coefficients(i)]
+      p%on = [p%on, on]
+      p%monomial_kernel = [p%monomial_kernel, kernel]
+      p%powers = reshape([p%powers, powers], [size(powers), size(p%on)])
+    end do
+    if (reader%has('law')) call echo_monomials()
+
+  contains
+
+    !> The group once for each monomial; its end is still to come.
+    subroutine echo_monomials()
+      integer :: j, k
+      reader%echo = ''
+      do j = 1, size(terms%coefficients)
+        if (j > 1) reader%echo = reader%echo//'/'//new_line('a')
+        reader%echo = reader%echo//'&force'//new_line('a')//"  on = '"//trim(coordinates(on)) &
+                      //"'"//new_line('a')//'  kernel = '//show(kernel)//new_line('a') &
+                      //'  coefficient = '//exact(terms%coefficients(j))//new_line('a') &
+                      //'  powers ='
+        do k = 1, size(powers)
+          reader%echo = reader%echo//' '//show(terms%powers(k, j))
+        end do
+        reader%echo = reader%echo//new_line('a')
+      end do
+      if (size(terms%coefficients) == 0) reader%echo = '&force'//new_line('a') &
+                                                       //"  on = '"//trim(coordinates(on))//"'" &
+                                                       //new_line('a')//"  law = '0'" &
+                                                       //new_line('a')
+    end subroutine echo_monomials
+
   end subroutine read_force
 
   !> n numbers make a diagonal matrix, n^2 are row by row.

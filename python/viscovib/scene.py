@@ -119,6 +119,8 @@ class Scene:
             for group in [given, *self.groups["spring"]]
         ]
         for group in self.groups["force"]:
+            if "coefficient" not in group:
+                continue
             monomial = Monomial(
                 coefficient=group["coefficient"],
                 powers=[int(p) for p in np.atleast_1d(group["powers"])],

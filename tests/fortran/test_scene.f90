@@ -124,9 +124,28 @@ contains
                       //"&load kind='base', amplitude=1 /"//nl//response)
     end if
 
+    if (begin('forces written as laws')) then
+      call read_text("&system coordinates='a' 'b', mass=1 1, stiffness=1 1 /"//nl &
+                     //"&force on='b', law='-(A - 2*b)^2*.5 + 1e-1*a**3/4 - b*(a-a)^0' /"//nl &
+                     //load//response, scene, status)
+      call check_fails(status, ':2: law: powers must not')
+      call read_text("&system coordinates='a' 'b', mass=1 1, stiffness=1 1 /"//nl &
+                     //"&force on='b', law='-(A - 2*b)^2*.5 + 1e-1*a**3/4 - b*(a-a)' /"//nl &
+                     //load//response, scene, status)
+      call check_ok(status)
+      associate (m => scene%polynomial%monomials)
+        call check(size(m) == 4 .and. all(m%equation == 2), 'a^2, a b, b^2 and a^3')
+        call check(all(abs(m%coefficient - [-0.5_wp, 2.0_wp, -2.0_wp, 0.025_wp]) < 1.0e-16_wp), &
+                   'coefficients')
+      end associate
+      call round_trip(kernel//"&system coordinates='a' 'b', mass=1 1, stiffness=1 1 /"//nl &
+                      //"&force on='b', law='(a - b)^3', kernel=0 /"//nl &
+                      //"&force on='a', law='a - a' /"//nl//load//response)
+    end if
+
     if (begin('what is wrong with such a system, and where')) then
       call wrong(system//load//response//'&force coefficient=1,'//nl//'powers=1 /', &
-                 ':5: powers: must not be negative, and their sum 2 to 15')
+                 ':5: powers: powers must not be negative, and their sum 2 to 15')
       call wrong(system//load//response//'&force coefficient=1,'//nl//'powers=1 2 /', &
                  ':5: powers has 2 values: must be 1')
       call wrong(system//load//response//'&force coefficient=1,'//nl//'powers=1.5 /', &
@@ -135,6 +154,25 @@ contains
                  ':5: kernel = 1: must be 0 (none) to 0')
       call wrong(system//load//response//"&force coefficient=1, powers=2,"//nl//"on='y' /", &
                  ":5: on = 'y': must be one of 'x'")
+      call wrong_law("x^2 +", "its end is found where a number, a coordinate or ( should be")
+      call wrong_law("(x^2", "its end is found where ) should be")
+      call wrong_law("x^2)", "')' (character 4) is found where + - * / ^ or the end should be")
+      call wrong_law("2 x^2", "'x' (character 3) is found where + - * / ^ or the end should be")
+      call wrong_law("y^2", "'y' is not a coordinate")
+      call wrong_law("x^1.5", "'.' (character 4) is found where")
+      call wrong_law("x^-2", "'-' (character 3) is found where a whole power should be")
+      call wrong_law("x^16", "powers must be at most 15")
+      call wrong_law("x^8*x^8", "its degree must be at most 15")
+      call wrong_law("1/x", "only numbers other than 0 may divide")
+      call wrong_law("x^2/0", "only numbers other than 0 may divide")
+      call wrong_law("1e999*x^2", "'1e999' is not a finite number")
+      call wrong_law("1e200*x*1e200*x", "its coefficients must be below 1e150")
+      call wrong_law("x^2/1e-200", "its coefficients must be below 1e150")
+      call wrong_law(repeat('(', 200)//'x', "parentheses must not be deeper than 100")
+      call wrong_law("x + x^3", "what is linear belongs to the stiffness", "law: powers must")
+      call wrong_law("3 + x^2", "what is constant to the load", "law: powers must")
+      call wrong(system//load//response//"&force law='x^2', coefficient=1 /", &
+                 ':4: coefficient: the law says it already')
       call wrong(system//load//response//'&spring stiffness=1 2 3 /', &
                  ':4: stiffness has 3 values: must be 1')
       call wrong("&system coordinates='x',"//nl//'mass=0 /'//nl//load//response, &
@@ -267,5 +305,20 @@ contains
     call check_fails(status, message)
     call check(status%category == status_input_error, 'an input error')
   end subroutine wrong_table
+
+  !> A law in the fourth line, and what is said of it.
+  subroutine wrong_law(law, message, start)
+    character(len=*), intent(in) :: law, message
+    character(len=*), intent(in), optional :: start
+    type(scene_type) :: scene
+    type(status_type) :: status
+    call read_text(system//load//response//"&force law='"//law//"' /"//nl, scene, status)
+    call check_fails(status, message)
+    if (present(start)) then
+      call check_fails(status, ':4: '//start)
+    else
+      call check_fails(status, ":4: law = '"//law//"': ")
+    end if
+  end subroutine wrong_law
 
 end module test_scene

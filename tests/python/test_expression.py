@@ -54,6 +54,24 @@ def test_value_is_that_of_the_text(text, at):
     assert all(polynomial.values())
 
 
+@given(text=texts(3))
+def test_scenes_read_the_same(text, tmp_path_factory):
+    """The compiled reader of scenes and Python's expand a text alike."""
+    law = f"({text})*x^2"
+    try:
+        expected = {p: c for p, c in expand("f", law, NAMES).items() if sum(p) <= 15}
+    except vv.InputError:
+        reject()
+    path = tmp_path_factory.getbasetemp() / "law.nml"
+    path.write_text(
+        "&system coordinates='x', 'phi', 'x_2', mass=1, 1, 1, stiffness=1, 1, 1 /\n"
+        f"&force on='phi', law='{law}' /\n&load amplitude=1 /\n&response nu=1 /\n"
+    )
+    groups = vv.Scene.read(path).polynomial_system().groups
+    found = {powers: c for group in groups for (_, powers), c in group.forces.items()}
+    assert found == pytest.approx(expected)
+
+
 def test_spelling():
     assert expand("f", "2*(x - phi)^2/4", NAMES) == {
         (2, 0, 0): 0.5,
