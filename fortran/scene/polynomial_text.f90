@@ -176,7 +176,8 @@ contains
       end if
       cursor%at = cursor%at + 1
       call read_sum(cursor, names, total)
-      if (cursor%fault == '' .and. peek(cursor) /= ')') call blame(cursor, 'found where ) should be')
+      if (cursor%fault /= '') return
+      if (peek(cursor) /= ')') call blame(cursor, 'found where ) should be')
       if (cursor%fault /= '') return
       cursor%at = cursor%at + 1
       cursor%depth = cursor%depth - 1

@@ -87,8 +87,8 @@ class _Expander:
     def _coordinate(self, name: str) -> Polynomial:
         if name.removesuffix("_dot") in self.names and name not in self.names:
             raise InputError(
-                f"{self.where}: {name} is a velocity, and forces depend on coordinates only; linear "
-                "damping is the argument damping"
+                f"{self.where}: {name} is a velocity, and forces depend on coordinates only; "
+                "linear damping is the argument damping"
             )
         if name not in self.names:
             raise InputError(
