@@ -87,7 +87,7 @@ def plot_response(
                 linewidth=1.6,
                 label=labels[i] if labels else None,
             )
-        axis.set_ylabel(rf"amplitude $|{_symbol(name)}_{harmonic}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
         if log:
             axis.set_yscale("log")
         _bare(axis)
@@ -139,7 +139,7 @@ def plot_branch(
             branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k", markersize=4,
             markerfacecolor="w", label="fold",
         )  # fmt: skip
-        axis.set_ylabel(rf"amplitude $|{_symbol(name)}_{harmonic}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
         if log:
             axis.set_yscale("log")
         _bare(axis)
@@ -184,7 +184,7 @@ def plot_backbone(
                 linewidth=1.2,
                 label=f"backbone, mode {curve.mode}",
             )
-        axis.set_ylabel(rf"amplitude $|{_symbol(name)}_{harmonic}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
         _bare(axis)
     axes[-1].set_xlabel(r"circular frequency $\nu$ (rad/s)")
     axes[0].legend(frameon=False)
@@ -356,6 +356,12 @@ def _symbol(name: str) -> str:
     if name[0].isalpha() and name[1:].isdigit():
         return f"{{{name[0]}_{{{name[1:]}}}}}"
     return rf"\mathrm{{{name}}}".replace("_", r"\_")
+
+
+def _harmonic(name: str, order: int) -> str:
+    """Write the order below a letter, above a name that has an index of its own."""
+    plain = name in _SYMBOLS or len(name) == 1
+    return f"{_symbol(name)}_{{{order}}}" if plain else f"{_symbol(name)}^{{({order})}}"
 
 
 def _unit(run: Trajectory, dof: int) -> str:

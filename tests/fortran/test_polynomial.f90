@@ -136,7 +136,7 @@ contains
     type(harmonic_set_type) :: set
     type(balance_type) :: balance
     type(status_type) :: status
-    real(wp), allocatable :: x(:, :), above(:, :), below(:, :), jacobian(:, :)
+    real(wp), allocatable :: x(:, :), above(:, :), below(:, :), jacobian(:, :), slope(:, :)
     real(wp), parameter :: h = 1.0e-5_wp
     integer :: i, d, m
 
@@ -147,7 +147,7 @@ contains
     call new_balance(balance, system, set)
     call balance%set_frequency(system, load, 1.3_wp)
     m = 2*size(set%orders)
-    allocate (x(m, 3), above(m, 3), below(m, 3), jacobian(3*m, 3*m))
+    allocate (x(m, 3), above(m, 3), below(m, 3), slope(m, 3), jacobian(3*m, 3*m))
     do d = 1, 3
       do i = 1, m
         x(i, d) = 0.6_wp*sin(2.3_wp*i + d)/i
@@ -167,6 +167,22 @@ contains
                          'column', floor=maxval(abs(jacobian)))
       end do
     end do
+    call balance%residual(system, x, above)
+    call balance%frequency_derivative(system, load, x, slope)
+    call balance%set_frequency(system, load, 1.3_wp + h)
+    call balance%residual(system, x, above)
+    call balance%set_frequency(system, load, 1.3_wp - h)
+    call balance%residual(system, x, below)
+    call check_close(maxval(abs((above - below)/(2.0_wp*h) - slope)), 0.0_wp, 1.0e-8_wp, &
+                     'slope in the frequency', floor=maxval(abs(slope)))
+    call balance%set_frequency(system, load, 1.3_wp)
+    call balance%load_derivative(slope)
+    balance%load_factor = 2.0_wp
+    call balance%residual(system, x, above)
+    balance%load_factor = 1.0_wp
+    call balance%residual(system, x, below)
+    call check_close(maxval(abs(above - below - slope)), 0.0_wp, 1.0e-14_wp, 'slope in the load', &
+                     floor=1.0_wp)
   end subroutine compare_balance
 
   !> M, C, forces and their derivatives of both at one motion.
