@@ -140,7 +140,7 @@ contains
       call run_transient(scene%transient, scene%pendulum, &
                          max(maxval(omega), maxval(scene%pendulum%drives)), trajectory, status)
     else
-      units = 't in s'
+      units = 'units: t in s'
       do d = 1, size(scene%coordinates)
         units = units//', '//trim(scene%coordinates(d))//' in '//trim(scene%units(d))
       end do

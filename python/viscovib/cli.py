@@ -13,7 +13,7 @@ from viscovib.plots import save_picture
 from viscovib.response import Response
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.spectrum import Spectrum
-from viscovib.transient import Trajectory
+from viscovib.trajectory import Trajectory
 
 _UNSOLVED, _BAD_INPUT, _BAD_FILE, _INTERRUPTED = 1, 2, 3, 130
 

@@ -67,6 +67,9 @@ class Mount:
 
     dof_names: ClassVar[tuple[str, ...]] = ("x", "phi")
     dof_units: ClassVar[tuple[str, ...]] = ("m", "rad")
+    rate_units: ClassVar[tuple[str, ...]] = ("m/s", "rad/s")
+    time_unit: ClassVar[str] = "s"
+    unit_note: ClassVar[str] = "units: t in s, x in m, phi in rad"
 
     def __post_init__(self) -> None:
         for name in (
@@ -161,6 +164,10 @@ class Mount:
         if self.memory_scale == 0:
             return ()
         return tuple(k for k in (self.kernel, self.kernel_phi) if isinstance(k, Kernel))
+
+    @property
+    def _mass_matrix(self) -> FloatArray:
+        return np.diag([self.mass, self.inertia])
 
     @property
     def _base_direction(self) -> FloatArray:

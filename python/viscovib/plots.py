@@ -14,10 +14,9 @@ from viscovib.branch import Branch
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
 from viscovib.files import whole_file
-from viscovib.polynomial_system import PolynomialSystem
 from viscovib.response import Response
 from viscovib.spectrum import Spectrum, name_frequencies
-from viscovib.transient import Trajectory
+from viscovib.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -231,13 +230,13 @@ def plot_trajectory(
             history.plot(run.t, q, linewidth=1.1, label=labels[i] if labels else None, **style)
             plane.plot(q, v, linewidth=0.7, **style)
         symbol = _symbol(name)
-        history.set_ylabel(f"${symbol}$" + _unit(runs[0], d))
+        unit = runs[0].system.dof_units[d]
+        history.set_ylabel(f"${symbol}$" + ("" if unit == "L" else f" ({unit})"))
         plane.set(xlabel=f"${symbol}$", ylabel=rf"${symbol}'$")
         for axis in (history, plane):
             _bare(axis)
-    axes[-2].set_xlabel(
-        "time (s)" if isinstance(runs[0].system, PolynomialSystem) else r"$\tau = \omega_1 t$"
-    )
+    in_seconds = runs[0].system.time_unit == "s"
+    axes[-2].set_xlabel("$t$ (s)" if in_seconds else r"$\tau = \omega_1 t$")
     if labels:
         axes[0].legend(frameon=False)
     return axes
@@ -362,12 +361,6 @@ def _harmonic(name: str, order: int) -> str:
     """Write the order below a letter, above a name that has an index of its own."""
     plain = name in _SYMBOLS or len(name) == 1
     return f"{_symbol(name)}_{{{order}}}" if plain else f"{_symbol(name)}^{{({order})}}"
-
-
-def _unit(run: Trajectory, dof: int) -> str:
-    if isinstance(run.system, PolynomialSystem):
-        return f" ({run.system.dof_units[dof]})"
-    return "" if dof == 0 else " (rad)"
 
 
 def _bare(axis: "Axes") -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -113,6 +113,7 @@ class PolynomialSystem:
     units: Sequence[str] | None = None
     base_direction: npt.ArrayLike | None = None
 
+    time_unit: ClassVar[str] = "s"
     dof_names: tuple[str, ...] = field(init=False, repr=False)
     dof_units: tuple[str, ...] = field(init=False, repr=False)
     #: All groups, the first of this system's own stiffness, forces and kernel.
@@ -157,6 +158,17 @@ class PolynomialSystem:
         _native.call(core.polynomial_check, self._flat)
         warn_of_creep([kernel.integral for kernel in self._active_kernels], stacklevel=4)
 
+    @property
+    def rate_units(self) -> tuple[str, ...]:
+        """Units of the velocities."""
+        return tuple(f"{unit}/s" for unit in self.dof_units)
+
+    @property
+    def unit_note(self) -> str:
+        """Say in which units a motion is."""
+        pairs = zip(self.dof_names, self.dof_units, strict=True)
+        return f"units: t in s, {', '.join(f'{name} in {unit}' for name, unit in pairs)}"
+
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
 
@@ -170,7 +182,7 @@ class PolynomialSystem:
 
     def characteristic_roots(self) -> CharacteristicRoots:
         """Roots of det[s^2 M + s C + sum_g K_g (1 - R_g(s))] = 0: decay and pitch about rest."""
-        return characteristic_roots(self._mass, self._damping, self._springs)
+        return characteristic_roots(self._mass_matrix, self._damping, self._springs)
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """D(nu), shape nu.shape + (n, n), for u = Im(X exp(i nu t)).
@@ -179,7 +191,7 @@ class PolynomialSystem:
         """
         frequencies = check_dynamic_frequencies(nu, self._active_kernels)
         at = frequencies[..., np.newaxis, np.newaxis]
-        total: Any = 1j * at * self._damping - at**2 * self._mass
+        total: Any = 1j * at * self._damping - at**2 * self._mass_matrix
         for group in self.groups:
             kept: Any = 1.0
             if group.kernel is not None:
@@ -190,7 +202,7 @@ class PolynomialSystem:
 
     def _fastest(self) -> float:
         """Upper bound of the rates of the linear system without memory (1/s), as in the core."""
-        inverse = np.linalg.inv(self._mass)
+        inverse = np.linalg.inv(self._mass_matrix)
         stiffness = np.abs(inverse @ self._stiffness_at_rest).sum(axis=1).max()
         return float(np.sqrt(stiffness) + np.abs(inverse @ self._damping).sum(axis=1).max())
 
@@ -205,7 +217,7 @@ class PolynomialSystem:
             raise InputError(f"state: must have shape (..., {2 * n}), got {states.shape}")
         u, v = states[..., ::2], states[..., 1::2]
         stiffness, forces = self._conservative
-        total = 0.5 * np.einsum("...a,ab,...b", v, self._mass, v)
+        total = 0.5 * np.einsum("...a,ab,...b", v, self._mass_matrix, v)
         total += 0.5 * np.einsum("...a,ab,...b", u, stiffness, u)
         # Euler: a potential of degree d + 1 has u . f = (d + 1) V.
         for (on, powers), c in forces.items():
@@ -213,7 +225,7 @@ class PolynomialSystem:
         return np.asarray(total)
 
     @property
-    def _mass(self) -> FloatArray:
+    def _mass_matrix(self) -> FloatArray:
         return np.asarray(self.mass, dtype=float)
 
     @property
@@ -224,9 +236,9 @@ class PolynomialSystem:
     def _modes(self) -> tuple[FloatArray, FloatArray]:
         stiffness = self._stiffness_at_rest
         if np.allclose(stiffness, stiffness.T, rtol=1e-12, atol=0):
-            squares, shapes = eigh(stiffness, self._mass)
+            squares, shapes = eigh(stiffness, self._mass_matrix)
         else:
-            squares, shapes = eig(stiffness, self._mass)
+            squares, shapes = eig(stiffness, self._mass_matrix)
             if np.abs(squares.imag).max() > 1e-9 * np.abs(squares).max():
                 raise InputError("stiffness: has complex eigenvalues, rest flutters: no modes")
             order = np.argsort(squares.real)
@@ -289,7 +301,7 @@ class PolynomialSystem:
             data += [[kernel._kind, kernel._data.size], kernel._data]
         parts: list[Any] = [
             [n, len(self.groups), len(monomials), len(kernels)],
-            self._mass.ravel(order="F"), self._damping.ravel(order="F"),
+            self._mass_matrix.ravel(order="F"), self._damping.ravel(order="F"),
             direction, *springs, *monomials, *data,
         ]  # fmt: skip
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])

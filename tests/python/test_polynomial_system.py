@@ -340,6 +340,58 @@ def test_motion_in_time(method):
     assert (more.state[-1] == whole.state[-1]).all()
 
 
+def test_motion_with_memory_in_time():
+    """Kernels of one exponential each are differential equations: z' = w g(u) - r z."""
+    weights, rates, nu = (0.3, 0.2), (0.5, 1.5), 1.3
+    kernels = [vv.PronyKernel(weights=[w], rates=[r]) for w, r in zip(weights, rates, strict=True)]
+    system = vv.PolynomialSystem(
+        mass=1.2,
+        stiffness=1.5,
+        kernel=kernels[0],
+        damping=0.05,
+        springs=[vv.Springs(forces="0.8*x^3", kernel=kernels[1]), vv.Springs(forces="0.3*x^2")],
+        base_direction=[1],
+    )
+
+    def motion(t, y):
+        u, v, z_1, z_2 = y
+        linear, cubic = 1.5 * u, 0.8 * u**3
+        # A base moving as 0.1 cos(nu t) pushes by -m times its acceleration.
+        force = 0.6 * np.sin(nu * t) + 0.12 * nu**2 * np.cos(nu * t)
+        force -= 0.05 * v + (linear - z_1) + (cubic - z_2) + 0.3 * u**2
+        slow = np.multiply(weights, (linear, cubic)) - np.multiply(rates, (z_1, z_2))
+        return [v, force / 1.2, *slow]
+
+    run = vv.simulate(
+        system, 20, initial=[0.5, 0.2], load=0.6, base=0.1j, nu=nu, tolerance=1e-11
+    )  # fmt: skip
+    end = solve_ivp(
+        motion, (0, 20), [0.4, 0.2, 0, 0], "DOP853", rtol=1e-13, atol=1e-14
+    ).y[:2, -1]  # fmt: skip
+    moved = [0.1 * np.cos(nu * 20), -0.1 * nu * np.sin(nu * 20)]
+    assert run.state[-1] == pytest.approx(end + moved, abs=1e-10)
+    with pytest.raises(vv.InputError, match="the balance of energy is for pendulums only"):
+        run.energy_defect()
+
+
+def test_both_ways_in_time_agree():
+    """Without memory, through the methods of a pendulum and through those with memory."""
+    start = 0.3 * np.sin(np.arange(10.0))
+    load = {1: [0.2, 0, 0, 0, 0.1j]}
+    one = vv.simulate(chain(5), 15, initial=start, load=load, nu=0.7, tolerance=1e-11)
+    # A base at rest, which only the other way takes.
+    other = vv.simulate(
+        chain(5, base_direction=np.ones(5)), 15, initial=start, load=load, base={1: 0.0}, nu=0.7,
+        tolerance=1e-11,
+    )  # fmt: skip
+    assert "evaluations" in one.stats
+    assert "iterations" in other.stats
+    assert one.state[-1] == pytest.approx(other.state[-1], abs=1e-10)
+    many = vv.simulate(chain(12), 5, initial=np.zeros(24), load=0.1, nu=0.5, tolerance=1e-9)
+    assert many.state.shape[1] == 24
+    assert many.outcome == "completed"
+
+
 def test_steps_are_found_and_tables_written(tmp_path):
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.1, forces="x_1^3", names=["x_1"], units=["mm"]
@@ -351,7 +403,7 @@ def test_steps_are_found_and_tables_written(tmp_path):
     expected = [(r.coefficients[0, 0] * part).sum().imag for part in (u, v)]
     assert long.state[-1] == pytest.approx(expected, abs=1e-9)
     run.to_csv(tmp_path / "run.csv")
-    assert "# t in s, x_1 in mm" in (tmp_path / "run.csv").read_text()
+    assert "# units: t in s, x_1 in mm" in (tmp_path / "run.csv").read_text()
     data = run.to_dataset()
     assert data["x_1_dot"].attrs["units"] == "mm/s"
     assert len(vv.plot_trajectory(run)) == 2
@@ -501,21 +553,22 @@ def test_bad_systems_are_named(given, text):
             ),
             "max_points = 100000: must be at most",
         ),
-        (lambda s: vv.simulate(s, 1, initial=[0, 0], load=1), "must be given together"),
+        (lambda s: vv.simulate(s, 1, initial=[0, 0], load=1), "must be greater than 0 with a load"),
         (lambda s: vv.simulate(s, 1, initial=[0, 0], load=1, nu=0), "nu = 0: must be greater"),
         (lambda s: vv.simulate(s, 1, initial=[0, 0, 0]), "initial: must have shape (2,), got (3,)"),
         (
-            lambda s: vv.simulate(s, 1, initial=[0, 0], load={200: 1}, nu=1),
-            "load: order 200, must be at most 199",
+            lambda s: vv.simulate(chain(7), 1, initial=np.zeros(14), method="dop8"),
+            "method = 'dop8': must be one of",
         ),
         (
-            lambda s: vv.simulate(chain(7), 1, initial=np.zeros(14)),
-            "system: has 7 coordinates, motion in time takes at most 6",
+            lambda s: vv.simulate(chain(2, kernel=KERNEL), 1, method="dop8"),
+            "method = 'dop8': must be one of",
         ),
         (
-            lambda s: vv.simulate(chain(2, kernel=KERNEL), 1, initial=np.zeros(4)),
-            "system: has memory, motion in time is computed without",
+            lambda s: vv.simulate(s, 1, base=0.1, nu=1),
+            "base: this system has no base_direction",
         ),
+        (lambda s: vv.simulate(s, 1, held=[1, 2]), "held: must have shape (1,), got (2,)"),
         (
             lambda s: vv.forced_response(
                 vv.PolynomialSystem(
