@@ -130,6 +130,7 @@ contains
         v = v - dot_product(v, basis(:, j))*basis(:, j)
       end do
       beside(k) = norm2(v)
+      if (k == size(points)) return
       if (.not. beside(k) > epsilon(1.0_wp)**2*maxval(abs(points))) return
       v = v/beside(k)
     end do

@@ -59,7 +59,8 @@ contains
     real(wp) :: masses(far_nodes, size(channels%kernel_of)), x(far_nodes), factors(far_nodes)
     real(wp) :: next_u(size(u)), next_v(size(u)), points(0:start_nodes + 1, size(u))
     real(wp) :: remembered(start_nodes, size(channels%kernel_of))
-    real(wp) :: local(start_nodes, 0:start_nodes + 1, doublings + 1, size(system%kernels))
+    real(wp) :: local(start_nodes, 0:start_nodes + 1, size(system%kernels), doublings + 1)
+    real(wp) :: of_kernel(start_nodes, 0:start_nodes + 1, doublings + 1)
     integer :: k, m
 
     x = [(0.5_wp - 0.5_wp*cos((m - 0.5_wp)*pi/far_nodes), m=1, far_nodes)]
@@ -73,7 +74,8 @@ contains
     do k = 1, size(system%kernels)
       if (.not. any(channels%kernel_of == k)) cycle
       call local_weights(system%kernels(k)%kernel, system%memory_scale, start%table, &
-                         start%ends(1:) - start%ends(:doublings), local(:, :, :, k))
+                         start%ends(1:) - start%ends(:doublings), of_kernel)
+      local(:, :, k, :) = of_kernel
     end do
     next_u = u
     next_v = v
@@ -84,7 +86,7 @@ contains
       remembered = 0.0_wp
       if (k > 1) call recall(system, channels, start%table, start%ends(k - 1), length, &
                              start%ends(k - 2), before, x, masses, k > 2, remembered)
-      call make_panel(system, channels, load, start%table, local(:, :, k, :), start%ends(k - 1), &
+      call make_panel(system, channels, load, start%table, local(:, :, :, k), start%ends(k - 1), &
                       length, remembered, next_u, next_v, points, g, made)
       if (.not. made) return
       start%points(:, :, k) = points
