@@ -9,10 +9,10 @@
 !! no room for it. reason /= 0: no run, see `viscovib_hereditary`.
 subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
                           frequencies, amplitudes, n_dof, n_frequencies, breaks, pieces, &
-                          n_breaks, s, past, held, initial, h, t_end, tolerance, first, n_steps, save_every, resume, &
-                          memory, n_memory, times, n_times, n_columns, states, at_times, last, &
-                          kept, n_kept, n_done, n_reached, ended, n_iterations, reason, &
-                          status, message)
+                          n_breaks, s, past, held, initial, h, t_end, tolerance, first, n_steps, &
+                          save_every, resume, memory, n_memory, times, n_times, n_columns, &
+                          states, at_times, last, kept, n_kept, n_done, n_reached, ended, &
+                          n_iterations, reason, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_system, report
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary

@@ -148,7 +148,7 @@ def test_motion_of_a_system_of_ones_own(solve, tmp_path):
     assert done.returncode == 0, done.stderr
     table = read_csv(tmp_path / "own_transient.csv")
     assert table.dtype.names == ("t", "a", "a_dot", "b", "b_dot")
-    assert "# t in s, a in m, b in rad" in (tmp_path / "own_transient.csv").read_text()
+    assert "# units: t in s, a in m, b in rad" in (tmp_path / "own_transient.csv").read_text()
     system = vv.PolynomialSystem(
         mass=[1, 0.5], stiffness=[[2, -1], [-1, 1.5]], damping=[0.1, 0.05],
         forces={"a": "0.4*a^2*b"}, names=("a", "b"),
