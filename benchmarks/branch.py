@@ -27,6 +27,17 @@ def mount(kernel: vv.Kernel | None = None) -> vv.Mount:
     )
 
 
+def as_polynomials() -> vv.PolynomialSystem:
+    """Write down the same problem as a user would who has no mount."""
+    return vv.PolynomialSystem(
+        mass=[1.0, 0.1],
+        stiffness=STIFFNESS,
+        damping=0.02 * STIFFNESS,
+        forces={"x": "5/6*phi^3", "phi": "2.5*phi^2*x - 5/3*phi^3"},
+        names=("x", "phi"),
+    )
+
+
 def run() -> list[Row]:
     """Whole curves from nu = 0.5 to 10 at a load of 0.5."""
     folds = json.loads((DATA / "mount_periodic_reference.json").read_text())["folds_nu"]
@@ -38,17 +49,21 @@ def run() -> list[Row]:
         ("orders to 15", mount(), 15, False),
         ("orders to 9, with multipliers", mount(), 9, True),
         ("orders to 9, with memory", mount(memory), 9, False),
+        ("orders to 9, as polynomials", as_polynomials(), 9, False),
+        ("same with multipliers", as_polynomials(), 9, True),
     ):
 
         def job(
-            body: vv.Mount = body, harmonics: int = harmonics, stability: bool = stability
+            body: vv.Mount | vv.PolynomialSystem = body,
+            harmonics: int = harmonics,
+            stability: bool = stability,
         ) -> vv.Branch:
             return vv.trace_response(
                 body, (0.5, 10.0), load=0.5, harmonics=harmonics, stability=stability
             )
 
         branch, time = job(), seconds(job)
-        error = float(np.abs(branch.folds - folds).max()) if body.kernel is None else np.nan
+        error = np.nan if body.kernel else float(np.abs(branch.folds - folds).max())
         rows.append({"job": title, "seconds": time, "points": branch.nu.size, "fold_error": error})
         print(
             f"{title:32} {show_time(time):>8} {branch.nu.size} points, "

@@ -6,14 +6,16 @@ module viscovib_binding_tools
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
-  use viscovib_oscillator, only: kernel_holder
+  use viscovib_oscillator, only: kernel_holder, oscillator_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
+  use viscovib_polynomial, only: polynomial_type
   use viscovib_response, only: response_options
   use viscovib_status, only: fail, status_input_error, status_type
+  use viscovib_system_vector, only: polynomial_from_vector
   implicit none
   private
 
-  public :: make_kernel, make_mount, make_pendulum, make_load, make_options, report
+  public :: make_kernel, make_mount, make_system, make_pendulum, make_load, make_options, report
 
   !> Length of the flat mount: mass, inertia, offset, stiffness_x,
   !! stiffness_phi, damping (4, column by column), cubic_scale, memory_scale,
@@ -21,8 +23,33 @@ module viscovib_binding_tools
   integer, parameter, public :: mount_length = 12
   !> Kernel kind of the rotation that stands for "the same as in x".
   integer, parameter, public :: kernel_as_x = -1
+  !> Kernel kind in x that stands for "a polynomial system, whose vector holds all
+  !! of its kernels".
+  integer, parameter, public :: kernels_in_vector = -2
 
 contains
+
+  !> Any oscillator: a mount and its two kernels, or a polynomial system.
+  subroutine make_system(system, flat, kind_x, data_x, kind_phi, data_phi, status)
+    class(oscillator_type), allocatable, intent(out) :: system
+    real(wp), intent(in) :: flat(:), data_x(:), data_phi(:)
+    integer, intent(in) :: kind_x, kind_phi
+    type(status_type), intent(out) :: status
+    type(mount_type), allocatable :: mount
+    type(polynomial_type), allocatable :: polynomial
+
+    if (kind_x == kernels_in_vector) then
+      allocate (polynomial)
+      call polynomial_from_vector(polynomial, flat, status)
+      call move_alloc(polynomial, system)
+    else if (size(flat) == mount_length) then
+      allocate (mount)
+      call make_mount(mount, flat, kind_x, data_x, kind_phi, data_phi, status)
+      call move_alloc(mount, system)
+    else
+      call fail(status, status_input_error, 'system', 'system: not a mount')
+    end if
+  end subroutine make_system
 
   subroutine make_kernel(kernel, kind, data, status)
     class(kernel_type), allocatable, intent(out) :: kernel

@@ -1,41 +1,42 @@
-! Flat routines over branches of periodic solutions, for f2py. Mount and load are
-! given as in mount_binding.
+! Flat routines over branches of periodic solutions, for f2py. System and load
+! are given as in mount_binding.
 
 !> A branch from p = start to p = finish, p being the frequency (parameter = 1) or
 !! the factor of the load (2) at the frequency nu. n_kept as the plan says.
-subroutine mount_branch(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, series, &
-                        n_series, parameter, nu, start, finish, harmonics, tolerance, max_points, &
-                        max_step, with_stability, n_kept, cancel, n_points, ended, p, iterations, &
-                        coefficients, matrices, half_wave, n_folds, folds, &
-                        fold_coefficients, status, message)
+subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
+                        series, n_rows, n_series, parameter, nu, start, finish, harmonics, &
+                        tolerance, max_points, max_step, with_stability, n_kept, cancel, &
+                        n_points, ended, p, iterations, coefficients, matrices, half_wave, &
+                        n_folds, folds, fold_coefficients, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
-  use viscovib_binding_tools, only: make_load, make_mount, make_options, report
+  use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_branch, only: branch_options, branch_type, follow_branch, parameter_frequency
   use viscovib_floquet, only: floquet_type, new_floquet
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_load, only: load_type
-  use viscovib_mount, only: mount_type
   use viscovib_newton_point, only: point_from_rest
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
   use viscovib_status, only: status_type
   implicit none
-  integer(c_int), intent(in) :: kind_x, n_x, kind_phi, n_phi, n_series, parameter, harmonics
+  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series
+  integer(c_int), intent(in) :: parameter, harmonics
   integer(c_int), intent(in) :: orders(n_series), max_points, with_stability, n_kept
-  real(c_double), intent(in) :: mount(12), data_x(n_x), data_phi(n_phi), nu, start, finish
+  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu, start, finish
   real(c_double), intent(in) :: tolerance, max_step
-  complex(c_double_complex), intent(in) :: series(3, n_series)
+  complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   integer(c_int), intent(out) :: n_points, ended, half_wave, n_folds, status
   real(c_double), intent(out) :: p(max_points), folds(max_points)
   integer(c_int), intent(out) :: iterations(max_points)
-  complex(c_double_complex), intent(out) :: coefficients(n_kept, 2, max_points)
-  complex(c_double_complex), intent(out) :: fold_coefficients(n_kept, 2, max_points)
-  real(c_double), intent(out) :: matrices(4, 4, max_points)
+  complex(c_double_complex), intent(out) :: coefficients(n_kept, n_rows - 1, max_points)
+  complex(c_double_complex), intent(out) :: fold_coefficients(n_kept, n_rows - 1, max_points)
+  real(c_double), intent(out) :: matrices(2*n_rows - 2, 2*n_rows - 2, max_points)
   character(len=512), intent(out) :: message
   !f2py threadsafe
-  type(mount_type) :: system
+  class(oscillator_type), allocatable :: system
   type(load_type) :: load
   type(response_plan_type) :: plan
   type(balance_type) :: balance
@@ -43,14 +44,14 @@ subroutine mount_branch(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, o
   type(branch_type) :: branch
   type(floquet_type) :: floquet
   type(status_type) :: outcome
-  real(c_double) :: x(2*n_kept, 2)
+  real(c_double) :: x(2*n_kept, n_rows - 1)
   integer :: i, d, found, iterations_made
 
   n_points = 0
   n_folds = 0
   half_wave = 0
   ended = -1
-  call make_mount(system, mount, kind_x, data_x, kind_phi, data_phi, outcome)
+  call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
     call new_response_plan(plan, system, load, [nu], method_newton, &
@@ -82,7 +83,7 @@ subroutine mount_branch(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, o
       n_folds = branch%n_folds
       p(:n_points) = branch%parameter(:n_points)
       iterations(:n_points) = branch%iterations(:n_points)
-      do d = 1, 2
+      do d = 1, n_rows - 1
         coefficients(:, d, :n_points) = cmplx(branch%x(1::2, d, :n_points), &
                                               branch%x(2::2, d, :n_points), c_double)
         fold_coefficients(:, d, :n_folds) = cmplx(branch%fold_x(1::2, d, :), &
@@ -93,6 +94,7 @@ subroutine mount_branch(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, o
     if (with_stability /= 0 .and. n_points > 0) then
       call new_floquet(floquet, system, plan%set)
       do i = 1, n_points
+        if (cancel(1) /= 0) exit
         call floquet%monodromy(system, merge(p(i), nu, parameter == parameter_frequency), &
                                branch%x(:, :, i), matrices(:, :, i))
       end do

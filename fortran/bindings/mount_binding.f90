@@ -1,5 +1,7 @@
 ! Flat routines over the mount, for f2py. A mount is the vector described in
-! `viscovib_binding_tools` and two kernels; nothing is kept between calls.
+! `viscovib_binding_tools` and two kernels; nothing is kept between calls. Plan and
+! response also take a polynomial system: kind_x = -2 and the vector described in
+! `viscovib_system_vector`, which holds its kernels.
 
 !> Undamped natural frequencies (rad/s) and mode shapes (columns).
 subroutine mount_modes(mount, omega, shapes, status, message)
@@ -50,27 +52,27 @@ subroutine mount_dynamic_stiffness(mount, kind_x, data_x, n_x, kind_phi, data_ph
 end subroutine mount_dynamic_stiffness
 
 !> What `mount_response` will do: the orders it keeps and the plan in words.
-subroutine mount_plan(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, series, &
-                      n_series, nu, n, method, harmonics, tolerance, max_iterations, relaxation, &
-                      keep_history, n_kept, kept, half_wave, n_samples, plan_method, text, status, &
-                      message)
+subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
+                      series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
+                      max_iterations, relaxation, keep_history, n_kept, kept, half_wave, &
+                      n_samples, plan_method, text, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
-  use viscovib_binding_tools, only: make_load, make_mount, make_options, report
+  use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_load, only: load_type
-  use viscovib_mount, only: mount_type
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_response_plan, only: new_response_plan, response_plan_type
   use viscovib_status, only: status_type
   implicit none
-  integer(c_int), intent(in) :: kind_x, n_x, kind_phi, n_phi, n_series, n
+  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series, n
   integer(c_int), intent(in) :: orders(n_series), method, harmonics, max_iterations, keep_history
-  real(c_double), intent(in) :: mount(12), data_x(n_x), data_phi(n_phi), nu(n)
-  complex(c_double_complex), intent(in) :: series(3, n_series)
+  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu(n)
+  complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(in) :: tolerance, relaxation
   integer(c_int), intent(out) :: n_kept, kept(200), half_wave, n_samples, plan_method
   character(len=2048), intent(out) :: text
   integer(c_int), intent(out) :: status
   character(len=512), intent(out) :: message
-  type(mount_type) :: system
+  class(oscillator_type), allocatable :: system
   type(load_type) :: load
   type(response_plan_type) :: plan
   type(status_type) :: outcome
@@ -81,7 +83,7 @@ subroutine mount_plan(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, ord
   n_samples = 0
   plan_method = 0
   text = ''
-  call make_mount(system, mount, kind_x, data_x, kind_phi, data_phi, outcome)
+  call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
     call new_response_plan(plan, system, load, nu, method, &
@@ -100,43 +102,43 @@ subroutine mount_plan(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, ord
 end subroutine mount_plan
 
 !> Forced response at each nu. The load is a Fourier series: column j of
-!! `series` (force on x, force on phi, motion of the base) belongs to orders(j).
-subroutine mount_response(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, series, &
-                          n_series, nu, n, method, harmonics, tolerance, max_iterations, &
-                          relaxation, n_history, n_kept, cancel, coefficients, outcomes, &
-                          iterations, rate, corrections, status, message)
+!! `series` (forces on the coordinates, then motion of the base) belongs to orders(j).
+subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
+                          series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
+                          max_iterations, relaxation, n_history, n_kept, cancel, coefficients, &
+                          outcomes, iterations, rate, corrections, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
-  use viscovib_binding_tools, only: make_load, make_mount, make_options, report
+  use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_forced_response, only: forced_response
   use viscovib_load, only: load_type
-  use viscovib_mount, only: mount_type
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_response, only: response_type
   use viscovib_response_plan, only: new_response_plan, response_plan_type
   use viscovib_status, only: status_type
   implicit none
-  integer(c_int), intent(in) :: kind_x, n_x, kind_phi, n_phi, n_series, n
+  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series, n
   integer(c_int), intent(in) :: orders(n_series), method, harmonics, max_iterations
   !> Rows of `corrections` (0: history not kept) and orders kept, both as the
   !! plan says.
   integer(c_int), intent(in) :: n_history, n_kept
-  real(c_double), intent(in) :: mount(12), data_x(n_x), data_phi(n_phi), nu(n)
-  complex(c_double_complex), intent(in) :: series(3, n_series)
+  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu(n)
+  complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(in) :: tolerance, relaxation
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
-  complex(c_double_complex), intent(out) :: coefficients(n_kept, 2, n)
+  complex(c_double_complex), intent(out) :: coefficients(n_kept, n_rows - 1, n)
   integer(c_int), intent(out) :: outcomes(n), iterations(n)
   real(c_double), intent(out) :: rate(n), corrections(n_history, n)
   integer(c_int), intent(out) :: status
   character(len=512), intent(out) :: message
   !f2py threadsafe
-  type(mount_type) :: system
+  class(oscillator_type), allocatable :: system
   type(load_type) :: load
   type(response_plan_type) :: plan
   type(response_type) :: response
   type(status_type) :: outcome
 
-  call make_mount(system, mount, kind_x, data_x, kind_phi, data_phi, outcome)
+  call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
     call new_response_plan(plan, system, load, nu, method, &

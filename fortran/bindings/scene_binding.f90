@@ -73,12 +73,12 @@ subroutine frequency_grid(lowest, highest, logarithmic, n, grid)
 end subroutine frequency_grid
 
 !> What a motion would compute and skip, as scenes tell it.
-subroutine transient_plan(initial, t_end, dt, tolerance, method, save_every, text)
+subroutine transient_plan(initial, n, t_end, dt, tolerance, method, save_every, text)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_transient_job, only: plan_transient, transient_job
   implicit none
-  real(c_double), intent(in) :: initial(6), t_end, dt, tolerance
-  integer(c_int), intent(in) :: method, save_every
+  integer(c_int), intent(in) :: n, method, save_every
+  real(c_double), intent(in) :: initial(n), t_end, dt, tolerance
   character(len=1024), intent(out) :: text
   text = plan_transient(transient_job(initial, t_end, dt, tolerance, method, save_every))
 end subroutine transient_plan

@@ -14,7 +14,7 @@ module viscovib_branch
   implicit none
   private
 
-  public :: branch_type, branch_options, follow_branch
+  public :: branch_type, branch_options, follow_branch, curve_point, correct, angle_between
 
   !> What varies along a branch.
   integer, parameter, public :: parameter_frequency = 1, parameter_load = 2
@@ -25,10 +25,10 @@ module viscovib_branch
 
   integer, parameter :: max_iterations = 8
   !> Steps in units of the present point, at first and at least.
-  real(wp), parameter :: first_step = 0.01_wp, smallest_step = 1.0e-9_wp
+  real(wp), parameter :: first_step = 0.01_wp
+  real(wp), parameter, public :: smallest_step = 1.0e-9_wp
   !> Wanted angle between successive tangents.
-  real(wp), parameter :: wanted_angle = 0.12_wp
-  real(wp), parameter :: amplitude_limit = 1.0e60_wp
+  real(wp), parameter, public :: wanted_angle = 0.12_wp
 
   type :: branch_options
     !> Where p begins and ends; the branch also ends if p falls back behind its
@@ -116,7 +116,7 @@ contains
         branch%outcome = branch_stuck
         return
       end if
-      if (.not. maxval(abs(next%x)) <= amplitude_limit) then
+      if (.not. maxval(abs(next%x)) <= system%largest_amplitude()) then
         branch%outcome = branch_overflow
         return
       end if

@@ -13,9 +13,8 @@ module viscovib_floquet
   use viscovib_explicit_tables, only: explicit_table_type, max_stages, new_explicit_table
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
-  use viscovib_lanes, only: max_dof, n_lanes
+  use viscovib_lanes, only: n_lanes
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_stage_kernels, only: stage_states, stage_sums
   implicit none
   private
 
@@ -45,13 +44,13 @@ module viscovib_floquet
   contains
     procedure :: monodromy
     procedure, private :: stiffness_along
+    procedure, private :: columns
   end type floquet_type
 
 contains
 
   subroutine new_floquet(floquet, system, set)
     type(floquet_type), intent(out) :: floquet
-    !> At most four coordinates: the columns of the matrix run along the lanes.
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     complex(wp) :: inverse(size(system%mass, 1), size(system%mass, 1))
@@ -113,12 +112,9 @@ contains
     real(wp), intent(in) :: x(:, :)
     !> Shape (2 n_dof, 2 n_dof).
     real(wp), intent(out) :: matrix(:, :)
-    real(wp), dimension(n_lanes, max_dof) :: q, v, stage_q, stage_v, in_q, in_v
-    real(wp) :: f(n_lanes, max_dof, max_stages), h(n_lanes)
     real(wp) :: rate, along, needed
-    integer :: s, i, d, n
+    integer :: i, first
 
-    n = self%n_dof
     rate = self%fastest
     do i = 1, max_refinements
       needed = merge(pi, 2.0_wp*pi, self%half_wave)*rate/nu/phase_a_step
@@ -133,44 +129,95 @@ contains
       if (along <= 2.0_wp*rate) exit
       rate = along
     end do
-    h = merge(pi, 2.0_wp*pi, self%half_wave)/nu/self%n_steps
+    do first = 1, 2*self%n_dof, n_lanes
+      call self%columns(first, min(n_lanes, 2*self%n_dof - first + 1), &
+                        merge(pi, 2.0_wp*pi, self%half_wave)/nu/self%n_steps, matrix)
+    end do
+    if (self%half_wave) matrix = -matrix
+  end subroutine monodromy
+
+  !> Columns first ... first + count - 1 of the matrix, one a lane, in steps h.
+  subroutine columns(self, first, count, h, matrix)
+    class(floquet_type), intent(in) :: self
+    integer, intent(in) :: first, count
+    real(wp), intent(in) :: h
+    real(wp), intent(inout) :: matrix(:, :)
+    ! Coordinates are taken two at a time.
+    real(wp), dimension(n_lanes, self%n_dof + mod(self%n_dof, 2)) :: q, v, stage_q, stage_v
+    real(wp) :: f(n_lanes, self%n_dof + mod(self%n_dof, 2), max_stages)
+    integer :: s, i, n, width
+
+    n = self%n_dof
+    width = size(q, 2)
     q = 0.0_wp
     v = 0.0_wp
     f = 0.0_wp
-    do d = 1, n
-      q(d, d) = 1.0_wp
-      v(n + d, d) = 1.0_wp
+    do i = 1, count
+      if (first + i - 1 <= n) then
+        q(i, first + i - 1) = 1.0_wp
+      else
+        v(i, first + i - 1 - n) = 1.0_wp
+      end if
     end do
     associate (t => self%table)
       do s = 1, self%n_steps
         do i = 1, t%n_stages
-          call stage_sums(n, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), f, in_q, in_v)
-          call stage_states(n, t%c(i), h, q, v, in_q, in_v, stage_q, stage_v)
+          call stage(width, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), f, t%c(i), h, q, v, &
+                     stage_q, stage_v)
           call acceleration(n, self%stiffness(1, 1, (s - 1)*t%n_stages + i), self%damping, &
                             stage_q, stage_v, f(1, 1, i))
         end do
         i = t%n_stages + 1
-        call stage_sums(n, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), f, in_q, in_v)
-        call stage_states(n, 1.0_wp, h, q, v, in_q, in_v, stage_q, stage_v)
-        q(:, :n) = stage_q(:, :n)
-        v(:, :n) = stage_v(:, :n)
+        call stage(width, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), f, 1.0_wp, h, q, v, &
+                   stage_q, stage_v)
+        q = stage_q
+        v = stage_v
       end do
     end associate
-    matrix(:n, :) = transpose(q(:2*n, :n))
-    matrix(n + 1:, :) = transpose(v(:2*n, :n))
-    if (self%half_wave) matrix = -matrix
-  end subroutine monodromy
+    matrix(:n, first:first + count - 1) = transpose(q(:count, :n))
+    matrix(n + 1:, first:first + count - 1) = transpose(v(:count, :n))
+  end subroutine columns
+
+  !> State at a stage: q + h (c v + h sum a_q f) and v + h sum a f. Why the loops are
+  !! written so: see `viscovib_node_kernels`.
+  pure subroutine stage(width, n_terms, from, weights, f, c, h, q, v, stage_q, stage_v)
+    integer, intent(in) :: width, n_terms, from(n_terms)
+    real(wp), intent(in) :: weights(2, n_terms), f(n_lanes, width, *), c, h
+    real(wp), dimension(n_lanes, width), intent(in) :: q, v
+    real(wp), dimension(n_lanes, width), intent(out) :: stage_q, stage_v
+    real(wp), dimension(n_lanes) :: q_1, q_2, v_1, v_2
+    integer :: d, i
+
+    do d = 1, width, 2
+      q_1 = 0.0_wp
+      q_2 = 0.0_wp
+      v_1 = 0.0_wp
+      v_2 = 0.0_wp
+      !GCC$ novector
+      do i = 1, n_terms
+        q_1 = q_1 + weights(1, i)*f(:, d, from(i))
+        v_1 = v_1 + weights(2, i)*f(:, d, from(i))
+        q_2 = q_2 + weights(1, i)*f(:, d + 1, from(i))
+        v_2 = v_2 + weights(2, i)*f(:, d + 1, from(i))
+      end do
+      stage_q(:, d) = q(:, d) + h*(c*v(:, d) + h*q_1)
+      stage_q(:, d + 1) = q(:, d + 1) + h*(c*v(:, d + 1) + h*q_2)
+      stage_v(:, d) = v(:, d) + h*v_1
+      stage_v(:, d + 1) = v(:, d + 1) + h*v_2
+    end do
+  end subroutine stage
 
   !> -K q - D v in every lane.
   pure subroutine acceleration(n, stiffness, damping, q, v, f)
     integer, intent(in) :: n
     real(wp), intent(in) :: stiffness(n, n), damping(n, n)
-    real(wp), intent(in) :: q(n_lanes, max_dof), v(n_lanes, max_dof)
+    real(wp), intent(in) :: q(n_lanes, n), v(n_lanes, n)
     real(wp), intent(out) :: f(n_lanes, n)
     real(wp) :: total(n_lanes)
     integer :: a, b
     do a = 1, n
       total = 0.0_wp
+      !GCC$ novector
       do b = 1, n
         total = total - (stiffness(a, b)*q(:, b) + damping(a, b)*v(:, b))
       end do
@@ -202,6 +249,7 @@ contains
       do a = 1, self%n_dof
         along = self%by_u(:, a, b)
         do j = 1, size(self%w, 2)
+          if (system%separable .and. .not. abs(system%spread(a, j)) > 0.0_wp) cycle
           if (abs(system%gather(j, b)) > 0.0_wp) then
             along = along + (system%spread(a, j) + self%by_v(:, a, j))*system%gather(j, b)
           end if

@@ -30,6 +30,8 @@ module viscovib_harmonic_balance
     integer, private :: n_dof = 0, n_memory = 0
     !> Frequency (rad/s), and the factor s of the load.
     real(wp) :: nu = 0.0_wp, load_factor = 1.0_wp
+    !> Only motions with u(-t) = u(t): the sines are held at 0.
+    logical :: even_in_time = .false.
     !> Dynamic stiffness (n_dof, n_dof, n_orders), and what memory retains
     !! (n_orders, n_memory).
     complex(wp), allocatable, private :: stiffness(:, :, :), fraction(:, :)
@@ -162,6 +164,7 @@ contains
       r(1::2, a) = real(total(:, a))
       r(2::2, a) = aimag(total(:, a))
     end do
+    if (self%even_in_time) r(1::2, :) = x(1::2, :)
   end subroutine residual
 
   pure function harmonics(self, signal) result(z)
@@ -216,6 +219,13 @@ contains
       end do
       if (.not. system%separable) call add_inseparable(self, system, b, jacobian)
     end do
+    if (self%even_in_time) then
+      do j = 1, self%n, 2
+        jacobian(:self%n, j) = 0.0_wp
+        jacobian(j, :self%n) = 0.0_wp
+        jacobian(j, j) = 1.0_wp
+      end do
+    end if
   end subroutine derivatives
 
   !> The linear part of coordinate b in the equations of coordinate a.
@@ -397,6 +407,7 @@ contains
       slope(1::2, a) = real(total(:, a))
       slope(2::2, a) = aimag(total(:, a))
     end do
+    if (self%even_in_time) slope(1::2, :) = 0.0_wp
   end subroutine frequency_derivative
 
   !> The same where memory enters F(u, v) in time.

@@ -18,8 +18,6 @@ module viscovib_newton_point
   integer, parameter :: max_iterations = 25
   !> A correction this much larger than the smallest so far leads away.
   real(wp), parameter :: growth_limit = 1.0e4_wp
-  !> Amplitudes whose cubes could leave the range of numbers.
-  real(wp), parameter :: amplitude_limit = 1.0e60_wp
   !> Points of a branch in the load where Newton fails at once.
   integer, parameter :: max_load_points = 400
 
@@ -59,7 +57,7 @@ contains
       iterations = iterations + 1
       change = weighted_norm(system, step)
       norm = weighted_norm(system, new)
-      if (.not. norm <= amplitude_limit) then
+      if (.not. norm <= system%largest_amplitude()) then
         outcome = outcome_overflow
         return
       end if

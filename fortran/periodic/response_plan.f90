@@ -21,6 +21,8 @@ module viscovib_response_plan
     [character(len=10) :: 'linear', 'successive', 'newton']
   !> Bounds of the options.
   integer, parameter, public :: max_harmonics = 199, max_iterations_allowed = 100000
+  !> Unknowns of Newton's method at most: what fills a matrix of 32 MB.
+  integer, parameter, public :: max_unknowns = 2000
   real(wp), parameter, public :: min_tolerance = 1.0e-14_wp, max_tolerance = 0.1_wp
 
   type :: response_plan_type
@@ -78,6 +80,13 @@ contains
     end if
     call check_mean(plan, system, status)
     if (status%failed()) return
+    i = 2*size(plan%set%orders)*system%n_dof()
+    if (plan%method == method_newton .and. i > max_unknowns) then
+      call fail(status, status_input_error, 'harmonics', 'harmonics = '//show(options%harmonics) &
+                //': makes '//show(i)//' unknowns with '//show(system%n_dof()) &
+                //' coordinates, must be at most '//show(max_unknowns))
+      return
+    end if
     call describe(plan, system, load, size(nu), method)
   end subroutine new_response_plan
 
@@ -120,7 +129,7 @@ contains
     if (system%kernel_without_integral() == 0) return
     call fail(status, status_input_error, 'beta', 'a kernel has no finite integral (beta = 0), ' &
               //'which the mean of this response needs: give beta > 0, or a load of odd ' &
-              //'harmonics only')
+              //'harmonics only and odd forces')
   end subroutine check_mean
 
   subroutine describe(plan, system, load, n_nu, method)

@@ -32,8 +32,6 @@ module viscovib_successive
   real(wp), parameter :: growth_limit = 1.0e3_wp
   !> Relaxation is halved at most this often.
   integer, parameter :: max_halvings = 4
-  !> Amplitudes whose cubes could leave the range of numbers.
-  real(wp), parameter :: amplitude_limit = 1.0e60_wp
 
   !> Everything that belongs to the frequencies under iteration. Real and
   !! imaginary parts are apart (second index of size 2, or names re, im) so
@@ -291,9 +289,10 @@ contains
     type(response_options), intent(in) :: options
     type(response_type), intent(inout) :: response
     integer, intent(in) :: first
-    real(wp) :: norm(n_lanes), delta(n_lanes), weight, start(n_lanes), rate, error
+    real(wp) :: norm(n_lanes), delta(n_lanes), weight, start(n_lanes), rate, error, largest
     integer :: d, k, l, i, outcome
 
+    largest = system%largest_amplitude()
     norm = 0.0_wp
     delta = 0.0_wp
     start = 0.0_wp
@@ -328,7 +327,7 @@ contains
       if (rate < 1.0_wp) error = delta(l)*max(1.0_wp, rate/(1.0_wp - rate))
       if (error <= options%tolerance*norm(l) .and. rate < 1.0_wp) then
         outcome = outcome_converged
-      else if (.not. norm(l) <= growth_limit*work%start_norm(l) .or. norm(l) > amplitude_limit &
+      else if (.not. norm(l) <= growth_limit*work%start_norm(l) .or. norm(l) > largest &
                .or. delta(l) > growth_limit*work%smallest(l)) then
         outcome = outcome_diverged
       else if (work%iteration(l) >= options%max_iterations) then

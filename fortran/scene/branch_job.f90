@@ -23,7 +23,6 @@ module viscovib_branch_job
   integer, parameter :: max_branch_points = 100000
   character(len=*), parameter, public :: branch_names(0:4) = &
     [character(len=10) :: 'completed', 'returned', 'step limit', 'stuck', 'overflow']
-  character(len=*), parameter :: coordinate_names(2) = [character(len=3) :: 'x', 'phi']
 
   type :: branch_job
     real(wp) :: nu_from = 0.0_wp, nu_to = 0.0_wp
@@ -125,10 +124,12 @@ contains
 
   !> Write the table NAME in a folder, which is made if need be; the table is there
   !! whole or not at all.
-  subroutine write_branch(folder, name, orders, branch, header, status)
+  subroutine write_branch(folder, name, orders, branch, coordinates, units, header, status)
     character(len=*), intent(in) :: folder, name
     integer, intent(in) :: orders(:)
     type(branch_type), intent(in) :: branch
+    !> Names and units, one a coordinate.
+    character(len=*), intent(in) :: coordinates(:), units(:)
     !> Lines for the top, separated by new-line characters.
     character(len=*), intent(in) :: header
     type(status_type), intent(out) :: status
@@ -145,11 +146,15 @@ contains
       row = row//' '//trim(exact(branch%fold(i)))
     end do
     call table%add_line(row)
-    call table%add_line('# nu (rad/s); u = Im sum_k X_k exp(i k nu t), x in m, phi in rad')
+    row = '# nu (rad/s); u = Im sum_k X_k exp(i k nu t)'
+    do d = 1, size(coordinates)
+      row = row//', '//trim(coordinates(d))//' in '//trim(units(d))
+    end do
+    call table%add_line(row)
     row = 'nu'
     do d = 1, size(branch%x, 2)
       do k = 1, size(orders)
-        order = trim(coordinate_names(d))//'_'//show(orders(k))
+        order = trim(coordinates(d))//'_'//show(orders(k))
         row = row//','//order//'_re,'//order//'_im'
       end do
     end do

@@ -31,6 +31,8 @@ module viscovib_group_reader
     procedure :: read_integer
     procedure :: read_text
     procedure :: read_reals
+    procedure :: read_integers
+    procedure :: read_words
     procedure :: read_path
     procedure :: echo_reals
     procedure :: refuse
@@ -250,6 +252,74 @@ contains
     if (self%status%failed()) values = [(0.0_wp, j=1, merge(n, 0, present(n)))]
     call self%echo_reals(key, values)
   end function read_reals
+
+  !> A list of n integers.
+  function read_integers(self, key, n) result(values)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: key
+    integer, intent(in) :: n
+    integer :: values(n)
+    logical :: ok
+    integer :: i, j
+
+    values = 0
+    self%echo = self%echo//'  '//key//' ='
+    i = self%look_up(key, .false.)
+    if (i > 0) then
+      associate (entry => self%group%entries(i))
+        if (size(entry%values) /= n) then
+          call self%complain(key, key//' has '//show(size(entry%values))//' values: must be ' &
+                             //show(n))
+          return
+        end if
+        do j = 1, n
+          ok = .not. entry%values(j)%quoted
+          if (ok) call parse_integer(entry%values(j)%text, values(j), ok)
+          if (.not. ok) call self%complain(key, key//' = '//entry%values(j)%text &
+                                           //': must be integers of at most '//show(huge(n)))
+          self%echo = self%echo//' '//show(values(j))
+        end do
+      end associate
+    end if
+    self%echo = self%echo//new_line('a')
+  end function read_integers
+
+  !> A list of quoted words of at most `length` letters.
+  function read_words(self, key, length, default) result(words)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: key
+    integer, intent(in) :: length
+    character(len=*), intent(in), optional :: default(:)
+    character(len=length), allocatable :: words(:)
+    integer :: i, j
+
+    allocate (words(0))
+    i = self%look_up(key, present(default))
+    if (i > 0) then
+      associate (entry => self%group%entries(i))
+        deallocate (words)
+        allocate (words(size(entry%values)))
+        words = ''
+        do j = 1, size(words)
+          if (.not. entry%values(j)%quoted) then
+            call self%complain(key, key//' = '//entry%values(j)%text//': must be quoted texts')
+          else if (len(entry%values(j)%text) > length .or. entry%values(j)%text == '') then
+            call self%complain(key, key//" = '"//entry%values(j)%text//"': must have 1 to " &
+                               //show(length)//' characters')
+          else
+            words(j) = entry%values(j)%text
+          end if
+        end do
+      end associate
+    else if (present(default)) then
+      words = default
+    end if
+    self%echo = self%echo//'  '//key//' ='
+    do j = 1, size(words)
+      self%echo = self%echo//" '"//doubled(trim(words(j)))//"'"
+    end do
+    self%echo = self%echo//new_line('a')
+  end function read_words
 
   !> Write down a list that stands for what was read.
   subroutine echo_reals(self, key, values)

@@ -12,7 +12,7 @@ module viscovib_kernel_groups
   implicit none
   private
 
-  public :: read_kernels
+  public :: read_kernels, read_system_kernels
 
 contains
 
@@ -50,6 +50,32 @@ contains
       if (status%failed()) return
     end do
   end subroutine read_kernels
+
+  !> All kernels of a polynomial system; its springs and forces name them by place.
+  subroutine read_system_kernels(file, kernels, echo, status)
+    type(namelist_type), intent(in) :: file
+    type(kernel_holder), allocatable, intent(out) :: kernels(:)
+    !> Gets the canonical text of the groups added.
+    character(len=:), allocatable, intent(inout) :: echo
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+    integer :: i, n
+
+    allocate (kernels(count([(file%groups(i)%name == 'kernel', i=1, size(file%groups))])))
+    n = 0
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name /= 'kernel') cycle
+      n = n + 1
+      call reader%start(file%path, file%groups(i))
+      call reader%refuse(['acts_on'], 'belongs to a mount; here &system, &spring and &force have ' &
+                         //'the key kernel')
+      call read_kernel(reader, kernels(n))
+      call reader%finish()
+      echo = echo//reader%echo
+      status = reader%status
+      if (status%failed()) return
+    end do
+  end subroutine read_system_kernels
 
   subroutine read_kernel(reader, holder)
     type(group_reader), intent(inout) :: reader

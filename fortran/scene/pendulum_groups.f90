@@ -1,5 +1,6 @@
 !> The &pendulum, &transient and &spectrum groups of a scene.
 module viscovib_pendulum_groups
+  use viscovib_driven_system, only: driven_system_type
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_method_catalogue, only: transient_methods
@@ -49,21 +50,21 @@ contains
     call reader%place(built)
   end subroutine read_pendulum
 
-  subroutine read_transient(reader, pendulum, job)
+  subroutine read_transient(reader, system, job)
     type(group_reader), intent(inout) :: reader
-    type(pendulum_type), intent(in) :: pendulum
+    class(driven_system_type), intent(in) :: system
     type(transient_job), intent(out) :: job
     type(status_type) :: checked
     character(len=:), allocatable :: word
 
-    job%initial = reader%read_reals('initial', 6)
+    job%initial = reader%read_reals('initial', 2*system%n_dof)
     job%t_end = reader%read_real('t_end')
     job%dt = reader%read_real('dt', 0.0_wp)
     job%tolerance = reader%read_real('tolerance', merge(0.0_wp, 1.0e-10_wp, job%dt > 0.0_wp))
     word = reader%read_text('method', 'gauss8', transient_methods, job%method)
     job%save_every = reader%read_integer('save_every', 1)
     if (reader%status%failed()) return
-    call check_transient(job, pendulum, checked)
+    call check_transient(job, system, checked)
     call reader%place(checked)
   end subroutine read_transient
 

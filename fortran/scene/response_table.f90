@@ -12,15 +12,15 @@ module viscovib_response_table
 
   public :: write_response
 
-  character(len=*), parameter :: coordinate_names(2) = [character(len=3) :: 'x', 'phi']
-
 contains
 
   !> Write the table NAME in a folder, which is made if need be; the table is
   !! there whole or not at all.
-  subroutine write_response(folder, name, response, header, status)
+  subroutine write_response(folder, name, response, coordinates, units, header, status)
     character(len=*), intent(in) :: folder, name
     type(response_type), intent(in) :: response
+    !> Names and units, one a coordinate.
+    character(len=*), intent(in) :: coordinates(:), units(:)
     !> Lines for the top, separated by new-line characters.
     character(len=*), intent(in) :: header
     type(status_type), intent(out) :: status
@@ -30,16 +30,16 @@ contains
     call make_folder(folder)
     call table%create(folder//'/'//name, status)
     if (status%failed()) return
-    call write_header(table, header, response)
+    call write_header(table, header, coordinates, units, response)
     do i = 1, size(response%nu)
       call write_row(table, response, i)
     end do
     call table%finish(status)
   end subroutine write_response
 
-  subroutine write_header(table, header, response)
+  subroutine write_header(table, header, coordinates, units, response)
     type(text_writer), intent(inout) :: table
-    character(len=*), intent(in) :: header
+    character(len=*), intent(in) :: header, coordinates(:), units(:)
     type(response_type), intent(in) :: response
     character(len=:), allocatable :: names, order
     integer :: d, k
@@ -47,12 +47,16 @@ contains
     call table%add_comments(header)
     call table%add_line('# nu: circular frequency of the load (rad/s); rate: factor between the ' &
                         //'last corrections; u = Im sum_k X_k exp(i k nu t),')
-    call table%add_line('# x_k_re, x_k_im: X_k of x (m); phi_k_re, phi_k_im: X_k of phi (rad); ' &
-                        //'nan where no solution was found')
+    names = '# '
+    do d = 1, size(coordinates)
+      order = trim(coordinates(d))
+      names = names//order//'_k_re, '//order//'_k_im: X_k of '//order//' ('//trim(units(d))//'); '
+    end do
+    call table%add_line(names//'nan where no solution was found')
     names = 'nu,outcome,iterations,rate'
     do d = 1, size(response%coefficients, 2)
       do k = 1, size(response%orders)
-        order = trim(coordinate_names(d))//'_'//show(response%orders(k))
+        order = trim(coordinates(d))//'_'//show(response%orders(k))
         names = names//','//order//'_re,'//order//'_im'
       end do
     end do

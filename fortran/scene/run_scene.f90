@@ -5,6 +5,7 @@ module viscovib_run_scene
   use viscovib_files, only: stem
   use viscovib_forced_response, only: forced_response
   use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_type
   use viscovib_response_plan, only: new_response_plan, response_plan_type
@@ -33,7 +34,7 @@ contains
 
   !> What will be computed and what is skipped, with the reasons.
   subroutine plan_scene(scene, text, status)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=:), allocatable, intent(out) :: text
     type(status_type), intent(out) :: status
     type(response_plan_type) :: plan
@@ -48,18 +49,18 @@ contains
     if (scene%wants_scales) then
       text = plan_scales(scene%scales)
       return
-    else if (scene%is_pendulum) then
+    else if (scene%wants_motion) then
       text = plan_transient(scene%transient)
       if (scene%spectrum%wanted) then
-        text = text//'computes: spectra of z, phi, psi, window ' &
+        text = text//'computes: spectra of '//joined(scene%coordinates)//', window ' &
                //trim(window_names(scene%spectrum%window))//new_line('a')
       else
         text = text//'skips: spectra (not asked for)'//new_line('a')
       end if
       return
     end if
-    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
-                           status)
+    call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
+                           scene%options, status)
     if (status%failed()) then
       status%message = scene%path//': '//status%message
     else if (scene%wants_branch) then
@@ -71,7 +72,7 @@ contains
 
   !> Compute what is wanted and write its table into a folder.
   subroutine run_scene(scene, folder, version, report, status)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=*), intent(in) :: folder, version
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
@@ -80,7 +81,7 @@ contains
     header = 'viscovib '//version//', scene '//scene%path//new_line('a')//scene%title
     if (scene%wants_scales) then
       call run_steady(scene, folder, header, report, status)
-    else if (scene%is_pendulum) then
+    else if (scene%wants_motion) then
       call run_motion(scene, folder, header, report, status)
     else if (scene%wants_branch) then
       call run_one_branch(scene, folder, header, report, status)
@@ -90,7 +91,7 @@ contains
   end subroutine run_scene
 
   subroutine run_response(scene, folder, header, report, status)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=*), intent(in) :: folder, header
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
@@ -98,12 +99,13 @@ contains
     type(response_type) :: response
     integer :: found
 
-    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
-                           status)
+    call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
+                           scene%options, status)
     if (status%failed()) return
-    call forced_response(plan, scene%mount, scene%load, scene%nu, response)
+    call forced_response(plan, scene%oscillator(), scene%load, scene%nu, response)
     report%path = folder//'/'//stem(scene%path)//'_response.csv'
-    call write_response(folder, stem(scene%path)//'_response.csv', response, header, status)
+    call write_response(folder, stem(scene%path)//'_response.csv', response, scene%coordinates, &
+                        scene%units, header, status)
     if (status%failed()) return
     found = count(response%outcome == outcome_converged)
     report%complete = found == size(scene%nu)
@@ -111,24 +113,24 @@ contains
   end subroutine run_response
 
   subroutine run_one_branch(scene, folder, header, report, status)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=*), intent(in) :: folder, header
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
     type(response_plan_type) :: plan
     type(branch_type) :: branch
 
-    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
-                           status)
+    call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
+                           scene%options, status)
     if (status%failed()) return
-    call run_branch(scene%branch, plan, scene%mount, scene%load, branch, status)
+    call run_branch(scene%branch, plan, scene%oscillator(), scene%load, branch, status)
     if (status%failed()) then
       status%message = scene%path//': '//status%message
       return
     end if
     report%path = folder//'/'//stem(scene%path)//'_branch.csv'
-    call write_branch(folder, stem(scene%path)//'_branch.csv', plan%set%orders, branch, header, &
-                      status)
+    call write_branch(folder, stem(scene%path)//'_branch.csv', plan%set%orders, branch, &
+                      scene%coordinates, scene%units, header, status)
     if (status%failed()) return
     report%complete = branch%outcome == branch_completed
     report%summary = trim(branch_names(branch%outcome))//', '//show(branch%n_points) &
@@ -158,30 +160,40 @@ contains
   end subroutine run_steady
 
   subroutine run_motion(scene, folder, header, report, status)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=*), intent(in) :: folder, header
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
     type(trajectory_type) :: trajectory
+    character(len=:), allocatable :: units
     real(wp) :: omega(3), shapes(3, 3)
-    integer :: kept
+    integer :: kept, d
 
-    call scene%pendulum%natural_modes(omega, shapes)
-    call run_transient(scene%transient, scene%pendulum, &
-                       max(maxval(omega), maxval(scene%pendulum%drives)), trajectory, status)
+    if (scene%is_pendulum) then
+      units = 'dimensionless: t in 1/omega_1, z in L, phi and psi in rad'
+      call scene%pendulum%natural_modes(omega, shapes)
+      call run_transient(scene%transient, scene%pendulum, &
+                         max(maxval(omega), maxval(scene%pendulum%drives)), trajectory, status)
+    else
+      units = 'units: t in s'
+      do d = 1, size(scene%coordinates)
+        units = units//', '//trim(scene%coordinates(d))//' in '//trim(scene%units(d))
+      end do
+      call run_transient(scene%transient, scene%motion, scene%motion%fastest(), trajectory, status)
+    end if
     if (status%failed()) then
       status%message = scene%path//': '//status%message
       return
     end if
     report%path = folder//'/'//stem(scene%path)//'_transient.csv'
     call write_transient(folder, stem(scene%path)//'_transient.csv', trajectory, &
-                         scene%transient%method, header, status)
+                         scene%transient%method, scene%coordinates, units, header, status)
     if (status%failed()) return
     if (scene%spectrum%wanted) then
       kept = count(trajectory%t >= scene%spectrum%discard*(1.0_wp - 1.0e-12_wp))
       call write_spectrum(folder, stem(scene%path)//'_spectrum.csv', &
                           transpose(trajectory%states(1::2, size(trajectory%t) - kept + 1:)), &
-                          [character(len=3) :: 'z', 'phi', 'psi'], &
+                          scene%coordinates, &
                           trajectory%t(min(2, size(trajectory%t))), &
                           scene%spectrum%window, header, status)
       if (status%failed()) return
@@ -193,17 +205,29 @@ contains
                                                      //show(trajectory%error)
   end subroutine run_motion
 
+  pure function joined(words)
+    character(len=*), intent(in) :: words(:)
+    character(len=:), allocatable :: joined
+    integer :: i
+    joined = trim(words(1))
+    do i = 2, size(words)
+      joined = joined//', '//trim(words(i))
+    end do
+  end function joined
+
   !> A line for each kernel in use whose integral is not between 0 and 1.
   function scene_warnings(scene) result(text)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=:), allocatable :: text
+    class(oscillator_type), pointer :: system
     integer :: i
 
     text = ''
     if (scene%is_pendulum) return
-    do i = 1, size(scene%mount%kernels)
-      if (.not. any(scene%mount%kernel_of == i)) cycle
-      associate (total => scene%mount%memory_scale*scene%mount%kernels(i)%kernel%integral())
+    system => scene%oscillator()
+    do i = 1, size(system%kernels)
+      if (.not. any(system%kernel_of == i)) cycle
+      associate (total => system%memory_scale*system%kernels(i)%kernel%integral())
         if (total >= 1) then
           text = text//'kernel integral = '//show(total)//' >= 1: the relaxed stiffness is not ' &
                  //'positive, and free motion creeps away slowly; the forced response without ' &

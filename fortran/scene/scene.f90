@@ -9,15 +9,18 @@ module viscovib_scene
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: geometry_cubic, geometry_names, mount_parameters, mount_type, new_mount
   use viscovib_namelist, only: namelist_type, read_namelist
-  use viscovib_oscillator, only: kernel_holder
+  use viscovib_oscillator, only: kernel_holder, oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_groups, only: read_pendulum, read_spectrum, read_transient, spectrum_job
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_names, method_newton, new_response_plan, &
     response_plan_type
   use viscovib_scales_job, only: read_scales, scales_job
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_sweep_groups, only: read_sweep
+  use viscovib_system_groups, only: name_length, read_system
   use viscovib_transient_job, only: transient_job
   implicit none
   private
@@ -34,8 +37,15 @@ module viscovib_scene
     !> Or its steady motions by multiple scales.
     logical :: wants_scales = .false.
     type(scales_job) :: scales
-    !> Or it is a mount, its result a response.
+    !> Or it is a mount or a polynomial system, its result a response, or of the latter a
+    !! motion.
+    logical :: is_polynomial = .false.
     type(mount_type) :: mount
+    type(polynomial_type) :: polynomial
+    type(polynomial_motion_type) :: motion
+    logical :: wants_motion = .false.
+    !> Names and units of its coordinates.
+    character(len=name_length), allocatable :: coordinates(:), units(:)
     type(load_type) :: load
     !> Or a branch, followed through its folds.
     logical :: wants_branch = .false.
@@ -49,17 +59,22 @@ module viscovib_scene
     !> The scene as it was understood, every default written out; reads back
     !! to the same numbers.
     character(len=:), allocatable :: canonical
+  contains
+    procedure :: oscillator
+    procedure, private :: base_direction
   end type scene_type
 
-  character(len=*), parameter :: group_names(11) = &
-    [character(len=15) :: 'scene', 'mount', 'kernel', 'load', 'response', 'branch', 'pendulum', &
-     'transient', 'spectrum', 'multiple_scales', 'sweep']
+  character(len=*), parameter :: group_names(14) = &
+    [character(len=15) :: 'scene', 'mount', 'system', 'spring', 'force', 'kernel', 'load', &
+     'response', 'branch', 'pendulum', 'transient', 'spectrum', 'multiple_scales', 'sweep']
   !> What belongs to each system.
-  character(len=*), parameter :: mount_groups(5) = &
-    [character(len=15) :: 'mount', 'kernel', 'load', 'response', 'branch'], &
+  character(len=*), parameter :: mount_groups(8) = &
+    [character(len=15) :: 'mount', 'system', 'spring', 'force', 'kernel', 'load', 'response', &
+     'branch'], &
                                  pendulum_groups(4) = &
-    [character(len=15) :: 'pendulum', 'transient', 'spectrum', 'multiple_scales']
-  character(len=*), parameter :: coordinate_names(2) = [character(len=3) :: 'x', 'phi']
+    [character(len=15) :: 'pendulum', 'transient', 'spectrum', 'multiple_scales'], &
+                                 repeatable(5) = &
+    [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'sweep']
   character(len=*), parameter :: grid_keys(4) = &
     [character(len=10) :: 'nu_min', 'nu_max', 'nu_count', 'nu_spacing']
   !> Bounds that stop a slip of the pen before it fills the memory.
@@ -75,8 +90,6 @@ contains
     !> The scene itself, instead of the file; its path then only names it.
     character(len=*), intent(in), optional :: text
     type(namelist_type) :: file
-    type(kernel_holder) :: kernels(2)
-    type(mount_parameters) :: parameters
 
     scene%path = path
     scene%canonical = ''
@@ -84,26 +97,77 @@ contains
     if (.not. status%failed()) call check_groups(file, scene%is_pendulum, status)
     if (.not. status%failed()) call read_title(file, scene, status)
     if (status%failed()) return
+    scene%wants_motion = place_of(file, 'transient') <= size(file%groups)
     if (scene%is_pendulum) then
+      scene%coordinates = [character(len=name_length) :: 'z', 'phi', 'psi']
       call read_motion(file, scene, status)
     else
-      call read_kernels(file, kernels, parameters, scene%canonical, status)
-      if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
-      if (.not. status%failed()) call read_loads(file, scene, status)
-      if (.not. status%failed()) call read_result(file, scene, status)
-      if (.not. status%failed()) call check_job(file, scene, status)
+      call read_oscillator(file, scene, status)
     end if
     if (.not. status%failed()) call read_sweeps(file, scene, status)
   end subroutine read_scene
+
+  !> A mount or a polynomial system, its loads and what is wanted of it.
+  subroutine read_oscillator(file, scene, status)
+    type(namelist_type), intent(in) :: file
+    type(scene_type), intent(inout) :: scene
+    type(status_type), intent(out) :: status
+    type(kernel_holder) :: kernels(2)
+    type(mount_parameters) :: parameters
+
+    scene%is_polynomial = place_of(file, 'system') <= size(file%groups)
+    if (scene%is_polynomial) then
+      call read_system(file, scene%polynomial, scene%coordinates, scene%units, scene%canonical, &
+                       status)
+    else
+      scene%coordinates = [character(len=name_length) :: 'x', 'phi']
+      scene%units = [character(len=name_length) :: 'm', 'rad']
+      call read_kernels(file, kernels, parameters, scene%canonical, status)
+      if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
+    end if
+    if (.not. status%failed()) call read_loads(file, scene, status)
+    if (status%failed()) return
+    if (scene%wants_motion) then
+      call read_motion(file, scene, status)
+      return
+    end if
+    call read_result(file, scene, status)
+    if (.not. status%failed()) call check_job(file, scene, status)
+  end subroutine read_oscillator
+
+  !> The system that responds: the mount or the polynomial system.
+  function oscillator(self)
+    class(scene_type), intent(in), target :: self
+    class(oscillator_type), pointer :: oscillator
+    if (self%is_polynomial) then
+      oscillator => self%polynomial
+    else
+      oscillator => self%mount
+    end if
+  end function oscillator
+
+  !> How its coordinates move with the base.
+  pure function base_direction(self)
+    class(scene_type), intent(in) :: self
+    real(wp), allocatable :: base_direction(:)
+    if (self%is_polynomial) then
+      base_direction = self%polynomial%base_direction
+    else
+      base_direction = self%mount%base_direction
+    end if
+  end function base_direction
 
   !> Known groups only, the right number of each, and one system.
   subroutine check_groups(file, is_pendulum, status)
     type(namelist_type), intent(in) :: file
     logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
+    logical :: is_polynomial, is_moving
     integer :: i, j, n
 
     is_pendulum = .false.
+    is_polynomial = place_of(file, 'system') <= size(file%groups)
+    is_moving = is_polynomial .and. place_of(file, 'transient') <= size(file%groups)
     do i = 1, size(file%groups)
       associate (group => file%groups(i))
         if (.not. any(group_names == group%name)) then
@@ -119,13 +183,23 @@ contains
       do i = 1, size(file%groups)
         if (file%groups(i)%name /= group_names(j)) cycle
         n = n + 1
-        if (n == 2 .and. .not. any(group_names(j) == ['kernel', 'load  ', 'sweep '])) then
+        if (n == 2 .and. .not. any(group_names(j) == repeatable)) then
           call refuse_group(i, 'a second &'//trim(group_names(j))//': must be given once')
         else if (is_pendulum .and. any(mount_groups == group_names(j))) then
           call refuse_group(i, '&'//trim(group_names(j))//': belongs to a mount, and this scene ' &
                             //'has &pendulum')
-        else if (.not. is_pendulum .and. any(pendulum_groups == group_names(j))) then
+        else if (is_polynomial .and. group_names(j) == 'mount') then
+          call refuse_group(i, '&mount: this scene has &system already, give one of them')
+        else if (.not. is_polynomial .and. any(group_names(j) == ['spring', 'force '])) then
+          call refuse_group(i, '&'//trim(group_names(j))//': needs &system')
+        else if (group_names(j) == 'transient' .and. .not. (is_pendulum .or. is_polynomial)) then
+          call refuse_group(i, '&transient: needs &pendulum or &system')
+        else if (.not. (is_pendulum .or. is_moving) &
+                 .and. any(pendulum_groups == group_names(j))) then
           call refuse_group(i, '&'//trim(group_names(j))//': needs &pendulum')
+        else if (is_moving .and. any(group_names(j) == ['response', 'branch  '])) then
+          call refuse_group(i, '&'//trim(group_names(j))//': this scene has &transient already, ' &
+                            //'give one of them')
         end if
         if (status%failed()) return
       end do
@@ -135,7 +209,9 @@ contains
         call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
                   //'a scene with &pendulum needs a wanted result (&transient or ' &
                   //'&multiple_scales)')
-      else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load '])) then
+      else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load ']) &
+               .and. .not. (is_polynomial .and. group_names(j) == 'mount') &
+               .and. .not. is_moving) then
         call refuse_lack(trim(group_names(j)))
       end if
       if (status%failed()) return
@@ -151,6 +227,7 @@ contains
       end if
       return
     end if
+    if (is_moving) return
     n = place_of(file, 'branch')
     if (place_of(file, 'response') > size(file%groups)) then
       if (n > size(file%groups)) call refuse_lack('response')
@@ -163,7 +240,7 @@ contains
     subroutine refuse_lack(name)
       character(len=*), intent(in) :: name
       call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
-                //'needs &mount, &load and a wanted result (&response or &branch), or ' &
+                //'needs &mount or &system, &load and a wanted result (&response or &branch), or ' &
                 //'&pendulum and &transient')
     end subroutine refuse_lack
 
@@ -202,19 +279,24 @@ contains
     type(group_reader) :: reader
     integer :: i
 
-    call reader%start(file%path, file%groups(place_of(file, 'pendulum')))
-    call read_pendulum(reader, scene%pendulum)
-    call close_group(reader, scene, status)
-    if (status%failed()) return
-    scene%wants_scales = place_of(file, 'multiple_scales') <= size(file%groups)
-    if (scene%wants_scales) then
-      call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
-      call read_scales(reader, scene%scales)
+    if (scene%is_pendulum) then
+      call reader%start(file%path, file%groups(place_of(file, 'pendulum')))
+      call read_pendulum(reader, scene%pendulum)
       call close_group(reader, scene, status)
-      return
+      if (status%failed()) return
+      scene%wants_scales = place_of(file, 'multiple_scales') <= size(file%groups)
+      if (scene%wants_scales) then
+        call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
+        call read_scales(reader, scene%scales)
+        call close_group(reader, scene, status)
+        return
+      end if
+      call reader%start(file%path, file%groups(place_of(file, 'transient')))
+      call read_transient(reader, scene%pendulum, scene%transient)
+    else
+      call reader%start(file%path, file%groups(place_of(file, 'transient')))
+      call read_own_motion(reader, scene)
     end if
-    call reader%start(file%path, file%groups(place_of(file, 'transient')))
-    call read_transient(reader, scene%pendulum, scene%transient)
     call close_group(reader, scene, status)
     if (status%failed() .or. .not. any([(file%groups(i)%name == 'spectrum', &
                                          i=1, size(file%groups))])) return
@@ -222,6 +304,29 @@ contains
     call read_spectrum(reader, scene%transient, scene%spectrum)
     call close_group(reader, scene, status)
   end subroutine read_motion
+
+  !> The &transient group of a polynomial system: its load has the frequency nu.
+  subroutine read_own_motion(reader, scene)
+    type(group_reader), intent(inout) :: reader
+    type(scene_type), intent(inout) :: scene
+    type(status_type) :: status
+    real(wp) :: nu
+
+    nu = 0.0_wp
+    if (size(scene%load%orders) > 0) then
+      nu = reader%read_real('nu')
+      if (.not. reader%status%failed()) then
+        call check_positive('nu', nu, status)
+        call reader%place(status)
+      end if
+    else
+      call reader%refuse(['nu'], 'is the frequency of a load, and there is none')
+    end if
+    if (reader%status%failed()) return
+    call new_polynomial_motion(scene%motion, scene%polynomial, scene%load, nu, status)
+    call reader%place(status)
+    if (.not. status%failed()) call read_transient(reader, scene%motion, scene%transient)
+  end subroutine read_own_motion
 
   subroutine read_title(file, scene, status)
     type(namelist_type), intent(in) :: file
@@ -295,7 +400,7 @@ contains
     integer :: i, n, kind, on
 
     n = count([(file%groups(i)%name == 'load', i=1, size(file%groups))])
-    allocate (orders(n), force(2, n), base(n))
+    allocate (orders(n), force(size(scene%coordinates), n), base(n))
     force = (0.0_wp, 0.0_wp)
     base = (0.0_wp, 0.0_wp)
     n = 0
@@ -307,9 +412,12 @@ contains
       call reader%start(file%path, file%groups(i))
       word = reader%read_text('kind', 'force', [character(len=5) :: 'force', 'base'], kind)
       if (kind == 1) then
-        word = reader%read_text('on', 'x', coordinate_names, on)
+        word = reader%read_text('on', trim(scene%coordinates(1)), scene%coordinates, on)
       else
-        call reader%refuse(['on'], 'the base moves in x; only a force has this key')
+        call reader%refuse(['on'], 'the base moves as a whole; only a force has this key')
+        if (.not. any(abs(scene%base_direction()) > 0.0_wp)) then
+          call reader%complain('kind', "kind = 'base': needs base_direction in &system")
+        end if
       end if
       orders(n) = reader%read_integer('order', 1)
       if (orders(n) < 0 .or. orders(n) > max_order) then
@@ -332,7 +440,7 @@ contains
       call close_group(reader, scene, status)
       if (status%failed()) return
     end do
-    call new_load(scene%load, 2, orders, force, base, status)
+    call new_load(scene%load, size(scene%coordinates), orders, force, base, status)
   end subroutine read_loads
 
   !> The result wanted of a mount.
@@ -441,13 +549,15 @@ contains
   !> What only the whole job shows to be wrong, with the line to change.
   subroutine check_job(file, scene, status)
     type(namelist_type), intent(in) :: file
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     type(status_type), intent(out) :: status
     type(response_plan_type) :: plan
+    class(oscillator_type), pointer :: system
     character(len=:), allocatable :: name
     integer :: i, n
 
-    call new_response_plan(plan, scene%mount, scene%load, scene%nu, scene%method, scene%options, &
+    system => scene%oscillator()
+    call new_response_plan(plan, system, scene%load, scene%nu, scene%method, scene%options, &
                            status)
     if (.not. status%failed()) return
     name = 'response'
@@ -455,7 +565,7 @@ contains
     n = 1
     if (status%subject == 'beta') then
       name = 'kernel'
-      n = scene%mount%kernel_without_integral()
+      n = system%kernel_without_integral()
     end if
     do i = 1, size(file%groups)
       if (file%groups(i)%name == name) n = n - 1

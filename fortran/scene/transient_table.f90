@@ -16,11 +16,13 @@ contains
 
   !> Write the table NAME in a folder, which is made if need be; the table is
   !! there whole or not at all.
-  subroutine write_transient(folder, name, trajectory, method, header, status)
+  subroutine write_transient(folder, name, trajectory, method, coordinates, units, header, status)
     character(len=*), intent(in) :: folder, name
     type(trajectory_type), intent(in) :: trajectory
     !> Place in `transient_methods`.
     integer, intent(in) :: method
+    !> Names, and a line about units.
+    character(len=*), intent(in) :: coordinates(:), units
     !> Lines for the top, separated by new-line characters.
     character(len=*), intent(in) :: header
     type(status_type), intent(out) :: status
@@ -34,8 +36,12 @@ contains
     call table%add_comments(header)
     call table%add_line('# method '//trim(transient_methods(method))//', step ' &
                         //trim(exact(trajectory%h))//', '//trim(run_names(trajectory%outcome)))
-    call table%add_line('# dimensionless: t in 1/omega_1, z in L, phi and psi in rad')
-    call table%add_line('t,z,z_dot,phi,phi_dot,psi,psi_dot')
+    call table%add_line('# '//units)
+    row = 't'
+    do j = 1, size(coordinates)
+      row = row//','//trim(coordinates(j))//','//trim(coordinates(j))//'_dot'
+    end do
+    call table%add_line(row)
     do i = 1, size(trajectory%t)
       row = trim(exact(trajectory%t(i)))
       do j = 1, size(trajectory%states, 1)

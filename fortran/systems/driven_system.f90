@@ -16,6 +16,9 @@ module viscovib_driven_system
     integer :: n_dof = 0
     !> Circular frequencies of the loads (rad/s or dimensionless).
     real(wp), allocatable :: drives(:)
+    !> Quarter turns ahead of each load, 0 to 3: 3 makes a sine of the cosine.
+    !! Not allocated: none.
+    integer, allocatable :: quarters(:)
   contains
     procedure(acceleration_interface), deferred :: acceleration
     procedure(margin_interface), deferred :: margin
@@ -36,7 +39,7 @@ module viscovib_driven_system
       class(driven_system_type), intent(in) :: self
       !> Coordinates and velocities, shape (n_lanes, n_dof).
       real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
-      !> cos(p_j t), shape (n_lanes, size(drives)).
+      !> cos(p_j t + quarters_j pi/2), shape (n_lanes, size(drives)).
       real(wp), intent(in) :: drive(n_lanes, size(self%drives))
       real(wp), intent(out) :: a(n_lanes, self%n_dof)
     end subroutine acceleration_interface

@@ -51,6 +51,7 @@ module viscovib_oscillator
     procedure :: n_dof
     procedure :: n_memory
     procedure :: is_linear
+    procedure :: largest_amplitude
     procedure :: retained
     procedure :: dynamic_stiffness
     procedure :: kernel_without_integral
@@ -130,6 +131,12 @@ contains
     class(oscillator_type), intent(in) :: self
     is_linear = self%separable .and. .not. any(self%bent)
   end function is_linear
+
+  !> Amplitudes beyond this have powers that could leave the range of numbers.
+  pure real(wp) function largest_amplitude(self)
+    class(oscillator_type), intent(in) :: self
+    largest_amplitude = 10.0_wp**(180/max(self%degree, 3))
+  end function largest_amplitude
 
   !> 1 - epsilon_1 (R_c - i R_s) at each circular frequency, a column for each
   !! hereditary variable: what memory leaves of the variable.

@@ -7,7 +7,7 @@ module viscovib_explicit
   use viscovib_explicit_tables, only: explicit_table_type, new_explicit_table
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: max_dof, n_lanes
-  use viscovib_phases, only: split_phase, step_phase
+  use viscovib_phases, only: split_phase, step_phase, turn_phase
   use viscovib_stage_kernels, only: end_of_step, stage_states, stage_sums, turn_drives
   use viscovib_vector_math, only: sine_cosine_lanes
   implicit none
@@ -37,6 +37,7 @@ module viscovib_explicit
     procedure :: step
     procedure :: get_state
     procedure :: change_steps
+    procedure :: turn_phases
     procedure :: set_lane
     procedure :: scale_lanes
     procedure :: lane_memory_size
@@ -87,6 +88,13 @@ contains
                      self%step_low)
     call furnish(self%table, self%plan, frequencies, h, self%room(self%first))
   end subroutine change_steps
+
+  !> Let each load run some quarter turns ahead.
+  pure subroutine turn_phases(self, quarters)
+    class(explicit_type), intent(inout) :: self
+    integer, intent(in) :: quarters(:)
+    call turn_phase(self%high, self%low, spread(quarters, 1, n_lanes))
+  end subroutine turn_phases
 
   !> Put steps and the load phases of the stages into the room.
   pure subroutine furnish(table, plan, frequencies, h, room)

@@ -36,6 +36,7 @@ contains
     method%v = v
     call new_explicit(method%block, system%n_dof, which, spread(system%drives, 1, n_lanes), &
                       spread(q, 1, n_lanes), spread(v, 1, n_lanes), start, spread(h, 1, n_lanes))
+    if (allocated(system%quarters)) call method%block%turn_phases(system%quarters)
   end subroutine new_explicit_stepper
 
   subroutine step(self, system, made)

@@ -12,7 +12,7 @@ module viscovib_gauss
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_node_kernels, only: exchange, lane_product_sum, lane_sum, node_states, predict
-  use viscovib_phases, only: new_phases, phases_type
+  use viscovib_phases, only: new_phases, phases_type, turn_phase
   use viscovib_stepper, only: stepper_type
   use viscovib_vector_math, only: largest_angle
   implicit none
@@ -73,6 +73,9 @@ contains
     call new_gauss_table(method%table, s, min(prediction_degree, s - 1))
     call new_phases(method%phases, system%drives, start, h, &
                     method%table%nodes(:, :method%table%n_blocks))
+    if (allocated(system%quarters)) then
+      call turn_phase(method%phases%high, method%phases%low, system%quarters)
+    end if
     method%h = h
     method%tolerance = tolerance
     method%q = q
@@ -225,6 +228,9 @@ contains
 
     n = size(self%q)
     blocks = self%table%n_blocks
+    ! Coordinates are taken three at a time, those that are lacking too.
+    q_0 = 0.0_wp
+    v_0 = 0.0_wp
     q_0(:n) = self%q
     v_0(:n) = self%v
     converged = .false.

@@ -12,7 +12,7 @@ module viscovib_phases
   implicit none
   private
 
-  public :: phases_type, new_phases, split_phase, step_phase
+  public :: phases_type, new_phases, split_phase, step_phase, turn_phase
 
   real(real128), parameter :: turn = 6.28318530717958647692528676655900577_real128
   real(wp), parameter :: turn_high = real(turn, wp)
@@ -88,6 +88,18 @@ contains
     high = total + rest
     low = rest - (high - total)
   end subroutine step_phase
+
+  !> A phase some quarter turns on.
+  elemental subroutine turn_phase(high, low, quarters)
+    real(wp), intent(inout) :: high, low
+    !> 0 to 3.
+    integer, intent(in) :: quarters
+    real(real128) :: exact
+    real(wp) :: angle
+    exact = quarters*turn/4
+    angle = real(exact, wp)
+    call step_phase(high, low, angle, real(exact - real(angle, real128), wp))
+  end subroutine turn_phase
 
   !> To the start of the next step.
   pure subroutine advance(self)

@@ -2,6 +2,7 @@
 
 from importlib.metadata import version as _version
 
+from viscovib.backbone import Backbone, backbone
 from viscovib.branch import Branch, Crossing, trace_response
 from viscovib.characteristic import CharacteristicRoots
 from viscovib.cubic_system import CubicSystem
@@ -31,7 +32,15 @@ from viscovib.maps import plot_map
 from viscovib.mount import Mount
 from viscovib.multiple_scales import MultipleScales
 from viscovib.pendulum import Pendulum
-from viscovib.plots import plot_branch, plot_response, plot_sections, plot_spectrum, plot_trajectory
+from viscovib.plots import (
+    plot_backbone,
+    plot_branch,
+    plot_response,
+    plot_sections,
+    plot_spectrum,
+    plot_trajectory,
+)
+from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
 from viscovib.response import Peak, Response, forced_response, plan_response
 from viscovib.scales_plots import plot_modulation, plot_scales_response
 from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
@@ -52,6 +61,7 @@ __version__ = _version("viscovib")
 
 __all__ = [
     "AbelKernel",
+    "Backbone",
     "Branch",
     "CharacteristicRoots",
     "ConvergenceWarning",
@@ -66,10 +76,12 @@ __all__ = [
     "Lines",
     "LoadTable",
     "Modulation",
+    "Monomial",
     "Mount",
     "MultipleScales",
     "Peak",
     "Pendulum",
+    "PolynomialSystem",
     "PronyKernel",
     "RabotnovKernel",
     "RangeWarning",
@@ -81,12 +93,14 @@ __all__ = [
     "Scene",
     "SceneResult",
     "Spectrum",
+    "Springs",
     "StabilityWarning",
     "SweepError",
     "TabulatedKernel",
     "Trajectory",
     "ViscovibError",
     "amplitudes_at",
+    "backbone",
     "dominant_frequencies",
     "forced_response",
     "fourier_coefficients",
@@ -94,6 +108,7 @@ __all__ = [
     "name_frequencies",
     "plan",
     "plan_response",
+    "plot_backbone",
     "plot_branch",
     "plot_map",
     "plot_modulation",

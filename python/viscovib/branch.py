@@ -16,12 +16,14 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, StabilityWarning
 from viscovib.files import whole_file
 from viscovib.load import LoadLike
-from viscovib.mount import Mount
+from viscovib.oscillators import Oscillator
 from viscovib.response import Peak, _prepare
 
 OUTCOMES = ("completed", "returned", "step limit", "stuck", "overflow")
 #: Multipliers this close to the unit circle count as on it.
 _CIRCLE = 1e-9
+#: Numbers that all points together may hold.
+_MAX_NUMBERS = 4e8
 #: Entries of a monodromy matrix beyond this say nothing any more.
 _LARGEST = 1e100
 
@@ -158,7 +160,7 @@ class Branch:
 
 
 def trace_response(
-    mount: Mount,
+    mount: Oscillator,
     nu_range: tuple[float, float] | None = None,
     *,
     load: LoadLike | None = None,
@@ -175,7 +177,7 @@ def trace_response(
 
     Parameters
     ----------
-    mount : Mount
+    mount : Mount or PolynomialSystem
     nu_range : (float, float)
         Frequencies (rad/s) from which and to which the branch is followed, up or down.
     load, base : as for `forced_response`
@@ -224,6 +226,12 @@ def trace_response(
         raise InputError(
             "mount: nothing is nonlinear, its response is a single curve: see forced_response"
         )
+    n, m = len(mount.dof_names), planned.orders.size
+    most = int(_MAX_NUMBERS / (8 * m * n + 4 * n**2))
+    if points > most:
+        raise InputError(
+            f"max_points = {points}: must be at most {most} with {n} coordinates and {m} harmonics"
+        )
     cancel = np.zeros(1, dtype=np.intc)
     known = bool(stability) and not mount._active_kernels
     (
@@ -258,13 +266,18 @@ def trace_response(
         load_factor=same if varies == "nu" else values,
         harmonics=planned.orders,
         coefficients=_absolute(
-            coefficients[:, :, :n].T, job, planned.orders, same if varies == "nu" else values
+            coefficients[:, :, :n].T,
+            mount._base_direction,
+            job,
+            planned.orders,
+            same if varies == "nu" else values,
         ),
         stable=stable,
         multipliers=multipliers,
         folds=folds[:n_folds].copy(),
         fold_coefficients=_absolute(
             fold_coefficients[:, :, :n_folds].T,
+            mount._base_direction,
             job,
             planned.orders,
             np.ones(n_folds) if varies == "nu" else folds[:n_folds],
@@ -289,6 +302,7 @@ def _range(name: str, value: object) -> tuple[float, float]:
 
 def _absolute(
     relative: ComplexArray,
+    direction: FloatArray | None,
     job: tuple[Any, ...],
     kept: npt.NDArray[np.int32],
     factors: FloatArray,
@@ -296,8 +310,11 @@ def _absolute(
     """From coordinates relative to the base to absolute ones."""
     result = np.ascontiguousarray(relative)
     orders, series = job[-2], job[-1]
-    for order, moved in zip(orders, series[2], strict=True):
-        result[:, 0, kept == order] += moved * factors[:, np.newaxis]
+    if direction is None:
+        return result
+    for order, moved in zip(orders, series[-1], strict=True):
+        for d in np.flatnonzero(direction):
+            result[:, d, kept == order] += direction[d] * moved * factors[:, np.newaxis]
     return result
 
 

@@ -1,7 +1,8 @@
 """Free motion with memory: roots of the characteristic equation det D(s) = 0."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -9,9 +10,6 @@ from scipy.optimize import brentq
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.kernels import Kernel, RzhanitsynKernel
-
-if TYPE_CHECKING:
-    from viscovib.mount import Mount
 
 _HOMOTOPY = 24
 _NEWTON = 60
@@ -27,8 +25,8 @@ class CharacteristicRoots:
         Roots s with positive imaginary part (1/s), by rising frequency; their conjugates are
         roots too.
     real : ndarray, shape (m,)
-        Real roots, largest first: of Koltunov-Rzhanitsyn kernels those right of the cut at
-        -beta, of other kernels the positive ones.
+        Real roots, largest first: without memory all; of Koltunov-Rzhanitsyn kernels those right
+        of the cut at -beta, of other kernels the positive ones.
     n_unstable : int
         Roots with positive real part, conjugates counted, by the argument principle.
     complete : bool
@@ -52,9 +50,15 @@ class CharacteristicRoots:
         return result
 
 
-def characteristic_roots(mount: "Mount") -> CharacteristicRoots:
+#: Linear springs, each with its stiffness and its kernel.
+SpringsLike = Sequence[tuple[FloatArray, Kernel | None]]
+
+
+def characteristic_roots(
+    mass: FloatArray, damping: FloatArray, springs: SpringsLike, memory_scale: float = 1.0
+) -> CharacteristicRoots:
     """Roots of det[s^2 M + s C + sum_j K_j (1 - R_j(s))] = 0, R_j(s) the kernels' transforms."""
-    system = _System(mount)
+    system = _System(mass, damping, springs, memory_scale)
     oscillatory = system.oscillatory()
     real = system.real()
     n_unstable = system.count_unstable()
@@ -65,99 +69,133 @@ def characteristic_roots(mount: "Mount") -> CharacteristicRoots:
 class _System:
     """The characteristic matrix D(s)."""
 
-    def __init__(self, mount: "Mount") -> None:
-        c_x, c_phi, arm = mount.stiffness_x, mount.stiffness_phi, mount.offset
-        self.mount = mount
-        self.mass = np.diag([mount.mass, mount.inertia])
-        self.damping = np.asarray(mount.damping, dtype=float)
-        self.springs = (
-            np.array([[c_x, -c_x * arm], [-c_x * arm, c_x * arm**2]]),
-            np.array([[0.0, 0.0], [0.0, c_phi]]),
-        )
-        in_phi = mount.kernel if mount.kernel_phi is None else mount.kernel_phi
-        self.kernels = (mount.kernel, in_phi if isinstance(in_phi, Kernel) else None)
+    def __init__(
+        self, mass: FloatArray, damping: FloatArray, springs: SpringsLike, memory_scale: float
+    ) -> None:
+        self.mass, self.damping = mass, damping
+        self.springs, self.memory_scale = springs, memory_scale
+        self.stiffness = np.sum([spring for spring, _ in springs], axis=0)
+        self.scale = 1 / np.sqrt(np.diag(self.mass))
+        # Frequencies to scale by, positive also where rest is unstable.
+        squares = np.linalg.eigvals(np.linalg.solve(self.mass, self.stiffness))
+        present = np.sqrt(np.abs(squares))
+        present = present[present > 1e-7 * present.max()]
+        self.slowest = float(present.min()) if present.size else 1.0
+        rates = np.abs(np.linalg.eigvals(np.linalg.solve(self.mass, self.damping)))
+        self.fastest = float(max(present.max(initial=0.0), rates.max())) or 1.0
+
+    @property
+    def n(self) -> int:
+        return int(self.mass.shape[0])
 
     def matrix(self, s: Any, memory: float = 1.0) -> npt.NDArray[Any]:
-        """D(s), shape s.shape + (2, 2)."""
+        """D(s), shape s.shape + (n, n)."""
         at = np.asarray(s)[..., np.newaxis, np.newaxis]
         total: npt.NDArray[Any] = at**2 * self.mass + at * self.damping
-        for spring, kernel in zip(self.springs, self.kernels, strict=True):
+        for spring, kernel in self.springs:
             kept: Any = 1.0
             if kernel is not None:
-                scale = memory * self.mount.memory_scale
+                scale = memory * self.memory_scale
                 kept = 1.0 - scale * np.asarray(kernel.laplace(s))[..., np.newaxis, np.newaxis]
             total = total + kept * spring
         return total
 
-    def _determinant(self, s: complex, memory: float) -> complex:
+    def _determinant(self, s: Any, memory: float, size: Any) -> Any:
         m = self.matrix(s, memory)
-        return complex(m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0])
+        if self.n == 2:
+            return m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] * m[..., 1, 0]
+        # Scaled, so that the product over many coordinates stays in range.
+        scale = np.outer(self.scale, self.scale) / np.asarray(size)[..., np.newaxis, np.newaxis]
+        return np.linalg.det(m * scale)
+
+    @property
+    def remembers(self) -> bool:
+        return self.memory_scale != 0 and any(kernel is not None for _, kernel in self.springs)
+
+    def without_memory(self) -> ComplexArray:
+        """Eigenvalues of the damped linear system, those on an axis put there."""
+        zero, one = np.zeros_like(self.mass), np.eye(self.n)
+        inverse = np.linalg.inv(self.mass)
+        companion = np.block([[zero, one], [-inverse @ self.stiffness, -inverse @ self.damping]])
+        roots = np.linalg.eigvals(companion).astype(complex)
+        roots[np.abs(roots) < 1e-7 * self.fastest] = 0.0
+        roots.real[np.abs(roots.real) < 1e-13 * np.abs(roots)] = 0.0
+        return roots
 
     def oscillatory(self) -> ComplexArray:
         """From the roots without memory, memory brought in step by step."""
-        zero, one = np.zeros((2, 2)), np.eye(2)
-        stiffness = self.springs[0] + self.springs[1]
-        inverse = np.linalg.inv(self.mass)
-        companion = np.block([[zero, one], [-inverse @ stiffness, -inverse @ self.damping]])
-        starts = np.linalg.eigvals(companion)
+        starts = self.without_memory()
         roots: list[complex] = []
         for start in starts[starts.imag > 1e-12 * np.abs(starts)]:
             s = complex(start)
-            for memory in np.linspace(0, 1, _HOMOTOPY + 1):
+            for memory in np.linspace(0, 1, _HOMOTOPY + 1) if self.remembers else ():
                 s = self._polish(s, float(memory))
-            if s.imag > 1e-9 * abs(s) and not any(abs(s - r) < 1e-9 * abs(s) for r in roots):
+            if s.imag > 1e-9 * abs(s) and not (
+                self.remembers and any(abs(s - r) < 1e-9 * abs(s) for r in roots)
+            ):
                 roots.append(s)
         return np.array(sorted(roots, key=lambda s: s.imag), dtype=complex)
 
     def _polish(self, s: complex, memory: float) -> complex:
         """Newton's method, the derivative by a difference of the analytic function."""
+        size = abs(s) ** 2
         for _ in range(_NEWTON):
             h = 1e-6 * abs(s)
-            slope = (self._determinant(s + h, memory) - self._determinant(s - h, memory)) / (2 * h)
-            step = self._determinant(s, memory) / slope
+            above = self._determinant(s + h, memory, size)
+            slope = (above - self._determinant(s - h, memory, size)) / (2 * h)
+            if slope == 0:
+                break
+            step = complex(self._determinant(s, memory, size) / slope)
             s -= step
             if abs(step) <= 4e-16 * abs(s):
                 break
         return s
 
     def real(self) -> FloatArray:
-        """Zeros of the eigenvalues of D along the real axis, which is symmetric there."""
-        if not any(self.kernels) or self.mount.memory_scale == 0:
-            return np.empty(0)
-        cuts = [
+        """Zeros of the eigenvalues of D along the real axis, where it is symmetric as a rule."""
+        if not self.remembers:
+            roots = self.without_memory()
+            return np.sort(roots.real[roots.imag == 0])[::-1]
+        cut = min(
             kernel.beta if isinstance(kernel, RzhanitsynKernel) else 0.0
-            for kernel in self.kernels
+            for _, kernel in self.springs
             if kernel is not None
-        ]
-        cut = min(cuts)
-        largest = float(self.mount.natural_frequencies().max())
-        right = np.geomspace(1e-12, 1e3, 1200) * largest
+        )
+        right = np.geomspace(1e-12, 1e3, 1200) * self.fastest
         left = -cut * (1 - np.geomspace(1e-10, 1, 600, endpoint=False)) if cut > 0 else right[:0]
         grid = np.unique(np.concatenate([left, right]))
-        scale = 1 / np.sqrt(np.diag(self.mass))
+        scale = np.outer(self.scale, self.scale)
+        symmetric = all(np.array_equal(m, m.T) for m in (self.damping, self.stiffness))
 
-        def eigenvalue(s: float, j: int) -> float:
-            m = np.real(self.matrix(s)) * np.outer(scale, scale)
-            return float(np.linalg.eigvalsh((m + m.T) / 2)[j])
+        def eigenvalue(s: float | FloatArray, j: int | slice) -> Any:
+            m = np.real(self.matrix(s)) * scale
+            if symmetric:
+                return np.linalg.eigvalsh(m)[..., j]
+            sign, size = np.linalg.slogdet(m)
+            return (sign * np.exp(np.clip(size, -600, 600)))[..., np.newaxis][..., j]
 
-        table = np.real(self.matrix(grid)) * np.outer(scale, scale)
-        values = np.linalg.eigvalsh((table + table.transpose(0, 2, 1)) / 2)
-        roots = []
-        for j in range(2):
+        values = eigenvalue(grid, slice(None))
+        found = []
+        for j in range(values.shape[1]):
             for i in np.flatnonzero(values[1:, j] * values[:-1, j] < 0):
-                roots.append(
+                found.append(
                     float(brentq(eigenvalue, grid[i], grid[i + 1], (j,), xtol=1e-300, rtol=1e-14))
                 )
-        return np.array(sorted(roots, reverse=True))
+        return np.array(sorted(found, reverse=True))
 
     def count_unstable(self) -> int:
         """Roots right of the imaginary axis by the turns of det D(i omega): Nyquist."""
-        low, high = self.mount.natural_frequencies()
+        if not self.remembers:
+            return int((self.without_memory().real > 0).sum())
         # A quarter of a small circle first: a kernel may be singular at 0.
-        circle = 1e-14 * low * np.exp(0.5j * np.pi * np.linspace(0, 1, 64))
-        d = self.matrix(
-            np.concatenate([circle, 1j * np.geomspace(1e-14 * low, 1e8 * high, 60_000)])
-        )
-        turned = np.unwrap(np.angle(d[:, 0, 0] * d[:, 1, 1] - d[:, 0, 1] * d[:, 1, 0]))
-        # At infinity det D is s^4 det M, which turns by 2 pi from the real axis to the imaginary.
-        return round(float(2 - (turned[-1] - turned[0]) / np.pi))
+        circle = 1e-14 * self.slowest * np.exp(0.5j * np.pi * np.linspace(0, 1, 64))
+        along = 1j * np.geomspace(1e-14 * self.slowest, 1e8 * self.fastest, 60_000)
+        s = np.concatenate([circle, along])
+        parts = np.array_split(s, max(1, self.n**2 // 16))
+        sizes = (np.abs(part) ** 2 + self.slowest**2 for part in parts)
+        determinants = [
+            self._determinant(part, 1.0, size) for part, size in zip(parts, sizes, strict=True)
+        ]
+        turned = np.unwrap(np.angle(np.concatenate(determinants)))
+        # At infinity det D is s^2n det M, which turns by n pi from the real axis to the imaginary.
+        return round(float(self.n - (turned[-1] - turned[0]) / np.pi))

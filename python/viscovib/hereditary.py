@@ -13,7 +13,8 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, StabilityWarning
 from viscovib.load import LoadLike, load_series
 from viscovib.load_table import LoadTable
-from viscovib.mount import Mount
+from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.polynomial_system import PolynomialSystem
 from viscovib.runs import Piece, Run, Wanted
 from viscovib.trajectory import Trajectory
 
@@ -36,7 +37,7 @@ _MEMORY = 1024
 class MountMotion:
     """A motion of a mount that is wanted: all but its step."""
 
-    mount: Mount
+    mount: Oscillator
     end: float
     state: FloatArray
     method: str
@@ -51,7 +52,7 @@ class MountMotion:
     @classmethod
     def checked(
         cls,
-        mount: Mount,
+        mount: Oscillator,
         end: float,
         initial: npt.ArrayLike | None,
         method: str,
@@ -91,13 +92,20 @@ class MountMotion:
         state = np.zeros((t.size, self.state.size))
         if self.base.any():
             waves = self.base * np.exp(1j * np.outer(t, self.frequencies))
-            state[:, 0] = waves.imag.sum(axis=1)
-            state[:, 1] = (1j * self.frequencies * waves).imag.sum(axis=1)
+            assert self.mount._base_direction is not None
+            direction = self.mount._base_direction
+            state[:, ::2] = np.outer(waves.imag.sum(axis=1), direction)
+            rates = (1j * self.frequencies * waves).imag.sum(axis=1)
+            state[:, 1::2] = np.outer(rates, direction)
         return state
 
     def first_steps(self) -> int:
         """Steps to begin with when the step is to be found."""
-        fastest = max(float(self.mount.natural_frequencies().max()), float(self.frequencies.max()))
+        if isinstance(self.mount, PolynomialSystem):
+            natural = self.mount._fastest()
+        else:
+            natural = float(self.mount.natural_frequencies().max())
+        fastest = max(natural, float(self.frequencies.max()))
         per_period = _FIRST[self.method]
         return max(4, math.ceil(float(self.end * fastest) * per_period / (2 * math.pi)))
 
@@ -209,12 +217,13 @@ def _vector(name: str, value: npt.ArrayLike, n: int) -> FloatArray:
 
 
 def _sinusoids(
-    mount: Mount, load: LoadLike | None, nu: float | None, base: LoadLike | None
+    mount: Oscillator, load: LoadLike | None, nu: float | None, base: LoadLike | None
 ) -> tuple[FloatArray, ComplexArray, ComplexArray]:
     """Return frequencies, amplitudes of the load, shape (n_dof, m), and of the base.
 
     Of the motion of the base its acceleration acts, on coordinates relative to it.
     """
+    check_oscillator(mount, base)
     n = len(mount.dof_names)
     if load is None and base is None:
         if nu is not None:
@@ -228,13 +237,16 @@ def _sinusoids(
         raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
     frequencies = np.asarray(orders * frequency, dtype=np.float64)
     amplitudes = np.array(series[:n], order="F")
-    amplitudes[0] += mount.mass * frequencies**2 * series[n]
+    if mount._base_direction is not None:
+        push = mount._mass_matrix @ mount._base_direction
+        amplitudes += np.outer(push, frequencies**2 * series[n])
     return frequencies, amplitudes, np.array(series[n])
 
 
-def _warn_of_slow_mode(mount: Mount) -> None:
+def _warn_of_slow_mode(mount: Oscillator) -> None:
     """Warn that a run does not settle where a kernel's integral is 1 or more."""
-    if all(mount.memory_scale * kernel.integral < 1 for kernel in mount._active_kernels):
+    scale = 1.0 if isinstance(mount, PolynomialSystem) else mount.memory_scale
+    if all(scale * kernel.integral < 1 for kernel in mount._active_kernels):
         return
     real = mount.characteristic_roots().real
     rate = f"like exp({real[0]:.4g} t)" if real.size else "slowly"

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -97,7 +98,9 @@ class Mount:
         ):
             raise InputError(f"kernel_phi = {self.kernel_phi!r}: must be a Kernel, None or False")
         self.natural_frequencies()
-        self._warn_of_creep()
+        warn_of_creep(
+            (self.memory_scale * kernel.integral for kernel in self._active_kernels), stacklevel=4
+        )
 
     def natural_frequencies(self) -> FloatArray:
         """Undamped natural circular frequencies without memory (rad/s), ascending, shape (2,)."""
@@ -113,17 +116,19 @@ class Mount:
         Without memory the pairs of the damped linear system; with memory also the slow real roots,
         positive where a kernel's integral exceeds 1.
         """
-        return characteristic_roots(self)
+        return characteristic_roots(
+            np.diag([self.mass, self.inertia]),
+            np.asarray(self.damping, dtype=float),
+            self._springs,
+            self.memory_scale,
+        )
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """D(nu), shape nu.shape + (2, 2), for u = Im(X exp(i nu t)).
 
         K_x (1 - R_x(nu)) + K_phi (1 - R_phi(nu)) + i nu C - nu^2 M.
         """
-        frequencies = _native.real_array("nu", nu)
-        for kernel in self._active_kernels:
-            if frequencies.size and (frequencies == 0).any() and math.isinf(kernel.integral):
-                raise InputError("nu = 0: a kernel has no integral, nu must not be 0")
+        frequencies = check_dynamic_frequencies(nu, self._active_kernels)
         (stiffness,) = _native.call(
             core.mount_dynamic_stiffness, self._flat, *self._kernels, frequencies.ravel()
         )
@@ -160,18 +165,46 @@ class Mount:
             return ()
         return tuple(k for k in (self.kernel, self.kernel_phi) if isinstance(k, Kernel))
 
-    def _warn_of_creep(self) -> None:
-        for kernel in self._active_kernels:
-            total = self.memory_scale * kernel.integral
-            if total >= 1:
-                warnings.warn(creep_message(total), StabilityWarning, stacklevel=4)
-            elif total < 0:
-                warnings.warn(
-                    f"kernel integral = {total:.6g} < 0: the spring stiffens with time, which no "
-                    "relaxation does",
-                    StabilityWarning,
-                    stacklevel=4,
-                )
+    @property
+    def _mass_matrix(self) -> FloatArray:
+        return np.diag([self.mass, self.inertia])
+
+    @property
+    def _base_direction(self) -> FloatArray:
+        return np.array([1.0, 0.0])
+
+    @property
+    def _springs(self) -> tuple[tuple[FloatArray, Kernel | None], ...]:
+        """Linear springs and their kernels, for the characteristic equation."""
+        c_x, c_phi, arm = self.stiffness_x, self.stiffness_phi, self.offset
+        in_phi = self.kernel if self.kernel_phi is None else self.kernel_phi
+        return (
+            (np.array([[c_x, -c_x * arm], [-c_x * arm, c_x * arm**2]]), self.kernel),
+            (np.diag([0.0, c_phi]), in_phi if isinstance(in_phi, Kernel) else None),
+        )
+
+
+def check_dynamic_frequencies(nu: npt.ArrayLike, kernels: Sequence[Kernel]) -> FloatArray:
+    """Return frequencies at which all kernels have a transform."""
+    frequencies = _native.real_array("nu", nu)
+    for kernel in kernels:
+        if frequencies.size and (frequencies == 0).any() and math.isinf(kernel.integral):
+            raise InputError("nu = 0: a kernel has no integral, nu must not be 0")
+    return frequencies
+
+
+def warn_of_creep(integrals: Iterable[float], stacklevel: int) -> None:
+    """Warn of kernels (their integrals, scale included) that no relaxation has."""
+    for total in integrals:
+        if total >= 1:
+            warnings.warn(creep_message(total), StabilityWarning, stacklevel=stacklevel)
+        elif total < 0:
+            warnings.warn(
+                f"kernel integral = {total:.6g} < 0: the spring stiffens with time, which no "
+                "relaxation does",
+                StabilityWarning,
+                stacklevel=stacklevel,
+            )
 
 
 def creep_message(total: float) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.backbone import Backbone
 from viscovib.branch import Branch
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
@@ -87,7 +88,7 @@ def plot_response(
                 linewidth=1.6,
                 label=labels[i] if labels else None,
             )
-        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{harmonic}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
         if log:
             axis.set_yscale("log")
         _bare(axis)
@@ -139,7 +140,7 @@ def plot_branch(
             branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k", markersize=4,
             markerfacecolor="w", label="fold",
         )  # fmt: skip
-        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{harmonic}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
         if log:
             axis.set_yscale("log")
         _bare(axis)
@@ -148,6 +149,45 @@ def plot_branch(
         if branch.varies == "nu"
         else f"factor of the load, at frequency {branch.nu[0]:g} rad/s"
     )
+    axes[0].legend(frameon=False)
+    return axes
+
+
+def plot_backbone(
+    backbone: Backbone | Sequence[Backbone],
+    ax: "Axes | Sequence[Axes] | None" = None,
+    *,
+    harmonic: int = 1,
+) -> "Sequence[Axes]":
+    """Draw amplitude against frequency of free motions, one panel a coordinate.
+
+    Axes of `plot_response` or `plot_branch` may be given, so that the curves lie together.
+    """
+    curves = [backbone] if isinstance(backbone, Backbone) else list(backbone)
+    if not curves:
+        raise InputError("backbone: must not be empty")
+    names = curves[0].dof_names
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        figure = plt.figure(figsize=(7, 3 * len(names)), layout="constrained")
+        ax = figure.subplots(len(names), 1, sharex=True)
+    axes = list(np.atleast_1d(np.asarray(ax, dtype=object)))
+    if len(axes) != len(names):
+        raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
+    for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
+        for i, curve in enumerate(curves):
+            axis.plot(
+                curve.nu,
+                curve.amplitude(name, harmonic),
+                color=COLOURS[i % len(COLOURS)],
+                linestyle=(0, (6, 1.5, 1, 1.5)),
+                linewidth=1.2,
+                label=f"backbone, mode {curve.mode}",
+            )
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
+        _bare(axis)
+    axes[-1].set_xlabel(r"circular frequency $\nu$ (rad/s)")
     axes[0].legend(frameon=False)
     return axes
 
@@ -170,7 +210,7 @@ def plot_trajectory(
 
     Returns
     -------
-    sequence of Axes: history and phase plane of one coordinate after the other.
+    sequence of Axes: history and phase plane of z, then of phi, then of psi.
     """
     runs = [trajectory] if isinstance(trajectory, Trajectory) else list(trajectory)
     if not runs:
@@ -191,7 +231,7 @@ def plot_trajectory(
             q, v = run.state[:, 2 * d], run.state[:, 2 * d + 1]
             history.plot(run.t, q, linewidth=1.1, label=labels[i] if labels else None, **style)
             plane.plot(q, v, linewidth=0.7, **style)
-        symbol = _SYMBOLS.get(name, name)
+        symbol = _symbol(name)
         unit = runs[0].system.dof_units[d]
         history.set_ylabel(f"${symbol}$" + ("" if unit == "L" else f" ({unit})"))
         plane.set(xlabel=f"${symbol}$", ylabel=rf"${symbol}'$")
@@ -224,7 +264,7 @@ def plot_sections(
         import matplotlib.pyplot as plt
 
         ax = plt.figure(figsize=(7, 5), layout="constrained").subplots()
-    symbol = _SYMBOLS.get(quantity, quantity)
+    symbol = _symbol(quantity)
     q = ensemble.sections[:, :, 2 * d]
     if parameter is None:
         ax.plot(q.ravel(), ensemble.sections[:, :, 2 * d + 1].ravel(), **_DOTS)
@@ -271,7 +311,7 @@ def plot_spectrum(
             color=COLOURS[j % len(COLOURS)],
             linestyle=STYLES[j % len(STYLES)],
             linewidth=0.9,
-            label=f"${_SYMBOLS.get(name, name)}$" if len(name) < 4 else name,
+            label=f"${_symbol(name)}$" if len(name) < 4 else name,
         )
     if bases is not None:
         _name_peaks(ax, spectrum.omega[shown], columns[shown].max(axis=1), bases)
@@ -308,6 +348,21 @@ def _name_peaks(
             rotation=90,
             fontsize=7,
         )
+
+
+def _symbol(name: str) -> str:
+    """How a name looks in mathematics: Greek, italic with a number below, or upright."""
+    if name in _SYMBOLS or (len(name) == 1 and name != "_"):
+        return _SYMBOLS.get(name, name)
+    if name[0].isalpha() and name[1:].isdigit():
+        return f"{{{name[0]}_{{{name[1:]}}}}}"
+    return rf"\mathrm{{{name}}}".replace("_", r"\_")
+
+
+def _harmonic(name: str, order: int) -> str:
+    """Write the order below a letter, above a name that has an index of its own."""
+    plain = name in _SYMBOLS or len(name) == 1
+    return f"{_symbol(name)}_{{{order}}}" if plain else f"{_symbol(name)}^{{({order})}}"
 
 
 def _bare(axis: "Axes") -> None:

@@ -20,7 +20,7 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.files import whole_file
 from viscovib.load import LoadLike, load_series
-from viscovib.mount import Mount
+from viscovib.oscillators import Oscillator, check_oscillator
 
 METHODS = ("linear", "successive", "newton")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow"])
@@ -29,8 +29,10 @@ CHUNK = 4096
 
 _FIRST_HARMONICS, _MAX_HARMONICS = 9, 199
 _MAX_ITERATIONS = 100_000
-#: Frequencies that Newton's method takes without a thread of its own.
-_LONG = 64
+#: Unknowns of Newton's method, as in the core.
+_MAX_UNKNOWNS = 2000
+#: Frequencies times unknowns squared that Newton's method takes without a thread of its own.
+_LONG = 6400
 
 
 class Peak(NamedTuple):
@@ -94,7 +96,9 @@ class Response:
         sizes = np.abs(self.coefficients)
         if self.method == "linear" or sizes.shape[2] < 3:
             return np.zeros(self.nu.size)
-        largest = np.maximum(sizes.max(axis=2), 1e-300)
+        # A coordinate that stands still but for rounding must not tell.
+        largest = sizes.max(axis=2)
+        largest = np.maximum(largest, 1e-9 * largest.max(axis=1, keepdims=True) + 1e-300)
         return np.asarray((sizes[:, :, -2:].max(axis=2) / largest).max(axis=1))
 
     @cached_property
@@ -204,7 +208,7 @@ class Response:
 
 
 def forced_response(
-    mount: Mount,
+    mount: Oscillator,
     nu: npt.ArrayLike,
     *,
     load: LoadLike | None = None,
@@ -216,21 +220,22 @@ def forced_response(
     relaxation: float | str = 1.0,
     progress: bool = False,
 ) -> Response:
-    """Steady response of a mount to a periodic load or motion of its base.
+    """Steady response of a system to a periodic load or motion of its base.
 
     Parameters
     ----------
-    mount : Mount
+    mount : Mount or PolynomialSystem
         The system.
     nu : array_like, shape (n,)
         Circular frequencies of the load (rad/s), each > 0, in any order.
     load : complex, array_like or mapping
-        Force on x (N): P sin(nu t); or a vector (force on x, moment on phi); or a Fourier series
-        {order: either}, f(t) = Im sum_k P_k exp(i k nu t), whose mean is the imaginary part of
-        P_0. `fourier_coefficients` makes one from samples.
+        Force on the first coordinate (x, N): P sin(nu t); or a vector over the coordinates (of a
+        mount: force on x, moment on phi); or a Fourier series {order: either}, f(t) = Im sum_k
+        P_k exp(i k nu t), whose mean is the imaginary part of P_0. `fourier_coefficients` makes
+        one from samples.
     base : complex or mapping
-        Displacement of the supports in x (m), likewise. The response stays absolute. Viscous
-        damping acts on the motion relative to the base.
+        Displacement of the supports (of a mount: in x, m), likewise. The response stays
+        absolute. Viscous damping acts on the motion relative to the base.
     method : {"successive", "newton", "linear"}
         "linear": nonlinear terms left out; "successive": successive approximations from the
         linear response, which converge where the nonlinear force is small against the dynamic
@@ -279,7 +284,7 @@ def forced_response(
                 tolerance=tolerance, max_iterations=max_iterations, relaxation=relaxation,
                 progress=progress,
             ),
-            load, base, tolerance,
+            load, base, tolerance, len(mount.dof_names) if method == "newton" else 1,
         )  # fmt: skip
     if isinstance(harmonics, str):
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
@@ -287,10 +292,14 @@ def forced_response(
         mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation
     )
 
+    n_dof = len(mount.dof_names)
+    # A matrix of the unknowns is factorized a few times a frequency.
+    long = frequencies.size * (n_dof * planned.orders.size) ** 2 > _LONG
+
     def run(n_history: int, show: bool) -> list[tuple[Any, ...]]:
         # Newton's method follows its branch from frequency to frequency, all in one piece.
         whole = planned.method == "newton"
-        size = frequencies.size if whole else CHUNK
+        size = frequencies.size if whole else max(CHUNK * 8 // max(n_dof, 2) ** 3, 1)
         starts = range(0, frequencies.size, size)
         cancel = np.zeros(1, dtype=np.intc)
         with tqdm(total=frequencies.size, unit=" nu", disable=not show, leave=False) as bar:
@@ -298,7 +307,7 @@ def forced_response(
             for start in starts:
                 chunk = frequencies[start : start + size]
                 given = (*job, chunk, *options, n_history, planned.orders.size, cancel)
-                if whole and frequencies.size > _LONG:
+                if whole and long:
                     part = _native.call_interruptibly(core.mount_response, cancel, *given)
                 else:
                     part = _native.call(core.mount_response, *given)
@@ -338,18 +347,21 @@ def _with_enough_harmonics(
     load: LoadLike | None,
     base: LoadLike | None,
     tolerance: float,
+    n_dof: int,
 ) -> Response:
     """Raise the highest order until what is left out does not count."""
     wanted = _native.number("tolerance", tolerance)
     given = [max(series, default=0) for series in (load, base) if isinstance(series, Mapping)]
     highest = max([_FIRST_HARMONICS, *(2 * order + 1 for order in given)])
+    # The mean counts as an order, where there is one.
+    most = min(_MAX_HARMONICS, _MAX_UNKNOWNS // (2 * n_dof) - 1)
     while True:
-        highest = min(highest, _MAX_HARMONICS)
+        highest = min(highest, most)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             result = solve(highest)
         worst = float(result.truncation[result.converged].max(initial=0.0))
-        if worst <= wanted or highest == _MAX_HARMONICS:
+        if worst <= wanted or highest == most:
             break
         # Orders fall off geometrically: go on as far as that suggests, and a little more.
         fall = math.log(wanted) / math.log(max(min(worst, 0.5), 1e-300))
@@ -360,7 +372,7 @@ def _with_enough_harmonics(
 
 
 def plan_response(
-    mount: Mount,
+    mount: Oscillator,
     nu: npt.ArrayLike,
     *,
     load: LoadLike | None = None,
@@ -384,7 +396,7 @@ class _Plan(NamedTuple):
 
 
 def _prepare(
-    mount: Mount,
+    mount: Oscillator,
     nu: npt.ArrayLike,
     load: LoadLike | None,
     base: LoadLike | None,
@@ -395,8 +407,7 @@ def _prepare(
     relaxation: float | str,
 ) -> tuple[tuple[Any, ...], FloatArray, tuple[Any, ...], _Plan]:
     """Check everything and bring it into the form of the core."""
-    if not isinstance(mount, Mount):
-        raise InputError(f"mount = {mount!r}: must be a Mount")
+    check_oscillator(mount, base)
     frequencies = _native.real_array("nu", nu)
     if frequencies.ndim > 1:
         raise InputError(f"nu: must have 0 or 1 dimension(s), got shape {frequencies.shape}")

@@ -15,7 +15,7 @@ from tqdm import tqdm
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
-from viscovib.mount import Mount
+from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
 from viscovib.trajectory import OUTCOMES, Trajectory
 
@@ -141,7 +141,12 @@ class Run(ABC):
     piece: int = 200_000
 
     def __init__(
-        self, system: Pendulum | Mount, method: str, state: FloatArray, h: float, solved: float
+        self,
+        system: Pendulum | Oscillator,
+        method: str,
+        state: FloatArray,
+        h: float,
+        solved: float,
     ) -> None:
         self.system, self.method, self.state, self.h = system, method, state, h
         self.solved = solved

@@ -30,7 +30,9 @@ from viscovib.kernels import (
 )
 from viscovib.mount import Mount
 from viscovib.multiple_scales import MultipleScales
+from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
+from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
 from viscovib.response import Response, _prepare, forced_response, plan_response
 from viscovib.scales_results import ScalesResponse
 from viscovib.scene_keys import namelist_text, with_key
@@ -45,8 +47,8 @@ _KERNELS: dict[str, type[Kernel]] = {
     "rabotnov": RabotnovKernel,
     "tabulated": TabulatedKernel,
 }
-#: Groups that may be given more than once.
-_REPEATED = ("kernel", "load", "sweep")
+#: Groups that a scene may have any number of.
+_REPEATABLE = ("kernel", "load", "spring", "force", "sweep")
 _LISTS = ("weights", "rates", "times", "values")
 _MAX_PATH = 4096
 #: What &multiple_scales can vary, in the order of the core.
@@ -86,9 +88,9 @@ class Scene:
             If the file cannot be read.
         """
         text = _canonical(path)
-        groups: dict[str, Any] = {name: [] for name in _REPEATED}
+        groups: dict[str, Any] = {name: [] for name in _REPEATABLE}
         for name, group in f90nml.reads(text).items():
-            if name in _REPEATED:
+            if name in _REPEATABLE:
                 groups[name].append(dict(group))
             else:
                 groups[name] = dict(group)
@@ -120,12 +122,46 @@ class Scene:
 
     @property
     def is_pendulum(self) -> bool:
-        """Whether the system is a pendulum; else it is a mount."""
+        """Whether the system is a pendulum."""
         return "pendulum" in self.groups
 
     def pendulum(self) -> Pendulum:
         """Build the pendulum."""
         return Pendulum(**self._group("pendulum"))
+
+    def oscillator(self) -> Oscillator:
+        """Build the mount or the polynomial system."""
+        return self.polynomial_system() if "system" in self.groups else self.mount()
+
+    def polynomial_system(self) -> PolynomialSystem:
+        """Build the polynomial system."""
+        given = self._group("system")
+        names = _texts(given["coordinates"])
+        direction = np.atleast_1d(given["base_direction"])
+        kernels: list[Kernel | None] = [None, *(_kernel(group) for group in self.groups["kernel"])]
+        springs = [
+            Springs(
+                stiffness=_matrix(group["stiffness"], len(names)), kernel=kernels[group["kernel"]]
+            )
+            for group in [given, *self.groups["spring"]]
+        ]
+        for group in self.groups["force"]:
+            if "coefficient" not in group:
+                continue
+            monomial = Monomial(
+                coefficient=group["coefficient"],
+                powers=[int(p) for p in np.atleast_1d(group["powers"])],
+                on=group["on"],
+            )
+            springs.append(Springs(forces=[monomial], kernel=kernels[group["kernel"]]))
+        return PolynomialSystem(
+            mass=_matrix(given["mass"], len(names)),
+            damping=_matrix(given["damping"], len(names)),
+            springs=springs,
+            names=names,
+            units=_texts(given["units"]),
+            base_direction=direction if direction.any() else None,
+        )
 
     def mount(self) -> Mount:
         """Build the mount."""
@@ -142,6 +178,7 @@ class Scene:
         """Fourier series of force and base motion, as `forced_response` takes them."""
         force: dict[int, Any] = {}
         base: dict[int, Any] = {}
+        names = self._names()
         for group in self.groups["load"]:
             order, phase = group["order"], group.get("phase", 0.0)
             term = group["amplitude"] * complex(math.cos(phase), math.sin(phase))
@@ -150,7 +187,7 @@ class Scene:
             if group["kind"] == "base":
                 base[order] = base.get(order, 0.0) + term
             else:
-                where = np.array([group["on"] == "x", group["on"] == "phi"])
+                where = np.array([group["on"] == name for name in names])
                 force[order] = force.get(order, 0.0) + where * term
         return {"load": force, "base": base}
 
@@ -182,6 +219,11 @@ class Scene:
             raise InputError(f"{self.path}: has no &sweep group, and no grid is given")
         return grid
 
+    def _names(self) -> tuple[str, ...]:
+        if "system" in self.groups:
+            return _texts(self.groups["system"]["coordinates"])
+        return ("z", "phi", "psi") if self.is_pendulum else ("x", "phi")
+
     def _group(self, name: str) -> Mapping[str, Any]:
         if name not in self.groups:
             raise InputError(f"{self.path}: has no &{name} group")
@@ -190,10 +232,14 @@ class Scene:
 
     def _motion(self) -> dict[str, Any]:
         group = self._group("transient")
+        loads: dict[str, Any] = {}
+        if "nu" in group:
+            loads = {"load": self.loads()["load"], "nu": group["nu"]}
         return {
-            "system": self.pendulum(),
+            "system": self.pendulum() if self.is_pendulum else self.polynomial_system(),
+            **loads,
             "t_end": group["t_end"],
-            "initial": group["initial"],
+            "initial": np.atleast_1d(group["initial"]),
             "dt": group["dt"] or "auto",
             "tolerance": group["tolerance"] or None,
             "method": group["method"],
@@ -209,7 +255,7 @@ class Scene:
     def _branch(self) -> dict[str, Any]:
         group = self._group("branch")
         return {
-            "mount": self.mount(),
+            "mount": self.oscillator(),
             "nu_range": (group["nu_from"], group["nu_to"]),
             **self.loads(),
             **{key: group[key] for key in ("harmonics", "tolerance", "max_points", "max_step")},
@@ -219,7 +265,7 @@ class Scene:
         group = self._group("response")
         relaxation = group["relaxation"]
         return {
-            "mount": self.mount(),
+            "mount": self.oscillator(),
             "nu": self.nu(),
             **self.loads(),
             **{key: group[key] for key in ("method", "harmonics", "tolerance", "max_iterations")},
@@ -295,7 +341,7 @@ def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> Sce
         return SceneResult(read, sweep(read, progress=progress, extract="summary"))
     if "multiple_scales" in read.groups:
         return SceneResult(read, read._steady())
-    if read.is_pendulum:
+    if "transient" in read.groups:
         run = simulate(**read._motion(), progress=progress)
         return SceneResult(read, run, _spectrum(read, run))
     if "branch" in read.groups:
@@ -322,7 +368,7 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
         return _plan_branch(read)
     if "multiple_scales" in read.groups:
         return _plan_steady(read)
-    if not read.is_pendulum:
+    if "transient" not in read.groups:
         return plan_response(**read._job())
     group = read._group("transient")
     text: bytes = core.transient_plan(
@@ -337,7 +383,8 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
     if "spectrum" not in read.groups:
         return f"{lines}\nskips: spectra (not asked for)\n"
     return (
-        f"{lines}\ncomputes: spectra of z, phi, psi, window {read.groups['spectrum']['window']}\n"
+        f"{lines}\ncomputes: spectra of {', '.join(read._names())}, window "
+        f"{read.groups['spectrum']['window']}\n"
     )
 
 
@@ -359,7 +406,7 @@ def _plan_steady(scene: Scene) -> str:
 def _plan_branch(scene: Scene) -> str:
     group, loads = scene.groups["branch"], scene.loads()
     planned = _prepare(
-        scene.mount(), [group["nu_from"]], loads["load"], loads["base"], "newton",
+        scene.oscillator(), [group["nu_from"]], loads["load"], loads["base"], "newton",
         group["harmonics"], group["tolerance"], 100, 1.0,
     )[3]  # fmt: skip
     text: bytes = core.branch_plan(group["nu_from"], group["nu_to"], planned.orders.size)
@@ -388,6 +435,16 @@ def _read(routine: Callable[..., tuple[Any, ...]], *given: bytes) -> str:
         if length <= room:
             return bytes(text.tobytes()[:length]).decode()
         room = int(length)
+
+
+def _texts(value: str | list[str]) -> tuple[str, ...]:
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+def _matrix(value: Any, n: int) -> FloatArray:
+    """Return n numbers as a diagonal matrix, n^2 row by row."""
+    values = np.atleast_1d(np.asarray(value, dtype=float))
+    return np.diag(values) if values.size == n else values.reshape(n, n)
 
 
 def _kernel(group: Mapping[str, Any]) -> Kernel:

@@ -16,6 +16,7 @@ from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
+from viscovib.polynomial_system import PolynomialSystem
 
 OUTCOMES = ("completed", "diverged", "unphysical")
 
@@ -29,10 +30,11 @@ class Trajectory:
     t : ndarray, shape (n,)
         Times of the states kept.
     state : ndarray, shape (n, 2 n_dof)
-        (z, z', phi, phi', psi, psi') of a pendulum, (x, x', phi, phi') of a mount.
+        Each coordinate and its velocity: (z, z', phi, phi', psi, psi') of a pendulum, (x, x', phi,
+        phi') of a mount.
     outcome : str
-        "completed"; "diverged": the step is too large or an angle passed 1e6 rad, the run
-        stopped; "unphysical": z <= -1, the spring passes through the pivot, the run stopped.
+        "completed"; "diverged": the step is too large or a coordinate passed 1e6, the
+        run stopped; "unphysical": z <= -1, the spring passes through the pivot, the run stopped.
     t_reached : float
         Time of the last step made.
     dt : float
@@ -41,8 +43,9 @@ class Trajectory:
     error : float or None
         Estimated largest error of the states kept, if asked for or ``dt`` was "auto".
     stats : dict
-        "steps"; of a pendulum "evaluations" (of all lanes at once), of a mount "iterations".
-    system : Pendulum or Mount
+        "steps"; of a pendulum "evaluations" (of all lanes at once), of systems with memory
+        "iterations".
+    system : Pendulum, Mount or PolynomialSystem
     """
 
     t: FloatArray
@@ -53,7 +56,7 @@ class Trajectory:
     method: str
     error: float | None
     stats: dict[str, int]
-    system: Pendulum | Mount
+    system: Pendulum | Mount | PolynomialSystem
     _resume: Any = field(repr=False)
 
     @property
@@ -72,14 +75,19 @@ class Trajectory:
         Work of the loads less dissipation, by a spline through the power at the states kept: the
         defect shows the error of the motion once these are close enough for the spline. It is
         that of the exact equations; `cubic` and `printed` ones do not keep this balance. Of
-        pendulums only: a spring with memory has no energy that its state tells.
+        pendulums and of polynomial systems without memory whose forces have a potential: a spring
+        with memory has no energy that its state tells.
         """
-        if not isinstance(self.system, Pendulum):
-            raise InputError("trajectory: the balance of energy is for pendulums only")
+        power = getattr(self._resume, "power", None)
+        if isinstance(self.system, Mount) or power is None:
+            raise InputError(
+                "trajectory: the balance of energy is for pendulums only, and for polynomial "
+                "systems without memory"
+            )
         energy = self.system.energy(self.state)
         if self.t.size < 4:
             raise InputError(f"trajectory: {self.t.size} states kept, must be at least 4")
-        work = CubicSpline(self.t, self.system.power(self.t, self.state)).antiderivative()
+        work = CubicSpline(self.t, power(self.t, self.state)).antiderivative()
         return np.asarray(energy - energy[0] - (work(self.t) - work(self.t[0])))
 
     def to_dataset(self, *, physical: bool = False) -> xr.Dataset:

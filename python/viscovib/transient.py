@@ -1,8 +1,9 @@
-"""Motion in time: fixed-step integration of the pendulum."""
+"""Motion in time: fixed-step integration of every system."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +12,11 @@ from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.errors import InputError
 from viscovib.hereditary import MountMotion
-from viscovib.load import LoadLike
+from viscovib.load import LoadLike, load_series
 from viscovib.load_table import LoadTable
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
+from viscovib.polynomial_system import PolynomialSystem
 from viscovib.runs import (
     MAX_STEPS,
     ROUNDING,
@@ -34,11 +36,15 @@ METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
     name: place + 4 for name, place in EXPLICIT.items()
 }
 #: Numbers that a run needs to go on; the core uses as many as the method has.
-_MEMORY = 128
+_MEMORY = 256
+#: Highest order of a load without memory: its phase is reached by rotations.
+_MAX_LOAD_ORDER = 199
+#: Coordinates of a polynomial system that the methods of a pendulum take.
+_MAX_DOF = 6
 
 
 def simulate(
-    system: Pendulum | Mount,
+    system: Pendulum | Mount | PolynomialSystem,
     t_end: float,
     *,
     dt: float | str = "auto",
@@ -63,7 +69,7 @@ def simulate(
 
     Parameters
     ----------
-    system : Pendulum or Mount
+    system : Pendulum, Mount or PolynomialSystem
     t_end : float
         End of the run, after its start.
     dt : float or "auto"
@@ -88,8 +94,10 @@ def simulate(
         Wanted absolute error of the kept states, 1e-13 to 1. With ``dt="auto"`` (default 1e-10)
         the step is found by it. With ``dt`` given it only says how far the equations of a
         step are solved, and how well kernels are represented (default: to rounding).
+        A polynomial system without memory, of at most 6 coordinates and under nothing but a
+        ``load`` of orders up to 199, has the methods of a pendulum; else those of a mount.
     load, nu, base
-        Of a mount: periodic load, its frequency and motion of the base, as for
+        Not of a pendulum: periodic load, its frequency and motion of the base, as for
         ``forced_response``; a constant force F is ``load={0: 1j * F}``.
     force : LoadTable
         Of a mount: any load in time, besides the periodic one.
@@ -129,8 +137,10 @@ def simulate(
     with compensated summation. With memory, a first step that is not from rest without load is
     made of panels that double their length from 1e-13 of it on, since the start is singular.
     """
-    if not isinstance(system, Pendulum | Mount):
-        raise InputError(f"system = {system!r}: must be a Pendulum or a Mount")
+    if not isinstance(system, Pendulum | Mount | PolynomialSystem):
+        raise InputError(
+            f"system = {system!r}: must be a Pendulum or a Mount or a PolynomialSystem"
+        )
     end = _native.number("t_end", t_end)
     want = Wanted.checked(times, save_every, keep, tail)
     wanted = None if tolerance is None else _native.number("tolerance", tolerance)
@@ -139,6 +149,8 @@ def simulate(
     if resume is not None:
         if initial is not None:
             raise InputError("initial and resume are both given: must be one of them")
+        if load is not None or nu is not None:
+            raise InputError("load, nu: are those of the run that is resumed, must not be given")
         return go_on(resume, end, want, progress)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
@@ -151,6 +163,8 @@ def simulate(
                 raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
         _native.choice("memory", memory, ("auto",))
         make, n = _pendulum_runs(system, end, initial, method, wanted)
+    elif _as_pendulum(system, method, load, base, force, held, memory):
+        make, n = _polynomial_runs(system, end, initial, method, load, nu, wanted)
     else:
         motion = MountMotion.checked(
             system, end, initial, method, load, nu, base, force, held, memory
@@ -208,11 +222,111 @@ def first_steps(system: Pendulum, end: float) -> int:
     return max(1, math.ceil(end * fastest / (0.5 * math.pi)))
 
 
+def _as_pendulum(
+    system: Mount | PolynomialSystem,
+    method: str,
+    load: LoadLike | None,
+    base: LoadLike | None,
+    force: LoadTable | None,
+    held: npt.ArrayLike | None,
+    memory: str,
+) -> TypeGuard[PolynomialSystem]:
+    """Whether a system needs nothing but what the methods of a pendulum give."""
+    if isinstance(system, Mount) or system._active_kernels or memory != "auto":
+        return False
+    highest = max(load, default=0) if isinstance(load, Mapping) else 1
+    return (
+        len(system.dof_names) <= _MAX_DOF
+        and method in ("auto", *METHODS)
+        and all(given is None for given in (base, force, held))
+        and isinstance(highest, int)
+        and highest <= _MAX_LOAD_ORDER
+    )
+
+
+def _polynomial_runs(
+    system: PolynomialSystem,
+    end: float,
+    initial: npt.ArrayLike | None,
+    method: str,
+    load: LoadLike | None,
+    nu: float | None,
+    wanted: float | None,
+) -> tuple[Callable[[float], Run], int]:
+    """Return what makes a run with a step, and the steps to begin with."""
+    n = len(system.dof_names)
+    state = np.zeros(2 * n) if initial is None else _native.real_array("initial", initial)
+    if state.shape != (2 * n,):
+        raise InputError(f"initial: must have shape ({2 * n},), got {state.shape}")
+    if load is None and nu is not None:
+        raise InputError("nu: must not be given without load")
+    orders, series = load_series(load, None, n)
+    frequency = 0.0 if nu is None else _native.number("nu", nu)
+    if frequency < 0 or (frequency == 0 and (orders > 0).any() and series.any()):
+        given = "None" if nu is None else f"{frequency:g}"
+        raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
+    name = "gauss8" if method == "auto" else method
+    solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
+    steps = max(1, math.ceil(end * max(system._fastest(), frequency) / (0.5 * math.pi)))
+    job = (system._flat, orders, series, frequency)
+    return lambda h: _PolynomialRun(system, name, state, h, solved, job), steps
+
+
+class _PolynomialRun(Run):
+    """A run of a polynomial system without memory."""
+
+    counts = "evaluations"
+    system: PolynomialSystem
+
+    def __init__(
+        self,
+        system: PolynomialSystem,
+        method: str,
+        state: FloatArray,
+        h: float,
+        solved: float,
+        job: tuple[Any, ...],
+    ) -> None:
+        super().__init__(system, method, state, h, solved)
+        self.job = job
+
+    def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
+        """Power of load and damping."""
+        _, orders, series, nu = self.job
+        v = state[:, 1::2]
+        force = (np.exp(1j * nu * np.outer(t, orders)) @ series[:-1].T).imag
+        return np.asarray(np.einsum("ta,ta->t", v, force - v @ self.system._damping.T))
+
+    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
+        resume = self.memory is not None
+        return Piece(
+            *_native.call(
+                core.polynomial_simulate,
+                *self.job,
+                METHODS[self.method],
+                self.state,
+                self.h,
+                self.solved,
+                self.done,
+                count,
+                every,
+                int(resume),
+                self.memory if resume else np.zeros(_MEMORY),
+                times,
+                columns,
+            )
+        )
+
+
 class _PendulumRun(Run):
     """A run of a pendulum."""
 
     counts = "evaluations"
     system: Pendulum
+
+    def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
+        """Power of loads and damping."""
+        return self.system.power(t, state)
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         resume = self.memory is not None

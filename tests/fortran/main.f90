@@ -10,6 +10,7 @@ program tester
   use test_hereditary, only: run_hereditary_suite
   use test_kernels, only: run_kernels
   use test_namelist, only: run_namelist
+  use test_polynomial, only: run_polynomial
   use test_response, only: run_response
   use test_scales, only: run_scales
   use test_scene, only: run_scene
@@ -33,6 +34,7 @@ program tester
   if (wants('hereditary')) call run_hereditary_suite()
   if (wants('kernels')) call run_kernels()
   if (wants('namelist')) call run_namelist()
+  if (wants('polynomial')) call run_polynomial()
   if (wants('response')) call run_response()
   if (wants('scales')) call run_scales()
   if (wants('scene')) call run_scene()

@@ -19,6 +19,7 @@ module test_scene
     '&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 /'//nl
   character(len=*), parameter :: kernel = &
     '&kernel kind=''rzhanitsyn'', amplitude=0.048, alpha=0.1, beta=0.05 /'//nl
+  character(len=*), parameter :: system = '&system coordinates=''x'', mass=1, stiffness=1 /'//nl
   character(len=*), parameter :: load = '&load amplitude=0.1 /'//nl
   character(len=*), parameter :: response = '&response nu = 1 2 4 /'//nl
 
@@ -103,6 +104,109 @@ contains
                  ':3: weights and rates have 3 and 1 numbers: must match')
       call wrong(mount//"&kernel kind='tabulated', times=0 1 2,"//nl//'values=1 /'//nl//load &
                  //response, ':3: times and values have 3 and 1 numbers: must match')
+    end if
+
+    if (begin('a system of one''s own')) then
+      call read_text(kernel//"&system coordinates='Body' 'rod', mass=1 0.1, stiffness=3 -1 -2 2 /" &
+                     //nl//'&spring stiffness=1 0, kernel=0 /'//nl &
+                     //"&force on='BODY', coefficient=0.5, powers=2 1 /"//nl &
+                     //"&load on='rod', amplitude=0.1 /"//nl//response, scene, status)
+      call check_ok(status)
+      call check(all(scene%coordinates == ['body', 'rod ']), 'names')
+      call check(all(scene%units == 'm'), 'units')
+      call check_close(scene%polynomial%gather(1, 1), 1.0_wp, 0.0_wp, 'the spring without memory')
+      call check_close(scene%polynomial%gather(2, 2), -1.0_wp, 0.0_wp, 'rows first')
+      call check(all(scene%polynomial%kernel_of == [0, 1, 1]), 'the first kernel unless told')
+      call check_close(real(scene%load%force(2, 1)), 0.1_wp, 0.0_wp, 'a load on the second')
+      call round_trip(kernel//"&system coordinates='a' 'b' 'c', units='m' 'rad' 'it''s', " &
+                      //'mass=1 2 3, damping=9*0.1, base_direction=1 0 1, kernel=0 /'//nl &
+                      //"&force on='c', coefficient=-1e-3, powers=0 0 3, kernel=1 /"//nl &
+                      //"&load kind='base', amplitude=1 /"//nl//response)
+    end if
+
+    if (begin('forces written as laws')) then
+      call read_text("&system coordinates='a' 'b', mass=1 1, stiffness=1 1 /"//nl &
+                     //"&force on='b', law='-(A - 2*b)^2*.5 + 1e-1*a**3/4 - b*(a-a)^0' /"//nl &
+                     //load//response, scene, status)
+      call check_fails(status, ':2: law: powers must not')
+      call read_text("&system coordinates='a' 'b', mass=1 1, stiffness=1 1 /"//nl &
+                     //"&force on='b', law='-(A - 2*b)^2*.5 + 1e-1*a**3/4 - b*(a-a)' /"//nl &
+                     //load//response, scene, status)
+      call check_ok(status)
+      associate (m => scene%polynomial%monomials)
+        call check(size(m) == 4 .and. all(m%equation == 2), 'a^2, a b, b^2 and a^3')
+        call check(all(abs(m%coefficient - [-0.5_wp, 2.0_wp, -2.0_wp, 0.025_wp]) < 1.0e-16_wp), &
+                   'coefficients')
+      end associate
+      call round_trip(kernel//"&system coordinates='a' 'b', mass=1 1, stiffness=1 1 /"//nl &
+                      //"&force on='b', law='(a - b)^3', kernel=0 /"//nl &
+                      //"&force on='a', law='a - a' /"//nl//load//response)
+    end if
+
+    if (begin('what is wrong with such a system, and where')) then
+      call wrong(system//load//response//'&force coefficient=1,'//nl//'powers=1 /', &
+                 ':5: powers: powers must not be negative, and their sum 2 to 15')
+      call wrong(system//load//response//'&force coefficient=1,'//nl//'powers=1 2 /', &
+                 ':5: powers has 2 values: must be 1')
+      call wrong(system//load//response//'&force coefficient=1,'//nl//'powers=1.5 /', &
+                 ':5: powers = 1.5: must be integers')
+      call wrong(system//load//response//'&force coefficient=1, powers=2,'//nl//'kernel=1 /', &
+                 ':5: kernel = 1: must be 0 (none) to 0')
+      call wrong(system//load//response//"&force coefficient=1, powers=2,"//nl//"on='y' /", &
+                 ":5: on = 'y': must be one of 'x'")
+      call wrong_law("x^2 +", "its end is found where a number, a coordinate or ( should be")
+      call wrong_law("(x^2", "its end is found where ) should be")
+      call wrong_law("x^2)", "')' (character 4) is found where + - * / ^ or the end should be")
+      call wrong_law("2 x^2", "'x' (character 3) is found where + - * / ^ or the end should be")
+      call wrong_law("y^2", "'y' is not a coordinate")
+      call wrong_law("x^1.5", "'.' (character 4) is found where")
+      call wrong_law("x^-2", "'-' (character 3) is found where a whole power should be")
+      call wrong_law("x^16", "powers must be at most 15")
+      call wrong_law("x^8*x^8", "its degree must be at most 15")
+      call wrong_law("1/x", "only numbers other than 0 may divide")
+      call wrong_law("x^2/0", "only numbers other than 0 may divide")
+      call wrong_law("1e999*x^2", "'1e999' is not a finite number")
+      call wrong_law("1e200*x*1e200*x", "its coefficients must be below 1e150")
+      call wrong_law("x^2/1e-200", "its coefficients must be below 1e150")
+      call wrong_law(repeat('(', 200)//'x', "parentheses must not be deeper than 100")
+      call wrong_law("x + x^3", "what is linear belongs to the stiffness", "law: powers must")
+      call wrong_law("3 + x^2", "what is constant to the load", "law: powers must")
+      call wrong(system//load//response//"&force law='x^2', coefficient=1 /", &
+                 ':4: coefficient: the law says it already')
+      call wrong(system//load//response//'&spring stiffness=1 2 3 /', &
+                 ':4: stiffness has 3 values: must be 1')
+      call wrong("&system coordinates='x',"//nl//'mass=0 /'//nl//load//response, &
+                 ':2: mass: must be symmetric and positive definite')
+      call wrong("&system coordinates='x' 'X', mass=1 1 /"//nl//load//response, &
+                 ":1: coordinates: 'x' is there twice")
+      call wrong("&system coordinates='x^2', mass=1 /"//nl//load//response, &
+                 ":1: coordinates: 'x^2' must be letters")
+      call wrong("&system coordinates=1, mass=1 /"//nl//load//response, &
+                 ':1: coordinates = 1: must be quoted texts')
+      call wrong("&system coordinates='abcdefghijklmnopq', mass=1 /"//nl//load//response, &
+                 ":1: coordinates = 'abcdefghijklmnopq': must have 1 to 16 characters")
+      call wrong("&system coordinates='x', units='m' 'm', mass=1 /"//nl//load//response, &
+                 ':1: units: 2 texts, must be 1')
+      call wrong(system//mount//load//response, ':2: &mount: this scene has &system already')
+      call wrong(mount//load//response//'&spring stiffness=1 /', ':4: &spring: needs &system')
+      call wrong(system//"&kernel acts_on='x', kind='abel', amplitude=0.1, alpha=1 /"//nl//load &
+                 //response, ':2: acts_on: belongs to a mount')
+      call wrong(system//"&load kind='base', amplitude=1 /"//nl//response, &
+                 ":2: kind = 'base': needs base_direction")
+      call wrong(system//'&transient initial=0 0, t_end=1, nu=1 /', ':2: nu: is the frequency of')
+      call wrong(system//load//'&transient initial=0 0, t_end=1 /', ':3: &transient lacks nu')
+      call wrong(system//load//'&transient initial=0 0, t_end=1,'//nl//'nu=0 /', ':4: nu = 0: must')
+      call wrong(system//load//'&transient initial=0 0 0, t_end=1, nu=1 /', &
+                 ':3: initial has 3 values: must be 2')
+      call wrong(system//load//response//'&transient initial=0 0, t_end=1, nu=1 /', &
+                 ':3: &response: this scene has &transient already')
+      call wrong(mount//load//'&transient initial=0 0, t_end=1 /', &
+                 ':3: &transient: needs &pendulum or &system')
+      call wrong(system//load//response//'&spectrum /', ':4: &spectrum: needs &pendulum')
+      call wrong(system//kernel//load//'&transient initial=0 0, t_end=1, nu=1 /', &
+                 ':4: system: has memory, motion in time is computed without')
+      call wrong(system//load//"&response nu=1, method='newton',"//nl//'harmonics=0 /', &
+                 ':4: harmonics = 0')
     end if
 
     if (begin('groups too many, too few, unknown')) then
@@ -201,5 +305,20 @@ contains
     call check_fails(status, message)
     call check(status%category == status_input_error, 'an input error')
   end subroutine wrong_table
+
+  !> A law in the fourth line, and what is said of it.
+  subroutine wrong_law(law, message, start)
+    character(len=*), intent(in) :: law, message
+    character(len=*), intent(in), optional :: start
+    type(scene_type) :: scene
+    type(status_type) :: status
+    call read_text(system//load//response//"&force law='"//law//"' /"//nl, scene, status)
+    call check_fails(status, message)
+    if (present(start)) then
+      call check_fails(status, ':4: '//start)
+    else
+      call check_fails(status, ":4: law = '"//law//"': ")
+    end if
+  end subroutine wrong_law
 
 end module test_scene

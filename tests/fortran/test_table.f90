@@ -29,7 +29,8 @@ contains
     call response%discard(2, outcome_diverged)
 
     if (begin('a table, its folder made')) then
-      call write_response(scratch('table/a'), 't.csv', response, 'first'//nl//'second', status)
+      call write_response(scratch('table/a'), 't.csv', response, ['x  ', 'phi'], &
+                          ['m  ', 'rad'], 'first'//nl//'second', status)
       call check_ok(status)
       text = read_scratch('table/a/t.csv')
       call check(index(text, '# first'//nl//'# second'//nl//'# nu: ') == 1, 'header')
@@ -44,7 +45,8 @@ contains
 
     if (begin('a table replaces an older one')) then
       call write_scratch('table_old.csv', repeat('old ', 10000))
-      call write_response('.', scratch('table_old.csv'), response, 'new', status)
+      call write_response('.', scratch('table_old.csv'), response, ['x  ', 'phi'], &
+                          ['m  ', 'rad'], 'new', status)
       call check_ok(status)
       call check(index(read_scratch('table_old.csv'), 'old') == 0, 'nothing of the old one')
       call remove_scratch('table_old.csv')
@@ -52,13 +54,15 @@ contains
 
     if (begin('no table where there is a folder or no way')) then
       call make_folder(scratch('table/b.csv'))
-      call write_response(scratch('table'), 'b.csv', response, 'x', status)
+      call write_response(scratch('table'), 'b.csv', response, ['x  ', 'phi'], &
+                          ['m  ', 'rad'], 'x', status)
       call check_fails(status, scratch('table/b.csv')//': cannot be written (is it a folder?)')
       call check(status%category == status_io_error, 'an i/o error')
       call check(read_scratch('table/b.csv.part') == '(none)', 'nothing left')
       call remove_file(scratch('table/b.csv'))
       call write_scratch('table_file', '')
-      call write_response(scratch('table_file/c'), 't.csv', response, 'x', status)
+      call write_response(scratch('table_file/c'), 't.csv', response, ['x  ', 'phi'], &
+                          ['m  ', 'rad'], 'x', status)
       call check_fails(status, scratch('table_file/c/t.csv')//': cannot be written (')
       call check(status%category == status_io_error, 'an i/o error')
       call remove_scratch('table_file')

@@ -1,0 +1,78 @@
+! Flat routines over polynomial systems, for f2py; the vector is described in
+! `viscovib_system_vector`. Responses and branches: see mount_binding.
+
+!> Checks everything that makes up a system.
+subroutine polynomial_check(flat, n_flat, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: report
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_status, only: status_type
+  use viscovib_system_vector, only: polynomial_from_vector
+  implicit none
+  integer(c_int), intent(in) :: n_flat
+  real(c_double), intent(in) :: flat(n_flat)
+  integer(c_int), intent(out) :: status
+  character(len=512), intent(out) :: message
+  type(polynomial_type) :: system
+  type(status_type) :: outcome
+  call polynomial_from_vector(system, flat, outcome)
+  call report(outcome, status, message)
+end subroutine polynomial_check
+
+!> Motion of a system without memory; the load and its frequency as in mount_binding,
+!! all else as in `pendulum_simulate`.
+subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, nu, method, &
+                               initial, h, tolerance, first, n_steps, save_every, resume, memory, &
+                               n_memory, times, n_times, n_columns, states, at_times, last, kept, &
+                               n_done, ended, n_evaluations, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
+  use viscovib_binding_tools, only: make_load, report
+  use viscovib_load, only: load_type
+  use viscovib_method_catalogue, only: new_stepper
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_simulate, only: simulate
+  use viscovib_status, only: status_type
+  use viscovib_stepper, only: stepper_type
+  use viscovib_system_vector, only: polynomial_from_vector
+  implicit none
+  integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series)
+  integer(c_int), intent(in) :: method, resume, n_memory, n_times, n_columns
+  integer(c_long), intent(in) :: first, n_steps, save_every
+  real(c_double), intent(in) :: flat(n_flat), nu, initial(2*n_rows - 2), h, tolerance
+  complex(c_double_complex), intent(in) :: series(n_rows, n_series)
+  real(c_double), intent(in) :: memory(n_memory), times(n_times)
+  real(c_double), intent(out) :: states(2*n_rows - 2, n_columns), at_times(2*n_rows - 2, n_times)
+  real(c_double), intent(out) :: kept(n_memory), last(2*n_rows - 2)
+  integer(c_long), intent(out) :: n_done, n_evaluations
+  integer(c_int), intent(out) :: ended, status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(polynomial_type) :: system
+  type(polynomial_motion_type) :: motion
+  type(load_type) :: load
+  class(stepper_type), allocatable :: stepper
+  type(status_type) :: outcome
+
+  kept = 0.0_c_double
+  last = initial
+  at_times = 0.0_c_double
+  n_done = 0
+  n_evaluations = 0
+  ended = 0
+  call polynomial_from_vector(system, flat, outcome)
+  if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
+  if (.not. outcome%failed()) call new_polynomial_motion(motion, system, load, nu, outcome)
+  if (.not. outcome%failed()) then
+    call new_stepper(stepper, motion, method, initial(1::2), initial(2::2), 0.0_c_double, h, &
+                     tolerance)
+    if (resume /= 0) call stepper%load_memory(memory(:stepper%memory_size()))
+    call simulate(stepper, motion, first, n_steps, save_every, times, states, at_times, n_done, &
+                  ended)
+    kept(:stepper%memory_size()) = stepper%save_memory()
+    last(1::2) = stepper%q
+    last(2::2) = stepper%v
+    n_evaluations = stepper%n_evaluations
+  end if
+  call report(outcome, status, message)
+end subroutine polynomial_simulate

@@ -1,0 +1,77 @@
+!> A polynomial system and its kernels as one vector of numbers, as the flat
+!! routines take it:
+!!
+!!   n, n_springs, n_monomials, n_kernels; M (n^2); C (n^2); base direction (n);
+!!   of each spring: kernel, K (n^2); of each monomial: coefficient, equation, kernel,
+!!   powers (n); of each kernel: kind, number of data, data.
+!!
+!! Matrices are column by column.
+module viscovib_system_vector
+  use viscovib_catalogue, only: new_kernel
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
+  use viscovib_status, only: fail, status_input_error, status_type
+  implicit none
+  private
+
+  public :: polynomial_from_vector
+
+contains
+
+  subroutine polynomial_from_vector(system, vector, status)
+    type(polynomial_type), intent(out) :: system
+    real(wp), intent(in) :: vector(:)
+    type(status_type), intent(out) :: status
+    type(polynomial_parameters) :: p
+    type(kernel_holder), allocatable :: kernels(:)
+    integer :: at, i, n, n_springs, n_monomials, n_kernels, kind, n_data
+
+    if (size(vector) < 4) then
+      call fail(status, status_input_error, 'system', 'system: not a polynomial system')
+      return
+    end if
+    n = nint(vector(1))
+    n_springs = nint(vector(2))
+    n_monomials = nint(vector(3))
+    n_kernels = nint(vector(4))
+    at = 4
+    p%mass = reshape(next(n*n), [n, n])
+    p%damping = reshape(next(n*n), [n, n])
+    p%base_direction = next(n)
+    allocate (p%stiffness(n, n, n_springs), p%spring_kernel(n_springs))
+    do i = 1, n_springs
+      p%spring_kernel(i:i) = nint(next(1))
+      p%stiffness(:, :, i) = reshape(next(n*n), [n, n])
+    end do
+    allocate (p%coefficient(n_monomials), p%on(n_monomials), p%monomial_kernel(n_monomials), &
+              p%powers(n, n_monomials))
+    do i = 1, n_monomials
+      p%coefficient(i:i) = next(1)
+      p%on(i:i) = nint(next(1))
+      p%monomial_kernel(i:i) = nint(next(1))
+      p%powers(:, i) = nint(next(n))
+    end do
+    allocate (kernels(n_kernels))
+    do i = 1, n_kernels
+      kind = nint(vector(at + 1))
+      n_data = nint(vector(at + 2))
+      at = at + 2
+      call new_kernel(kernels(i)%kernel, kind, next(n_data), status)
+      if (status%failed()) return
+    end do
+    call new_polynomial(system, p, kernels, status)
+
+  contains
+
+    !> The next count numbers.
+    function next(count) result(values)
+      integer, intent(in) :: count
+      real(wp) :: values(count)
+      values = vector(at + 1:at + count)
+      at = at + count
+    end function next
+
+  end subroutine polynomial_from_vector
+
+end module viscovib_system_vector

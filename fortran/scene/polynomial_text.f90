@@ -1,0 +1,297 @@
+!> Polynomials written as text, such as 0.5*(x1 - x2)^3, expanded into monomials.
+!!
+!!   sum     := term {(+|-) term}
+!!   term    := factor {(*|/) factor}
+!!   factor  := {+|-} power
+!!   power   := primary [(^|**) digits]
+!!   primary := number | name | ( sum )
+module viscovib_polynomial_text
+  use viscovib_kinds, only: wp
+  use viscovib_namelist, only: lower
+  use viscovib_number_text, only: parse_real
+  use viscovib_polynomial, only: max_degree
+  use viscovib_status, only: show
+  implicit none
+  private
+
+  public :: terms_type, expand
+
+  !> Bounds that keep a slip of the pen from filling the memory.
+  integer, parameter :: max_terms = 500, max_depth = 100
+  character(len=*), parameter :: digits = '0123456789', &
+                                 letters = 'abcdefghijklmnopqrstuvwxyz_'
+
+  !> A sum of monomials: coefficients, and powers, shape (n, size(coefficients)).
+  type :: terms_type
+    real(wp), allocatable :: coefficients(:)
+    integer, allocatable :: powers(:, :)
+  end type terms_type
+
+  !> The text, and where in it the reader stands; `fault` says what is wrong.
+  type :: cursor_type
+    character(len=:), allocatable :: text, fault
+    integer :: at = 1, depth = 0
+  end type cursor_type
+
+contains
+
+  !> Expand a text in coordinates of these names; terms that cancel are left out. If
+  !! something is wrong, `fault` says what, else it is empty.
+  subroutine expand(text, names, terms, fault)
+    character(len=*), intent(in) :: text, names(:)
+    type(terms_type), intent(out) :: terms
+    character(len=:), allocatable, intent(out) :: fault
+    type(cursor_type) :: cursor
+
+    cursor%text = lower(text)//' '
+    cursor%fault = ''
+    call read_sum(cursor, names, terms)
+    if (cursor%fault == '' .and. peek(cursor) /= ' ') call blame(cursor, 'found where + - * / ^ ' &
+                                                                 //'or the end should be')
+    fault = cursor%fault
+  end subroutine expand
+
+  !> The next character that is not blank.
+  character function peek(cursor)
+    type(cursor_type), intent(inout) :: cursor
+    do while (cursor%at < len(cursor%text))
+      if (cursor%text(cursor%at:cursor%at) /= ' ') exit
+      cursor%at = cursor%at + 1
+    end do
+    peek = cursor%text(cursor%at:cursor%at)
+  end function peek
+
+  subroutine blame(cursor, what)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: what
+    if (cursor%fault /= '') return
+    if (cursor%at >= len(cursor%text)) then
+      cursor%fault = 'its end is '//what
+    else
+      cursor%fault = "'"//cursor%text(cursor%at:cursor%at)//"' (character "//show(cursor%at) &
+                     //') is '//what
+    end if
+  end subroutine blame
+
+  recursive subroutine read_sum(cursor, names, total)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: names(:)
+    type(terms_type), intent(out) :: total
+    type(terms_type) :: next
+    real(wp) :: sign_of
+    integer :: i
+
+    call read_term(cursor, names, total)
+    do while (cursor%fault == '' .and. scan(peek(cursor), '+-') > 0)
+      sign_of = merge(1.0_wp, -1.0_wp, peek(cursor) == '+')
+      cursor%at = cursor%at + 1
+      call read_term(cursor, names, next)
+      do i = 1, size(next%coefficients)
+        call add(cursor, total, sign_of*next%coefficients(i), next%powers(:, i))
+      end do
+    end do
+    call drop_zeros(total)
+  end subroutine read_sum
+
+  recursive subroutine read_term(cursor, names, total)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: names(:)
+    type(terms_type), intent(out) :: total
+    type(terms_type) :: next
+    character :: sign_of
+
+    call read_factor(cursor, names, total)
+    do while (cursor%fault == '' .and. scan(peek(cursor), '*/') > 0)
+      sign_of = peek(cursor)
+      cursor%at = cursor%at + 1
+      call read_factor(cursor, names, next)
+      if (cursor%fault /= '') return
+      if (sign_of == '*') then
+        call multiply(cursor, total, next)
+      else if (size(next%coefficients) /= 1 .or. any(next%powers /= 0)) then
+        cursor%fault = 'only numbers other than 0 may divide'
+      else if (any(abs(total%coefficients) > 1.0e150_wp) &
+               .or. abs(next%coefficients(1)) < 1.0e-150_wp) then
+        cursor%fault = 'its coefficients must be below 1e150'
+      else
+        total%coefficients = total%coefficients/next%coefficients(1)
+      end if
+    end do
+  end subroutine read_term
+
+  recursive subroutine read_factor(cursor, names, total)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: names(:)
+    type(terms_type), intent(out) :: total
+    type(terms_type) :: base
+    real(wp) :: sign_of
+    integer :: k, n, first
+
+    sign_of = 1.0_wp
+    do while (scan(peek(cursor), '+-') > 0)
+      if (peek(cursor) == '-') sign_of = -sign_of
+      cursor%at = cursor%at + 1
+    end do
+    call read_primary(cursor, names, base)
+    n = 1
+    if (cursor%fault == '' .and. (peek(cursor) == '^' .or. next_two(cursor) == '**')) then
+      cursor%at = cursor%at + merge(1, 2, peek(cursor) == '^')
+      if (scan(peek(cursor), digits) == 0) call blame(cursor, 'found where a whole power should be')
+      first = cursor%at
+      cursor%at = first + verify(cursor%text(first:), digits) - 1
+      n = max_degree + 1
+      if (cursor%at - first == 1 .or. cursor%at - first == 2) read (cursor%text(first:cursor%at &
+                                                                                - 1), '(i2)') n
+      if (n > max_degree .and. cursor%fault == '') cursor%fault = 'powers must be at most ' &
+                                                                  //show(max_degree)
+    end if
+    call constant(size(names), sign_of, total)
+    if (cursor%fault /= '') return
+    do k = 1, n
+      call multiply(cursor, total, base)
+      if (cursor%fault /= '') return
+    end do
+  end subroutine read_factor
+
+  pure character(len=2) function next_two(cursor)
+    type(cursor_type), intent(in) :: cursor
+    next_two = cursor%text(cursor%at:min(cursor%at + 1, len(cursor%text)))
+  end function next_two
+
+  recursive subroutine read_primary(cursor, names, total)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: names(:)
+    type(terms_type), intent(out) :: total
+    character :: c
+    integer :: i, first
+
+    call constant(size(names), 0.0_wp, total)
+    c = peek(cursor)
+    first = cursor%at
+    if (c == '(') then
+      cursor%depth = cursor%depth + 1
+      if (cursor%depth > max_depth) then
+        cursor%fault = 'parentheses must not be deeper than '//show(max_depth)
+        return
+      end if
+      cursor%at = cursor%at + 1
+      call read_sum(cursor, names, total)
+      if (cursor%fault /= '') return
+      if (peek(cursor) /= ')') call blame(cursor, 'found where ) should be')
+      if (cursor%fault /= '') return
+      cursor%at = cursor%at + 1
+      cursor%depth = cursor%depth - 1
+    else if (scan(c, digits//'.') > 0) then
+      call read_number(cursor, total)
+    else if (scan(c, letters) > 0) then
+      cursor%at = first + verify(cursor%text(first:), letters//digits) - 1
+      associate (name => cursor%text(first:cursor%at - 1))
+        do i = 1, size(names)
+          if (names(i) == name) exit
+        end do
+        if (i > size(names)) then
+          cursor%fault = "'"//name//"' is not a coordinate"
+        else
+          total%coefficients = [1.0_wp]
+          total%powers = reshape(merge(1, 0, [(first, first=1, size(names))] == i), &
+                                 [size(names), 1])
+        end if
+      end associate
+    else
+      call blame(cursor, 'found where a number, a coordinate or ( should be')
+    end if
+  end subroutine read_primary
+
+  !> A number such as 2, .5, 1e-3.
+  subroutine read_number(cursor, total)
+    type(cursor_type), intent(inout) :: cursor
+    type(terms_type), intent(inout) :: total
+    integer :: first, last
+    logical :: ok
+
+    first = cursor%at
+    last = first + verify(cursor%text(first:), digits//'.') - 1
+    if (scan(cursor%text(last:last), 'ed') > 0) then
+      last = last + 1
+      if (scan(cursor%text(last:last), '+-') > 0) last = last + 1
+      last = last + verify(cursor%text(last:), digits) - 1
+    end if
+    total%coefficients = [0.0_wp]
+    total%powers = reshape(spread(0, 1, size(total%powers, 1)), [size(total%powers, 1), 1])
+    call parse_real(cursor%text(first:last - 1), total%coefficients(1), ok)
+    if (.not. ok) cursor%fault = "'"//cursor%text(first:last - 1)//"' is not a finite number"
+    cursor%at = last
+    call drop_zeros(total)
+  end subroutine read_number
+
+  !> A number; 0 has no terms.
+  pure subroutine constant(n, value, terms)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: value
+    type(terms_type), intent(out) :: terms
+    integer :: m
+    m = merge(1, 0, abs(value) > 0.0_wp)
+    allocate (terms%coefficients(m), source=value)
+    allocate (terms%powers(n, m), source=0)
+  end subroutine constant
+
+  !> Add one monomial to those of the same powers.
+  subroutine add(cursor, total, coefficient, powers)
+    type(cursor_type), intent(inout) :: cursor
+    type(terms_type), intent(inout) :: total
+    real(wp), intent(in) :: coefficient
+    integer, intent(in) :: powers(:)
+    integer :: i
+
+    do i = 1, size(total%coefficients)
+      if (all(total%powers(:, i) == powers)) then
+        total%coefficients(i) = total%coefficients(i) + coefficient
+        return
+      end if
+    end do
+    if (size(total%coefficients) >= max_terms) then
+      if (cursor%fault == '') cursor%fault = 'it must expand to at most '//show(max_terms) &
+                                             //' monomials'
+      return
+    end if
+    total%powers = reshape([total%powers, powers], [size(powers), i])
+    total%coefficients = [total%coefficients, coefficient]
+  end subroutine add
+
+  subroutine multiply(cursor, total, by)
+    type(cursor_type), intent(inout) :: cursor
+    type(terms_type), intent(inout) :: total
+    type(terms_type), intent(in) :: by
+    type(terms_type) :: product
+    integer :: i, j
+
+    call constant(size(total%powers, 1), 0.0_wp, product)
+    do i = 1, size(total%coefficients)
+      do j = 1, size(by%coefficients)
+        if (sum(total%powers(:, i) + by%powers(:, j)) > max_degree) then
+          cursor%fault = 'its degree must be at most '//show(max_degree)
+        else if (abs(total%coefficients(i)) > 1.0e150_wp .or. &
+                 abs(by%coefficients(j)) > 1.0e150_wp) then
+          cursor%fault = 'its coefficients must be below 1e150'
+        else
+          call add(cursor, product, total%coefficients(i)*by%coefficients(j), &
+                   total%powers(:, i) + by%powers(:, j))
+        end if
+        if (cursor%fault /= '') return
+      end do
+    end do
+    call drop_zeros(product)
+    total = product
+  end subroutine multiply
+
+  subroutine drop_zeros(terms)
+    type(terms_type), intent(inout) :: terms
+    integer, allocatable :: kept(:)
+    integer :: i
+    kept = pack([(i, i=1, size(terms%coefficients))], abs(terms%coefficients) > 0.0_wp)
+    if (size(kept) == size(terms%coefficients)) return
+    terms%powers = terms%powers(:, kept)
+    terms%coefficients = terms%coefficients(kept)
+  end subroutine drop_zeros
+
+end module viscovib_polynomial_text

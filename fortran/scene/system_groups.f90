@@ -1,0 +1,246 @@
+!> The groups of a scene that make up a polynomial system: &system, &spring, &force.
+module viscovib_system_groups
+  use viscovib_group_reader, only: group_reader
+  use viscovib_kernel_groups, only: read_system_kernels
+  use viscovib_kinds, only: wp
+  use viscovib_namelist, only: lower, namelist_type
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_polynomial, only: max_coordinates, max_degree, new_polynomial, &
+    polynomial_parameters, polynomial_type
+  use viscovib_number_text, only: exact
+  use viscovib_polynomial_text, only: expand, terms_type
+  use viscovib_status, only: show, status_type
+  implicit none
+  private
+
+  public :: read_system
+
+  !> Longest name of a coordinate or unit.
+  integer, parameter, public :: name_length = 16
+
+contains
+
+  !> A system with the names and units of its coordinates.
+  subroutine read_system(file, system, coordinates, units, echo, status)
+    type(namelist_type), intent(in) :: file
+    type(polynomial_type), intent(out) :: system
+    character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
+    !> Gets the canonical text of the groups added.
+    character(len=:), allocatable, intent(inout) :: echo
+    type(status_type), intent(out) :: status
+    type(polynomial_parameters) :: p
+    type(kernel_holder), allocatable :: kernels(:)
+    type(group_reader) :: reader
+    type(status_type) :: built
+    integer :: i, at, n_springs
+
+    call read_system_kernels(file, kernels, echo, status)
+    if (status%failed()) return
+    n_springs = count([(file%groups(i)%name == 'spring', i=1, size(file%groups))])
+    at = 0
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name == 'system') at = i
+    end do
+    call reader%start(file%path, file%groups(at))
+    call read_body(reader, p, n_springs, coordinates, units, size(kernels))
+    call finish_group()
+    if (status%failed()) return
+    allocate (p%coefficient(0), p%on(0), p%monomial_kernel(0), p%powers(size(coordinates), 0))
+    n_springs = 1
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name == 'spring') then
+        n_springs = n_springs + 1
+        call reader%start(file%path, file%groups(i))
+        p%stiffness(:, :, n_springs) = read_matrix(reader, 'stiffness', size(coordinates), .true.)
+        p%spring_kernel(n_springs) = read_kernel_place(reader, size(kernels))
+      else if (file%groups(i)%name == 'force') then
+        call reader%start(file%path, file%groups(i))
+        call read_force(reader, p, coordinates, size(kernels))
+      else
+        cycle
+      end if
+      call finish_group()
+      if (status%failed()) return
+    end do
+    call reader%start(file%path, file%groups(at))
+    call new_polynomial(system, p, kernels, built)
+    call reader%place(built)
+    status = reader%status
+
+  contains
+
+    subroutine finish_group()
+      call reader%finish()
+      status = reader%status
+      echo = echo//reader%echo
+    end subroutine finish_group
+
+  end subroutine read_system
+
+  !> The &system group.
+  subroutine read_body(reader, p, n_springs, coordinates, units, n_kernels)
+    type(group_reader), intent(inout) :: reader
+    type(polynomial_parameters), intent(inout) :: p
+    !> &spring groups to come.
+    integer, intent(in) :: n_springs, n_kernels
+    character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
+    integer :: i, j, n
+
+    coordinates = reader%read_words('coordinates', name_length)
+    n = size(coordinates)
+    if (n > max_coordinates) call reader%complain('coordinates', 'coordinates: '//show(n) &
+                                                  //' names, must be at most ' &
+                                                  //show(max_coordinates))
+    ! As all words of a scene, small and capital letters are the same.
+    do i = 1, n
+      coordinates(i) = lower(coordinates(i))
+      if (.not. is_name(trim(coordinates(i)))) then
+        call reader%complain('coordinates', "coordinates: '"//trim(coordinates(i)) &
+                             //"' must be letters, digits and _, not begin with a digit, nor be " &
+                             //'t or end in _dot')
+      end if
+      do j = 1, i - 1
+        if (coordinates(i) == coordinates(j)) then
+          call reader%complain('coordinates', "coordinates: '"//trim(coordinates(i)) &
+                               //"' is there twice: must differ")
+        end if
+      end do
+    end do
+    units = reader%read_words('units', name_length, [(repeat('m', 1), i=1, n)])
+    if (size(units) /= n) call reader%complain('units', 'units: '//show(size(units)) &
+                                               //' texts, must be '//show(n) &
+                                               //', one a coordinate')
+    if (reader%status%failed()) return
+    p%mass = read_matrix(reader, 'mass', n, .true.)
+    allocate (p%stiffness(n, n, n_springs + 1), p%spring_kernel(n_springs + 1))
+    p%stiffness(:, :, 1) = read_matrix(reader, 'stiffness', n, .false.)
+    p%damping = read_matrix(reader, 'damping', n, .false.)
+    p%spring_kernel(1) = read_kernel_place(reader, n_kernels)
+    p%base_direction = reader%read_reals('base_direction', n, [(0.0_wp, i=1, n)])
+  end subroutine read_body
+
+  pure logical function is_name(text)
+    character(len=*), intent(in) :: text
+    character(len=*), parameter :: letters = &
+      'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
+    is_name = len(text) > 0 .and. verify(text, letters//'0123456789') == 0
+    if (is_name) is_name = scan(text(1:1), letters) > 0 .and. text /= 't' &
+                           .and. index(text//' ', '_dot ') == 0
+  end function is_name
+
+  !> One force: a law such as 0.5*(x1 - x2)^3, or coefficient and powers of one
+  !! monomial. The canonical text has monomials only.
+  subroutine read_force(reader, p, coordinates, n_kernels)
+    type(group_reader), intent(inout) :: reader
+    type(polynomial_parameters), intent(inout) :: p
+    integer, intent(in) :: n_kernels
+    character(len=name_length), intent(in) :: coordinates(:)
+    type(terms_type) :: terms
+    character(len=:), allocatable :: word, fault, law
+    integer :: i, on, kernel, powers(size(coordinates))
+
+    on = 1
+    if (size(coordinates) > 1) then
+      word = reader%read_text('on', allowed=coordinates, choice=on)
+    else
+      word = reader%read_text('on', trim(coordinates(1)), coordinates, on)
+    end if
+    kernel = read_kernel_place(reader, n_kernels)
+    if (reader%has('law')) then
+      call reader%refuse([character(len=11) :: 'coefficient', 'powers'], 'the law says it ' &
+                         //'already; give either law, or coefficient and powers')
+      law = reader%read_text('law')
+      if (reader%status%failed()) return
+      call expand(law, coordinates, terms, fault)
+      if (fault /= '') call reader%complain('law', "law = '"//law//"': "//fault)
+    else
+      terms%coefficients = [reader%read_real('coefficient')]
+      powers = reader%read_integers('powers', size(coordinates))
+      terms%powers = reshape(powers, [size(powers), 1])
+    end if
+    if (reader%status%failed()) return
+    do i = 1, size(terms%coefficients)
+      powers = terms%powers(:, i)
+      if (any(powers < 0) .or. sum(min(powers, max_degree + 1)) < 2 &
+          .or. sum(min(powers, max_degree + 1)) > max_degree) then
+        word = 'powers'
+        if (reader%has('law')) word = 'law'
+        call reader%complain(word, word//': powers must not be negative, and their sum 2 to ' &
+                             //show(max_degree)//' (what is linear belongs to the stiffness, ' &
+                             //'what is constant to the load)')
+        return
+      end if
+      p%coefficient = [p%coefficient, terms%coefficients(i)]
+      p%on = [p%on, on]
+      p%monomial_kernel = [p%monomial_kernel, kernel]
+      p%powers = reshape([p%powers, powers], [size(powers), size(p%on)])
+    end do
+    if (reader%has('law')) call echo_monomials()
+
+  contains
+
+    !> The group once for each monomial; its end is still to come.
+    subroutine echo_monomials()
+      integer :: j, k
+      reader%echo = ''
+      do j = 1, size(terms%coefficients)
+        if (j > 1) reader%echo = reader%echo//'/'//new_line('a')
+        reader%echo = reader%echo//'&force'//new_line('a')//"  on = '"//trim(coordinates(on)) &
+                      //"'"//new_line('a')//'  kernel = '//show(kernel)//new_line('a') &
+                      //'  coefficient = '//exact(terms%coefficients(j))//new_line('a') &
+                      //'  powers ='
+        do k = 1, size(powers)
+          reader%echo = reader%echo//' '//show(terms%powers(k, j))
+        end do
+        reader%echo = reader%echo//new_line('a')
+      end do
+      if (size(terms%coefficients) == 0) reader%echo = '&force'//new_line('a') &
+                                                       //"  on = '"//trim(coordinates(on))//"'" &
+                                                       //new_line('a')//"  law = '0'" &
+                                                       //new_line('a')
+    end subroutine echo_monomials
+
+  end subroutine read_force
+
+  !> n numbers make a diagonal matrix, n^2 are row by row.
+  function read_matrix(reader, key, n, required) result(matrix)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: key
+    integer, intent(in) :: n
+    logical, intent(in) :: required
+    real(wp) :: matrix(n, n)
+    real(wp), allocatable :: values(:)
+    integer :: i
+
+    if (required) then
+      values = reader%read_reals(key)
+    else
+      values = reader%read_reals(key, default=[(0.0_wp, i=1, n)])
+    end if
+    matrix = 0.0_wp
+    if (reader%status%failed()) return
+    if (size(values) == n) then
+      do i = 1, n
+        matrix(i, i) = values(i)
+      end do
+    else if (size(values) == n*n) then
+      matrix = reshape(values, [n, n], order=[2, 1])
+    else
+      call reader%complain(key, key//' has '//show(size(values))//' values: must be '//show(n) &
+                           //' (a diagonal) or '//show(n*n)//' (row by row)')
+    end if
+  end function read_matrix
+
+  !> Which &kernel acts, counted from 1; 0: none.
+  integer function read_kernel_place(reader, n_kernels) result(place)
+    type(group_reader), intent(inout) :: reader
+    integer, intent(in) :: n_kernels
+    place = reader%read_integer('kernel', min(n_kernels, 1))
+    if (place < 0 .or. place > n_kernels) then
+      call reader%complain('kernel', 'kernel = '//show(place)//': must be 0 (none) to ' &
+                           //show(n_kernels)//', the place of a &kernel group')
+      place = 0
+    end if
+  end function read_kernel_place
+
+end module viscovib_system_groups

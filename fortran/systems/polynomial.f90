@@ -1,0 +1,297 @@
+!> A system of n degrees of freedom with polynomial forces, as a user writes it
+!! down:
+!!
+!!   M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u)] = load(t),
+!!
+!! every f_g a sum of monomials c prod_d u_d^p_d of degree 2 or more on chosen
+!! equations. All springs and monomials with one kernel R_g make up one group: the
+!! hereditary variables are the forces of each group on each equation, so that
+!! F = B v with a column of the unit matrix for each.
+module viscovib_polynomial
+  use viscovib_checks, only: check_finite
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: monomial_type, polynomial_type, polynomial_parameters, new_polynomial, multiply
+
+  !> Bounds that keep a slip of the pen from filling the memory.
+  integer, parameter, public :: max_coordinates = 64, max_degree = 15
+
+  type :: polynomial_parameters
+    !> M and C, shape (n, n).
+    real(wp), allocatable :: mass(:, :), damping(:, :)
+    !> K of each spring group, shape (n, n, n_springs), and its kernel (0: none).
+    real(wp), allocatable :: stiffness(:, :, :)
+    integer, allocatable :: spring_kernel(:)
+    !> Monomials: c, equation, kernel, and powers, shape (n, n_monomials).
+    real(wp), allocatable :: coefficient(:)
+    integer, allocatable :: on(:), monomial_kernel(:), powers(:, :)
+    !> How u moves with the base, shape (n); all 0: the base is fixed.
+    real(wp), allocatable :: base_direction(:)
+  end type polynomial_parameters
+
+  !> c prod u_dof^power, dof and power of its factors.
+  type :: monomial_type
+    real(wp) :: coefficient = 0.0_wp
+    integer :: equation = 0, variable = 0
+    integer, allocatable :: dof(:), power(:)
+  end type monomial_type
+
+  type, extends(oscillator_type) :: polynomial_type
+    type(monomial_type), allocatable :: monomials(:)
+  contains
+    procedure :: deflection_remainder
+    procedure :: force_remainder
+    procedure :: deflection_slopes
+    procedure :: force_slopes
+    procedure :: stiffness_at_rest
+  end type polynomial_type
+
+contains
+
+  !> Checked constructor.
+  subroutine new_polynomial(system, parameters, kernels, status)
+    type(polynomial_type), intent(out) :: system
+    type(polynomial_parameters), intent(in) :: parameters
+    type(kernel_holder), intent(in) :: kernels(:)
+    type(status_type), intent(out) :: status
+    integer :: i, j
+
+    call check_parameters(parameters, size(kernels), status)
+    if (status%failed()) return
+    system%mass = parameters%mass
+    system%damping = parameters%damping
+    system%base_direction = parameters%base_direction
+    call copy_kernels(kernels, system%kernels)
+    allocate (system%monomials(count(abs(parameters%coefficient) > 0.0_wp)))
+    j = 0
+    do i = 1, size(parameters%coefficient)
+      if (.not. abs(parameters%coefficient(i)) > 0.0_wp) cycle
+      j = j + 1
+      call set_monomial(system%monomials(j), parameters%coefficient(i), parameters%on(i), &
+                        parameters%powers(:, i))
+    end do
+    associate (degrees => pack(sum(parameters%powers, 1), abs(parameters%coefficient) > 0.0_wp))
+      system%odd = all(mod(degrees, 2) == 1)
+      system%degree = max(1, maxval(degrees))
+    end associate
+    call add_variables(system, parameters, size(kernels))
+  end subroutine new_polynomial
+
+  subroutine check_parameters(p, n_kernels, status)
+    type(polynomial_parameters), intent(in) :: p
+    integer, intent(in) :: n_kernels
+    type(status_type), intent(out) :: status
+    integer :: n, i, total
+
+    n = size(p%mass, 1)
+    if (n < 1 .or. n > max_coordinates) then
+      call fail(status, status_input_error, 'mass', 'mass: is for '//show(n) &
+                //' coordinates, must be for 1 to '//show(max_coordinates))
+      return
+    end if
+    call check_finite('mass', reshape(p%mass, [size(p%mass)]), status)
+    if (status%failed()) return
+    if (any(abs(p%mass - transpose(p%mass)) > 1.0e-12_wp*maxval(abs(p%mass))) &
+        .or. .not. positive_definite(p%mass)) then
+      call fail(status, status_input_error, 'mass', 'mass: must be symmetric and positive definite')
+      return
+    end if
+    call check_finite('damping', reshape(p%damping, [size(p%damping)]), status)
+    if (status%failed()) return
+    call check_finite('stiffness', reshape(p%stiffness, [size(p%stiffness)]), status)
+    if (status%failed()) return
+    call check_finite('base_direction', p%base_direction, status)
+    if (status%failed()) return
+    call check_finite('coefficient', p%coefficient, status)
+    if (status%failed()) return
+    do i = 1, size(p%coefficient)
+      total = sum(min(p%powers(:, i), max_degree + 1))
+      if (any(p%powers(:, i) < 0) .or. total < 2 .or. total > max_degree) then
+        call fail(status, status_input_error, 'powers', 'powers of monomial '//show(i) &
+                  //': must not be negative, and their sum 2 to '//show(max_degree) &
+                  //' (what is linear belongs to the stiffness)')
+      else if (p%on(i) < 1 .or. p%on(i) > n) then
+        call fail(status, status_input_error, 'on', 'on = '//show(p%on(i)) &
+                  //': must be an equation, 1 to '//show(n))
+      end if
+      if (status%failed()) return
+    end do
+    if (any([p%spring_kernel, p%monomial_kernel] < 0) &
+        .or. any([p%spring_kernel, p%monomial_kernel] > n_kernels)) then
+      call fail(status, status_input_error, 'kernel', 'kernel: must be 0 (none) to ' &
+                //show(n_kernels))
+    end if
+  end subroutine check_parameters
+
+  !> Whether all pivots of Cholesky's factors are positive.
+  pure logical function positive_definite(matrix)
+    real(wp), intent(in) :: matrix(:, :)
+    real(wp) :: a(size(matrix, 1), size(matrix, 1))
+    integer :: j, k
+
+    a = matrix
+    positive_definite = .true.
+    do k = 1, size(a, 1)
+      positive_definite = a(k, k) > 4.0_wp*epsilon(1.0_wp)*matrix(k, k)
+      if (.not. positive_definite) return
+      do j = k + 1, size(a, 1)
+        a(j:, j) = a(j:, j) - a(j:, k)*(a(j, k)/a(k, k))
+      end do
+    end do
+  end function positive_definite
+
+  pure subroutine set_monomial(monomial, coefficient, equation, powers)
+    type(monomial_type), intent(inout) :: monomial
+    real(wp), intent(in) :: coefficient
+    integer, intent(in) :: equation, powers(:)
+    integer :: d
+    monomial%coefficient = coefficient
+    monomial%equation = equation
+    monomial%dof = pack([(d, d=1, size(powers))], powers > 0)
+    monomial%power = pack(powers, powers > 0)
+  end subroutine set_monomial
+
+  !> One hereditary variable for each kernel and equation that have a force.
+  subroutine add_variables(system, p, n_kernels)
+    type(polynomial_type), intent(inout) :: system
+    type(polynomial_parameters), intent(in) :: p
+    integer, intent(in) :: n_kernels
+    real(wp) :: stiffness(size(p%mass, 1), size(p%mass, 1))
+    integer :: kernel_of((n_kernels + 1)*size(p%mass, 1)), equation((n_kernels + 1)*size(p%mass, 1))
+    real(wp) :: rows((n_kernels + 1)*size(p%mass, 1), size(p%mass, 1))
+    logical :: bent((n_kernels + 1)*size(p%mass, 1))
+    integer :: a, i, j, k, m
+
+    m = 0
+    do k = 0, n_kernels
+      stiffness = 0.0_wp
+      do i = 1, size(p%spring_kernel)
+        if (p%spring_kernel(i) == k) stiffness = stiffness + p%stiffness(:, :, i)
+      end do
+      do a = 1, size(p%mass, 1)
+        m = m + 1
+        kernel_of(m) = k
+        equation(m) = a
+        rows(m, :) = stiffness(a, :)
+        bent(m) = .false.
+        j = 0
+        do i = 1, size(p%coefficient)
+          if (.not. abs(p%coefficient(i)) > 0.0_wp) cycle
+          j = j + 1
+          if (p%monomial_kernel(i) /= k .or. p%on(i) /= a) cycle
+          bent(m) = .true.
+          system%monomials(j)%variable = m
+        end do
+        if (.not. bent(m) .and. .not. any(abs(rows(m, :)) > 0.0_wp)) m = m - 1
+      end do
+    end do
+    system%kernel_of = kernel_of(:m)
+    system%bent = bent(:m)
+    system%gather = rows(:m, :)
+    allocate (system%spread(size(p%mass, 1), m), source=0.0_wp)
+    do j = 1, m
+      system%spread(equation(j), j) = 1.0_wp
+    end do
+  end subroutine add_variables
+
+  !> K u alone has left its place: the monomials of each group on each equation.
+  subroutine deflection_remainder(self, u, w)
+    class(polynomial_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :)
+    real(wp), intent(inout), contiguous :: w(:, :)
+    real(wp) :: product(size(u, 1))
+    integer :: i, j
+
+    do j = 1, size(w, 2)
+      if (self%bent(j)) w(:, j) = 0.0_wp
+    end do
+    do i = 1, size(self%monomials)
+      associate (m => self%monomials(i))
+        product = m%coefficient
+        do j = 1, size(m%dof)
+          call multiply(product, u(:, m%dof(j)), m%power(j))
+        end do
+        w(:, m%variable) = w(:, m%variable) + product
+      end associate
+    end do
+  end subroutine deflection_remainder
+
+  !> product x^power.
+  pure subroutine multiply(product, x, power)
+    real(wp), intent(inout) :: product(:)
+    real(wp), intent(in) :: x(:)
+    integer, intent(in) :: power
+    integer :: k
+    select case (power)
+    case (1)
+      product = product*x
+    case (2)
+      product = product*x*x
+    case (3)
+      product = product*x*x*x
+    case default
+      do k = 1, power
+        product = product*x
+      end do
+    end select
+  end subroutine multiply
+
+  !> None: F = B v.
+  subroutine force_remainder(self, u, v, f)
+    class(polynomial_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :), v(:, :)
+    real(wp), intent(out), contiguous :: f(:, :)
+    associate (never_called => self%separable, not_needed => [size(u), size(v)])
+      f = 0.0_wp
+    end associate
+  end subroutine force_remainder
+
+  !> c p_b u_b^(p_b - 1) prod_d/=b u_d^p_d.
+  subroutine deflection_slopes(self, u, slopes)
+    class(polynomial_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :)
+    real(wp), intent(inout), contiguous :: slopes(:, :, :)
+    real(wp) :: product(size(u, 1))
+    integer :: b, i, j
+
+    do b = 1, size(u, 2)
+      do j = 1, size(slopes, 2)
+        if (self%bent(j)) slopes(:, j, b) = 0.0_wp
+      end do
+    end do
+    do i = 1, size(self%monomials)
+      associate (m => self%monomials(i))
+        do b = 1, size(m%dof)
+          product = m%coefficient*m%power(b)
+          do j = 1, size(m%dof)
+            if (j == b .and. m%power(j) == 1) cycle
+            call multiply(product, u(:, m%dof(j)), m%power(j) - merge(1, 0, j == b))
+          end do
+          slopes(:, m%variable, m%dof(b)) = slopes(:, m%variable, m%dof(b)) + product
+        end do
+      end associate
+    end do
+  end subroutine deflection_slopes
+
+  subroutine force_slopes(self, u, v, by_u, by_v)
+    class(polynomial_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :), v(:, :)
+    real(wp), intent(out), contiguous :: by_u(:, :, :), by_v(:, :, :)
+    associate (never_called => self%separable, not_needed => [size(u), size(v)])
+      by_u = 0.0_wp
+      by_v = 0.0_wp
+    end associate
+  end subroutine force_slopes
+
+  !> sum_g K_g, shape (n, n): the stiffness without memory.
+  pure function stiffness_at_rest(self) result(stiffness)
+    class(polynomial_type), intent(in) :: self
+    real(wp) :: stiffness(size(self%mass, 1), size(self%mass, 1))
+    stiffness = matmul(self%spread, self%gather)
+  end function stiffness_at_rest
+
+end module viscovib_polynomial

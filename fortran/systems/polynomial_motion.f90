@@ -1,0 +1,129 @@
+!> A polynomial system without memory in time, under a periodic load:
+!!
+!!   M u'' = Im sum_k P_k exp(i k nu t) - C u' - K u - f(u).
+!!
+!! Its drives are cos(nu t) and sin(nu t); those of higher orders follow by rotation.
+module viscovib_polynomial_motion
+  use viscovib_dense, only: invert
+  use viscovib_driven_system, only: driven_system_type
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: max_dof, n_lanes
+  use viscovib_load, only: load_type
+  use viscovib_polynomial, only: monomial_type, multiply, polynomial_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: polynomial_motion_type, new_polynomial_motion
+
+  type, extends(driven_system_type) :: polynomial_motion_type
+    type(monomial_type), allocatable, private :: monomials(:)
+    !> M^(-1), M^(-1) K and M^(-1) C, shape (n_dof, n_dof).
+    real(wp), allocatable, private :: inverse(:, :), stiffness(:, :), damping(:, :)
+    !> M^(-1) P_k, shape (n_dof, size(orders)), and orders, ascending.
+    complex(wp), allocatable, private :: load(:, :)
+    integer, allocatable, private :: orders(:)
+  contains
+    procedure :: acceleration
+    procedure :: margin
+    procedure :: fastest
+  end type polynomial_motion_type
+
+contains
+
+  subroutine new_polynomial_motion(motion, system, load, nu, status)
+    type(polynomial_motion_type), intent(out) :: motion
+    type(polynomial_type), intent(in) :: system
+    !> Forces on the coordinates; the base is at rest.
+    type(load_type), intent(in) :: load
+    !> Circular frequency of the load (rad/s), > 0.
+    real(wp), intent(in) :: nu
+    type(status_type), intent(out) :: status
+    complex(wp) :: inverse(system%n_dof(), system%n_dof())
+    logical :: singular
+    integer :: i
+
+    if (system%n_dof() > max_dof) then
+      call fail(status, status_input_error, 'system', 'system: has '//show(system%n_dof()) &
+                //' coordinates, motion in time takes at most '//show(max_dof))
+    else if (any(system%kernel_of > 0)) then
+      call fail(status, status_input_error, 'system', 'system: has memory, motion in time is ' &
+                //'computed without: leave out the kernels')
+    else if (load%moves_base()) then
+      call fail(status, status_input_error, 'base', 'base: must be at rest in motion in time')
+    end if
+    if (status%failed()) return
+    motion%n_dof = system%n_dof()
+    motion%monomials = system%monomials
+    call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
+    motion%inverse = real(inverse)
+    motion%stiffness = matmul(motion%inverse, system%stiffness_at_rest())
+    motion%damping = matmul(motion%inverse, system%damping)
+    motion%orders = load%orders
+    motion%load = matmul(motion%inverse, load%force)
+    motion%drives = [(nu, i=1, 2)]
+    motion%quarters = [0, 3]
+  end subroutine new_polynomial_motion
+
+  pure subroutine acceleration(self, q, v, drive, a)
+    class(polynomial_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: drive(n_lanes, size(self%drives))
+    real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    real(wp) :: product(n_lanes), c(n_lanes), s(n_lanes), part(n_lanes)
+    integer :: b, d, i, j, k, order
+
+    do d = 1, self%n_dof
+      product = 0.0_wp
+      do b = 1, self%n_dof
+        product = product - (self%stiffness(d, b)*q(:, b) + self%damping(d, b)*v(:, b))
+      end do
+      a(:, d) = product
+    end do
+    do i = 1, size(self%monomials)
+      associate (m => self%monomials(i))
+        product = m%coefficient
+        do j = 1, size(m%dof)
+          call multiply(product, q(:, m%dof(j)), m%power(j))
+        end do
+        do d = 1, self%n_dof
+          if (abs(self%inverse(d, m%equation)) > 0.0_wp) then
+            a(:, d) = a(:, d) - self%inverse(d, m%equation)*product
+          end if
+        end do
+      end associate
+    end do
+    ! cos and sin of the order reached so far.
+    order = 0
+    c = 1.0_wp
+    s = 0.0_wp
+    do k = 1, size(self%orders)
+      do while (order < self%orders(k))
+        part = c*drive(:, 1) - s*drive(:, 2)
+        s = s*drive(:, 1) + c*drive(:, 2)
+        c = part
+        order = order + 1
+      end do
+      do d = 1, self%n_dof
+        a(:, d) = a(:, d) + (real(self%load(d, k))*s + aimag(self%load(d, k))*c)
+      end do
+    end do
+  end subroutine acceleration
+
+  !> The equations hold everywhere.
+  pure function margin(self, q)
+    class(polynomial_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof)
+    real(wp) :: margin(n_lanes)
+    margin = 1.0_wp + 0.0_wp*q(:, 1)
+  end function margin
+
+  !> Upper bound of the rates of the linear system, and the frequency of the load
+  !! (rad/s): what steps begin with.
+  pure real(wp) function fastest(self)
+    class(polynomial_motion_type), intent(in) :: self
+    fastest = max(sqrt(maxval(sum(abs(self%stiffness), 2))) + maxval(sum(abs(self%damping), 2)), &
+                  self%drives(1))
+  end function fastest
+
+end module viscovib_polynomial_motion

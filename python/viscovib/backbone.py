@@ -1,0 +1,209 @@
+"""Backbone curves: free periodic motions of systems without losses."""
+
+import csv
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.branch import OUTCOMES
+from viscovib.errors import InputError
+from viscovib.files import whole_file
+from viscovib.mount import Mount
+from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
+from viscovib.response import _MAX_UNKNOWNS, _prepare
+
+
+@dataclass(frozen=True, eq=False)
+class Backbone:
+    """A nonlinear normal mode u = Im sum_k X_k exp(i k nu t) = sum_k a_k cos(k nu t).
+
+    Every motion begins at rest, u'(0) = 0, so that X_k = i a_k.
+
+    Attributes
+    ----------
+    nu : ndarray, shape (n,)
+        Circular frequencies (rad/s), in the order followed.
+    harmonics : ndarray of int, shape (m,)
+        Orders k kept.
+    coefficients : complex ndarray, shape (n, n_dof, m)
+        X_k.
+    mode : int
+        The linear mode it grew from, counted from 0.
+    outcome : str
+        "completed"; "step limit": max_points reached; "stuck": no smaller step helps;
+        "overflow".
+    """
+
+    nu: FloatArray
+    harmonics: npt.NDArray[np.int32]
+    coefficients: ComplexArray
+    mode: int
+    outcome: str
+    dof_names: tuple[str, ...]
+    dof_units: tuple[str, ...]
+
+    def amplitude(self, dof: str, harmonic: int = 1) -> FloatArray:
+        """Size of a harmonic of a coordinate, shape (n,)."""
+        d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
+        where = np.flatnonzero(self.harmonics == harmonic)
+        if not where.size:
+            kept = ", ".join(map(str, self.harmonics))
+            raise InputError(f"harmonic = {harmonic}: must be one of those kept ({kept})")
+        return np.abs(self.coefficients[:, d, where[0]])
+
+    @property
+    def start(self) -> FloatArray:
+        """u(0), shape (n, n_dof): from there, at rest, the motion is periodic."""
+        return np.asarray(self.coefficients.imag.sum(axis=2))
+
+    @property
+    def truncation(self) -> FloatArray:
+        """Size of the two highest orders against the largest of all, shape (n,)."""
+        sizes = np.abs(self.coefficients)
+        return np.asarray(sizes[:, :, -2:].max(axis=(1, 2)) / sizes.max(axis=(1, 2)))
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over the points."""
+        return xr.Dataset(
+            {
+                "nu": ("point", self.nu, {"units": "rad/s"}),
+                "coefficients": (("point", "dof", "harmonic"), self.coefficients),
+            },
+            coords={
+                "dof": list(self.dof_names),
+                "unit": ("dof", list(self.dof_units)),
+                "harmonic": self.harmonics,
+            },
+            attrs={"outcome": self.outcome, "mode": self.mode},
+        )
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write a table: one row a point."""
+        columns: dict[str, Any] = {"nu": self.nu}
+        for d, name in enumerate(self.dof_names):
+            for j, k in enumerate(self.harmonics):
+                columns[f"{name}_{k}"] = self.coefficients[:, d, j].imag
+        with whole_file(path) as file:
+            file.write(f"# viscovib {version('viscovib')}, backbone of mode {self.mode}\n")
+            file.write("# nu (rad/s); u = sum_k a_k cos(k nu t)\n")
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            for row in zip(*columns.values(), strict=True):
+                writer.writerow([f"{value:.16e}" for value in row])
+
+
+def backbone(
+    system: Oscillator,
+    mode: int,
+    amplitude_range: tuple[float, float],
+    *,
+    dof: str | None = None,
+    harmonics: int = 9,
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+) -> Backbone:
+    """Follow the free motions that grow from a linear mode: frequency against amplitude.
+
+    Damping and memory are left out: springs act as at once, with their full stiffness.
+
+    Parameters
+    ----------
+    system : Mount or PolynomialSystem
+    mode : int
+        The linear mode, counted from 0 by rising frequency.
+    amplitude_range : (float, float)
+        First harmonic of a coordinate from which (small) and to which the curve is followed.
+    dof : str, optional
+        That coordinate; default the one that moves most in the mode.
+    harmonics : int
+        Highest order kept.
+    tolerance : float
+        Relative size of the last correction.
+    max_points : int
+        Points at most, 2 to 100000.
+    max_step : float
+        Largest step as a part of the present point, 1e-4 to 1.
+
+    Returns
+    -------
+    Backbone
+
+    Notes
+    -----
+    Without losses the equations keep their form when time runs backwards; motions that begin at
+    rest are even in time, which settles their phase. Harmonic balance for a_k and nu, followed by
+    pseudo-arclength continuation. Where modes interact the curve may turn back in amplitude.
+    """
+    check_oscillator(system, None)
+    conservative = _without_losses(system)
+    names = system.dof_names
+    frequencies, shapes = conservative.natural_frequencies(), conservative.mode_shapes()
+    j = _native.integer("mode", mode, 0, len(names) - 1)
+    if frequencies[j] <= 1e-7 * frequencies[-1]:
+        raise InputError(f"mode = {j}: moves as a rigid body, its frequency is 0")
+    shape = shapes[:, j]
+    place = int(np.abs(shape).argmax())
+    if dof is not None:
+        place = names.index(_native.choice("dof", dof, names))
+    if abs(shape[place]) < 1e-6 * np.abs(shape).max():
+        raise InputError(f"dof = {dof!r}: stands still in mode {j}")
+    ends = _native.real_array("amplitude_range", amplitude_range)
+    if ends.shape != (2,) or not 0 < ends[0] < ends[1]:
+        raise InputError("amplitude_range: must be two numbers, 0 < from < to")
+    points = _native.integer("max_points", max_points, 2, 100_000)
+    step = _native.number("max_step", max_step)
+    if not 1e-4 <= step <= 1:
+        raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
+    job, _, options, planned = _prepare(
+        conservative, [frequencies[j]], {1: 1.0}, None, "newton", harmonics, tolerance, 100, 1.0
+    )
+    if planned.method != "newton":
+        raise InputError("system: nothing is nonlinear, the frequency does not depend on amplitude")
+    most = 100 * _MAX_UNKNOWNS**2 // (planned.orders.size * len(names))
+    if points > most:
+        raise InputError(f"max_points = {points}: must be at most {most} with these unknowns")
+    cancel = np.zeros(1, dtype=np.intc)
+    n, ended, nu, coefficients = _native.call_interruptibly(
+        core.oscillator_backbone, cancel, *job[:5], frequencies[j], shape, place + 1, ends[0],
+        ends[1], options[1], options[2], points, step, planned.orders.size, cancel,
+    )  # fmt: skip
+    if n == 0:
+        raise InputError(
+            f"amplitude_range: no solution was found at its beginning {ends[0]:g}: begin lower"
+        )
+    return Backbone(
+        nu=nu[:n].copy(),
+        harmonics=planned.orders,
+        coefficients=np.ascontiguousarray(coefficients[:, :, :n].T),
+        mode=j,
+        outcome=OUTCOMES[ended],
+        dof_names=names,
+        dof_units=system.dof_units,
+    )
+
+
+def _without_losses(system: Oscillator) -> Oscillator:
+    if isinstance(system, Mount):
+        return replace(system, kernel=None, kernel_phi=False, damping=None)
+    springs = [
+        Springs(
+            stiffness=group.stiffness,
+            forces=[
+                Monomial(coefficient=c, powers=powers, on=on)
+                for (on, powers), c in group.forces.items()
+            ],
+        )
+        for group in system.groups
+    ]
+    return PolynomialSystem(
+        mass=system.mass, springs=springs, names=system.dof_names, units=system.dof_units
+    )

@@ -1,0 +1,150 @@
+"""Backbone curves against closed forms and direct integration of the motion."""
+
+import matplotlib
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+from scipy.special import ellipk
+
+matplotlib.use("Agg")
+
+BODY = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
+STIFFNESS = np.array([[10.0, -5.0], [-5.0, 4.5]])
+
+
+def test_duffing_in_elliptic_functions():
+    """From rest at A, x'' + x + c x^3 = 0 has omega = pi sqrt(1 + c A^2)/(2 K(m))."""
+    for c, largest in ((1.0, 5.0), (-1.0, 0.8)):
+        system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.3, forces=f"{c}*x^3")
+        b = vv.backbone(system, 0, (1e-3, largest), harmonics=61, tolerance=1e-13)
+        assert b.outcome == "completed"
+        assert b.amplitude("x")[-1] == pytest.approx(largest, rel=1e-11)
+        size = np.abs(b.start[:, 0])
+        parameter = c * size**2 / (2 * (1 + c * size**2))
+        exact = np.pi * np.sqrt(1 + c * size**2) / (2 * ellipk(parameter))
+        assert b.nu == pytest.approx(exact, rel=4e-15)
+
+
+def forces(name):
+    """Accelerations written out by hand."""
+    if name == "cubic":
+        extra = lambda u: np.array(  # noqa: E731
+            [5 / 6 * u[1] ** 3, 2.5 * u[1] ** 2 * u[0] - 5 / 3 * u[1] ** 3]
+        )
+        return lambda u: -(STIFFNESS @ u + extra(u)) / [1, 0.1]
+    if name == "exact":
+
+        def exact(u):
+            spring = 10 * (u[0] - 0.5 * np.sin(u[1]))
+            return -np.array([spring, (2 * u[1] - 0.5 * np.cos(u[1]) * spring) / 0.1])
+
+        return exact
+    if name == "asymmetric":
+        return lambda u: -(u + 0.4 * u**2 + 0.5 * u**3)
+
+    def chain(u):
+        stretch = np.diff(np.concatenate([[0], u, [0]]))
+        return np.diff(stretch + 0.3 * stretch**2 + 0.5 * stretch**3)
+
+    return chain
+
+
+def systems(name):
+    if name in ("cubic", "exact"):
+        return vv.Mount(**BODY, geometry=name, damping=0.1 * STIFFNESS)
+    if name == "asymmetric":
+        return vv.PolynomialSystem(mass=1, stiffness=1, forces="0.4*x^2 + 0.5*x^3")
+    names = ["0", *(f"x{i}" for i in range(1, 6)), "0"]
+    law = "({0}) + 0.3*({0})^2 + 0.5*({0})^3"
+    texts = {
+        names[i]: law.format(f"{names[i]} - {names[i - 1]}")
+        + " - (" + law.format(f"{names[i + 1]} - {names[i]}") + ")"
+        for i in range(1, 6)
+    }  # fmt: skip
+    return vv.PolynomialSystem(mass=np.ones(5), forces=texts)
+
+
+@pytest.mark.parametrize(
+    ("name", "mode", "largest"),
+    [
+        ("cubic", 0, 0.5), ("cubic", 1, 0.8), ("exact", 0, 0.5), ("exact", 1, 1.0),
+        ("asymmetric", 0, 0.6), ("chain", 0, 0.5), ("chain", 2, 0.3), ("chain", 4, 0.4),
+    ],
+)  # fmt: skip
+def test_period_of_direct_integration(name, mode, largest):
+    """A motion from rest at u(0) is back there, at rest, after 2 pi/nu."""
+    system, acceleration = systems(name), forces(name)
+    b = vv.backbone(system, mode, (1e-3, largest), harmonics=45, tolerance=1e-13)
+    assert b.outcome == "completed"
+    n = len(b.dof_names)
+    for i in (0, b.nu.size // 2, b.nu.size - 1):
+        start = np.concatenate([b.start[i], np.zeros(n)])
+        end = solve_ivp(
+            lambda t, y: np.concatenate([y[n:], acceleration(y[:n])]),
+            (0, 2 * np.pi / b.nu[i]), start, "DOP853", rtol=1e-13, atol=1e-15,
+        ).y[:, -1]  # fmt: skip
+        assert np.abs(end - start).max() < 1e-10
+    assert b.nu[0] == pytest.approx(system.natural_frequencies()[mode], rel=1e-5)
+    assert abs(b.nu[-1] / b.nu[0] - 1) > 1e-4
+
+
+def test_lightly_damped_peaks_lie_on_it():
+    damping = 0.002 * STIFFNESS
+    mount = vv.Mount(**BODY, damping=damping)
+    b = vv.backbone(mount, 1, (1e-3, 0.5), dof="phi", harmonics=15)
+    peak = vv.trace_response(mount, (5, 8), load=0.1, max_step=0.02, stability=False).peak("phi")
+    at = np.interp(peak.amplitude, b.amplitude("phi"), b.nu)
+    assert peak.enclosed
+    assert at == pytest.approx(peak.nu, rel=2e-4)
+    assert abs(at - b.nu[0]) > 20 * abs(at - peak.nu)
+
+
+def test_tables_and_picture(tmp_path):
+    b = vv.backbone(vv.Mount(**BODY), 0, (1e-3, 0.3))
+    b.to_csv(tmp_path / "b.csv")
+    lines = (tmp_path / "b.csv").read_text().splitlines()
+    assert lines[2].startswith("nu,x_1,x_3")
+    assert len(lines) == 3 + b.nu.size
+    assert b.to_dataset().coefficients.shape == b.coefficients.shape
+    axes = vv.plot_backbone([b, vv.backbone(vv.Mount(**BODY), 1, (1e-3, 0.3))])
+    assert len(axes) == 2
+    assert axes[0].lines[0].get_xdata() == pytest.approx(b.nu)
+    axes[0].figure.savefig(tmp_path / "b.png")
+    assert b.truncation.max() < 1e-3
+    few = vv.backbone(vv.Mount(**BODY), 0, (1e-3, 0.3), max_points=5)
+    assert (few.outcome, few.nu.size) == ("step limit", 5)
+    matplotlib.pyplot.close("all")
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"system": 1}, "must be a Mount or a PolynomialSystem"),
+        ({"mode": 2}, "mode = 2: must be 0 to 1"),
+        ({"amplitude_range": (0, 1)}, "amplitude_range: must be two numbers, 0 < from < to"),
+        ({"amplitude_range": (2, 1)}, "amplitude_range: must be two numbers"),
+        ({"amplitude_range": 1}, "amplitude_range: must be two numbers"),
+        ({"dof": "y"}, "dof = 'y': must be one of"),
+        ({"max_points": 1}, "max_points = 1: must be 2 to"),
+        ({"max_step": 2}, "max_step = 2: must be in [1e-4, 1]"),
+        ({"harmonics": 0}, "harmonics = 0: must be 1"),
+        ({"system": vv.Mount(**BODY, cubic_scale=0)}, "nothing is nonlinear"),
+        (
+            {"system": vv.PolynomialSystem(mass=[1, 1], forces={"x1": "x1^3", "x2": "x2"})},
+            "mode = 0: moves as a rigid body",
+        ),
+        (
+            {
+                "system": vv.PolynomialSystem(mass=[1, 1], stiffness=[1, 2], forces={"x1": "x1^3"}),
+                "dof": "x2",
+            },
+            "dof = 'x2': stands still in mode 0",
+        ),
+    ],
+)
+def test_bad_input_is_named(changes, text):
+    given = {"system": vv.Mount(**BODY), "mode": 0, "amplitude_range": (1e-3, 0.1)} | changes
+    with pytest.raises(vv.InputError) as error:
+        vv.backbone(**given)
+    assert text in str(error.value)

@@ -1,0 +1,88 @@
+"""Polynomials written as text against Python's own arithmetic."""
+
+from fractions import Fraction
+
+import pytest
+import viscovib as vv
+from hypothesis import given, reject
+from hypothesis import strategies as st
+from viscovib.expression import expand, spell
+
+NAMES = ("x", "phi", "x_2")
+
+
+def value(polynomial, at):
+    total = Fraction(0)
+    for powers, c in polynomial.items():
+        term = Fraction(c)
+        for u, p in zip(at, powers, strict=True):
+            term *= u**p
+        total += term
+    return total
+
+
+def texts(depth):
+    if depth == 0:
+        return st.one_of(
+            st.sampled_from(NAMES), st.integers(0, 9).map(str), st.sampled_from(["0.5", "0.25"])
+        )
+    inner = texts(depth - 1)
+    return st.one_of(
+        inner,
+        st.tuples(inner, st.sampled_from(["+", "-", "*", " * "]), inner).map(
+            lambda parts: f"({''.join(parts)})"
+        ),
+        st.tuples(inner, st.sampled_from(["^2", "**2", "^3", "/4", "^0"])).map(
+            lambda parts: f"({parts[0]}){parts[1]}"
+        ),
+        inner.map(lambda text: f"-{text}"),
+    )
+
+
+@given(text=texts(3), at=st.lists(st.integers(-3, 3), min_size=3, max_size=3))
+def test_value_is_that_of_the_text(text, at):
+    # Small whole numbers and quarters: every coefficient is exact.
+    names = dict(zip(NAMES, map(Fraction, at), strict=True))
+    exact = text.replace("^", "**").replace("0.5", "half").replace("0.25", "quarter")
+    expected = eval(exact, {"half": Fraction(1, 2), "quarter": Fraction(1, 4)} | names)
+    try:
+        polynomial = expand("f", text, NAMES)
+    except vv.InputError:
+        # A degree above 15, which another test is about.
+        reject()
+    assert float(value(polynomial, [Fraction(u) for u in at])) == pytest.approx(float(expected))
+    assert all(polynomial.values())
+
+
+@given(text=texts(3))
+def test_scenes_read_the_same(text, tmp_path_factory):
+    """The compiled reader of scenes and Python's expand a text alike."""
+    law = f"({text})*x^2"
+    try:
+        expected = {p: c for p, c in expand("f", law, NAMES).items() if sum(p) <= 15}
+    except vv.InputError:
+        reject()
+    path = tmp_path_factory.getbasetemp() / "law.nml"
+    path.write_text(
+        "&system coordinates='x', 'phi', 'x_2', mass=1, 1, 1, stiffness=1, 1, 1 /\n"
+        f"&force on='phi', law='{law}' /\n&load amplitude=1 /\n&response nu=1 /\n"
+    )
+    groups = vv.Scene.read(path).polynomial_system().groups
+    found = {powers: c for group in groups for (_, powers), c in group.forces.items()}
+    assert found == pytest.approx(expected)
+
+
+def test_spelling():
+    assert expand("f", "2*(x - phi)^2/4", NAMES) == {
+        (2, 0, 0): 0.5,
+        (1, 1, 0): -1.0,
+        (0, 2, 0): 0.5,
+    }
+    assert spell((2, 0, 1), NAMES) == "x^2*x_2"
+    assert expand("f", "x - x", NAMES) == {}
+
+
+def test_no_expression_grows_without_bound():
+    names = [f"q{i}" for i in range(60)]
+    with pytest.raises(vv.InputError, match="at most 20000 monomials"):
+        expand("f", f"({' + '.join(names)})^8", names)
