@@ -2,8 +2,10 @@
 
 from importlib.metadata import version as _version
 
-from viscovib.branch import Branch, Crossing, trace_response
+from viscovib.branch import Branch, Crossing
 from viscovib.characteristic import CharacteristicRoots
+from viscovib.driven import DrivenResponse
+from viscovib.driven_branch import BranchPoint, DrivenBranch
 from viscovib.ensemble import Ensemble, simulate_ensemble
 from viscovib.errors import (
     ConvergenceWarning,
@@ -23,8 +25,9 @@ from viscovib.kernels import (
 from viscovib.load import fourier_coefficients
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
+from viscovib.periodic import forced_response, trace_response
 from viscovib.plots import plot_branch, plot_response, plot_sections, plot_spectrum, plot_trajectory
-from viscovib.response import Peak, Response, forced_response, plan_response
+from viscovib.response import Peak, Response, plan_response
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.spectrum import (
     Lines,
@@ -41,9 +44,12 @@ __version__ = _version("viscovib")
 __all__ = [
     "AbelKernel",
     "Branch",
+    "BranchPoint",
     "CharacteristicRoots",
     "ConvergenceWarning",
     "Crossing",
+    "DrivenBranch",
+    "DrivenResponse",
     "Ensemble",
     "FileError",
     "InputError",

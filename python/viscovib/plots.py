@@ -10,6 +10,7 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.branch import Branch
+from viscovib.driven_branch import DrivenBranch
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
 from viscovib.files import whole_file
@@ -96,16 +97,16 @@ def plot_response(
 
 
 def plot_branch(
-    branch: Branch,
+    branch: Branch | DrivenBranch,
     ax: "Axes | Sequence[Axes] | None" = None,
     *,
-    harmonic: int = 1,
+    harmonic: int | tuple[int, ...] = 1,
     log: bool = False,
 ) -> "Sequence[Axes]":
     """Draw amplitude along a branch, one panel a coordinate.
 
     Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey. Folds
-    are marked.
+    and branch points are marked.
     """
     names = branch.dof_names
     if ax is None:
@@ -137,15 +138,18 @@ def plot_branch(
             branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k", markersize=4,
             markerfacecolor="w", label="fold",
         )  # fmt: skip
-        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{harmonic}|$ ({unit})")
+        if isinstance(branch, DrivenBranch) and branch.branch_points:
+            axis.plot(
+                [point.parameter for point in branch.branch_points],
+                [abs(point.coefficients[d, j]) for point in branch.branch_points],
+                "s", color="k", markersize=4, markerfacecolor="w", label="branch point",
+            )  # fmt: skip
+        order = harmonic if isinstance(harmonic, int) else "{" + ",".join(map(str, harmonic)) + "}"
+        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{order}|$ ({unit})")
         if log:
             axis.set_yscale("log")
         _bare(axis)
-    axes[-1].set_xlabel(
-        r"circular frequency of the load $\nu$ (rad/s)"
-        if branch.varies == "nu"
-        else f"factor of the load, at frequency {branch.nu[0]:g} rad/s"
-    )
+    axes[-1].set_xlabel(branch.label)
     axes[0].legend(frameon=False)
     return axes
 

@@ -12,6 +12,7 @@ program tester
   use test_response, only: run_response
   use test_scene, only: run_scene
   use test_table, only: run_table
+  use test_torus, only: run_torus
   use test_transient, only: run_transient
   implicit none
 
@@ -33,6 +34,7 @@ program tester
   if (wants('response')) call run_response()
   if (wants('scene')) call run_scene()
   if (wants('table')) call run_table()
+  if (wants('torus')) call run_torus()
   if (wants('transient')) call run_transient()
 
   if (.not. known) then

@@ -1,0 +1,171 @@
+! Flat routines over periodic and quasi-periodic solutions of the pendulum, for f2py.
+! Orders, unknowns and drives as in torus and torus_balance.
+
+!> Solutions at the values p of what varies (vary: 1 a base frequency, 2 an
+!! amplitude; which: of which axis or drive), with monodromy matrices if there is one
+!! axis and stability is wanted.
+subroutine pendulum_balance(flat, orders, n_axes, n_orders, drive_orders, omega, amplitude, &
+                            vary, which, p, n_p, tolerance, with_stability, cancel, x, outcome, &
+                            iterations, matrices, n_unknowns, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_orbit_floquet, only: orbit_floquet_type
+  use viscovib_outcomes, only: outcome_converged
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_status, only: status_type
+  use viscovib_torus, only: new_torus, torus_type
+  use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
+  use viscovib_torus_response, only: torus_responses
+  implicit none
+  integer(c_int), intent(in) :: n_axes, n_orders, n_p, n_unknowns
+  integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
+  integer(c_int), intent(in) :: with_stability
+  real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), p(n_p), tolerance
+  !> cancel(1) /= 0, perhaps set by another thread, gives up.
+  integer(c_int), intent(inout) :: cancel(1)
+  !> n_unknowns = 3 (2 n_orders - 1).
+  real(c_double), intent(out) :: x(n_unknowns, n_p), matrices(6, 6, n_p)
+  integer(c_int), intent(out) :: outcome(n_p), iterations(n_p), status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(pendulum_type), target :: system
+  type(torus_type) :: torus
+  type(torus_balance_type) :: balance
+  type(orbit_floquet_type) :: floquet
+  type(status_type) :: problem
+  real(c_double), allocatable :: r(:), slope(:), jacobian(:, :)
+  logical :: inside
+  integer :: i
+
+  x = 0.0_c_double
+  matrices = 0.0_c_double
+  outcome = -1
+  iterations = 0
+  call make_pendulum(system, flat, problem)
+  if (.not. problem%failed()) call new_torus(torus, orders, problem)
+  if (.not. problem%failed()) then
+    call new_torus_balance(balance, system, torus, drive_orders, omega, amplitude)
+    balance%vary = vary
+    balance%which = which
+    if (vary == vary_frequency) balance%lowest = 0.0_c_double
+    call torus_responses(balance, p, tolerance, x, outcome, iterations, cancel(1))
+    if (with_stability /= 0 .and. n_axes == 1) then
+      allocate (r(balance%n), slope(balance%n), jacobian(balance%n, balance%n))
+      do i = 1, n_p
+        if (outcome(i) /= outcome_converged .or. cancel(1) /= 0) cycle
+        call balance%equations(x(:, i), p(i), r, jacobian, slope, inside)
+        call floquet%monodromy(balance, x(:, i), matrices(:, :, i))
+      end do
+    end if
+  end if
+  call report(problem, status, message)
+end subroutine pendulum_balance
+
+!> A branch from p = start to p = finish. With leave = 1 it begins at the point
+!! (begin, begin_p) in the direction `along`, with 0 at a solution found at p = start.
+subroutine pendulum_branch(flat, orders, n_axes, n_orders, drive_orders, omega, amplitude, vary, &
+                           which, start, finish, tolerance, max_points, max_step, &
+                           with_stability, leave, begin, begin_p, along, n_unknowns, max_special, &
+                           cancel, n_points, ended, p, iterations, x, matrices, n_folds, folds, &
+                           fold_x, fold_before, n_branch_points, branch_points, branch_point_x, &
+                           across, branch_before, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
+  use viscovib_orbit_floquet, only: orbit_floquet_type
+  use viscovib_outcomes, only: outcome_converged
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_status, only: status_type
+  use viscovib_torus, only: new_torus, torus_type
+  use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
+  use viscovib_torus_response, only: solve_from_rest
+  implicit none
+  integer(c_int), intent(in) :: n_axes, n_orders, n_unknowns, max_points, max_special
+  integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
+  integer(c_int), intent(in) :: with_stability, leave
+  real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), start, finish, tolerance
+  real(c_double), intent(in) :: max_step, begin(n_unknowns), begin_p, along(n_unknowns + 1)
+  !> cancel(1) /= 0, perhaps set by another thread, gives up.
+  integer(c_int), intent(inout) :: cancel(1)
+  integer(c_int), intent(out) :: n_points, ended, iterations(max_points), n_folds
+  real(c_double), intent(out) :: p(max_points), x(n_unknowns, max_points)
+  real(c_double), intent(out) :: matrices(6, 6, max_points), folds(max_special)
+  real(c_double), intent(out) :: fold_x(n_unknowns, max_special), branch_points(max_special)
+  real(c_double), intent(out) :: branch_point_x(n_unknowns, max_special)
+  real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
+  integer(c_int), intent(out) :: fold_before(max_special), branch_before(max_special)
+  integer(c_int), intent(out) :: n_branch_points, status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(pendulum_type), target :: system
+  type(torus_type) :: torus
+  type(torus_balance_type) :: balance
+  type(curve_options) :: options
+  type(curve_branch_type) :: branch
+  type(orbit_floquet_type) :: floquet
+  type(status_type) :: problem
+  real(c_double) :: at(n_unknowns)
+  real(c_double), allocatable :: r(:), slope(:), jacobian(:, :)
+  logical :: inside
+  integer :: i, found, made
+
+  n_points = 0
+  n_folds = 0
+  n_branch_points = 0
+  ended = -1
+  p = 0.0_c_double
+  x = 0.0_c_double
+  iterations = 0
+  matrices = 0.0_c_double
+  folds = 0.0_c_double
+  fold_x = 0.0_c_double
+  branch_points = 0.0_c_double
+  branch_point_x = 0.0_c_double
+  across = 0.0_c_double
+  fold_before = 0
+  branch_before = 0
+  call make_pendulum(system, flat, problem)
+  if (.not. problem%failed()) call new_torus(torus, orders, problem)
+  if (.not. problem%failed()) then
+    call new_torus_balance(balance, system, torus, drive_orders, omega, amplitude)
+    balance%vary = vary
+    balance%which = which
+    if (vary == vary_frequency) balance%lowest = 0.0_c_double
+    options = curve_options(start, finish, tolerance, max_points, max_step)
+    found = outcome_converged
+    if (leave == 0) then
+      made = 0
+      call solve_from_rest(balance, start, tolerance, at, found, made, cancel(1))
+      if (found == outcome_converged) then
+        call follow_curve(balance, options, at, branch, cancel=cancel(1))
+      end if
+    else
+      call follow_curve(balance, options, begin, branch, begin_p, along, cancel(1))
+    end if
+    if (found == outcome_converged) then
+      n_points = branch%n_points
+      ended = branch%outcome
+      p(:n_points) = branch%parameter(:n_points)
+      iterations(:n_points) = branch%iterations(:n_points)
+      x(:, :n_points) = branch%x(:, :n_points)
+      n_folds = min(branch%folds%n, max_special)
+      folds(:n_folds) = branch%folds%p(:n_folds)
+      fold_x(:, :n_folds) = branch%folds%x(:, :n_folds)
+      fold_before(:n_folds) = branch%folds%before(:n_folds)
+      n_branch_points = min(branch%branch_points%n, max_special)
+      branch_points(:n_branch_points) = branch%branch_points%p(:n_branch_points)
+      branch_point_x(:, :n_branch_points) = branch%branch_points%x(:, :n_branch_points)
+      across(:, :n_branch_points) = branch%branch_points%across(:, :n_branch_points)
+      branch_before(:n_branch_points) = branch%branch_points%before(:n_branch_points)
+    end if
+    if (with_stability /= 0 .and. n_axes == 1) then
+      allocate (r(balance%n), slope(balance%n), jacobian(balance%n, balance%n))
+      do i = 1, n_points
+        if (cancel(1) /= 0) exit
+        call balance%equations(x(:, i), p(i), r, jacobian, slope, inside)
+        call floquet%monodromy(balance, x(:, i), matrices(:, :, i))
+      end do
+    end if
+  end if
+  call report(problem, status, message)
+end subroutine pendulum_branch
