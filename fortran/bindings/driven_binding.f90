@@ -3,8 +3,8 @@
 
 !> Solutions at the values p of what varies (vary: 1 a base frequency, 2 an
 !! amplitude; which: of which axis or drive), with monodromy matrices if there is one
-!! axis and stability is wanted.
-subroutine pendulum_balance(flat, orders, n_axes, n_orders, drive_orders, omega, amplitude, &
+!! axis and stability is wanted. kept is 1 where an order of a coordinate is an unknown.
+subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
                             vary, which, p, n_p, tolerance, with_stability, cancel, x, outcome, &
                             iterations, matrices, n_unknowns, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
@@ -19,7 +19,7 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, drive_orders, omega,
   implicit none
   integer(c_int), intent(in) :: n_axes, n_orders, n_p, n_unknowns
   integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
-  integer(c_int), intent(in) :: with_stability
+  integer(c_int), intent(in) :: with_stability, kept(n_orders, 3)
   real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), p(n_p), tolerance
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
@@ -33,7 +33,7 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, drive_orders, omega,
   type(torus_balance_type) :: balance
   type(orbit_floquet_type) :: floquet
   type(status_type) :: problem
-  real(c_double), allocatable :: r(:), slope(:), jacobian(:, :)
+  real(c_double), allocatable :: r(:), slope(:), jacobian(:, :), y(:)
   logical :: inside
   integer :: i
 
@@ -44,7 +44,7 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, drive_orders, omega,
   call make_pendulum(system, flat, problem)
   if (.not. problem%failed()) call new_torus(torus, orders, problem)
   if (.not. problem%failed()) then
-    call new_torus_balance(balance, system, torus, drive_orders, omega, amplitude)
+    call new_torus_balance(balance, system, torus, drive_orders, omega, amplitude, kept /= 0)
     balance%vary = vary
     balance%which = which
     if (vary == vary_frequency) balance%lowest = 0.0_c_double
@@ -53,8 +53,9 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, drive_orders, omega,
       allocate (r(balance%n), slope(balance%n), jacobian(balance%n, balance%n))
       do i = 1, n_p
         if (outcome(i) /= outcome_converged .or. cancel(1) /= 0) cycle
-        call balance%equations(x(:, i), p(i), r, jacobian, slope, inside)
-        call floquet%monodromy(balance, x(:, i), matrices(:, :, i))
+        y = balance%reduced(x(:, i))
+        call balance%equations(y, p(i), r, jacobian, slope, inside)
+        call floquet%monodromy(balance, y, matrices(:, :, i))
       end do
     end if
   end if

@@ -87,7 +87,7 @@ contains
   subroutine monodromy(self, balance, x, matrix)
     class(orbit_floquet_type), intent(inout) :: self
     type(torus_balance_type), intent(in) :: balance
-    !> Shape (n n_dof).
+    !> Unknowns, shape (balance%n).
     real(wp), intent(in) :: x(:)
     !> Shape (2 n_dof, 2 n_dof): (y, y') to (y, y').
     real(wp), intent(out) :: matrix(:, :)
@@ -95,18 +95,19 @@ contains
     real(wp), dimension(n_lanes, balance%system%n_dof) :: motion, speed, a
     real(wp) :: drive(n_lanes, size(balance%amplitude))
     real(wp) :: f(n_lanes, max_dof, max_stages), h(n_lanes), needed
-    integer :: d, i, at, n, m, s
+    real(wp) :: y(balance%torus%n, balance%system%n_dof)
+    integer :: d, i, at, n, s
 
     n = balance%system%n_dof
-    m = balance%torus%n
+    y = balance%expanded(x)
     needed = max(2.0_wp*pi*balance%rate()/balance%omega(1)/phase_a_step, &
                  1.0_wp*maxval(balance%torus%orders))
     matrix = ieee_value(0.0_wp, ieee_quiet_nan)
     if (.not. needed <= max_steps) return
     call self%prepare(balance, needed)
     do d = 1, n
-      self%q(:, d) = matmul(x(m*(d - 1) + 1:m*d), self%synthesis)
-      self%v(:, d) = balance%omega(1)*matmul(x(m*(d - 1) + 1:m*d), self%derivative)
+      self%q(:, d) = matmul(y(:, d), self%synthesis)
+      self%v(:, d) = balance%omega(1)*matmul(y(:, d), self%derivative)
     end do
     h = 2.0_wp*pi/balance%omega(1)/self%n_steps
     q = 0.0_wp

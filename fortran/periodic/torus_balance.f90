@@ -39,6 +39,9 @@ module viscovib_torus_balance
     !> The drives' angles are drive_orders(:, j).theta, shape (n_axes, n_drives).
     integer, allocatable :: drive_orders(:, :)
     integer, private :: n_dof = 0
+    !> Where in x an order of a coordinate begins, 0 if it is left out, shape
+    !! (n_orders, n_dof).
+    integer, allocatable, private :: at(:, :)
     !> cos of the drives' angles at the samples, shape (n_samples, n_drives).
     real(wp), allocatable, private :: cosines(:, :)
     !> Coordinates, velocities, their derivative with respect to a frequency,
@@ -51,20 +54,25 @@ module viscovib_torus_balance
     procedure :: equations
     procedure :: set_parameter
     procedure :: rate
+    procedure :: expanded
+    procedure :: reduced
     procedure, private :: evaluate
     procedure, private :: add_block
   end type torus_balance_type
 
 contains
 
-  subroutine new_torus_balance(balance, system, torus, drive_orders, omega, amplitude)
+  subroutine new_torus_balance(balance, system, torus, drive_orders, omega, amplitude, kept)
     type(torus_balance_type), intent(out) :: balance
     class(differentiable_system_type), intent(in), target :: system
     type(torus_type), intent(in) :: torus
     integer, intent(in) :: drive_orders(:, :)
     real(wp), intent(in) :: omega(:), amplitude(:)
+    !> Which orders of which coordinates are unknowns, shape (n_orders, n_dof); the
+    !! others are 0, as a symmetry may have it. All, if absent.
+    logical, intent(in), optional :: kept(:, :)
     real(wp) :: unit(3)
-    integer :: d, j, s, rest, place(3)
+    integer :: d, j, k, s, rest, place(3)
 
     balance%torus = torus
     balance%system => system
@@ -73,7 +81,17 @@ contains
     balance%amplitude = amplitude
     d = system%n_dof
     balance%n_dof = d
-    balance%n = torus%n*d
+    allocate (balance%at(size(torus%orders, 2), d), source=0)
+    balance%n = 0
+    do j = 1, d
+      do k = 1, size(torus%orders, 2)
+        if (present(kept)) then
+          if (.not. kept(k, j)) cycle
+        end if
+        balance%at(k, j) = balance%n + 1
+        balance%n = balance%n + merge(1, 2, k == 1)
+      end do
+    end do
     allocate (balance%cosines(torus%n_samples, size(drive_orders, 2)), source=0.0_wp)
     allocate (balance%q(torus%n_samples, d), balance%v(torus%n_samples, d), &
               balance%dv(torus%n_samples, d), balance%a(torus%n_samples, d), &
@@ -118,54 +136,92 @@ contains
     logical, intent(out) :: inside
     complex(wp), dimension(size(self%torus%orders, 2)) :: one, rates, by_omega
     real(wp) :: w(size(self%torus%orders, 2)), w_slope(size(self%torus%orders, 2))
-    integer :: a, b, k, n, at
+    real(wp) :: y(self%torus%n, self%n_dof), part(self%torus%n)
+    integer :: a, b
 
     r = 0.0_wp
     slope = 0.0_wp
     inside = p > self%lowest
     if (.not. inside) return
     call self%set_parameter(p)
-    n = self%torus%n
     w = self%torus%frequencies(self%omega)
     w_slope = 0.0_wp
     if (self%vary == vary_frequency) w_slope = self%torus%orders(self%which, :)
     one = (1.0_wp, 0.0_wp)
     rates = cmplx(0.0_wp, w, wp)
     by_omega = cmplx(0.0_wp, w_slope, wp)
+    y = self%expanded(x)
     do b = 1, self%n_dof
-      associate (y => x(n*(b - 1) + 1:n*b))
-        call self%torus%to_samples(y, one, self%q(:, b))
-        call self%torus%to_samples(y, rates, self%v(:, b))
-        if (self%vary == vary_frequency) then
-          call self%torus%to_samples(y, by_omega, self%dv(:, b))
-        end if
-      end associate
+      call self%torus%to_samples(y(:, b), one, self%q(:, b))
+      call self%torus%to_samples(y(:, b), rates, self%v(:, b))
+      if (self%vary == vary_frequency) then
+        call self%torus%to_samples(y(:, b), by_omega, self%dv(:, b))
+      end if
     end do
     call self%evaluate(inside)
     if (.not. inside) return
     do a = 1, self%n_dof
-      at = n*(a - 1)
       call self%torus%moments(self%a(:, a), self%by_q)
-      call self%torus%to_unknowns(self%by_q, r(at + 1:at + n))
-      r(at + 1:at + n) = -r(at + 1:at + n)
+      call self%torus%to_unknowns(self%by_q, part)
+      call put(self%at(:, a), w**2, y(:, a), part, r)
       call self%torus%moments(self%da(:, a), self%by_q)
-      call self%torus%to_unknowns(self%by_q, slope(at + 1:at + n))
-      slope(at + 1:at + n) = -slope(at + 1:at + n)
-      do k = 2, size(w)
-        associate (i => at + 2*k - 2)
-          r(i:i + 1) = r(i:i + 1) - w(k)**2*x(i:i + 1)
-          slope(i:i + 1) = slope(i:i + 1) - 2.0_wp*w(k)*w_slope(k)*x(i:i + 1)
-        end associate
-      end do
+      call self%torus%to_unknowns(self%by_q, part)
+      call put(self%at(:, a), 2.0_wp*w*w_slope, y(:, a), part, slope)
     end do
     do b = 1, self%n_dof
       do a = 1, self%n_dof
+        if (all(self%at(:, a) == 0) .or. all(self%at(:, b) == 0)) cycle
         call self%torus%moments(self%slopes(:, a, b), self%by_q)
         call self%torus%moments(self%slopes(:, a, self%n_dof + b), self%by_v)
         call self%add_block(w, a, b, jacobian)
       end do
     end do
   end subroutine equations
+
+  !> -factor_k X_k - A_k at the places of a coordinate.
+  pure subroutine put(at, factor, x, a, r)
+    integer, intent(in) :: at(:)
+    real(wp), intent(in) :: factor(:), x(:), a(:)
+    real(wp), intent(inout) :: r(:)
+    integer :: k
+    if (at(1) > 0) r(at(1)) = -factor(1)*x(1) - a(1)
+    do k = 2, size(at)
+      if (at(k) > 0) r(at(k):at(k) + 1) = -factor(k)*x(2*k - 2:2*k - 1) - a(2*k - 2:2*k - 1)
+    end do
+  end subroutine put
+
+  !> The unknowns with those left out as 0, shape (torus%n, n_dof).
+  pure function expanded(self, x) result(y)
+    class(torus_balance_type), intent(in) :: self
+    real(wp), intent(in) :: x(:)
+    real(wp) :: y(self%torus%n, self%n_dof)
+    integer :: d, k
+    y = 0.0_wp
+    do d = 1, self%n_dof
+      if (self%at(1, d) > 0) y(1, d) = x(self%at(1, d))
+      do k = 2, size(self%at, 1)
+        if (self%at(k, d) > 0) y(2*k - 2:2*k - 1, d) = x(self%at(k, d):self%at(k, d) + 1)
+      end do
+    end do
+  end function expanded
+
+  !> The way back.
+  pure function reduced(self, y) result(x)
+    class(torus_balance_type), intent(in) :: self
+    !> Shape (torus%n n_dof).
+    real(wp), intent(in) :: y(:)
+    real(wp) :: x(self%n)
+    integer :: d, k, from
+    do d = 1, self%n_dof
+      from = (d - 1)*self%torus%n
+      if (self%at(1, d) > 0) x(self%at(1, d)) = y(from + 1)
+      do k = 2, size(self%at, 1)
+        associate (i => self%at(k, d))
+          if (i > 0) x(i:i + 1) = y(from + 2*k - 2:from + 2*k - 1)
+        end associate
+      end do
+    end do
+  end function reduced
 
   !> Accelerations and all their derivatives at the samples, a block of lanes after
   !! another.
@@ -241,25 +297,31 @@ contains
     integer, intent(in) :: a, b
     real(wp), intent(inout) :: jacobian(:, :)
     complex(wp) :: p, q, change
-    integer :: i, j, k, l, below
+    integer :: i, j, k, l
 
-    below = self%torus%n*(a - 1)
-    j = self%torus%n*(b - 1) + 1
-    associate (zero => self%torus%origin, place => self%torus%place)
-      jacobian(below + 1, j) = -real(self%by_q(zero))
-      do k = 2, size(w)
-        change = 2.0_wp*(0.0_wp, 1.0_wp)*self%by_q(zero + place(k))
-        i = below + 2*k - 2
-        jacobian(i, j) = -real(change)
-        jacobian(i + 1, j) = -aimag(change)
-      end do
-      do l = 2, size(w)
-        j = self%torus%n*(b - 1) + 2*l - 2
-        p = self%by_q(zero - place(l)) + cmplx(0.0_wp, w(l), wp)*self%by_v(zero - place(l))
-        jacobian(below + 1, j) = -aimag(p)
-        jacobian(below + 1, j + 1) = -real(p)
+    associate (zero => self%torus%origin, place => self%torus%place, at => self%at)
+      j = at(1, b)
+      if (j > 0) then
+        if (at(1, a) > 0) jacobian(at(1, a), j) = -real(self%by_q(zero))
         do k = 2, size(w)
-          i = below + 2*k - 2
+          i = at(k, a)
+          if (i == 0) cycle
+          change = 2.0_wp*(0.0_wp, 1.0_wp)*self%by_q(zero + place(k))
+          jacobian(i, j) = -real(change)
+          jacobian(i + 1, j) = -aimag(change)
+        end do
+      end if
+      do l = 2, size(w)
+        j = at(l, b)
+        if (j == 0) cycle
+        if (at(1, a) > 0) then
+          p = self%by_q(zero - place(l)) + cmplx(0.0_wp, w(l), wp)*self%by_v(zero - place(l))
+          jacobian(at(1, a), j) = -aimag(p)
+          jacobian(at(1, a), j + 1) = -real(p)
+        end if
+        do k = 2, size(w)
+          i = at(k, a)
+          if (i == 0) cycle
           p = self%by_q(zero + place(k) - place(l)) &
               + cmplx(0.0_wp, w(l), wp)*self%by_v(zero + place(k) - place(l))
           q = self%by_q(zero + place(k) + place(l)) &
@@ -270,9 +332,8 @@ contains
           jacobian(i + 1, j + 1) = -real(p) - real(q)
         end do
         if (a == b) then
-          i = below + 2*l - 2
-          jacobian(i, j) = jacobian(i, j) - w(l)**2
-          jacobian(i + 1, j + 1) = jacobian(i + 1, j + 1) - w(l)**2
+          jacobian(j, j) = jacobian(j, j) - w(l)**2
+          jacobian(j + 1, j + 1) = jacobian(j + 1, j + 1) - w(l)**2
         end if
       end do
     end associate

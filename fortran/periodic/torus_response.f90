@@ -55,7 +55,8 @@ contains
   subroutine torus_responses(balance, p, tolerance, x, outcome, iterations, cancel)
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p(:), tolerance
-    !> Shape (n, size(p)); 0 where no solution was found.
+    !> Unknowns, those left out as 0, shape (torus%n n_dof, size(p)); 0 where no
+    !! solution was found.
     real(wp), intent(out) :: x(:, :)
     integer, intent(out) :: outcome(:), iterations(:)
     integer, intent(inout), volatile, optional :: cancel
@@ -87,7 +88,7 @@ contains
         call solve_from_rest(balance, p(i), tolerance, here, outcome(i), iterations(i), cancel)
       end if
       if (outcome(i) /= outcome_converged) cycle
-      x(:, i) = here
+      x(:, i) = reshape(balance%expanded(here), [size(x, 1)])
       ! Equal values give no direction.
       if (known > 0 .and. .not. abs(p(i) - last_p) > 0.0_wp) known = 0
       before = last

@@ -27,6 +27,7 @@ from viscovib.torus import (
     chosen,
     complex_coefficients,
     core_job,
+    kept_by_symmetry,
     make_torus,
     moved,
     order_name,
@@ -258,7 +259,8 @@ def pendulum_response(
     Newton's method with exact derivatives on -w_k^2 X_k = A_k, the harmonics of the accelerations
     from samples on the torus of the loads' phases. Each row starts from those before, else the
     loads are raised from nothing. Where several motions exist another may be found by
-    `trace_response`.
+    `trace_response`. A motion raised from rest keeps the symmetry of system and loads, if there is
+    one, and what it rules out is left out.
     """
     varies, values = chosen(
         {"p1": p1, "p2": p2, "p3": p3, "f0": f0, "m01": m01, "m02": m02, "nu": nu}
@@ -282,7 +284,10 @@ def pendulum_response(
     if (varies in FREQUENCIES or varies == "nu") and rows.min() <= 0:
         raise InputError(f"{varies} = {rows.min():g}: must be greater than 0")
     if harmonics != "auto":
-        result = _solve(pend, torus, varies, rows, bound_of(torus, harmonics), wanted, stability)
+        result = _solve(
+            pend, torus, varies, rows, bound_of(torus, harmonics, _share(pend, torus, varies)),
+            wanted, stability,
+        )  # fmt: skip
     else:
         result = _with_enough_orders(pend, torus, varies, rows, wanted, stability)
     lost = ~result.converged
@@ -296,11 +301,16 @@ def pendulum_response(
     return result
 
 
+def _share(pend: Pendulum, torus: Torus, varies: str | None) -> float:
+    """Part of the unknowns that symmetry leaves."""
+    return float(kept_by_symmetry(pend, torus, torus.lattice(3), varies).mean())
+
+
 def _with_enough_orders(
     pend: Pendulum, torus: Torus, varies: str | None, rows: FloatArray, wanted: float, stable: bool
 ) -> DrivenResponse:
     """Raise the highest order until what is left out does not count."""
-    limit = torus.largest()
+    limit = torus.largest(_share(pend, torus, varies))
     bound = min(max(_FIRST[torus.n_axes], 2 * int(torus.drive_orders.max()) + 1), limit)
     while True:
         result = _solve(pend, torus, varies, rows, bound, wanted, False)
@@ -332,10 +342,11 @@ def _solve(
 ) -> DrivenResponse:
     orders = torus.lattice(bound)
     job, unit = core_job(pend, torus, orders, varies)
+    kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
     cancel = np.zeros(1, dtype=np.intc)
     known = bool(stability) and torus.n_axes == 1
     x, codes, iterations, matrices = _native.call_interruptibly(
-        core.pendulum_balance, cancel, *job, rows / unit, tolerance, int(known), cancel,
+        core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, int(known), cancel,
         3 * (2 * len(orders) - 1),
     )  # fmt: skip
     found = codes == 0

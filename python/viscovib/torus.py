@@ -60,12 +60,12 @@ class Torus:
         )
         return 3 * points
 
-    def largest(self) -> int:
-        """Largest bound that keeps the number of unknowns within `MAX_UNKNOWNS`."""
+    def largest(self, share: float = 1.0) -> int:
+        """Largest bound that keeps a share of the unknowns within `MAX_UNKNOWNS`."""
         bound = 1
-        while self.count(bound + 1) <= MAX_UNKNOWNS:
+        while share * self.count(bound + 1) <= MAX_UNKNOWNS and bound < 199:
             bound += 1
-        return min(bound, 199)
+        return bound
 
 
 def moved(pend: Pendulum, name: str, value: float) -> Pendulum:
@@ -156,9 +156,26 @@ def core_job(
     ), unit
 
 
-def bound_of(torus: Torus, harmonics: object) -> int:
+def kept_by_symmetry(pend: Pendulum, torus: Torus, orders: IntArray, varies: str | None) -> IntArray:
+    """1 where an order of a coordinate is an unknown, shape (n_orders, 3).
+
+    Mirrored motions, (z, -phi, -psi), belong to mirrored moments m01, m02. If a shift of the
+    angles by half turns mirrors these and leaves f0 alone, the motion raised from rest is its own
+    mirror image, shifted: an order turned by an even number of half turns lacks in phi and psi,
+    any other one in z.
+    """
+    acts = [getattr(pend, name) != 0 or varies == name for name in AMPLITUDES]
+    for shift in itertools.product((0, 1), repeat=torus.n_axes):
+        turned = torus.drive_orders @ shift % 2
+        if all(t == (j > 0) for j, t in enumerate(turned) if acts[j]):
+            odd = (orders @ shift) % 2
+            return np.stack([1 - odd, odd, odd], axis=1).astype(np.intc)
+    return np.ones((len(orders), 3), dtype=np.intc)
+
+
+def bound_of(torus: Torus, harmonics: object, share: float = 1.0) -> int:
     """Check the highest order."""
-    return _native.integer("harmonics", harmonics, 1, torus.largest())
+    return _native.integer("harmonics", harmonics, 1, torus.largest(share))
 
 
 def complex_coefficients(x: FloatArray) -> ComplexArray:
