@@ -4,8 +4,9 @@
 !> Solutions at the values p of what varies (vary: 1 a base frequency, 2 an
 !! amplitude; which: of which axis or drive), with monodromy matrices if there is one
 !! axis and stability is wanted. kept is 1 where an order of a coordinate is an unknown.
+!! The first row starts from the guess, if that is not 0.
 subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
-                            vary, which, p, n_p, tolerance, with_stability, cancel, x, outcome, &
+                            vary, which, p, n_p, tolerance, with_stability, guess, cancel, x, outcome, &
                             iterations, matrices, n_unknowns, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
@@ -21,9 +22,10 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
   integer(c_int), intent(in) :: with_stability, kept(n_orders, 3)
   real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), p(n_p), tolerance
+  real(c_double), intent(in) :: guess(n_unknowns)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
-  !> n_unknowns = 3 (2 n_orders - 1).
+  !> As guess: n_unknowns = 3 (2 n_orders - 1).
   real(c_double), intent(out) :: x(n_unknowns, n_p), matrices(6, 6, n_p)
   integer(c_int), intent(out) :: outcome(n_p), iterations(n_p), status
   character(len=512), intent(out) :: message
@@ -48,7 +50,7 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
     balance%vary = vary
     balance%which = which
     if (vary == vary_frequency) balance%lowest = 0.0_c_double
-    call torus_responses(balance, p, tolerance, x, outcome, iterations, cancel(1))
+    call torus_responses(balance, p, tolerance, guess, x, outcome, iterations, cancel(1))
     if (with_stability /= 0 .and. n_axes == 1) then
       allocate (r(balance%n), slope(balance%n), jacobian(balance%n, balance%n))
       do i = 1, n_p

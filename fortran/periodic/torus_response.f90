@@ -51,10 +51,13 @@ contains
     call solve_on_curve(balance, p, tolerance, x, outcome, iterations, cancel)
   end subroutine solve_from_rest
 
-  !> Each value starts from the ones before, else from rest.
-  subroutine torus_responses(balance, p, tolerance, x, outcome, iterations, cancel)
+  !> Each value starts from the ones before, else from rest; the first may have
+  !! a guess.
+  subroutine torus_responses(balance, p, tolerance, guess, x, outcome, iterations, cancel)
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p(:), tolerance
+    !> Where the first value starts, laid out as x; from rest if 0.
+    real(wp), intent(in) :: guess(:)
     !> Unknowns, those left out as 0, shape (torus%n n_dof, size(p)); 0 where no
     !! solution was found.
     real(wp), intent(out) :: x(:, :)
@@ -77,6 +80,10 @@ contains
       end if
       if (known >= 2) then
         here = last + (last - before)*((p(i) - last_p)/(last_p - before_p))
+        call solve_on_curve(balance, p(i), tolerance, here, outcome(i), iterations(i), cancel)
+      end if
+      if (i == 1 .and. any(abs(guess) > 0.0_wp)) then
+        here = balance%reduced(guess)
         call solve_on_curve(balance, p(i), tolerance, here, outcome(i), iterations(i), cancel)
       end if
       if (outcome(i) /= outcome_converged .and. known >= 1) then

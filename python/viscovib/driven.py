@@ -33,6 +33,7 @@ from viscovib.torus import (
     order_name,
     place_of,
     tail,
+    unknowns,
 )
 
 _DOFS = Pendulum.dof_names
@@ -312,8 +313,9 @@ def _with_enough_orders(
     """Raise the highest order until what is left out does not count."""
     limit = torus.largest(_share(pend, torus, varies))
     bound = min(max(_FIRST[torus.n_axes], 2 * int(torus.drive_orders.max()) + 1), limit)
+    result = None
     while True:
-        result = _solve(pend, torus, varies, rows, bound, wanted, False)
+        result = _solve(pend, torus, varies, rows, bound, wanted, False, result)
         found = result.converged
         worst = float(result.truncation[found].max(initial=0.0))
         if worst <= wanted or bound == limit:
@@ -328,7 +330,9 @@ def _with_enough_orders(
             ConvergenceWarning,
             stacklevel=3,
         )
-    return _solve(pend, torus, varies, rows, bound, wanted, True) if stable else result
+    if not stable or torus.n_axes > 1:
+        return result
+    return _solve(pend, torus, varies, rows, bound, wanted, True, result)
 
 
 def _solve(
@@ -339,6 +343,7 @@ def _solve(
     bound: int,
     tolerance: float,
     stability: bool,
+    start: DrivenResponse | None = None,
 ) -> DrivenResponse:
     orders = torus.lattice(bound)
     job, unit = core_job(pend, torus, orders, varies)
@@ -346,8 +351,8 @@ def _solve(
     cancel = np.zeros(1, dtype=np.intc)
     known = bool(stability) and torus.n_axes == 1
     x, codes, iterations, matrices = _native.call_interruptibly(
-        core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, int(known), cancel,
-        3 * (2 * len(orders) - 1),
+        core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, int(known),
+        _carried(start, orders), cancel,
     )  # fmt: skip
     found = codes == 0
     coefficients = complex_coefficients(x)
@@ -370,6 +375,16 @@ def _solve(
         multipliers=multipliers,
         stable=stable,
     )
+
+
+def _carried(start: DrivenResponse | None, orders: IntArray) -> FloatArray:
+    """Unknowns of a first row from one with fewer orders; 0 if there is none."""
+    coefficients = np.zeros((3, len(orders)), dtype=complex)
+    if start is not None and start.converged[0]:
+        index = {tuple(k): j for j, k in enumerate(orders.tolist())}
+        places = [index[tuple(k)] for k in start.orders.tolist()]
+        coefficients[:, places] = start.coefficients[0]
+    return unknowns(coefficients)
 
 
 def floquet(
