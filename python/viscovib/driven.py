@@ -37,6 +37,8 @@ from viscovib.torus import (
 )
 
 _DOFS = Pendulum.dof_names
+#: Numbers of a result at most: 400 MB.
+_MAX_NUMBERS = 50_000_000
 _FIRST = {1: 9, 2: 5, 3: 4}
 
 
@@ -346,6 +348,7 @@ def _solve(
     start: DrivenResponse | None = None,
 ) -> DrivenResponse:
     orders = torus.lattice(bound)
+    check_size(varies or "nu", rows.size, 3 * (2 * len(orders) - 1))
     job, unit = core_job(pend, torus, orders, varies)
     kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
     cancel = np.zeros(1, dtype=np.intc)
@@ -375,6 +378,13 @@ def _solve(
         multipliers=multipliers,
         stable=stable,
     )
+
+
+def check_size(name: str, points: int, unknowns_each: int) -> None:
+    """Refuse what would fill the memory."""
+    most = _MAX_NUMBERS // unknowns_each
+    if points > most:
+        raise InputError(f"{name}: {points} points, must be at most {most} with so many orders")
 
 
 def _carried(start: DrivenResponse | None, orders: IntArray) -> FloatArray:

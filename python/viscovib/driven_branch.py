@@ -12,7 +12,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.branch import OUTCOMES as MOUNT_OUTCOMES
 from viscovib.branch import Crossing, Curve, _range, _stability
-from viscovib.driven import floquet, write_table
+from viscovib.driven import check_size, floquet, write_table
 from viscovib.errors import InputError
 from viscovib.pendulum import Pendulum
 from viscovib.torus import (
@@ -233,9 +233,7 @@ def trace_pendulum(
         bound_of(torus, _HARMONICS[torus.n_axes] if harmonics is None else harmonics)
     )
     n = 3 * (2 * len(orders) - 1)
-    if points * n > 50_000_000:
-        raise InputError(f"max_points = {points}: must be at most {50_000_000 // n} with so many "
-                         "orders")  # fmt: skip
+    check_size("max_points", points, n)
     begin, begin_p, along = np.zeros(n), 0.0, np.zeros(n + 1)
     job, unit = core_job(pend, torus, orders, varies)
     if leave is not None:

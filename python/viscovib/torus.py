@@ -156,7 +156,9 @@ def core_job(
     ), unit
 
 
-def kept_by_symmetry(pend: Pendulum, torus: Torus, orders: IntArray, varies: str | None) -> IntArray:
+def kept_by_symmetry(
+    pend: Pendulum, torus: Torus, orders: IntArray, varies: str | None
+) -> IntArray:
     """1 where an order of a coordinate is an unknown, shape (n_orders, 3).
 
     Mirrored motions, (z, -phi, -psi), belong to mirrored moments m01, m02. If a shift of the
