@@ -7,11 +7,13 @@
 !!
 !! a periodic function for one axis, a quasi-periodic one for more. Unknowns of a
 !! coordinate are its mean, then real and imaginary parts of the X_k by turns.
-!! Passages go axis by axis through tables; for the few dozen samples an axis takes
-!! that is a small part of what the linear algebra costs.
+!! Passages go axis by axis through tables, the first axis along the lanes, several
+!! functions at once; for the few dozen samples an axis takes that is a small part of
+!! what the linear algebra costs.
 module viscovib_torus
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: lane_product, n_lanes
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
@@ -34,7 +36,11 @@ module viscovib_torus
     !> Highest order along each axis.
     integer, private :: reach(max_axes) = 0
     !> exp(i k theta) at the samples of an axis, shape (n_points, -2 reach:2 reach).
-    complex(wp), allocatable, private :: wave_1(:, :), wave_2(:, :), wave_3(:, :)
+    complex(wp), allocatable, private :: wave_2(:, :), wave_3(:, :)
+    !> The first axis, blocks of lanes: sin and cos at the samples, shape (n_lanes,
+    !! 2 (reach + 1), blocks of samples); cos and -sin over the number of samples, shape
+    !! (n_lanes, n_points, blocks of 2 (2 reach + 1) moments).
+    real(wp), allocatable, private :: synthesis(:, :, :), analysis(:, :, :)
   contains
     procedure :: to_samples
     procedure :: moments
@@ -80,10 +86,36 @@ contains
     do i = 1, torus%n_axes
       torus%place = torus%place + orders(i, :)*product(sides(:i - 1))
     end do
-    call waves(torus%n_points(1), torus%reach(1), torus%wave_1)
+    call first_axis(torus)
     call waves(torus%n_points(2), torus%reach(2), torus%wave_2)
     call waves(torus%n_points(3), torus%reach(3), torus%wave_3)
   end subroutine new_torus
+
+  pure subroutine first_axis(torus)
+    type(torus_type), intent(inout) :: torus
+    real(wp) :: angle
+    integer :: k, s, i, n, r
+
+    n = torus%n_points(1)
+    r = torus%reach(1)
+    allocate (torus%synthesis(n_lanes, 2*(r + 1), (n + n_lanes - 1)/n_lanes), source=0.0_wp)
+    allocate (torus%analysis(n_lanes, n, (2*(2*r + 1) + n_lanes - 1)/n_lanes), source=0.0_wp)
+    do s = 0, n - 1
+      do k = 0, 2*r
+        angle = 2.0_wp*pi*modulo(k*s, n)/n
+        if (k <= r) then
+          associate (block => torus%synthesis(:, :, s/n_lanes + 1), lane => mod(s, n_lanes) + 1)
+            block(lane, 2*k + 1) = sin(angle)
+            block(lane, 2*k + 2) = cos(angle)
+          end associate
+        end if
+        do i = 2*k, 2*k + 1
+          torus%analysis(mod(i, n_lanes) + 1, s + 1, i/n_lanes + 1) &
+            = merge(cos(angle), -sin(angle), i == 2*k)/torus%n_samples
+        end do
+      end do
+    end do
+  end subroutine first_axis
 
   pure subroutine waves(n, reach, table)
     integer, intent(in) :: n, reach
@@ -107,94 +139,100 @@ contains
     values = matmul(omega, self%orders)
   end function frequencies
 
-  !> Samples of Im sum_k factor_k X_k exp(i k.theta); factors i k.omega give the
-  !! derivative with respect to time.
-  pure subroutine to_samples(self, x, factor, u)
+  !> Samples of m functions Im sum_k factor_k X_k exp(i k.theta); factors i k.omega give
+  !! the derivative with respect to time.
+  pure subroutine to_samples(self, m, x, factor, u)
     class(torus_type), intent(in) :: self
-    !> Unknowns of a coordinate, shape (n).
-    real(wp), intent(in) :: x(:)
-    !> Shape (n_orders).
-    complex(wp), intent(in) :: factor(:)
-    !> Shape (n_samples), the first axis running first.
-    real(wp), intent(out) :: u(:)
+    integer, intent(in) :: m
+    !> Unknowns, shape (n, m).
+    real(wp), intent(in) :: x(self%n, m)
+    complex(wp), intent(in) :: factor(size(self%orders, 2), m)
+    !> The first axis runs first.
+    real(wp), intent(out) :: u(self%n_points(1), self%n_samples/self%n_points(1), m)
     complex(wp), allocatable :: box(:, :, :), along_3(:, :, :), along_2(:, :, :)
-    real(wp), allocatable :: re(:, :), im(:, :)
-    integer :: i, k(max_axes)
+    real(wp), allocatable :: columns(:, :, :), sums(:, :, :)
+    integer :: f, i, j, s, k(max_axes), last
 
     associate (r => self%reach, n => self%n_points)
-      allocate (re(r(1) + 1, n(2)*n(3)), im(r(1) + 1, n(2)*n(3)))
-      allocate (box(0:r(1), -r(2):r(2), -r(3):r(3)), source=(0.0_wp, 0.0_wp))
-      k = 0
-      box(0, 0, 0) = factor(1)*cmplx(0.0_wp, x(1), wp)
-      do i = 2, size(factor)
-        k(:self%n_axes) = self%orders(:, i)
-        box(k(1), k(2), k(3)) = factor(i)*cmplx(x(2*i - 2), x(2*i - 1), wp)
-      end do
-      if (self%n_axes < 2) then
-        re(:, :) = real(box(:, :, 0))
-        im(:, :) = aimag(box(:, :, 0))
-      else
-        allocate (along_3(r(1) + 1, 2*r(2) + 1, n(3)))
-        along_3(:, :, :) = reshape(matmul(reshape(box, [(r(1) + 1)*(2*r(2) + 1), 2*r(3) + 1]), &
-                                 transpose(self%wave_3(:, -r(3):r(3)))), &
-                          [r(1) + 1, 2*r(2) + 1, n(3)])
-        allocate (along_2(r(1) + 1, n(2), n(3)))
-        do i = 1, n(3)
-          along_2(:, :, i) = matmul(along_3(:, :, i), transpose(self%wave_2(:, -r(2):r(2))))
+      allocate (columns(2*(r(1) + 1), n(2)*n(3), m), sums(n_lanes, n(2)*n(3), m))
+      allocate (box(0:r(1), -r(2):r(2), -r(3):r(3)))
+      allocate (along_3(r(1) + 1, 2*r(2) + 1, n(3)), along_2(r(1) + 1, n(2), n(3)))
+      do f = 1, m
+        box = (0.0_wp, 0.0_wp)
+        k = 0
+        box(0, 0, 0) = factor(1, f)*cmplx(0.0_wp, x(1, f), wp)
+        do i = 2, size(factor, 1)
+          k(:self%n_axes) = self%orders(:, i)
+          box(k(1), k(2), k(3)) = factor(i, f)*cmplx(x(2*i - 2, f), x(2*i - 1, f), wp)
         end do
-        re(:, :) = reshape(real(along_2), [r(1) + 1, n(2)*n(3)])
-        im(:, :) = reshape(aimag(along_2), [r(1) + 1, n(2)*n(3)])
-      end if
-      u = reshape(matmul(real(self%wave_1(:, 0:r(1))), im) &
-                  + matmul(aimag(self%wave_1(:, 0:r(1))), re), [self%n_samples])
+        if (self%n_axes == 1) then
+          along_2(:, 1, 1) = box(:, 0, 0)
+        else
+          along_3(:, :, :) = reshape(matmul(reshape(box, [(r(1) + 1)*(2*r(2) + 1), 2*r(3) + 1]), &
+                                            transpose(self%wave_3(:, -r(3):r(3)))), shape(along_3))
+          do i = 1, n(3)
+            along_2(:, :, i) = matmul(along_3(:, :, i), transpose(self%wave_2(:, -r(2):r(2))))
+          end do
+        end if
+        do j = 1, n(2)*n(3)
+          associate (column => along_2(:, mod(j - 1, n(2)) + 1, (j - 1)/n(2) + 1))
+            columns(1::2, j, f) = real(column)
+            columns(2::2, j, f) = aimag(column)
+          end associate
+        end do
+      end do
+      do i = 1, size(self%synthesis, 3)
+        call lane_product(2*(r(1) + 1), m*n(2)*n(3), self%synthesis(:, :, i), columns, sums)
+        s = n_lanes*(i - 1)
+        last = min(n_lanes, n(1) - s)
+        u(s + 1:s + last, :, :) = sums(:last, :, :)
+      end do
     end associate
   end subroutine to_samples
 
-  !> Mean values of f exp(-i k.theta) for all orders of the box, twice as far as the
-  !! lattice reaches.
-  pure subroutine moments(self, f, c)
+  !> Mean values of f exp(-i k.theta) for m functions and all orders of the box, twice as
+  !! far as the lattice reaches.
+  pure subroutine moments(self, m, f, c)
     class(torus_type), intent(in) :: self
-    !> Shape (n_samples).
-    real(wp), intent(in) :: f(:)
-    !> Shape (n_moments).
-    complex(wp), intent(out) :: c(:)
-    real(wp), allocatable :: sheet(:, :)
+    integer, intent(in) :: m
+    real(wp), intent(in) :: f(self%n_samples, m)
+    complex(wp), intent(out) :: c(self%n_moments, m)
     complex(wp), allocatable :: along_1(:, :, :), along_2(:, :, :), half(:, :)
-    integer :: i, j, m
+    real(wp), allocatable :: sums(:, :, :), parts(:, :, :)
+    integer :: g, i, j, last, top
 
     associate (r => self%reach, n => self%n_points)
-      m = 2*r(1)
-      allocate (sheet(n(1), n(2)*n(3)), half(m + 1, (4*r(2) + 1)*(4*r(3) + 1)))
-      sheet(:, :) = reshape(f, [n(1), n(2)*n(3)])/self%n_samples
-      if (self%n_axes == 1) then
-        half(:, :) = first_axis()
-      else
-        allocate (along_1(m + 1, n(2), n(3)))
-        along_1(:, :, :) = reshape(first_axis(), [m + 1, n(2), n(3)])
-        allocate (along_2(m + 1, 4*r(2) + 1, n(3)))
-        do i = 1, n(3)
-          along_2(:, :, i) = matmul(along_1(:, :, i), conjg(self%wave_2))
+      top = 2*r(1)
+      allocate (sums(n_lanes, n(2)*n(3), m), parts(2*(top + 1), n(2)*n(3), m))
+      do i = 1, size(self%analysis, 3)
+        call lane_product(n(1), m*n(2)*n(3), self%analysis(:, :, i), f, sums)
+        j = n_lanes*(i - 1)
+        last = min(n_lanes, size(parts, 1) - j)
+        parts(j + 1:j + last, :, :) = sums(:last, :, :)
+      end do
+      allocate (half(top + 1, (4*r(2) + 1)*(4*r(3) + 1)))
+      allocate (along_1(top + 1, n(2), n(3)), along_2(top + 1, 4*r(2) + 1, n(3)))
+      do g = 1, m
+        if (self%n_axes == 1) then
+          half(:, 1) = cmplx(parts(1::2, 1, g), parts(2::2, 1, g), wp)
+        else
+          along_1(:, :, :) = reshape(cmplx(parts(1::2, :, g), parts(2::2, :, g), wp), &
+                                     shape(along_1))
+          do i = 1, n(3)
+            along_2(:, :, i) = matmul(along_1(:, :, i), conjg(self%wave_2))
+          end do
+          half(:, :) = reshape(matmul(reshape(along_2, [(top + 1)*(4*r(2) + 1), n(3)]), &
+                                      conjg(self%wave_3)), shape(half))
+        end if
+        ! The other half by c_(-k) = conj c_k.
+        do j = 1, size(half, 2)
+          i = (j - 1)*(2*top + 1) + top
+          c(i + 1:i + top + 1, g) = half(:, j)
+          i = (size(half, 2) - j)*(2*top + 1) + top + 2
+          c(i - top - 1:i - 2, g) = conjg(half(top + 1:2:-1, j))
         end do
-        half(:, :) = reshape(matmul(reshape(along_2, [(m + 1)*(4*r(2) + 1), n(3)]), &
-                                    conjg(self%wave_3)), shape(half))
-      end if
-      ! The other half by c_(-k) = conj c_k.
-      do j = 1, size(half, 2)
-        i = (j - 1)*(2*m + 1) + m
-        c(i + 1:i + m + 1) = half(:, j)
-        i = (size(half, 2) - j)*(2*m + 1) + m + 2
-        c(i - m - 1:i - 2) = conjg(half(m + 1:2:-1, j))
       end do
     end associate
-
-  contains
-
-    pure function first_axis() result(part)
-      complex(wp) :: part(m + 1, size(sheet, 2))
-      part = cmplx(matmul(transpose(real(self%wave_1(:, 0:m))), sheet), &
-                   -matmul(transpose(aimag(self%wave_1(:, 0:m))), sheet), wp)
-    end function first_axis
-
   end subroutine moments
 
   !> The unknowns of a function from its moments: X_k = 2 i c_k, the mean c_0.

@@ -44,12 +44,13 @@ module viscovib_torus_balance
     integer, allocatable, private :: at(:, :)
     !> cos of the drives' angles at the samples, shape (n_samples, n_drives).
     real(wp), allocatable, private :: cosines(:, :)
-    !> Coordinates, velocities, their derivative with respect to a frequency,
-    !! accelerations and a change of them, shape (n_samples, n_dof).
-    real(wp), allocatable, private :: q(:, :), v(:, :), dv(:, :), a(:, :), da(:, :)
-    !> da_i/dq_j and da_i/dq'_j at the samples, shape (n_samples, n_dof, 2 n_dof).
-    real(wp), allocatable, private :: slopes(:, :, :)
-    complex(wp), allocatable, private :: by_q(:), by_v(:)
+    !> At the samples coordinates, velocities and the derivative of these with respect
+    !! to a frequency, shape (n_samples, n_dof, 3); accelerations and a change of them,
+    !! shape (n_samples, n_dof, 2); da_i/dq_j and da_i/dq'_j, shape (n_samples, n_dof,
+    !! 2 n_dof).
+    real(wp), allocatable, private :: motion(:, :, :), a(:, :, :), slopes(:, :, :)
+    !> Moments of the latter two.
+    complex(wp), allocatable, private :: a_moments(:, :, :), slope_moments(:, :, :)
   contains
     procedure :: equations
     procedure :: set_parameter
@@ -93,12 +94,10 @@ contains
       end do
     end do
     allocate (balance%cosines(torus%n_samples, size(drive_orders, 2)), source=0.0_wp)
-    allocate (balance%q(torus%n_samples, d), balance%v(torus%n_samples, d), &
-              balance%dv(torus%n_samples, d), balance%a(torus%n_samples, d), &
-              balance%da(torus%n_samples, d), balance%slopes(torus%n_samples, d, 2*d), &
-              source=0.0_wp)
-    allocate (balance%by_q(torus%n_moments), balance%by_v(torus%n_moments), &
-              source=(0.0_wp, 0.0_wp))
+    allocate (balance%motion(torus%n_samples, d, 3), balance%a(torus%n_samples, d, 2), &
+              balance%slopes(torus%n_samples, d, 2*d), source=0.0_wp)
+    allocate (balance%a_moments(torus%n_moments, d, 2), &
+              balance%slope_moments(torus%n_moments, d, 2*d), source=(0.0_wp, 0.0_wp))
     unit = 2.0_wp*acos(-1.0_wp)/torus%n_points
     do s = 1, torus%n_samples
       rest = s - 1
@@ -134,9 +133,9 @@ contains
     real(wp), intent(inout) :: jacobian(:, :)
     real(wp), intent(out) :: slope(:)
     logical, intent(out) :: inside
-    complex(wp), dimension(size(self%torus%orders, 2)) :: one, rates, by_omega
+    complex(wp) :: factors(size(self%torus%orders, 2), self%n_dof, 3)
     real(wp) :: w(size(self%torus%orders, 2)), w_slope(size(self%torus%orders, 2))
-    real(wp) :: y(self%torus%n, self%n_dof), part(self%torus%n)
+    real(wp) :: y(self%torus%n, self%n_dof, 3), part(self%torus%n)
     integer :: a, b
 
     r = 0.0_wp
@@ -147,32 +146,23 @@ contains
     w = self%torus%frequencies(self%omega)
     w_slope = 0.0_wp
     if (self%vary == vary_frequency) w_slope = self%torus%orders(self%which, :)
-    one = (1.0_wp, 0.0_wp)
-    rates = cmplx(0.0_wp, w, wp)
-    by_omega = cmplx(0.0_wp, w_slope, wp)
-    y = self%expanded(x)
-    do b = 1, self%n_dof
-      call self%torus%to_samples(y(:, b), one, self%q(:, b))
-      call self%torus%to_samples(y(:, b), rates, self%v(:, b))
-      if (self%vary == vary_frequency) then
-        call self%torus%to_samples(y(:, b), by_omega, self%dv(:, b))
-      end if
-    end do
+    factors(:, :, 1) = (1.0_wp, 0.0_wp)
+    factors(:, :, 2) = spread(cmplx(0.0_wp, w, wp), 2, self%n_dof)
+    factors(:, :, 3) = spread(cmplx(0.0_wp, w_slope, wp), 2, self%n_dof)
+    y = spread(self%expanded(x), 3, 3)
+    call self%torus%to_samples(3*self%n_dof, y, factors, self%motion)
     call self%evaluate(inside)
     if (.not. inside) return
+    call self%torus%moments(2*self%n_dof, self%a, self%a_moments)
     do a = 1, self%n_dof
-      call self%torus%moments(self%a(:, a), self%by_q)
-      call self%torus%to_unknowns(self%by_q, part)
-      call put(self%at(:, a), w**2, y(:, a), part, r)
-      call self%torus%moments(self%da(:, a), self%by_q)
-      call self%torus%to_unknowns(self%by_q, part)
-      call put(self%at(:, a), 2.0_wp*w*w_slope, y(:, a), part, slope)
+      call self%torus%to_unknowns(self%a_moments(:, a, 1), part)
+      call put(self%at(:, a), w**2, y(:, a, 1), part, r)
+      call self%torus%to_unknowns(self%a_moments(:, a, 2), part)
+      call put(self%at(:, a), 2.0_wp*w*w_slope, y(:, a, 1), part, slope)
     end do
+    call self%torus%moments(2*self%n_dof**2, self%slopes, self%slope_moments)
     do b = 1, self%n_dof
       do a = 1, self%n_dof
-        if (all(self%at(:, a) == 0) .or. all(self%at(:, b) == 0)) cycle
-        call self%torus%moments(self%slopes(:, a, b), self%by_q)
-        call self%torus%moments(self%slopes(:, a, self%n_dof + b), self%by_v)
         call self%add_block(w, a, b, jacobian)
       end do
     end do
@@ -237,10 +227,10 @@ contains
       last = min(first + n_lanes - 1, self%torus%n_samples)
       m = last - first + 1
       do d = 1, self%n_dof
-        q(:m, d) = self%q(first:last, d)
-        v(:m, d) = self%v(first:last, d)
-        q(m + 1:, d) = self%q(last, d)
-        v(m + 1:, d) = self%v(last, d)
+        q(:m, d) = self%motion(first:last, d, 1)
+        v(:m, d) = self%motion(first:last, d, 2)
+        q(m + 1:, d) = self%motion(last, d, 1)
+        v(m + 1:, d) = self%motion(last, d, 2)
       end do
       do j = 1, size(drive, 2)
         raised(:m, j) = self%cosines(first:last, j)
@@ -261,13 +251,13 @@ contains
         call self%system%tangent(q, v, drive, dq, dv, a, da)
         self%slopes(first:last, :, self%n_dof + d) = da(:m, :)
       end do
-      self%a(first:last, :) = a(:m, :)
+      self%a(first:last, :, 1) = a(:m, :)
       if (self%vary == vary_frequency) then
         da = 0.0_wp
         do d = 1, self%n_dof
           do j = 1, self%n_dof
             da(:m, j) = da(:m, j) + self%slopes(first:last, j, self%n_dof + d) &
-                        *self%dv(first:last, d)
+                        *self%motion(first:last, d, 3)
           end do
         end do
       else
@@ -285,12 +275,12 @@ contains
         call self%system%acceleration(q, v, drive - 0.5_wp*raised, da)
         da = above - da
       end if
-      self%da(first:last, :) = da(:m, :)
+      self%a(first:last, :, 2) = da(:m, :)
     end do
   end subroutine evaluate
 
   !> Derivatives of the equations of coordinate a by coordinate b, from the moments
-  !! `by_q` and `by_v`.
+  !! of the slopes.
   pure subroutine add_block(self, w, a, b, jacobian)
     class(torus_balance_type), intent(in) :: self
     real(wp), intent(in) :: w(:)
@@ -299,14 +289,15 @@ contains
     complex(wp) :: p, q, change
     integer :: i, j, k, l
 
-    associate (zero => self%torus%origin, place => self%torus%place, at => self%at)
+    associate (zero => self%torus%origin, place => self%torus%place, at => self%at, &
+               by_q => self%slope_moments(:, a, b), by_v => self%slope_moments(:, a, self%n_dof + b))
       j = at(1, b)
       if (j > 0) then
-        if (at(1, a) > 0) jacobian(at(1, a), j) = -real(self%by_q(zero))
+        if (at(1, a) > 0) jacobian(at(1, a), j) = -real(by_q(zero))
         do k = 2, size(w)
           i = at(k, a)
           if (i == 0) cycle
-          change = 2.0_wp*(0.0_wp, 1.0_wp)*self%by_q(zero + place(k))
+          change = 2.0_wp*(0.0_wp, 1.0_wp)*by_q(zero + place(k))
           jacobian(i, j) = -real(change)
           jacobian(i + 1, j) = -aimag(change)
         end do
@@ -315,17 +306,17 @@ contains
         j = at(l, b)
         if (j == 0) cycle
         if (at(1, a) > 0) then
-          p = self%by_q(zero - place(l)) + cmplx(0.0_wp, w(l), wp)*self%by_v(zero - place(l))
+          p = by_q(zero - place(l)) + cmplx(0.0_wp, w(l), wp)*by_v(zero - place(l))
           jacobian(at(1, a), j) = -aimag(p)
           jacobian(at(1, a), j + 1) = -real(p)
         end if
         do k = 2, size(w)
           i = at(k, a)
           if (i == 0) cycle
-          p = self%by_q(zero + place(k) - place(l)) &
-              + cmplx(0.0_wp, w(l), wp)*self%by_v(zero + place(k) - place(l))
-          q = self%by_q(zero + place(k) + place(l)) &
-              - cmplx(0.0_wp, w(l), wp)*self%by_v(zero + place(k) + place(l))
+          p = by_q(zero + place(k) - place(l)) &
+              + cmplx(0.0_wp, w(l), wp)*by_v(zero + place(k) - place(l))
+          q = by_q(zero + place(k) + place(l)) &
+              - cmplx(0.0_wp, w(l), wp)*by_v(zero + place(k) + place(l))
           jacobian(i, j) = real(q) - real(p)
           jacobian(i + 1, j) = aimag(q) - aimag(p)
           jacobian(i, j + 1) = aimag(p) + aimag(q)

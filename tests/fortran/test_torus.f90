@@ -71,7 +71,7 @@ contains
     allocate (x(torus%n), y(torus%n), u(torus%n_samples), c(torus%n_moments))
     allocate (one(size(torus%orders, 2)), source=(1.0_wp, 0.0_wp))
     x = [(cos(3.0_wp*k + 1.0_wp), k=1, torus%n)]
-    call torus%to_samples(x, one, u)
+    call torus%to_samples(1, x, one, u)
     s = torus%n_samples/3 + 2
     rest = s - 1
     do k = 1, 3
@@ -85,7 +85,7 @@ contains
       end associate
     end do
     call check_close(u(s), direct, 1.0e-13_wp, 'a sample', floor=1.0_wp)
-    call torus%moments(u, c)
+    call torus%moments(1, u, c)
     call torus%to_unknowns(c, y)
     call check_close(maxval(abs(x - y)), 0.0_wp, 1.0e-13_wp, 'and back', floor=1.0_wp)
     call check_close(maxval(abs(c - conjg(c(size(c):1:-1)))), 0.0_wp, 1.0e-14_wp, 'real', &
