@@ -6,8 +6,8 @@
 !! axis and stability is wanted. kept is 1 where an order of a coordinate is an unknown.
 !! The first row starts from the guess, if that is not 0.
 subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
-                            vary, which, p, n_p, tolerance, with_stability, guess, cancel, x, outcome, &
-                            iterations, matrices, n_unknowns, status, message)
+                            vary, which, p, n_p, tolerance, with_stability, guess, cancel, x, &
+                            outcome, iterations, matrices, n_unknowns, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_orbit_floquet, only: orbit_floquet_type

@@ -69,7 +69,7 @@ contains
       if (i == 0 .or. k == 1) i = 1
       if (orders(i, k) <= 0) then
         call fail(status, status_input_error, 'orders', 'orders: the first must be 0, and each &
-                  &other begin with a positive number')
+        &other begin with a positive number')
         return
       end if
     end do

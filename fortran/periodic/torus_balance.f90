@@ -290,7 +290,8 @@ contains
     integer :: i, j, k, l
 
     associate (zero => self%torus%origin, place => self%torus%place, at => self%at, &
-               by_q => self%slope_moments(:, a, b), by_v => self%slope_moments(:, a, self%n_dof + b))
+               by_q => self%slope_moments(:, a, b), &
+               by_v => self%slope_moments(:, a, self%n_dof + b))
       j = at(1, b)
       if (j > 0) then
         if (at(1, a) > 0) jacobian(at(1, a), j) = -real(by_q(zero))
