@@ -31,11 +31,13 @@ class Crossing:
     """Where stability changes along a branch: between two of its points.
 
     ``kind`` is "fold", "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is
-    the index of the last point before it.
+    the index of the last point before it. ``parameter``: where, for branches of the pendulum; None
+    where that was not found.
     """
 
     kind: str
     before: int
+    parameter: float | None = None
 
 
 class Curve:

@@ -208,6 +208,75 @@ def test_parametric_resonance_is_found_and_followed():
     assert [crossing.kind for crossing in branch.crossings] == 4 * ["branch point"]
     at = [crossing.before for crossing in branch.crossings]
     assert at == [point.before for point in branch.branch_points]
+    # The determinant and the multipliers see the same.
+    assert [crossing.parameter for crossing in branch.crossings] == pytest.approx(points, abs=1e-9)
+
+
+def test_period_doubling_is_told_from_branch_points():
+    """Over one period of the load the swing of half its frequency has multiplier -1."""
+    branch = vv.trace_response(vv.Pendulum(**PARAMETRIC), p1=(0.5, 1.0), harmonics=12)
+    doubled = parametric().branch_points
+    kinds = [crossing.kind for crossing in branch.crossings]
+    assert kinds == ["branch point", "branch point", "period doubling", "branch point"]
+    assert len(branch.branch_points) == 3
+    where = [crossing.parameter for crossing in branch.crossings]
+    assert where == pytest.approx([point.parameter for point in doubled], abs=1e-9)
+
+
+def test_neimark_sacker_against_integration():
+    point = parametric().branch_points[2]
+    swing = vv.trace_response(
+        vv.Pendulum(**PARAMETRIC), p1=(0.5, 1.0), subharmonic=2, harmonics=24, leave=point
+    )
+    crossing = next(c for c in swing.crossings if c.kind == "Neimark-Sacker")
+    pend = vv.Pendulum(**(PARAMETRIC | {"p1": crossing.parameter}))
+    i = crossing.before
+    waves = 1j * swing.harmonics * swing.nu[i]
+    start = np.empty(6)
+    start[::2] = swing.coefficients[i].sum(axis=1).imag
+    start[1::2] = (waves * swing.coefficients[i]).sum(axis=1).imag
+    period = 4 * np.pi / crossing.parameter
+
+    def disturbed(t, y):
+        change = pend.jacobian(t, y[:6]) @ y[6:].reshape(6, 6)
+        return np.concatenate([pend.rhs(t, y[:6]), change.ravel()])
+
+    for _ in range(6):
+        # Newton's method on the period map, from the point before.
+        first = np.concatenate([start, np.eye(6).ravel()])
+        run = solve_ivp(disturbed, (0, period), first, "DOP853", rtol=1e-12, atol=1e-13)
+        period_map, defect = run.y[6:, -1].reshape(6, 6), run.y[:6, -1] - start
+        if np.abs(defect).max() < 1e-11:
+            break
+        start = start - np.linalg.solve(period_map - np.eye(6), defect)
+    assert np.abs(defect).max() < 1e-11
+    pair = np.linalg.eigvals(period_map)
+    pair = pair[np.argsort(np.abs(np.abs(pair) - 1))[:2]]
+    assert np.abs(pair) == pytest.approx(1, abs=1e-7)
+    assert np.abs(pair.imag).min() > 1e-3
+
+
+def test_broken_symmetry_is_a_motion():
+    """Where the swing under m01 alone ceases to be its own mirror image half a period later."""
+    pend = swung(m01=0.02)
+    branch = vv.trace_response(pend, p2=(0.9, 1.1), harmonics=21, tolerance=1e-12)
+    assert len(branch.branch_points) == 2
+    assert branch.amplitude("z", 1).max() < 1e-12
+    off = vv.trace_response(
+        pend,
+        p2=(0.9, 1.1),
+        harmonics=21,
+        tolerance=1e-12,
+        leave=branch.branch_points[0],
+        max_points=25,
+    )
+    assert off.amplitude("z", 1)[-1] > 0.05
+    waves = 1j * off.harmonics * off.nu[-1]
+    start = np.empty(6)
+    start[::2] = off.coefficients[-1].sum(axis=1).imag
+    start[1::2] = (waves * off.coefficients[-1]).sum(axis=1).imag
+    moved = replace(pend, p2=off.parameter[-1])
+    assert after(moved, 2 * np.pi / off.nu[-1], start) == pytest.approx(start, abs=1e-10)
 
 
 def test_switched_branch_is_a_motion():
