@@ -2,11 +2,12 @@
 ! Orders, unknowns and drives as in torus and torus_balance.
 
 !> Solutions at the values p of what varies (vary: 1 a base frequency, 2 an
-!! amplitude; which: of which axis or drive), with monodromy matrices if there is one
-!! axis and stability is wanted. kept is 1 where an order of a coordinate is an unknown.
-!! The first row starts from the guess, if that is not 0.
+!! amplitude; which: of which axis or drive). With a duration > 0 for stability: monodromy
+!! matrices if there is one axis, else in their first columns rates of growth.
+!! kept is 1 where an order of a coordinate is an unknown. The first row starts from the
+!! guess, if that is not 0.
 subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
-                            vary, which, p, n_p, tolerance, with_stability, guess, cancel, x, &
+                            vary, which, p, n_p, tolerance, duration, guess, cancel, x, &
                             outcome, iterations, matrices, n_unknowns, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
@@ -16,12 +17,13 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   use viscovib_status, only: status_type
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
+  use viscovib_torus_growth, only: growth_rates
   use viscovib_torus_response, only: torus_responses
   implicit none
   integer(c_int), intent(in) :: n_axes, n_orders, n_p, n_unknowns
   integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
-  integer(c_int), intent(in) :: with_stability, kept(n_orders, 3)
-  real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), p(n_p), tolerance
+  integer(c_int), intent(in) :: kept(n_orders, 3)
+  real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), p(n_p), tolerance, duration
   real(c_double), intent(in) :: guess(n_unknowns)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
@@ -51,13 +53,17 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
     balance%which = which
     if (vary == vary_frequency) balance%lowest = 0.0_c_double
     call torus_responses(balance, p, tolerance, guess, x, outcome, iterations, cancel(1))
-    if (with_stability /= 0 .and. n_axes == 1) then
+    if (duration > 0.0_c_double) then
       allocate (r(balance%n), slope(balance%n), jacobian(balance%n, balance%n))
       do i = 1, n_p
         if (outcome(i) /= outcome_converged .or. cancel(1) /= 0) cycle
         y = balance%reduced(x(:, i))
         call balance%equations(y, p(i), r, jacobian, slope, inside)
-        call floquet%monodromy(balance, y, matrices(:, :, i))
+        if (n_axes == 1) then
+          call floquet%monodromy(balance, y, matrices(:, :, i))
+        else
+          call growth_rates(balance, y, duration, matrices(:, 1, i), cancel(1))
+        end if
       end do
     end if
   end if

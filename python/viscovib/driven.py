@@ -37,6 +37,8 @@ from viscovib.torus import (
 )
 
 _DOFS = Pendulum.dof_names
+#: Rates of growth closer to 0 than this count as 0.
+_STILL = 1e-7
 #: Numbers of a result at most: 400 MB.
 _MAX_NUMBERS = 50_000_000
 _FIRST = {1: 9, 2: 5, 3: 4}
@@ -71,8 +73,11 @@ class DrivenResponse:
     multipliers : complex ndarray, shape (n, 6), or None
         Floquet multipliers over a period of the base frequency, largest first; None with several
         base frequencies, or if not asked for. NaN where unknown.
+    growth : ndarray, shape (n, 6), or None
+        Rates at which small disturbances grow (Lyapunov exponents), largest first. NaN where
+        unknown.
     stable : ndarray of bool, shape (n,), or None
-        False too where no solution was found or multipliers are unknown.
+        Whether all of them decay. False too where no solution was found or the rates are unknown.
     """
 
     varies: str | None
@@ -84,6 +89,7 @@ class DrivenResponse:
     outcome: npt.NDArray[np.str_]
     iterations: IntArray
     multipliers: ComplexArray | None
+    growth: FloatArray | None
     stable: npt.NDArray[np.bool_] | None
     dof_names: tuple[str, ...] = _DOFS
     dof_units: tuple[str, ...] = ("1", "rad", "rad")
@@ -162,6 +168,8 @@ class DrivenResponse:
         }
         if self.multipliers is not None:
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
+        if self.growth is not None:
+            data["growth"] = (("point", "multiplier"), self.growth)
             data["stable"] = ("point", self.stable)
         return xr.Dataset(
             data,
@@ -218,6 +226,7 @@ def pendulum_response(
     harmonics: int | str = "auto",
     tolerance: float = 1e-10,
     stability: bool = True,
+    duration: float = 3000.0,
     subharmonic: int = 1,
     max_denominator: int = 12,
 ) -> DrivenResponse:
@@ -242,7 +251,10 @@ def pendulum_response(
     tolerance : float
         Relative size of the last correction, 1e-14 to 0.1.
     stability : bool
-        Compute Floquet multipliers of periodic motions.
+        Compute Floquet multipliers of periodic motions, rates of growth of all.
+    duration : float
+        Time over which the rates of a quasi-periodic motion are averaged, 1 to 1e6. Rates whose
+        differences are small against 1/duration share their errors.
     subharmonic : int
         Period of the motion in periods of the loads: 2 finds what period doubling leads to.
     max_denominator : int
@@ -271,6 +283,10 @@ def pendulum_response(
     wanted = _native.number("tolerance", tolerance)
     if not 1e-14 <= wanted <= 0.1:
         raise InputError(f"tolerance = {wanted:g}: must be in [1e-14, 0.1]")
+    span = _native.number("duration", duration)
+    if not 1 <= span <= 1e6:
+        raise InputError(f"duration = {span:g}: must be in [1, 1e6]")
+    span = span if stability else 0.0
     subharmonic = _native.integer("subharmonic", subharmonic, 1, 20)
     denominator = _native.integer("max_denominator", max_denominator, 1, 99)
     if varies in FREQUENCIES:
@@ -289,10 +305,10 @@ def pendulum_response(
     if harmonics != "auto":
         result = _solve(
             pend, torus, varies, rows, bound_of(torus, harmonics, _share(pend, torus, varies)),
-            wanted, stability,
+            wanted, span,
         )  # fmt: skip
     else:
-        result = _with_enough_orders(pend, torus, varies, rows, wanted, stability)
+        result = _with_enough_orders(pend, torus, varies, rows, wanted, span)
     lost = ~result.converged
     if lost.any():
         warnings.warn(
@@ -310,14 +326,14 @@ def _share(pend: Pendulum, torus: Torus, varies: str | None) -> float:
 
 
 def _with_enough_orders(
-    pend: Pendulum, torus: Torus, varies: str | None, rows: FloatArray, wanted: float, stable: bool
+    pend: Pendulum, torus: Torus, varies: str | None, rows: FloatArray, wanted: float, span: float
 ) -> DrivenResponse:
     """Raise the highest order until what is left out does not count."""
     limit = torus.largest(_share(pend, torus, varies))
     bound = min(max(_FIRST[torus.n_axes], 2 * int(torus.drive_orders.max()) + 1), limit)
     result = None
     while True:
-        result = _solve(pend, torus, varies, rows, bound, wanted, False, result)
+        result = _solve(pend, torus, varies, rows, bound, wanted, 0.0, result)
         found = result.converged
         worst = float(result.truncation[found].max(initial=0.0))
         if worst <= wanted or bound == limit:
@@ -332,9 +348,7 @@ def _with_enough_orders(
             ConvergenceWarning,
             stacklevel=3,
         )
-    if not stable or torus.n_axes > 1:
-        return result
-    return _solve(pend, torus, varies, rows, bound, wanted, True, result)
+    return _solve(pend, torus, varies, rows, bound, wanted, span, result) if span else result
 
 
 def _solve(
@@ -344,7 +358,7 @@ def _solve(
     rows: FloatArray,
     bound: int,
     tolerance: float,
-    stability: bool,
+    duration: float,
     start: DrivenResponse | None = None,
 ) -> DrivenResponse:
     orders = torus.lattice(bound)
@@ -352,20 +366,23 @@ def _solve(
     job, unit = core_job(pend, torus, orders, varies)
     kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
     cancel = np.zeros(1, dtype=np.intc)
-    known = bool(stability) and torus.n_axes == 1
     x, codes, iterations, matrices = _native.call_interruptibly(
-        core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, int(known),
+        core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, duration,
         _carried(start, orders), cancel,
     )  # fmt: skip
     found = codes == 0
     coefficients = complex_coefficients(x)
     coefficients[~found] = np.nan
-    multipliers, stable = None, None
-    if known:
-        multipliers, stable = floquet(matrices, found)
     base = np.tile(torus.base, (rows.size, 1))
     if job[5] == 1:
         base[:, job[6] - 1] = rows / unit  # type: ignore[operator]
+    multipliers, stable, growth = None, None, None
+    if duration and torus.n_axes == 1:
+        multipliers, stable = floquet(matrices, found)
+        growth = np.log(np.abs(multipliers)) * base / (2 * np.pi)
+    elif duration:
+        growth = np.where(found, matrices[:, 0], np.nan).T
+        stable = growth[:, 0] < -_STILL
     return DrivenResponse(
         varies=varies,
         parameter=rows if varies else base[:, 0],
@@ -377,6 +394,7 @@ def _solve(
         iterations=iterations,
         multipliers=multipliers,
         stable=stable,
+        growth=growth,
     )
 
 

@@ -348,7 +348,7 @@ class _Between:
         kept = np.ones((len(self.orders), 3), dtype=np.intc, order="F")
         _, codes, _, matrices = _native.call(
             core.pendulum_balance, *self.job[:2], kept, *self.job[2:], np.array([value]),
-            self.tolerance, 1, guess, np.zeros(1, dtype=np.intc),
+            self.tolerance, 1.0, guess, np.zeros(1, dtype=np.intc),
         )  # fmt: skip
         multipliers: ComplexArray = floquet(matrices, codes == 0)[0][0]
         return multipliers

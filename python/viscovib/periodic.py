@@ -2,10 +2,13 @@
 
 from typing import Any, overload
 
+import numpy.typing as npt
+
 from viscovib.branch import Branch
 from viscovib.branch import trace_response as _trace_mount
 from viscovib.driven import DrivenResponse, pendulum_response
-from viscovib.driven_branch import DrivenBranch, trace_pendulum
+from viscovib.driven_branch import BranchPoint, DrivenBranch, trace_pendulum
+from viscovib.load import LoadLike
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.response import Response
@@ -13,9 +16,37 @@ from viscovib.response import forced_response as _mount_response
 
 
 @overload
-def forced_response(system: Mount, *args: Any, **options: Any) -> Response: ...
+def forced_response(
+    system: Mount,
+    nu: npt.ArrayLike,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    method: str = "successive",
+    harmonics: int | str = 9,
+    tolerance: float = 1e-10,
+    max_iterations: int = 200,
+    relaxation: float | str = 1.0,
+    progress: bool = False,
+) -> Response: ...
 @overload
-def forced_response(system: Pendulum, *args: Any, **options: Any) -> DrivenResponse: ...
+def forced_response(
+    system: Pendulum,
+    *,
+    p1: npt.ArrayLike | None = None,
+    p2: npt.ArrayLike | None = None,
+    p3: npt.ArrayLike | None = None,
+    f0: npt.ArrayLike | None = None,
+    m01: npt.ArrayLike | None = None,
+    m02: npt.ArrayLike | None = None,
+    nu: npt.ArrayLike | None = None,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    stability: bool = True,
+    duration: float = 3000.0,
+    subharmonic: int = 1,
+    max_denominator: int = 12,
+) -> DrivenResponse: ...
 def forced_response(system: Any, *args: Any, **options: Any) -> Response | DrivenResponse:
     """Steady response of a mount or of a pendulum to its loads.
 
@@ -28,9 +59,41 @@ def forced_response(system: Any, *args: Any, **options: Any) -> Response | Drive
 
 
 @overload
-def trace_response(system: Mount, *args: Any, **options: Any) -> Branch: ...
+def trace_response(
+    system: Mount,
+    nu_range: tuple[float, float] | None = None,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    nu: float | None = None,
+    load_range: tuple[float, float] | None = None,
+    harmonics: int = 9,
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    stability: bool = True,
+) -> Branch: ...
 @overload
-def trace_response(system: Pendulum, *args: Any, **options: Any) -> DrivenBranch: ...
+def trace_response(
+    system: Pendulum,
+    *,
+    p1: tuple[float, float] | None = None,
+    p2: tuple[float, float] | None = None,
+    p3: tuple[float, float] | None = None,
+    f0: tuple[float, float] | None = None,
+    m01: tuple[float, float] | None = None,
+    m02: tuple[float, float] | None = None,
+    nu: tuple[float, float] | None = None,
+    leave: BranchPoint | None = None,
+    opposite: bool = False,
+    harmonics: int | None = None,
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    stability: bool = True,
+    subharmonic: int = 1,
+    max_denominator: int = 12,
+) -> DrivenBranch: ...
 def trace_response(system: Any, *args: Any, **options: Any) -> Branch | DrivenBranch:
     """Follow a branch of steady motions of a mount or of a pendulum through its folds.
 

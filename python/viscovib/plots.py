@@ -10,6 +10,7 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.branch import Branch
+from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import DrivenBranch
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
@@ -38,24 +39,24 @@ _DOTS: dict[str, Any] = {
 
 
 def plot_response(
-    response: Response | Sequence[Response],
+    response: Response | DrivenResponse | Sequence[Response | DrivenResponse],
     ax: "Axes | Sequence[Axes] | None" = None,
     *,
     labels: Sequence[str] | None = None,
-    harmonic: int = 1,
+    harmonic: int | tuple[int, ...] = 1,
     log: bool = True,
 ) -> "Sequence[Axes]":
     """Draw amplitude against frequency, one panel a coordinate.
 
     Parameters
     ----------
-    response : Response or sequence of them
+    response : Response or DrivenResponse, or sequence of them
         Curves; gaps show where no solution was found.
     ax : Axes or sequence of Axes, optional
         Where to draw: as many as there are coordinates; None makes a figure.
     labels : sequence of str, optional
         A legend entry a curve.
-    harmonic : int
+    harmonic : int, or tuple for several base frequencies
         Order to draw.
     log : bool
         Logarithmic amplitudes.
@@ -64,7 +65,7 @@ def plot_response(
     -------
     sequence of Axes, one a coordinate.
     """
-    curves = [response] if isinstance(response, Response) else list(response)
+    curves = [response] if isinstance(response, (Response, DrivenResponse)) else list(response)
     if not curves:
         raise InputError("response: must not be empty")
     names = curves[0].dof_names
@@ -79,21 +80,40 @@ def plot_response(
     for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
         for i, curve in enumerate(curves):
             axis.plot(
-                curve.nu,
-                curve.amplitude(name, harmonic),
+                curve.nu if isinstance(curve, Response) else curve.parameter,
+                _amplitude(curve, name, harmonic),
                 color=COLOURS[i % len(COLOURS)],
                 linestyle=STYLES[i % len(STYLES)],
                 linewidth=1.6,
                 label=labels[i] if labels else None,
             )
-        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{harmonic}|$ ({unit})")
-        if log:
+        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{_order(harmonic)}|$ ({unit})")
+        if log and any((line.get_ydata() > 0).any() for line in axis.lines):
             axis.set_yscale("log")
         _bare(axis)
-    axes[-1].set_xlabel(r"circular frequency of the load $\nu$ (rad/s)")
+    axes[-1].set_xlabel(
+        r"circular frequency of the load $\nu$ (rad/s)"
+        if isinstance(curves[0], Response)
+        else curves[0].varies or curves[0].axes[0]
+    )
     if labels:
         axes[0].legend(frameon=False)
     return axes
+
+
+def _amplitude(
+    curve: Response | DrivenResponse, name: str, harmonic: int | tuple[int, ...]
+) -> FloatArray:
+    if isinstance(curve, DrivenResponse):
+        return curve.amplitude(name, harmonic)
+    if not isinstance(harmonic, int):
+        raise InputError(f"harmonic = {harmonic!r}: must be an integer")
+    return curve.amplitude(name, harmonic)
+
+
+def _order(harmonic: int | tuple[int, ...]) -> str:
+    """An order as a subscript."""
+    return str(harmonic) if isinstance(harmonic, int) else "{" + ",".join(map(str, harmonic)) + "}"
 
 
 def plot_branch(
@@ -144,8 +164,7 @@ def plot_branch(
                 [abs(point.coefficients[d, j]) for point in branch.branch_points],
                 "s", color="k", markersize=4, markerfacecolor="w", label="branch point",
             )  # fmt: skip
-        order = harmonic if isinstance(harmonic, int) else "{" + ",".join(map(str, harmonic)) + "}"
-        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{order}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_SYMBOLS.get(name, name)}_{_order(harmonic)}|$ ({unit})")
         if log:
             axis.set_yscale("log")
         _bare(axis)

@@ -355,6 +355,11 @@ def test_table_dataset_and_picture(tmp_path):
     r.to_csv(tmp_path / "row.csv")
     assert (tmp_path / "row.csv").read_text().splitlines()[3].startswith("parameter,omega_1,out")
     assert r.to_dataset().outcome.values.tolist() == ["converged"]
+    rows = vv.forced_response(swung(), p2=np.linspace(0.5, 0.6, 5), harmonics=9)
+    axes = vv.plot_response([rows, rows], labels=["a", "b"], harmonic=3)
+    assert axes[-1].get_xlabel() == "p2"
+    assert axes[1].lines[0].get_ydata() == pytest.approx(rows.amplitude("phi", 3))
+    matplotlib.pyplot.close("all")
     t, q = r.waveform(0, 64)
     assert q == pytest.approx(r.state(0, t)[:, ::2])
 

@@ -25,7 +25,8 @@ def test_lines_of_a_long_run_from_rest(pend, harmonics, within):
     """Transients are gone after t = 1000 (exp(-0.05 t)); 40 lines a coordinate."""
     r = vv.forced_response(pend, harmonics=harmonics)
     assert r.outcome[0] == "converged"
-    assert r.stable is None
+    assert r.stable[0]
+    assert r.multipliers is None
     run = vv.simulate(
         pend, 3000, initial=np.zeros(6), dt=0.25, method="gauss16", keep="tail", tail=2000
     )
@@ -64,6 +65,53 @@ def test_two_axes_of_one_frequency_give_the_periodic_motion():
     assert together.nu[0] == 0.37
     t = np.linspace(0, 50, 200)
     assert apart.state(0, t) == pytest.approx(together.state(0, t), abs=1e-8)
+
+
+def test_growth_of_small_motions_is_the_linear_one():
+    """Real parts of the characteristic roots at rest."""
+    pend = replace(TWO, f0=1e-5, m01=1e-5, c1=0.02, c2=0.05, c3=0.15)
+    r = vv.forced_response(pend)
+    roots = np.linalg.eigvals(pend.jacobian(0.0, np.zeros(6))).real
+    assert r.growth[0] == pytest.approx(np.sort(roots)[::-1], rel=1e-4)
+    assert r.stable[0]
+
+
+def test_growth_adds_up_to_the_divergence():
+    """Liouville: the sum of all rates is the mean trace of the Jacobian along the motion."""
+    r = vv.forced_response(TWO, harmonics=14)
+    s = np.linspace(0, 1, 20001)[1:-1]
+    weight, t = np.exp(-1 / (s * (1 - s))), 20000 * s
+    trace = np.trace(TWO.jacobian(t, r.state(0, t)), axis1=1, axis2=2)
+    assert np.ptp(trace) > 1e-2
+    mean = (weight * trace).sum() / weight.sum()
+    assert r.growth[0].sum() == pytest.approx(mean, rel=1e-9)
+
+
+def test_growth_of_a_periodic_motion_taken_for_a_quasi_periodic_one():
+    pend = replace(TWO, p1=0.74)
+    apart = vv.forced_response(pend, p1=0.74, harmonics=14, duration=20000)
+    together = vv.forced_response(pend, harmonics=30)
+    assert apart.growth[0] == pytest.approx(together.growth[0], rel=2e-3)
+    assert together.growth[0].sum() == pytest.approx(apart.growth[0].sum(), rel=1e-9)
+    size = np.abs(together.multipliers[0])
+    assert together.growth[0] == pytest.approx(np.log(size) * 0.37 / (2 * np.pi), rel=1e-12)
+
+
+def test_parametric_resonance_of_a_quasi_periodic_motion():
+    """f0 makes a small swing at p2 unstable; a run from it leaves at the rate found."""
+    pend = vv.Pendulum(
+        e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.02, c2=0.02, c3=0.02, f0=0.1, p1=0.72,
+        m01=1e-5, p2=0.2517,
+    )  # fmt: skip
+    r = vv.forced_response(pend, harmonics=10)
+    assert r.converged[0]
+    assert not r.stable[0]
+    t = np.array([10, 25]) * 4 * np.pi / 0.72
+    start = r.state(0, 0.0) + [0, 0, 1e-9, 0, 0, 0]
+    run = vv.simulate(pend, 450, dt=0.25, initial=start, method="gauss16", times=t)
+    away = np.linalg.norm((run.state - r.state(0, t))[:, 2:], axis=1)
+    rate = np.log(away[1] / away[0]) / (t[1] - t[0])
+    assert r.growth[0, 0] == pytest.approx(rate, rel=0.02)
 
 
 def test_what_symmetry_leaves_out_is_zero():
@@ -154,6 +202,8 @@ def test_too_much_is_refused():
         vv.forced_response(TWO, p1=np.linspace(0.5, 1.5, 99999), harmonics=18)
     with pytest.raises(vv.InputError, match="harmonics = 90: must be 1 to"):
         vv.forced_response(TWO, harmonics=90)
+    with pytest.raises(vv.InputError, match="duration = 0: must be in"):
+        vv.forced_response(TWO, duration=0)
 
 
 def test_long_work_hears_an_interrupt():
