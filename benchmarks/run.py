@@ -11,6 +11,7 @@ import branch
 import kernel_transforms
 import motion
 import response_curve
+import steady
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from timing import machine, show_time
@@ -142,6 +143,7 @@ def main() -> None:
     draw_error_against_time(out / "error_against_time.png", rows)
     curves = branch.run()
     write_csv(out / "branch.csv", curves)
+    write_csv(out / "steady.csv", steady.run())
     one, many = motion.run()
     write_csv(out / "motion.csv", one)
     write_csv(out / "ensemble.csv", many)
