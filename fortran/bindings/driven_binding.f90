@@ -72,9 +72,10 @@ end subroutine pendulum_balance
 
 !> A branch from p = start to p = finish. With leave = 1 it begins at the point
 !! (begin, begin_p) in the direction `along`, with 0 at a solution found at p = start.
-subroutine pendulum_branch(flat, orders, n_axes, n_orders, drive_orders, omega, amplitude, vary, &
-                           which, start, finish, tolerance, max_points, max_step, &
-                           with_stability, leave, begin, begin_p, along, n_unknowns, max_special, &
+!! Stability and `kept` as above.
+subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
+                           vary, which, start, finish, tolerance, max_points, max_step, &
+                           duration, leave, begin, begin_p, along, n_unknowns, max_special, &
                            cancel, n_points, ended, p, iterations, x, matrices, n_folds, folds, &
                            fold_x, fold_before, n_branch_points, branch_points, branch_point_x, &
                            across, branch_before, status, message)
@@ -87,13 +88,14 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, drive_orders, omega, 
   use viscovib_status, only: status_type
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
+  use viscovib_torus_growth, only: growth_rates
   use viscovib_torus_response, only: solve_from_rest
   implicit none
   integer(c_int), intent(in) :: n_axes, n_orders, n_unknowns, max_points, max_special
   integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
-  integer(c_int), intent(in) :: with_stability, leave
+  integer(c_int), intent(in) :: kept(n_orders, 3), leave
   real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), start, finish, tolerance
-  real(c_double), intent(in) :: max_step, begin(n_unknowns), begin_p, along(n_unknowns + 1)
+  real(c_double), intent(in) :: duration, max_step, begin(n_unknowns), begin_p, along(n_unknowns + 1)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   integer(c_int), intent(out) :: n_points, ended, iterations(max_points), n_folds
@@ -113,8 +115,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, drive_orders, omega, 
   type(curve_branch_type) :: branch
   type(orbit_floquet_type) :: floquet
   type(status_type) :: problem
-  real(c_double) :: at(n_unknowns)
-  real(c_double), allocatable :: r(:), slope(:), jacobian(:, :)
+  real(c_double), allocatable :: at(:), r(:), slope(:), jacobian(:, :)
   logical :: inside
   integer :: i, found, made
 
@@ -136,12 +137,13 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, drive_orders, omega, 
   call make_pendulum(system, flat, problem)
   if (.not. problem%failed()) call new_torus(torus, orders, problem)
   if (.not. problem%failed()) then
-    call new_torus_balance(balance, system, torus, drive_orders, omega, amplitude)
+    call new_torus_balance(balance, system, torus, drive_orders, omega, amplitude, kept /= 0)
     balance%vary = vary
     balance%which = which
     if (vary == vary_frequency) balance%lowest = 0.0_c_double
     options = curve_options(start, finish, tolerance, max_points, max_step)
     found = outcome_converged
+    allocate (at(balance%n))
     if (leave == 0) then
       made = 0
       call solve_from_rest(balance, start, tolerance, at, found, made, cancel(1))
@@ -149,32 +151,53 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, drive_orders, omega, 
         call follow_curve(balance, options, at, branch, cancel=cancel(1))
       end if
     else
-      call follow_curve(balance, options, begin, branch, begin_p, along, cancel(1))
+      call follow_curve(balance, options, balance%reduced(begin), branch, begin_p, &
+                        [balance%reduced(along(:n_unknowns)), along(n_unknowns + 1)], cancel(1))
     end if
     if (found == outcome_converged) then
       n_points = branch%n_points
       ended = branch%outcome
       p(:n_points) = branch%parameter(:n_points)
       iterations(:n_points) = branch%iterations(:n_points)
-      x(:, :n_points) = branch%x(:, :n_points)
+      call expand(branch%x, n_points, x)
       n_folds = min(branch%folds%n, max_special)
       folds(:n_folds) = branch%folds%p(:n_folds)
-      fold_x(:, :n_folds) = branch%folds%x(:, :n_folds)
+      call expand(branch%folds%x, n_folds, fold_x)
       fold_before(:n_folds) = branch%folds%before(:n_folds)
       n_branch_points = min(branch%branch_points%n, max_special)
       branch_points(:n_branch_points) = branch%branch_points%p(:n_branch_points)
-      branch_point_x(:, :n_branch_points) = branch%branch_points%x(:, :n_branch_points)
-      across(:, :n_branch_points) = branch%branch_points%across(:, :n_branch_points)
+      call expand(branch%branch_points%x, n_branch_points, branch_point_x)
+      call expand(branch%branch_points%across, n_branch_points, across)
+      across(n_unknowns + 1, :n_branch_points) &
+        = branch%branch_points%across(balance%n + 1, :n_branch_points)
       branch_before(:n_branch_points) = branch%branch_points%before(:n_branch_points)
     end if
-    if (with_stability /= 0 .and. n_axes == 1) then
+    if (duration > 0.0_c_double) then
       allocate (r(balance%n), slope(balance%n), jacobian(balance%n, balance%n))
       do i = 1, n_points
         if (cancel(1) /= 0) exit
-        call balance%equations(x(:, i), p(i), r, jacobian, slope, inside)
-        call floquet%monodromy(balance, x(:, i), matrices(:, :, i))
+        call balance%equations(branch%x(:, i), p(i), r, jacobian, slope, inside)
+        if (n_axes == 1) then
+          call floquet%monodromy(balance, branch%x(:, i), matrices(:, :, i))
+        else
+          call growth_rates(balance, branch%x(:, i), duration, matrices(:, 1, i), cancel(1))
+        end if
       end do
     end if
   end if
   call report(problem, status, message)
+
+contains
+
+  !> The first m solutions in full.
+  subroutine expand(from, m, to)
+    real(c_double), intent(in) :: from(:, :)
+    integer, intent(in) :: m
+    real(c_double), intent(inout) :: to(:, :)
+    integer :: j
+    do j = 1, m
+      to(:n_unknowns, j) = reshape(balance%expanded(from(:balance%n, j)), [n_unknowns])
+    end do
+  end subroutine expand
+
 end subroutine pendulum_branch

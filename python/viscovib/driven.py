@@ -38,7 +38,7 @@ from viscovib.torus import (
 
 _DOFS = Pendulum.dof_names
 #: Rates of growth closer to 0 than this count as 0.
-_STILL = 1e-7
+STILL = 1e-7
 #: Numbers of a result at most: 400 MB.
 _MAX_NUMBERS = 50_000_000
 _FIRST = {1: 9, 2: 5, 3: 4}
@@ -283,10 +283,7 @@ def pendulum_response(
     wanted = _native.number("tolerance", tolerance)
     if not 1e-14 <= wanted <= 0.1:
         raise InputError(f"tolerance = {wanted:g}: must be in [1e-14, 0.1]")
-    span = _native.number("duration", duration)
-    if not 1 <= span <= 1e6:
-        raise InputError(f"duration = {span:g}: must be in [1, 1e6]")
-    span = span if stability else 0.0
+    span = check_duration(duration) if stability else 0.0
     subharmonic = _native.integer("subharmonic", subharmonic, 1, 20)
     denominator = _native.integer("max_denominator", max_denominator, 1, 99)
     if varies in FREQUENCIES:
@@ -382,7 +379,7 @@ def _solve(
         growth = np.log(np.abs(multipliers)) * base / (2 * np.pi)
     elif duration:
         growth = np.where(found, matrices[:, 0], np.nan).T
-        stable = growth[:, 0] < -_STILL
+        stable = growth[:, 0] < -STILL
     return DrivenResponse(
         varies=varies,
         parameter=rows if varies else base[:, 0],
@@ -396,6 +393,14 @@ def _solve(
         stable=stable,
         growth=growth,
     )
+
+
+def check_duration(duration: object) -> float:
+    """Check the time over which rates of growth are averaged."""
+    span = _native.number("duration", duration)
+    if not 1 <= span <= 1e6:
+        raise InputError(f"duration = {span:g}: must be in [1, 1e6]")
+    return span
 
 
 def check_size(name: str, points: int, unknowns_each: int) -> None:

@@ -13,7 +13,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.branch import _CIRCLE, Crossing, Curve, _range
 from viscovib.branch import OUTCOMES as MOUNT_OUTCOMES
-from viscovib.driven import check_size, floquet, write_table
+from viscovib.driven import STILL, check_duration, check_size, floquet, write_table
 from viscovib.errors import InputError
 from viscovib.pendulum import Pendulum
 from viscovib.torus import (
@@ -23,6 +23,7 @@ from viscovib.torus import (
     chosen,
     complex_coefficients,
     core_job,
+    kept_by_symmetry,
     make_torus,
     moved,
     place_of,
@@ -66,10 +67,12 @@ class DrivenBranch(Curve):
     coefficients : complex ndarray, shape (n, 3, m)
         X_k of z, phi (rad), psi (rad).
     stable : ndarray of bool, shape (n,), or None
-        None: unknown (several base frequencies, or not asked for). False too where multipliers are
-        unknown (time scales too far apart).
+        None: unknown (not asked for; with several base frequencies if no ``duration`` is given).
+        False too where multipliers or rates are unknown (time scales too far apart).
     multipliers : complex ndarray, shape (n, 6), or None
         Floquet multipliers over a period of the base frequency, largest first; NaN where unknown.
+    growth : ndarray, shape (n, 6), or None
+        With several base frequencies: as in `DrivenResponse`.
     folds : ndarray, shape (n_folds,)
         Values of the parameter where the branch turns back.
     fold_coefficients : complex ndarray, shape (n_folds, 3, m)
@@ -91,6 +94,7 @@ class DrivenBranch(Curve):
     coefficients: ComplexArray
     stable: npt.NDArray[np.bool_] | None
     multipliers: ComplexArray | None
+    growth: FloatArray | None
     folds: FloatArray
     fold_coefficients: ComplexArray
     branch_points: tuple[BranchPoint, ...]
@@ -134,7 +138,10 @@ class DrivenBranch(Curve):
         }
         if self.stable is not None:
             data["stable"] = ("point", self.stable)
+        if self.multipliers is not None:
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
+        if self.growth is not None:
+            data["growth"] = (("point", "multiplier"), self.growth)
         return xr.Dataset(
             data,
             coords={"dof": list(self.dof_names), "axis": list(self.axes)},
@@ -178,6 +185,8 @@ def trace_pendulum(
     max_points: int = 2000,
     max_step: float = 0.1,
     stability: bool = True,
+    duration: float | None = None,
+    symmetric: bool = False,
     subharmonic: int = 1,
     max_denominator: int = 12,
 ) -> DrivenBranch:
@@ -196,6 +205,11 @@ def trace_pendulum(
     harmonics : int
         Highest order kept (default 15; with several base frequencies 6 or 4 in all).
     tolerance, max_points, max_step, stability : as for a mount
+    duration : float
+        For quasi-periodic motions: compute rates of growth, averaged over this time, 1 to 1e6.
+    symmetric : bool
+        Keep to the motions that share the symmetry of system and loads: faster, but blind to
+        branch points where it breaks.
     subharmonic, max_denominator : as for `forced_response`
 
     Returns
@@ -237,25 +251,38 @@ def trace_pendulum(
     check_size("max_points", points, n)
     begin, begin_p, along = np.zeros(n), 0.0, np.zeros(n + 1)
     job, unit = core_job(pend, torus, orders, varies)
+    kept = np.ones((len(orders), 3), dtype=np.intc, order="F")
+    if symmetric:
+        kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
     if leave is not None:
         begin, along = _departure(leave, n, opposite)
+        lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
+        if lost > 1e-6 * np.abs(leave.across).max():
+            raise InputError(
+                "leave: leads to motions that do not share the symmetry, must have symmetric=False"
+            )
         begin_p = leave.parameter / unit
-    known = bool(stability) and torus.n_axes == 1
+    span = 1.0 if stability and torus.n_axes == 1 else 0.0
+    if duration is not None and torus.n_axes > 1:
+        span = check_duration(duration)
     cancel = np.zeros(1, dtype=np.intc)
     (
         n_points, ended, p, iterations, x, matrices, n_folds, folds, fold_x, fold_before,
         n_branch, branch_p, branch_x, across, before,
     ) = _native.call_interruptibly(
-        core.pendulum_branch, cancel, *job, start / unit, finish / unit, wanted, points, step,
-        int(known), int(leave is not None), begin, begin_p, along, _MAX_SPECIAL, cancel,
+        core.pendulum_branch, cancel, *job[:2], kept, *job[2:], start / unit, finish / unit,
+        wanted, points, step, span, int(leave is not None), begin, begin_p, along, _MAX_SPECIAL, cancel,
     )  # fmt: skip
     if not n_points:
         raise InputError(
             f"{varies}: no solution was found at its beginning {start:g}: begin elsewhere"
         )
-    multipliers, stable = None, None
+    multipliers, stable, growth = None, None, None
     crossings: tuple[Crossing, ...] = ()
-    if known:
+    if span and torus.n_axes > 1:
+        growth = matrices[:, 0, :n_points].T.copy()
+        stable = growth[:, 0] < -STILL
+    elif span:
         multipliers, stable = floquet(matrices[:, :, :n_points], np.ones(n_points, dtype=bool))
         crossings = tuple(
             replace(c, parameter=c.parameter * unit) if c.parameter else c
@@ -278,6 +305,7 @@ def trace_pendulum(
         coefficients=complex_coefficients(x[:, :n_points]),
         stable=stable,
         multipliers=multipliers,
+        growth=growth,
         folds=folds[:n_folds] * unit,
         fold_coefficients=complex_coefficients(fold_x[:, :n_folds]),
         branch_points=tuple(

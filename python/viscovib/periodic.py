@@ -91,6 +91,8 @@ def trace_response(
     max_points: int = 2000,
     max_step: float = 0.1,
     stability: bool = True,
+    duration: float | None = None,
+    symmetric: bool = False,
     subharmonic: int = 1,
     max_denominator: int = 12,
 ) -> DrivenBranch: ...

@@ -131,6 +131,16 @@ def test_folds_against_shooting():
         assert fit(top) == pytest.approx(fold, abs=1e-8)
 
 
+def test_a_symmetric_branch_is_the_same_one():
+    branch = overhanging()
+    half = vv.trace_response(
+        swung(m01=0.005, **LIGHT), p2=(0.25, 0.6), harmonics=25, symmetric=True
+    )
+    assert half.folds == pytest.approx(branch.folds, abs=1e-12)
+    assert half.fold_coefficients == pytest.approx(branch.fold_coefficients, abs=1e-6)
+    assert [c.kind for c in half.crossings] == [c.kind for c in branch.crossings]
+
+
 def test_stability_changes_at_the_folds_only():
     branch = overhanging()
     assert [crossing.kind for crossing in branch.crossings] == ["fold", "fold"]
@@ -390,6 +400,17 @@ def test_table_dataset_and_picture(tmp_path):
                 vv.Pendulum(**PARAMETRIC), p1=(0.5, 1), leave=parametric().branch_points[0]
             ),
             "use the same harmonics, loads and subharmonic",
+        ),
+        (
+            lambda: vv.trace_response(
+                vv.Pendulum(**PARAMETRIC),
+                p1=(0.5, 1),
+                subharmonic=2,
+                harmonics=24,
+                leave=parametric().branch_points[0],
+                symmetric=True,
+            ),
+            "must have symmetric=False",
         ),
         (
             lambda: vv.forced_response(swung()).amplitude("phi", 99),

@@ -136,6 +136,11 @@ def test_branch_of_quasi_periodic_motions():
         single.amplitude("z", (1, 2))[0], abs=1e-9
     )
     vv.plot_branch(branch, harmonic=(0, 1))[1].figure.clear()
+    again = vv.trace_response(TWO, m01=(0, 0.005), harmonics=6, symmetric=True, duration=500)
+    assert again.coefficients[-1] == pytest.approx(branch.coefficients[-1], abs=1e-12)
+    assert again.stable.all()
+    rates = vv.forced_response(TWO, harmonics=6, duration=500).growth[0]
+    assert again.growth[-1] == pytest.approx(rates, rel=1e-6)
     swept = vv.trace_response(TWO, p1=(0.9, 1.1), harmonics=5)
     assert swept.outcome == "completed"
     assert swept.base[:, 0] == pytest.approx(swept.parameter)
