@@ -14,11 +14,11 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.branch import _CIRCLE, _LARGEST
-from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning
+from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.files import whole_file
 from viscovib.pendulum import Pendulum
 from viscovib.response import OUTCOMES
+from viscovib.stability import STILL, check_duration, floquet
 from viscovib.torus import (
     FREQUENCIES,
     IntArray,
@@ -37,8 +37,6 @@ from viscovib.torus import (
 )
 
 _DOFS = Pendulum.dof_names
-#: Rates of growth closer to 0 than this count as 0.
-STILL = 1e-7
 #: Numbers of a result at most: 400 MB.
 _MAX_NUMBERS = 50_000_000
 _FIRST = {1: 9, 2: 5, 3: 4}
@@ -395,14 +393,6 @@ def _solve(
     )
 
 
-def check_duration(duration: object) -> float:
-    """Check the time over which rates of growth are averaged."""
-    span = _native.number("duration", duration)
-    if not 1 <= span <= 1e6:
-        raise InputError(f"duration = {span:g}: must be in [1, 1e6]")
-    return span
-
-
 def check_size(name: str, points: int, unknowns_each: int) -> None:
     """Refuse what would fill the memory."""
     most = _MAX_NUMBERS // unknowns_each
@@ -418,24 +408,3 @@ def _carried(start: DrivenResponse | None, orders: IntArray) -> FloatArray:
         places = [index[tuple(k)] for k in start.orders.tolist()]
         coefficients[:, places] = start.coefficients[0]
     return unknowns(coefficients)
-
-
-def floquet(
-    matrices: FloatArray, found: npt.NDArray[np.bool_]
-) -> tuple[ComplexArray, npt.NDArray[np.bool_]]:
-    """Multipliers, largest first, NaN where unknown, and stability from monodromy matrices."""
-    stack = np.ascontiguousarray(matrices.transpose(2, 0, 1))
-    good = found & np.all(np.abs(stack) < _LARGEST, axis=(1, 2))
-    multipliers = np.full((found.size, 6), np.nan + 0j)
-    roots = np.linalg.eigvals(stack[good]).astype(complex)
-    multipliers[good] = np.take_along_axis(roots, np.argsort(-np.abs(roots), axis=1), axis=1)
-    stable = np.zeros(found.size, dtype=bool)
-    stable[good] = np.abs(multipliers[good, 0]) <= 1 + _CIRCLE
-    if (found & ~good).any():
-        warnings.warn(
-            f"stability of {(found & ~good).sum()} motions is unknown: time scales are too far "
-            "apart",
-            StabilityWarning,
-            stacklevel=4,
-        )
-    return multipliers, stable

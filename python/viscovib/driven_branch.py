@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from scipy.optimize import brentq
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.branch import _CIRCLE, Crossing, Curve, _range
 from viscovib.branch import OUTCOMES as MOUNT_OUTCOMES
-from viscovib.driven import STILL, check_duration, check_size, floquet, write_table
+from viscovib.branch import Crossing, Curve, _range
+from viscovib.driven import check_size, write_table
 from viscovib.errors import InputError
 from viscovib.pendulum import Pendulum
+from viscovib.stability import STILL, check_duration, crossings_along, floquet
 from viscovib.torus import (
     FREQUENCIES,
     IntArray,
@@ -287,7 +287,7 @@ def trace_pendulum(
         multipliers, stable = floquet(matrices[:, :, :n_points], np.ones(n_points, dtype=bool))
         crossings = tuple(
             replace(c, parameter=c.parameter * unit) if c.parameter else c
-            for c in _crossings(
+            for c in crossings_along(
                 job, orders, wanted, (p[:n_points], x[:, :n_points], multipliers),
                 (fold_before[:n_folds] - 1, folds[:n_folds]),
             )
@@ -323,86 +323,6 @@ def trace_pendulum(
         outcome=OUTCOMES[ended],
         iterations=iterations[:n_points].copy(),
     )
-
-
-def _crossings(
-    job: tuple[object, ...],
-    orders: IntArray,
-    tolerance: float,
-    branch: tuple[FloatArray, FloatArray, ComplexArray],
-    folds: tuple[IntArray, FloatArray],
-) -> tuple[Crossing, ...]:
-    """Changes of stability between neighbours that are both known, in units of the core.
-
-    ``branch``: parameters, unknowns (n, points), multipliers; ``folds``: points before, values.
-    """
-    p, x, multipliers = branch
-    sizes = np.abs(multipliers)
-    outside = np.count_nonzero(sizes > 1 + _CIRCLE, axis=1)
-    unknown = np.isnan(sizes.sum(axis=1))
-    result = []
-    for i in np.flatnonzero(outside[1:] != outside[:-1]).tolist():
-        if unknown[i] or unknown[i + 1]:
-            continue
-        near = np.flatnonzero(np.abs(folds[0] - i) <= 1)
-        if near.size:
-            result.append(Crossing("fold", i, float(folds[1][near[0]])))
-            continue
-        # The multiplier, by size, that is outside on one side only.
-        place = int(max(outside[i], outside[i + 1])) - 1
-        nearer = i if abs(sizes[i, place] - 1) < abs(sizes[i + 1, place] - 1) else i + 1
-        where, roots = None, multipliers[nearer]
-        if (sizes[i, place] - 1) * (sizes[i + 1, place] - 1) < 0:
-            between = _Between(job, orders, tolerance, p[i : i + 2], x[:, i : i + 2])
-            where = between.crossing(place)
-            roots = roots if where is None else between.multipliers(where)
-        result.append(Crossing(_kind(roots), i, where))
-    return tuple(result)
-
-
-@dataclass(frozen=True)
-class _Between:
-    """Motions between two neighbours of a branch: their parameters and unknowns."""
-
-    job: tuple[object, ...]
-    orders: IntArray
-    tolerance: float
-    p: FloatArray
-    x: FloatArray
-
-    def multipliers(self, value: float) -> ComplexArray:
-        """At a value of the parameter, largest first; NaN if no motion is found."""
-        part = (value - self.p[0]) / (self.p[1] - self.p[0])
-        guess = self.x[:, 0] + part * (self.x[:, 1] - self.x[:, 0])
-        kept = np.ones((len(self.orders), 3), dtype=np.intc, order="F")
-        _, codes, _, matrices = _native.call(
-            core.pendulum_balance, *self.job[:2], kept, *self.job[2:], np.array([value]),
-            self.tolerance, 1.0, guess, np.zeros(1, dtype=np.intc),
-        )  # fmt: skip
-        multipliers: ComplexArray = floquet(matrices, codes == 0)[0][0]
-        return multipliers
-
-    def crossing(self, place: int) -> float | None:
-        """Where the multiplier of this place has size 1."""
-        low, high = self.p.tolist()
-        try:
-            return float(
-                brentq(
-                    lambda value: np.abs(self.multipliers(value)[place]) - 1,
-                    low, high, xtol=1e-11 * abs(low), rtol=1e-13,
-                )
-            )  # fmt: skip
-        except (ValueError, RuntimeError):
-            # No motion between, or no change of sign seen once more.
-            return None
-
-
-def _kind(roots: ComplexArray) -> str:
-    """What is crossed, by the multiplier nearest to the circle."""
-    root = roots[np.abs(np.abs(roots) - 1).argmin()]
-    if abs(root.imag) > 1e-4 * abs(root):
-        return "Neimark-Sacker"
-    return "branch point" if root.real > 0 else "period doubling"
 
 
 def _departure(leave: object, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
