@@ -8,7 +8,8 @@
 !! changes it at simple branch points, whose null vector leads onto the other branch.
 module viscovib_curve_branch
   use viscovib_curve, only: curve_type
-  use viscovib_dense, only: factorize_blocks, solve
+  use viscovib_curve_corrector, only: angle_between, correct, corrector_type, curve_point, &
+    distance, new_corrector, normalize, null_vector, reverse
   use viscovib_kinds, only: wp
   implicit none
   private
@@ -22,7 +23,6 @@ module viscovib_curve_branch
                                 curve_stuck = 3, curve_overflow = 4, curve_unphysical = 5, &
                                 curve_closed = 6
 
-  integer, parameter :: max_iterations = 8
   !> Steps in units of the present point, at first and at least; where the equations
   !! end, steps this short are enough.
   real(wp), parameter :: first_step = 0.01_wp, smallest_step = 1.0e-9_wp, edge_step = 1.0e-5_wp
@@ -61,21 +61,6 @@ module viscovib_curve_branch
     procedure, private :: add
   end type curve_branch_type
 
-  !> A point of the curve with its unit tangent and what its bordered determinant is.
-  type :: curve_point
-    real(wp), allocatable :: x(:), slope_x(:)
-    real(wp) :: p = 0.0_wp, slope_p = 1.0_wp, log_determinant = 0.0_wp
-    integer :: iterations = 0, sign = 1
-  end type curve_point
-
-  !> What the corrector works in, and whether it last met the end of the range.
-  type :: corrector_type
-    real(wp) :: tolerance = 0.0_wp, p_scale = 1.0_wp, largest = 0.0_wp
-    logical :: outside = .false.
-    real(wp), allocatable :: matrix(:, :), right(:), r(:), slope_p(:), predicted(:)
-    integer, allocatable :: pivots(:)
-  end type corrector_type
-
 contains
 
   !> Follow the branch on from a solution x at p = options%start, or, with `along`,
@@ -103,7 +88,8 @@ contains
     allocate (branch%x(n, options%max_points))
     call empty(branch%folds, n)
     call empty(branch%branch_points, n)
-    call new_corrector(corrector, n, options, x)
+    call new_corrector(corrector, n, options%tolerance, &
+                       max(abs(options%start), abs(options%finish)), x)
     sign_wanted = sign(1.0_wp, options%finish - options%start)
     allocate (here%x, source=x)
     allocate (here%slope_x(n), source=0.0_wp)
@@ -159,15 +145,6 @@ contains
         branch%outcome = curve_overflow
         return
       end if
-      ! The first step off a branch point has nothing to compare with.
-      if (.not. (present(along) .and. branch%n_points == 1)) then
-        if (here%slope_p*next%slope_p < 0.0_wp) then
-          call locate(curve, corrector, here, step, next, .true., branch)
-        end if
-        if (here%sign*next%sign < 0) then
-          call locate(curve, corrector, here, step, next, .false., branch)
-        end if
-      end if
       if ((next%p - options%finish)*sign_wanted >= 0.0_wp) then
         call finish_at(options%finish, curve_completed)
         return
@@ -176,6 +153,7 @@ contains
         call finish_at(options%start, curve_returned)
         return
       end if
+      call note(step)
       apart = distance(corrector, first, next)
       if (apart > 3.0_wp*max(step, first_step)) away = .true.
       here = next
@@ -191,6 +169,19 @@ contains
 
   contains
 
+    !> Folds and branch points between `here` and `next`, which lies a step `ahead`.
+    subroutine note(ahead)
+      real(wp), intent(in) :: ahead
+      ! The first step off a branch point has nothing to compare with.
+      if (present(along) .and. branch%n_points == 1) return
+      if (here%slope_p*next%slope_p < 0.0_wp) then
+        call locate(curve, corrector, here, ahead, next, .true., branch)
+      end if
+      if (here%sign*next%sign < 0) then
+        call locate(curve, corrector, here, ahead, next, .false., branch)
+      end if
+    end subroutine note
+
     !> The last point lies at the end itself: shorten the step until it does.
     subroutine finish_at(end, outcome)
       real(wp), intent(in) :: end
@@ -201,6 +192,7 @@ contains
       low_p = here%p
       high = step
       high_p = next%p
+      trial = step
       made = .true.
       do k = 1, 60
         if (abs(next%p - end) <= 1.0e-13_wp*corrector%p_scale) exit
@@ -217,6 +209,7 @@ contains
       end do
       branch%outcome = merge(outcome, curve_stuck, made)
       if (made) then
+        call note(trial)
         next%p = merge(end, next%p, abs(next%p - end) <= 1.0e-12_wp*corrector%p_scale)
         call branch%add(next)
       end if
@@ -230,18 +223,6 @@ contains
     allocate (points%p(0), points%x(n, 0), points%across(n + 1, 0), points%before(0))
   end subroutine empty
 
-  subroutine new_corrector(corrector, n, options, x)
-    type(corrector_type), intent(out) :: corrector
-    integer, intent(in) :: n
-    type(curve_options), intent(in) :: options
-    real(wp), intent(in) :: x(:)
-    allocate (corrector%matrix(n + 1, n + 1), corrector%right(n + 1), corrector%r(n), &
-              corrector%slope_p(n), corrector%predicted(n), corrector%pivots(n + 1))
-    corrector%tolerance = options%tolerance
-    corrector%p_scale = max(abs(options%start), abs(options%finish))
-    corrector%largest = sum(x**2)
-  end subroutine new_corrector
-
   subroutine add(self, point)
     class(curve_branch_type), intent(inout) :: self
     type(curve_point), intent(in) :: point
@@ -250,120 +231,6 @@ contains
     self%iterations(self%n_points) = point%iterations
     self%x(:, self%n_points) = point%x
   end subroutine add
-
-  !> The point a step along the tangent from `here`, on the curve, with its tangent.
-  subroutine correct(curve, c, here, step, next, made)
-    class(curve_type), intent(inout) :: curve
-    type(corrector_type), intent(inout) :: c
-    type(curve_point), intent(in) :: here
-    real(wp), intent(in) :: step
-    type(curve_point), intent(out) :: next
-    logical, intent(out) :: made
-    real(wp) :: predicted_p, weight_x, weight_p, change
-    integer :: n, k
-    logical :: singular, inside
-
-    n = curve%n
-    made = .false.
-    call metric(c, here, weight_x, weight_p)
-    c%predicted = here%x + step*here%slope_x
-    predicted_p = here%p + step*here%slope_p
-    next%x = c%predicted
-    next%p = predicted_p
-    do k = 1, max_iterations
-      call curve%equations(next%x, next%p, c%r, c%matrix, c%slope_p, inside)
-      c%outside = .not. inside
-      if (.not. inside) return
-      c%matrix(:n, n + 1) = c%slope_p
-      c%matrix(n + 1, :n) = weight_x*here%slope_x
-      c%matrix(n + 1, n + 1) = weight_p*here%slope_p
-      c%right(:n) = c%r
-      c%right(n + 1) = weight_x*dot_product(here%slope_x, next%x - c%predicted) &
-                       + weight_p*here%slope_p*(next%p - predicted_p)
-      call factorize_blocks(n + 1, c%matrix, c%pivots, singular)
-      if (singular) return
-      call solve(n + 1, c%matrix, c%pivots, c%right)
-      next%x = next%x - c%right(:n)
-      next%p = next%p - c%right(n + 1)
-      next%iterations = k
-      change = sqrt(weight_x*sum(c%right(:n)**2) + weight_p*c%right(n + 1)**2)
-      if (.not. change <= 1.0e3_wp) return
-      if (change <= max(c%tolerance, 4.0_wp*epsilon(1.0_wp))) exit
-    end do
-    if (k > max_iterations) return
-    made = .true.
-    call determinant(c, n + 1, next)
-    ! The tangent: [J, R_p; tangent before] t = (0, 1), by the same factors.
-    c%right = 0.0_wp
-    c%right(n + 1) = 1.0_wp
-    call solve(n + 1, c%matrix, c%pivots, c%right)
-    next%slope_x = c%right(:n)
-    next%slope_p = c%right(n + 1)
-    c%largest = max(c%largest, sum(next%x**2))
-    call normalize(c, next)
-  end subroutine correct
-
-  !> Sign and logarithm of the determinant, from its factors.
-  pure subroutine determinant(c, n, point)
-    type(corrector_type), intent(in) :: c
-    integer, intent(in) :: n
-    type(curve_point), intent(inout) :: point
-    integer :: k
-    point%sign = 1
-    point%log_determinant = 0.0_wp
-    do k = 1, n
-      if (c%pivots(k) /= k) point%sign = -point%sign
-      if (c%matrix(k, k) < 0.0_wp) point%sign = -point%sign
-      point%log_determinant = point%log_determinant + log(abs(c%matrix(k, k)))
-    end do
-  end subroutine determinant
-
-  pure subroutine normalize(c, point)
-    type(corrector_type), intent(in) :: c
-    type(curve_point), intent(inout) :: point
-    real(wp) :: weight_x, weight_p, length
-    call metric(c, point, weight_x, weight_p)
-    length = sqrt(weight_x*sum(point%slope_x**2) + weight_p*point%slope_p**2)
-    point%slope_x = point%slope_x/length
-    point%slope_p = point%slope_p/length
-  end subroutine normalize
-
-  pure subroutine reverse(point)
-    type(curve_point), intent(inout) :: point
-    point%slope_x = -point%slope_x
-    point%slope_p = -point%slope_p
-  end subroutine reverse
-
-  !> Squares are weighed against the size of the solution, at least a tenth of the
-  !! largest so far, and of p.
-  pure subroutine metric(c, point, weight_x, weight_p)
-    type(corrector_type), intent(in) :: c
-    type(curve_point), intent(in) :: point
-    real(wp), intent(out) :: weight_x, weight_p
-    real(wp) :: total
-    total = max(sum(point%x**2), 0.01_wp*c%largest)
-    weight_x = 1.0_wp
-    if (total > 0.0_wp) weight_x = 1.0_wp/total
-    weight_p = 1.0_wp/max(abs(point%p), 0.1_wp*c%p_scale)**2
-  end subroutine metric
-
-  pure real(wp) function angle_between(c, a, b) result(angle)
-    type(corrector_type), intent(in) :: c
-    type(curve_point), intent(in) :: a, b
-    real(wp) :: weight_x, weight_p, product, length
-    call metric(c, b, weight_x, weight_p)
-    product = weight_x*dot_product(a%slope_x, b%slope_x) + weight_p*a%slope_p*b%slope_p
-    length = sqrt(weight_x*sum(a%slope_x**2) + weight_p*a%slope_p**2)
-    angle = acos(max(-1.0_wp, min(1.0_wp, product/max(length, tiny(length)))))
-  end function angle_between
-
-  pure real(wp) function distance(c, a, b)
-    type(corrector_type), intent(in) :: c
-    type(curve_point), intent(in) :: a, b
-    real(wp) :: weight_x, weight_p
-    call metric(c, b, weight_x, weight_p)
-    distance = sqrt(weight_x*sum((a%x - b%x)**2) + weight_p*(a%p - b%p)**2)
-  end function distance
 
   !> The fold, or the branch point, between `here` and the end of the step.
   subroutine locate(curve, c, here, step, end, fold, branch)
@@ -437,37 +304,5 @@ contains
     end subroutine keep
 
   end subroutine locate
-
-  !> The direction across the branch: null vector of the bordered matrix, by inverse
-  !! iteration; 0 if that fails.
-  subroutine null_vector(curve, c, here, point, across)
-    class(curve_type), intent(inout) :: curve
-    type(corrector_type), intent(inout) :: c
-    type(curve_point), intent(in) :: here, point
-    real(wp), allocatable, intent(out) :: across(:)
-    real(wp) :: weight_x, weight_p
-    integer :: n, k
-    logical :: singular, inside
-
-    n = curve%n
-    across = [(1.0_wp + 0.3_wp*sin(1.7_wp*k), k=1, n + 1)]
-    call metric(c, here, weight_x, weight_p)
-    call curve%equations(point%x, point%p, c%r, c%matrix, c%slope_p, inside)
-    singular = .not. inside
-    if (inside) then
-      c%matrix(:n, n + 1) = c%slope_p
-      c%matrix(n + 1, :n) = weight_x*here%slope_x
-      c%matrix(n + 1, n + 1) = weight_p*here%slope_p
-      call factorize_blocks(n + 1, c%matrix, c%pivots, singular)
-    end if
-    if (singular) then
-      across = 0.0_wp
-      return
-    end if
-    do k = 1, 4
-      call solve(n + 1, c%matrix, c%pivots, across)
-      across = across/sqrt(sum(across**2))
-    end do
-  end subroutine null_vector
 
 end module viscovib_curve_branch
