@@ -95,7 +95,8 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
   integer(c_int), intent(in) :: kept(n_orders, 3), leave
   real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), start, finish, tolerance
-  real(c_double), intent(in) :: duration, max_step, begin(n_unknowns), begin_p, along(n_unknowns + 1)
+  real(c_double), intent(in) :: duration, max_step
+  real(c_double), intent(in) :: begin(n_unknowns), begin_p, along(n_unknowns + 1)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   integer(c_int), intent(out) :: n_points, ended, iterations(max_points), n_folds
