@@ -4,6 +4,7 @@ from importlib.metadata import version as _version
 
 from viscovib.branch import Branch, Crossing
 from viscovib.characteristic import CharacteristicRoots
+from viscovib.decay import FreeDecay, free_decay
 from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import BranchPoint, DrivenBranch
 from viscovib.ensemble import Ensemble, simulate_ensemble
@@ -16,6 +17,7 @@ from viscovib.errors import (
 )
 from viscovib.kernels import (
     AbelKernel,
+    ExponentialSum,
     Kernel,
     PronyKernel,
     RabotnovKernel,
@@ -23,6 +25,7 @@ from viscovib.kernels import (
     TabulatedKernel,
 )
 from viscovib.load import fourier_coefficients
+from viscovib.load_table import LoadTable
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.periodic import forced_response, trace_response
@@ -37,7 +40,8 @@ from viscovib.spectrum import (
     name_frequencies,
     spectrum,
 )
-from viscovib.transient import Trajectory, simulate
+from viscovib.trajectory import Trajectory
+from viscovib.transient import simulate
 
 __version__ = _version("viscovib")
 
@@ -51,10 +55,13 @@ __all__ = [
     "DrivenBranch",
     "DrivenResponse",
     "Ensemble",
+    "ExponentialSum",
     "FileError",
+    "FreeDecay",
     "InputError",
     "Kernel",
     "Lines",
+    "LoadTable",
     "Mount",
     "Peak",
     "Pendulum",
@@ -73,6 +80,7 @@ __all__ = [
     "dominant_frequencies",
     "forced_response",
     "fourier_coefficients",
+    "free_decay",
     "name_frequencies",
     "plan",
     "plan_response",
