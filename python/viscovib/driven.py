@@ -24,6 +24,7 @@ from viscovib.torus import (
     IntArray,
     Torus,
     bound_of,
+    check_pendulum,
     chosen,
     complex_coefficients,
     core_job,
@@ -275,6 +276,7 @@ def pendulum_response(
     `trace_response`. A motion raised from rest keeps the symmetry of system and loads, if there is
     one, and what it rules out is left out.
     """
+    check_pendulum(pend)
     varies, values = chosen(
         {"p1": p1, "p2": p2, "p3": p3, "f0": f0, "m01": m01, "m02": m02, "nu": nu}
     )

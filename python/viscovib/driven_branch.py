@@ -20,6 +20,7 @@ from viscovib.torus import (
     FREQUENCIES,
     IntArray,
     bound_of,
+    check_pendulum,
     chosen,
     complex_coefficients,
     core_job,
@@ -223,6 +224,7 @@ def trace_pendulum(
     ``subharmonic=2`` period doublings, such as the parametric resonance of a pendulum that swings
     under f0 alone, are branch points.
     """
+    check_pendulum(pend)
     varies, value = chosen(
         {"p1": p1, "p2": p2, "p3": p3, "f0": f0, "m01": m01, "m02": m02, "nu": nu}
     )

@@ -17,7 +17,7 @@ from viscovib.response import forced_response as _mount_response
 
 @overload
 def forced_response(
-    system: Mount,
+    mount: Mount,
     nu: npt.ArrayLike,
     *,
     load: LoadLike | None = None,
@@ -31,7 +31,7 @@ def forced_response(
 ) -> Response: ...
 @overload
 def forced_response(
-    system: Pendulum,
+    pend: Pendulum,
     *,
     p1: npt.ArrayLike | None = None,
     p2: npt.ArrayLike | None = None,
@@ -47,20 +47,20 @@ def forced_response(
     subharmonic: int = 1,
     max_denominator: int = 12,
 ) -> DrivenResponse: ...
-def forced_response(system: Any, *args: Any, **options: Any) -> Response | DrivenResponse:
+def forced_response(*args: Any, **options: Any) -> Response | DrivenResponse:
     """Steady response of a mount or of a pendulum to its loads.
 
     forced_response(mount, nu, *, load=None, base=None, method="successive", harmonics=9, ...)
     forced_response(pend, *, p1=None, ..., m02=None, nu=None, harmonics="auto", ...)
     """
-    if isinstance(system, Pendulum):
-        return pendulum_response(system, *args, **options)
-    return _mount_response(system, *args, **options)
+    if "pend" in options or (args and isinstance(args[0], Pendulum)):
+        return pendulum_response(*args, **options)
+    return _mount_response(*args, **options)
 
 
 @overload
 def trace_response(
-    system: Mount,
+    mount: Mount,
     nu_range: tuple[float, float] | None = None,
     *,
     load: LoadLike | None = None,
@@ -75,7 +75,7 @@ def trace_response(
 ) -> Branch: ...
 @overload
 def trace_response(
-    system: Pendulum,
+    pend: Pendulum,
     *,
     p1: tuple[float, float] | None = None,
     p2: tuple[float, float] | None = None,
@@ -96,15 +96,15 @@ def trace_response(
     subharmonic: int = 1,
     max_denominator: int = 12,
 ) -> DrivenBranch: ...
-def trace_response(system: Any, *args: Any, **options: Any) -> Branch | DrivenBranch:
+def trace_response(*args: Any, **options: Any) -> Branch | DrivenBranch:
     """Follow a branch of steady motions of a mount or of a pendulum through its folds.
 
     trace_response(mount, nu_range=None, *, load=None, nu=None, load_range=None, ...)
     trace_response(pend, *, p1=None, ..., m02=None, nu=None, leave=None, harmonics=None, ...)
     """
-    if isinstance(system, Pendulum):
-        return trace_pendulum(system, *args, **options)
-    return _trace_mount(system, *args, **options)
+    if "pend" in options or (args and isinstance(args[0], Pendulum)):
+        return trace_pendulum(*args, **options)
+    return _trace_mount(*args, **options)
 
 
 forced_response.__doc__ = f"{forced_response.__doc__}\nFor a mount: {_mount_response.__doc__}\n" \

@@ -68,6 +68,12 @@ class Torus:
         return bound
 
 
+def check_pendulum(pend: object) -> None:
+    """Refuse what is no pendulum."""
+    if not isinstance(pend, Pendulum):
+        raise InputError(f"pend = {pend!r}: must be a Pendulum")
+
+
 def moved(pend: Pendulum, name: str, value: float) -> Pendulum:
     """The same pendulum with another frequency of a load."""
     changes: dict[str, Any] = {name: value}

@@ -395,6 +395,8 @@ def test_table_dataset_and_picture(tmp_path):
         (lambda: vv.trace_response(swung(), p2=(1, 2), max_step=9), "max_step = 9: must be in"),
         (lambda: vv.trace_response(swung(), p2=(1, 2), leave=3), "leave = 3: must be one of"),
         (lambda: vv.trace_response(3, (1, 2)), "must be a Mount"),
+        (lambda: vv.trace_response(pend=3, p2=(1, 2)), "pend = 3: must be a Pendulum"),
+        (lambda: vv.forced_response(mount=3, nu=1.0), "mount = 3: must be a Mount"),
         (
             lambda: vv.trace_response(
                 vv.Pendulum(**PARAMETRIC), p1=(0.5, 1), leave=parametric().branch_points[0]
