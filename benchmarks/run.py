@@ -13,6 +13,7 @@ import kernel_transforms
 import memory
 import motion
 import response_curve
+import steady
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from timing import machine, show_time
@@ -171,6 +172,7 @@ def main() -> None:
     draw_error_against_time(out / "error_against_time.png", rows)
     curves = branch.run()
     write_csv(out / "branch.csv", curves)
+    write_csv(out / "steady.csv", steady.run())
     one, many = motion.run()
     write_csv(out / "motion.csv", one)
     write_csv(out / "ensemble.csv", many)

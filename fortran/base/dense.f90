@@ -4,7 +4,10 @@ module viscovib_dense
   implicit none
   private
 
-  public :: invert, factorize, solve, solve_complex
+  public :: invert, factorize, factorize_blocks, solve, solve_complex
+
+  !> Columns of a block in `factorize_blocks`.
+  integer, parameter :: block_width = 48
 
 contains
 
@@ -127,7 +130,81 @@ contains
     end do
   end subroutine factorize
 
-  !> Solution by the factors of `factorize`, in place of the right side.
+  !> The same factors, in blocks of columns so that most of the work is products of
+  !! matrices: for hundreds of unknowns and more.
+  pure subroutine factorize_blocks(n, matrix, pivots, singular)
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: matrix(n, n)
+    integer, intent(out) :: pivots(n)
+    logical, intent(out) :: singular
+    real(wp) :: row
+    integer :: first, last, j, k
+
+    singular = .false.
+    pivots = 0
+    do first = 1, n, block_width
+      last = min(first + block_width - 1, n)
+      call factorize_panel(n, first, last, matrix(:, first:last), pivots, singular)
+      if (singular) return
+      do j = 1, n
+        if (j >= first .and. j <= last) cycle
+        do k = first, last
+          row = matrix(pivots(k), j)
+          matrix(pivots(k), j) = matrix(k, j)
+          matrix(k, j) = row
+        end do
+      end do
+      if (last == n) return
+      do j = last + 1, n
+        do k = first, last
+          matrix(k + 1:last, j) = matrix(k + 1:last, j) - matrix(k + 1:last, k)*matrix(k, j)
+        end do
+      end do
+      matrix(last + 1:n, last + 1:n) = matrix(last + 1:n, last + 1:n) &
+                                       - matmul(matrix(last + 1:n, first:last), &
+                                                matrix(first:last, last + 1:n))
+    end do
+  end subroutine factorize_blocks
+
+  !> Columns first to last, rows from first on, of the matrix of n rows.
+  pure subroutine factorize_panel(n, first, last, panel, pivots, singular)
+    integer, intent(in) :: n, first, last
+    real(wp), intent(inout) :: panel(n, first:last)
+    integer, intent(inout) :: pivots(n)
+    logical, intent(out) :: singular
+    real(wp) :: factor, row
+    integer :: i, j, k, p
+
+    singular = .false.
+    do k = first, last
+      p = k
+      do i = k + 1, n
+        if (abs(panel(i, k)) > abs(panel(p, k))) p = i
+      end do
+      pivots(k) = p
+      singular = .not. (abs(panel(p, k)) > 0.0_wp .and. abs(panel(p, k)) <= huge(factor))
+      if (singular) return
+      if (p /= k) then
+        do j = first, last
+          row = panel(p, j)
+          panel(p, j) = panel(k, j)
+          panel(k, j) = row
+        end do
+      end if
+      factor = 1.0_wp/panel(k, k)
+      do i = k + 1, n
+        panel(i, k) = panel(i, k)*factor
+      end do
+      do j = k + 1, last
+        factor = panel(k, j)
+        do i = k + 1, n
+          panel(i, j) = panel(i, j) - panel(i, k)*factor
+        end do
+      end do
+    end do
+  end subroutine factorize_panel
+
+  !> Solution by the factors of either, in place of the right side.
   pure subroutine solve(n, factors, pivots, x)
     integer, intent(in) :: n, pivots(n)
     real(wp), intent(in) :: factors(n, n)

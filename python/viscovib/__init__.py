@@ -3,10 +3,12 @@
 from importlib.metadata import version as _version
 
 from viscovib.backbone import Backbone, backbone
-from viscovib.branch import Branch, Crossing, trace_response
+from viscovib.branch import Branch, Crossing
 from viscovib.characteristic import CharacteristicRoots
 from viscovib.cubic_system import CubicSystem
 from viscovib.decay import FreeDecay, free_decay
+from viscovib.driven import DrivenResponse
+from viscovib.driven_branch import BranchPoint, DrivenBranch
 from viscovib.ensemble import Ensemble, simulate_ensemble
 from viscovib.errors import (
     ConvergenceWarning,
@@ -32,6 +34,7 @@ from viscovib.maps import plot_map
 from viscovib.mount import Mount
 from viscovib.multiple_scales import MultipleScales
 from viscovib.pendulum import Pendulum
+from viscovib.periodic import forced_response, trace_response
 from viscovib.plots import (
     plot_backbone,
     plot_branch,
@@ -41,7 +44,7 @@ from viscovib.plots import (
     plot_trajectory,
 )
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
-from viscovib.response import Peak, Response, forced_response, plan_response
+from viscovib.response import Peak, Response, plan_response
 from viscovib.scales_plots import plot_modulation, plot_scales_response
 from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
 from viscovib.scene import Scene, SceneResult, plan, run
@@ -63,10 +66,13 @@ __all__ = [
     "AbelKernel",
     "Backbone",
     "Branch",
+    "BranchPoint",
     "CharacteristicRoots",
     "ConvergenceWarning",
     "Crossing",
     "CubicSystem",
+    "DrivenBranch",
+    "DrivenResponse",
     "Ensemble",
     "ExponentialSum",
     "FileError",

@@ -19,7 +19,7 @@ from viscovib.load import LoadLike
 from viscovib.oscillators import Oscillator
 from viscovib.response import Peak, _prepare
 
-OUTCOMES = ("completed", "returned", "step limit", "stuck", "overflow")
+OUTCOMES: tuple[str, ...] = ("completed", "returned", "step limit", "stuck", "overflow")
 #: Multipliers this close to the unit circle count as on it.
 _CIRCLE = 1e-9
 #: Numbers that all points together may hold.
@@ -33,15 +33,72 @@ class Crossing:
     """Where stability changes along a branch: between two of its points.
 
     ``kind`` is "fold", "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is
-    the index of the last point before it.
+    the index of the last point before it. ``parameter``: where, for branches of the pendulum; None
+    where that was not found.
     """
 
     kind: str
     before: int
+    parameter: float | None = None
+
+
+class Curve:
+    """What branches of either system share: amplitudes along them and their peaks."""
+
+    coefficients: ComplexArray
+    dof_names: tuple[str, ...]
+    dof_units: tuple[str, ...]
+    stable: npt.NDArray[np.bool_] | None
+    folds: FloatArray
+    fold_coefficients: ComplexArray
+    #: What varies along the branch.
+    parameter: FloatArray
+
+    @property
+    def label(self) -> str:
+        """What varies, for the axis of a picture."""
+        raise NotImplementedError
+
+    def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
+        raise NotImplementedError
+
+    def amplitude(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> FloatArray:
+        """Size of a harmonic of a coordinate, shape (n,)."""
+        d, j = self._place(dof, harmonic)
+        return np.abs(self.coefficients[:, d, j])
+
+    def peak(
+        self,
+        dof: str,
+        harmonic: int | tuple[int, ...] = 1,
+        *,
+        band: tuple[float, float] | None = None,
+    ) -> Peak:
+        """Largest amplitude, overhanging parts included, refined between the points.
+
+        ``band`` limits the search to values of `parameter`. Not `enclosed` at an end of the
+        branch or of the band.
+        """
+        amplitude = self.amplitude(dof, harmonic)
+        low, high = (-np.inf, np.inf) if band is None else band
+        inside = (self.parameter >= low) & (self.parameter <= high)
+        if not inside.any():
+            raise InputError(f"band = {band}: holds no point of the branch")
+        i = int(np.where(inside, amplitude, -np.inf).argmax())
+        if not 0 < i < amplitude.size - 1 or not inside[i - 1 : i + 2].all():
+            return Peak(float(self.parameter[i]), float(amplitude[i]), False)
+        # A parabola over the distance along the curve, in which it has no fold.
+        near = slice(i - 1, i + 2)
+        p, a = self.parameter[near], amplitude[near]
+        steps = np.hypot(np.diff(p) / p[1], np.diff(a) / max(a[1], 1e-300))
+        s = np.array([-steps[0], 0.0, steps[1]])
+        of_a, of_p = np.polyfit(s, a, 2), np.polyfit(s, p, 2)
+        top = -of_a[1] / (2 * of_a[0]) if of_a[0] < 0 else 0.0
+        return Peak(float(np.polyval(of_p, top)), float(np.polyval(of_a, top)), True)
 
 
 @dataclass(frozen=True, eq=False)
-class Branch:
+class Branch(Curve):
     """A branch of periodic solutions u = Im sum_k X_k exp(i k nu t), in the order followed.
 
     Attributes
@@ -84,39 +141,18 @@ class Branch:
     dof_units: tuple[str, ...]
 
     @property
-    def parameter(self) -> FloatArray:
+    def parameter(self) -> FloatArray:  # type: ignore[override]
         """What varies along the branch: nu or load_factor."""
         return self.nu if self.varies == "nu" else self.load_factor
 
-    def amplitude(self, dof: str, harmonic: int = 1) -> FloatArray:
-        """Size of a harmonic of a coordinate, shape (n,)."""
-        d, j = self._place(dof, harmonic)
-        return np.abs(self.coefficients[:, d, j])
+    @property
+    def label(self) -> str:
+        """What varies, for the axis of a picture."""
+        if self.varies == "nu":
+            return r"circular frequency of the load $\nu$ (rad/s)"
+        return f"factor of the load, at frequency {self.nu[0]:g} rad/s"
 
-    def peak(self, dof: str, harmonic: int = 1, *, band: tuple[float, float] | None = None) -> Peak:
-        """Largest amplitude, overhanging parts included, refined between the points.
-
-        ``band`` limits the search to values of `parameter`. Not `enclosed` at an end of the
-        branch or of the band.
-        """
-        amplitude = self.amplitude(dof, harmonic)
-        low, high = (-np.inf, np.inf) if band is None else band
-        inside = (self.parameter >= low) & (self.parameter <= high)
-        if not inside.any():
-            raise InputError(f"band = {band}: holds no point of the branch")
-        i = int(np.where(inside, amplitude, -np.inf).argmax())
-        if not 0 < i < amplitude.size - 1 or not inside[i - 1 : i + 2].all():
-            return Peak(float(self.parameter[i]), float(amplitude[i]), False)
-        # A parabola over the distance along the curve, in which it has no fold.
-        near = slice(i - 1, i + 2)
-        p, a = self.parameter[near], amplitude[near]
-        steps = np.hypot(np.diff(p) / p[1], np.diff(a) / max(a[1], 1e-300))
-        s = np.array([-steps[0], 0.0, steps[1]])
-        of_a, of_p = np.polyfit(s, a, 2), np.polyfit(s, p, 2)
-        top = -of_a[1] / (2 * of_a[0]) if of_a[0] < 0 else 0.0
-        return Peak(float(np.polyval(of_p, top)), float(np.polyval(of_a, top)), True)
-
-    def _place(self, dof: str, harmonic: int) -> tuple[int, int]:
+    def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
         d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
         where = np.flatnonzero(self.harmonics == harmonic)
         if not where.size:

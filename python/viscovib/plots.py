@@ -11,6 +11,8 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.backbone import Backbone
 from viscovib.branch import Branch
+from viscovib.driven import DrivenResponse
+from viscovib.driven_branch import DrivenBranch
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
 from viscovib.files import whole_file
@@ -40,24 +42,24 @@ _DOTS: dict[str, Any] = {
 
 
 def plot_response(
-    response: Response | Sequence[Response],
+    response: Response | DrivenResponse | Sequence[Response | DrivenResponse],
     ax: "Axes | Sequence[Axes] | None" = None,
     *,
     labels: Sequence[str] | None = None,
-    harmonic: int = 1,
+    harmonic: int | tuple[int, ...] = 1,
     log: bool = True,
 ) -> "Sequence[Axes]":
     """Draw amplitude against frequency, one panel a coordinate.
 
     Parameters
     ----------
-    response : Response or sequence of them
+    response : Response or DrivenResponse, or sequence of them
         Curves; gaps show where no solution was found.
     ax : Axes or sequence of Axes, optional
         Where to draw: as many as there are coordinates; None makes a figure.
     labels : sequence of str, optional
         A legend entry a curve.
-    harmonic : int
+    harmonic : int, or tuple for several base frequencies
         Order to draw.
     log : bool
         Logarithmic amplitudes.
@@ -66,7 +68,7 @@ def plot_response(
     -------
     sequence of Axes, one a coordinate.
     """
-    curves = [response] if isinstance(response, Response) else list(response)
+    curves = [response] if isinstance(response, (Response, DrivenResponse)) else list(response)
     if not curves:
         raise InputError("response: must not be empty")
     names = curves[0].dof_names
@@ -81,34 +83,48 @@ def plot_response(
     for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
         for i, curve in enumerate(curves):
             axis.plot(
-                curve.nu,
-                curve.amplitude(name, harmonic),
+                curve.nu if isinstance(curve, Response) else curve.parameter,
+                _amplitude(curve, name, harmonic),
                 color=COLOURS[i % len(COLOURS)],
                 linestyle=STYLES[i % len(STYLES)],
                 linewidth=1.6,
                 label=labels[i] if labels else None,
             )
         axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
-        if log:
+        if log and any((line.get_ydata() > 0).any() for line in axis.lines):
             axis.set_yscale("log")
         _bare(axis)
-    axes[-1].set_xlabel(r"circular frequency of the load $\nu$ (rad/s)")
+    axes[-1].set_xlabel(
+        r"circular frequency of the load $\nu$ (rad/s)"
+        if isinstance(curves[0], Response)
+        else curves[0].varies or curves[0].axes[0]
+    )
     if labels:
         axes[0].legend(frameon=False)
     return axes
 
 
+def _amplitude(
+    curve: Response | DrivenResponse, name: str, harmonic: int | tuple[int, ...]
+) -> FloatArray:
+    if isinstance(curve, DrivenResponse):
+        return curve.amplitude(name, harmonic)
+    if not isinstance(harmonic, int):
+        raise InputError(f"harmonic = {harmonic!r}: must be an integer")
+    return curve.amplitude(name, harmonic)
+
+
 def plot_branch(
-    branch: Branch,
+    branch: Branch | DrivenBranch,
     ax: "Axes | Sequence[Axes] | None" = None,
     *,
-    harmonic: int = 1,
+    harmonic: int | tuple[int, ...] = 1,
     log: bool = False,
 ) -> "Sequence[Axes]":
     """Draw amplitude along a branch, one panel a coordinate.
 
     Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey. Folds
-    are marked.
+    and branch points are marked.
     """
     names = branch.dof_names
     if ax is None:
@@ -140,15 +156,17 @@ def plot_branch(
             branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k", markersize=4,
             markerfacecolor="w", label="fold",
         )  # fmt: skip
+        if isinstance(branch, DrivenBranch) and branch.branch_points:
+            axis.plot(
+                [point.parameter for point in branch.branch_points],
+                [abs(point.coefficients[d, j]) for point in branch.branch_points],
+                "s", color="k", markersize=4, markerfacecolor="w", label="branch point",
+            )  # fmt: skip
         axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
         if log:
             axis.set_yscale("log")
         _bare(axis)
-    axes[-1].set_xlabel(
-        r"circular frequency of the load $\nu$ (rad/s)"
-        if branch.varies == "nu"
-        else f"factor of the load, at frequency {branch.nu[0]:g} rad/s"
-    )
+    axes[-1].set_xlabel(branch.label)
     axes[0].legend(frameon=False)
     return axes
 
@@ -359,10 +377,11 @@ def _symbol(name: str) -> str:
     return rf"\mathrm{{{name}}}".replace("_", r"\_")
 
 
-def _harmonic(name: str, order: int) -> str:
+def _harmonic(name: str, order: int | tuple[int, ...]) -> str:
     """Write the order below a letter, above a name that has an index of its own."""
     plain = name in _SYMBOLS or len(name) == 1
-    return f"{_symbol(name)}_{{{order}}}" if plain else f"{_symbol(name)}^{{({order})}}"
+    text = str(order) if isinstance(order, int) else ",".join(map(str, order))
+    return f"{_symbol(name)}_{{{text}}}" if plain else f"{_symbol(name)}^{{({text})}}"
 
 
 def _bare(axis: "Axes") -> None:

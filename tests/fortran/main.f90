@@ -15,6 +15,7 @@ program tester
   use test_scales, only: run_scales
   use test_scene, only: run_scene
   use test_table, only: run_table
+  use test_torus, only: run_torus
   use test_transient, only: run_transient
   implicit none
 
@@ -39,6 +40,7 @@ program tester
   if (wants('scales')) call run_scales()
   if (wants('scene')) call run_scene()
   if (wants('table')) call run_table()
+  if (wants('torus')) call run_torus()
   if (wants('transient')) call run_transient()
 
   if (.not. known) then

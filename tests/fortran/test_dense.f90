@@ -1,7 +1,7 @@
 !> Small dense linear algebra: inverses against the identity.
 module test_dense
   use testing, only: begin, check, check_close
-  use viscovib_dense, only: factorize, invert, solve
+  use viscovib_dense, only: factorize, factorize_blocks, invert, solve
   use viscovib_kinds, only: wp
   implicit none
   private
@@ -35,6 +35,8 @@ contains
     end if
 
     if (begin('factors solve what needs exchanges of rows')) call solve_some()
+
+    if (begin('factors in blocks are the same factors')) call compare_factors()
 
     if (begin('a zero pivot is exchanged')) then
       a = reshape([(0.0_wp, 0.0_wp), (1.0_wp, 0.0_wp), (0.0_wp, 0.0_wp), (2.0_wp, 0.0_wp), &
@@ -89,5 +91,36 @@ contains
     call factorize(2, matrix, pivots, singular)
     call check(singular, 'singular')
   end subroutine solve_some
+
+  subroutine compare_factors()
+    integer, parameter :: sizes(5) = [1, 47, 48, 49, 130]
+    real(wp), allocatable :: matrix(:, :), blocks(:, :)
+    integer, allocatable :: pivots(:), other(:)
+    logical :: singular
+    integer :: n, i, j, k
+
+    do k = 1, size(sizes)
+      n = sizes(k)
+      allocate (matrix(n, n), blocks(n, n), pivots(n), other(n))
+      do j = 1, n
+        do i = 1, n
+          matrix(i, j) = sin(1.7_wp*i*j + 0.3_wp*n) + merge(0.0_wp, 1.0e-3_wp, i == j)
+        end do
+      end do
+      blocks = matrix
+      call factorize(n, matrix, pivots, singular)
+      call check(.not. singular, 'regular')
+      call factorize_blocks(n, blocks, other, singular)
+      call check(.not. singular, 'regular in blocks')
+      call check(all(pivots == other), 'the same exchanges')
+      call check_close(maxval(abs(matrix - blocks)), 0.0_wp, 1.0e-9_wp, 'factors', &
+                       floor=maxval(abs(matrix)))
+      deallocate (matrix, blocks, pivots, other)
+    end do
+    allocate (matrix(60, 60), source=1.0_wp)
+    allocate (pivots(60))
+    call factorize_blocks(60, matrix, pivots, singular)
+    call check(singular, 'singular')
+  end subroutine compare_factors
 
 end module test_dense

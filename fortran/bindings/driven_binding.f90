@@ -1,0 +1,204 @@
+! Flat routines over periodic and quasi-periodic solutions of the pendulum, for f2py.
+! Orders, unknowns and drives as in torus and torus_balance.
+
+!> Solutions at the values p of what varies (vary: 1 a base frequency, 2 an
+!! amplitude; which: of which axis or drive). With a duration > 0 for stability: monodromy
+!! matrices if there is one axis, else in their first columns rates of growth.
+!! kept is 1 where an order of a coordinate is an unknown. The first row starts from the
+!! guess, if that is not 0.
+subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
+                            vary, which, p, n_p, tolerance, duration, guess, cancel, x, &
+                            outcome, iterations, matrices, n_unknowns, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_orbit_floquet, only: orbit_floquet_type
+  use viscovib_outcomes, only: outcome_converged
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_status, only: status_type
+  use viscovib_torus, only: new_torus, torus_type
+  use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
+  use viscovib_torus_growth, only: growth_rates
+  use viscovib_torus_response, only: torus_responses
+  implicit none
+  integer(c_int), intent(in) :: n_axes, n_orders, n_p, n_unknowns
+  integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
+  integer(c_int), intent(in) :: kept(n_orders, 3)
+  real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), p(n_p), tolerance, duration
+  real(c_double), intent(in) :: guess(n_unknowns)
+  !> cancel(1) /= 0, perhaps set by another thread, gives up.
+  integer(c_int), intent(inout) :: cancel(1)
+  !> As guess: n_unknowns = 3 (2 n_orders - 1).
+  real(c_double), intent(out) :: x(n_unknowns, n_p), matrices(6, 6, n_p)
+  integer(c_int), intent(out) :: outcome(n_p), iterations(n_p), status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(pendulum_type), target :: system
+  type(torus_type) :: torus
+  type(torus_balance_type) :: balance
+  type(orbit_floquet_type) :: floquet
+  type(status_type) :: problem
+  real(c_double), allocatable :: r(:), slope(:), jacobian(:, :), y(:)
+  logical :: inside
+  integer :: i
+
+  x = 0.0_c_double
+  matrices = 0.0_c_double
+  outcome = -1
+  iterations = 0
+  call make_pendulum(system, flat, problem)
+  if (.not. problem%failed()) call new_torus(torus, orders, problem)
+  if (.not. problem%failed()) then
+    call new_torus_balance(balance, system, torus, drive_orders, omega, amplitude, kept /= 0)
+    balance%vary = vary
+    balance%which = which
+    if (vary == vary_frequency) balance%lowest = 0.0_c_double
+    call torus_responses(balance, p, tolerance, guess, x, outcome, iterations, cancel(1))
+    if (duration > 0.0_c_double) then
+      allocate (r(balance%n), slope(balance%n), jacobian(balance%n, balance%n))
+      do i = 1, n_p
+        if (outcome(i) /= outcome_converged .or. cancel(1) /= 0) cycle
+        y = balance%reduced(x(:, i))
+        call balance%equations(y, p(i), r, jacobian, slope, inside)
+        if (n_axes == 1) then
+          call floquet%monodromy(balance, y, matrices(:, :, i))
+        else
+          call growth_rates(balance, y, duration, matrices(:, 1, i), cancel(1))
+        end if
+      end do
+    end if
+  end if
+  call report(problem, status, message)
+end subroutine pendulum_balance
+
+!> A branch from p = start to p = finish. With leave = 1 it begins at the point
+!! (begin, begin_p) in the direction `along`, with 0 at a solution found at p = start.
+!! Stability and `kept` as above.
+subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
+                           vary, which, start, finish, tolerance, max_points, max_step, &
+                           duration, leave, begin, begin_p, along, n_unknowns, max_special, &
+                           cancel, n_points, ended, p, iterations, x, matrices, n_folds, folds, &
+                           fold_x, fold_before, n_branch_points, branch_points, branch_point_x, &
+                           across, branch_before, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
+  use viscovib_orbit_floquet, only: orbit_floquet_type
+  use viscovib_outcomes, only: outcome_converged
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_status, only: status_type
+  use viscovib_torus, only: new_torus, torus_type
+  use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
+  use viscovib_torus_growth, only: growth_rates
+  use viscovib_torus_response, only: solve_from_rest
+  implicit none
+  integer(c_int), intent(in) :: n_axes, n_orders, n_unknowns, max_points, max_special
+  integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
+  integer(c_int), intent(in) :: kept(n_orders, 3), leave
+  real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), start, finish, tolerance
+  real(c_double), intent(in) :: duration, max_step
+  real(c_double), intent(in) :: begin(n_unknowns), begin_p, along(n_unknowns + 1)
+  !> cancel(1) /= 0, perhaps set by another thread, gives up.
+  integer(c_int), intent(inout) :: cancel(1)
+  integer(c_int), intent(out) :: n_points, ended, iterations(max_points), n_folds
+  real(c_double), intent(out) :: p(max_points), x(n_unknowns, max_points)
+  real(c_double), intent(out) :: matrices(6, 6, max_points), folds(max_special)
+  real(c_double), intent(out) :: fold_x(n_unknowns, max_special), branch_points(max_special)
+  real(c_double), intent(out) :: branch_point_x(n_unknowns, max_special)
+  real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
+  integer(c_int), intent(out) :: fold_before(max_special), branch_before(max_special)
+  integer(c_int), intent(out) :: n_branch_points, status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(pendulum_type), target :: system
+  type(torus_type) :: torus
+  type(torus_balance_type) :: balance
+  type(curve_options) :: options
+  type(curve_branch_type) :: branch
+  type(orbit_floquet_type) :: floquet
+  type(status_type) :: problem
+  real(c_double), allocatable :: at(:), r(:), slope(:), jacobian(:, :)
+  logical :: inside
+  integer :: i, found, made
+
+  n_points = 0
+  n_folds = 0
+  n_branch_points = 0
+  ended = -1
+  p = 0.0_c_double
+  x = 0.0_c_double
+  iterations = 0
+  matrices = 0.0_c_double
+  folds = 0.0_c_double
+  fold_x = 0.0_c_double
+  branch_points = 0.0_c_double
+  branch_point_x = 0.0_c_double
+  across = 0.0_c_double
+  fold_before = 0
+  branch_before = 0
+  call make_pendulum(system, flat, problem)
+  if (.not. problem%failed()) call new_torus(torus, orders, problem)
+  if (.not. problem%failed()) then
+    call new_torus_balance(balance, system, torus, drive_orders, omega, amplitude, kept /= 0)
+    balance%vary = vary
+    balance%which = which
+    if (vary == vary_frequency) balance%lowest = 0.0_c_double
+    options = curve_options(start, finish, tolerance, max_points, max_step)
+    found = outcome_converged
+    allocate (at(balance%n))
+    if (leave == 0) then
+      made = 0
+      call solve_from_rest(balance, start, tolerance, at, found, made, cancel(1))
+      if (found == outcome_converged) then
+        call follow_curve(balance, options, at, branch, cancel=cancel(1))
+      end if
+    else
+      call follow_curve(balance, options, balance%reduced(begin), branch, begin_p, &
+                        [balance%reduced(along(:n_unknowns)), along(n_unknowns + 1)], cancel(1))
+    end if
+    if (found == outcome_converged) then
+      n_points = branch%n_points
+      ended = branch%outcome
+      p(:n_points) = branch%parameter(:n_points)
+      iterations(:n_points) = branch%iterations(:n_points)
+      call expand(branch%x, n_points, x)
+      n_folds = min(branch%folds%n, max_special)
+      folds(:n_folds) = branch%folds%p(:n_folds)
+      call expand(branch%folds%x, n_folds, fold_x)
+      fold_before(:n_folds) = branch%folds%before(:n_folds)
+      n_branch_points = min(branch%branch_points%n, max_special)
+      branch_points(:n_branch_points) = branch%branch_points%p(:n_branch_points)
+      call expand(branch%branch_points%x, n_branch_points, branch_point_x)
+      call expand(branch%branch_points%across, n_branch_points, across)
+      across(n_unknowns + 1, :n_branch_points) &
+        = branch%branch_points%across(balance%n + 1, :n_branch_points)
+      branch_before(:n_branch_points) = branch%branch_points%before(:n_branch_points)
+    end if
+    if (duration > 0.0_c_double) then
+      allocate (r(balance%n), slope(balance%n), jacobian(balance%n, balance%n))
+      do i = 1, n_points
+        if (cancel(1) /= 0) exit
+        call balance%equations(branch%x(:, i), p(i), r, jacobian, slope, inside)
+        if (n_axes == 1) then
+          call floquet%monodromy(balance, branch%x(:, i), matrices(:, :, i))
+        else
+          call growth_rates(balance, branch%x(:, i), duration, matrices(:, 1, i), cancel(1))
+        end if
+      end do
+    end if
+  end if
+  call report(problem, status, message)
+
+contains
+
+  !> The first m solutions in full.
+  subroutine expand(from, m, to)
+    real(c_double), intent(in) :: from(:, :)
+    integer, intent(in) :: m
+    real(c_double), intent(inout) :: to(:, :)
+    integer :: j
+    do j = 1, m
+      to(:n_unknowns, j) = reshape(balance%expanded(from(:balance%n, j)), [n_unknowns])
+    end do
+  end subroutine expand
+
+end subroutine pendulum_branch

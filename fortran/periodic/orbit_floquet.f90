@@ -1,0 +1,145 @@
+!> Stability of periodic solutions of a driven system: the matrix that takes a small
+!! disturbance (y, y') over a period,
+!!
+!!   y'' = da/dq y + da/dq' y'  along the solution,
+!!
+!! by Dormand and Prince's method of order 8 in equal steps, its columns side by side
+!! in the lanes. Its eigenvalues are the Floquet multipliers.
+module viscovib_orbit_floquet
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_constants, only: pi
+  use viscovib_explicit_tables, only: explicit_table_type, max_stages, new_explicit_table
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: max_dof, n_lanes
+  use viscovib_stage_kernels, only: stage_states, stage_sums
+  use viscovib_torus_balance, only: torus_balance_type
+  implicit none
+  private
+
+  public :: orbit_floquet_type
+
+  !> Phase that a disturbance, or the highest harmonic of the motion, turns in a step
+  !! at most.
+  real(wp), parameter :: phase_a_step = 0.5_wp
+  !> Beyond so many steps a period, time scales are too far apart.
+  integer, parameter :: max_steps = 20000
+  !> Place of Dormand and Prince's method in the tables.
+  integer, parameter :: method = 2
+
+  type :: orbit_floquet_type
+    integer, private :: n_steps = 0
+    type(explicit_table_type), private :: table
+    !> From unknowns to samples at the stages of all steps, of a coordinate and of its
+    !! derivative with respect to the angle, shape (n, n_stages n_steps).
+    real(wp), allocatable, private :: synthesis(:, :), derivative(:, :)
+    !> cos of the drives' angles at the stages, shape (n_drives, n_stages n_steps).
+    real(wp), allocatable, private :: cosines(:, :)
+    real(wp), allocatable, private :: q(:, :), v(:, :)
+  contains
+    procedure :: monodromy
+    procedure, private :: prepare
+  end type orbit_floquet_type
+
+contains
+
+  !> Tables for as many steps as are needed; they are kept for neighbours.
+  subroutine prepare(self, balance, needed)
+    class(orbit_floquet_type), intent(inout) :: self
+    type(torus_balance_type), intent(in) :: balance
+    real(wp), intent(in) :: needed
+    integer :: at, i, j, k, n, s
+    real(wp) :: angle
+
+    if (needed <= self%n_steps .and. 2.0_wp*needed > self%n_steps) return
+    if (self%n_steps == 0) call new_explicit_table(self%table, method)
+    ! Some more than needed, so that neighbours can use them too.
+    self%n_steps = max(12, ceiling(1.3_wp*needed))
+    n = self%n_steps*self%table%n_stages
+    if (allocated(self%q)) then
+      deallocate (self%synthesis, self%derivative, self%cosines, self%q, self%v)
+    end if
+    allocate (self%synthesis(balance%torus%n, n), self%derivative(balance%torus%n, n), &
+              self%cosines(size(balance%amplitude), n), self%q(n, balance%system%n_dof), &
+              self%v(n, balance%system%n_dof), source=0.0_wp)
+    do s = 1, self%n_steps
+      do i = 1, self%table%n_stages
+        at = (s - 1)*self%table%n_stages + i
+        angle = 2.0_wp*pi*(s - 1 + self%table%c(i))/self%n_steps
+        self%synthesis(1, at) = 1.0_wp
+        do k = 2, size(balance%torus%orders, 2)
+          associate (order => balance%torus%orders(1, k))
+            self%synthesis(2*k - 2, at) = sin(order*angle)
+            self%synthesis(2*k - 1, at) = cos(order*angle)
+            self%derivative(2*k - 2, at) = order*cos(order*angle)
+            self%derivative(2*k - 1, at) = -order*sin(order*angle)
+          end associate
+        end do
+        do j = 1, size(balance%amplitude)
+          self%cosines(j, at) = cos(balance%drive_orders(1, j)*angle)
+        end do
+      end do
+    end do
+  end subroutine prepare
+
+  !> Over a period of the solution x of `balance`, which has one axis, at most four
+  !! coordinates and has just seen x. NaN if it would take too many steps, or leaves
+  !! the range of numbers.
+  subroutine monodromy(self, balance, x, matrix)
+    class(orbit_floquet_type), intent(inout) :: self
+    type(torus_balance_type), intent(in) :: balance
+    !> Unknowns, shape (balance%n).
+    real(wp), intent(in) :: x(:)
+    !> Shape (2 n_dof, 2 n_dof): (y, y') to (y, y').
+    real(wp), intent(out) :: matrix(:, :)
+    real(wp), dimension(n_lanes, max_dof) :: q, v, stage_q, stage_v, in_q, in_v
+    real(wp), dimension(n_lanes, balance%system%n_dof) :: motion, speed, a
+    real(wp) :: drive(n_lanes, size(balance%amplitude))
+    real(wp) :: f(n_lanes, max_dof, max_stages), h(n_lanes), needed
+    real(wp) :: y(balance%torus%n, balance%system%n_dof)
+    integer :: d, i, at, n, s
+
+    n = balance%system%n_dof
+    y = balance%expanded(x)
+    needed = max(2.0_wp*pi*balance%rate()/balance%omega(1)/phase_a_step, &
+                 1.0_wp*maxval(balance%torus%orders))
+    matrix = ieee_value(0.0_wp, ieee_quiet_nan)
+    if (.not. needed <= max_steps) return
+    call self%prepare(balance, needed)
+    do d = 1, n
+      self%q(:, d) = matmul(y(:, d), self%synthesis)
+      self%v(:, d) = balance%omega(1)*matmul(y(:, d), self%derivative)
+    end do
+    h = 2.0_wp*pi/balance%omega(1)/self%n_steps
+    q = 0.0_wp
+    v = 0.0_wp
+    f = 0.0_wp
+    stage_q = 0.0_wp
+    stage_v = 0.0_wp
+    do d = 1, n
+      q(d, d) = 1.0_wp
+      v(n + d, d) = 1.0_wp
+    end do
+    associate (t => self%table)
+      do s = 1, self%n_steps
+        do i = 1, t%n_stages
+          call stage_sums(n, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), f, in_q, in_v)
+          call stage_states(n, t%c(i), h, q, v, in_q, in_v, stage_q, stage_v)
+          at = (s - 1)*t%n_stages + i
+          motion = spread(self%q(at, :), 1, n_lanes)
+          speed = spread(self%v(at, :), 1, n_lanes)
+          drive = spread(balance%factor*balance%amplitude*self%cosines(:, at), 1, n_lanes)
+          call balance%system%tangent(motion, speed, drive, stage_q, stage_v, a, f(1, 1, i))
+        end do
+        i = t%n_stages + 1
+        call stage_sums(n, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), f, in_q, in_v)
+        call stage_states(n, 1.0_wp, h, q, v, in_q, in_v, stage_q, stage_v)
+        q(:, :n) = stage_q(:, :n)
+        v(:, :n) = stage_v(:, :n)
+      end do
+    end associate
+    if (.not. (all(abs(q) <= 1.0e100_wp) .and. all(abs(v) <= 1.0e100_wp))) return
+    matrix(:n, :) = transpose(q(:2*n, :n))
+    matrix(n + 1:, :) = transpose(v(:2*n, :n))
+  end subroutine monodromy
+
+end module viscovib_orbit_floquet

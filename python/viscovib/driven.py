@@ -1,0 +1,412 @@
+"""Periodic and quasi-periodic motions of the pendulum under its loads, by harmonic balance."""
+
+import csv
+import math
+import warnings
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.files import whole_file
+from viscovib.pendulum import Pendulum
+from viscovib.response import OUTCOMES
+from viscovib.stability import STILL, check_duration, floquet
+from viscovib.torus import (
+    FREQUENCIES,
+    IntArray,
+    Torus,
+    bound_of,
+    check_pendulum,
+    chosen,
+    complex_coefficients,
+    core_job,
+    kept_by_symmetry,
+    make_torus,
+    moved,
+    order_name,
+    place_of,
+    tail,
+    unknowns,
+)
+
+_DOFS = Pendulum.dof_names
+#: Numbers of a result at most: 400 MB.
+_MAX_NUMBERS = 50_000_000
+_FIRST = {1: 9, 2: 5, 3: 4}
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenResponse:
+    """Steady motions q = Im sum_k X_k exp(i k.omega t) of the pendulum, one a row.
+
+    Periodic if there is one base frequency omega, quasi-periodic if there are more; half of the
+    lattice of orders k is kept, X_(-k) = -conj X_k.
+
+    Attributes
+    ----------
+    varies : str or None
+        What varies from row to row: "p1", "p2", "p3", "f0", "m01", "m02", "nu"; None: a single row.
+    parameter : ndarray, shape (n,)
+        Its values (the base frequency if nothing varies).
+    axes : tuple of str
+        Which frequencies the base frequencies are; "nu" one of which several are multiples.
+    base : ndarray, shape (n, n_axes)
+        Base circular frequencies.
+    orders : ndarray of int, shape (m, n_axes)
+        k, the mean first.
+    coefficients : complex ndarray, shape (n, 3, m)
+        X_k of z, phi (rad), psi (rad), the mean of a coordinate being Im X_0; NaN where no
+        solution was found.
+    outcome : ndarray of str, shape (n,)
+        "converged", "stalled", "diverged" (also: out of the physical range z > -1), "singular" or
+        "overflow".
+    iterations : ndarray of int, shape (n,)
+    multipliers : complex ndarray, shape (n, 6), or None
+        Floquet multipliers over a period of the base frequency, largest first; None with several
+        base frequencies, or if not asked for. NaN where unknown.
+    growth : ndarray, shape (n, 6), or None
+        Rates at which small disturbances grow (Lyapunov exponents), largest first. NaN where
+        unknown.
+    stable : ndarray of bool, shape (n,), or None
+        Whether all of them decay. False too where no solution was found or the rates are unknown.
+    """
+
+    varies: str | None
+    parameter: FloatArray
+    axes: tuple[str, ...]
+    base: FloatArray
+    orders: IntArray
+    coefficients: ComplexArray
+    outcome: npt.NDArray[np.str_]
+    iterations: IntArray
+    multipliers: ComplexArray | None
+    growth: FloatArray | None
+    stable: npt.NDArray[np.bool_] | None
+    dof_names: tuple[str, ...] = _DOFS
+    dof_units: tuple[str, ...] = ("1", "rad", "rad")
+
+    @property
+    def nu(self) -> FloatArray:
+        """Base frequencies, shape (n,) if there is one axis."""
+        return self.base[:, 0] if len(self.axes) == 1 else self.base
+
+    @property
+    def harmonics(self) -> IntArray:
+        """Orders, shape (m,) if there is one axis."""
+        return self.orders[:, 0] if len(self.axes) == 1 else self.orders
+
+    @property
+    def converged(self) -> npt.NDArray[np.bool_]:
+        """Where a solution was found, shape (n,)."""
+        return np.asarray(self.outcome == "converged")
+
+    @property
+    def truncation(self) -> FloatArray:
+        """Estimated relative error of leaving out higher orders, shape (n,).
+
+        The largest of the two outermost shells of orders against the largest of all.
+        """
+        return tail(self.coefficients, self.orders)
+
+    def frequencies(self, i: int = 0) -> FloatArray:
+        """k.omega of all orders in row i, shape (m,); some may be negative."""
+        return np.asarray(self.orders @ self.base[self._row(i)])
+
+    def coefficient(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> ComplexArray:
+        """X_k of one coordinate, shape (n,); for several axes ``harmonic`` is a tuple."""
+        d = _DOFS.index(_native.choice("dof", dof, _DOFS))
+        j = place_of(self.orders, harmonic)
+        kept = self.coefficients[:, d, j]
+        same = bool((self.orders[j] == np.atleast_1d(harmonic)).all())
+        return kept if same else -kept.conj()
+
+    def amplitude(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> FloatArray:
+        """|X_k| of one coordinate, shape (n,)."""
+        return np.abs(self.coefficient(dof, harmonic))
+
+    def state(self, i: int, t: npt.ArrayLike) -> FloatArray:
+        """States (z, z', phi, phi', psi, psi') of row i at times t, shape (..., 6)."""
+        row = self._row(i)
+        times = _native.real_array("t", t)
+        omega = self.frequencies(row)
+        waves = np.exp(1j * np.multiply.outer(times, omega))
+        result = np.empty((*times.shape, 6))
+        result[..., ::2] = (waves @ self.coefficients[row].T).imag
+        result[..., 1::2] = (waves @ (1j * omega * self.coefficients[row]).T).imag
+        return result
+
+    def waveform(self, i: int, n: int = 256) -> tuple[FloatArray, FloatArray]:
+        """One period of row i: times, shape (n,), and coordinates, shape (n, 3)."""
+        if len(self.axes) > 1:
+            raise InputError("waveform: a quasi-periodic motion has no period, see `state`")
+        count = _native.integer("n", n, 1, 10_000_000)
+        t = 2 * np.pi / self.base[self._row(i), 0] * np.arange(count) / count
+        return t, self.state(i, t)[:, ::2]
+
+    def _row(self, i: int) -> int:
+        n = self.parameter.size
+        return _native.integer("i", i, -n, n - 1) % n
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over the rows."""
+        data: dict[str, Any] = {
+            "parameter": ("point", self.parameter),
+            "base": (("point", "axis"), self.base),
+            "orders": (("order", "axis"), self.orders),
+            "coefficients": (("point", "dof", "order"), self.coefficients),
+            "outcome": ("point", self.outcome),
+            "iterations": ("point", self.iterations),
+        }
+        if self.multipliers is not None:
+            data["multipliers"] = (("point", "multiplier"), self.multipliers)
+        if self.growth is not None:
+            data["growth"] = (("point", "multiplier"), self.growth)
+            data["stable"] = ("point", self.stable)
+        return xr.Dataset(
+            data,
+            coords={"dof": list(_DOFS), "axis": list(self.axes)},
+            attrs={"varies": self.varies or ""},
+        )
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write a table: one row a motion."""
+        columns: dict[str, Any] = {"parameter": self.parameter}
+        columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
+        columns |= {"outcome": self.outcome, "iterations": self.iterations}
+        if self.stable is not None:
+            columns["stable"] = self.stable.astype(int)
+        write_table(
+            path, columns, self.coefficients, self.orders,
+            f"parameter: {self.varies or self.axes[0]}; nan where no solution was found",
+        )  # fmt: skip
+
+
+def write_table(
+    path: str | Path,
+    columns: dict[str, Any],
+    coefficients: ComplexArray,
+    orders: IntArray,
+    *comments: str,
+) -> None:
+    """Write columns, then real and imaginary part of each coefficient."""
+    for d, name in enumerate(_DOFS):
+        for j, order in enumerate(orders):
+            columns[f"{name}_{order_name(order)}_re"] = coefficients[:, d, j].real
+            columns[f"{name}_{order_name(order)}_im"] = coefficients[:, d, j].imag
+    with whole_file(path) as file:
+        file.write(f"# viscovib {version('viscovib')}\n")
+        for comment in comments:
+            file.write(f"# {comment}\n")
+        file.write("# q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)\n")
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
+
+
+def pendulum_response(
+    pend: Pendulum,
+    *,
+    p1: npt.ArrayLike | None = None,
+    p2: npt.ArrayLike | None = None,
+    p3: npt.ArrayLike | None = None,
+    f0: npt.ArrayLike | None = None,
+    m01: npt.ArrayLike | None = None,
+    m02: npt.ArrayLike | None = None,
+    nu: npt.ArrayLike | None = None,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    stability: bool = True,
+    duration: float = 3000.0,
+    subharmonic: int = 1,
+    max_denominator: int = 12,
+) -> DrivenResponse:
+    """Steady motions of the pendulum under its loads, by harmonic balance.
+
+    With one load, or loads whose frequencies are ratios of small numbers, periodic motions; else
+    quasi-periodic ones, with all combinations of two or three base frequencies.
+
+    Parameters
+    ----------
+    pend : Pendulum
+        Loads of amplitude or frequency 0 are no oscillations: the former do not act, the latter
+        are constant.
+    p1, p2, p3, f0, m01, m02 : array_like, shape (n,)
+        At most one of them: values in place of the pendulum's own.
+    nu : array_like, shape (n,)
+        Instead of these: base frequencies, all loads keeping their ratios to it.
+    harmonics : int or "auto"
+        Highest order of the base frequency; with several of them highest |k1| + |k2| + ... .
+        "auto": as many as bring `DrivenResponse.truncation` below ``tolerance``, or as there is
+        room for.
+    tolerance : float
+        Relative size of the last correction, 1e-14 to 0.1.
+    stability : bool
+        Compute Floquet multipliers of periodic motions, rates of growth of all.
+    duration : float
+        Time over which the rates of a quasi-periodic motion are averaged, 1 to 1e6. Rates whose
+        differences are small against 1/duration share their errors.
+    subharmonic : int
+        Period of the motion in periods of the loads: 2 finds what period doubling leads to.
+    max_denominator : int
+        Largest numbers in a ratio of frequencies that counts as commensurate, 1 to 99.
+
+    Returns
+    -------
+    DrivenResponse
+
+    Warns
+    -----
+    ConvergenceWarning
+        If some motions were not found (they hold NaN), or orders do not suffice.
+
+    Notes
+    -----
+    Newton's method with exact derivatives on -w_k^2 X_k = A_k, the harmonics of the accelerations
+    from samples on the torus of the loads' phases. Each row starts from those before, else the
+    loads are raised from nothing. Where several motions exist another may be found by
+    `trace_response`. A motion raised from rest keeps the symmetry of system and loads, if there is
+    one, and what it rules out is left out.
+    """
+    check_pendulum(pend)
+    varies, values = chosen(
+        {"p1": p1, "p2": p2, "p3": p3, "f0": f0, "m01": m01, "m02": m02, "nu": nu}
+    )
+    wanted = _native.number("tolerance", tolerance)
+    if not 1e-14 <= wanted <= 0.1:
+        raise InputError(f"tolerance = {wanted:g}: must be in [1e-14, 0.1]")
+    span = check_duration(duration) if stability else 0.0
+    subharmonic = _native.integer("subharmonic", subharmonic, 1, 20)
+    denominator = _native.integer("max_denominator", max_denominator, 1, 99)
+    if varies in FREQUENCIES:
+        # Any value serves to sort the loads: one that moves has an axis of its own.
+        pend = moved(pend, varies, 1.0)
+    torus = make_torus(pend, varies, subharmonic, denominator)
+    if varies is None:
+        values = torus.base[:1]
+    rows = _native.real_array(varies or "nu", values)
+    if rows.ndim > 1 or not rows.size:
+        raise InputError(f"{varies}: must have 0 or 1 dimension(s) and not be empty, got shape "
+                         f"{rows.shape}")  # fmt: skip
+    rows = rows.reshape(-1)
+    if (varies in FREQUENCIES or varies == "nu") and rows.min() <= 0:
+        raise InputError(f"{varies} = {rows.min():g}: must be greater than 0")
+    if harmonics != "auto":
+        result = _solve(
+            pend, torus, varies, rows, bound_of(torus, harmonics, _share(pend, torus, varies)),
+            wanted, span,
+        )  # fmt: skip
+    else:
+        result = _with_enough_orders(pend, torus, varies, rows, wanted, span)
+    lost = ~result.converged
+    if lost.any():
+        warnings.warn(
+            f"{lost.sum()} of {lost.size} motions were not found, at {varies or torus.names[0]} = "
+            f"{rows[lost].min():.6g} to {rows[lost].max():.6g}; they hold NaN",
+            ConvergenceWarning,
+            stacklevel=2,
+        )
+    return result
+
+
+def _share(pend: Pendulum, torus: Torus, varies: str | None) -> float:
+    """Part of the unknowns that symmetry leaves."""
+    return float(kept_by_symmetry(pend, torus, torus.lattice(3), varies).mean())
+
+
+def _with_enough_orders(
+    pend: Pendulum, torus: Torus, varies: str | None, rows: FloatArray, wanted: float, span: float
+) -> DrivenResponse:
+    """Raise the highest order until what is left out does not count."""
+    limit = torus.largest(_share(pend, torus, varies))
+    bound = min(max(_FIRST[torus.n_axes], 2 * int(torus.drive_orders.max()) + 1), limit)
+    result = None
+    while True:
+        result = _solve(pend, torus, varies, rows, bound, wanted, 0.0, result)
+        found = result.converged
+        worst = float(result.truncation[found].max(initial=0.0))
+        if worst <= wanted or bound == limit:
+            break
+        # Orders fall off geometrically: go on as far as that suggests, and a little more.
+        fall = math.log(wanted) / math.log(max(min(worst, 0.5), 1e-300))
+        bound = min(max(bound + 2, math.ceil(1.1 * bound * fall)), 2 * bound + 1, limit)
+    if worst > wanted:
+        warnings.warn(
+            f"{bound} orders leave an estimated relative error of {worst:.1e}, more than the "
+            f"tolerance {wanted:.1e}",
+            ConvergenceWarning,
+            stacklevel=3,
+        )
+    return _solve(pend, torus, varies, rows, bound, wanted, span, result) if span else result
+
+
+def _solve(
+    pend: Pendulum,
+    torus: Torus,
+    varies: str | None,
+    rows: FloatArray,
+    bound: int,
+    tolerance: float,
+    duration: float,
+    start: DrivenResponse | None = None,
+) -> DrivenResponse:
+    orders = torus.lattice(bound)
+    check_size(varies or "nu", rows.size, 3 * (2 * len(orders) - 1))
+    job, unit = core_job(pend, torus, orders, varies)
+    kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
+    cancel = np.zeros(1, dtype=np.intc)
+    x, codes, iterations, matrices = _native.call_interruptibly(
+        core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, duration,
+        _carried(start, orders), cancel,
+    )  # fmt: skip
+    found = codes == 0
+    coefficients = complex_coefficients(x)
+    coefficients[~found] = np.nan
+    base = np.tile(torus.base, (rows.size, 1))
+    if job[5] == 1:
+        base[:, job[6] - 1] = rows / unit  # type: ignore[operator]
+    multipliers, stable, growth = None, None, None
+    if duration and torus.n_axes == 1:
+        multipliers, stable = floquet(matrices, found)
+        growth = np.log(np.abs(multipliers)) * base / (2 * np.pi)
+    elif duration:
+        growth = np.where(found, matrices[:, 0], np.nan).T
+        stable = growth[:, 0] < -STILL
+    return DrivenResponse(
+        varies=varies,
+        parameter=rows if varies else base[:, 0],
+        axes=torus.names,
+        base=base,
+        orders=orders,
+        coefficients=coefficients,
+        outcome=OUTCOMES[codes],
+        iterations=iterations,
+        multipliers=multipliers,
+        stable=stable,
+        growth=growth,
+    )
+
+
+def check_size(name: str, points: int, unknowns_each: int) -> None:
+    """Refuse what would fill the memory."""
+    most = _MAX_NUMBERS // unknowns_each
+    if points > most:
+        raise InputError(f"{name}: {points} points, must be at most {most} with so many orders")
+
+
+def _carried(start: DrivenResponse | None, orders: IntArray) -> FloatArray:
+    """Unknowns of a first row from one with fewer orders; 0 if there is none."""
+    coefficients = np.zeros((3, len(orders)), dtype=complex)
+    if start is not None and start.converged[0]:
+        index = {tuple(k): j for j, k in enumerate(orders.tolist())}
+        places = [index[tuple(k)] for k in start.orders.tolist()]
+        coefficients[:, places] = start.coefficients[0]
+    return unknowns(coefficients)

@@ -1,0 +1,341 @@
+"""Branches of driven motions of the pendulum: folds, branch points, stability."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.branch import OUTCOMES as MOUNT_OUTCOMES
+from viscovib.branch import Crossing, Curve, _range
+from viscovib.driven import check_size, write_table
+from viscovib.errors import InputError
+from viscovib.pendulum import Pendulum
+from viscovib.stability import STILL, check_duration, crossings_along, floquet
+from viscovib.torus import (
+    FREQUENCIES,
+    IntArray,
+    bound_of,
+    check_pendulum,
+    chosen,
+    complex_coefficients,
+    core_job,
+    kept_by_symmetry,
+    make_torus,
+    moved,
+    place_of,
+    tail,
+    unknowns,
+)
+
+OUTCOMES: tuple[str, ...] = (*MOUNT_OUTCOMES, "unphysical", "closed")
+#: Highest orders kept by default, for one, two and three base frequencies.
+_HARMONICS = {1: 15, 2: 6, 3: 4}
+#: Folds, or branch points, reported at most.
+_MAX_SPECIAL = 200
+
+
+@dataclass(frozen=True, eq=False)
+class BranchPoint:
+    """Where another branch leaves: value of what varies, X_k there, last point before.
+
+    ``across`` is the direction of the other branch in X_k, found where the derivatives are
+    singular; the other branch leads off both ways.
+    """
+
+    parameter: float
+    coefficients: ComplexArray
+    before: int
+    across: ComplexArray
+    _direction: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenBranch(Curve):
+    """A branch of driven motions q = Im sum_k X_k exp(i k.omega t), in the order followed.
+
+    Attributes
+    ----------
+    varies : str
+        "p1", "p2", "p3", "f0", "m01", "m02" or "nu".
+    parameter : ndarray, shape (n,)
+        Its values.
+    axes, base, orders : as in `DrivenResponse`
+    coefficients : complex ndarray, shape (n, 3, m)
+        X_k of z, phi (rad), psi (rad).
+    stable : ndarray of bool, shape (n,), or None
+        None: unknown (not asked for; with several base frequencies if no ``duration`` is given).
+        False too where multipliers or rates are unknown (time scales too far apart).
+    multipliers : complex ndarray, shape (n, 6), or None
+        Floquet multipliers over a period of the base frequency, largest first; NaN where unknown.
+    growth : ndarray, shape (n, 6), or None
+        With several base frequencies: as in `DrivenResponse`.
+    folds : ndarray, shape (n_folds,)
+        Values of the parameter where the branch turns back.
+    fold_coefficients : complex ndarray, shape (n_folds, 3, m)
+    branch_points : tuple of BranchPoint
+        Where others branch off: each may be given to `trace_response` as ``leave``.
+    crossings : tuple of Crossing
+        Changes of stability: "fold", "branch point" (as where a symmetry breaks), "period
+        doubling" or "Neimark-Sacker".
+    outcome : str
+        As in `Branch`, or "unphysical": the motion reaches z = -1; "closed": back at the first
+        point.
+    """
+
+    varies: str
+    parameter: FloatArray
+    axes: tuple[str, ...]
+    base: FloatArray
+    orders: IntArray
+    coefficients: ComplexArray
+    stable: npt.NDArray[np.bool_] | None
+    multipliers: ComplexArray | None
+    growth: FloatArray | None
+    folds: FloatArray
+    fold_coefficients: ComplexArray
+    branch_points: tuple[BranchPoint, ...]
+    crossings: tuple[Crossing, ...]
+    outcome: str
+    iterations: IntArray
+    dof_names: tuple[str, ...] = Pendulum.dof_names
+    dof_units: tuple[str, ...] = ("1", "rad", "rad")
+
+    @property
+    def nu(self) -> FloatArray:
+        """Base frequencies, shape (n,) if there is one axis."""
+        return self.base[:, 0] if len(self.axes) == 1 else self.base
+
+    @property
+    def harmonics(self) -> IntArray:
+        """Orders, shape (m,) if there is one axis."""
+        return self.orders[:, 0] if len(self.axes) == 1 else self.orders
+
+    @property
+    def truncation(self) -> FloatArray:
+        """Estimated relative error of leaving out higher orders, shape (n,)."""
+        return tail(self.coefficients, self.orders)
+
+    @property
+    def label(self) -> str:
+        """What varies, for the axis of a picture."""
+        return {"nu": r"base frequency $\nu$"}.get(self.varies, self.varies)
+
+    def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
+        d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
+        return d, place_of(self.orders, harmonic)
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over the points."""
+        data: dict[str, Any] = {
+            "parameter": ("point", self.parameter),
+            "base": (("point", "axis"), self.base),
+            "orders": (("order", "axis"), self.orders),
+            "coefficients": (("point", "dof", "order"), self.coefficients),
+        }
+        if self.stable is not None:
+            data["stable"] = ("point", self.stable)
+        if self.multipliers is not None:
+            data["multipliers"] = (("point", "multiplier"), self.multipliers)
+        if self.growth is not None:
+            data["growth"] = (("point", "multiplier"), self.growth)
+        return xr.Dataset(
+            data,
+            coords={"dof": list(self.dof_names), "axis": list(self.axes)},
+            attrs={
+                "varies": self.varies,
+                "outcome": self.outcome,
+                "folds": self.folds,
+                "branch_points": [point.parameter for point in self.branch_points],
+            },
+        )
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write a table: one row a point."""
+        columns: dict[str, Any] = {"parameter": self.parameter}
+        columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
+        if self.stable is not None:
+            columns["stable"] = self.stable.astype(int)
+        folds = ", ".join(f"{x:.15g}" for x in self.folds)
+        points = ", ".join(f"{point.parameter:.15g}" for point in self.branch_points)
+        write_table(
+            path, columns, self.coefficients, self.orders,
+            f"parameter: {self.varies}; branch {self.outcome}", f"folds at {folds}",
+            f"branch points at {points}",
+        )  # fmt: skip
+
+
+def trace_pendulum(
+    pend: Pendulum,
+    *,
+    p1: tuple[float, float] | None = None,
+    p2: tuple[float, float] | None = None,
+    p3: tuple[float, float] | None = None,
+    f0: tuple[float, float] | None = None,
+    m01: tuple[float, float] | None = None,
+    m02: tuple[float, float] | None = None,
+    nu: tuple[float, float] | None = None,
+    leave: BranchPoint | None = None,
+    opposite: bool = False,
+    harmonics: int | None = None,
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    stability: bool = True,
+    duration: float | None = None,
+    symmetric: bool = False,
+    subharmonic: int = 1,
+    max_denominator: int = 12,
+) -> DrivenBranch:
+    """Follow a branch of driven motions of the pendulum through its folds.
+
+    Parameters
+    ----------
+    pend : Pendulum
+    p1, p2, p3, f0, m01, m02 : (float, float)
+        One of them: from which and to which value the branch is followed, up or down.
+    nu : (float, float)
+        Instead: the base frequency of loads whose ratios of frequencies stay.
+    leave : BranchPoint
+        Follow the branch that crosses another one here, which was traced with the same numbers of
+        orders and the same ``subharmonic``; ``opposite``: the other way.
+    harmonics : int
+        Highest order kept (default 15; with several base frequencies 6 or 4 in all).
+    tolerance, max_points, max_step, stability : as for a mount
+    duration : float
+        For quasi-periodic motions: compute rates of growth, averaged over this time, 1 to 1e6.
+    symmetric : bool
+        Keep to the motions that share the symmetry of system and loads: faster, but blind to
+        branch points where it breaks.
+    subharmonic, max_denominator : as for `forced_response`
+
+    Returns
+    -------
+    DrivenBranch
+
+    Notes
+    -----
+    Pseudo-arclength continuation (Keller 1977) of harmonic balance with exact derivatives. Branch
+    points are where the determinant of the bordered derivatives changes its sign. With
+    ``subharmonic=2`` period doublings, such as the parametric resonance of a pendulum that swings
+    under f0 alone, are branch points.
+    """
+    check_pendulum(pend)
+    varies, value = chosen(
+        {"p1": p1, "p2": p2, "p3": p3, "f0": f0, "m01": m01, "m02": m02, "nu": nu}
+    )
+    if varies is None:
+        raise InputError("p1, p2, p3, f0, m01, m02 or nu: one must be given, as (from, to)")
+    start, finish = _range(varies, value)
+    if (varies in FREQUENCIES or varies == "nu") and min(start, finish) <= 0:
+        raise InputError(f"{varies} = ({start:g}, {finish:g}): must be greater than 0")
+    wanted = _native.number("tolerance", tolerance)
+    if not 1e-14 <= wanted <= 0.1:
+        raise InputError(f"tolerance = {wanted:g}: must be in [1e-14, 0.1]")
+    step = _native.number("max_step", max_step)
+    if not 1e-4 <= step <= 1:
+        raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
+    points = _native.integer("max_points", max_points, 2, 100_000)
+    denominator = _native.integer("max_denominator", max_denominator, 1, 99)
+    if varies in FREQUENCIES:
+        pend = moved(pend, varies, start)
+    torus = make_torus(
+        pend, varies, _native.integer("subharmonic", subharmonic, 1, 20), denominator
+    )
+    orders = torus.lattice(
+        bound_of(torus, _HARMONICS[torus.n_axes] if harmonics is None else harmonics)
+    )
+    n = 3 * (2 * len(orders) - 1)
+    check_size("max_points", points, n)
+    begin, begin_p, along = np.zeros(n), 0.0, np.zeros(n + 1)
+    job, unit = core_job(pend, torus, orders, varies)
+    kept = np.ones((len(orders), 3), dtype=np.intc, order="F")
+    if symmetric:
+        kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
+    if leave is not None:
+        begin, along = _departure(leave, n, opposite)
+        lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
+        if lost > 1e-6 * np.abs(leave.across).max():
+            raise InputError(
+                "leave: leads to motions that do not share the symmetry, must have symmetric=False"
+            )
+        begin_p = leave.parameter / unit
+    span = 1.0 if stability and torus.n_axes == 1 else 0.0
+    if duration is not None and torus.n_axes > 1:
+        span = check_duration(duration)
+    cancel = np.zeros(1, dtype=np.intc)
+    (
+        n_points, ended, p, iterations, x, matrices, n_folds, folds, fold_x, fold_before,
+        n_branch, branch_p, branch_x, across, before,
+    ) = _native.call_interruptibly(
+        core.pendulum_branch, cancel, *job[:2], kept, *job[2:], start / unit, finish / unit,
+        wanted, points, step, span, int(leave is not None), begin, begin_p, along, _MAX_SPECIAL,
+        cancel,
+    )  # fmt: skip
+    if not n_points:
+        raise InputError(
+            f"{varies}: no solution was found at its beginning {start:g}: begin elsewhere"
+        )
+    multipliers, stable, growth = None, None, None
+    crossings: tuple[Crossing, ...] = ()
+    if span and torus.n_axes > 1:
+        growth = matrices[:, 0, :n_points].T.copy()
+        stable = growth[:, 0] < -STILL
+    elif span:
+        multipliers, stable = floquet(matrices[:, :, :n_points], np.ones(n_points, dtype=bool))
+        crossings = tuple(
+            replace(c, parameter=c.parameter * unit) if c.parameter else c
+            for c in crossings_along(
+                job, orders, wanted, (p[:n_points], x[:, :n_points], multipliers),
+                (fold_before[:n_folds] - 1, folds[:n_folds]),
+            )
+        )  # fmt: skip
+    base = np.tile(torus.base, (n_points, 1))
+    if job[5] == 1:
+        base[:, job[6] - 1] = p[:n_points]  # type: ignore[operator]
+    points_off = complex_coefficients(branch_x[:, :n_branch])
+    directions = complex_coefficients(across[:-1, :n_branch])
+    return DrivenBranch(
+        varies=varies,
+        parameter=p[:n_points] * unit,
+        axes=torus.names,
+        base=base,
+        orders=orders,
+        coefficients=complex_coefficients(x[:, :n_points]),
+        stable=stable,
+        multipliers=multipliers,
+        growth=growth,
+        folds=folds[:n_folds] * unit,
+        fold_coefficients=complex_coefficients(fold_x[:, :n_folds]),
+        branch_points=tuple(
+            BranchPoint(
+                float(branch_p[i] * unit),
+                points_off[i],
+                int(before[i]) - 1,
+                directions[i],
+                across[:, i].copy(),
+            )
+            for i in range(n_branch)
+        ),
+        crossings=crossings,
+        outcome=OUTCOMES[ended],
+        iterations=iterations[:n_points].copy(),
+    )
+
+
+def _departure(leave: object, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
+    """Point and direction in unknowns."""
+    if not isinstance(leave, BranchPoint):
+        raise InputError(f"leave = {leave!r}: must be one of a branch's branch_points")
+    if leave._direction.size != n + 1:
+        raise InputError(
+            f"leave: has {(leave._direction.size - 1) // 3} unknowns a coordinate, must have as "
+            f"many as asked for now ({n // 3}): use the same harmonics, loads and subharmonic"
+        )
+    if not leave._direction.any():
+        raise InputError("leave: the direction of the other branch was not found")
+    return unknowns(leave.coefficients), (-1 if opposite else 1) * leave._direction

@@ -1,0 +1,113 @@
+"""Steady motions of either system: one name for the mount and for the pendulum."""
+
+from typing import Any, overload
+
+import numpy.typing as npt
+
+from viscovib.branch import Branch
+from viscovib.branch import trace_response as _trace_mount
+from viscovib.driven import DrivenResponse, pendulum_response
+from viscovib.driven_branch import BranchPoint, DrivenBranch, trace_pendulum
+from viscovib.load import LoadLike
+from viscovib.mount import Mount
+from viscovib.pendulum import Pendulum
+from viscovib.response import Response
+from viscovib.response import forced_response as _mount_response
+
+
+@overload
+def forced_response(
+    mount: Mount,
+    nu: npt.ArrayLike,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    method: str = "successive",
+    harmonics: int | str = 9,
+    tolerance: float = 1e-10,
+    max_iterations: int = 200,
+    relaxation: float | str = 1.0,
+    progress: bool = False,
+) -> Response: ...
+@overload
+def forced_response(
+    pend: Pendulum,
+    *,
+    p1: npt.ArrayLike | None = None,
+    p2: npt.ArrayLike | None = None,
+    p3: npt.ArrayLike | None = None,
+    f0: npt.ArrayLike | None = None,
+    m01: npt.ArrayLike | None = None,
+    m02: npt.ArrayLike | None = None,
+    nu: npt.ArrayLike | None = None,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    stability: bool = True,
+    duration: float = 3000.0,
+    subharmonic: int = 1,
+    max_denominator: int = 12,
+) -> DrivenResponse: ...
+def forced_response(*args: Any, **options: Any) -> Response | DrivenResponse:
+    """Steady response of a mount or of a pendulum to its loads.
+
+    forced_response(mount, nu, *, load=None, base=None, method="successive", harmonics=9, ...)
+    forced_response(pend, *, p1=None, ..., m02=None, nu=None, harmonics="auto", ...)
+    """
+    if "pend" in options or (args and isinstance(args[0], Pendulum)):
+        return pendulum_response(*args, **options)
+    return _mount_response(*args, **options)
+
+
+@overload
+def trace_response(
+    mount: Mount,
+    nu_range: tuple[float, float] | None = None,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    nu: float | None = None,
+    load_range: tuple[float, float] | None = None,
+    harmonics: int = 9,
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    stability: bool = True,
+) -> Branch: ...
+@overload
+def trace_response(
+    pend: Pendulum,
+    *,
+    p1: tuple[float, float] | None = None,
+    p2: tuple[float, float] | None = None,
+    p3: tuple[float, float] | None = None,
+    f0: tuple[float, float] | None = None,
+    m01: tuple[float, float] | None = None,
+    m02: tuple[float, float] | None = None,
+    nu: tuple[float, float] | None = None,
+    leave: BranchPoint | None = None,
+    opposite: bool = False,
+    harmonics: int | None = None,
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    stability: bool = True,
+    duration: float | None = None,
+    symmetric: bool = False,
+    subharmonic: int = 1,
+    max_denominator: int = 12,
+) -> DrivenBranch: ...
+def trace_response(*args: Any, **options: Any) -> Branch | DrivenBranch:
+    """Follow a branch of steady motions of a mount or of a pendulum through its folds.
+
+    trace_response(mount, nu_range=None, *, load=None, nu=None, load_range=None, ...)
+    trace_response(pend, *, p1=None, ..., m02=None, nu=None, leave=None, harmonics=None, ...)
+    """
+    if "pend" in options or (args and isinstance(args[0], Pendulum)):
+        return trace_pendulum(*args, **options)
+    return _trace_mount(*args, **options)
+
+
+forced_response.__doc__ = f"{forced_response.__doc__}\nFor a mount: {_mount_response.__doc__}\n" \
+    f"For a pendulum: {pendulum_response.__doc__}"  # fmt: skip
+trace_response.__doc__ = f"{trace_response.__doc__}\nFor a mount: {_trace_mount.__doc__}\n" \
+    f"For a pendulum: {trace_pendulum.__doc__}"  # fmt: skip

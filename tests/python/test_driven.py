@@ -1,0 +1,426 @@
+"""Driven motions of the pendulum, against integration, shooting and energy balance by scipy."""
+
+import functools
+import warnings
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, root
+
+matplotlib.use("Agg")
+
+BODY = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.05, "c2": 0.05, "c3": 0.05}
+
+
+LIGHT = {"c1": 0.02, "c2": 0.02, "c3": 0.02}
+
+
+def swung(**changes):
+    return vv.Pendulum(**(BODY | {"m01": 0.01, "p2": 0.5} | changes))
+
+
+def after(pend, t, y, tolerance=1e-13):
+    run = solve_ivp(pend.rhs, (0, t), y, "DOP853", rtol=tolerance, atol=1e-14)
+    return run.y[:, -1]
+
+
+@pytest.mark.parametrize("equations", ["exact", "cubic", "printed"])
+@pytest.mark.parametrize(
+    "loads",
+    [
+        {"m01": 0.01, "p2": 0.5},
+        {"m01": 0.0, "m02": 0.05, "p3": 0.6},
+        {"m01": 0.0, "f0": 0.1, "p1": 0.9},
+        # Ratios 3 : 2 : 1, and a load that is constant.
+        {"f0": 0.05, "p1": 0.75, "m02": 0.01, "p3": 0.25},
+        {"f0": 0.02, "p1": 0.0},
+    ],
+)
+def test_motion_returns_after_a_period(equations, loads):
+    pend = swung(equations=equations, **loads)
+    r = vv.forced_response(pend, tolerance=1e-11)
+    assert r.converged.all()
+    assert r.axes == (("nu",) if "m02" in loads and "f0" in loads else r.axes)
+    start = r.state(0, 0.0)
+    period = 2 * np.pi / r.nu[0]
+    assert after(pend, period, start) == pytest.approx(start, abs=2e-9)
+    # On the way too.
+    half = after(pend, 0.37 * period, start)
+    assert r.state(0, 0.37 * period) == pytest.approx(half, abs=2e-9)
+
+
+@pytest.mark.parametrize("equations", ["exact", "cubic", "printed"])
+def test_multipliers_against_integration(equations):
+    pend = swung(equations=equations, m01=0.005, f0=0.02, p1=1.0)
+    r = vv.forced_response(pend, tolerance=1e-12)
+    assert r.axes == ("nu",)
+    start, period = r.state(0, 0.0), 2 * np.pi / r.nu[0]
+
+    def disturbed(t, y):
+        change = pend.jacobian(t, y[:6]) @ y[6:].reshape(6, 6)
+        return np.concatenate([pend.rhs(t, y[:6]), change.ravel()])
+
+    first = np.concatenate([start, np.eye(6).ravel()])
+    run = solve_ivp(disturbed, (0, period), first, "DOP853", rtol=1e-12, atol=1e-13)
+    expected = np.linalg.eigvals(run.y[6:, -1].reshape(6, 6))
+    expected = expected[np.argsort(-np.abs(expected))]
+    assert np.abs(r.multipliers[0]) == pytest.approx(np.abs(expected), abs=1e-8)
+    assert np.poly(r.multipliers[0]) == pytest.approx(np.poly(expected), rel=1e-8, abs=1e-8)
+
+
+def test_work_of_the_loads_is_dissipated():
+    pend = swung(m01=0.02, f0=0.05, p1=1.0)
+    r = vv.forced_response(pend, tolerance=1e-13, harmonics=40)
+    t = np.linspace(0, 2 * np.pi / r.nu[0], 400, endpoint=False)
+    power = pend.power(t, r.state(0, t))
+    assert abs(power.mean()) < 1e-13
+    assert np.abs(power).max() > 1e-3
+
+
+def test_small_motion_is_the_linear_one():
+    pend = swung(m01=1e-6, p2=0.35)
+    r = vv.forced_response(pend)
+    p, w2, w3, e = 0.35, 0.4, 0.8, 0.1
+    ratio = (w3 / w2) ** 2
+    stiffness = np.array([[w2**2, 0], [0, w3**2]]) + 1j * p * np.diag([0.05, 0.05])
+    linear = np.linalg.solve(stiffness - p**2 * np.array([[1, e], [ratio, 1]]), [1e-6, 0])
+    # cos(p t) = Im(i exp(i p t)).
+    found = [r.coefficient("phi")[0], r.coefficient("psi")[0]]
+    assert np.array(found) == pytest.approx(1j * linear, rel=1e-9)
+
+
+def fixed_amplitude(pend, at, guess):
+    """State and frequency p2 of the periodic motion with phi(0) = at, by shooting."""
+
+    def defect(unknown):
+        moved = replace(pend, p2=unknown[5])
+        y = np.insert(unknown[:5], 2, at)
+        return after(moved, 2 * np.pi / unknown[5], y) - y
+
+    found = root(defect, guess, method="hybr", options={"xtol": 1e-13})
+    assert np.abs(found.fun).max() < 1e-11
+    return found.x
+
+
+@functools.cache
+def overhanging():
+    return vv.trace_response(swung(m01=0.005, **LIGHT), p2=(0.25, 0.6), harmonics=25)
+
+
+def test_folds_against_shooting():
+    """Near a fold the frequency is a smooth function of phi(0): its extremum is the fold."""
+    branch, pend = overhanging(), swung(m01=0.005, **LIGHT)
+    assert branch.outcome == "completed"
+    assert branch.folds.size == 2
+    for fold, coefficients in zip(branch.folds, branch.fold_coefficients, strict=True):
+        waves = 1j * branch.harmonics * fold
+        start = np.empty(6)
+        start[::2] = coefficients.sum(axis=1).imag
+        start[1::2] = (waves * coefficients).sum(axis=1).imag
+        guess = np.append(np.delete(start, 2), fold)
+        steps = np.array([-2, -1, 0, 1, 2]) * 2e-3
+        values = [fixed_amplitude(pend, start[2] + s, guess)[5] for s in steps]
+        fit = np.polynomial.Polynomial.fit(steps, values, 4)
+        roots = fit.deriv().roots()
+        top = roots[np.abs(roots).argmin()].real
+        assert abs(top) < 1e-3
+        assert fit(top) == pytest.approx(fold, abs=1e-8)
+
+
+def test_a_symmetric_branch_is_the_same_one():
+    branch = overhanging()
+    half = vv.trace_response(
+        swung(m01=0.005, **LIGHT), p2=(0.25, 0.6), harmonics=25, symmetric=True
+    )
+    assert half.folds == pytest.approx(branch.folds, abs=1e-12)
+    assert half.fold_coefficients == pytest.approx(branch.fold_coefficients, abs=1e-6)
+    assert [c.kind for c in half.crossings] == [c.kind for c in branch.crossings]
+
+
+def test_stability_changes_at_the_folds_only():
+    branch = overhanging()
+    assert [crossing.kind for crossing in branch.crossings] == ["fold", "fold"]
+    first, last = (c.before for c in branch.crossings if c.kind == "fold")
+    assert not branch.stable[first + 1 : last + 1].any()
+    assert branch.stable[: first + 1].all()
+    assert branch.stable[last + 1 :].all()
+
+
+def test_branch_in_load_and_frequency_meet():
+    in_load = vv.trace_response(swung(**LIGHT), m01=(0, 0.005), p2=None, harmonics=25)
+    assert in_load.outcome == "completed"
+    assert in_load.parameter[[0, -1]].tolist() == [0, 0.005]
+    light = swung(m01=0.005, **LIGHT)
+    single = vv.forced_response(light, harmonics=25, tolerance=1e-13)
+    branch = overhanging()
+    end = in_load.coefficients[-1]
+    assert end == pytest.approx(single.coefficients[0], abs=1e-9)
+    near = int(np.abs(branch.parameter - 0.5).argmin())
+    point = vv.forced_response(light, p2=branch.parameter[near], harmonics=25)
+    assert branch.coefficients[near] == pytest.approx(point.coefficients[0], abs=1e-8)
+
+
+PARAMETRIC = BODY | LIGHT | {"f0": 0.1, "p1": 0.8}
+
+
+def doubling(p1):
+    """det(M^2 - I) of the swing about the motion in z alone, by shooting."""
+    pend = vv.Pendulum(**(PARAMETRIC | {"p1": p1}))
+    period = 2 * np.pi / p1
+
+    def stretched(t, y):
+        return pend.rhs(t, [y[0], y[1], 0, 0, 0, 0])[:2]
+
+    def defect(y):
+        run = solve_ivp(stretched, (0, period), y, "DOP853", rtol=1e-13, atol=1e-14)
+        return run.y[:, -1] - y
+
+    rest = root(defect, [0.0, 0.0], options={"xtol": 1e-13}).x
+
+    def disturbed(t, y):
+        state = np.array([y[0], y[1], 0, 0, 0, 0])
+        change = pend.jacobian(t, state)[2:, 2:] @ y[2:].reshape(4, 4)
+        return np.concatenate([pend.rhs(t, state)[:2], change.ravel()])
+
+    run = solve_ivp(
+        disturbed, (0, period), [*rest, *np.eye(4).ravel()], "DOP853", rtol=1e-12, atol=1e-13
+    )
+    period_map = run.y[2:, -1].reshape(4, 4)
+    return np.linalg.det(period_map @ period_map - np.eye(4))
+
+
+@functools.cache
+def parametric():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.StabilityWarning)
+        return vv.trace_response(
+            vv.Pendulum(**PARAMETRIC), p1=(0.5, 1.0), subharmonic=2, harmonics=24
+        )
+
+
+def test_parametric_resonance_is_found_and_followed():
+    branch = parametric()
+    assert branch.outcome == "completed"
+    assert branch.axes == ("nu",)
+    assert branch.amplitude("phi").max() == 0
+    assert branch.nu == pytest.approx(branch.parameter / 2, rel=1e-15)
+    points = np.array([point.parameter for point in branch.branch_points])
+    assert points.size == 4
+    for p in points:
+        assert p == pytest.approx(brentq(doubling, p - 1e-5, p + 1e-5, xtol=1e-12), abs=1e-8)
+    p = branch.parameter
+    unstable = ((p > points[0]) & (p < points[1])) | (p > points[2])
+    assert np.array_equal(branch.stable, ~unstable)
+    assert [crossing.kind for crossing in branch.crossings] == 4 * ["branch point"]
+    at = [crossing.before for crossing in branch.crossings]
+    assert at == [point.before for point in branch.branch_points]
+    # The determinant and the multipliers see the same.
+    assert [crossing.parameter for crossing in branch.crossings] == pytest.approx(points, abs=1e-9)
+
+
+def test_period_doubling_is_told_from_branch_points():
+    """Over one period of the load the swing of half its frequency has multiplier -1."""
+    branch = vv.trace_response(vv.Pendulum(**PARAMETRIC), p1=(0.5, 1.0), harmonics=12)
+    doubled = parametric().branch_points
+    kinds = [crossing.kind for crossing in branch.crossings]
+    assert kinds == ["branch point", "branch point", "period doubling", "branch point"]
+    assert len(branch.branch_points) == 3
+    where = [crossing.parameter for crossing in branch.crossings]
+    assert where == pytest.approx([point.parameter for point in doubled], abs=1e-9)
+
+
+def test_neimark_sacker_against_integration():
+    point = parametric().branch_points[2]
+    swing = vv.trace_response(
+        vv.Pendulum(**PARAMETRIC), p1=(0.5, 1.0), subharmonic=2, harmonics=24, leave=point
+    )
+    crossing = next(c for c in swing.crossings if c.kind == "Neimark-Sacker")
+    pend = vv.Pendulum(**(PARAMETRIC | {"p1": crossing.parameter}))
+    i = crossing.before
+    waves = 1j * swing.harmonics * swing.nu[i]
+    start = np.empty(6)
+    start[::2] = swing.coefficients[i].sum(axis=1).imag
+    start[1::2] = (waves * swing.coefficients[i]).sum(axis=1).imag
+    period = 4 * np.pi / crossing.parameter
+
+    def disturbed(t, y):
+        change = pend.jacobian(t, y[:6]) @ y[6:].reshape(6, 6)
+        return np.concatenate([pend.rhs(t, y[:6]), change.ravel()])
+
+    for _ in range(6):
+        # Newton's method on the period map, from the point before.
+        first = np.concatenate([start, np.eye(6).ravel()])
+        run = solve_ivp(disturbed, (0, period), first, "DOP853", rtol=1e-12, atol=1e-13)
+        period_map, defect = run.y[6:, -1].reshape(6, 6), run.y[:6, -1] - start
+        if np.abs(defect).max() < 1e-11:
+            break
+        start = start - np.linalg.solve(period_map - np.eye(6), defect)
+    assert np.abs(defect).max() < 1e-11
+    pair = np.linalg.eigvals(period_map)
+    pair = pair[np.argsort(np.abs(np.abs(pair) - 1))[:2]]
+    assert np.abs(pair) == pytest.approx(1, abs=1e-7)
+    assert np.abs(pair.imag).min() > 1e-3
+
+
+def test_broken_symmetry_is_a_motion():
+    """Where the swing under m01 alone ceases to be its own mirror image half a period later."""
+    pend = swung(m01=0.02)
+    branch = vv.trace_response(pend, p2=(0.9, 1.1), harmonics=21, tolerance=1e-12)
+    assert len(branch.branch_points) == 2
+    assert branch.amplitude("z", 1).max() < 1e-12
+    off = vv.trace_response(
+        pend,
+        p2=(0.9, 1.1),
+        harmonics=21,
+        tolerance=1e-12,
+        leave=branch.branch_points[0],
+        max_points=25,
+    )
+    assert off.amplitude("z", 1)[-1] > 0.05
+    waves = 1j * off.harmonics * off.nu[-1]
+    start = np.empty(6)
+    start[::2] = off.coefficients[-1].sum(axis=1).imag
+    start[1::2] = (waves * off.coefficients[-1]).sum(axis=1).imag
+    moved = replace(pend, p2=off.parameter[-1])
+    assert after(moved, 2 * np.pi / off.nu[-1], start) == pytest.approx(start, abs=1e-10)
+
+
+def test_switched_branch_is_a_motion():
+    pend, point = vv.Pendulum(**PARAMETRIC), parametric().branch_points[-2]
+    ways = [
+        vv.trace_response(
+            pend, p1=(0.5, 1.0), subharmonic=2, harmonics=24, leave=point, opposite=opposite,
+            max_points=20,
+        )
+        for opposite in (False, True)
+    ]  # fmt: skip
+    for branch in ways:
+        assert branch.amplitude("phi")[-1] > 0.1
+        i, p1 = -1, branch.parameter[-1]
+        moved = vv.Pendulum(**(PARAMETRIC | {"p1": p1}))
+        waves = 1j * branch.orders[:, 0] * branch.nu[i]
+        start = np.empty(6)
+        start[::2] = branch.coefficients[i].sum(axis=1).imag
+        start[1::2] = (waves * branch.coefficients[i]).sum(axis=1).imag
+        period = 2 * np.pi / p1
+        assert after(moved, 2 * period, start) == pytest.approx(start, abs=1e-7)
+        # Half of the motion's period it is its mirror image.
+        assert after(moved, period, start)[2:] == pytest.approx(-start[2:], abs=1e-7)
+    # Both ways out are one motion, a period of the load apart.
+    assert ways[0].amplitude("phi") == pytest.approx(ways[1].amplitude("phi"), abs=1e-6)
+
+
+def test_branch_ends_where_the_spring_reaches_its_pivot():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.StabilityWarning)
+        branch = vv.trace_response(vv.Pendulum(**PARAMETRIC), p1=(0.5, 1.4))
+    assert branch.outcome == "unphysical"
+    t = np.linspace(0, 2 * np.pi / branch.nu[-1], 300)
+    waves = np.exp(1j * np.outer(t, branch.harmonics * branch.nu[-1]))
+    z = (waves @ branch.coefficients[-1, 0]).imag
+    assert z.min() == pytest.approx(-1, abs=1e-3)
+
+
+def test_each_row_is_what_it_is_alone():
+    pend, p2 = swung(m01=0.005), np.linspace(0.45, 0.9, 12)
+    rows = vv.forced_response(pend, p2=p2, harmonics=15, tolerance=1e-13)
+    assert rows.converged.all()
+    assert rows.stable.all()
+    for i in (0, 5, 11):
+        alone = vv.forced_response(pend, p2=p2[i], harmonics=15, tolerance=1e-13)
+        assert rows.coefficients[i] == pytest.approx(alone.coefficients[0], abs=1e-11)
+        moved = vv.forced_response(swung(m01=0.005, p2=p2[i]), harmonics=15, tolerance=1e-13)
+        assert np.array_equal(moved.coefficients[0], alone.coefficients[0])
+
+
+def test_what_is_not_found_is_told():
+    with pytest.warns(vv.ConvergenceWarning, match="1 of 2 motions were not found"):
+        r = vv.forced_response(
+            vv.Pendulum(**PARAMETRIC), f0=[0.01, 40.0], harmonics=9, stability=True
+        )
+    assert r.converged.tolist() == [True, False]
+    assert np.isnan(r.coefficients[1]).all()
+    assert r.stable.tolist() == [True, False]
+
+
+def test_table_dataset_and_picture(tmp_path):
+    branch = overhanging()
+    branch.to_csv(tmp_path / "branch.csv")
+    lines = (tmp_path / "branch.csv").read_text().splitlines()
+    assert lines[2].startswith("# folds at 0.")
+    assert lines[5].startswith("parameter,omega_1,stable,z_0_re")
+    assert len(lines) == 6 + branch.parameter.size
+    assert branch.to_dataset().coefficients.shape == branch.coefficients.shape
+    axes = vv.plot_branch(branch)
+    assert axes[1].get_ylabel().startswith("amplitude")
+    assert {"stable", "unstable", "fold"} <= {line.get_label() for line in axes[0].lines}
+    axes = vv.plot_branch(parametric(), harmonic=2)
+    assert "branch point" in {line.get_label() for line in axes[0].lines}
+    matplotlib.pyplot.close("all")
+    r = vv.forced_response(swung(), harmonics=9)
+    r.to_csv(tmp_path / "row.csv")
+    assert (tmp_path / "row.csv").read_text().splitlines()[3].startswith("parameter,omega_1,out")
+    assert r.to_dataset().outcome.values.tolist() == ["converged"]
+    rows = vv.forced_response(swung(), p2=np.linspace(0.5, 0.6, 5), harmonics=9)
+    axes = vv.plot_response([rows, rows], labels=["a", "b"], harmonic=3)
+    assert axes[-1].get_xlabel() == "p2"
+    assert axes[1].lines[0].get_ydata() == pytest.approx(rows.amplitude("phi", 3))
+    matplotlib.pyplot.close("all")
+    t, q = r.waveform(0, 64)
+    assert q == pytest.approx(r.state(0, t)[:, ::2])
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda: vv.forced_response(vv.Pendulum(**BODY)), "at least one load of a frequency > 0"),
+        (lambda: vv.forced_response(swung(), p2=[0.5], m01=[0.1]), "only one of them may vary"),
+        (lambda: vv.forced_response(swung(), p2=-1), "p2 = -1: must be greater than 0"),
+        (lambda: vv.forced_response(swung(), p1=1.0), "p1: varies, but no load acts at it: f0 = 0"),
+        (lambda: vv.forced_response(swung(), p2=[[1.0]]), "must have 0 or 1 dimension"),
+        (lambda: vv.forced_response(swung(), harmonics=0), "harmonics = 0: must be 1 to 199"),
+        (lambda: vv.forced_response(swung(), tolerance=0), "tolerance = 0: must be in"),
+        (lambda: vv.forced_response(swung(), subharmonic=0), "subharmonic = 0: must be 1 to 20"),
+        (
+            lambda: vv.forced_response(swung(f0=0.1, p1=0.777), subharmonic=2),
+            "subharmonic = 2: needs a single base frequency",
+        ),
+        (lambda: vv.trace_response(swung()), "one must be given, as (from, to)"),
+        (lambda: vv.trace_response(swung(), p2=(0, 1)), "p2 = (0, 1): must be greater than 0"),
+        (lambda: vv.trace_response(swung(), p2=0.3), "p2: must be two numbers"),
+        (lambda: vv.trace_response(swung(), p2=(1, 2), max_step=9), "max_step = 9: must be in"),
+        (lambda: vv.trace_response(swung(), p2=(1, 2), leave=3), "leave = 3: must be one of"),
+        (lambda: vv.trace_response(3, (1, 2)), "must be a Mount"),
+        (lambda: vv.trace_response(pend=3, p2=(1, 2)), "pend = 3: must be a Pendulum"),
+        (lambda: vv.forced_response(mount=3, nu=1.0), "mount = 3: must be a Mount"),
+        (
+            lambda: vv.trace_response(
+                vv.Pendulum(**PARAMETRIC), p1=(0.5, 1), leave=parametric().branch_points[0]
+            ),
+            "use the same harmonics, loads and subharmonic",
+        ),
+        (
+            lambda: vv.trace_response(
+                vv.Pendulum(**PARAMETRIC),
+                p1=(0.5, 1),
+                subharmonic=2,
+                harmonics=24,
+                leave=parametric().branch_points[0],
+                symmetric=True,
+            ),
+            "must have symmetric=False",
+        ),
+        (
+            lambda: vv.forced_response(swung()).amplitude("phi", 99),
+            "harmonic = 99: must be one of those kept",
+        ),
+    ],
+)
+def test_bad_input_is_named(call, text):
+    with pytest.raises(vv.InputError) as error:
+        call()
+    assert text in str(error.value)
