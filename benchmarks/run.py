@@ -6,14 +6,19 @@ Times are medians, ratios are measured in one run: machines are noisy.
 import argparse
 import csv
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import branch
 import kernel_transforms
+import memory
 import motion
 import response_curve
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from timing import machine, show_time
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def write_csv(path: Path, rows: list[dict[str, object]]) -> None:
@@ -50,31 +55,45 @@ def draw_error_against_time(path: Path, rows: list[dict[str, object]]) -> None:
     figure.savefig(path, dpi=160)
 
 
+def draw_methods(axis: "Axes", rows: list[dict[str, object]], title: str) -> None:
+    """Draw error against run time, a line a method."""
+    for i, method in enumerate(dict.fromkeys(row["method"] for row in rows)):
+        line = sorted((r["seconds"], r["error"]) for r in rows if r["method"] == method)
+        own = method.startswith("viscovib")
+        axis.loglog(
+            [1e6 * time for time, _ in line],
+            [max(error, 1e-16) for _, error in line],
+            marker="osD^vP*X<>dh"[i % 12],
+            color=str(0.55 * i / 12) if own else "#c8452e",
+            linestyle="-" if own else "--",
+            linewidth=1,
+            markersize=4,
+            label=method,
+        )
+    axis.set(title=title, xlabel="run time (us)")
+    axis.grid(color="0.9")
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.legend(frameon=False, fontsize=7)
+
+
 def draw_motion(path: Path, one: list[dict[str, object]], many: list[dict[str, object]]) -> None:
-    """Draw error against run time of one trajectory and of many, a line a method."""
+    """Draw error against run time of one trajectory and of many."""
     figure = Figure(figsize=(11, 5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2, sharey=True)
-    titles = ("one trajectory", "an ensemble, time a trajectory")
-    for axis, rows, title in zip(axes, (one, many), titles, strict=True):
-        for i, method in enumerate(dict.fromkeys(row["method"] for row in rows)):
-            line = sorted((r["seconds"], r["error"]) for r in rows if r["method"] == method)
-            own = method.startswith("viscovib")
-            axis.loglog(
-                [1e6 * time for time, _ in line],
-                [max(error, 1e-16) for _, error in line],
-                marker="osD^vP*X<>dh"[i % 12],
-                color=str(0.55 * i / 12) if own else "#c8452e",
-                linestyle="-" if own else "--",
-                linewidth=1,
-                markersize=4,
-                label=method,
-            )
-        axis.set(title=title, xlabel="run time (us)")
-        axis.grid(color="0.9")
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.legend(frameon=False, fontsize=7)
+    draw_methods(axes[0], one, "one trajectory")
+    draw_methods(axes[1], many, "an ensemble, time a trajectory")
     axes[0].set_ylabel("error of the last state at t = 200")
+    figure.savefig(path, dpi=160)
+
+
+def draw_memory(path: Path, rows: list[dict[str, object]]) -> None:
+    """Draw error against run time of a motion with memory."""
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axis = figure.subplots()
+    draw_methods(axis, rows, "motion with memory, alpha = 0.1, to t = 100")
+    axis.set_ylabel("error of the last displacements")
     figure.savefig(path, dpi=160)
 
 
@@ -98,6 +117,8 @@ def markdown(
     one: list[dict[str, object]],
     many: list[dict[str, object]],
     curves: list[dict[str, object]],
+    hereditary: list[dict[str, object]],
+    growth: list[dict[str, object]],
 ) -> str:
     """Return the tables as a page."""
     lines = [
@@ -124,6 +145,14 @@ def markdown(
     ]
     lines += motion_table("one motion to t = 200, time at an error of", one)
     lines += motion_table("an ensemble, time a trajectory at an error of", many)
+    lines += ["", "| motion with memory to t = 100 | setting | error | time |"]
+    lines += ["| --- | --- | --- | --- |"]
+    lines += [
+        f"| {row['method']} | {row['setting']} | {row['error']:.1e} | {show_time(row['seconds'])} |"
+        for row in hereditary
+    ]
+    lines += ["", "| steps of a motion with memory | a step |", "| --- | --- |"]
+    lines += [f"| {row['steps']} | {show_time(row['seconds_a_step'])} |" for row in growth]
     return "\n".join(lines) + "\n"
 
 
@@ -146,7 +175,11 @@ def main() -> None:
     write_csv(out / "motion.csv", one)
     write_csv(out / "ensemble.csv", many)
     draw_motion(out / "motion.png", one, many)
-    page = markdown(kernels, jobs, one, many, curves)
+    hereditary, growth = memory.run()
+    write_csv(out / "memory.csv", hereditary)
+    write_csv(out / "memory_growth.csv", growth)
+    draw_memory(out / "memory.png", hereditary)
+    page = markdown(kernels, jobs, one, many, curves, hereditary, growth)
     (out / "benchmarks.md").write_text(page, encoding="utf-8")
     print("\n" + page + f"\nTables and picture: {out}")
 

@@ -96,3 +96,64 @@ subroutine kernel_integral(kind, data, n_data, integral, status, message)
   if (.not. outcome%failed()) integral = kernel%integral()
   call report(outcome, status, message)
 end subroutine kernel_integral
+
+!> R(t) as a sum of exponentials, weights(:n_terms) and rates(:n_terms); n_terms is
+!! 0 where the kernel has no such sum, and more than n_max where there is no room.
+subroutine kernel_exponentials(kind, data, n_data, tolerance, t_min, t_max, n_max, n_terms, &
+                               weights, rates, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_kernel, report
+  use viscovib_kernel, only: kernel_type
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: kind, n_data, n_max
+  real(c_double), intent(in) :: data(n_data), tolerance, t_min, t_max
+  integer(c_int), intent(out) :: n_terms, status
+  real(c_double), intent(out) :: weights(n_max), rates(n_max)
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  class(kernel_type), allocatable :: kernel
+  type(status_type) :: outcome
+  real(c_double), allocatable :: w(:), r(:)
+
+  weights = 0.0_c_double
+  rates = 0.0_c_double
+  n_terms = 0
+  call make_kernel(kernel, kind, data, outcome)
+  if (.not. outcome%failed()) then
+    call kernel%exponentials(tolerance, t_min, t_max, w, r)
+    n_terms = size(w)
+    weights(:min(n_terms, n_max)) = w(:min(n_terms, n_max))
+    rates(:min(n_terms, n_max)) = r(:min(n_terms, n_max))
+  end if
+  call report(outcome, status, message)
+end subroutine kernel_exponentials
+
+!> integral_0^t R(s) ds at times t > 0.
+subroutine kernel_accumulated(kind, data, n_data, t, n, total, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_kernel, report
+  use viscovib_kernel, only: kernel_type
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: kind, n_data, n
+  real(c_double), intent(in) :: data(n_data), t(n)
+  real(c_double), intent(out) :: total(n)
+  integer(c_int), intent(out) :: status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  class(kernel_type), allocatable :: kernel
+  type(status_type) :: outcome
+  real(c_double), allocatable :: nodes(:, :), weights(:, :)
+  integer :: i
+
+  total = 0.0_c_double
+  call make_kernel(kernel, kind, data, outcome)
+  if (.not. outcome%failed()) then
+    do i = 1, n
+      call kernel%local_rules(t(i:i), nodes, weights)
+      total(i) = sum(weights)
+    end do
+  end if
+  call report(outcome, status, message)
+end subroutine kernel_accumulated

@@ -2,11 +2,13 @@
 !!
 !! A mount with memory replaces each stiffness c by c (1 - R*), where
 !! (R*g)(t) = integral_0^t R(t-s) g(s) ds (seed paper 001, (5)). A kernel R
-!! is known to the rest of the library by four things: its values, its
-!! one-sided Fourier transform, its Laplace transform and its integral.
+!! is known to the rest of the library by its values, its one-sided Fourier
+!! transform, its Laplace transform and its integral; to the integration in time
+!! also by quadrature rules for R times a polynomial and by a sum of exponentials.
 !! To add a kernel: extend this type in a file of its own and name it in
 !! `catalogue.f90`.
 module viscovib_kernel
+  use viscovib_gauss_points, only: points_16, weights_16
   use viscovib_kinds, only: wp
   implicit none
   private
@@ -23,7 +25,19 @@ module viscovib_kernel
     procedure(value_interface), deferred :: value
     !> integral_0^inf R(t) dt; +infinity where it does not exist.
     procedure(integral_interface), deferred :: integral
+    !> Quadrature for R times a polynomial over [0, tau], singularity and all.
+    procedure(local_interface), deferred :: local_rules
+    !> The same over [from, to], from > 0.
+    procedure :: lag_rule
+    !> R(t) as a sum of exponentials between two times.
+    procedure(exponentials_interface), deferred :: exponentials
   end type kernel_type
+
+  !> Nodes of a panel over which the kernel no more than halves its argument; and
+  !! of one over which an exponential may fall to nothing.
+  integer, parameter, public :: panel_nodes = 16, decay_nodes = 32
+  !> exp(-vanished) is nothing beside 1.
+  real(wp), parameter, public :: vanished = 45.0_wp
 
   abstract interface
 
@@ -61,6 +75,53 @@ module viscovib_kernel
       class(kernel_type), intent(in) :: self
     end function integral_interface
 
+    !> integral_0^tau R(t) g(t) dt = sum_k weights(k) g(nodes(k)) to rounding for
+    !! polynomials g up to degree 12, for each tau.
+    subroutine local_interface(self, tau, nodes, weights)
+      import :: kernel_type, wp
+      class(kernel_type), intent(in) :: self
+      !> Shape (m), all > 0.
+      real(wp), intent(in) :: tau(:)
+      !> A column for each tau.
+      real(wp), allocatable, intent(out) :: nodes(:, :), weights(:, :)
+    end subroutine local_interface
+
+    !> R(t) = sum_q weights(q) exp(-rates(q) t) on [t_min, t_max] within the
+    !! relative `tolerance`, weights > 0. No terms where this kernel has no such
+    !! sum.
+    subroutine exponentials_interface(self, tolerance, t_min, t_max, weights, rates)
+      import :: kernel_type, wp
+      class(kernel_type), intent(in) :: self
+      real(wp), intent(in) :: tolerance, t_min, t_max
+      real(wp), allocatable, intent(out) :: weights(:), rates(:)
+    end subroutine exponentials_interface
+
   end interface
+
+contains
+
+  !> integral_from^to R(t) g(t) dt = sum_k weights(k) g(nodes(k)): Gauss panels
+  !! that double their distance from the singularity.
+  subroutine lag_rule(self, from, to, nodes, weights)
+    class(kernel_type), intent(in) :: self
+    real(wp), intent(in) :: from, to
+    real(wp), allocatable, intent(out) :: nodes(:), weights(:)
+    real(wp) :: left, right
+    integer :: n, k
+
+    n = max(1, ceiling(log(to/from)/log(2.0_wp)*(1.0_wp - 1.0e-12_wp)))
+    allocate (nodes(n*panel_nodes), weights(n*panel_nodes))
+    right = from
+    do k = 1, n
+      left = right
+      right = from*(to/from)**(real(k, wp)/n)
+      associate (here => nodes((k - 1)*panel_nodes + 1:k*panel_nodes), &
+                 part => weights((k - 1)*panel_nodes + 1:k*panel_nodes))
+        here = left + (right - left)*points_16
+        call self%value(here, part)
+        part = (right - left)*weights_16*part
+      end associate
+    end do
+  end subroutine lag_rule
 
 end module viscovib_kernel

@@ -2,7 +2,8 @@
 module viscovib_prony
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_not_negative
-  use viscovib_kernel, only: kernel_type
+  use viscovib_gauss_points, only: points_32, weights_32
+  use viscovib_kernel, only: decay_nodes, kernel_type, vanished
   use viscovib_kinds, only: wp
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
@@ -18,6 +19,8 @@ module viscovib_prony
     procedure :: laplace
     procedure :: value
     procedure :: integral
+    procedure :: local_rules
+    procedure :: exponentials
   end type prony_kernel
 
 contains
@@ -100,5 +103,38 @@ contains
       integral = integral + self%weights(j)/self%rates(j)
     end do
   end function integral
+
+  !> A rule for each term, over the part of [0, tau] where the term has not vanished.
+  subroutine local_rules(self, tau, nodes, weights)
+    class(prony_kernel), intent(in) :: self
+    real(wp), intent(in) :: tau(:)
+    real(wp), allocatable, intent(out) :: nodes(:, :), weights(:, :)
+    real(wp) :: length
+    integer :: i, j, first
+
+    allocate (nodes(decay_nodes*size(self%rates), size(tau)))
+    allocate (weights(size(nodes, 1), size(tau)))
+    do i = 1, size(tau)
+      do j = 1, size(self%rates)
+        length = tau(i)
+        if (self%rates(j)*length > vanished) length = vanished/self%rates(j)
+        first = (j - 1)*decay_nodes
+        nodes(first + 1:first + decay_nodes, i) = length*points_32
+        weights(first + 1:first + decay_nodes, i) = &
+          length*weights_32*self%weights(j)*exp(-self%rates(j)*length*points_32)
+      end do
+    end do
+  end subroutine local_rules
+
+  !> Its own terms, exact everywhere.
+  subroutine exponentials(self, tolerance, t_min, t_max, weights, rates)
+    class(prony_kernel), intent(in) :: self
+    real(wp), intent(in) :: tolerance, t_min, t_max
+    real(wp), allocatable, intent(out) :: weights(:), rates(:)
+    associate (any_tolerance => tolerance, any_start => t_min, any_end => t_max)
+      weights = self%weights
+      rates = self%rates
+    end associate
+  end subroutine exponentials
 
 end module viscovib_prony

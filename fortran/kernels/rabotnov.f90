@@ -9,15 +9,19 @@ module viscovib_rabotnov
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_fraction, check_not_negative
   use viscovib_constants, only: half_pi, pi
-  use viscovib_kernel, only: kernel_type
+  use viscovib_gauss_points, only: points_16, weights_16
+  use viscovib_kernel, only: panel_nodes
   use viscovib_kinds, only: wp
+  use viscovib_spectral_kernel, only: ripple_of_power, spectral_kernel_type
   use viscovib_status, only: status_type
   implicit none
   private
 
   public :: rabotnov_kernel, new_rabotnov
 
-  type, extends(kernel_type) :: rabotnov_kernel
+  integer, parameter :: contour_nodes = 26
+
+  type, extends(spectral_kernel_type) :: rabotnov_kernel
     !> A (1/s^alpha).
     real(wp) :: amplitude = 0.0_wp
     !> Fractional order, 0 < alpha <= 1.
@@ -29,6 +33,9 @@ module viscovib_rabotnov
     procedure :: laplace
     procedure :: value
     procedure :: integral
+    procedure :: local_rules
+    procedure :: spectrum
+    procedure :: ripple
   end type rabotnov_kernel
 
 contains
@@ -48,6 +55,14 @@ contains
     kernel%amplitude = amplitude
     kernel%alpha = alpha
     kernel%beta = beta
+    if (alpha == 1.0_wp) then
+      kernel%shift = beta
+      kernel%single = amplitude
+      kernel%tail_power = 0.0_wp
+    else
+      kernel%tail_power = 1.0_wp + alpha
+      if (beta == 0.0_wp) kernel%tail_power = 1.0_wp - alpha
+    end if
   end subroutine new_rabotnov
 
   !> A/((i mu)^alpha + beta); the cosine of alpha pi/2 is taken as a sine of
@@ -121,28 +136,36 @@ contains
     end do
   end function series
 
-  !> z E_{alpha,alpha}(-z) by inverting the Laplace transform on a modified
-  !! Talbot contour (Weideman, SIAM J. Numer. Anal. 44, 2006): the transform
-  !! less its value at s = 0, -s^alpha/(s^alpha+z), whose digits survive large z.
+  !> z E_{alpha,alpha}(-z) by inverting the Laplace transform on a contour: the
+  !! transform less its value at s = 0, -s^alpha/(s^alpha+z), whose digits survive
+  !! large z.
   pure real(wp) function contour(alpha, z)
     real(wp), intent(in) :: alpha, z
-    integer, parameter :: n = 26
-    real(wp) :: theta, angle
     complex(wp) :: zeta, slope, power
     integer :: k
 
     contour = 0.0_wp
-    do k = 1, n/2
-      theta = (2*k - 1)*pi/n
-      angle = 0.6407_wp*theta
-      zeta = n*cmplx(0.5017_wp*theta/tan(angle) - 0.6122_wp, 0.2645_wp*theta, wp)
-      slope = n*cmplx(0.5017_wp/tan(angle) - 0.5017_wp*angle/sin(angle)**2, 0.2645_wp, wp)
+    do k = 1, contour_nodes/2
+      call contour_point(k, zeta, slope)
       power = principal_power(zeta, alpha)
       ! Conjugate nodes double the imaginary part.
       contour = contour - aimag(exp(zeta)*slope*power/(power + z))
     end do
-    contour = contour*2.0_wp/n
+    contour = contour*2.0_wp/contour_nodes
   end function contour
+
+  !> Node k of a modified Talbot contour and its derivative (Weideman, SIAM J.
+  !! Numer. Anal. 44, 2006).
+  pure subroutine contour_point(k, zeta, slope)
+    integer, intent(in) :: k
+    complex(wp), intent(out) :: zeta, slope
+    real(wp) :: theta, angle
+    theta = (2*k - 1)*pi/contour_nodes
+    angle = 0.6407_wp*theta
+    zeta = contour_nodes*cmplx(0.5017_wp*theta/tan(angle) - 0.6122_wp, 0.2645_wp*theta, wp)
+    slope = contour_nodes*cmplx(0.5017_wp/tan(angle) - 0.5017_wp*angle/sin(angle)**2, &
+                                0.2645_wp, wp)
+  end subroutine contour_point
 
   !> A/beta.
   real(wp) function integral(self)
@@ -155,5 +178,89 @@ contains
       integral = ieee_value(integral, ieee_positive_inf)
     end if
   end function integral
+
+  !> Gauss-Legendre panels that halve their length towards 0, and the first piece by
+  !! the integral of R, A t^alpha E_{alpha,alpha+1}(-beta t^alpha).
+  subroutine local_rules(self, tau, nodes, weights)
+    class(rabotnov_kernel), intent(in) :: self
+    real(wp), intent(in) :: tau(:)
+    real(wp), allocatable, intent(out) :: nodes(:, :), weights(:, :)
+    integer, parameter :: halvings = 52
+    real(wp) :: left
+    integer :: i, k
+
+    allocate (nodes(halvings*panel_nodes + 1, size(tau)))
+    allocate (weights(size(nodes, 1), size(tau)))
+    do i = 1, size(tau)
+      left = tau(i)
+      do k = 1, halvings
+        left = 0.5_wp*left
+        associate (here => nodes((k - 1)*panel_nodes + 1:k*panel_nodes, i), &
+                   part => weights((k - 1)*panel_nodes + 1:k*panel_nodes, i))
+          here = left*(1.0_wp + points_16)
+          call self%value(here, part)
+          part = left*weights_16*part
+        end associate
+      end do
+      nodes(size(nodes, 1), i) = 0.5_wp*left
+      weights(size(nodes, 1), i) = self%amplitude*left**self%alpha &
+                                   *mean_series(self%alpha, self%beta*left**self%alpha)
+    end do
+  end subroutine local_rules
+
+  !> E_{alpha,alpha+1}(-z) = sum_n (-z)^n/Gamma(alpha (n+1) + 1), for z < 1/2; else
+  !! on the contour, from its Laplace transform 1/(s (s^alpha + z)).
+  pure real(wp) function mean_series(alpha, z)
+    real(wp), intent(in) :: alpha, z
+    real(wp) :: power
+    complex(wp) :: zeta, slope
+    integer :: n
+
+    mean_series = 0.0_wp
+    if (z < 0.5_wp) then
+      power = 1.0_wp
+      do n = 1, 60
+        if (alpha*n > 169.0_wp .or. abs(power) < 1.0e-18_wp) exit
+        mean_series = mean_series + power/gamma(alpha*n + 1.0_wp)
+        power = -power*z
+      end do
+    else
+      do n = 1, contour_nodes/2
+        call contour_point(n, zeta, slope)
+        mean_series = mean_series &
+                      + aimag(exp(zeta)*slope/(zeta*(principal_power(zeta, alpha) + z)))
+      end do
+      mean_series = mean_series*2.0_wp/contour_nodes
+    end if
+  end function mean_series
+
+  !> Spectral density of the Mittag-Leffler function, times exp(x) = lambda
+  !! (Gorenflo and Mainardi, 1997): A/pi sin(pi alpha) lambda^(1+alpha)
+  !! /(lambda^(2 alpha) + 2 beta lambda^alpha cos(pi alpha) + beta^2).
+  subroutine spectrum(self, x, density)
+    class(rabotnov_kernel), intent(in) :: self
+    real(wp), intent(in) :: x(:)
+    real(wp), intent(out) :: density(:)
+    real(wp) :: power
+    integer :: i
+    do i = 1, size(x)
+      power = exp(self%alpha*x(i))
+      density(i) = self%amplitude/pi*sin(pi*self%alpha)*power*exp(x(i)) &
+                   /((power - self%beta)**2 &
+                     + 4.0_wp*power*self%beta*cos(half_pi*self%alpha)**2)
+    end do
+  end subroutine spectrum
+
+  !> R falls like t^(alpha-1) at first and like t^(-alpha-1) in the end; between,
+  !! poles of the density at Im x = pi (1-alpha)/alpha add exp(-2 pi Im x/h).
+  pure real(wp) function ripple(self, h)
+    class(rabotnov_kernel), intent(in) :: self
+    real(wp), intent(in) :: h
+    ripple = max(ripple_of_power(1.0_wp - self%alpha, h), &
+                 ripple_of_power(1.0_wp + self%alpha, h))
+    if (self%beta > 0.0_wp) then
+      ripple = max(ripple, 40.0_wp*exp(-2.0_wp*pi**2/h*(1.0_wp - self%alpha)/self%alpha))
+    end if
+  end function ripple
 
 end module viscovib_rabotnov

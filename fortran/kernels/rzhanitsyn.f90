@@ -6,15 +6,18 @@ module viscovib_rzhanitsyn
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_fraction, check_not_negative
   use viscovib_complex_power, only: gamma_function, power_of_quadrant
-  use viscovib_kernel, only: kernel_type
+  use viscovib_gauss_points, only: points_16, weights_16
+  use viscovib_kernel, only: panel_nodes, vanished
   use viscovib_kinds, only: wp
+  use viscovib_quadrature, only: gauss_power_nodes
+  use viscovib_spectral_kernel, only: ripple_of_power, spectral_kernel_type
   use viscovib_status, only: status_type
   implicit none
   private
 
   public :: rzhanitsyn_kernel, new_rzhanitsyn
 
-  type, extends(kernel_type) :: rzhanitsyn_kernel
+  type, extends(spectral_kernel_type) :: rzhanitsyn_kernel
     !> A (1/s^alpha).
     real(wp) :: amplitude = 0.0_wp
     !> Exponent of the singularity, 0 < alpha <= 1.
@@ -28,6 +31,9 @@ module viscovib_rzhanitsyn
     procedure :: laplace
     procedure :: value
     procedure :: integral
+    procedure :: local_rules
+    procedure :: spectrum
+    procedure :: ripple
   end type rzhanitsyn_kernel
 
 contains
@@ -48,6 +54,10 @@ contains
     kernel%alpha = alpha
     kernel%beta = beta
     kernel%factor = amplitude*gamma_function(alpha)
+    kernel%tail_power = 1.0_wp - alpha
+    kernel%shift = beta
+    kernel%self_similar = .true.
+    kernel%single = amplitude
   end subroutine new_rzhanitsyn
 
   !> R_c - i R_s = A Gamma(alpha) (beta + i mu)^(-alpha)
@@ -87,5 +97,53 @@ contains
       integral = ieee_value(integral, ieee_positive_inf)
     end if
   end function integral
+
+  !> Gauss quadrature with the weight t^(alpha-1) where the exponential is still a
+  !! smooth factor, Gauss-Legendre panels beyond.
+  subroutine local_rules(self, tau, nodes, weights)
+    class(rzhanitsyn_kernel), intent(in) :: self
+    real(wp), intent(in) :: tau(:)
+    real(wp), allocatable, intent(out) :: nodes(:, :), weights(:, :)
+    !> beta times the length of a panel.
+    real(wp), parameter :: smooth = 5.0_wp
+    real(wp), dimension(panel_nodes) :: x, w
+    real(wp) :: width, left, right
+    integer :: i, k, n
+
+    n = max(1, ceiling(min(self%beta*maxval(tau), vanished)/smooth))
+    width = maxval(tau)
+    if (n > 1) width = smooth/self%beta
+    allocate (nodes(n*panel_nodes, size(tau)), weights(n*panel_nodes, size(tau)))
+    call gauss_power_nodes(panel_nodes, self%alpha, x, w)
+    do i = 1, size(tau)
+      right = min(tau(i), width)
+      nodes(:panel_nodes, i) = right*x
+      weights(:panel_nodes, i) = self%amplitude*right**self%alpha*w*exp(-self%beta*right*x)
+      do k = 2, n
+        left = right
+        right = min(tau(i), k*width)
+        associate (here => nodes((k - 1)*panel_nodes + 1:k*panel_nodes, i), &
+                   part => weights((k - 1)*panel_nodes + 1:k*panel_nodes, i))
+          here = left + (right - left)*points_16
+          call self%value(here, part)
+          part = (right - left)*weights_16*part
+        end associate
+      end do
+    end do
+  end subroutine local_rules
+
+  !> t^(alpha-1) = integral exp((1-alpha) x - t exp(x)) dx/Gamma(1-alpha).
+  subroutine spectrum(self, x, density)
+    class(rzhanitsyn_kernel), intent(in) :: self
+    real(wp), intent(in) :: x(:)
+    real(wp), intent(out) :: density(:)
+    density = self%amplitude/gamma(self%tail_power)*exp(self%tail_power*x)
+  end subroutine spectrum
+
+  pure real(wp) function ripple(self, h)
+    class(rzhanitsyn_kernel), intent(in) :: self
+    real(wp), intent(in) :: h
+    ripple = ripple_of_power(self%tail_power, h)
+  end function ripple
 
 end module viscovib_rzhanitsyn

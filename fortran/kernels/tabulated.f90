@@ -11,7 +11,8 @@
 module viscovib_tabulated
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_finite, check_increasing, check_not_negative
-  use viscovib_kernel, only: kernel_type
+  use viscovib_gauss_points, only: points_16, weights_16
+  use viscovib_kernel, only: kernel_type, vanished
   use viscovib_kinds, only: wp
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
@@ -32,8 +33,12 @@ module viscovib_tabulated
     procedure :: laplace
     procedure :: value
     procedure :: integral
+    procedure :: local_rules
+    procedure :: lag_rule
+    procedure :: exponentials
     procedure, private :: laplace_at
     procedure, private :: tail_rate
+    procedure, private :: piece_value
   end type tabulated_kernel
 
 contains
@@ -219,5 +224,75 @@ contains
     class(tabulated_kernel), intent(in) :: self
     tail_rate = self%slopes(size(self%slopes))
   end function tail_rate
+
+  !> A Gauss panel for each piece of the interpolant.
+  subroutine lag_rule(self, from, to, nodes, weights)
+    class(tabulated_kernel), intent(in) :: self
+    real(wp), intent(in) :: from, to
+    real(wp), allocatable, intent(out) :: nodes(:), weights(:)
+    real(wp) :: left, right
+    integer :: k, n
+
+    allocate (nodes(0), weights(0))
+    n = size(self%times)
+    do k = 1, n
+      left = max(from, self%times(k))
+      if (k < n) then
+        right = min(to, self%times(k + 1))
+      else
+        right = to
+        if (self%interpolation == interpolation_linear) exit
+        ! What has decayed to nothing needs no node.
+        if (self%tail_rate() > 0.0_wp) right = min(to, left + vanished/self%tail_rate())
+      end if
+      if (.not. right > left) cycle
+      nodes = [nodes, left + (right - left)*points_16]
+      weights = [weights, (right - left)*weights_16 &
+                 *self%piece_value(k, left + (right - left)*points_16)]
+    end do
+  end subroutine lag_rule
+
+  !> R on piece k at t.
+  elemental real(wp) function piece_value(self, k, t)
+    class(tabulated_kernel), intent(in) :: self
+    integer, intent(in) :: k
+    real(wp), intent(in) :: t
+    integer :: j
+    j = min(k, size(self%slopes))
+    if (self%interpolation == interpolation_linear) then
+      piece_value = self%values(j) + self%slopes(j)*(t - self%times(j))
+    else
+      piece_value = self%values(j)*exp(-self%slopes(j)*(t - self%times(j)))
+    end if
+  end function piece_value
+
+  subroutine local_rules(self, tau, nodes, weights)
+    class(tabulated_kernel), intent(in) :: self
+    real(wp), intent(in) :: tau(:)
+    real(wp), allocatable, intent(out) :: nodes(:, :), weights(:, :)
+    real(wp), allocatable :: x(:), w(:)
+    integer :: i
+
+    call self%lag_rule(0.0_wp, maxval(tau), x, w)
+    allocate (nodes(size(x), size(tau)), weights(size(x), size(tau)))
+    nodes = 0.0_wp
+    weights = 0.0_wp
+    do i = 1, size(tau)
+      call self%lag_rule(0.0_wp, tau(i), x, w)
+      nodes(:size(x), i) = x
+      weights(:size(x), i) = w
+    end do
+  end subroutine local_rules
+
+  !> None: broken lines are no sum of exponentials.
+  subroutine exponentials(self, tolerance, t_min, t_max, weights, rates)
+    class(tabulated_kernel), intent(in) :: self
+    real(wp), intent(in) :: tolerance, t_min, t_max
+    real(wp), allocatable, intent(out) :: weights(:), rates(:)
+    associate (any_kernel => self%interpolation, any_tolerance => tolerance, &
+               any_start => t_min, any_end => t_max)
+      allocate (weights(0), rates(0))
+    end associate
+  end subroutine exponentials
 
 end module viscovib_tabulated

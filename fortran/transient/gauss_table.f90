@@ -5,9 +5,9 @@
 !! are written in shifted Legendre polynomials P_k, orthogonal under the nodes,
 !! which keeps every digit.
 module viscovib_gauss_table
-  use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_quadrature, only: gauss_nodes, legendre
   implicit none
   private
 
@@ -80,41 +80,5 @@ contains
       end associate
     end do
   end subroutine new_gauss_table
-
-  !> Nodes and weights on [0, 1]: Newton's method on the Legendre polynomial.
-  pure subroutine gauss_nodes(s, c, b)
-    integer, intent(in) :: s
-    real(wp), intent(out) :: c(s), b(s)
-    real(wp) :: x, p(0:s), slope
-    integer :: i, k
-
-    do i = 1, s
-      x = cos(pi*(i - 0.25_wp)/(s + 0.5_wp))
-      ! The start is right to three digits, and each turn doubles them.
-      do k = 1, 4
-        p = legendre(s, 0.5_wp*(1.0_wp + x))
-        slope = s*(x*p(s) - p(s - 1))/(x**2 - 1.0_wp)
-        x = x - p(s)/slope
-      end do
-      p = legendre(s, 0.5_wp*(1.0_wp + x))
-      slope = s*(x*p(s) - p(s - 1))/(x**2 - 1.0_wp)
-      c(s + 1 - i) = 0.5_wp*(1.0_wp + x)
-      b(s + 1 - i) = 1.0_wp/((1.0_wp - x**2)*slope**2)
-    end do
-  end subroutine gauss_nodes
-
-  !> Shifted Legendre polynomials P_0 ... P_n at t, orthogonal on [0, 1].
-  pure function legendre(n, t) result(p)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: t
-    real(wp) :: p(0:n), x
-    integer :: k
-    x = 2.0_wp*t - 1.0_wp
-    p(0) = 1.0_wp
-    if (n > 0) p(1) = x
-    do k = 1, n - 1
-      p(k + 1) = ((2*k + 1)*x*p(k) - k*p(k - 1))/(k + 1)
-    end do
-  end function legendre
 
 end module viscovib_gauss_table

@@ -4,6 +4,7 @@ from importlib.metadata import version as _version
 
 from viscovib.branch import Branch, Crossing, trace_response
 from viscovib.characteristic import CharacteristicRoots
+from viscovib.decay import FreeDecay, free_decay
 from viscovib.ensemble import Ensemble, simulate_ensemble
 from viscovib.errors import (
     ConvergenceWarning,
@@ -15,6 +16,7 @@ from viscovib.errors import (
 )
 from viscovib.kernels import (
     AbelKernel,
+    ExponentialSum,
     Kernel,
     PronyKernel,
     RabotnovKernel,
@@ -22,6 +24,7 @@ from viscovib.kernels import (
     TabulatedKernel,
 )
 from viscovib.load import fourier_coefficients
+from viscovib.load_table import LoadTable
 from viscovib.maps import plot_map
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
@@ -37,7 +40,8 @@ from viscovib.spectrum import (
     spectrum,
 )
 from viscovib.sweep import sweep
-from viscovib.transient import Trajectory, simulate
+from viscovib.trajectory import Trajectory
+from viscovib.transient import simulate
 
 __version__ = _version("viscovib")
 
@@ -48,10 +52,13 @@ __all__ = [
     "ConvergenceWarning",
     "Crossing",
     "Ensemble",
+    "ExponentialSum",
     "FileError",
+    "FreeDecay",
     "InputError",
     "Kernel",
     "Lines",
+    "LoadTable",
     "Mount",
     "Peak",
     "Pendulum",
@@ -71,6 +78,7 @@ __all__ = [
     "dominant_frequencies",
     "forced_response",
     "fourier_coefficients",
+    "free_decay",
     "name_frequencies",
     "plan",
     "plan_response",

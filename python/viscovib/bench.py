@@ -20,7 +20,8 @@ from viscovib.errors import InputError, ViscovibError
 from viscovib.response import Response, forced_response
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.sweep_points import quiet
-from viscovib.transient import Trajectory, simulate
+from viscovib.trajectory import Trajectory
+from viscovib.transient import simulate
 
 _MAX_RUNS = 100_000
 _MAX_HARMONICS = 199

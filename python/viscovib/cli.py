@@ -11,11 +11,12 @@ from viscovib import __version__, bench, cli_sweep, explore
 from viscovib.branch import Branch
 from viscovib.cli_sweep import run_sweep
 from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, ViscovibError
+from viscovib.pendulum import Pendulum
 from viscovib.plots import save_picture
 from viscovib.response import Response
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.spectrum import Spectrum
-from viscovib.transient import Trajectory
+from viscovib.trajectory import Trajectory
 
 _UNSOLVED, _BAD_INPUT, _BAD_FILE, _INTERRUPTED = 1, 2, 3, 130
 
@@ -130,7 +131,7 @@ def _picture(options: argparse.Namespace, result: SceneResult) -> None:
         (result.kind, result.value)
     ]
     bases = None
-    if isinstance(result.value, Trajectory):
+    if isinstance(result.value, Trajectory) and isinstance(result.value.system, Pendulum):
         body = result.value.system
         loads = {"p1": (body.f0, body.p1), "p2": (body.m01, body.p2), "p3": (body.m02, body.p3)}
         bases = {name: p for name, (size, p) in loads.items() if size and p} or None

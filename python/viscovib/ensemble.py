@@ -16,7 +16,9 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
 from viscovib.pendulum import PARAMETERS, Pendulum
-from viscovib.transient import EXPLICIT, OUTCOMES, checked_state, first_steps, hopeless
+from viscovib.runs import hopeless
+from viscovib.trajectory import OUTCOMES
+from viscovib.transient import EXPLICIT, checked_state, first_steps
 
 _LANES = 8
 _MAX_STEPS = 10**12

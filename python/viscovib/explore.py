@@ -25,7 +25,7 @@ from viscovib.response import Response
 from viscovib.scene import Scene, SceneResult, run
 from viscovib.sweep_points import quiet
 from viscovib.sweep_scene import summary
-from viscovib.transient import Trajectory
+from viscovib.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,6 +8,7 @@ A spring of stiffness c with memory has c (1 - R*) in its place, where
 in closed form, to the last digits.
 """
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import least_squares, nnls
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
@@ -41,9 +43,7 @@ class Kernel(ABC):
 
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
         """R(t) (1/s) at times t > 0 (s), any shape."""
-        times = _native.real_array("t", t)
-        if times.size and times.min() <= 0:
-            raise InputError(f"t = {times.min()}: must be greater than 0")
+        times = _positive_times(t)
         (values,) = _native.call(core.kernel_value, self._kind, self._data, times.ravel())
         result: FloatArray = _same_shape(values, times)
         return result
@@ -72,9 +72,79 @@ class Kernel(ABC):
         result: ComplexArray = _same_shape(values, points)
         return result
 
+    def relaxation(self, t: npt.ArrayLike) -> FloatArray:
+        """1 - integral of R from 0 to t: stress of a unit stiffness after a unit step of strain.
+
+        Times t > 0 (s), any shape; dimensionless.
+        """
+        times = _positive_times(t)
+        (total,) = _native.call(core.kernel_accumulated, self._kind, self._data, times.ravel())
+        result: FloatArray = _same_shape(1 - total, times)
+        return result
+
+    def sum_of_exponentials(
+        self, *, tolerance: float = 1e-10, t_min: float, t_max: float
+    ) -> "ExponentialSum":
+        """R(t) as a short sum of exponentials with positive weights on [t_min, t_max].
+
+        The trapezoidal rule over the logarithm of the rates (Beylkin and Monzon, 2010), its slow
+        end replaced by a Gauss rule; of a table the closest sum with positive weights.
+
+        Parameters
+        ----------
+        tolerance : float
+            Wanted relative error, 1e-14 to 0.1.
+        t_min, t_max : float
+            0 < t_min < t_max (s).
+
+        Returns
+        -------
+        ExponentialSum
+            A PronyKernel that knows its measured ``error``; of a table this may be larger than
+            ``tolerance``.
+        """
+        wanted = _native.number("tolerance", tolerance)
+        if not 1e-14 <= wanted <= 0.1:
+            raise InputError(f"tolerance = {wanted:g}: must be in [1e-14, 0.1]")
+        first, last = _native.number("t_min", t_min), _native.number("t_max", t_max)
+        if not 0 < first < last:
+            raise InputError(f"t_min = {first:g}, t_max = {last:g}: must be 0 < t_min < t_max")
+        weights, rates = self._exponentials(wanted, first, last)
+        times = np.geomspace(first, last, max(200, 12 * weights.size))
+        exact = self(times)
+        close = np.exp(-np.outer(times, rates)) @ weights
+        scale = np.abs(exact) if (exact != 0).all() else np.abs(exact).max()
+        error = float((np.abs(close - exact) / scale).max()) if np.any(exact) else 0.0
+        return ExponentialSum(weights=weights, rates=rates, t_min=first, t_max=last, error=error)
+
+    def _exponentials(
+        self, tolerance: float, first: float, last: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Weights and rates of the core."""
+        room = 512
+        while True:
+            n, weights, rates = _native.call(
+                core.kernel_exponentials, self._kind, self._data, tolerance, first, last, room
+            )
+            if n == 0:
+                raise InputError(
+                    f"alpha: this kernel is too close to a single rate for a sum of exponentials "
+                    f"to {tolerance:g}; must be further from 1, or 1"
+                )
+            if n <= room:
+                return weights[:n], rates[:n]
+            room = n
+
     def _check(self) -> None:
         """Let the core judge the parameters."""
         _ = self.integral
+
+
+def _positive_times(t: npt.ArrayLike) -> FloatArray:
+    times = _native.real_array("t", t)
+    if times.size and times.min() <= 0:
+        raise InputError(f"t = {times.min()}: must be greater than 0")
+    return times
 
 
 def _same_shape(values: npt.NDArray[Any], like: npt.NDArray[Any]) -> Any:
@@ -189,6 +259,24 @@ class PronyKernel(Kernel):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ExponentialSum(PronyKernel):
+    """A sum of exponentials that stands for another kernel between two times.
+
+    Attributes
+    ----------
+    t_min, t_max : float
+        The times (s).
+    error : float
+        Measured largest relative error there; relative to the largest value if the kernel
+        vanishes somewhere.
+    """
+
+    t_min: float
+    t_max: float
+    error: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TabulatedKernel(Kernel):
     """A measured kernel R(t_i), with an exact transform of its interpolant.
 
@@ -219,6 +307,30 @@ class TabulatedKernel(Kernel):
     def _data(self) -> FloatArray:
         code = float(self._codes.index(self.interpolation))
         return np.concatenate([[code], np.asarray(self.times), np.asarray(self.values)])
+
+    def _exponentials(
+        self, tolerance: float, first: float, last: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Least squares with weights >= 0 over a grid of rates, then over the rates too."""
+        times = np.geomspace(first, last, 400)
+        values = self(times)
+        scale = np.where(values != 0, np.abs(values), np.abs(values).max() or 1.0)
+        n = math.ceil(1.5 * math.log(last / first)) + 6
+        rates = np.geomspace(0.1 / last, 10 / first, n)
+        target = values / scale
+        weights, _ = nnls(np.exp(-np.outer(times, rates)) / scale[:, None], target, maxiter=100 * n)
+        used = weights > 1e-12 * weights.max()
+        if not used.any():
+            raise InputError("values: no sum of decaying exponentials comes near this table")
+
+        def misfit(logarithms: FloatArray) -> FloatArray:
+            w, r = np.exp(logarithms.reshape(2, -1))
+            return np.asarray((np.exp(-np.outer(times, r)) @ w) / scale - target)
+
+        start = np.log(np.concatenate([weights[used], rates[used]]))
+        best = least_squares(misfit, start, xtol=tolerance, ftol=tolerance, max_nfev=100)
+        weights, rates = np.exp(best.x.reshape(2, -1))
+        return weights, rates
 
 
 def _numbers(kernel: Kernel, *names: str) -> None:

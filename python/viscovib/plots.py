@@ -15,7 +15,7 @@ from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.response import Response
 from viscovib.spectrum import Spectrum, name_frequencies
-from viscovib.transient import Trajectory
+from viscovib.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -168,7 +168,7 @@ def plot_trajectory(
 
     Returns
     -------
-    sequence of Axes: history and phase plane of z, then of phi, then of psi.
+    sequence of Axes: history and phase plane of one coordinate after the other.
     """
     runs = [trajectory] if isinstance(trajectory, Trajectory) else list(trajectory)
     if not runs:
@@ -190,11 +190,13 @@ def plot_trajectory(
             history.plot(run.t, q, linewidth=1.1, label=labels[i] if labels else None, **style)
             plane.plot(q, v, linewidth=0.7, **style)
         symbol = _SYMBOLS.get(name, name)
-        history.set_ylabel(f"${symbol}$" + ("" if d == 0 else " (rad)"))
+        unit = runs[0].system.dof_units[d]
+        history.set_ylabel(f"${symbol}$" + ("" if unit == "L" else f" ({unit})"))
         plane.set(xlabel=f"${symbol}$", ylabel=rf"${symbol}'$")
         for axis in (history, plane):
             _bare(axis)
-    axes[-2].set_xlabel(r"$\tau = \omega_1 t$")
+    in_seconds = runs[0].system.time_unit == "s"
+    axes[-2].set_xlabel("$t$ (s)" if in_seconds else r"$\tau = \omega_1 t$")
     if labels:
         axes[0].legend(frameon=False)
     return axes

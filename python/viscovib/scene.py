@@ -33,7 +33,8 @@ from viscovib.pendulum import Pendulum
 from viscovib.response import Response, _prepare, forced_response, plan_response
 from viscovib.scene_keys import namelist_text, with_key
 from viscovib.spectrum import Spectrum, spectrum
-from viscovib.transient import METHODS, Trajectory, simulate
+from viscovib.trajectory import Trajectory
+from viscovib.transient import METHODS, simulate
 
 _KERNELS: dict[str, type[Kernel]] = {
     "rzhanitsyn": RzhanitsynKernel,

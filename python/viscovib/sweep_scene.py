@@ -16,7 +16,7 @@ from viscovib.response import Response
 from viscovib.scene import Scene, SceneResult, run
 from viscovib.scene_keys import with_key
 from viscovib.sweep_points import Grid
-from viscovib.transient import Trajectory
+from viscovib.trajectory import Trajectory
 
 #: Units of keys; those of a pendulum have none.
 _UNITS = {

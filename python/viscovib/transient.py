@@ -1,24 +1,31 @@
 """Motion in time: fixed-step integration of the pendulum."""
 
-import csv
 import math
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, replace
-from importlib.metadata import version
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
-from scipy.interpolate import CubicSpline
-from tqdm import tqdm
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.errors import InputError
-from viscovib.files import whole_file
+from viscovib.hereditary import MountMotion
+from viscovib.load import LoadLike
+from viscovib.load_table import LoadTable
+from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
+from viscovib.runs import (
+    MAX_STEPS,
+    ROUNDING,
+    Piece,
+    Run,
+    Wanted,
+    by_tolerance,
+    difference,
+    go_on,
+)
+from viscovib.trajectory import Trajectory
 
 #: Explicit methods by their place in the core.
 EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
@@ -26,120 +33,12 @@ EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
 METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
     name: place + 4 for name, place in EXPLICIT.items()
 }
-OUTCOMES = ("completed", "diverged", "unphysical")
-#: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
-CHUNK = 200_000
-
 #: Numbers that a run needs to go on; the core uses as many as the method has.
 _MEMORY = 128
-_MAX_STEPS = 10**12
-_ROUNDING = 1e-15
-#: Halvings of the step before a tolerance is given up.
-_MIN_HALVINGS, _MAX_HALVINGS = 5, 12
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """A motion in time.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Times of the states kept.
-    state : ndarray, shape (n, 6)
-        (z, z', phi, phi', psi, psi').
-    outcome : str
-        "completed"; "diverged": the step is too large or an angle passed 1e6 rad, the run
-        stopped; "unphysical": z <= -1, the spring passes through the pivot, the run stopped.
-    t_reached : float
-        Time of the last step made.
-    dt : float
-        The step.
-    method : str
-    error : float or None
-        Estimated largest error of the states kept, if asked for or ``dt`` was "auto".
-    stats : dict
-        "steps", "evaluations" (of all lanes at once).
-    system : Pendulum
-    """
-
-    t: FloatArray
-    state: FloatArray
-    outcome: str
-    t_reached: float
-    dt: float
-    method: str
-    error: float | None
-    stats: dict[str, int]
-    system: Pendulum
-    _resume: dict[str, Any] = field(repr=False)
-
-    @property
-    def dof_names(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
-        return self.system.dof_names
-
-    def coordinate(self, name: str) -> FloatArray:
-        """One of "z", "z_dot", "phi", "phi_dot", "psi", "psi_dot", shape (n,)."""
-        names = tuple(f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot"))
-        return self.state[:, names.index(_native.choice("name", name, names))]
-
-    def energy_defect(self) -> FloatArray:
-        """Energy at each time less that at the first and the work done since, shape (n,).
-
-        Work of the loads less dissipation, by a spline through the power at the states kept: the
-        defect shows the error of the motion once these are close enough for the spline. It is
-        that of the exact equations; `cubic` and `printed` ones do not keep this balance.
-        """
-        energy = self.system.energy(self.state)
-        if self.t.size < 4:
-            raise InputError(f"trajectory: {self.t.size} states kept, must be at least 4")
-        work = CubicSpline(self.t, self.system.power(self.t, self.state)).antiderivative()
-        return np.asarray(energy - energy[0] - (work(self.t) - work(self.t[0])))
-
-    def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
-        """Coordinates and velocities as an xarray Dataset over t.
-
-        With ``physical=True`` in s, m and rad, if the pendulum was built from physical units; z is
-        then the extension beyond static.
-        """
-        time, length = 1.0, 1.0
-        units = ("1/omega_1", "L", "rad", "rad", "L omega_1", "rad omega_1", "rad omega_1")
-        if physical:
-            scales = self.system.scales
-            if scales is None:
-                raise InputError(
-                    "physical = True: this pendulum was not built by Pendulum.from_physical"
-                )
-            time, length = scales.time, scales.length
-            units = ("s", "m", "rad", "rad", "m/s", "rad/s", "rad/s")
-        variables = {}
-        for d, name in enumerate(self.dof_names):
-            size = length if d == 0 else 1.0
-            at, dot = self.state[:, 2 * d] * size, self.state[:, 2 * d + 1] * (size / time)
-            variables[name] = ("t", at, {"units": units[1 + d]})
-            variables[f"{name}_dot"] = ("t", dot, {"units": units[4 + d]})
-        attributes = {"outcome": self.outcome, "dt": self.dt * time, "method": self.method}
-        if self.error is not None:
-            attributes["error"] = self.error
-        coordinates = {"t": ("t", self.t * time, {"units": units[0]})}
-        return xr.Dataset(variables, coords=coordinates, attrs=attributes)
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the table that the standalone driver writes: one row a time."""
-        names = [f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot")]
-        with whole_file(path) as file:
-            file.write(f"# viscovib {version('viscovib')}\n")
-            file.write(f"# method {self.method}, step {self.dt:.17g}, {self.outcome}\n")
-            file.write("# dimensionless: t in 1/omega_1, z in L, phi and psi in rad\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["t", *names])
-            for t, row in zip(self.t, self.state, strict=True):
-                writer.writerow([f"{value:.16e}" for value in (t, *row)])
 
 
 def simulate(
-    system: Pendulum,
+    system: Pendulum | Mount,
     t_end: float,
     *,
     dt: float | str = "auto",
@@ -147,6 +46,12 @@ def simulate(
     resume: Trajectory | None = None,
     method: str = "auto",
     tolerance: float | None = None,
+    load: LoadLike | None = None,
+    nu: float | None = None,
+    base: LoadLike | None = None,
+    force: LoadTable | None = None,
+    held: npt.ArrayLike | None = None,
+    memory: str = "auto",
     times: npt.ArrayLike | None = None,
     save_every: int = 1,
     keep: str = "all",
@@ -158,30 +63,47 @@ def simulate(
 
     Parameters
     ----------
-    system : Pendulum
+    system : Pendulum or Mount
     t_end : float
         End of the run, after its start.
     dt : float or "auto"
-        Step, shortened so that a whole number of steps reaches t_end. "auto": halved from a
-        quarter of the fastest linear period until halving changes the kept states by no more
+        Step, shortened so that a whole number of steps reaches t_end. "auto": halved from about
+        a quarter of the fastest linear period until halving changes the kept states by no more
         than ``tolerance``.
-    initial : array_like, shape (6,)
-        State at t = 0.
+    initial : array_like, shape (2 n_dof,)
+        State at t = 0, (z, z', phi, phi', psi, psi') or (x, x', phi, phi'). A mount without one
+        starts at rest, or where it was ``held``.
     resume : Trajectory
-        Continue this run instead, bit for bit as if it had never stopped; ``dt`` and ``method``
-        are those of the run.
+        Continue this run instead, bit for bit as if it had never stopped; the step, the method
+        and the loads are those of the run.
     method : str
-        "gauss8", "gauss16", "gauss2", "gauss3": Gauss-Legendre collocation of that many nodes
-        (order twice as high), symplectic; "rk4"; "dop8": Dormand and Prince, order 8; "verner8",
-        "verner9": Verner's efficient methods of order 8 and 9. "auto" is "gauss8", the fastest
-        for one trajectory at every accuracy.
+        Of a pendulum: "gauss8", "gauss16", "gauss2", "gauss3": Gauss-Legendre collocation of
+        that many nodes (order twice as high), symplectic; "rk4"; "dop8": Dormand and Prince,
+        order 8; "verner8", "verner9": Verner's efficient methods of order 8 and 9. "auto" is
+        "gauss8", the fastest for one trajectory at every accuracy.
+        Of a mount: "gauss2", "gauss3", "gauss4", "gauss6" or "gauss8", the accelerations being
+        collocated and what is remembered a polynomial through the nodes and both ends; "auto"
+        is "gauss8".
     tolerance : float
         Wanted absolute error of the kept states, 1e-13 to 1. With ``dt="auto"`` (default 1e-10)
         the step is found by it. With ``dt`` given it only says how far the equations of a
-        collocation are solved (default: to rounding).
+        step are solved, and how well kernels are represented (default: to rounding).
+    load, nu, base
+        Of a mount: periodic load, its frequency and motion of the base, as for
+        ``forced_response``; a constant force F is ``load={0: 1j * F}``.
+    force : LoadTable
+        Of a mount: any load in time, besides the periodic one.
+    held : array_like, shape (2,)
+        Of a mount: displacement relative to the base held for all t < 0, which its springs
+        remember; None: at rest.
+    memory : {"auto", "exponentials", "direct"}
+        Of a mount with kernels: "exponentials": each kernel as a sum of exponentials, at a cost
+        that does not grow with time; "direct": all of the past at every step, exact for any
+        kernel, at a cost that grows with the square of the time. "auto": exponentials where the
+        kernels are such sums, else direct.
     times : array_like, shape (n,)
-        Keep the states at these ascending times instead, each by a step of its own from the
-        step before it, so that it is as exact as those at the ends of steps.
+        Keep the states at these ascending times instead: of a pendulum each by a step of its own
+        from the step before it, of a mount by the polynomial of the step.
     save_every : int
         Keep every so many-th step.
     keep : {"all", "tail", "last"}
@@ -195,45 +117,78 @@ def simulate(
     progress : bool
         Show a progress bar.
 
+    Warns
+    -----
+    StabilityWarning
+        If a mount's kernel has an integral of 1 or more: free motion creeps away, and a run from
+        rest does not settle on the steady response.
+
     Notes
     -----
     Phases of the loads are carried in two doubles, so that long runs lose no digits; the state
-    with compensated summation.
+    with compensated summation. With memory, a first step that is not from rest without load is
+    made of panels that double their length from 1e-13 of it on, since the start is singular.
     """
-    if not isinstance(system, Pendulum):
-        raise InputError(f"system = {system!r}: must be a Pendulum")
+    if not isinstance(system, Pendulum | Mount):
+        raise InputError(f"system = {system!r}: must be a Pendulum or a Mount")
     end = _native.number("t_end", t_end)
-    want = _Wanted.checked(times, save_every, keep, tail)
+    want = Wanted.checked(times, save_every, keep, tail)
     wanted = None if tolerance is None else _native.number("tolerance", tolerance)
     if wanted is not None and not 1e-13 <= wanted <= 1:
         raise InputError(f"tolerance = {wanted:g}: must be in [1e-13, 1]")
     if resume is not None:
         if initial is not None:
             raise InputError("initial and resume are both given: must be one of them")
-        return _go_on(system, end, resume, want, progress)
-    if initial is None:
-        raise InputError("initial: must be given (or resume)")
-    state = checked_state("initial", initial, (6,))
+        return go_on(resume, end, want, progress)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
-    name = _native.choice("method", method, ("auto", *METHODS))
-    name = "gauss8" if name == "auto" else name
-    solved = _ROUNDING if wanted is None else max(0.1 * wanted, _ROUNDING)
+    if dt == "auto" and wanted is None:
+        wanted = 1e-10
+    if isinstance(system, Pendulum):
+        given = {"load": load, "nu": nu, "base": base, "force": force, "held": held}
+        for argument, value in given.items():
+            if value is not None:
+                raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
+        _native.choice("memory", memory, ("auto",))
+        make, n = _pendulum_runs(system, end, initial, method, wanted)
+    else:
+        motion = MountMotion.checked(
+            system, end, initial, method, load, nu, base, force, held, memory
+        )
+        make, n = motion.runs(ROUNDING if wanted is None else 0.1 * wanted), motion.first_steps()
+
+    def run(steps: int, factor: int) -> Trajectory:
+        return make(end / steps).steps(steps, want.finer(factor), progress)
+
     if dt == "auto":
-        wanted = 1e-10 if wanted is None else wanted
-        solved = max(0.1 * wanted, _ROUNDING)
-        return _by_tolerance(system, end, state, name, wanted, solved, want, progress)
+        assert wanted is not None
+        return by_tolerance(run, want.every * math.ceil(n / want.every), wanted)
     step = _native.number("dt", dt)
     if not 0 < step <= end:
         raise InputError(f"dt = {step:g}: must be greater than 0 and not exceed t_end = {end:g}")
     n = math.ceil(end / step * (1 - 1e-12))
-    _native.integer("t_end / dt", n, 1, _MAX_STEPS)
-    run = _Run(system, name, state, end / n, solved).steps(n, want, progress)
+    _native.integer("t_end / dt", n, 1, MAX_STEPS)
+    result = run(n, 1)
     if estimate_error:
-        finer = _Run(system, name, state, end / (2 * n), solved)
-        check = finer.steps(2 * n, want.finer(2), progress)
-        return replace(run, error=_difference(run, check))
-    return run
+        return replace(result, error=difference(result, run(2 * n, 2)))
+    return result
+
+
+def _pendulum_runs(
+    system: Pendulum,
+    end: float,
+    initial: npt.ArrayLike | None,
+    method: str,
+    wanted: float | None,
+) -> tuple[Callable[[float], Run], int]:
+    """Return what makes a run with a step, and the steps to begin with."""
+    if initial is None:
+        raise InputError("initial: must be given (or resume)")
+    state = checked_state("initial", initial, (6,))
+    name = _native.choice("method", method, ("auto", *METHODS))
+    name = "gauss8" if name == "auto" else name
+    solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
+    return lambda h: _PendulumRun(system, name, state, h, solved), first_steps(system, end)
 
 
 def checked_state(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
@@ -253,199 +208,16 @@ def first_steps(system: Pendulum, end: float) -> int:
     return max(1, math.ceil(end * fastest / (0.5 * math.pi)))
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """What is kept of a run."""
+class _PendulumRun(Run):
+    """A run of a pendulum."""
 
-    every: int = 1
-    keep: str = "all"
-    tail: float = 0.0
-    times: FloatArray | None = None
+    counts = "evaluations"
+    system: Pendulum
 
-    @classmethod
-    def checked(
-        cls, times: npt.ArrayLike | None, save_every: int, keep: str, tail: float | None
-    ) -> "_Wanted":
-        every = _native.integer("save_every", save_every, 1, _MAX_STEPS)
-        _native.choice("keep", keep, ("all", "tail", "last"))
-        if (keep == "tail") != (tail is not None):
-            raise InputError('tail: must be given with keep = "tail", and only then')
-        length = 0.0 if tail is None else _native.number("tail", tail)
-        if tail is not None and length <= 0:
-            raise InputError(f"tail = {length:g}: must be greater than 0")
-        if times is None:
-            return cls(every, keep, length)
-        if keep != "all" or every != 1:
-            raise InputError("times: cannot be given together with save_every or keep")
-        wanted = _native.real_array("times", times, ndim=1)
-        if not wanted.size:
-            raise InputError("times: must not be empty")
-        if np.any(np.diff(wanted) <= 0):
-            raise InputError("times: must be strictly ascending")
-        return cls(times=wanted)
-
-    def finer(self, factor: int) -> "_Wanted":
-        """The same states of a run with so many times the steps."""
-        return replace(self, every=self.every * factor)
-
-
-def hopeless(changes: list[float]) -> bool:
-    """Whether halving the step once more is vain: two halvings gain less than a digit.
-
-    So it is with chaotic motion, and below the level of rounding. A large first step may need a
-    few halvings before the order of a method shows.
-    """
-    n = len(changes)
-    return n >= _MAX_HALVINGS or (n >= _MIN_HALVINGS and changes[-1] > 0.1 * changes[-3])
-
-
-def _difference(coarse: Trajectory, fine: Trajectory) -> float:
-    if coarse.state.shape != fine.state.shape:
-        return math.inf
-    return float(np.abs(fine.state - coarse.state).max())
-
-
-def _by_tolerance(
-    system: Pendulum,
-    end: float,
-    state: FloatArray,
-    method: str,
-    wanted: float,
-    solved: float,
-    want: _Wanted,
-    progress: bool,
-) -> Trajectory:
-    n = want.every * math.ceil(first_steps(system, end) / want.every)
-    factor, coarse = 1, _Run(system, method, state, end / n, solved).steps(n, want, progress)
-    changes: list[float] = []
-    while not hopeless(changes):
-        factor *= 2
-        run = _Run(system, method, state, end / (n * factor), solved)
-        fine = run.steps(n * factor, want.finer(factor), progress)
-        change = math.inf
-        if "completed" == coarse.outcome == fine.outcome:
-            change = _difference(coarse, fine)
-            if change <= wanted:
-                return replace(fine, error=change)
-        elif coarse.outcome == fine.outcome == "unphysical":
-            return fine
-        changes.append(change)
-        coarse = fine
-    raise InputError(
-        f"tolerance = {wanted:g}: not met with {n * factor} steps (states still change by "
-        f"{changes[-1]:.1e} or the run fails); the motion may be chaotic: take a "
-        "shorter run or a larger tolerance"
-    )
-
-
-def _go_on(
-    system: Pendulum, end: float, earlier: Trajectory, want: _Wanted, progress: bool
-) -> Trajectory:
-    if earlier.outcome != "completed":
-        raise InputError(f"resume: that run ended {earlier.outcome!r}, must be 'completed'")
-    run = _Run(system, **earlier._resume)
-    n = round((end - run.time) / run.h)
-    if n < 1 or abs(run.time + n * run.h - end) > 1e-9 * max(abs(end), run.h):
-        raise InputError(
-            f"t_end = {end:g}: must be a whole number of steps {run.h:g} after {run.time:g}"
-        )
-    return run.steps(n, want, progress)
-
-
-def _bar(n: int, progress: bool) -> AbstractContextManager["tqdm[Any] | None"]:
-    """Return a progress bar if wanted; making even a silent one takes longer than a short run."""
-    return tqdm(total=n, unit=" steps", leave=False) if progress else nullcontext()
-
-
-class _Run:
-    """A run that can go on: the native state and how far it has come."""
-
-    def __init__(
-        self,
-        system: Pendulum,
-        method: str,
-        state: FloatArray,
-        h: float,
-        solved: float,
-        done: int = 0,
-        memory: FloatArray | None = None,
-    ) -> None:
-        self.system, self.method, self.state, self.h = system, method, state, h
-        self.solved, self.done, self.memory = solved, done, memory
-
-    @property
-    def time(self) -> float:
-        return self.done * self.h
-
-    def steps(self, n: int, want: _Wanted, progress: bool) -> Trajectory:
-        """Make n steps."""
-        if want.times is not None:
-            self._check_times(want.times, n)
-        start, first = self.done, self.state
-        # What is not kept is passed over in larger pieces.
-        skipped = 0
-        if want.keep == "tail":
-            skipped = max(0, n - math.ceil(want.tail / self.h)) // want.every * want.every
-        counts = {"evaluations": 0}
-        states: list[FloatArray] = []
-        ended = 0
-        with _bar(n, progress) as bar:
-            if skipped:
-                ended = self._advance(skipped, replace(want, keep="last"), states, counts, bar)
-                start, first = self.done, self.state
-            if not ended:
-                ended = self._advance(n - skipped, want, states, counts, bar)
-        if want.times is not None:
-            kept = np.concatenate(states)
-            t = want.times[: kept.shape[0]]
-        elif want.keep == "last":
-            kept, t = self.state[np.newaxis], np.array([self.time])
-        else:
-            kept = np.concatenate([first[np.newaxis], *states])
-            t = np.multiply(start + want.every * np.arange(kept.shape[0]), self.h, dtype=float)
-        return Trajectory(
-            t=t,
-            state=kept,
-            outcome=OUTCOMES[ended],
-            t_reached=self.time,
-            dt=self.h,
-            method=self.method,
-            error=None,
-            stats={"steps": self.done, **counts},
-            system=self.system,
-            _resume={
-                "method": self.method,
-                "state": self.state,
-                "h": self.h,
-                "solved": self.solved,
-                "done": self.done,
-                "memory": self.memory,
-            },
-        )
-
-    def _advance(
-        self,
-        n: int,
-        want: _Wanted,
-        states: list[FloatArray],
-        counts: dict[str, int],
-        bar: "tqdm[Any] | None",
-    ) -> int:
-        """Make n steps in pieces; return how they ended."""
-        piece = max(CHUNK // want.every, 1) * want.every
-        left, ended = n, 0
-        while left and not ended:
-            count = min(piece, left)
-            stored = want.keep != "last" and want.times is None
-            columns = count // want.every if stored else 0
-            times = np.empty(0)
-            if want.times is not None:
-                now, until = self.time, (self.done + count) * self.h
-                if left == count:
-                    until = math.inf
-                times = want.times[(want.times >= now) & (want.times < until)]
-            resume = self.memory is not None
-            kept, at_times, last, memory, made, ended, evaluated = _native.call(
+    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
+        resume = self.memory is not None
+        return Piece(
+            *_native.call(
                 core.pendulum_simulate,
                 self.system._flat,
                 METHODS[self.method],
@@ -454,27 +226,10 @@ class _Run:
                 self.solved,
                 self.done,
                 count,
-                want.every,
+                every,
                 int(resume),
                 self.memory if resume else np.zeros(_MEMORY),
                 times,
                 columns,
             )
-            self.memory, self.state = memory, last
-            self.done += made
-            counts["evaluations"] += evaluated
-            if want.times is not None:
-                states.append(at_times.T[times <= self.time * (1 + 1e-15)])
-            else:
-                states.append(kept.T[: min(columns, made // want.every)])
-            left -= count
-            if bar is not None:
-                bar.update(made)
-        return int(ended)
-
-    def _check_times(self, times: FloatArray, n: int) -> None:
-        end = (self.done + n) * self.h
-        if times[0] < self.time or times[-1] > end * (1 + 1e-15):
-            raise InputError(
-                f"times: must be between the start {self.time:g} and the end {end:g} of the run"
-            )
+        )

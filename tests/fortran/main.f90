@@ -7,6 +7,7 @@ program tester
   use test_dense, only: run_dense
   use test_fourier, only: run_fourier
   use test_harmonics, only: run_harmonics
+  use test_hereditary, only: run_hereditary_suite
   use test_kernels, only: run_kernels
   use test_namelist, only: run_namelist
   use test_response, only: run_response
@@ -28,6 +29,7 @@ program tester
   if (wants('dense')) call run_dense()
   if (wants('fourier')) call run_fourier()
   if (wants('harmonics')) call run_harmonics()
+  if (wants('hereditary')) call run_hereditary_suite()
   if (wants('kernels')) call run_kernels()
   if (wants('namelist')) call run_namelist()
   if (wants('response')) call run_response()

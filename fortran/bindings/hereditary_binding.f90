@@ -1,0 +1,72 @@
+! Flat routines over motion with memory, for f2py. A mount is a vector and its
+! kernels as in mount_binding.
+
+!> A run from time 0 in steps h; first steps are done already. The load is
+!! Im sum_k amplitudes(:,k) exp(i frequencies(k) t) and cubics between breaks. s
+!! nodes a step; past: 1 exponentials, 2 step by step; held: the displacement for
+!! all t < 0. With resume /= 0, `memory` is
+!! what an earlier call returned in `kept`(:n_kept). If n_kept > n_memory there was
+!! no room for it. reason /= 0: no run, see `viscovib_hereditary`.
+subroutine mount_simulate(flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, frequencies, &
+                          amplitudes, n_frequencies, breaks, pieces, n_breaks, s, past, held, &
+                          initial, h, t_end, tolerance, first, n_steps, save_every, resume, &
+                          memory, n_memory, times, n_times, n_columns, states, at_times, last, &
+                          kept, n_kept, n_done, n_reached, ended, n_iterations, reason, &
+                          status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
+  use viscovib_binding_tools, only: make_mount, report
+  use viscovib_hereditary, only: begun, hereditary_type, new_hereditary
+  use viscovib_hereditary_run, only: run_hereditary
+  use viscovib_mount, only: mount_type
+  use viscovib_status, only: status_type
+  use viscovib_time_load, only: time_load_type
+  implicit none
+  integer(c_int), intent(in) :: kind_x, n_x, kind_phi, n_phi, n_frequencies, n_breaks, s, past
+  integer(c_int), intent(in) :: resume, n_memory, n_times, n_columns
+  integer(c_long), intent(in) :: first, n_steps, save_every
+  real(c_double), intent(in) :: flat(12), data_x(n_x), data_phi(n_phi)
+  real(c_double), intent(in) :: frequencies(n_frequencies), breaks(n_breaks)
+  complex(c_double_complex), intent(in) :: amplitudes(2, n_frequencies)
+  real(c_double), intent(in) :: pieces(2, 4, n_breaks), held(2), initial(4), h, t_end, tolerance
+  real(c_double), intent(in) :: memory(n_memory), times(n_times)
+  real(c_double), intent(out) :: states(4, n_columns), at_times(4, n_times), last(4)
+  real(c_double), intent(out) :: kept(n_memory)
+  integer(c_long), intent(out) :: n_done
+  integer(c_int), intent(out) :: n_kept, n_reached, ended, n_iterations, reason, status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(mount_type) :: system
+  type(hereditary_type) :: run
+  type(time_load_type) :: load
+  type(status_type) :: outcome
+
+  kept = 0.0_c_double
+  last = initial
+  at_times = 0.0_c_double
+  n_kept = 0
+  n_done = 0
+  n_reached = 0
+  n_iterations = 0
+  ended = 0
+  reason = begun
+  call make_mount(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
+  if (.not. outcome%failed()) then
+    load%frequencies = frequencies
+    load%amplitudes = amplitudes
+    load%breaks = breaks
+    load%pieces = pieces
+    call new_hereditary(run, system, load, s, past, held, initial(1::2), initial(2::2), h, &
+                        t_end, tolerance, reason)
+    if (reason == begun) then
+      if (resume /= 0) call run%load_memory(memory)
+      call run_hereditary(run, system, load, first, n_steps, save_every, times, states, &
+                          at_times, n_done, n_reached, ended)
+      last(1::2) = run%u
+      last(2::2) = run%v
+      n_iterations = run%n_iterations
+      n_kept = run%memory_size()
+      if (n_kept <= n_memory) kept(:n_kept) = run%save_memory()
+    end if
+  end if
+  call report(outcome, status, message)
+end subroutine mount_simulate

@@ -1,0 +1,89 @@
+!> What a system remembers: the hereditary variables, or where forces are linear
+!! in them and share a kernel, the forces they sum to, which are fewer.
+!!
+!! F(u, v) = B w + r(u, v) - S (R*g) with channels g = T w(u), each with one kernel.
+module viscovib_channels
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
+  implicit none
+  private
+
+  public :: channels_type, new_channels
+
+  type :: channels_type
+    !> T, shape (n_channels, n_memory), and S, shape (n_dof, n_channels).
+    real(wp), allocatable :: gather(:, :), spread(:, :)
+    !> Kernel of each channel, ascending.
+    integer, allocatable :: kernel_of(:)
+    !> Channels of the displacement held for all t < 0, and R* of them had it been
+    !! held ever after, shape (n_channels); 0 after rest.
+    real(wp), allocatable :: held(:), held_recalled(:)
+  end type channels_type
+
+contains
+
+  subroutine new_channels(channels, system, held)
+    type(channels_type), intent(out) :: channels
+    class(oscillator_type), intent(in) :: system
+    !> Displacement for all t < 0, shape (n_dof); not 0 only where the kernels have
+    !! integrals.
+    real(wp), intent(in) :: held(:)
+    real(wp), allocatable :: gather(:, :), spread(:, :)
+    integer, allocatable :: members(:), kernel_of(:)
+    integer :: i, j, k, n
+
+    allocate (kernel_of(0))
+    allocate (gather(system%n_memory(), system%n_memory()))
+    allocate (spread(system%n_dof(), system%n_memory()))
+    gather = 0.0_wp
+    spread = 0.0_wp
+    n = 0
+    do k = 1, size(system%kernels)
+      members = pack([(j, j=1, system%n_memory())], system%kernel_of == k)
+      if (system%separable .and. size(members) > system%n_dof()) then
+        do i = 1, system%n_dof()
+          n = n + 1
+          gather(n, members) = system%spread(i, members)
+          spread(i, n) = 1.0_wp
+          kernel_of = [kernel_of, k]
+        end do
+      else
+        do i = 1, size(members)
+          n = n + 1
+          gather(n, members(i)) = 1.0_wp
+          spread(:, n) = system%spread(:, members(i))
+          kernel_of = [kernel_of, k]
+        end do
+      end if
+    end do
+    channels%gather = gather(:n, :)
+    channels%spread = spread(:, :n)
+    channels%kernel_of = kernel_of
+    call set_held(channels, system, held)
+  end subroutine new_channels
+
+  subroutine set_held(channels, system, held)
+    type(channels_type), intent(inout) :: channels
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: held(:)
+    real(wp) :: u(1, size(held)), w(1, system%n_memory()), total
+    integer :: c
+
+    channels%held = 0.0_wp*channels%kernel_of
+    channels%held_recalled = channels%held
+    if (.not. any(abs(held) > 0.0_wp)) return
+    u(1, :) = held
+    w = 0.0_wp
+    if (any(system%bent)) call system%deflection_remainder(u, w)
+    do c = 1, system%n_memory()
+      if (.not. system%bent(c)) w(1, c) = 0.0_wp
+    end do
+    w(1, :) = w(1, :) + matmul(system%gather, held)
+    channels%held = matmul(channels%gather, w(1, :))
+    do c = 1, size(channels%kernel_of)
+      total = system%kernels(channels%kernel_of(c))%kernel%integral()
+      channels%held_recalled(c) = system%memory_scale*total*channels%held(c)
+    end do
+  end subroutine set_held
+
+end module viscovib_channels

@@ -1,0 +1,88 @@
+!> Gauss collocation of an acceleration: a step of a second-order equation, and
+!! the polynomial through the nodes and both ends that stands for anything else.
+!!
+!! u'' is the polynomial through its values a_j at the nodes c_j, so that
+!!   u'(c_i) = v_0 + h sum_j A1_ij a_j,  u(c_k) = u_0 + c_k h v_0 + h^2 sum_j A2_kj a_j
+!! (Hairer, Lubich, Wanner, Geometric Numerical Integration, II.1.3).
+module viscovib_collocation
+  use viscovib_kinds, only: wp
+  use viscovib_quadrature, only: gauss_nodes, lagrange, lagrange_factors
+  implicit none
+  private
+
+  public :: collocation_type, new_collocation
+
+  type :: collocation_type
+    integer :: s = 0
+    !> 0, the nodes, 1; shape (0:s+1).
+    real(wp), allocatable :: points(:)
+    !> A1, shape (s, s); A2 at the nodes and the end, shape (s+1, s); weights of
+    !! u' at the end, shape (s).
+    real(wp), allocatable :: a1(:, :), a2(:, :), b(:)
+    real(wp), allocatable, private :: factors(:)
+  contains
+    procedure :: basis
+    procedure :: slopes
+  end type collocation_type
+
+contains
+
+  pure subroutine new_collocation(table, s)
+    type(collocation_type), intent(out) :: table
+    integer, intent(in) :: s
+    real(wp) :: c(s), x(s), node_factors(s)
+    integer :: i, q
+
+    allocate (table%points(0:s + 1), table%a1(s, s), table%a2(s + 1, s), table%b(s))
+    table%s = s
+    call gauss_nodes(s, c, table%b)
+    table%points(0) = 0.0_wp
+    table%points(1:s) = c
+    table%points(s + 1) = 1.0_wp
+    table%factors = lagrange_factors(table%points)
+    node_factors = lagrange_factors(c)
+    ! A1_ij = integral_0^c_i l_j, A2_ij = integral_0^c_i (c_i - x) l_j(x) dx, by the
+    ! nodes themselves, exact for these degrees.
+    table%a1 = 0.0_wp
+    table%a2 = 0.0_wp
+    do i = 1, s
+      do q = 1, s
+        x = c(i)*table%b(q)*lagrange(c, node_factors, c(i)*c(q))
+        table%a1(i, :) = table%a1(i, :) + x
+        table%a2(i, :) = table%a2(i, :) + c(i)*(1.0_wp - c(q))*x
+      end do
+    end do
+    table%a2(s + 1, :) = table%b*(1.0_wp - c)
+  end subroutine new_collocation
+
+  !> Weights, shape (0:s+1), of the values at the points for the value at x.
+  pure function basis(self, x)
+    class(collocation_type), intent(in) :: self
+    real(wp), intent(in) :: x
+    real(wp) :: basis(0:self%s + 1)
+    basis = lagrange(self%points, self%factors, x)
+  end function basis
+
+  !> Weights, shape (0:s+1), of the values at the points for the derivative at x,
+  !! by the length of the step.
+  pure function slopes(self, x)
+    class(collocation_type), intent(in) :: self
+    real(wp), intent(in) :: x
+    real(wp) :: slopes(0:self%s + 1), rest
+    integer :: i, j, k
+
+    slopes = 0.0_wp
+    do k = 0, self%s + 1
+      do i = 0, self%s + 1
+        if (i == k) cycle
+        rest = 1.0_wp
+        do j = 0, self%s + 1
+          if (j /= k .and. j /= i) rest = rest*(x - self%points(j))
+        end do
+        slopes(k) = slopes(k) + rest
+      end do
+      slopes(k) = slopes(k)*self%factors(k + 1)
+    end do
+  end function slopes
+
+end module viscovib_collocation

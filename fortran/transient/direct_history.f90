@@ -1,0 +1,180 @@
+!> The whole past, step by step, with exact weights for every lag: cost N^2, any
+!! kernel. The judge of the fast way, and right for short runs.
+module viscovib_direct_history
+  use viscovib_channels, only: channels_type
+  use viscovib_collocation, only: collocation_type
+  use viscovib_history, only: history_type, past_type
+  use viscovib_gauss_points, only: points_32, weights_32
+  use viscovib_kernel, only: decay_nodes
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
+  implicit none
+  private
+
+  public :: direct_history_type, new_direct_history
+
+  type, extends(history_type) :: direct_history_type
+    integer :: s = 0, n_stored = 0, n_lags = 0
+    real(wp) :: h = 0.0_wp, scale = 1.0_wp
+    type(collocation_type) :: table
+    type(kernel_holder), allocatable :: kernels(:)
+    !> Weight of point k, d steps before node i's step, for each kernel, shape
+    !! (0:s+1, s, n_lags, n_kernels).
+    real(wp), allocatable :: weights(:, :, :, :)
+    !> Channels at the points of the steps made, shape (0:s+1, n_channels, n).
+    real(wp), allocatable :: g(:, :, :)
+    !> The first step where it was made of panels, as masses.
+    real(wp), allocatable :: times(:), masses(:, :)
+  contains
+    procedure :: recall
+    procedure :: store
+    procedure :: begin
+    procedure :: memory_size
+    procedure :: save_memory
+    procedure :: load_memory
+  end type direct_history_type
+
+contains
+
+  subroutine new_direct_history(history, system, channels, table, h)
+    type(direct_history_type), intent(out) :: history
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    type(collocation_type), intent(in) :: table
+    real(wp), intent(in) :: h
+
+    history%s = table%s
+    history%h = h
+    history%scale = system%memory_scale
+    history%table = table
+    history%kernel_of = channels%kernel_of
+    call copy_kernels(system%kernels, history%kernels)
+    allocate (history%weights(0:table%s + 1, table%s, 0, size(system%kernels)))
+    allocate (history%g(0:table%s + 1, size(channels%kernel_of), 0))
+    allocate (history%times(0), history%masses(0, size(channels%kernel_of)))
+  end subroutine new_direct_history
+
+  subroutine recall(self, remembered)
+    class(direct_history_type), intent(in) :: self
+    real(wp), intent(out), contiguous :: remembered(:)
+    real(wp) :: values(size(self%times)), now
+    integer :: at, i, c, d
+
+    remembered = 0.0_wp
+    do c = 1, size(self%kernel_of)
+      do d = 1, self%n_stored
+        do i = 1, self%s
+          at = (c - 1)*self%s + i
+          remembered(at) = remembered(at) + dot_product(self%weights(:, i, d, self%kernel_of(c)), &
+                                                        self%g(:, c, self%n_stored + 1 - d))
+        end do
+      end do
+    end do
+    if (size(self%times) == 0) return
+    do i = 1, self%s
+      ! Stored steps follow the one of panels.
+      now = self%h*(self%n_stored + 1 + self%table%points(i))
+      do c = 1, size(self%kernel_of)
+        call self%kernels(self%kernel_of(c))%kernel%value(now - self%times, values)
+        at = (c - 1)*self%s + i
+        remembered(at) = remembered(at) + self%scale*dot_product(values, self%masses(:, c))
+      end do
+    end do
+  end subroutine recall
+
+  subroutine store(self, g)
+    class(direct_history_type), intent(inout) :: self
+    real(wp), intent(in), contiguous :: g(0:, :)
+    real(wp), allocatable :: grown(:, :, :)
+
+    if (self%n_stored == size(self%g, 3)) then
+      allocate (grown(0:self%s + 1, size(g, 2), max(16, 2*self%n_stored)))
+      grown(:, :, :self%n_stored) = self%g
+      call move_alloc(grown, self%g)
+      call add_lags(self, size(self%g, 3))
+    end if
+    self%n_stored = self%n_stored + 1
+    self%g(:, :, self%n_stored) = g
+  end subroutine store
+
+  !> Weights of lags up to n.
+  subroutine add_lags(self, n)
+    class(direct_history_type), intent(inout) :: self
+    integer, intent(in) :: n
+    real(wp), allocatable :: grown(:, :, :, :), sigma(:), w(:)
+    integer :: d, i, k, m
+
+    allocate (grown(0:self%s + 1, self%s, n, size(self%kernels)))
+    grown = 0.0_wp
+    grown(:, :, :self%n_lags, :) = self%weights
+    do m = 1, size(self%kernels)
+      if (.not. any(self%kernel_of == m)) cycle
+      do d = self%n_lags + 1, n
+        do i = 1, self%s
+          associate (c => self%table%points(i))
+            call self%kernels(m)%kernel%lag_rule(self%h*(d - 1 + c), self%h*(d + c), sigma, w)
+            do k = 1, size(sigma)
+              grown(:, i, d, m) = grown(:, i, d, m) &
+                                  + self%scale*w(k)*self%table%basis(d + c - sigma(k)/self%h)
+            end do
+          end associate
+        end do
+      end do
+    end do
+    call move_alloc(grown, self%weights)
+    self%n_lags = n
+  end subroutine add_lags
+
+  subroutine begin(self, table, past)
+    class(direct_history_type), intent(inout) :: self
+    type(collocation_type), intent(in) :: table
+    type(past_type), intent(in) :: past
+    integer :: k, n
+
+    n = size(past%times)
+    deallocate (self%times, self%masses)
+    allocate (self%times(n + decay_nodes), self%masses(n + decay_nodes, size(self%kernel_of)))
+    self%times(:n) = past%times
+    self%masses(:n, :) = past%masses
+    do k = 1, decay_nodes
+      self%times(n + k) = self%h - past%length*(1.0_wp - points_32(k))
+      self%masses(n + k, :) = past%length*weights_32(k)*matmul(table%basis(points_32(k)), past%last)
+    end do
+  end subroutine begin
+
+  pure integer function memory_size(self)
+    class(direct_history_type), intent(in) :: self
+    memory_size = 2 + size(self%times)*(1 + size(self%kernel_of)) &
+                  + size(self%g, 1)*size(self%g, 2)*self%n_stored
+  end function memory_size
+
+  pure function save_memory(self) result(memory)
+    class(direct_history_type), intent(in) :: self
+    real(wp) :: memory(self%memory_size())
+    memory = [real(self%n_stored, wp), real(size(self%times), wp), self%times, &
+              reshape(self%masses, [size(self%masses)]), &
+              reshape(self%g(:, :, :self%n_stored), &
+                      [size(self%g, 1)*size(self%g, 2)*self%n_stored])]
+  end function save_memory
+
+  subroutine load_memory(self, memory)
+    class(direct_history_type), intent(inout) :: self
+    real(wp), intent(in) :: memory(:)
+    integer :: n, m, at, channels
+
+    n = nint(memory(1))
+    m = nint(memory(2))
+    channels = size(self%kernel_of)
+    self%times = memory(3:m + 2)
+    at = m + 2
+    self%masses = reshape(memory(at + 1:at + m*channels), [m, channels])
+    at = at + m*channels
+    self%n_stored = n
+    deallocate (self%g)
+    allocate (self%g(0:self%s + 1, channels, n))
+    self%g(:, :, :) = reshape(memory(at + 1:at + (self%s + 2)*channels*n), &
+                              [self%s + 2, channels, n])
+    if (n > self%n_lags) call add_lags(self, n)
+  end subroutine load_memory
+
+end module viscovib_direct_history

@@ -1,0 +1,254 @@
+!> The past in a few numbers: the kernel as a sum of exponentials for all lags of
+!! at least the first node's, each with its own convolution
+!!
+!!   H_q(t) = integral_0^t exp(-r_q (t - s)) g(s) ds,
+!!   H_q(t + h) = exp(-r_q h) H_q(t) + h sum_k phi_qk g_k,
+!!
+!! phi being exact for the polynomial through the points of a step. The cost of a
+!! step and the memory do not grow with time.
+module viscovib_exponential_history
+  use viscovib_channels, only: channels_type
+  use viscovib_collocation, only: collocation_type
+  use viscovib_gauss_points, only: points_16, points_32, weights_16, weights_32
+  use viscovib_history, only: history_type, past_type
+  use viscovib_kernel, only: decay_nodes, panel_nodes, vanished
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
+  implicit none
+  private
+
+  public :: exponential_history_type, new_exponential_history
+
+  integer, parameter :: block = 8
+
+  !> The exponentials of one kernel and the channels that it works on.
+  type :: group_type
+    integer :: first = 0, last = 0, n_terms = 0
+    real(wp), allocatable :: rates(:)
+    !> Weights times exp(-r_q c_i h), node i in row (padded), shape (block, n_terms).
+    real(wp), allocatable :: recall(:, :)
+    !> exp(-r_q h), and h phi, shapes (n_padded) and (n_padded, 0:s+1).
+    real(wp), allocatable :: decay(:), gain(:, :)
+    !> H, shape (n_padded, first:last).
+    real(wp), allocatable :: state(:, :)
+  end type group_type
+
+  type, extends(history_type) :: exponential_history_type
+    integer :: s = 0
+    real(wp) :: h = 0.0_wp
+    type(group_type), allocatable :: groups(:)
+  contains
+    procedure :: recall
+    procedure :: store
+    procedure :: begin
+    procedure :: memory_size
+    procedure :: save_memory
+    procedure :: load_memory
+  end type exponential_history_type
+
+contains
+
+  !> `possible` is false where a kernel has no sum of exponentials.
+  subroutine new_exponential_history(history, system, channels, table, h, t_end, tolerance, &
+                                     possible)
+    type(exponential_history_type), intent(out) :: history
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    type(collocation_type), intent(in) :: table
+    !> Step; latest time of any run that goes on from this; relative error.
+    real(wp), intent(in) :: h, t_end, tolerance
+    logical, intent(out) :: possible
+    real(wp), allocatable :: weights(:), rates(:)
+    integer :: first, last, n, i, k, padded
+
+    possible = .true.
+    history%s = table%s
+    history%h = h
+    history%kernel_of = channels%kernel_of
+    n = 0
+    do k = 1, size(system%kernels)
+      if (any(channels%kernel_of == k)) n = n + 1
+    end do
+    allocate (history%groups(n))
+    last = 0
+    do i = 1, n
+      first = last + 1
+      k = channels%kernel_of(first)
+      last = first + count(channels%kernel_of == k) - 1
+      call system%kernels(k)%kernel%exponentials(tolerance, h*table%points(1), &
+                                                 max(t_end, 2.0_wp*h), weights, rates)
+      possible = size(rates) > 0
+      if (.not. possible) return
+      associate (group => history%groups(i))
+        group%first = first
+        group%last = last
+        group%n_terms = size(rates)
+        padded = (size(rates) + block - 1)/block*block
+        group%rates = rates
+        allocate (group%recall(block, size(rates)), group%decay(padded))
+        allocate (group%gain(padded, 0:table%s + 1), group%state(padded, first:last))
+        group%recall = 0.0_wp
+        group%decay = 0.0_wp
+        group%gain = 0.0_wp
+        group%state = 0.0_wp
+        do k = 1, size(rates)
+          group%recall(:table%s, k) = system%memory_scale*weights(k) &
+                                      *exp(-min(rates(k)*h*table%points(1:table%s), 700.0_wp))
+          group%decay(k) = exp(-min(rates(k)*h, 700.0_wp))
+        end do
+        call exponential_moments(table, h*rates, group%gain(:size(rates), :))
+        group%gain = h*group%gain
+      end associate
+    end do
+  end subroutine new_exponential_history
+
+  !> integral_0^1 exp(-z (1-x)) l_k(x) dx for the polynomials of the points; over the
+  !! part where the exponential has not vanished.
+  subroutine exponential_moments(table, z, moments)
+    type(collocation_type), intent(in) :: table
+    !> Shape (n), >= 0.
+    real(wp), intent(in) :: z(:)
+    !> Shape (n, 0:s+1).
+    real(wp), intent(out) :: moments(:, 0:)
+    real(wp) :: few_basis(0:table%s + 1, panel_nodes), length
+    integer :: k, q
+
+    do k = 1, panel_nodes
+      few_basis(:, k) = table%basis(1.0_wp - points_16(k))
+    end do
+    moments = 0.0_wp
+    do q = 1, size(z)
+      if (z(q) < 6.0_wp) then
+        moments(q, :) = matmul(few_basis, weights_16*exp(-z(q)*points_16))
+      else
+        length = min(1.0_wp, vanished/z(q))
+        do k = 1, decay_nodes
+          moments(q, :) = moments(q, :) + length*weights_32(k)*exp(-z(q)*length*points_32(k)) &
+                          *table%basis(1.0_wp - length*points_32(k))
+        end do
+      end if
+    end do
+  end subroutine exponential_moments
+
+  subroutine recall(self, remembered)
+    class(exponential_history_type), intent(in) :: self
+    real(wp), intent(out), contiguous :: remembered(:)
+    real(wp) :: sums(block)
+    integer :: i, c
+
+    do i = 1, size(self%groups)
+      do c = self%groups(i)%first, self%groups(i)%last
+        call recall_channel(self%groups(i)%n_terms, self%groups(i)%recall, &
+                            self%groups(i)%state(:, c), sums)
+        remembered((c - 1)*self%s + 1:c*self%s) = sums(:self%s)
+      end do
+    end do
+  end subroutine recall
+
+  pure subroutine recall_channel(n, weights, state, sums)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: weights(block, n), state(n)
+    real(wp), intent(out) :: sums(block)
+    real(wp) :: even(block), odd(block)
+    integer :: q
+
+    even = 0.0_wp
+    odd = 0.0_wp
+    !GCC$ novector
+    do q = 1, n/2
+      even = even + weights(:, 2*q - 1)*state(2*q - 1)
+      odd = odd + weights(:, 2*q)*state(2*q)
+    end do
+    if (mod(n, 2) == 1) even = even + weights(:, n)*state(n)
+    sums = even + odd
+  end subroutine recall_channel
+
+  subroutine store(self, g)
+    class(exponential_history_type), intent(inout) :: self
+    real(wp), intent(in), contiguous :: g(0:, :)
+    integer :: i, c
+
+    do i = 1, size(self%groups)
+      do c = self%groups(i)%first, self%groups(i)%last
+        call store_channel(size(self%groups(i)%decay), self%s + 2, self%groups(i)%decay, &
+                           self%groups(i)%gain, g(:, c), self%groups(i)%state(:, c))
+      end do
+    end do
+  end subroutine store
+
+  pure subroutine store_channel(n, n_points, decay, gain, g, state)
+    integer, intent(in) :: n, n_points
+    real(wp), intent(in) :: decay(n), gain(n, n_points), g(n_points)
+    real(wp), intent(inout) :: state(n)
+    real(wp) :: sums(block)
+    integer :: q, k
+
+    do q = 1, n, block
+      sums = decay(q:q + block - 1)*state(q:q + block - 1)
+      !GCC$ novector
+      do k = 1, n_points
+        sums = sums + gain(q:q + block - 1, k)*g(k)
+      end do
+      state(q:q + block - 1) = sums
+    end do
+  end subroutine store_channel
+
+  subroutine begin(self, table, past)
+    class(exponential_history_type), intent(inout) :: self
+    type(collocation_type), intent(in) :: table
+    type(past_type), intent(in) :: past
+    real(wp), allocatable :: moments(:, :)
+    integer :: i, c, q
+
+    do i = 1, size(self%groups)
+      associate (group => self%groups(i))
+        allocate (moments(group%n_terms, 0:table%s + 1))
+        call exponential_moments(table, past%length*group%rates, moments)
+        do c = group%first, group%last
+          do q = 1, group%n_terms
+            group%state(q, c) = &
+              past%length*dot_product(moments(q, :), past%last(:, c)) &
+              + sum(past%masses(:, c)*exp(-min(group%rates(q)*(self%h - past%times), 700.0_wp)))
+          end do
+        end do
+        deallocate (moments)
+      end associate
+    end do
+  end subroutine begin
+
+  pure integer function memory_size(self)
+    class(exponential_history_type), intent(in) :: self
+    integer :: i
+    memory_size = 0
+    do i = 1, size(self%groups)
+      memory_size = memory_size + size(self%groups(i)%state)
+    end do
+  end function memory_size
+
+  pure function save_memory(self) result(memory)
+    class(exponential_history_type), intent(in) :: self
+    real(wp) :: memory(self%memory_size())
+    integer :: i, at
+    at = 0
+    do i = 1, size(self%groups)
+      associate (state => self%groups(i)%state)
+        memory(at + 1:at + size(state)) = reshape(state, [size(state)])
+        at = at + size(state)
+      end associate
+    end do
+  end function save_memory
+
+  subroutine load_memory(self, memory)
+    class(exponential_history_type), intent(inout) :: self
+    real(wp), intent(in) :: memory(:)
+    integer :: i, at, n
+    at = 0
+    do i = 1, size(self%groups)
+      n = size(self%groups(i)%state)
+      self%groups(i)%state(:, :) = reshape(memory(at + 1:at + n), &
+                                           shape(self%groups(i)%state))
+      at = at + n
+    end do
+  end subroutine load_memory
+
+end module viscovib_exponential_history

@@ -1,0 +1,73 @@
+!> A run with memory in equal steps: what is kept of it, and how it ends.
+module viscovib_hereditary_run
+  use viscovib_hereditary, only: hereditary_type
+  use viscovib_kinds, only: i8, wp
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_simulate, only: run_completed, run_diverged
+  use viscovib_time_load, only: time_load_type
+  implicit none
+  private
+
+  public :: run_hereditary
+
+contains
+
+  !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
+  !! those at wanted times.
+  subroutine run_hereditary(run, system, load, first, n_steps, save_every, times, states, &
+                            at_times, n_done, n_reached, outcome)
+    type(hereditary_type), intent(inout) :: run
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    integer(i8), intent(in) :: first, n_steps, save_every
+    !> Wanted times within these steps, ascending.
+    real(wp), intent(in) :: times(:)
+    !> (u_1, u'_1, u_2, u'_2, ...) after steps save_every, 2 save_every, ..., shape
+    !! (2 n_dof, n_steps/save_every), or no columns at all to keep none; the same at
+    !! the wanted times, as many as were reached.
+    real(wp), intent(inout) :: states(:, :), at_times(:, :)
+    integer(i8), intent(out) :: n_done
+    integer, intent(out) :: n_reached, outcome
+    real(wp) :: u(size(run%u)), v(size(run%u)), ahead
+    integer(i8) :: i, column
+    logical :: made
+
+    outcome = run_completed
+    n_done = 0
+    n_reached = 0
+    do while (n_reached < size(times))
+      if (times(n_reached + 1) > first*run%h) exit
+      n_reached = n_reached + 1
+      at_times(1::2, n_reached) = run%u
+      at_times(2::2, n_reached) = run%v
+    end do
+    do i = 1, n_steps
+      call run%step(system, load, first + i - 1, made)
+      if (.not. made) then
+        outcome = run_diverged
+        return
+      end if
+      n_done = i
+      do while (n_reached < size(times))
+        ahead = times(n_reached + 1) - (first + i)*run%h
+        if (abs(ahead) <= 4.0_wp*spacing(times(n_reached + 1))) then
+          u = run%u
+          v = run%v
+        else if (ahead < 0.0_wp) then
+          call run%inside(1.0_wp + ahead/run%h, u, v)
+        else
+          exit
+        end if
+        n_reached = n_reached + 1
+        at_times(1::2, n_reached) = u
+        at_times(2::2, n_reached) = v
+      end do
+      if (mod(i, save_every) /= 0) cycle
+      column = i/save_every
+      if (column > size(states, 2)) cycle
+      states(1::2, column) = run%u
+      states(2::2, column) = run%v
+    end do
+  end subroutine run_hereditary
+
+end module viscovib_hereditary_run

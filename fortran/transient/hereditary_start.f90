@@ -1,0 +1,276 @@
+!> The first step of a motion with memory that does not begin at rest.
+!!
+!! A weakly singular kernel makes accelerations grow like t^alpha after a deflection
+!! or a push at t = 0, which no polynomial follows. The step is made of panels that
+!! double their length, [0, d], [d, 2d], [2d, 4d] ... [h/2, h]: on each of them the
+!! motion is smooth, and the first is too short to matter. The past of a panel is the
+!! one before it, with exact weights, and everything earlier as masses at Chebyshev
+!! points, which are carried from each interval to the next, twice as long.
+module viscovib_hereditary_start
+  use viscovib_channels, only: channels_type
+  use viscovib_collocation, only: collocation_type, new_collocation
+  use viscovib_constants, only: pi
+  use viscovib_dense, only: factorize, solve
+  use viscovib_hereditary_maps, only: local_weights
+  use viscovib_history, only: far_nodes, past_type
+  use viscovib_gauss_points, only: points_16, weights_16
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_quadrature, only: lagrange, lagrange_factors
+  use viscovib_time_load, only: time_load_type
+  implicit none
+  private
+
+  public :: start_type, march_start
+
+  !> Doublings from the first panel to the step: the error that the first leaves in
+  !! a velocity is below (2^-doublings)^(1+alpha) of its change over the step.
+  integer, parameter :: doublings = 44
+  integer, parameter :: max_iterations = 100
+  !> Nodes of a panel, whatever those of a step.
+  integer, parameter :: start_nodes = 8
+
+  type :: start_type
+    type(collocation_type) :: table
+    !> What the rest of the run must know.
+    type(past_type) :: past
+    !> Ends of the panels, shape (0:n), and displacements at the points of each,
+    !! shape (0:s+1, n_dof, n).
+    real(wp), allocatable :: ends(:), points(:, :, :)
+  contains
+    procedure :: at
+  end type start_type
+
+contains
+
+  !> March over [0, h]. `made` is false, and the state stays, if a panel does not
+  !! settle: the step is too large.
+  subroutine march_start(start, system, channels, load, h, u, v, made)
+    type(start_type), intent(out) :: start
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: h
+    !> State, shape (n_dof), at 0 and then at h.
+    real(wp), intent(inout) :: u(:), v(:)
+    logical, intent(out) :: made
+    real(wp) :: g(0:start_nodes + 1, size(channels%kernel_of)), length
+    real(wp) :: before(0:start_nodes + 1, size(channels%kernel_of))
+    real(wp) :: masses(far_nodes, size(channels%kernel_of)), x(far_nodes), factors(far_nodes)
+    real(wp) :: next_u(size(u)), next_v(size(u)), points(0:start_nodes + 1, size(u))
+    real(wp) :: remembered(start_nodes, size(channels%kernel_of))
+    real(wp) :: local(start_nodes, 0:start_nodes + 1, size(system%kernels), doublings + 1)
+    real(wp) :: of_kernel(start_nodes, 0:start_nodes + 1, doublings + 1)
+    integer :: k, m
+
+    x = [(0.5_wp - 0.5_wp*cos((m - 0.5_wp)*pi/far_nodes), m=1, far_nodes)]
+    factors = lagrange_factors(x)
+    call new_collocation(start%table, start_nodes)
+    allocate (start%ends(0:doublings + 1), start%points(0:start_nodes + 1, size(u), doublings + 1))
+    start%ends(0) = 0.0_wp
+    do k = 1, doublings + 1
+      start%ends(k) = scale(h, k - 1 - doublings)
+    end do
+    do k = 1, size(system%kernels)
+      if (.not. any(channels%kernel_of == k)) cycle
+      call local_weights(system%kernels(k)%kernel, system%memory_scale, start%table, &
+                         start%ends(1:) - start%ends(:doublings), of_kernel)
+      local(:, :, k, :) = of_kernel
+    end do
+    next_u = u
+    next_v = v
+    masses = 0.0_wp
+    before = 0.0_wp
+    do k = 1, doublings + 1
+      length = start%ends(k) - start%ends(k - 1)
+      remembered = 0.0_wp
+      if (k > 1) call recall(system, channels, start%table, start%ends(k - 1), length, &
+                             start%ends(k - 2), before, x, masses, k > 2, remembered)
+      call make_panel(system, channels, load, start%table, local(:, :, :, k), start%ends(k - 1), &
+                      length, remembered, next_u, next_v, points, g, made)
+      if (.not. made) return
+      start%points(:, :, k) = points
+      if (k > 1) call carry(start%table, k == 2, start%ends(k - 1) - start%ends(k - 2), before, x, &
+                            factors, masses)
+      before = g
+    end do
+    u = next_u
+    v = next_v
+    start%past%times = start%ends(doublings)*x
+    start%past%masses = masses
+    start%past%length = length
+    start%past%last = g
+  end subroutine march_start
+
+  !> What the nodes of a panel from `now` on remember: the panel before, and the far
+  !! past as masses on [0, since].
+  subroutine recall(system, channels, table, now, length, since, before, x, masses, far, &
+                    remembered)
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    type(collocation_type), intent(in) :: table
+    real(wp), intent(in) :: now, length, since
+    real(wp), intent(in) :: before(0:table%s + 1, size(channels%kernel_of))
+    real(wp), intent(in) :: x(far_nodes), masses(far_nodes, size(channels%kernel_of))
+    !> There is a far past.
+    logical, intent(in) :: far
+    real(wp), intent(out) :: remembered(table%s, size(channels%kernel_of))
+    real(wp), allocatable :: sigma(:), w(:)
+    real(wp) :: weights(0:table%s + 1), values(far_nodes), node, last
+    integer :: c, i, j, k
+
+    remembered = 0.0_wp
+    last = now - since
+    do k = 1, size(system%kernels)
+      if (.not. any(channels%kernel_of == k)) cycle
+      do i = 1, table%s
+        node = table%points(i)*length
+        call system%kernels(k)%kernel%lag_rule(node, node + last, sigma, w)
+        weights = 0.0_wp
+        do j = 1, size(sigma)
+          weights = weights + w(j)*table%basis(1.0_wp - (sigma(j) - node)/last)
+        end do
+        if (far) call system%kernels(k)%kernel%value(now + node - since*x, values)
+        do c = 1, size(channels%kernel_of)
+          if (channels%kernel_of(c) /= k) cycle
+          remembered(i, c) = dot_product(weights, before(:, c))
+          if (far) remembered(i, c) = remembered(i, c) + dot_product(values, masses(:, c))
+        end do
+      end do
+    end do
+    remembered = system%memory_scale*remembered
+  end subroutine recall
+
+  !> Add a panel to the far past: masses of the interval before, [0, 1/2] of the new
+  !! one, and of the panel, its other half (all of it if it is the first).
+  subroutine carry(table, first, length, before, x, factors, masses)
+    type(collocation_type), intent(in) :: table
+    logical, intent(in) :: first
+    real(wp), intent(in) :: length, x(far_nodes), factors(far_nodes)
+    real(wp), intent(in) :: before(0:, :)
+    real(wp), intent(inout) :: masses(:, :)
+    real(wp) :: fresh(far_nodes, size(masses, 2))
+    real(wp) :: share(far_nodes), mass(size(masses, 2))
+    integer :: j, m
+
+    fresh = 0.0_wp
+    do j = 1, size(points_16)
+      share = lagrange(x, factors, merge(points_16(j), 0.5_wp + 0.5_wp*points_16(j), first))
+      mass = length*weights_16(j)*matmul(table%basis(points_16(j)), before)
+      do m = 1, size(mass)
+        fresh(:, m) = fresh(:, m) + share*mass(m)
+      end do
+    end do
+    if (.not. first) then
+      do j = 1, far_nodes
+        share = lagrange(x, factors, 0.5_wp*x(j))
+        do m = 1, size(mass)
+          fresh(:, m) = fresh(:, m) + share*masses(j, m)
+        end do
+      end do
+    end if
+    masses = fresh
+  end subroutine carry
+
+  !> A panel: accelerations at its nodes by iteration, which contracts like the
+  !! square of its length.
+  subroutine make_panel(system, channels, load, table, local, now, length, remembered, u, v, &
+                        points, g, made)
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    type(time_load_type), intent(in) :: load
+    type(collocation_type), intent(in) :: table
+    !> L of each kernel.
+    real(wp), intent(in) :: local(table%s, 0:table%s + 1, size(system%kernels))
+    real(wp), intent(in) :: now, length, remembered(:, :)
+    real(wp), intent(inout) :: u(:), v(:)
+    real(wp), intent(out) :: points(0:table%s + 1, size(u)), g(0:, :)
+    logical, intent(out) :: made
+    real(wp), dimension(table%s, size(u)) :: a, new, f, speed, force
+    real(wp) :: mass(size(u), size(u)), inner(table%s, size(u))
+    real(wp) :: w(0:table%s + 1, system%n_memory()), bend(table%s + 2, system%n_memory())
+    real(wp) :: whole(table%s, size(channels%kernel_of)), kept(table%s, system%n_memory())
+    real(wp) :: row(size(u)), change, before
+    integer :: pivots(size(u)), i, k, turn, s
+    logical :: singular
+
+    s = table%s
+    do i = 1, s
+      call load%at(now + table%points(i)*length, row)
+      f(i, :) = row
+    end do
+    mass = system%mass
+    call factorize(size(u), mass, pivots, singular)
+    a = 0.0_wp
+    before = huge(1.0_wp)
+    made = .false.
+    bend = 0.0_wp
+    do turn = 1, max_iterations
+      do k = 1, size(u)
+        points(0, k) = u(k)
+        points(1:, k) = u(k) + length*(table%points(1:)*v(k) + length*matmul(table%a2, a(:, k)))
+        speed(:, k) = v(k) + length*matmul(table%a1, a(:, k))
+      end do
+      if (any(system%bent)) call system%deflection_remainder(points, bend)
+      w = matmul(points, transpose(system%gather))
+      do k = 1, system%n_memory()
+        if (system%bent(k)) w(:, k) = w(:, k) + bend(:, k)
+      end do
+      g = matmul(w, transpose(channels%gather))
+      whole = remembered
+      do k = 1, size(channels%kernel_of)
+        g(:, k) = g(:, k) - channels%held(k)
+        whole(:, k) = whole(:, k) + channels%held_recalled(k)
+      end do
+      do k = 1, size(channels%kernel_of)
+        whole(:, k) = whole(:, k) + matmul(local(:, :, channels%kernel_of(k)), g(:, k))
+      end do
+      new = f - matmul(speed, transpose(system%damping)) &
+            - matmul(w(1:s, :), transpose(system%spread)) &
+            + matmul(whole, transpose(channels%spread))
+      if (.not. system%separable) then
+        kept = w(1:s, :) - matmul(whole, channels%gather)
+        inner = points(1:s, :)
+        call system%force_remainder(inner, kept, force)
+        new = new - force
+      end if
+      do i = 1, s
+        row = new(i, :)
+        call solve(size(u), mass, pivots, row)
+        new(i, :) = row
+      end do
+      change = maxval(abs(new - a))
+      a = new
+      if (.not. change <= huge(1.0_wp)) return
+      made = change <= 4.0_wp*epsilon(1.0_wp)*maxval(abs(a)) &
+             .or. (change >= 0.5_wp*before .and. change <= 1.0e-12_wp*maxval(abs(a)))
+      if (made) exit
+      before = change
+    end do
+    if (.not. made) return
+    u = points(s + 1, :)
+    v = v + length*matmul(table%b, a)
+  end subroutine make_panel
+
+  !> State at a time within the step.
+  subroutine at(self, t, u, v)
+    class(start_type), intent(in) :: self
+    real(wp), intent(in) :: t
+    real(wp), intent(out) :: u(:), v(:)
+    real(wp), dimension(start_nodes + 2) :: basis, slopes
+    real(wp) :: length, theta
+    integer :: k
+
+    k = 1
+    do while (k < size(self%points, 3) .and. t > self%ends(k))
+      k = k + 1
+    end do
+    length = self%ends(k) - self%ends(k - 1)
+    theta = (t - self%ends(k - 1))/length
+    basis = self%table%basis(theta)
+    slopes = self%table%slopes(theta)
+    u = matmul(basis, self%points(:, :, k))
+    v = matmul(slopes, self%points(:, :, k))/length
+  end subroutine at
+
+end module viscovib_hereditary_start

@@ -1,0 +1,150 @@
+!> Loads in time: sinusoids of any frequencies, and a piecewise cubic.
+module viscovib_time_load
+  use viscovib_constants, only: imaginary_unit
+  use viscovib_kinds, only: wp
+  use viscovib_phases, only: split_phase, step_phase
+  implicit none
+  private
+
+  public :: time_load_type, load_clock, new_clock
+
+  type :: time_load_type
+    !> Im sum_k amplitude(:,k) exp(i frequency(k) t) on the coordinates, shapes (m)
+    !! and (n_dof, m); a constant is a frequency of 0.
+    real(wp), allocatable :: frequencies(:)
+    complex(wp), allocatable :: amplitudes(:, :)
+    !> Cubics between breaks, sum_p pieces(:,p,i) (t - breaks(i))^(4-p), shape
+    !! (n_dof, 4, n_breaks-1); nothing before the first break and after the last.
+    real(wp), allocatable :: breaks(:), pieces(:, :, :)
+  contains
+    procedure :: at
+    procedure, private :: add_table
+  end type time_load_type
+
+  !> What evaluates a load along equal steps, phases kept to the last digit.
+  type :: load_clock
+    !> The start of the present step.
+    real(wp) :: t = 0.0_wp
+    real(wp), allocatable :: high(:), low(:)
+    real(wp), allocatable, private :: step_high(:), step_low(:), c(:)
+    !> Amplitudes turned to the nodes, factors of the sine and of the cosine of the
+    !! phase at the start of the step, a column a frequency.
+    real(wp), allocatable, private :: turned_sine(:, :), turned_cosine(:, :)
+    integer, private :: piece = 1
+  contains
+    procedure :: at_nodes
+    procedure :: advance
+  end type load_clock
+
+contains
+
+  !> Load at one time, shape (n_dof).
+  subroutine at(self, t, f)
+    class(time_load_type), intent(in) :: self
+    real(wp), intent(in) :: t
+    real(wp), intent(out) :: f(:)
+    integer :: k, piece
+
+    f = 0.0_wp
+    do k = 1, size(self%frequencies)
+      f = f + aimag(self%amplitudes(:, k)*exp(imaginary_unit*(self%frequencies(k)*t)))
+    end do
+    piece = 1
+    call self%add_table(t, piece, f)
+  end subroutine at
+
+  !> Add the cubic at t; `piece` is where the search begins and ends.
+  subroutine add_table(self, t, piece, f)
+    class(time_load_type), intent(in) :: self
+    real(wp), intent(in) :: t
+    integer, intent(inout) :: piece
+    real(wp), intent(inout) :: f(:)
+    real(wp) :: x
+    integer :: n
+
+    n = size(self%breaks)
+    if (n < 2) return
+    if (t < self%breaks(1) .or. t > self%breaks(n)) return
+    do while (piece > 1 .and. t < self%breaks(piece))
+      piece = piece - 1
+    end do
+    do while (piece < n - 1 .and. t >= self%breaks(piece + 1))
+      piece = piece + 1
+    end do
+    x = t - self%breaks(piece)
+    f = f + (((self%pieces(:, 1, piece)*x + self%pieces(:, 2, piece))*x &
+              + self%pieces(:, 3, piece))*x + self%pieces(:, 4, piece))
+  end subroutine add_table
+
+  !> A clock at time start, for steps h with nodes c in [0, 1].
+  subroutine new_clock(clock, load, start, h, c)
+    type(load_clock), intent(out) :: clock
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: start, h, c(:)
+    complex(wp) :: turned(size(c), size(load%amplitudes, 1))
+    integer :: i, k, m
+
+    m = size(load%frequencies)
+    clock%t = start
+    clock%c = h*c
+    allocate (clock%high(m), clock%low(m), clock%step_high(m), clock%step_low(m))
+    call split_phase(load%frequencies, start, clock%high, clock%low)
+    call split_phase(load%frequencies, h, clock%step_high, clock%step_low)
+    allocate (clock%turned_sine(size(turned), m), clock%turned_cosine(size(turned), m))
+    do k = 1, m
+      do i = 1, size(c)
+        turned(i, :) = load%amplitudes(:, k)*exp(imaginary_unit*(load%frequencies(k)*h*c(i)))
+      end do
+      clock%turned_sine(:, k) = reshape(real(turned), [size(turned)])
+      clock%turned_cosine(:, k) = reshape(aimag(turned), [size(turned)])
+    end do
+  end subroutine new_clock
+
+  !> Load at the nodes of the present step, node i of coordinate d at (d-1) s + i.
+  subroutine at_nodes(self, load, f)
+    class(load_clock), intent(inout) :: self
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(out), contiguous :: f(:)
+    integer :: k
+
+    f = 0.0_wp
+    do k = 1, size(self%high)
+      call add_wave(size(f), self%turned_sine(:, k), self%turned_cosine(:, k), self%high(k), &
+                    self%low(k), f)
+    end do
+    if (size(load%breaks) > 1) call add_table_at_nodes(self, load, f)
+  end subroutine at_nodes
+
+  pure subroutine add_wave(n, of_sine, of_cosine, high, low, f)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: of_sine(n), of_cosine(n), high, low
+    real(wp), intent(inout) :: f(n)
+    real(wp) :: s, c
+    s = sin(high)
+    c = cos(high)
+    f = f + (of_sine*(s + c*low) + of_cosine*(c - s*low))
+  end subroutine add_wave
+
+  subroutine add_table_at_nodes(self, load, f)
+    class(load_clock), intent(inout) :: self
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(inout) :: f(:)
+    real(wp) :: part(size(load%pieces, 1))
+    integer :: i, s
+    s = size(self%c)
+    do i = 1, s
+      part = f(i::s)
+      call load%add_table(self%t + self%c(i), self%piece, part)
+      f(i::s) = part
+    end do
+  end subroutine add_table_at_nodes
+
+  !> To the start of the next step, at time t.
+  subroutine advance(self, t)
+    class(load_clock), intent(inout) :: self
+    real(wp), intent(in) :: t
+    self%t = t
+    call step_phase(self%high, self%low, self%step_high, self%step_low)
+  end subroutine advance
+
+end module viscovib_time_load

@@ -1,0 +1,90 @@
+"""Loads in time as tables."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoadTable:
+    """A load known at times, nothing before the first and after the last.
+
+    Parameters
+    ----------
+    times : array_like, shape (n,)
+        Strictly ascending (s), n >= 2.
+    values : array_like, shape (n,) or (n, n_dof)
+        Force on the first coordinate, or on each (N, N m).
+    interpolation : {"linear", "cubic"}
+        "cubic": a spline, twice continuously differentiable, which lets the integration keep its
+        order; each corner of a "linear" table, and the ends, lower it unless they fall on steps.
+    """
+
+    times: npt.ArrayLike
+    values: npt.ArrayLike
+    interpolation: str = "linear"
+    _kinds: ClassVar[tuple[str, ...]] = ("linear", "cubic")
+
+    def __post_init__(self) -> None:
+        _native.choice("interpolation", self.interpolation, self._kinds)
+        for name in ("times", "values"):
+            array = _native.real_array(name, getattr(self, name)).copy()
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        times, values = np.asarray(self.times), np.asarray(self.values)
+        if times.ndim != 1 or times.size < 2:
+            raise InputError(f"times: must have shape (n,) with n >= 2, got {times.shape}")
+        wrong = np.flatnonzero(np.diff(times) <= 0)
+        if wrong.size:
+            i = int(wrong[0])
+            raise InputError(
+                f"times[{i + 1}] = {times[i + 1]:g} after {times[i]:g}: must be strictly ascending"
+            )
+        if values.ndim not in (1, 2) or values.shape[0] != times.size:
+            raise InputError(
+                f"values: must have shape ({times.size},) or ({times.size}, n_dof), "
+                f"got {values.shape}"
+            )
+
+    def __call__(self, t: npt.ArrayLike) -> FloatArray:
+        """Load at times t, shape t.shape + values.shape[1:]."""
+        at = _native.real_array("t", t)
+        times, values = np.asarray(self.times), np.asarray(self.values)
+        columns = values.reshape(times.size, -1)
+        if self.interpolation == "cubic":
+            result = CubicSpline(times, columns)(at)
+        else:
+            result = np.stack([np.interp(at, times, column) for column in columns.T], axis=-1)
+        result = np.where(((at >= times[0]) & (at <= times[-1]))[..., np.newaxis], result, 0.0)
+        return np.asarray(result.reshape(at.shape + values.shape[1:]))
+
+    def _pieces(self, n_dof: int) -> FloatArray:
+        """Cubics between the times as the core takes them, shape (n_dof, 4, n)."""
+        values = self._columns(n_dof)
+        times = np.asarray(self.times)
+        pieces = np.zeros((n_dof, 4, times.size), order="F")
+        if self.interpolation == "cubic":
+            pieces[:, :, :-1] = np.moveaxis(CubicSpline(times, values).c, 2, 0)
+        else:
+            pieces[:, 2, :-1] = (np.diff(values, axis=0) / np.diff(times)[:, np.newaxis]).T
+            pieces[:, 3, :-1] = values[:-1].T
+        return pieces
+
+    def _columns(self, n_dof: int) -> FloatArray:
+        values = np.asarray(self.values)
+        if values.ndim == 1:
+            columns = np.zeros((values.size, n_dof))
+            columns[:, 0] = values
+            return columns
+        if values.shape[1] != n_dof:
+            raise InputError(
+                f"values: must have {n_dof} columns for this system, got {values.shape[1]}"
+            )
+        return values

@@ -1,0 +1,243 @@
+"""Runs in equal steps: what is kept of them, how they go on, how their step is found."""
+
+import copy
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from tqdm import tqdm
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+from viscovib.mount import Mount
+from viscovib.pendulum import Pendulum
+from viscovib.trajectory import OUTCOMES, Trajectory
+
+MAX_STEPS = 10**12
+ROUNDING = 1e-15
+#: Halvings of the step before a tolerance is given up.
+_MIN_HALVINGS, _MAX_HALVINGS = 5, 12
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is kept of a run."""
+
+    every: int = 1
+    keep: str = "all"
+    tail: float = 0.0
+    times: FloatArray | None = None
+
+    @classmethod
+    def checked(
+        cls, times: npt.ArrayLike | None, save_every: int, keep: str, tail: float | None
+    ) -> "Wanted":
+        """Check the arguments of ``simulate``."""
+        every = _native.integer("save_every", save_every, 1, MAX_STEPS)
+        _native.choice("keep", keep, ("all", "tail", "last"))
+        if (keep == "tail") != (tail is not None):
+            raise InputError('tail: must be given with keep = "tail", and only then')
+        length = 0.0 if tail is None else _native.number("tail", tail)
+        if tail is not None and length <= 0:
+            raise InputError(f"tail = {length:g}: must be greater than 0")
+        if times is None:
+            return cls(every, keep, length)
+        if keep != "all" or every != 1:
+            raise InputError("times: cannot be given together with save_every or keep")
+        wanted = _native.real_array("times", times, ndim=1)
+        if not wanted.size:
+            raise InputError("times: must not be empty")
+        if np.any(np.diff(wanted) <= 0):
+            raise InputError("times: must be strictly ascending")
+        return cls(times=wanted)
+
+    def finer(self, factor: int) -> "Wanted":
+        """The same states of a run with so many times the steps."""
+        return replace(self, every=self.every * factor)
+
+
+def hopeless(changes: list[float]) -> bool:
+    """Whether halving the step once more is vain: two halvings gain less than a digit.
+
+    So it is with chaotic motion, and below the level of rounding. A large first step may need a
+    few halvings before the order of a method shows.
+    """
+    n = len(changes)
+    return n >= _MAX_HALVINGS or (n >= _MIN_HALVINGS and changes[-1] > 0.1 * changes[-3])
+
+
+def difference(coarse: Trajectory, fine: Trajectory) -> float:
+    """Largest difference of the states of two runs."""
+    if coarse.state.shape != fine.state.shape:
+        return math.inf
+    return float(np.abs(fine.state - coarse.state).max())
+
+
+def by_tolerance(make: Callable[[int, int], Trajectory], n: int, wanted: float) -> Trajectory:
+    """Halve the step until the states kept change by no more than ``wanted``.
+
+    ``make(steps, factor)`` makes a run of so many steps that keeps the states of one with
+    ``steps / factor``.
+    """
+    factor, coarse = 1, make(n, 1)
+    changes: list[float] = []
+    while not hopeless(changes):
+        factor *= 2
+        fine = make(n * factor, factor)
+        change = math.inf
+        if "completed" == coarse.outcome == fine.outcome:
+            change = difference(coarse, fine)
+            if change <= wanted:
+                return replace(fine, error=change)
+        elif coarse.outcome == fine.outcome == "unphysical":
+            return fine
+        changes.append(change)
+        coarse = fine
+    raise InputError(
+        f"tolerance = {wanted:g}: not met with {n * factor} steps (states still change by "
+        f"{changes[-1]:.1e} or the run fails); the motion may be chaotic: take a "
+        "shorter run or a larger tolerance"
+    )
+
+
+def go_on(earlier: Trajectory, end: float, want: Wanted, progress: bool) -> Trajectory:
+    """Continue a run to ``end``."""
+    if earlier.outcome != "completed":
+        raise InputError(f"resume: that run ended {earlier.outcome!r}, must be 'completed'")
+    run: Run = copy.copy(earlier._resume)
+    n = round((end - run.time) / run.h)
+    if n < 1 or abs(run.time + n * run.h - end) > 1e-9 * max(abs(end), run.h):
+        raise InputError(
+            f"t_end = {end:g}: must be a whole number of steps {run.h:g} after {run.time:g}"
+        )
+    return run.steps(n, want, progress)
+
+
+class Piece(NamedTuple):
+    """What a native call returns of the steps it made."""
+
+    #: States a column each, and at the wanted times; the last one; all that going on needs.
+    states: FloatArray
+    at_times: FloatArray
+    last: FloatArray
+    memory: FloatArray
+    made: int
+    ended: int
+    counted: int
+
+
+class Run(ABC):
+    """A run that can go on: the native state and how far it has come."""
+
+    #: What the native calls count.
+    counts: ClassVar[str]
+    #: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
+    piece: int = 200_000
+
+    def __init__(
+        self, system: Pendulum | Mount, method: str, state: FloatArray, h: float, solved: float
+    ) -> None:
+        self.system, self.method, self.state, self.h = system, method, state, h
+        self.solved = solved
+        self.done = 0
+        self.memory: FloatArray | None = None
+
+    @abstractmethod
+    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
+        """Make ``count`` steps from the present state."""
+
+    @property
+    def time(self) -> float:
+        """How far the run has come."""
+        return self.done * self.h
+
+    def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
+        """Make n steps."""
+        if want.times is not None:
+            self._check_times(want.times, n)
+        start, first = self.done, self.state
+        # What is not kept is passed over in larger pieces.
+        skipped = 0
+        if want.keep == "tail":
+            skipped = max(0, n - math.ceil(want.tail / self.h)) // want.every * want.every
+        counts = {self.counts: 0}
+        states: list[FloatArray] = []
+        ended = 0
+        with _bar(n, progress) as bar:
+            if skipped:
+                ended = self._advance(skipped, replace(want, keep="last"), states, counts, bar)
+                start, first = self.done, self.state
+            if not ended:
+                ended = self._advance(n - skipped, want, states, counts, bar)
+        if want.times is not None:
+            kept = np.concatenate(states)
+            t = want.times[: kept.shape[0]]
+        elif want.keep == "last":
+            kept, t = self.state[np.newaxis], np.array([self.time])
+        else:
+            kept = np.concatenate([first[np.newaxis], *states])
+            t = np.multiply(start + want.every * np.arange(kept.shape[0]), self.h, dtype=float)
+        return Trajectory(
+            t=t,
+            state=kept,
+            outcome=OUTCOMES[ended],
+            t_reached=self.time,
+            dt=self.h,
+            method=self.method,
+            error=None,
+            stats={"steps": self.done, **counts},
+            system=self.system,
+            _resume=self,
+        )
+
+    def _advance(
+        self,
+        n: int,
+        want: Wanted,
+        states: list[FloatArray],
+        counts: dict[str, int],
+        bar: "tqdm[Any] | None",
+    ) -> int:
+        """Make n steps in pieces; return how they ended."""
+        piece = max(self.piece // want.every, 1) * want.every
+        left, ended = n, 0
+        while left and not ended:
+            count = min(piece, left)
+            stored = want.keep != "last" and want.times is None
+            columns = count // want.every if stored else 0
+            times = np.empty(0)
+            if want.times is not None:
+                now, until = self.time, (self.done + count) * self.h
+                if left == count:
+                    until = math.inf
+                times = want.times[(want.times >= now) & (want.times < until)]
+            part = self._native_steps(count, want.every, columns, times)
+            self.memory, self.state, ended = part.memory, part.last, part.ended
+            self.done += part.made
+            counts[self.counts] += part.counted
+            if want.times is not None:
+                states.append(part.at_times.T[times <= self.time * (1 + 1e-15)])
+            else:
+                states.append(part.states.T[: min(columns, part.made // want.every)])
+            left -= count
+            if bar is not None:
+                bar.update(part.made)
+        return int(ended)
+
+    def _check_times(self, times: FloatArray, n: int) -> None:
+        end = (self.done + n) * self.h
+        if times[0] < self.time or times[-1] > end * (1 + 1e-15):
+            raise InputError(
+                f"times: must be between the start {self.time:g} and the end {end:g} of the run"
+            )
+
+
+def _bar(n: int, progress: bool) -> AbstractContextManager["tqdm[Any] | None"]:
+    """Return a progress bar if wanted; making even a silent one takes longer than a short run."""
+    return tqdm(total=n, unit=" steps", leave=False) if progress else nullcontext()

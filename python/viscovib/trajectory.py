@@ -1,0 +1,123 @@
+"""A motion in time, however it was integrated."""
+
+import csv
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import CubicSpline
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+from viscovib.files import whole_file
+from viscovib.mount import Mount
+from viscovib.pendulum import Pendulum
+
+OUTCOMES = ("completed", "diverged", "unphysical")
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A motion in time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times of the states kept.
+    state : ndarray, shape (n, 2 n_dof)
+        (z, z', phi, phi', psi, psi') of a pendulum, (x, x', phi, phi') of a mount.
+    outcome : str
+        "completed"; "diverged": the step is too large or an angle passed 1e6 rad, the run
+        stopped; "unphysical": z <= -1, the spring passes through the pivot, the run stopped.
+    t_reached : float
+        Time of the last step made.
+    dt : float
+        The step.
+    method : str
+    error : float or None
+        Estimated largest error of the states kept, if asked for or ``dt`` was "auto".
+    stats : dict
+        "steps"; of a pendulum "evaluations" (of all lanes at once), of a mount "iterations".
+    system : Pendulum or Mount
+    """
+
+    t: FloatArray
+    state: FloatArray
+    outcome: str
+    t_reached: float
+    dt: float
+    method: str
+    error: float | None
+    stats: dict[str, int]
+    system: Pendulum | Mount
+    _resume: Any = field(repr=False)
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self.system.dof_names
+
+    def coordinate(self, name: str) -> FloatArray:
+        """A coordinate by name, "phi", or its velocity, "phi_dot", shape (n,)."""
+        names = tuple(f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot"))
+        return self.state[:, names.index(_native.choice("name", name, names))]
+
+    def energy_defect(self) -> FloatArray:
+        """Energy at each time less that at the first and the work done since, shape (n,).
+
+        Work of the loads less dissipation, by a spline through the power at the states kept: the
+        defect shows the error of the motion once these are close enough for the spline. It is
+        that of the exact equations; `cubic` and `printed` ones do not keep this balance. Of
+        pendulums only: a spring with memory has no energy that its state tells.
+        """
+        if not isinstance(self.system, Pendulum):
+            raise InputError("trajectory: the balance of energy is for pendulums only")
+        energy = self.system.energy(self.state)
+        if self.t.size < 4:
+            raise InputError(f"trajectory: {self.t.size} states kept, must be at least 4")
+        work = CubicSpline(self.t, self.system.power(self.t, self.state)).antiderivative()
+        return np.asarray(energy - energy[0] - (work(self.t) - work(self.t[0])))
+
+    def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
+        """Coordinates and velocities as an xarray Dataset over t.
+
+        With ``physical=True`` in s, m and rad: of a mount they are, of a pendulum if it was built
+        from physical units; z is then the extension beyond static.
+        """
+        time, length = 1.0, 1.0
+        system = self.system
+        time_unit, units, rates = system.time_unit, system.dof_units, system.rate_units
+        if physical and isinstance(system, Pendulum):
+            if system.scales is None:
+                raise InputError(
+                    "physical = True: this pendulum was not built by Pendulum.from_physical"
+                )
+            time, length = system.scales.time, system.scales.length
+            time_unit, units, rates = "s", ("m", "rad", "rad"), ("m/s", "rad/s", "rad/s")
+        variables = {}
+        for d, name in enumerate(self.dof_names):
+            size = length if d == 0 else 1.0
+            at, dot = self.state[:, 2 * d] * size, self.state[:, 2 * d + 1] * (size / time)
+            variables[name] = ("t", at, {"units": units[d]})
+            variables[f"{name}_dot"] = ("t", dot, {"units": rates[d]})
+        attributes = {"outcome": self.outcome, "dt": self.dt * time, "method": self.method}
+        if self.error is not None:
+            attributes["error"] = self.error
+        coordinates = {"t": ("t", self.t * time, {"units": time_unit})}
+        return xr.Dataset(variables, coords=coordinates, attrs=attributes)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the table that the standalone driver writes: one row a time."""
+        names = [f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot")]
+        with whole_file(path) as file:
+            file.write(f"# viscovib {version('viscovib')}\n")
+            file.write(f"# method {self.method}, step {self.dt:.17g}, {self.outcome}\n")
+            file.write(f"# {self.system.unit_note}\n")
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["t", *names])
+            for t, row in zip(self.t, self.state, strict=True):
+                writer.writerow([f"{value:.16e}" for value in (t, *row)])

@@ -1,0 +1,356 @@
+"""Motion with memory: against independent programs, harmonic balance, roots and itself."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+DATA = Path(__file__).parents[2] / "data"
+REFERENCE = json.loads((DATA / "mount_memory_reference.json").read_text())["time_domain"]
+
+
+@pytest.mark.parametrize("case", REFERENCE, ids=lambda case: f"{case['start']} t={case['t']}")
+@pytest.mark.parametrize("memory", ["exponentials", "direct"])
+def test_reference_values(mount, case, memory):
+    # Direct sums over 200 steps and more are no more exact, only slower.
+    if memory == "direct" and case["t"] > 10:
+        pytest.skip("the same weights as in the shorter runs")
+    system = mount(case["A"], cubic_scale=1.0 if case["nonlinear"] else 0.0)
+    free = case["nu"] is None
+    start = [0.1, 0, 0.05, 0] if free else None
+    load = {} if free else {"load": 0.5, "nu": case["nu"]}
+    run = vv.simulate(system, case["t"], dt=0.1, initial=start, memory=memory, **load)
+    expected = [float(value) for value in case["value"]]
+    assert run.outcome == "completed"
+    # The nonlinear values are sure to 11 digits or more, see data/README.md.
+    assert np.abs(run.state[-1, ::2] - expected).max() < (1e-12 if case["nonlinear"] else 1e-13)
+
+
+def test_step_found_by_tolerance(mount):
+    for tolerance in (1e-6, 1e-10):
+        run = vv.simulate(mount(), 100, load=0.5, nu=1.5, tolerance=tolerance)
+        expected = [-7.857499117945091e-01, -8.354445983421139e-01]
+        assert run.error <= tolerance
+        assert np.abs(run.state[-1, ::2] - expected).max() <= tolerance
+
+
+@pytest.mark.parametrize("method", ["gauss2", "gauss3", "gauss4", "gauss6", "gauss8"])
+def test_methods_agree(mount, method):
+    best = vv.simulate(mount(), 5, dt=0.05, load=0.5, nu=1.5).state[-1]
+    steps = {"gauss2": 0.002, "gauss3": 0.01}.get(method, 0.02)
+    other = vv.simulate(mount(), 5, dt=steps, load=0.5, nu=1.5, method=method).state[-1]
+    assert np.abs(other - best).max() < 2e-10
+
+
+def test_error_falls_with_the_step(mount):
+    exact = [8.706100051384379e-01, 9.234816022517897e-01]
+    errors = [
+        np.abs(
+            vv.simulate(mount(), 10, dt=dt, load=0.5, nu=1.5, method="gauss4").state[-1, ::2]
+            - exact
+        ).max()
+        for dt in (0.5, 0.125)
+    ]
+    assert math.log(errors[0] / errors[1], 4) > 6
+
+
+@pytest.mark.parametrize("geometry", ["cubic", "exact"])
+def test_long_run_is_the_steady_response(mount, geometry):
+    system = mount(geometry=geometry)
+    n, orders = 64, (1, 3, 5)
+    t = 700 + 2 * np.pi / 1.5 * np.arange(n) / n
+    run = vv.simulate(system, t[-1], dt=0.125, load=0.5, nu=1.5, times=t)
+    steady = vv.forced_response(system, [1.5], load=0.5, method="newton", harmonics=25)
+    for d in range(2):
+        for order in orders:
+            found = 2j * np.mean(run.state[:, 2 * d] * np.exp(-1.5j * order * t))
+            balance = steady.coefficients[0, d, list(steady.harmonics).index(order)]
+            assert abs(found - balance) < 1e-12
+
+
+def test_printed_geometry_settles_on_its_steady_response(mount):
+    # The printed signs soften: at a small load the motion stays bounded.
+    system = mount(geometry="printed")
+    t = 700 + 2 * np.pi / 0.7 * np.arange(64) / 64
+    run = vv.simulate(system, t[-1], dt=0.125, load=0.1, nu=0.7, times=t)
+    steady = vv.forced_response(system, [0.7], load=0.1, method="newton", harmonics=15)
+    found = 2j * np.mean(run.state[:, 0] * np.exp(-0.7j * t))
+    assert abs(found - steady.coefficients[0, 0, 0]) < 1e-11
+
+
+def test_slow_mode_grows_like_its_root(mount):
+    with pytest.warns(vv.StabilityWarning):
+        system = mount(0.078, cubic_scale=0.0)
+    period = 2 * np.pi / 1.5
+    t = np.concatenate([start + period * np.arange(16) / 16 for start in (5000.0, 19990.0)])
+    with pytest.warns(vv.StabilityWarning, match=r"exp\(0.0006236 t\)"):
+        run = vv.simulate(system, t[-1], dt=0.5, load=0.5, nu=1.5, times=t)
+    means = run.state[:16, 0].mean(), run.state[16:, 0].mean()
+    rate = math.log(means[1] / means[0]) / 14990
+    assert rate == pytest.approx(6.235198e-4, rel=2e-6)
+    # From above and below by the roots of the two modes, which both grow.
+    assert rate == pytest.approx(system.characteristic_roots().real[0], rel=1e-4)
+
+
+def test_free_decay_has_the_characteristic_roots(mount):
+    system = mount(cubic_scale=0.0)
+    run = vv.simulate(system, 40, dt=0.05, initial=[0.1, 0, 0.05, 0])
+    decay = vv.free_decay(run, start=5)
+    roots = system.characteristic_roots()
+    for root, decrement in zip(roots.oscillatory, roots.logarithmic_decrement, strict=True):
+        nearest = np.abs(decay.roots - root).argmin()
+        assert abs(decay.roots[nearest] - root) < 1e-6
+        assert decay.logarithmic_decrement[nearest] == pytest.approx(decrement, abs=1e-5)
+    assert decay.residual < 1e-5
+
+
+def test_without_memory_is_an_ordinary_motion(mount):
+    system = mount(kernel=None, geometry="exact", damping=[[0.2, 0.05], [0.05, 0.03]])
+
+    def slope(t, y):
+        x, x_dot, phi, phi_dot = y
+        pull = 10 * (x - 0.5 * math.sin(phi))
+        moment = 0.5 * math.cos(phi) * pull - 2 * phi
+        return [
+            x_dot,
+            0.3 * math.sin(1.5 * t) + 0.1 - pull - 0.2 * x_dot - 0.05 * phi_dot,
+            phi_dot,
+            (moment - 0.05 * x_dot - 0.03 * phi_dot) / 0.1,
+        ]
+
+    start = [0.1, 0.2, -0.3, 0.1]
+    other = solve_ivp(slope, (0, 10), start, method="DOP853", rtol=1e-12, atol=1e-13)
+    run = vv.simulate(system, 10, dt=0.05, initial=start, load={0: 0.1j, 1: 0.3}, nu=1.5)
+    assert np.abs(run.state[-1] - other.y[:, -1]).max() < 1e-10
+
+
+def test_base_motion_is_the_steady_one_in_the_end(mount):
+    system = mount()
+    t = 400 + 2 * np.pi / 1.3 * np.arange(32) / 32
+    run = vv.simulate(system, t[-1], dt=0.1, base=0.05, nu=1.3, times=t)
+    steady = vv.forced_response(system, [1.3], base=0.05, method="newton")
+    found = 2j * np.mean(run.state[:, 0] * np.exp(-1.3j * t))
+    assert abs(found - steady.coefficients[0, 0, 0]) < 1e-11
+    # At first the body rests while the base moves: x and x' are the body's own.
+    start = vv.simulate(system, 0.01, dt=0.01, base=0.05, nu=1.3)
+    assert start.state[0].tolist() == [0, 0, 0, 0]
+    assert abs(start.state[1, 1]) < 1e-4 < 0.05 * 1.3
+
+
+def test_load_tables(mount):
+    system = mount()
+    t = np.linspace(0, 10, 2001)
+    sine = vv.LoadTable(times=t, values=0.5 * np.sin(1.5 * t), interpolation="cubic")
+    run = vv.simulate(system, 10, dt=0.1, force=sine)
+    exact = vv.simulate(system, 10, dt=0.1, load=0.5, nu=1.5)
+    assert np.abs(run.state - exact.state).max() < 1e-9
+    assert sine(0.3) == pytest.approx(0.5 * math.sin(0.45), abs=1e-10)
+    # A constant as a table and as a load of order 0; the second coordinate too.
+    flat = vv.LoadTable(times=[0, 10], values=[[0.1, 0.02], [0.1, 0.02]])
+    one = vv.simulate(system, 8, dt=0.1, force=flat)
+    two = vv.simulate(system, 8, dt=0.1, load={0: [0.1j, 0.02j]})
+    assert np.abs(one.state - two.state).max() < 1e-14
+    assert flat(11).tolist() == [0, 0]
+
+
+def test_creep_goes_to_the_relaxed_stiffness(mount):
+    """Under a constant force the displacement settles at that of K (1 - integral of R)."""
+    system = mount(0.02, cubic_scale=0.0, damping=[[2.0, 0], [0, 0.2]])
+    run = vv.simulate(system, 400, dt=0.2, load={0: [0.1j, 0]}, keep="last")
+    stiffness = np.array([[10, -5], [-5, 4.5]]) * (1 - system.kernel.integral)
+    assert run.state[-1, ::2] == pytest.approx(np.linalg.solve(stiffness, [0.1, 0]), rel=1e-7)
+
+
+@pytest.mark.parametrize("memory", ["exponentials", "direct"])
+def test_what_was_held_is_remembered(mount, memory):
+    """Held for ever by the force that relaxation left, the body stays where it is."""
+    system = mount(cubic_scale=0.0)
+    where = np.array([0.1, 0.05])
+    force = np.array([[10, -5], [-5, 4.5]]) @ where * (1 - system.kernel.integral)
+    run = vv.simulate(system, 5, dt=0.2, load={0: 1j * force}, held=where, memory=memory)
+    assert np.abs(run.state - [0.1, 0, 0.05, 0]).max() < 1e-15
+    # A body that came to rest there long ago under that force moves on alike when let go.
+    let_go = vv.simulate(system, 5, dt=0.2, held=where, memory=memory)
+    fresh = vv.simulate(system, 5, dt=0.2, initial=[0.1, 0, 0.05, 0], memory=memory)
+    assert np.abs(let_go.state[-1] - fresh.state[-1]).max() > 1e-3
+
+
+def test_relaxation_function():
+    kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    # The integral of R to t by the incomplete gamma function.
+    from scipy.special import gammainc
+
+    t = np.array([1e-8, 0.3, 20.0, 5000.0])
+    expected = 1 - kernel.integral * gammainc(0.1, 0.05 * t)
+    assert np.abs(kernel.relaxation(t) - expected).max() < 1e-14
+
+
+@pytest.mark.parametrize("memory", ["exponentials", "direct"])
+def test_runs_go_on_bit_for_bit(mount, memory):
+    job = {"dt": 0.1, "initial": [0.1, 0, 0.05, 0], "load": 0.5, "nu": 1.5, "memory": memory}
+    whole = vv.simulate(mount(), 12, **job)
+    part = vv.simulate(mount(), 5, **job)
+    rest = vv.simulate(mount(), 12, resume=part)
+    again = vv.simulate(mount(), 12, resume=part)
+    short = vv.simulate(mount(), 0.2, **job)
+    if memory == "direct":
+        assert (rest.state[-1] == whole.state[-1]).all()
+    # Exponentials reach 100 times as far as a run was meant to go, so other ends differ.
+    assert np.abs(rest.state[-1] - whole.state[-1]).max() < 1e-13
+    assert (rest.state == again.state).all()
+    assert np.abs(vv.simulate(mount(), 12, resume=short).state[-1] - whole.state[-1]).max() < 1e-12
+    halves = vv.simulate(mount(), 12, resume=vv.simulate(mount(), 7, resume=part))
+    assert (halves.state[-1] == rest.state[-1]).all()
+    with pytest.raises(vv.InputError, match="may go on to 20 at most"):
+        vv.simulate(mount(), 21, resume=short)
+
+
+def test_states_between_steps(mount):
+    t = [0.0, 1e-6, 0.03, 0.1, 0.333, 2.0]
+    at = vv.simulate(mount(), 2, dt=0.1, initial=[0.1, 0, 0.05, 0], times=t)
+    fine = vv.simulate(mount(), 2, dt=0.001, initial=[0.1, 0, 0.05, 0])
+    assert at.t.tolist() == t
+    for i, when in ((2, 30), (3, 100), (4, 333), (5, 2000)):
+        assert np.abs(at.state[i] - fine.state[when]).max() < 1e-10
+    assert at.state[1] == pytest.approx([0.1, 0, 0.05, 0], abs=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_other_kernels_fast_and_direct(mount):
+    kernels = {
+        "prony": vv.PronyKernel(weights=[0.02, 0.5, 3.0], rates=[0.1, 2.0, 50.0]),
+        "abel": vv.AbelKernel(amplitude=0.05, alpha=0.4),
+        "rabotnov": vv.RabotnovKernel(amplitude=0.3, alpha=0.6, beta=0.8),
+        "alpha 0.01": vv.RzhanitsynKernel(amplitude=0.005, alpha=0.01, beta=0.05),
+        "alpha 1": vv.RzhanitsynKernel(amplitude=0.1, alpha=1.0, beta=0.5),
+    }
+    for name, kernel in kernels.items():
+        system = mount(kernel=kernel, kernel_phi=False if name == "abel" else None)
+        job = {"dt": 0.1, "initial": [0.1, 0, 0.05, 0], "load": 0.2, "nu": 1.5}
+        fast = vv.simulate(system, 3, memory="exponentials", **job)
+        direct = vv.simulate(system, 3, memory="direct", **job)
+        assert np.abs(fast.state - direct.state).max() < 1e-11, name
+
+
+def test_one_exponential_is_an_ordinary_motion(mount):
+    """With R = w exp(-r t) the memory is one more ordinary equation a spring."""
+    system = mount(kernel=vv.PronyKernel(weights=[0.4], rates=[1.3]), cubic_scale=0.0)
+    stiffness = np.array([[10, -5], [-5, 4.5]])
+
+    def slope(t, y):
+        force = stiffness @ y[:2]
+        pull = force - 0.4 * y[4:]
+        acceleration = ([0.5 * math.sin(1.5 * t), 0] - pull) / [1, 0.1]
+        return np.concatenate([y[2:4], acceleration, force - 1.3 * y[4:]])
+
+    start = [0.1, 0.05, 0.2, 0, 0, 0]
+    other = solve_ivp(slope, (0, 10), start, method="DOP853", rtol=1e-12, atol=1e-13)
+    run = vv.simulate(system, 10, dt=0.1, initial=[0.1, 0.2, 0.05, 0], load=0.5, nu=1.5)
+    assert np.abs(run.state[-1, ::2] - other.y[:2, -1]).max() < 1e-11
+
+
+def test_tables_run_directly_or_as_a_fit(mount):
+    smooth = vv.PronyKernel(weights=[0.2, 0.05], rates=[2.0, 0.1])
+    t = np.linspace(0, 60, 6001)
+    table = vv.TabulatedKernel(times=t, values=np.append(smooth([1e-9]), smooth(t[1:])))
+    job = {"dt": 0.1, "load": 0.5, "nu": 1.5}
+    exact = vv.simulate(mount(kernel=smooth), 10, **job)
+    run = vv.simulate(mount(kernel=table), 10, **job)
+    assert np.abs(run.state - exact.state).max() < 1e-5
+    fit = table.sum_of_exponentials(t_min=0.01, t_max=50)
+    assert isinstance(fit, vv.PronyKernel)
+    assert fit.error < 1e-3
+    fitted = vv.simulate(mount(kernel=fit), 10, **job)
+    assert np.abs(fitted.state - exact.state).max() < 1e-3
+    with pytest.raises(vv.InputError, match="no sum of exponentials"):
+        vv.simulate(mount(kernel=table), 10, memory="exponentials", **job)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8, 1e-12])
+@pytest.mark.parametrize("alpha", [0.01, 0.1, 0.5, 0.95, 1.0])
+def test_sums_of_exponentials(alpha, tolerance):
+    kernel = vv.RzhanitsynKernel(amplitude=0.3, alpha=alpha, beta=0.02)
+    fast = kernel.sum_of_exponentials(tolerance=tolerance, t_min=1e-3, t_max=100)
+    assert fast.error <= tolerance
+    assert (np.asarray(fast.weights) > 0).all()
+    t = np.geomspace(1e-3, 100, 777)
+    assert np.abs(fast(t) / kernel(t) - 1).max() <= tolerance
+
+
+def test_large_motion_needs_newton(mount):
+    """At a large load the plain iteration does not contract."""
+    system = mount(damping=[[0.5, 0], [0, 0.05]])
+    coarse = vv.simulate(system, 5, dt=0.05, load=60.0, nu=1.5)
+    fine = vv.simulate(system, 5, dt=0.02, load=60.0, nu=1.5)
+    assert np.abs(coarse.state[-1]).max() > 5
+    assert np.abs(coarse.state[-1] - fine.state[-1]).max() < 1e-8
+
+
+def test_steps_too_large_stop_with_an_outcome(mount):
+    run = vv.simulate(mount(), 100, dt=20.0, load=500.0, nu=1.5)
+    assert run.outcome == "diverged"
+    assert run.t.size == run.t_reached / run.dt + 1
+
+
+def test_table_and_dataset(mount, tmp_path):
+    run = vv.simulate(mount(), 1, dt=0.1, initial=[0.1, 0, 0.05, 0])
+    run.to_csv(tmp_path / "run.csv")
+    lines = (tmp_path / "run.csv").read_text().splitlines()
+    assert lines[2:4] == ["# units: t in s, x in m, phi in rad", "t,x,x_dot,phi,phi_dot"]
+    data = run.to_dataset()
+    assert data["phi_dot"].attrs["units"] == "rad/s"
+    assert data["t"].attrs["units"] == "s"
+    with pytest.raises(vv.InputError, match="for pendulums only"):
+        run.energy_defect()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"load": 0.5}, "nu = None: must be greater than 0"),
+        ({"nu": 1.5}, "nu: must not be given without load or base"),
+        ({"initial": [0, 0]}, r"initial: must have shape \(4,\), got \(2,\)"),
+        ({"initial": [0, math.nan, 0, 0]}, r"initial\[1\] = nan"),
+        ({"held": [0, 0, 0]}, r"held: must have shape \(2,\)"),
+        ({"method": "rk4"}, "method = 'rk4'"),
+        ({"memory": "none"}, "memory = 'none'"),
+        ({"force": [1, 2]}, "must be a LoadTable"),
+        ({"dt": 11}, "dt = 11"),
+    ],
+)
+def test_bad_input(mount, arguments, message):
+    with pytest.raises(vv.InputError, match=message):
+        vv.simulate(mount(), 10, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"times": [0, 1, 1], "values": [0, 0, 0]}, r"times\[2\] = 1 after 1"),
+        ({"times": [0], "values": [0]}, "times: must have shape"),
+        ({"times": [0, 1], "values": [0, math.inf]}, r"values\[1\] = inf"),
+        ({"times": [0, 1], "values": [0, 0, 0]}, "values: must have shape"),
+        ({"times": [0, 1], "values": [0, 0], "interpolation": "step"}, "interpolation = 'step'"),
+    ],
+)
+def test_bad_load_tables(arguments, message):
+    with pytest.raises(vv.InputError, match=message):
+        vv.LoadTable(**arguments)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_held_needs_an_integral(mount):
+    with pytest.raises(vv.InputError, match="held: a kernel has no integral"):
+        vv.simulate(
+            mount(kernel=vv.AbelKernel(amplitude=0.01, alpha=0.5)), 1, dt=0.1, held=[0.1, 0]
+        )
+
+
+def test_pendulums_take_no_loads():
+    body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5)
+    with pytest.raises(vv.InputError, match="load: is for a Mount"):
+        vv.simulate(body, 1, initial=np.zeros(6), load=1.0)
