@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from viscovib.errors import FileError, InputError
+from viscovib.errors import FileError, InputError, ViscovibError
 from viscovib.sweep_points import (
     BLANK,
     COMPLETED,
@@ -135,9 +135,10 @@ class DiskStore:
                 )
             if ERROR not in self._group:
                 self._begin()
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except BaseException as error:
             self.close()
-            if isinstance(error, (InputError, FileError)):
+            wrong = (OSError, ValueError, KeyError, TypeError)
+            if isinstance(error, ViscovibError) or not isinstance(error, wrong):
                 raise
             raise FileError(f"checkpoint = {self.path}: cannot be used ({error})") from None
 

@@ -241,6 +241,14 @@ def test_a_wrong_value_in_a_scene_is_told_with_its_point():
         sweep(PAPER, {"mount.mass": [1.0, -1.0]})
 
 
+def test_progress_is_shown_unless_it_is_not_wanted(capsys, tmp_path):
+    grid = {"x": np.arange(50)}
+    vv.sweep(lambda x: x, grid, checkpoint=tmp_path / "c")
+    assert "/50 [" in capsys.readouterr().err
+    vv.sweep(lambda x: x, grid, progress=False)
+    assert capsys.readouterr().err == ""
+
+
 def test_threads_work_at_once():
     together = threading.Barrier(3, timeout=10)
 
