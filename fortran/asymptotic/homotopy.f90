@@ -30,9 +30,11 @@ module viscovib_homotopy
 contains
 
   !> Unknowns and coefficients should be scaled to the size 1.
-  subroutine new_family(family, n, row, at)
+  subroutine new_family(family, n, row, at, cancel)
     type(family_type), intent(out) :: family
     integer, intent(in) :: n, row(:), at(:, :)
+    !> Not 0, perhaps set by another thread, gives up.
+    integer, intent(inout), volatile :: cancel
     complex(wp) :: from(size(row) + 2*n), to(size(row) + 2*n), x(n), found(n, 3**n)
     integer :: rows(size(row) + 2*n), places(3, size(row) + 2*n), degree(n), part(n)
     integer :: i, k, m, path, rest
@@ -59,6 +61,7 @@ contains
     to(m + 1:) = (0.0_wp, 0.0_wp)
     k = 0
     do path = 0, product(degree) - 1
+      if (cancel /= 0) exit
       rest = path
       do i = 1, n
         part(i) = modulo(rest, degree(i))
@@ -92,12 +95,13 @@ contains
   end function known
 
   !> The finite solutions for given coefficients.
-  subroutine solve_member(self, coefficients, x, n_found)
+  subroutine solve_member(self, coefficients, x, n_found, cancel)
     class(family_type), intent(in) :: self
     complex(wp), intent(in) :: coefficients(:)
     !> Shape (n, at least size(solutions, 2)).
     complex(wp), intent(out) :: x(:, :)
     integer, intent(out) :: n_found
+    integer, intent(inout), volatile :: cancel
     complex(wp) :: path(self%n)
     integer :: i
     logical :: ended
@@ -105,6 +109,7 @@ contains
     n_found = 0
     x = (0.0_wp, 0.0_wp)
     do i = 1, size(self%solutions, 2)
+      if (cancel /= 0) exit
       path = self%solutions(:, i)
       call follow(self%n, self%row, self%at, self%generic, coefficients, far, path, ended)
       if (.not. ended) cycle

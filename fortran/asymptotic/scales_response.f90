@@ -83,10 +83,10 @@ contains
                   //'steady motion joins: see modulation')
         return
       end if
-      if (.not. ready) call new_steady_solver(solver, scales%flow, status)
+      if (.not. ready) call new_steady_solver(solver, scales%flow, status, cancel)
       if (status%failed()) return
       ready = .true.
-      call solver%solve(scales%flow, a, n_found)
+      call solver%solve(scales%flow, a, n_found, cancel)
       do k = 1, n_found
         call add_point(i, a(:, k))
       end do

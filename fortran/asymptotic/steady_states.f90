@@ -35,10 +35,12 @@ contains
 
   !> From the flow at one value of what will vary; its terms stay, their coefficients may not.
   !! A solver that was made for the same terms keeps what it knows.
-  subroutine new_steady_solver(solver, flow, status)
+  subroutine new_steady_solver(solver, flow, status, cancel)
     type(steady_solver_type), intent(inout) :: solver
     type(slow_flow_type), intent(in) :: flow
     type(status_type), intent(out) :: status
+    !> Not 0, perhaps set by another thread, gives up.
+    integer, intent(inout), volatile :: cancel
     integer, allocatable :: row(:), at(:, :)
     complex(wp), allocatable :: coefficients(:)
     logical :: moves(flow%n_modes), shifts_only
@@ -70,11 +72,15 @@ contains
       solver%unit = natural_unit(solver, flow)
       if (shifts_only) then
         call square_terms(solver, flow, row, at, coefficients)
-        if (.not. same_terms(solver%family, n, row, at)) call new_family(solver%family, n, row, at)
+        if (.not. same_terms(solver%family, n, row, at)) then
+          call new_family(solver%family, n, row, at, cancel)
+        end if
       else
         call general_terms(solver, flow, row, at, coefficients)
         n = 2*n
-        if (.not. same_terms(solver%family, n, row, at)) call new_family(solver%family, n, row, at)
+        if (.not. same_terms(solver%family, n, row, at)) then
+          call new_family(solver%family, n, row, at, cancel)
+        end if
       end if
     else
       call fail(status, status_input_error, 'system', 'system: '//show(n)//' modes move together ' &
@@ -304,21 +310,22 @@ contains
   end subroutine general_terms
 
   !> Amplitudes of all steady motions, the smallest first; modes that cannot move are 0.
-  subroutine solve(self, flow, a, n_found)
+  subroutine solve(self, flow, a, n_found, cancel)
     class(steady_solver_type), intent(in) :: self
     type(slow_flow_type), intent(in) :: flow
     !> Shape (n_modes, max_steady).
     complex(wp), intent(out) :: a(:, :)
     integer, intent(out) :: n_found
+    integer, intent(inout), volatile :: cancel
 
     a = (0.0_wp, 0.0_wp)
     select case (self%kind)
     case (kind_one)
       call solve_one(self, flow, a, n_found)
     case (kind_squares)
-      call self%solve_squares(flow, a, n_found)
+      call self%solve_squares(flow, a, n_found, cancel)
     case (kind_general)
-      call self%solve_general(flow, a, n_found)
+      call self%solve_general(flow, a, n_found, cancel)
     case default
       n_found = 1
     end select
@@ -397,11 +404,12 @@ contains
     x = x*unit
   end subroutine cubic_roots
 
-  subroutine solve_squares(self, flow, a, n_found)
+  subroutine solve_squares(self, flow, a, n_found, cancel)
     class(steady_solver_type), intent(in) :: self
     type(slow_flow_type), intent(in) :: flow
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
+    integer, intent(inout), volatile :: cancel
     complex(wp) :: sigma(size(self%active)), gamma(size(self%active), size(self%active))
     complex(wp) :: load(size(self%active)), bottom(size(self%active))
     complex(wp) :: x(size(self%active), size(self%family%solutions, 2))
@@ -410,7 +418,7 @@ contains
     integer :: i, n
 
     call square_terms(self, flow, row, at, coefficients)
-    call self%family%solve_member(coefficients, x, n)
+    call self%family%solve_member(coefficients, x, n, cancel)
     call shifts(self, flow, sigma, gamma, load)
     n_found = 0
     do i = 1, n
@@ -423,11 +431,12 @@ contains
     end do
   end subroutine solve_squares
 
-  subroutine solve_general(self, flow, a, n_found)
+  subroutine solve_general(self, flow, a, n_found, cancel)
     class(steady_solver_type), intent(in) :: self
     type(slow_flow_type), intent(in) :: flow
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
+    integer, intent(inout), volatile :: cancel
     complex(wp) :: x(2*size(self%active), size(self%family%solutions, 2))
     complex(wp), allocatable :: coefficients(:)
     integer, allocatable :: row(:), at(:, :)
@@ -435,7 +444,7 @@ contains
 
     m = size(self%active)
     call general_terms(self, flow, row, at, coefficients)
-    call self%family%solve_member(coefficients, x, n)
+    call self%family%solve_member(coefficients, x, n, cancel)
     n_found = 0
     do i = 1, n
       if (maxval(abs(x(:m, i) - conjg(x(m + 1:, i)))) > 1.0e-7_wp*max(maxval(abs(x(:, i))), &
