@@ -57,6 +57,37 @@ subroutine scene_canonical_of_text(path, given, max_text, text, n_text, status, 
   call report(outcome, status, message)
 end subroutine scene_canonical_of_text
 
+!> What the scene of a text would compute and skip; `path` only names it in messages.
+subroutine scene_plan(path, given, max_text, text, n_text, status, message)
+  use, intrinsic :: iso_c_binding, only: c_int
+  use viscovib_binding_tools, only: report
+  use viscovib_run_scene, only: plan_scene
+  use viscovib_scene, only: read_scene, scene_type
+  use viscovib_status, only: status_type
+  implicit none
+  character(len=*), intent(in) :: path, given
+  integer(c_int), intent(in) :: max_text
+  character(len=1), intent(out) :: text(max_text)
+  integer(c_int), intent(out) :: n_text, status
+  character(len=512), intent(out) :: message
+  type(scene_type) :: scene
+  type(status_type) :: outcome
+  character(len=:), allocatable :: lines
+  integer :: i
+
+  text = ' '
+  n_text = 0
+  call read_scene(path, scene, outcome, given)
+  if (.not. outcome%failed()) call plan_scene(scene, lines, outcome)
+  if (.not. outcome%failed()) then
+    n_text = len(lines)
+    do i = 1, min(n_text, max_text)
+      text(i) = lines(i:i)
+    end do
+  end if
+  call report(outcome, status, message)
+end subroutine scene_plan
+
 !> Evenly spaced frequencies, as scenes make them.
 subroutine frequency_grid(lowest, highest, logarithmic, n, grid)
   use, intrinsic :: iso_c_binding, only: c_double, c_int

@@ -2,9 +2,12 @@
 module viscovib_run_scene
   use viscovib_branch, only: branch_completed, branch_type
   use viscovib_branch_job, only: branch_names, plan_branch, run_branch, write_branch
+  use viscovib_dense, only: factorize, solve
   use viscovib_files, only: stem
   use viscovib_forced_response, only: forced_response
+  use viscovib_hereditary_job, only: hereditary_methods, plan_hereditary, run_hereditary_job
   use viscovib_kinds, only: wp
+  use viscovib_method_catalogue, only: transient_methods
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_type
@@ -50,7 +53,11 @@ contains
       text = plan_scales(scene%scales)
       return
     else if (scene%wants_motion) then
-      text = plan_transient(scene%transient)
+      if (scene%has_memory) then
+        text = plan_hereditary(scene%hereditary, scene%oscillator(), scene%load)
+      else
+        text = plan_transient(scene%transient)
+      end if
       if (scene%spectrum%wanted) then
         text = text//'computes: spectra of '//joined(scene%coordinates)//', window ' &
                //trim(window_names(scene%spectrum%window))//new_line('a')
@@ -159,18 +166,52 @@ contains
                      //' values, '//show(count(stable_points(points)))//' of them stable'
   end subroutine run_steady
 
+  !> Fastest natural frequency of a mount, or an upper bound of the rates of a polynomial
+  !! system.
+  real(wp) function fastest_frequency(scene) result(fastest)
+    type(scene_type), intent(in), target :: scene
+    real(wp) :: omega(2), shapes(2, 2)
+
+    if (scene%is_polynomial) then
+      fastest = largest_rate(scene%polynomial, scene%polynomial%n_dof())
+    else
+      call scene%mount%natural_modes(omega, shapes)
+      fastest = omega(2)
+    end if
+  end function fastest_frequency
+
+  !> Largest sums along a row of M^-1 K, its root, and of M^-1 C.
+  real(wp) function largest_rate(system, n)
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: n
+    real(wp) :: mass(n, n), pull(n, n), drag(n, n)
+    integer :: pivots(n), k
+    logical :: singular
+
+    mass = system%mass
+    pull = matmul(system%spread, system%gather)
+    drag = system%damping
+    call factorize(n, mass, pivots, singular)
+    do k = 1, n
+      call solve(n, mass, pivots, pull(:, k))
+      call solve(n, mass, pivots, drag(:, k))
+    end do
+    largest_rate = sqrt(maxval(sum(abs(pull), 2))) + maxval(sum(abs(drag), 2))
+  end function largest_rate
+
   subroutine run_motion(scene, folder, header, report, status)
     type(scene_type), intent(in), target :: scene
     character(len=*), intent(in) :: folder, header
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
     type(trajectory_type) :: trajectory
-    character(len=:), allocatable :: units
+    character(len=:), allocatable :: units, method
     real(wp) :: omega(3), shapes(3, 3)
     integer :: kept, d
 
     if (scene%is_pendulum) then
       units = 'dimensionless: t in 1/omega_1, z in L, phi and psi in rad'
+      method = transient_methods(scene%transient%method)
       call scene%pendulum%natural_modes(omega, shapes)
       call run_transient(scene%transient, scene%pendulum, &
                          max(maxval(omega), maxval(scene%pendulum%drives)), trajectory, status)
@@ -179,7 +220,15 @@ contains
       do d = 1, size(scene%coordinates)
         units = units//', '//trim(scene%coordinates(d))//' in '//trim(scene%units(d))
       end do
-      call run_transient(scene%transient, scene%motion, scene%motion%fastest(), trajectory, status)
+      if (scene%has_memory) then
+        method = hereditary_methods(scene%hereditary%method)
+        call run_hereditary_job(scene%hereditary, scene%oscillator(), scene%load, &
+                                fastest_frequency(scene), trajectory, status)
+      else
+        method = transient_methods(scene%transient%method)
+        call run_transient(scene%transient, scene%motion, scene%motion%fastest(), trajectory, &
+                           status)
+      end if
     end if
     if (status%failed()) then
       status%message = scene%path//': '//status%message
@@ -187,7 +236,7 @@ contains
     end if
     report%path = folder//'/'//stem(scene%path)//'_transient.csv'
     call write_transient(folder, stem(scene%path)//'_transient.csv', trajectory, &
-                         scene%transient%method, scene%coordinates, units, header, status)
+                         trim(method), scene%coordinates, units, header, status)
     if (status%failed()) return
     if (scene%spectrum%wanted) then
       kept = count(trajectory%t >= scene%spectrum%discard*(1.0_wp - 1.0e-12_wp))

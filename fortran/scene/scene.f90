@@ -5,6 +5,7 @@ module viscovib_scene
   use viscovib_grids, only: linear_grid, log_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kernel_groups, only: read_kernels
+  use viscovib_hereditary_job, only: hereditary_job
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: geometry_cubic, geometry_names, mount_parameters, mount_type, new_mount
@@ -17,6 +18,7 @@ module viscovib_scene
   use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_names, method_newton, new_response_plan, &
     response_plan_type
+  use viscovib_motion_groups, only: read_frequency, read_hereditary
   use viscovib_scales_job, only: read_scales, scales_job
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_sweep_groups, only: read_sweep
@@ -44,6 +46,9 @@ module viscovib_scene
     type(polynomial_type) :: polynomial
     type(polynomial_motion_type) :: motion
     logical :: wants_motion = .false.
+    !> That motion is one of a mount, or of a polynomial system with kernels.
+    logical :: has_memory = .false.
+    type(hereditary_job) :: hereditary
     !> Names and units of its coordinates.
     character(len=name_length), allocatable :: coordinates(:), units(:)
     type(load_type) :: load
@@ -128,6 +133,8 @@ contains
     if (.not. status%failed()) call read_loads(file, scene, status)
     if (status%failed()) return
     if (scene%wants_motion) then
+      scene%has_memory = .true.
+      if (scene%is_polynomial) scene%has_memory = any(scene%polynomial%kernel_of > 0)
       call read_motion(file, scene, status)
       return
     end if
@@ -167,7 +174,8 @@ contains
 
     is_pendulum = .false.
     is_polynomial = place_of(file, 'system') <= size(file%groups)
-    is_moving = is_polynomial .and. place_of(file, 'transient') <= size(file%groups)
+    is_moving = place_of(file, 'transient') <= size(file%groups) &
+                .and. (is_polynomial .or. place_of(file, 'mount') <= size(file%groups))
     do i = 1, size(file%groups)
       associate (group => file%groups(i))
         if (.not. any(group_names == group%name)) then
@@ -192,10 +200,10 @@ contains
           call refuse_group(i, '&mount: this scene has &system already, give one of them')
         else if (.not. is_polynomial .and. any(group_names(j) == ['spring', 'force '])) then
           call refuse_group(i, '&'//trim(group_names(j))//': needs &system')
-        else if (group_names(j) == 'transient' .and. .not. (is_pendulum .or. is_polynomial)) then
-          call refuse_group(i, '&transient: needs &pendulum or &system')
-        else if (.not. (is_pendulum .or. is_moving) &
-                 .and. any(pendulum_groups == group_names(j))) then
+        else if (group_names(j) == 'transient' .and. .not. (is_pendulum .or. is_moving)) then
+          call refuse_group(i, '&transient: needs &mount, &system or &pendulum')
+        else if (.not. is_pendulum .and. any(pendulum_groups == group_names(j)) &
+                 .and. .not. (is_moving .and. group_names(j) /= 'multiple_scales')) then
           call refuse_group(i, '&'//trim(group_names(j))//': needs &pendulum')
         else if (is_moving .and. any(group_names(j) == ['response', 'branch  '])) then
           call refuse_group(i, '&'//trim(group_names(j))//': this scene has &transient already, ' &
@@ -241,7 +249,7 @@ contains
       character(len=*), intent(in) :: name
       call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
                 //'needs &mount or &system, &load and a wanted result (&response or &branch), or ' &
-                //'&pendulum and &transient')
+                //'&mount, &system or &pendulum and &transient')
     end subroutine refuse_lack
 
     subroutine refuse_group(i, why)
@@ -295,7 +303,12 @@ contains
       call read_transient(reader, scene%pendulum, scene%transient)
     else
       call reader%start(file%path, file%groups(place_of(file, 'transient')))
-      call read_own_motion(reader, scene)
+      if (scene%has_memory) then
+        call read_hereditary(reader, size(scene%coordinates), scene%load, scene%hereditary)
+        scene%transient%t_end = scene%hereditary%t_end
+      else
+        call read_own_motion(reader, scene)
+      end if
     end if
     call close_group(reader, scene, status)
     if (status%failed() .or. .not. any([(file%groups(i)%name == 'spectrum', &
@@ -305,23 +318,14 @@ contains
     call close_group(reader, scene, status)
   end subroutine read_motion
 
-  !> The &transient group of a polynomial system: its load has the frequency nu.
+  !> The &transient group of a polynomial system without memory.
   subroutine read_own_motion(reader, scene)
     type(group_reader), intent(inout) :: reader
     type(scene_type), intent(inout) :: scene
     type(status_type) :: status
     real(wp) :: nu
 
-    nu = 0.0_wp
-    if (size(scene%load%orders) > 0) then
-      nu = reader%read_real('nu')
-      if (.not. reader%status%failed()) then
-        call check_positive('nu', nu, status)
-        call reader%place(status)
-      end if
-    else
-      call reader%refuse(['nu'], 'is the frequency of a load, and there is none')
-    end if
+    call read_frequency(reader, scene%load, nu)
     if (reader%status%failed()) return
     call new_polynomial_motion(scene%motion, scene%polynomial, scene%load, nu, status)
     call reader%place(status)

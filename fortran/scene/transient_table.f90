@@ -1,7 +1,6 @@
 !> A motion in time as a table: comma separated, a row a time.
 module viscovib_transient_table
   use viscovib_files, only: make_folder
-  use viscovib_method_catalogue, only: transient_methods
   use viscovib_number_text, only: exact
   use viscovib_simulate, only: run_names
   use viscovib_status, only: status_type
@@ -19,8 +18,7 @@ contains
   subroutine write_transient(folder, name, trajectory, method, coordinates, units, header, status)
     character(len=*), intent(in) :: folder, name
     type(trajectory_type), intent(in) :: trajectory
-    !> Place in `transient_methods`.
-    integer, intent(in) :: method
+    character(len=*), intent(in) :: method
     !> Names, and a line about units.
     character(len=*), intent(in) :: coordinates(:), units
     !> Lines for the top, separated by new-line characters.
@@ -34,7 +32,7 @@ contains
     call table%create(folder//'/'//name, status)
     if (status%failed()) return
     call table%add_comments(header)
-    call table%add_line('# method '//trim(transient_methods(method))//', step ' &
+    call table%add_line('# method '//method//', step ' &
                         //trim(exact(trajectory%h))//', '//trim(run_names(trajectory%outcome)))
     call table%add_line('# '//units)
     row = 't'

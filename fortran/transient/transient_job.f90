@@ -7,12 +7,13 @@ module viscovib_transient_job
   use viscovib_kinds, only: i8, wp
   use viscovib_method_catalogue, only: method_order, new_stepper, transient_methods
   use viscovib_simulate, only: run_completed, run_unphysical, simulate
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
   implicit none
   private
 
-  public :: transient_job, trajectory_type, check_transient, run_transient, plan_transient
+  public :: transient_job, trajectory_type, run_maker
+  public :: check_transient, check_times, run_transient, make_runs, plan_transient, plan_steps
 
   real(wp), parameter :: rounding = 1.0e-15_wp
   !> Halvings of the step before a tolerance is given up.
@@ -45,10 +46,38 @@ module viscovib_transient_job
     integer(i8) :: n_steps = 0
   end type trajectory_type
 
+  !> What makes runs of one motion, with any number of steps.
+  type, abstract :: run_maker
+  contains
+    procedure(make_interface), deferred :: make
+  end type run_maker
+
+  abstract interface
+
+    !> One run of n steps, keeping one state in save_every*thinning.
+    subroutine make_interface(self, job, n, thinning, trajectory, status)
+      import :: i8, run_maker, status_type, trajectory_type, transient_job
+      class(run_maker), intent(in) :: self
+      class(transient_job), intent(in) :: job
+      integer(i8), intent(in) :: n
+      integer, intent(in) :: thinning
+      type(trajectory_type), intent(out) :: trajectory
+      type(status_type), intent(out) :: status
+    end subroutine make_interface
+
+  end interface
+
+  !> Runs of a system without memory.
+  type, extends(run_maker) :: driven_runs
+    class(driven_system_type), pointer :: system => null()
+  contains
+    procedure :: make => make_driven
+  end type driven_runs
+
 contains
 
   subroutine check_transient(job, system, status)
-    type(transient_job), intent(in) :: job
+    class(transient_job), intent(in) :: job
     class(driven_system_type), intent(in) :: system
     type(status_type), intent(out) :: status
     real(wp) :: q(size(job%initial)/2)
@@ -64,6 +93,14 @@ contains
                 //'equations describe (z must be greater than -1)')
       return
     end if
+    call check_times(job, status)
+  end subroutine check_transient
+
+  !> End, step, tolerance and what is kept.
+  subroutine check_times(job, status)
+    class(transient_job), intent(in) :: job
+    type(status_type), intent(out) :: status
+
     call check_positive('t_end', job%t_end, status)
     if (status%failed()) return
     call check_finite('dt', job%dt, status)
@@ -96,45 +133,61 @@ contains
                   //show(job%save_every)//': would keep more than '//show(max_kept)//' states')
       end if
     end if
-  end subroutine check_transient
+  end subroutine check_times
 
-  !> Steps to begin with: where the step is to be found, four a period of the
-  !! fastest frequency, linear or of a load.
-  pure real(wp) function first_steps(job, fastest) result(n)
-    type(transient_job), intent(in) :: job
-    real(wp), intent(in) :: fastest
+  !> Steps to begin with: those asked for, or where the step is to be found, about as
+  !! many as are given.
+  pure real(wp) function first_steps(job, wanted) result(n)
+    class(transient_job), intent(in) :: job
+    real(wp), intent(in) :: wanted
     if (job%dt > 0.0_wp) then
       n = ceiling(job%t_end/job%dt*(1.0_wp - 1.0e-12_wp), i8)
     else
-      n = ceiling(job%t_end*fastest/(0.5_wp*pi), i8)
-      n = job%save_every*real(ceiling(max(n, 1.0_wp)/job%save_every, i8), wp)
+      n = job%save_every*real(ceiling(max(real(ceiling(wanted, i8), wp), 1.0_wp) &
+                                      /job%save_every, i8), wp)
     end if
   end function first_steps
 
   subroutine run_transient(job, system, fastest, trajectory, status)
-    type(transient_job), intent(in) :: job
-    class(driven_system_type), intent(in) :: system
-    !> Fastest frequency of the system and its loads.
+    class(transient_job), intent(in) :: job
+    class(driven_system_type), intent(in), target :: system
+    !> Fastest frequency of the system and its loads: four steps a period to begin with.
     real(wp), intent(in) :: fastest
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    type(driven_runs) :: maker
+
+    maker%system => system
+    call make_runs(maker, job, job%t_end*fastest/(0.5_wp*pi), trajectory, status)
+  end subroutine run_transient
+
+  !> One run with the step given, or runs in ever smaller steps until the tolerance is
+  !! met.
+  subroutine make_runs(maker, job, wanted, trajectory, status)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    !> Steps to begin with where the step is to be found.
+    real(wp), intent(in) :: wanted
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(trajectory_type) :: coarse
     real(wp) :: n, change, changes(max_halvings)
     integer :: i, factor
 
-    n = first_steps(job, fastest)
+    n = first_steps(job, wanted)
+    factor = 1
     if (job%dt > 0.0_wp) then
-      call run(job, system, int(n, i8), 1, max(0.1_wp*job%tolerance, rounding), trajectory)
+      call maker%make(job, int(n, i8), factor, trajectory, status)
       return
     end if
-    factor = 1
-    call run(job, system, int(n, i8), factor, max(0.1_wp*job%tolerance, rounding), coarse)
+    call maker%make(job, int(n, i8), factor, coarse, status)
+    if (status%failed()) return
     do i = 1, max_halvings
       factor = 2*factor
       change = huge(1.0_wp)
       if (n/job%save_every > max_kept .or. n*factor > max_steps) exit
-      call run(job, system, int(n, i8)*factor, factor, max(0.1_wp*job%tolerance, rounding), &
-               trajectory)
+      call maker%make(job, int(n, i8)*factor, factor, trajectory, status)
+      if (status%failed()) return
       if (coarse%outcome == run_completed .and. trajectory%outcome == run_completed) then
         change = maxval(abs(trajectory%states - coarse%states))
         if (change <= job%tolerance) then
@@ -153,16 +206,15 @@ contains
               //': not met with '//show(n*factor)//' steps (states still change by ' &
               //show(change)//' or the run fails); the motion may be chaotic: take a shorter run ' &
               //'or a larger tolerance')
-  end subroutine run_transient
+  end subroutine make_runs
 
-  !> One run of n steps, keeping one state in save_every*thinning.
-  subroutine run(job, system, n, thinning, solved, trajectory)
-    type(transient_job), intent(in) :: job
-    class(driven_system_type), intent(in) :: system
+  subroutine make_driven(self, job, n, thinning, trajectory, status)
+    class(driven_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
     integer, intent(in) :: thinning
-    real(wp), intent(in) :: solved
     type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
     class(stepper_type), allocatable :: stepper
     real(wp), allocatable :: states(:, :)
     real(wp) :: no_times(0), no_states(size(job%initial), 0)
@@ -170,10 +222,11 @@ contains
 
     every = int(job%save_every, i8)*thinning
     trajectory%h = job%t_end/real(n, wp)
-    call new_stepper(stepper, system, job%method, job%initial(1::2), job%initial(2::2), 0.0_wp, &
-                     trajectory%h, solved)
+    call set_ok(status)
+    call new_stepper(stepper, self%system, job%method, job%initial(1::2), job%initial(2::2), &
+                     0.0_wp, trajectory%h, max(0.1_wp*job%tolerance, rounding))
     allocate (states(size(job%initial), n/every))
-    call simulate(stepper, system, 0_i8, n, every, no_times, states, no_states, &
+    call simulate(stepper, self%system, 0_i8, n, every, no_times, states, no_states, &
                   trajectory%n_steps, trajectory%outcome)
     kept = trajectory%n_steps/every
     allocate (trajectory%states(size(job%initial), kept + 1), trajectory%t(kept + 1))
@@ -183,25 +236,34 @@ contains
       trajectory%t(i + 1) = real(every*i, wp)*trajectory%h
     end do
     trajectory%t_reached = real(trajectory%n_steps, wp)*trajectory%h
-  end subroutine run
+  end subroutine make_driven
 
   !> What will be computed and what is skipped, with the reasons.
   function plan_transient(job) result(text)
-    type(transient_job), intent(in) :: job
+    class(transient_job), intent(in) :: job
     character(len=:), allocatable :: text
     character(len=*), parameter :: nl = new_line('a')
 
     text = 'computes: motion to t = '//show(job%t_end)//' by ' &
-           //trim(transient_methods(job%method))//', order '//show(method_order(job%method))//nl
+           //trim(transient_methods(job%method))//', order '//show(method_order(job%method))//nl &
+           //plan_steps(job)
+  end function plan_transient
+
+  !> The lines about steps and what is kept.
+  function plan_steps(job) result(text)
+    class(transient_job), intent(in) :: job
+    character(len=:), allocatable :: text
+    character(len=*), parameter :: nl = new_line('a')
+
     if (job%dt > 0.0_wp) then
-      text = text//'computes: '//show(first_steps(job, 0.0_wp))//' equal steps'//nl &
+      text = 'computes: '//show(first_steps(job, 0.0_wp))//' equal steps'//nl &
              //'skips: estimate of the error (the step is given)'//nl
     else
-      text = text//'computes: the step, halved until the states kept change by no more than ' &
+      text = 'computes: the step, halved until the states kept change by no more than ' &
              //show(job%tolerance)//nl
     end if
     if (job%save_every > 1) text = text//'skips: storing all but one state in ' &
                                    //show(job%save_every)//nl
-  end function plan_transient
+  end function plan_steps
 
 end module viscovib_transient_job

@@ -232,12 +232,17 @@ class Scene:
 
     def _motion(self) -> dict[str, Any]:
         group = self._group("transient")
-        loads: dict[str, Any] = {}
+        more: dict[str, Any] = {}
+        if self._has_memory:
+            series = {name: terms or None for name, terms in self.loads().items()}
+            more = {**series, "memory": group["memory"], "held": np.atleast_1d(group["held"])}
+        elif "nu" in group:
+            more = {"load": self.loads()["load"]}
         if "nu" in group:
-            loads = {"load": self.loads()["load"], "nu": group["nu"]}
+            more["nu"] = group["nu"]
         return {
-            "system": self.pendulum() if self.is_pendulum else self.polynomial_system(),
-            **loads,
+            "system": self.pendulum() if self.is_pendulum else self.oscillator(),
+            **more,
             "t_end": group["t_end"],
             "initial": np.atleast_1d(group["initial"]),
             "dt": group["dt"] or "auto",
@@ -245,6 +250,11 @@ class Scene:
             "method": group["method"],
             "save_every": group["save_every"],
         }
+
+    @property
+    def _has_memory(self) -> bool:
+        """Whether the motion wanted is that of a system which may remember."""
+        return "held" in self._group("transient")
 
     def _steady(self) -> ScalesResponse:
         group = self._group("multiple_scales")
@@ -370,6 +380,8 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
         return _plan_steady(read)
     if "transient" not in read.groups:
         return plan_response(**read._job())
+    if read._has_memory:
+        return _read(core.scene_plan, f"{read.path}".encode(), read.canonical.encode())
     group = read._group("transient")
     text: bytes = core.transient_plan(
         group["initial"],

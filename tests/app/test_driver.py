@@ -97,6 +97,71 @@ def test_motions_of_driver_and_python_agree_to_the_last_bit(solve, tmp_path, cha
             assert (table[name] == again[name]).all()
 
 
+@pytest.mark.parametrize(
+    "group",
+    [
+        "&transient t_end=20, dt=0.25, nu=1.5 /\n&load amplitude=0.5 /",
+        "&transient t_end=20, nu=1.5, save_every=2 /\n&load amplitude=0.5, phase=1 /",
+        "&transient t_end=5, dt=0.1, initial=0.1 0 0.05 0, memory='direct' /",
+        "&transient t_end=5, dt=0.1, held=0.1 0.05 /\n&load order=0, amplitude=0.2 /",
+        "&transient t_end=5, dt=0.1, nu=1.3 /\n&load kind='base', amplitude=0.1 /\n&spectrum /",
+    ],
+)
+def test_motions_with_memory_agree(solve, tmp_path, group):
+    scene = tmp_path / "motion.nml"
+    system = "\n".join(line for line in GOOD.splitlines() if "&load" not in line)
+    system = system.split("&response")[0]
+    scene.write_text(f"{system}\n{group}\n")
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / "motion_transient.csv")
+    result = vv.run(scene)
+    run = result.trajectory
+    assert (table["t"] == run.t).all()
+    ours = np.stack([table[name] for name in table.dtype.names[1:]], axis=1)
+    assert np.abs(ours - run.state).max() < 1e-13
+    assert vv.plan(scene).strip() == solve(scene, "--plan").stdout.strip()
+    assert (result.spectrum is None) == ("&spectrum" not in group)
+
+
+@pytest.mark.parametrize(
+    ("group", "message"),
+    [
+        ("&transient t_end=20, dt=0.25 /\n&load amplitude=0.5 /", "nu"),
+        ("&transient t_end=20, dt=0.25, nu=1 /", "is the frequency of a load, and none has one"),
+        ("&transient t_end=20, dt=0.25, memory='some' /", "must be one of 'auto'"),
+        ("&transient t_end=20, dt=0.25, method='rk4' /", "must be one of 'gauss8'"),
+        ("&transient t_end=20, dt=25 /", "dt = 25: must be greater than 0 and not exceed"),
+        ("&transient t_end=20, initial=1 2 /", "initial"),
+        ("&transient t_end=20 /\n&multiple_scales from=1, to=2 /", "needs &pendulum"),
+    ],
+)
+def test_bad_motions_with_memory(solve, tmp_path, group, message):
+    scene = tmp_path / "motion.nml"
+    system = "\n".join(line for line in GOOD.splitlines() if "&load" not in line)
+    scene.write_text(system.split("&response")[0] + f"\n{group}\n")
+    done = solve(scene, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert message in done.stderr
+
+
+def test_a_table_of_points_runs_directly(solve, tmp_path):
+    scene = tmp_path / "table.nml"
+    scene.write_text(
+        "&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 /\n"
+        "&kernel kind='tabulated', times=0 1 4, values=0.2 0.1 0 /\n"
+        "&transient initial=0.1 0 0 0, t_end=3, dt=0.1 /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "all of the past" in solve(scene, "--plan").stdout
+    scene.write_text(scene.read_text().replace("dt=0.1", "dt=0.1, memory='exponentials'"))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 2
+    assert "no sum of exponentials" in done.stderr
+
+
 def test_a_system_of_ones_own(solve, tmp_path):
     """Every group that makes one up, read by the driver and by Python."""
     scene = tmp_path / "own.nml"
@@ -348,7 +413,7 @@ BAD_SCENES = {
     "empty": ("", None, "no group such as &mount found"),
     "pendulum and mount": (MOTION + GOOD.splitlines()[0], 3, "&mount: belongs to a mount"),
     "pendulum with a kernel": (GOOD.splitlines()[1] + "\n" + MOTION, 1, "&kernel: belongs to"),
-    "motion of a mount": (GOOD + MOTION.splitlines()[1], 5, "&transient: needs &pendulum"),
+    "two results of a mount": (GOOD + MOTION.splitlines()[1], 4, "has &transient already"),
     "pendulum alone": (MOTION.splitlines()[0], None, "no &transient group"),
     "no such body": (MOTION.replace("e=0.1", "e=0.3"), 1, "must be less than 1"),
     "equations": (MOTION.replace("e=0.1", "e=0.1, equations='best'"), 1, "must be one of 'exact'"),

@@ -200,11 +200,11 @@ contains
                  ':3: initial has 3 values: must be 2')
       call wrong(system//load//response//'&transient initial=0 0, t_end=1, nu=1 /', &
                  ':3: &response: this scene has &transient already')
-      call wrong(mount//load//'&transient initial=0 0, t_end=1 /', &
-                 ':3: &transient: needs &pendulum or &system')
+      call wrong(mount//load//'&transient t_end=1 /', ':3: &transient lacks nu')
+      call wrong(load//'&transient t_end=1 /', ': no &mount group')
       call wrong(system//load//response//'&spectrum /', ':4: &spectrum: needs &pendulum')
-      call wrong(system//kernel//load//'&transient initial=0 0, t_end=1, nu=1 /', &
-                 ':4: system: has memory, motion in time is computed without')
+      call wrong(system//load//"&transient initial=0 0, t_end=1, nu=1, memory='auto' /", &
+                 ':3: unknown key ''memory''')
       call wrong(system//load//"&response nu=1, method='newton',"//nl//'harmonics=0 /', &
                  ':4: harmonics = 0')
     end if

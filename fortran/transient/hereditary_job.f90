@@ -1,0 +1,225 @@
+!> A motion with memory as one job: a periodic load, a start, an end.
+module viscovib_hereditary_job
+  use viscovib_channels, only: channels_type, new_channels
+  use viscovib_collocation, only: collocation_type, new_collocation
+  use viscovib_constants, only: imaginary_unit, pi
+  use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, no_exponentials, &
+    past_direct, past_exponentials, step_too_large
+  use viscovib_hereditary_run, only: run_hereditary
+  use viscovib_kinds, only: i8, wp
+  use viscovib_load, only: load_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_simulate, only: run_diverged
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_time_load, only: time_load_type
+  use viscovib_transient_job, only: make_runs, plan_steps, run_maker, trajectory_type, &
+    transient_job
+  implicit none
+  private
+
+  public :: hereditary_job, run_hereditary_job, plan_hereditary
+
+  !> Methods by their nodes a step, and steps a fastest period to begin with.
+  character(len=*), parameter, public :: hereditary_methods(5) = &
+    [character(len=6) :: 'gauss8', 'gauss6', 'gauss4', 'gauss3', 'gauss2']
+  integer, parameter :: nodes(5) = [8, 6, 4, 3, 2], per_period(5) = [2, 3, 6, 8, 12]
+  !> How the past is kept; 'auto': as exponentials where the kernels are such sums.
+  character(len=*), parameter, public :: past_names(3) = &
+    [character(len=12) :: 'auto', 'exponentials', 'direct']
+  integer, parameter :: past_auto = 1, keep_exponentials = 2, keep_direct = 3
+  !> Steps up to which all of the past is affordable without being asked for.
+  integer(i8), parameter :: most_direct = 20000_i8
+  !> Kernels as exponentials reach so much further than the run.
+  real(wp), parameter :: reach = 100.0_wp
+  real(wp), parameter :: rounding = 1.0e-15_wp
+
+  !> `method` is the place in `hereditary_methods`.
+  type, extends(transient_job) :: hereditary_job
+    !> Circular frequency of the load (rad/s), if it has one.
+    real(wp) :: nu = 0.0_wp
+    !> Place in `past_names`.
+    integer :: past = past_auto
+    !> Displacement relative to the base held for all t < 0, shape (n_dof).
+    real(wp), allocatable :: held(:)
+  end type hereditary_job
+
+  !> Runs of one system under one load.
+  type, extends(run_maker) :: hereditary_runs
+    class(oscillator_type), pointer :: system => null()
+    type(time_load_type) :: load
+    complex(wp), allocatable :: base(:)
+  contains
+    procedure :: make
+  end type hereditary_runs
+
+contains
+
+  subroutine run_hereditary_job(job, system, load, fastest, trajectory, status)
+    type(hereditary_job), intent(in) :: job
+    class(oscillator_type), intent(in), target :: system
+    type(load_type), intent(in) :: load
+    !> Fastest natural frequency (rad/s).
+    real(wp), intent(in) :: fastest
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    type(hereditary_runs) :: maker
+    real(wp) :: frequency
+    integer :: k
+
+    maker%system => system
+    maker%base = load%base
+    allocate (maker%load%frequencies(size(load%orders)))
+    allocate (maker%load%amplitudes(system%n_dof(), size(load%orders)))
+    allocate (maker%load%breaks(0), maker%load%pieces(system%n_dof(), 4, 0))
+    frequency = fastest
+    do k = 1, size(load%orders)
+      maker%load%frequencies(k) = load%orders(k)*job%nu
+      maker%load%amplitudes(:, k) = load%coefficient(system, load%orders(k), job%nu)
+      frequency = max(frequency, maker%load%frequencies(k))
+    end do
+    frequency = job%t_end*frequency*per_period(job%method)/(2.0_wp*pi)
+    call make_runs(maker, job, max(4.0_wp, frequency), trajectory, status)
+  end subroutine run_hereditary_job
+
+  subroutine make(self, job, n, thinning, trajectory, status)
+    class(hereditary_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: thinning
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    type(hereditary_type) :: run
+    real(wp), allocatable :: states(:, :)
+    real(wp) :: start(size(job%initial)), no_times(0), no_states(size(job%initial), 0)
+    integer(i8) :: every, kept, i
+    integer :: reached, reason
+
+    every = int(job%save_every, i8)*thinning
+    trajectory%h = job%t_end/real(n, wp)
+    call base_state(self, 0.0_wp, start)
+    start = job%initial - start
+    select type (job)
+    type is (hereditary_job)
+      call begin(self, job, n, start, trajectory%h, run, reason, status)
+    end select
+    if (status%failed()) return
+    allocate (states(size(job%initial), n/every))
+    if (reason == begun) then
+      call run_hereditary(run, self%system, self%load, 0_i8, n, every, no_times, states, &
+                          no_states, trajectory%n_steps, reached, trajectory%outcome)
+    else
+      trajectory%outcome = run_diverged
+    end if
+    kept = trajectory%n_steps/every
+    allocate (trajectory%states(size(job%initial), kept + 1), trajectory%t(kept + 1))
+    trajectory%states(:, 1) = job%initial
+    do i = 0, kept
+      trajectory%t(i + 1) = real(every*i, wp)*trajectory%h
+      if (i == 0) cycle
+      call base_state(self, trajectory%t(i + 1), start)
+      trajectory%states(:, i + 1) = states(:, i) + start
+    end do
+    trajectory%t_reached = real(trajectory%n_steps, wp)*trajectory%h
+  end subroutine make
+
+  !> The run at its start, its past kept as the job wants it.
+  subroutine begin(self, job, n, start, h, run, reason, status)
+    class(hereditary_runs), intent(in) :: self
+    type(hereditary_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    real(wp), intent(in) :: start(:), h
+    type(hereditary_type), intent(out) :: run
+    integer, intent(out) :: reason
+    type(status_type), intent(out) :: status
+    real(wp) :: solved
+    integer :: past
+
+    call set_ok(status)
+    solved = max(0.1_wp*job%tolerance, rounding)
+    past = past_exponentials
+    if (job%past == keep_direct) past = past_direct
+    call new_hereditary(run, self%system, self%load, nodes(job%method), past, job%held, &
+                        start(1::2), start(2::2), h, reach*job%t_end, solved, reason)
+    if (reason == no_exponentials .and. job%past == past_auto .and. n <= most_direct) then
+      call new_hereditary(run, self%system, self%load, nodes(job%method), past_direct, job%held, &
+                          start(1::2), start(2::2), h, reach*job%t_end, solved, reason)
+    end if
+    select case (reason)
+    case (begun, step_too_large)
+      return
+    case (no_exponentials)
+      call fail(status, status_input_error, 'memory', 'memory = ''' &
+                //trim(past_names(job%past))//''': a kernel is no sum of exponentials, and ' &
+                //show(real(n, wp))//' steps; must be ''direct''')
+    case default
+      call fail(status, status_input_error, 'held', 'held: a kernel has no integral, and what ' &
+                //'was held for ever would be forgotten wholly; must be left out')
+    end select
+  end subroutine begin
+
+  !> Motion of the base as a state of the body: displacements are those of the body,
+  !! the steps know them relative to the base.
+  subroutine base_state(self, t, state)
+    class(hereditary_runs), intent(in) :: self
+    real(wp), intent(in) :: t
+    real(wp), intent(out) :: state(:)
+    complex(wp) :: wave
+    integer :: k
+
+    state = 0.0_wp
+    do k = 1, size(self%base)
+      if (.not. abs(self%base(k)) > 0.0_wp) cycle
+      wave = self%base(k)*exp(imaginary_unit*self%load%frequencies(k)*t)
+      state(1::2) = state(1::2) + self%system%base_direction*aimag(wave)
+      state(2::2) = state(2::2) + self%system%base_direction &
+                    *aimag(imaginary_unit*self%load%frequencies(k)*wave)
+    end do
+  end subroutine base_state
+
+  !> What will be computed and what is skipped, with the reasons.
+  function plan_hereditary(job, system, load) result(text)
+    type(hereditary_job), intent(in) :: job
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    character(len=:), allocatable :: text
+    character(len=*), parameter :: nl = new_line('a')
+    type(channels_type) :: channels
+    type(collocation_type) :: table
+    real(wp), allocatable :: weights(:), rates(:)
+    real(wp) :: least
+    integer :: k, first
+
+    text = 'computes: motion to t = '//show(job%t_end)//' by '//hereditary_methods(job%method) &
+           //', accelerations at '//show(nodes(job%method))//' nodes a step'//nl//plan_steps(job)
+    call new_channels(channels, system, 0.0_wp*system%mass(:, 1))
+    call new_collocation(table, nodes(job%method))
+    if (size(channels%kernel_of) == 0) then
+      text = text//'skips: memory (no kernels)'//nl
+      return
+    end if
+    least = 0.25_wp
+    if (job%dt > 0.0_wp) least = job%dt
+    do k = 1, size(system%kernels)
+      first = count(channels%kernel_of == k)
+      if (first == 0) cycle
+      text = text//'computes: memory of '//show(first)//' forces with kernel '//show(k)//', '
+      ! The step is not known before it is found; one of 1/4 tells the size.
+      call system%kernels(k)%kernel%exponentials(max(0.1_wp*job%tolerance, 1.0e-14_wp), &
+                                                 least*table%points(1), reach*job%t_end, weights, &
+                                                 rates)
+      if (job%past == keep_direct .or. size(rates) == 0) then
+        text = text//'all of the past at every step'//nl
+      else if (job%dt > 0.0_wp) then
+        text = text//'as '//show(size(rates))//' exponentials'//nl
+      else
+        text = text//'as about '//show(size(rates))//' exponentials'//nl
+      end if
+    end do
+    if (any(abs(job%initial) > 0.0_wp) .or. size(load%orders) == 0) return
+    if (all(load%orders > 0) .and. all(abs(aimag(load%force)) <= 0.0_wp) &
+        .and. .not. load%moves_base()) then
+      text = text//'skips: panels of a singular start (from rest without load)'//nl
+    end if
+  end function plan_hereditary
+
+end module viscovib_hereditary_job
