@@ -20,6 +20,9 @@ module viscovib_collocation
     !! u' at the end, shape (s).
     real(wp), allocatable :: a1(:, :), a2(:, :), b(:)
     real(wp), allocatable, private :: factors(:)
+    !> Weights of the values at the points for the last coefficient in Legendre
+    !! polynomials, shape (0:s+1).
+    real(wp), allocatable :: last_coefficient(:)
   contains
     procedure :: basis
     procedure :: slopes
@@ -31,6 +34,7 @@ contains
     type(collocation_type), intent(out) :: table
     integer, intent(in) :: s
     real(wp) :: c(s), x(s), node_factors(s)
+    real(wp) :: leading
     integer :: i, q
 
     allocate (table%points(0:s + 1), table%a1(s, s), table%a2(s + 1, s), table%b(s))
@@ -41,6 +45,12 @@ contains
     table%points(s + 1) = 1.0_wp
     table%factors = lagrange_factors(table%points)
     node_factors = lagrange_factors(c)
+    ! P_m of [0, 1] leads with (2m)!/m!^2 x^m.
+    leading = 1.0_wp
+    do i = 1, s + 1
+      leading = leading*(s + 1 + i)/i
+    end do
+    table%last_coefficient = table%factors/leading
     ! A1_ij = integral_0^c_i l_j, A2_ij = integral_0^c_i (c_i - x) l_j(x) dx, by the
     ! nodes themselves, exact for these degrees.
     table%a1 = 0.0_wp

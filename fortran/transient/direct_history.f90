@@ -1,6 +1,7 @@
 !> The whole past, step by step, with exact weights for every lag: cost N^2, any
 !! kernel. The judge of the fast way, and right for short runs.
 module viscovib_direct_history
+  use viscovib_ancient, only: ancient_type
   use viscovib_channels, only: channels_type
   use viscovib_collocation, only: collocation_type
   use viscovib_history, only: history_type, past_type
@@ -25,9 +26,12 @@ module viscovib_direct_history
     real(wp), allocatable :: g(:, :, :)
     !> The first step where it was made of panels, as masses.
     real(wp), allocatable :: times(:), masses(:, :)
+    !> The motion before t = 0.
+    type(ancient_type) :: ancient
   contains
     procedure :: recall
     procedure :: store
+    procedure :: add_ancient
     procedure :: begin
     procedure :: memory_size
     procedure :: save_memory
@@ -57,7 +61,7 @@ contains
   subroutine recall(self, remembered)
     class(direct_history_type), intent(in) :: self
     real(wp), intent(out), contiguous :: remembered(:)
-    real(wp) :: values(size(self%times)), now
+    real(wp) :: values(size(self%times)), before(size(self%kernel_of)), now
     integer :: at, i, c, d
 
     remembered = 0.0_wp
@@ -70,6 +74,13 @@ contains
         end do
       end do
     end do
+    if (self%ancient%is_known()) then
+      do i = 1, self%s
+        now = self%h*(self%n_stored + merge(1, 0, size(self%times) > 0) + self%table%points(i))
+        call self%ancient%recall(self%kernels, self%scale, self%kernel_of, now, before)
+        remembered(i::self%s) = remembered(i::self%s) + before
+      end do
+    end if
     if (size(self%times) == 0) return
     do i = 1, self%s
       ! Stored steps follow the one of panels.
@@ -124,6 +135,12 @@ contains
     call move_alloc(grown, self%weights)
     self%n_lags = n
   end subroutine add_lags
+
+  subroutine add_ancient(self, ancient)
+    class(direct_history_type), intent(inout) :: self
+    type(ancient_type), intent(in) :: ancient
+    self%ancient = ancient
+  end subroutine add_ancient
 
   subroutine begin(self, table, past)
     class(direct_history_type), intent(inout) :: self

@@ -7,6 +7,7 @@
 !! phi being exact for the polynomial through the points of a step. The cost of a
 !! step and the memory do not grow with time.
 module viscovib_exponential_history
+  use viscovib_ancient, only: ancient_type
   use viscovib_channels, only: channels_type
   use viscovib_collocation, only: collocation_type
   use viscovib_gauss_points, only: points_16, points_32, weights_16, weights_32
@@ -40,6 +41,7 @@ module viscovib_exponential_history
   contains
     procedure :: recall
     procedure :: store
+    procedure :: add_ancient
     procedure :: begin
     procedure :: memory_size
     procedure :: save_memory
@@ -193,6 +195,30 @@ contains
     end do
   end subroutine store_channel
 
+  subroutine add_ancient(self, ancient)
+    class(exponential_history_type), intent(inout) :: self
+    type(ancient_type), intent(in) :: ancient
+    real(wp), allocatable :: moments(:, :), fading(:)
+    real(wp) :: length
+    integer :: i, c, p
+
+    do i = 1, size(self%groups)
+      associate (group => self%groups(i))
+        allocate (moments(group%n_terms, 0:ancient%table%s + 1))
+        do p = 1, size(ancient%g, 3)
+          length = ancient%times(p) - ancient%times(p - 1)
+          call exponential_moments(ancient%table, length*group%rates, moments)
+          fading = length*exp(-min(-group%rates*ancient%times(p), 700.0_wp))
+          do c = group%first, group%last
+            group%state(:group%n_terms, c) = group%state(:group%n_terms, c) &
+                                             + fading*matmul(moments, ancient%g(:, c, p))
+          end do
+        end do
+        deallocate (moments)
+      end associate
+    end do
+  end subroutine add_ancient
+
   subroutine begin(self, table, past)
     class(exponential_history_type), intent(inout) :: self
     type(collocation_type), intent(in) :: table
@@ -207,7 +233,7 @@ contains
         do c = group%first, group%last
           do q = 1, group%n_terms
             group%state(q, c) = &
-              past%length*dot_product(moments(q, :), past%last(:, c)) &
+              group%decay(q)*group%state(q, c) + past%length*dot_product(moments(q, :), past%last(:, c)) &
               + sum(past%masses(:, c)*exp(-min(group%rates(q)*(self%h - past%times), 700.0_wp)))
           end do
         end do

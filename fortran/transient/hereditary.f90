@@ -5,6 +5,7 @@
 !! iterating X = G z + Z y(X), which contracts like h^2 times the nonlinear
 !! stiffness, and by Newton's method where that does not.
 module viscovib_hereditary
+  use viscovib_ancient, only: ancient_type, new_ancient
   use viscovib_channels, only: channels_type, new_channels
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_dense, only: factorize, solve
@@ -38,12 +39,16 @@ module viscovib_hereditary
     !> State, shape (n_dof), and what rounding took from it.
     real(wp), allocatable :: u(:), v(:), u_rest(:), v_rest(:)
     integer :: n_iterations = 0
+    !> Largest last Legendre coefficient of the displacements on a step, and largest
+    !! displacement, shape (n_dof): together they tell how well steps resolve the motion.
+    real(wp), allocatable :: roughness(:), largest(:)
     type(collocation_type) :: table
     type(step_map_type) :: map
     type(channels_type) :: channels
     class(history_type), allocatable :: history
     type(load_clock) :: clock
     type(start_type) :: start
+    type(ancient_type) :: ancient
     !> Solution counts as found at this change, relative to displacements.
     real(wp) :: solved = rounding
     !> Displacements at the points of the last step, shape (0:s+1, n_dof).
@@ -65,6 +70,7 @@ module viscovib_hereditary
   contains
     procedure :: step
     procedure :: inside
+    procedure :: resolution
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
@@ -79,7 +85,8 @@ module viscovib_hereditary
 contains
 
   !> A run from (u, v) at time 0. `reason`: `begun`, or why it is not.
-  subroutine new_hereditary(run, system, load, s, past, held, u, v, h, t_end, tolerance, reason)
+  subroutine new_hereditary(run, system, load, s, past, held, u, v, h, t_end, tolerance, reason, &
+                            before, moved)
     type(hereditary_type), intent(out) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
@@ -91,6 +98,9 @@ contains
     !! exponentials and of a step's solution.
     real(wp), intent(in) :: u(:), v(:), h, t_end, tolerance
     integer, intent(out) :: reason
+    !> Times ascending to 0 and displacements there, shapes (n) and (n_dof, n), if the
+    !! motion before 0 is known; `held` is the first of them then.
+    real(wp), intent(in), optional :: before(:), moved(:, :)
     type(exponential_history_type), allocatable :: exponentials
     type(direct_history_type), allocatable :: direct
     real(wp) :: basis(0:s + 1)
@@ -102,6 +112,8 @@ contains
     run%u = u
     run%v = v
     run%u_rest = 0.0_wp*u
+    run%roughness = 0.0_wp*u
+    run%largest = 0.0_wp*u
     run%v_rest = 0.0_wp*v
     run%solved = max(1.0e-2_wp*tolerance, epsilon(1.0_wp))
     call new_collocation(run%table, s)
@@ -128,6 +140,10 @@ contains
       allocate (direct)
       call new_direct_history(direct, system, run%channels, run%table, h)
       call move_alloc(direct, run%history)
+    end if
+    if (present(before) .and. run%map%n_channels > 0) then
+      call new_ancient(run%ancient, system, run%channels, before, moved)
+      if (run%ancient%is_known()) call run%history%add_ancient(run%ancient)
     end if
     call new_clock(run%clock, load, 0.0_wp, h, run%table%points(1:s))
     run%gather = matmul(run%channels%gather, system%gather)
@@ -212,6 +228,8 @@ contains
     do d = 1, n
       self%points(0, d) = self%u(d)
       self%points(1:, d) = self%u(d) + self%x((d - 1)*(s + 1) + 1:d*(s + 1))
+      call judge(s + 2, self%points(:, d), self%table%last_coefficient, self%roughness(d), &
+                 self%largest(d))
       call add_up(self%u(d), self%u_rest(d), self%x(d*(s + 1)))
       call add_up(self%v(d), self%v_rest(d), self%x(self%map%velocity_row + d - 1))
     end do
@@ -224,6 +242,25 @@ contains
     call self%clock%advance((n_before + 1)*self%h)
     self%rolling = .true.
   end subroutine step
+
+  pure subroutine judge(n, points, last_coefficient, roughness, largest)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: points(n), last_coefficient(n)
+    real(wp), intent(inout) :: roughness, largest
+    roughness = max(roughness, abs(sum(last_coefficient*points)))
+    largest = max(largest, abs(points(n)))
+  end subroutine judge
+
+  !> Largest last Legendre coefficient of a displacement, relative to its largest value.
+  pure real(wp) function resolution(self)
+    class(hereditary_type), intent(in) :: self
+    integer :: d
+    resolution = 0.0_wp
+    do d = 1, size(self%largest)
+      if (self%largest(d) > 0.0_wp) resolution = max(resolution, &
+                                                     self%roughness(d)/self%largest(d))
+    end do
+  end function resolution
 
   pure subroutine add_held(n, held, remembered)
     integer, intent(in) :: n
@@ -267,8 +304,9 @@ contains
     if (self%map%n_channels == 0) return
     call load%at(0.0_wp, f)
     if (.not. (any(abs(self%u) > 0.0_wp) .or. any(abs(self%v) > 0.0_wp) &
-               .or. any(abs(f) > 0.0_wp))) return
-    call march_start(self%start, system, self%channels, load, self%h, self%u, self%v, made)
+               .or. any(abs(f) > 0.0_wp) .or. self%ancient%is_known())) return
+    call march_start(self%start, system, self%channels, load, self%ancient, self%h, self%u, &
+                     self%v, made)
     if (.not. made) return
     call self%history%begin(self%start%table, self%start%past)
     call self%clock%advance(self%h)

@@ -7,6 +7,7 @@
 !! one before it, with exact weights, and everything earlier as masses at Chebyshev
 !! points, which are carried from each interval to the next, twice as long.
 module viscovib_hereditary_start
+  use viscovib_ancient, only: ancient_type
   use viscovib_channels, only: channels_type
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_constants, only: pi
@@ -45,11 +46,13 @@ contains
 
   !> March over [0, h]. `made` is false, and the state stays, if a panel does not
   !! settle: the step is too large.
-  subroutine march_start(start, system, channels, load, h, u, v, made)
+  subroutine march_start(start, system, channels, load, ancient, h, u, v, made)
     type(start_type), intent(out) :: start
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
     type(time_load_type), intent(in) :: load
+    !> The motion before.
+    type(ancient_type), intent(in) :: ancient
     real(wp), intent(in) :: h
     !> State, shape (n_dof), at 0 and then at h.
     real(wp), intent(inout) :: u(:), v(:)
@@ -61,6 +64,7 @@ contains
     real(wp) :: remembered(start_nodes, size(channels%kernel_of))
     real(wp) :: local(start_nodes, 0:start_nodes + 1, size(system%kernels), doublings + 1)
     real(wp) :: of_kernel(start_nodes, 0:start_nodes + 1, doublings + 1)
+    real(wp) :: of_old(size(channels%kernel_of))
     integer :: k, m
 
     x = [(0.5_wp - 0.5_wp*cos((m - 0.5_wp)*pi/far_nodes), m=1, far_nodes)]
@@ -86,6 +90,13 @@ contains
       remembered = 0.0_wp
       if (k > 1) call recall(system, channels, start%table, start%ends(k - 1), length, &
                              start%ends(k - 2), before, x, masses, k > 2, remembered)
+      if (ancient%is_known()) then
+        do m = 1, start_nodes
+          call ancient%recall(system%kernels, system%memory_scale, channels%kernel_of, &
+                              start%ends(k - 1) + start%table%points(m)*length, of_old)
+          remembered(m, :) = remembered(m, :) + of_old
+        end do
+      end if
       call make_panel(system, channels, load, start%table, local(:, :, :, k), start%ends(k - 1), &
                       length, remembered, next_u, next_v, points, g, made)
       if (.not. made) return

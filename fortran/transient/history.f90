@@ -2,6 +2,7 @@
 !!
 !! A channel g is remembered as (R*g)(t) less what the step itself adds.
 module viscovib_history
+  use viscovib_ancient, only: ancient_type
   use viscovib_collocation, only: collocation_type
   use viscovib_kinds, only: wp
   implicit none
@@ -30,6 +31,7 @@ module viscovib_history
   contains
     procedure(recall_interface), deferred :: recall
     procedure(store_interface), deferred :: store
+    procedure(ancient_interface), deferred :: add_ancient
     procedure(begin_interface), deferred :: begin
     procedure(size_interface), deferred :: memory_size
     procedure(save_interface), deferred :: save_memory
@@ -51,6 +53,13 @@ module viscovib_history
       class(history_type), intent(inout) :: self
       real(wp), intent(in), contiguous :: g(0:, :)
     end subroutine store_interface
+
+    !> At t = 0, before any step: a motion before it.
+    subroutine ancient_interface(self, ancient)
+      import :: ancient_type, history_type
+      class(history_type), intent(inout) :: self
+      type(ancient_type), intent(in) :: ancient
+    end subroutine ancient_interface
 
     !> The present step is the second, after a first one made of panels.
     subroutine begin_interface(self, table, past)

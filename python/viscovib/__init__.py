@@ -33,6 +33,7 @@ from viscovib.load_table import LoadTable
 from viscovib.maps import plot_map
 from viscovib.mount import Mount
 from viscovib.multiple_scales import MultipleScales
+from viscovib.past import Past
 from viscovib.pendulum import Pendulum
 from viscovib.periodic import forced_response, trace_response
 from viscovib.plots import (
@@ -85,6 +86,7 @@ __all__ = [
     "Monomial",
     "Mount",
     "MultipleScales",
+    "Past",
     "Peak",
     "Pendulum",
     "PolynomialSystem",

@@ -14,6 +14,7 @@ from viscovib.errors import InputError, StabilityWarning
 from viscovib.load import LoadLike, load_series
 from viscovib.load_table import LoadTable
 from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.past import Past
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.runs import Piece, Run, Wanted
 from viscovib.trajectory import Trajectory
@@ -47,6 +48,8 @@ class MountMotion:
     breaks: FloatArray
     pieces: FloatArray
     held: FloatArray
+    before: FloatArray
+    moved: FloatArray
     memory: str
 
     @classmethod
@@ -60,21 +63,22 @@ class MountMotion:
         nu: float | None,
         base: LoadLike | None,
         force: LoadTable | None,
-        held: npt.ArrayLike | None,
+        held: npt.ArrayLike | Past | None,
         memory: str,
     ) -> "MountMotion":
         """Check every argument of ``simulate`` that a mount has."""
         n = len(mount.dof_names)
-        before = _vector("held", held, n) if held is not None else np.zeros(n)
+        before, moved = _history(held, n)
+        first = moved[:, 0]
         if initial is None:
             state = np.zeros(2 * n)
-            state[::2] = before
+            state[::2] = moved[:, -1]
         else:
             state = _vector("initial", initial, 2 * n)
         name = _native.choice("method", method, ("auto", *NODES))
         name = "gauss8" if name == "auto" else name
         _native.choice("memory", memory, ("auto", *_PASTS))
-        frequencies, amplitudes, moved = _sinusoids(mount, load, nu, base)
+        frequencies, amplitudes, waves = _sinusoids(mount, load, nu, base)
         breaks, pieces = np.zeros(1), np.zeros((n, 4, 1), order="F")
         if force is not None:
             if not isinstance(force, LoadTable):
@@ -82,8 +86,9 @@ class MountMotion:
             breaks, pieces = np.asarray(force.times), force._pieces(n)
         _warn_of_slow_mode(mount)
         motion = cls(
-            mount, end, state, name, frequencies, amplitudes, moved, breaks, pieces, before, memory
-        )
+            mount, end, state, name, frequencies, amplitudes, waves, breaks, pieces, first, before,
+            moved, memory,
+        )  # fmt: skip
         # The core works on coordinates relative to the base.
         return replace(motion, state=state - motion.base_state(np.zeros(1))[0])
 
@@ -122,13 +127,14 @@ class _MountRun(Run):
     def __init__(self, motion: MountMotion, h: float, tolerance: float) -> None:
         super().__init__(motion.mount, motion.method, motion.state, h, tolerance)
         self.motion = motion
+        self.resolution = 0.0
         self.past = "exponentials"
         if motion.memory == "direct":
             self._keep_all()
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
         """Make n steps; states are those of the body, not relative to the base."""
-        run = super().steps(n, want, progress)
+        run = replace(super().steps(n, want, progress), resolution=self.resolution)
         if not self.motion.base.any():
             return run
         return replace(run, state=run.state + self.motion.base_state(run.t))
@@ -156,7 +162,7 @@ class _MountRun(Run):
         memory = np.zeros(n_memory)
         if self.memory is not None:
             memory[: self.memory.size] = self.memory
-        states, at_times, last, kept, n_kept, made, _, ended, counted, reason = _native.call(
+        states, at_times, last, kept, n_kept, made, _, ended, counted, rough, reason = _native.call(
             core.mount_simulate,
             mount._flat,
             *mount._kernels,
@@ -167,6 +173,8 @@ class _MountRun(Run):
             NODES[self.method],
             _PASTS.index(self.past) + 1,
             motion.held,
+            motion.before,
+            motion.moved,
             self.state,
             self.h,
             _REACH * motion.end,
@@ -179,6 +187,7 @@ class _MountRun(Run):
             times,
             columns,
         )
+        self.resolution = max(self.resolution, float(rough))
         if reason == _NO_INTEGRAL:
             raise InputError(
                 "held: a kernel has no integral, and what was held for ever would be forgotten "
@@ -207,6 +216,18 @@ class _MountRun(Run):
                 "sum_of_exponentials"
             )
         self._keep_all()
+
+
+def _history(held: npt.ArrayLike | Past | None, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return times, ascending to 0, and displacements there, shape (n_dof, m)."""
+    if held is None:
+        return np.zeros(1), np.zeros((n, 1), order="F")
+    if not isinstance(held, Past):
+        return np.zeros(1), np.asfortranarray(_vector("held", held, n)[:, np.newaxis])
+    moved = np.asarray(held.displacements)
+    if moved.shape[1] != n:
+        raise InputError(f"held: displacements must have {n} columns, got {moved.shape[1]}")
+    return np.asarray(held.times), np.asfortranarray(moved.T)
 
 
 def _vector(name: str, value: npt.ArrayLike, n: int) -> FloatArray:

@@ -42,6 +42,10 @@ class Trajectory:
     method : str
     error : float or None
         Estimated largest error of the states kept, if asked for or ``dt`` was "auto".
+    resolution : float or None
+        Of motion with memory: the last coefficient in Legendre polynomials of a displacement on
+        a step, the largest of all steps, relative to the largest displacement. At 1e-2 and more
+        steps do not resolve the motion.
     stats : dict
         "steps"; of a pendulum "evaluations" (of all lanes at once), of systems with memory
         "iterations".
@@ -58,6 +62,7 @@ class Trajectory:
     stats: dict[str, int]
     system: Pendulum | Mount | PolynomialSystem
     _resume: Any = field(repr=False)
+    resolution: float | None = None
 
     @property
     def dof_names(self) -> tuple[str, ...]:

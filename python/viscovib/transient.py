@@ -1,6 +1,7 @@
 """Motion in time: fixed-step integration of every system."""
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, TypeGuard
@@ -10,11 +11,12 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
-from viscovib.errors import InputError
+from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.hereditary import MountMotion
 from viscovib.load import LoadLike, load_series
 from viscovib.load_table import LoadTable
 from viscovib.mount import Mount
+from viscovib.past import Past
 from viscovib.pendulum import Pendulum
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.runs import (
@@ -37,6 +39,8 @@ METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
 }
 #: Numbers that a run needs to go on; the core uses as many as the method has.
 _MEMORY = 256
+#: Above this last coefficient of a step, relative to the motion, a run warns.
+_ROUGH = 1e-2
 #: Highest order of a load without memory: its phase is reached by rotations.
 _MAX_LOAD_ORDER = 199
 #: Coordinates of a polynomial system that the methods of a pendulum take.
@@ -56,7 +60,7 @@ def simulate(
     nu: float | None = None,
     base: LoadLike | None = None,
     force: LoadTable | None = None,
-    held: npt.ArrayLike | None = None,
+    held: npt.ArrayLike | Past | None = None,
     memory: str = "auto",
     times: npt.ArrayLike | None = None,
     save_every: int = 1,
@@ -101,9 +105,9 @@ def simulate(
         ``forced_response``; a constant force F is ``load={0: 1j * F}``.
     force : LoadTable
         Of a mount: any load in time, besides the periodic one.
-    held : array_like, shape (2,)
-        Of a mount: displacement relative to the base held for all t < 0, which its springs
-        remember; None: at rest.
+    held : array_like, shape (n_dof,), or Past
+        Of a mount: displacement relative to the base held for all t < 0, or any motion before
+        it, which its springs remember; None: at rest.
     memory : {"auto", "exponentials", "direct"}
         Of a mount with kernels: "exponentials": each kernel as a sum of exponentials, at a cost
         that does not grow with time; "direct": all of the past at every step, exact for any
@@ -127,6 +131,8 @@ def simulate(
 
     Warns
     -----
+    ConvergenceWarning
+        If the given steps do not resolve a motion with memory (``Trajectory.resolution``).
     StabilityWarning
         If a mount's kernel has an integral of 1 or more: free motion creeps away, and a run from
         rest does not settle on the steady response.
@@ -183,6 +189,13 @@ def simulate(
     n = math.ceil(end / step * (1 - 1e-12))
     _native.integer("t_end / dt", n, 1, MAX_STEPS)
     result = run(n, 1)
+    if result.resolution is not None and result.resolution > _ROUGH:
+        warnings.warn(
+            f"dt = {step:g}: steps do not resolve the motion (resolution "
+            f"{result.resolution:.1e}, should be below {_ROUGH:g})",
+            ConvergenceWarning,
+            stacklevel=2,
+        )
     if estimate_error:
         return replace(result, error=difference(result, run(2 * n, 2)))
     return result
@@ -228,7 +241,7 @@ def _as_pendulum(
     load: LoadLike | None,
     base: LoadLike | None,
     force: LoadTable | None,
-    held: npt.ArrayLike | None,
+    held: npt.ArrayLike | Past | None,
     memory: str,
 ) -> TypeGuard[PolynomialSystem]:
     """Whether a system needs nothing but what the methods of a pendulum give."""

@@ -354,3 +354,72 @@ def test_pendulums_take_no_loads():
     body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5)
     with pytest.raises(vv.InputError, match="load: is for a Mount"):
         vv.simulate(body, 1, initial=np.zeros(6), load=1.0)
+
+
+@pytest.mark.parametrize("geometry", ["cubic", "exact"])
+def test_a_known_past_is_remembered(mount, geometry):
+    """A run cut at t = 4, its first part given as the past of the second."""
+    system = mount(geometry=geometry)
+    cut, n = 4.0, 400
+    early = cut * np.arange(n + 1) / n
+    times = np.concatenate([early, [5.0, 8.0]])
+    whole = vv.simulate(system, 8, dt=0.05, load=0.5, nu=1.5, times=times)
+    errors = []
+    for thin in (1, 2):
+        past = vv.Past(times=early[::thin] - cut, displacements=whole.state[: n + 1 : thin, ::2])
+        rest = vv.simulate(
+            system, 4, dt=0.05, load=0.5 * np.exp(1.5j * cut), nu=1.5,
+            initial=whole.state[n], held=past, times=[1.0, 4.0],
+        )  # fmt: skip
+        errors.append(np.abs(rest.state - whole.state[n + 1 :]).max())
+    # Straight lines between the times: an error of the second order, and nothing else.
+    assert errors[0] < 2e-6
+    assert errors[1] / errors[0] == pytest.approx(4, rel=0.05)
+    forgetful = vv.simulate(
+        system, 4, dt=0.05, load=0.5 * np.exp(1.5j * cut), nu=1.5, initial=whole.state[n],
+        times=[1.0, 4.0],
+    )  # fmt: skip
+    assert np.abs(forgetful.state - whole.state[n + 1 :]).max() > 1e-2
+
+
+def test_a_past_is_the_same_directly_and_as_what_was_held(mount):
+    still = vv.Past(times=[-3, -1, 0], displacements=[[0.1, 0.05]] * 3)
+    one = vv.simulate(mount(), 2, dt=0.1, held=still)
+    two = vv.simulate(mount(), 2, dt=0.1, held=[0.1, 0.05])
+    assert np.abs(one.state - two.state).max() < 1e-15
+    swing = vv.Past(times=[-2, -1, -0.3, 0], displacements=[[0, 0], [0.2, 0], [0, 0.1], [0, 0]])
+    job = {"dt": 0.1, "load": 0.3, "nu": 1.5, "held": swing}
+    fast = vv.simulate(mount(), 3, memory="exponentials", **job)
+    direct = vv.simulate(mount(), 3, memory="direct", **job)
+    assert np.abs(fast.state - direct.state).max() < 1e-13
+    part = vv.simulate(mount(), 3, resume=vv.simulate(mount(), 1, memory="direct", **job))
+    assert (part.state[-1] == direct.state[-1]).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"times": [0], "displacements": [[0, 0]]}, "two or more and strictly ascending"),
+        ({"times": [-1, -1, 0], "displacements": [[0, 0]] * 3}, "strictly ascending"),
+        ({"times": [-1, 1], "displacements": [[0, 0]] * 2}, "the last is 1, must be 0"),
+        ({"times": [-1, 0], "displacements": [[0, 0]]}, "displacements: must have shape"),
+        ({"times": [-1, 0], "displacements": [0, 0]}, "must have 2 dimension"),
+    ],
+)
+def test_bad_pasts(arguments, message):
+    with pytest.raises(vv.InputError, match=message):
+        vv.Past(**arguments)
+
+
+def test_a_past_of_other_coordinates(mount):
+    with pytest.raises(vv.InputError, match="displacements must have 2 columns, got 3"):
+        vv.simulate(mount(), 1, dt=0.1, held=vv.Past(times=[-1, 0], displacements=[[0, 0, 0]] * 2))
+
+
+def test_resolution_tells_steps_too_large(mount):
+    exact = [-7.857499117945091e-01, -8.354445983421139e-01]
+    for method, dt in (("gauss2", 0.25), ("gauss4", 0.5), ("gauss8", 0.5)):
+        run = vv.simulate(mount(), 100, dt=dt, load=0.5, nu=1.5, method=method)
+        assert np.abs(run.state[-1, ::2] - exact).max() < run.resolution < 1e-2
+    with pytest.warns(vv.ConvergenceWarning, match="steps do not resolve the motion"):
+        vv.simulate(mount(), 100, dt=1.0, load=0.5, nu=1.5, method="gauss2")

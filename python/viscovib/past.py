@@ -1,0 +1,42 @@
+"""A motion known before it is computed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Past:
+    """Displacements before t = 0, which springs with memory remember.
+
+    Straight lines between the times; before the first, the first displacements held for ever.
+
+    Parameters
+    ----------
+    times : array_like, shape (n,)
+        Strictly ascending (s), the last 0, n >= 2.
+    displacements : array_like, shape (n, n_dof)
+        Of each coordinate, relative to the base.
+    """
+
+    times: npt.ArrayLike
+    displacements: npt.ArrayLike
+
+    def __post_init__(self) -> None:
+        for name, ndim in (("times", 1), ("displacements", 2)):
+            array = _native.real_array(name, getattr(self, name), ndim=ndim).copy()
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        times, displacements = np.asarray(self.times), np.asarray(self.displacements)
+        if times.size < 2 or (np.diff(times) <= 0).any():
+            raise InputError("times: must be two or more and strictly ascending")
+        if times[-1] != 0:
+            raise InputError(f"times: the last is {times[-1]:g}, must be 0")
+        if displacements.shape[0] != times.size:
+            raise InputError(
+                f"displacements: must have shape ({times.size}, n_dof), got {displacements.shape}"
+            )
