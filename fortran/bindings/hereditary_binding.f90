@@ -11,7 +11,8 @@
 !! reason /= 0: no run, see `viscovib_hereditary`.
 subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
                           frequencies, amplitudes, n_dof, n_frequencies, breaks, pieces, &
-                          n_breaks, s, past, held, before, moved, n_before, initial, h, t_end, tolerance, first, n_steps, &
+                          n_breaks, s, past, held, before, moved, n_before, initial, h, &
+                          t_end, tolerance, first, n_steps, &
                           save_every, resume, memory, n_memory, times, n_times, n_columns, &
                           states, at_times, last, kept, n_kept, n_done, n_reached, ended, &
                           n_iterations, resolution, reason, status, message)

@@ -233,7 +233,8 @@ contains
         do c = group%first, group%last
           do q = 1, group%n_terms
             group%state(q, c) = &
-              group%decay(q)*group%state(q, c) + past%length*dot_product(moments(q, :), past%last(:, c)) &
+              group%decay(q)*group%state(q, c) &
+              + past%length*dot_product(moments(q, :), past%last(:, c)) &
               + sum(past%masses(:, c)*exp(-min(group%rates(q)*(self%h - past%times), 700.0_wp)))
           end do
         end do
