@@ -1,4 +1,4 @@
-"""Steady motions of either system: one name for the mount and for the pendulum."""
+"""Steady motions of any system: one name for oscillators, as a mount, and for the pendulum."""
 
 from typing import Any, overload
 
@@ -9,7 +9,7 @@ from viscovib.branch import trace_response as _trace_mount
 from viscovib.driven import DrivenResponse, pendulum_response
 from viscovib.driven_branch import BranchPoint, DrivenBranch, trace_pendulum
 from viscovib.load import LoadLike
-from viscovib.mount import Mount
+from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
 from viscovib.response import Response
 from viscovib.response import forced_response as _mount_response
@@ -17,7 +17,7 @@ from viscovib.response import forced_response as _mount_response
 
 @overload
 def forced_response(
-    mount: Mount,
+    mount: Oscillator,
     nu: npt.ArrayLike,
     *,
     load: LoadLike | None = None,
@@ -48,7 +48,7 @@ def forced_response(
     max_denominator: int = 12,
 ) -> DrivenResponse: ...
 def forced_response(*args: Any, **options: Any) -> Response | DrivenResponse:
-    """Steady response of a mount or of a pendulum to its loads.
+    """Steady response of a mount, of a polynomial system or of a pendulum to its loads.
 
     forced_response(mount, nu, *, load=None, base=None, method="successive", harmonics=9, ...)
     forced_response(pend, *, p1=None, ..., m02=None, nu=None, harmonics="auto", ...)
@@ -60,7 +60,7 @@ def forced_response(*args: Any, **options: Any) -> Response | DrivenResponse:
 
 @overload
 def trace_response(
-    mount: Mount,
+    mount: Oscillator,
     nu_range: tuple[float, float] | None = None,
     *,
     load: LoadLike | None = None,
@@ -97,7 +97,7 @@ def trace_response(
     max_denominator: int = 12,
 ) -> DrivenBranch: ...
 def trace_response(*args: Any, **options: Any) -> Branch | DrivenBranch:
-    """Follow a branch of steady motions of a mount or of a pendulum through its folds.
+    """Follow a branch of steady motions of a mount, a polynomial system or a pendulum.
 
     trace_response(mount, nu_range=None, *, load=None, nu=None, load_range=None, ...)
     trace_response(pend, *, p1=None, ..., m02=None, nu=None, leave=None, harmonics=None, ...)

@@ -1,6 +1,7 @@
 """The seed paper on the spring pendulum, section by section, by the method of multiple scales.
 
-Run as ``python examples/multiple_scales.py [FOLDER]``; pictures go to FOLDER (out/multiple_scales).
+Run as ``python docs/examples/multiple_scales.py [FOLDER]``; pictures go to FOLDER
+(out/multiple_scales).
 Numbers of the set P1: e = 0.1, w2 = 0.4, w3 = 0.8, alpha = 0.5.
 """
 
