@@ -517,7 +517,7 @@ def test_example_runs(tmp_path):
     import sys
     from pathlib import Path
 
-    example = Path(__file__).parents[2] / "examples" / "multiple_scales.py"
+    example = Path(__file__).parents[2] / "docs" / "examples" / "multiple_scales.py"
     arguments = sys.argv
     try:
         sys.argv = [str(example), str(tmp_path)]
