@@ -26,3 +26,26 @@ def test_small_steps_keep_the_order():
     ]
     assert errors[0] / errors[1] == pytest.approx(64, rel=0.2)
     assert errors[1] / errors[2] == pytest.approx(64, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        vv.RzhanitsynKernel(amplitude=0, alpha=0.3, beta=0.05),
+        vv.RabotnovKernel(amplitude=0, alpha=0.3, beta=0.05),
+        vv.AbelKernel(amplitude=0, alpha=0.3),
+    ],
+    ids=lambda kernel: type(kernel).__name__,
+)
+def test_a_kernel_of_amplitude_0_is_none(kernel):
+    """Its sum of exponentials once had 100001 terms, and a motion stopped at once."""
+    few = kernel.sum_of_exponentials(t_min=0.01, t_max=100)
+    assert few.weights.tolist() == [0]
+
+    def run(kernel):
+        body = vv.Mount(
+            mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=kernel
+        )
+        return vv.simulate(body, 20, dt=0.25, load=0.5, nu=1.5).state
+
+    assert run(kernel) == pytest.approx(run(None), abs=1e-14)
