@@ -185,12 +185,12 @@ def responses(alphas: tuple[float, ...], integrals: tuple[float, ...]) -> Row:
 def linear_response(kernel: vv.RzhanitsynKernel, nu: float) -> tuple[list[mp.mpc], float]:
     """Solve D X = (1, 0) in 40 digits; the condition of D, entry by entry (Skeel)."""
     with mp.workdps(40):
-        c, cp, l = mp.mpf(10), mp.mpf(2), mp.mpf(0.5)
+        c, cp, arm = mp.mpf(10), mp.mpf(2), mp.mpf(0.5)
         keep = 1 - mp.mpf(kernel.amplitude) * mp.gamma(kernel.alpha) * mp.mpc(
             kernel.beta, nu
         ) ** -mp.mpf(kernel.alpha)
         n = mp.mpf(nu)
-        stiffness = mp.matrix([[c, -c * l], [-c * l, c * l * l + cp]])
+        stiffness = mp.matrix([[c, -c * arm], [-c * arm, c * arm * arm + cp]])
         mass = mp.diag([mp.mpf(1), mp.mpf(0.1)])
         damping = mp.matrix(DAMPING)
         d = stiffness * keep - mass * n**2 + mp.mpc(0, 1) * n * damping
