@@ -15,7 +15,7 @@ module viscovib_linear_modes
 
   public :: find_modes
 
-  integer, parameter :: max_rounds = 60, max_steps = 60
+  integer, parameter :: max_rounds = 60, max_steps = 60, max_sweeps = 12
   real(wp), parameter :: rounding = 64.0_wp*epsilon(1.0_wp)
 
 contains
@@ -57,25 +57,35 @@ contains
     complex(wp), intent(inout) :: s, r(:), l(:)
     logical, intent(out) :: found
     complex(wp) :: matrix(form%n, form%n), slope(form%n, form%n), start
-    real(wp) :: start_speed
+    real(wp) :: start_speed, rows(form%n), columns(form%n)
     integer :: round
     logical :: singular
 
+    call find_units(form, abs(s), rows, columns)
     start = s
     start_speed = abs(s)
     call normalize(form%n_dof, r)
     do round = 1, max_rounds
       call rayleigh(form, r, l, s, found)
       if (.not. found) return
-      matrix = form%operator_at(s)
+      ! In these units lengths and angles, forces and moments are alike.
+      matrix = form%operator_at(s)*outer(rows, columns)
+      r = r/columns
+      l = l/rows
       found = residual(matrix, r) <= rounding .and. residual(transpose(matrix), l) <= rounding
-      if (found) exit
-      slope = form%operator_between(s, s)
+      if (found) then
+        r = columns*r
+        l = rows*l
+        exit
+      end if
+      slope = form%operator_between(s, s)*outer(rows, columns)
       r = matmul(slope, r)
       call solve_complex(matrix, r, .true., singular)
+      r = columns*r
       if (.not. singular) call normalize(form%n_dof, r)
       l = matmul(transpose(slope), l)
       if (.not. singular) call solve_complex(transpose(matrix), l, .true., singular)
+      l = rows*l
       found = .not. singular .and. all(abs(r) <= huge(1.0_wp)) .and. all(abs(l) <= huge(1.0_wp))
       if (.not. found) return
       l = l/maxval(abs(l))
@@ -83,6 +93,37 @@ contains
     ! A mode that hardly turns is none of an oscillation.
     found = found .and. aimag(s) > 0.1_wp*abs(s) .and. aimag(s) > 1.0e-3_wp*start_speed
   end subroutine follow
+
+  !> Units (powers of 2) of equations and unknowns in which no entry of L is large or
+  !! small for its units alone: the largest of each row and column near 1 (Ruiz, A
+  !! scaling algorithm to equilibrate both rows and columns norms in matrices, RAL
+  !! report 2001-034).
+  pure subroutine find_units(form, speed, rows, columns)
+    type(polynomial_form_type), intent(in) :: form
+    !> Size of the exponent.
+    real(wp), intent(in) :: speed
+    real(wp), intent(out) :: rows(:), columns(:)
+    real(wp) :: sizes(form%n, form%n), scaled(form%n, form%n)
+    integer :: turn
+
+    sizes = abs(form%linear(:, :, 0)) + abs(form%hereditary) &
+            + speed*(abs(form%linear(:, :, 1)) + speed*abs(form%linear(:, :, 2)))
+    rows = 1.0_wp
+    columns = 1.0_wp
+    do turn = 1, max_sweeps
+      scaled = sizes*outer(rows, columns)
+      rows = rows/sqrt(max(maxval(scaled, 2), tiny(speed)))
+      columns = columns/sqrt(max(maxval(scaled, 1), tiny(speed)))
+    end do
+    rows = 2.0_wp**nint(log(rows)/log(2.0_wp))
+    columns = 2.0_wp**nint(log(columns)/log(2.0_wp))
+  end subroutine find_units
+
+  pure function outer(a, b) result(product)
+    real(wp), intent(in) :: a(:), b(:)
+    real(wp) :: product(size(a), size(b))
+    product = spread(a, 2, size(b))*spread(b, 1, size(a))
+  end function outer
 
   !> |A x| over what its terms add up to.
   pure real(wp) function residual(a, x)

@@ -95,6 +95,12 @@ contains
       rates = [self%shift]
       return
     end if
+    if (.not. self%sum_at(1.0_wp, t_min) > 0.0_wp) then
+      ! Amplitude 0: nothing to stand for.
+      weights = [0.0_wp]
+      rates = [self%shift]
+      return
+    end if
     last = t_max
     ! What the factor has taken to nothing needs no care.
     if (self%shift > 0.0_wp) last = max(t_min, min(last, vanished/self%shift))

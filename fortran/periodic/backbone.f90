@@ -66,6 +66,7 @@ contains
     here%x(first, :) = options%start*shape_at_rest/shape_at_rest(dof)
     here%slope_x(first, dof) = 1.0_wp
     here%p = omega
+    here%p_scale = omega
     here%slope_p = 0.0_wp
     ! Corrected at this amplitude, for the frequency and the tangent.
     call correct(balance, system, no_load, parameter_frequency, options, here, 0.0_wp, next, made)

@@ -58,6 +58,8 @@ module viscovib_branch
   type :: curve_point
     real(wp), allocatable :: x(:, :), slope_x(:, :)
     real(wp) :: p = 0.0_wp, slope_p = 1.0_wp
+    !> What counts as a small p: a load factor of 1, but a frequency has units.
+    real(wp) :: p_scale = 1.0_wp
     integer :: iterations = 0
   end type curve_point
 
@@ -87,6 +89,7 @@ contains
     here%p = options%start
     here%slope_x = 0.0_wp*x
     here%slope_p = sign_wanted
+    if (parameter == parameter_frequency) here%p_scale = 0.1_wp*max(options%start, options%finish)
     ! Corrected at fixed p, for the tangent.
     call correct(balance, system, load, parameter, options, here, 0.0_wp, next, made)
     if (.not. made) then
@@ -151,7 +154,7 @@ contains
       high = step
       high_p = next%p
       do k = 1, 60
-        if (abs(next%p - p) <= 1.0e-13_wp*max(abs(p), 1.0_wp)) exit
+        if (abs(next%p - p) <= 1.0e-13_wp*max(abs(p), here%p_scale)) exit
         trial = low + (high - low)*min(0.98_wp, max(0.02_wp, (p - low_p)/(high_p - low_p)))
         call correct(balance, system, load, parameter, options, here, trial, next, made)
         if (.not. made) exit
@@ -165,7 +168,7 @@ contains
       end do
       branch%outcome = merge(outcome, branch_stuck, made)
       if (made) then
-        next%p = merge(p, next%p, abs(next%p - p) <= 1.0e-12_wp*max(abs(p), 1.0_wp))
+        next%p = merge(p, next%p, abs(next%p - p) <= 1.0e-12_wp*max(abs(p), here%p_scale))
         call branch%add(next)
       end if
     end subroutine finish_at
@@ -207,6 +210,7 @@ contains
     predicted_p = here%p + step*here%slope_p
     next%x = predicted_x
     next%p = predicted_p
+    next%p_scale = here%p_scale
     do k = 1, max_iterations
       if (parameter == parameter_frequency) then
         if (.not. next%p > 0.0_wp) return
@@ -265,7 +269,7 @@ contains
     end do
     total = sum(weights*point%x**2)
     if (total > 0.0_wp) weights = weights/total
-    weight_p = 1.0_wp/max(abs(point%p), 0.1_wp)**2
+    weight_p = 1.0_wp/max(abs(point%p), 0.1_wp*point%p_scale)**2
   end subroutine metric
 
   pure real(wp) function angle_between(system, a, b) result(angle)

@@ -1,6 +1,8 @@
 !> Many trajectories of one kind of system, eight at a time in the lanes; what is
 !! learnt from them is gathered as they pass.
 module viscovib_ensemble
+  use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode, &
+    ieee_support_underflow_control
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
   use viscovib_explicit, only: explicit_type, new_explicit
   use viscovib_kinds, only: i8, wp
@@ -83,6 +85,8 @@ contains
     logical :: alive(n_lanes), good(n_lanes)
     integer(i8) :: i, n_samples
 
+    ! As in viscovib_simulate.
+    if (ieee_support_underflow_control(1.0_wp)) call ieee_set_underflow_mode(.false.)
     q = 0.0_wp
     v = 0.0_wp
     q(:, :n) = block%q

@@ -20,7 +20,7 @@ module viscovib_gauss_table
   type :: gauss_table_type
     integer :: n_nodes = 0, n_blocks = 0
     !> Nodes, weights of q' and of q, node i in lane and block; lanes past the
-    !! last node are 0.
+    !! last node repeat it, with weight 0.
     real(wp), dimension(n_lanes, max_blocks) :: nodes = 0.0_wp, weights = 0.0_wp, &
                                                 weights_q = 0.0_wp
     !> a_ij, its square, and what predicts the accelerations at the nodes of the
@@ -79,6 +79,16 @@ contains
         end do
       end associate
     end do
+    ! Lanes without a node repeat the last one, without weight: changes of what they hold are
+    ! those of a node, by which an iteration judges how fast it converges.
+    if (s < n_lanes) then
+      do i = s + 1, n_lanes
+        table%nodes(i, 1) = table%nodes(s, 1)
+        table%a(i, :, 1, 1) = table%a(s, :, 1, 1)
+        table%a_q(i, :, 1, 1) = table%a_q(s, :, 1, 1)
+        table%extrapolation(i, :, 1, 1) = table%extrapolation(s, :, 1, 1)
+      end do
+    end if
   end subroutine new_gauss_table
 
 end module viscovib_gauss_table

@@ -1,5 +1,7 @@
 !> A run with memory in equal steps: what is kept of it, and how it ends.
 module viscovib_hereditary_run
+  use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode, &
+    ieee_support_underflow_control
   use viscovib_hereditary, only: hereditary_type
   use viscovib_kinds, only: i8, wp
   use viscovib_oscillator, only: oscillator_type
@@ -13,7 +15,7 @@ module viscovib_hereditary_run
 contains
 
   !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
-  !! those at wanted times.
+  !! those at wanted times. Underflow is abrupt meanwhile.
   subroutine run_hereditary(run, system, load, first, n_steps, save_every, times, states, &
                             at_times, n_done, n_reached, outcome)
     type(hereditary_type), intent(inout) :: run
@@ -32,6 +34,8 @@ contains
     integer(i8) :: i, column
     logical :: made
 
+    ! As in viscovib_simulate.
+    if (ieee_support_underflow_control(1.0_wp)) call ieee_set_underflow_mode(.false.)
     outcome = run_completed
     n_done = 0
     n_reached = 0

@@ -1,0 +1,265 @@
+"""Units, last digits of the input, order of summation: what must not matter."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import viscovib as vv
+from scenes import EPS, PENDULUM, START, far, kernel_of
+from steps import Job
+from tally import Row, Tally
+
+NU = np.array([0.7, 1.5, 1.9, 3.0, 7.0])
+NAMES = ("mass", "inertia", "offset", "stiffness_x", "stiffness_phi", "amplitude", "beta",
+         "damping", "load", "nu")  # fmt: skip
+BASE = np.array([1.0, 0.1, 0.5, 10.0, 2.0, 0.03, 0.05, 0.02, 0.3, 1.0])
+#: Powers of mass, length and time in each.
+POWERS = np.array([
+    [1, 0, 0], [1, 2, 0], [0, 1, 0], [1, 0, -2], [1, 2, -2], [0, 0, -0.25], [0, 0, -1],
+    [0, 0, 1], [1, 1, -2], [0, 0, -1],
+], dtype=float)  # fmt: skip
+
+
+def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
+    """A job a row."""
+    exponents = (-9, -1, 9) if quick else (-9, -6, -3, -1, 1, 3, 6, 9)
+    for name in OF_MOUNT:
+        yield f"units, {name}", lambda n=name: units(n, exponents)
+    for name in OF_MOUNT:
+        yield f"ulp, {name}", lambda n=name: of_mount_by_ulp(n)
+    yield "ulp, pendulum", pendulum_by_ulp
+    yield "order", order_of_summation
+    yield "lanes", order_of_lanes
+
+
+def body_of(p: np.ndarray, memory: bool = True) -> vv.Mount:
+    """The mount of ten numbers; its damping is proportional to the stiffness."""
+    m, i, arm, cx, cp, amplitude, beta, damping = p[:8]
+    kernel = vv.RzhanitsynKernel(amplitude=amplitude, alpha=0.25, beta=beta) if memory else None
+    matrix = damping * np.array([[cx, -cx * arm], [-cx * arm, cx * arm**2 + cp]])
+    return vv.Mount(
+        mass=m,
+        inertia=i,
+        offset=arm,
+        stiffness_x=cx,
+        stiffness_phi=cp,
+        kernel=kernel,
+        damping=matrix,
+    )
+
+
+def _scaled(x: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Rows (x, phi) over (offset, 1)."""
+    return x / np.array([p[2], 1.0])
+
+
+def _modes(p: np.ndarray) -> np.ndarray:
+    return body_of(p).natural_frequencies() / p[9]
+
+
+def _roots(p: np.ndarray) -> np.ndarray:
+    roots = body_of(p).characteristic_roots()
+    found = np.sort_complex(np.asarray(roots.oscillatory)) / p[9]
+    return np.concatenate([found.real, found.imag])
+
+
+def _response(method: str, nu: np.ndarray = NU) -> Callable[[np.ndarray], np.ndarray]:
+    def run(p: np.ndarray) -> np.ndarray:
+        r = vv.forced_response(
+            body_of(p), nu * p[9], load=p[8], method=method, harmonics=9, tolerance=1e-14
+        )
+        x = r.coefficients[:, :, 0]
+        return np.concatenate([_scaled(x.real, p), _scaled(x.imag, p)]).ravel()
+
+    return run
+
+
+def _motion(p: np.ndarray) -> np.ndarray:
+    end = 20 / p[9]
+    run = vv.simulate(body_of(p), end, dt=end / 100, load=p[8], nu=1.5 * p[9])
+    return np.asarray(_scaled(run.state[:, ::2], p)).ravel()
+
+
+def _branch(p: np.ndarray) -> np.ndarray:
+    branch = vv.trace_response(
+        body_of(p, memory=False), (0.5 * p[9], 4 * p[9]), load=1.5 * p[8], tolerance=1e-13
+    )
+    return np.concatenate([branch.folds / p[9], [branch.peak("x").amplitude / p[2]]])
+
+
+def _scales(p: np.ndarray) -> np.ndarray:
+    ms = vv.MultipleScales(body_of(p), load=0.1 * p[8], nu=1.5 * p[9])
+    # gamma is per square of what is largest in a mode; per square of phi, units cancel.
+    gamma = ms.interaction / np.abs(ms.mode_shapes[1]) ** 2
+    return np.concatenate([ms.frequencies, ms.decay, gamma.ravel()]) / p[9]
+
+
+OF_MOUNT: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "natural frequencies": _modes,
+    "characteristic roots": _roots,
+    "linear response": _response("linear"),
+    "successive approximations": _response("successive", NU[[0, 1, 3, 4]]),
+    "Newton response": _response("newton"),
+    "motion with memory": _motion,
+    "branch: folds and peak": _branch,
+    "multiple scales: modes and interaction": _scales,
+}
+#: Rounding errors of a computation over those of its input: by how much a good method may
+#: exceed the condition.
+ALLOWED = 200.0
+
+
+def units(name: str, exponents: tuple[int, ...]) -> Row:
+    """The same mount in other units; the change over what rounding of its input makes."""
+    job = OF_MOUNT[name]
+    tally = Tally(
+        "units", name, "mass, length and time in 1e-9 ... 1e9", ALLOWED,
+        "change / (condition x epsilon)",
+    )  # fmt: skip
+    exact = job(BASE)
+    condition = _condition(job, exact)
+    for which, unit in enumerate(("mass", "length", "time")):
+        for e in exponents:
+            factors = 10.0 ** (POWERS[:, which] * e)
+            label = f"{unit} x 1e{e}"
+            made = tally.trial(label, lambda f=factors: job(BASE * f))
+            _judge(tally, label, made, exact, condition)
+    for e in exponents:
+        factors = 10.0 ** (POWERS @ np.array([e, -e, e / 3]))
+        made = tally.trial(f"all x 1e{e}", lambda f=factors: job(BASE * f))
+        _judge(tally, f"all x 1e{e}", made, exact, condition)
+    tally.notes.append(f"condition {condition:.2g}")
+    return tally.row()
+
+
+def _judge(
+    tally: Tally, label: str, made: np.ndarray | None, exact: np.ndarray, condition: float
+) -> None:
+    if made is None:
+        return
+    tally.check(label, made.shape == exact.shape, f"{made.size} numbers instead of {exact.size}")
+    if made.shape == exact.shape:
+        tally.measure(label, far(made, exact) / condition / EPS)
+
+
+def _condition(job: Callable[[np.ndarray], np.ndarray], exact: np.ndarray) -> float:
+    """Sum over the inputs of relative change of the result over that of the input."""
+    total = 1.0
+    for i in range(BASE.size):
+        up, down = BASE.copy(), BASE.copy()
+        up[i] *= 1 + 1e-5
+        down[i] *= 1 - 1e-5
+        total += far(job(up), job(down)) / 2e-5
+    return total
+
+
+def of_mount_by_ulp(name: str) -> Row:
+    """Each input moved by one ulp up and down."""
+    job = OF_MOUNT[name]
+    tally = Tally("one ulp", name, ", ".join(NAMES), ALLOWED, "change / (condition x epsilon)")
+    exact = job(BASE)
+    condition = _condition(job, exact)
+    for i, what in enumerate(NAMES):
+        for to in (-np.inf, np.inf):
+            p = BASE.copy()
+            p[i] = np.nextafter(p[i], to)
+            label = f"{what} {'+' if to > 0 else '-'} 1 ulp"
+            _judge(tally, label, tally.trial(label, lambda p=p: job(p)), exact, condition)
+    tally.notes.append(f"condition {condition:.2g}")
+    return tally.row()
+
+
+def pendulum_by_ulp() -> Row:
+    """Motion of the pendulum to t = 50: each parameter and each number of the start."""
+    tally = Tally(
+        "one ulp", "motion of the pendulum", "14 parameters, 6 numbers of the start", ALLOWED,
+        "change / (condition x epsilon)",
+    )  # fmt: skip
+    names = list(PENDULUM)
+    base = np.array([*PENDULUM.values(), *START])
+
+    def job(p: np.ndarray) -> np.ndarray:
+        n = len(names)
+        values: dict[str, Any] = dict(zip(names, p[:n], strict=True))
+        return vv.simulate(vv.Pendulum(**values), 50, dt=0.25, initial=p[n:], keep="last").state[-1]
+
+    exact = job(base)
+    condition = 1.0
+    moves = []
+    for i in range(base.size):
+        if base[i] == 0:
+            continue
+        p = base.copy()
+        p[i] *= 1 + 1e-6
+        condition += far(job(p), exact) / 1e-6
+        moves += [(i, np.inf), (i, -np.inf)]
+    for i, to in moves:
+        p = base.copy()
+        p[i] = np.nextafter(p[i], to)
+        label = f"{[*names, 'z', 'vz', 'phi', 'vphi', 'psi', 'vpsi'][i]}"
+        made = tally.trial(label, lambda p=p: job(p))
+        if made is not None:
+            tally.measure(label, far(made, exact) / condition / EPS)
+    tally.notes.append(f"condition {condition:.2g}")
+    return tally.row()
+
+
+def order_of_summation() -> Row:
+    """Terms of kernels, loads and forces in another order."""
+    tally = Tally(
+        "order", "terms of kernel, load and forces permuted", "20 permutations", 1e-13,
+        "change of a Newton response over its size",
+    )  # fmt: skip
+    rng = np.random.default_rng(3)
+    few = kernel_of(0.8, 0.25).sum_of_exponentials(tolerance=1e-8, t_min=1e-3, t_max=1e3)
+    weights, rates = np.asarray(few.weights), np.asarray(few.rates)
+    loads = {1: 0.2, 3: 0.05, 5: 0.02j, 7: 0.01}
+    terms = ["0.5*x1^3", "0.2*x1*x2^2", "-0.1*x1^2*x2", "0.05*x2^3"]
+
+    def job(order: np.ndarray, load: np.ndarray, force: np.ndarray) -> np.ndarray:
+        body = vv.PolynomialSystem(
+            mass=[1, 0.5], stiffness=[[2, -1], [-1, 3]], damping=[[0.1, 0], [0, 0.1]],
+            forces={"x1": " + ".join(terms[i] for i in force)},
+            kernel=vv.PronyKernel(weights=weights[order], rates=rates[order]),
+        )  # fmt: skip
+        series = {list(loads)[i]: loads[list(loads)[i]] for i in load}
+        return vv.forced_response(
+            body, [0.6, 1.1, 1.9], load=series, method="newton", tolerance=1e-14
+        ).coefficients
+
+    exact = job(np.arange(rates.size), np.arange(4), np.arange(4))
+    for i in range(20):
+        made = tally.trial(
+            f"permutation {i}",
+            lambda: job(rng.permutation(rates.size), rng.permutation(4), rng.permutation(4)),
+        )
+        if made is not None:
+            tally.measure(f"permutation {i}", far(made, exact))
+    return tally.row()
+
+
+def order_of_lanes() -> Row:
+    """Members of an ensemble in another order, in other lanes and threads: bit for bit."""
+    tally = Tally(
+        "order", "members of an ensemble permuted", "5 permutations, 1 and 2 threads", 0.5,
+        "members that differ in any bit",
+    )  # fmt: skip
+    states = np.tile(START, (37, 1))
+    states[:, 2] = np.linspace(-0.5, 0.5, 37)
+    body = vv.Pendulum(**PENDULUM)
+
+    def job(order: np.ndarray, threads: int) -> np.ndarray:
+        many = vv.simulate_ensemble(
+            body, initial=states[order], t_end=40, dt=0.4, n_threads=threads
+        )
+        back = np.empty_like(many.state)
+        back[order] = many.state
+        return back
+
+    exact = job(np.arange(37), 1)
+    for i in range(5):
+        order = np.random.default_rng(i).permutation(37)
+        made = tally.trial(f"permutation {i}", lambda o=order, i=i: job(o, 1 + i % 2))
+        if made is not None:
+            tally.measure(f"permutation {i}", int((made != exact).any(axis=1).sum()))
+    return tally.row()

@@ -1,0 +1,92 @@
+"""At the edge: findings of benchmarks/stress that were mended, and the quick form of its sweeps."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from test_pendulum import P1R, START
+
+
+@pytest.mark.parametrize("method", ["gauss2", "gauss3", "gauss8"])
+@pytest.mark.parametrize("h", [0.02, 0.05, 0.08, 0.12])
+def test_small_steps_do_not_drift(method, h):
+    """Collocation keeps the energy of an oscillator; each step was once solved to 5e-14 only."""
+    run = vv.simulate(
+        vv.PolynomialSystem(mass=1, stiffness=1), 6400 * h, dt=h, initial=[1, 0], method=method
+    )
+    energy = (run.state**2).sum(axis=1)
+    assert abs(energy[-1] - 1) < 1e-12
+
+
+def test_small_steps_keep_the_order():
+    body = vv.Pendulum(**P1R)
+    exact = vv.simulate(body, 64, dt=0.1, initial=START, method="gauss16", keep="last").state
+    errors = [
+        np.abs(vv.simulate(body, 64, dt=dt, initial=START, method="gauss3").state[-1] - exact).max()
+        for dt in (0.1, 0.05, 0.025)
+    ]
+    assert errors[0] / errors[1] == pytest.approx(64, rel=0.2)
+    assert errors[1] / errors[2] == pytest.approx(64, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        vv.RzhanitsynKernel(amplitude=0, alpha=0.3, beta=0.05),
+        vv.RabotnovKernel(amplitude=0, alpha=0.3, beta=0.05),
+        vv.AbelKernel(amplitude=0, alpha=0.3),
+    ],
+    ids=lambda kernel: type(kernel).__name__,
+)
+def test_a_kernel_of_amplitude_0_is_none(kernel):
+    """Its sum of exponentials once had 100001 terms, and a motion stopped at once."""
+    few = kernel.sum_of_exponentials(t_min=0.01, t_max=100)
+    assert few.weights.tolist() == [0]
+
+    def run(kernel):
+        body = vv.Mount(
+            mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=kernel
+        )
+        return vv.simulate(body, 20, dt=0.25, load=0.5, nu=1.5).state
+
+    assert run(kernel) == pytest.approx(run(None), abs=1e-14)
+
+
+def in_units(length, time):
+    """A damped mount with memory in other units; its frequencies times the unit of time."""
+    stiffness = np.array([[10, -5 * length], [-5 * length, 4.5 * length**2]]) / time**2
+    kernel = vv.RzhanitsynKernel(amplitude=0.03 * time**-0.25, alpha=0.25, beta=0.05 / time)
+    return vv.Mount(
+        mass=1, inertia=0.1 * length**2, offset=0.5 * length, stiffness_x=10 / time**2,
+        stiffness_phi=2 * length**2 / time**2, kernel=kernel, damping=0.02 * time * stiffness,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("length", [1e-9, 1e-3, 1e3, 1e9])
+def test_multiple_scales_in_other_units(length):
+    """Metres beside radians: modes were lost or kept 4 digits in small units of length."""
+    there = vv.MultipleScales(in_units(length, 1), load=0.03 * length, nu=1.5)
+    here = vv.MultipleScales(in_units(1, 1), load=0.03, nu=1.5)
+    assert there.frequencies == pytest.approx(here.frequencies, rel=1e-14)
+    assert there.decay == pytest.approx(here.decay, rel=1e-14)
+
+
+@pytest.mark.parametrize("time", [1e-9, 1e-3, 1e3, 1e9, 1e12])
+def test_branch_in_other_units(time):
+    """Points of a branch do not depend on the unit of time; its last one lies where it says."""
+
+    def trace(time):
+        c = np.array([[0.2, -0.1], [-0.1, 0.09]]) / time
+        body = vv.Mount(
+            mass=1, inertia=0.1, offset=0.5, stiffness_x=10 / time**2,
+            stiffness_phi=2 / time**2, damping=c,
+        )  # fmt: skip
+        branch = vv.trace_response(body, (0.5 / time, 4 / time), load=0.45 / time**2)
+        last = vv.forced_response(
+            body, [branch.nu[-1]], load=0.45 / time**2, method="newton", tolerance=1e-12
+        )
+        assert branch.amplitude("x")[-1] == pytest.approx(last.amplitude("x")[0], rel=1e-10)
+        return branch
+
+    there, here = trace(time), trace(1)
+    assert there.nu * time == pytest.approx(here.nu, rel=1e-10)
+    assert there.folds * time == pytest.approx(here.folds, rel=1e-12)
