@@ -1,9 +1,9 @@
 """Motion of the pendulum: run time against error, one trajectory and many, beside its peers.
 
-Peers are used if they are installed (pip install heyoka numba numbalsoda CyRK) and skipped with a
-line if not. All compute the same motion: set P1r to t = 200, error of the last state against 20
-digits; for ensembles P1r with 4096 initial phi in [-0.5, 0.5], largest error over all members
-against the longest of our own runs.
+Peers are used if they are installed (`./run bench --peers`) and skipped with a line if not. All
+compute the same motion: set P1r to t = 200, error of the last state against 20 digits; for
+ensembles P1r with 1024 initial phi in [-0.5, 0.5], largest error over all members against the
+longest of our own runs.
 """
 
 import json
@@ -172,6 +172,31 @@ def numbalsoda_runs() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
         )
 
 
+def cvode_runs() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
+    """CVODE of SUNDIALS by scikit-sundae, Adams' methods, compiled right side called by Python."""
+    try:
+        import numba
+        from sksundae.cvode import CVODE
+    except ImportError:
+        print("scikit-sundae or numba is not installed: CVODE left out")
+        return
+    z_r, function = vv.Pendulum(**P1R).z_r, numba.njit(right_side)
+    times = np.array([0.0, END])
+
+    def derivative(t: float, y: np.ndarray, out: np.ndarray) -> None:
+        function(t, y, out, z_r)
+
+    for tolerance in (1e-6, 1e-10, 1e-13):
+        solver = CVODE(
+            derivative, rtol=tolerance, atol=tolerance / 10, method="Adams", max_num_steps=10**6
+        )
+        yield (
+            "CVODE Adams, compiled right side",
+            f"rtol {tolerance:g}",
+            lambda solver=solver: solver.solve(times, START).y[-1],
+        )
+
+
 def heyoka_ensemble(states: np.ndarray) -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
     """Heyoka in batches of eight."""
     try:
@@ -196,10 +221,10 @@ def heyoka_ensemble(states: np.ndarray) -> Iterator[tuple[str, str, Callable[[],
 def one_trajectory() -> list[Row]:
     """Run time and error of every method and peer on one trajectory."""
     expected, rows = reference(), []
-    for source in (ours, scipy_runs, numbalsoda_runs, heyoka_runs):
+    for source in (ours, scipy_runs, cvode_runs, numbalsoda_runs, heyoka_runs):
         for method, setting, job in source():
             error = float(np.abs(job() - expected).max())
-            slow = method.startswith("SciPy")
+            slow = method.startswith(("SciPy", "CVODE"))
             time = seconds(job, repeats=3 if slow else 9, shortest=0.0 if slow else 0.005)
             rows.append({"method": method, "setting": setting, "seconds": time, "error": error})
             print(f"{method:34} {setting:18} {error:8.1e} {show_time(time)}")

@@ -1,37 +1,40 @@
-"""Run every benchmark; write tables (CSV, Markdown) and pictures.
+"""Run the benchmarks, or some (--only); write tables (CSV, Markdown) and pictures.
 
-Times are medians, ratios are measured in one run: machines are noisy.
+Times are medians, ratios are measured in one run: machines are noisy. Peers that are not installed
+are left out with a line; `./run bench --peers` installs them first.
 """
 
 import argparse
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import branch
+import combined
 import kernel_transforms
 import memory
 import motion
 import response_curve
 import steady
+from combined import draw_methods
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from timing import machine, show_time
+from timing import machine, show_time, versions
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+PARTS = ("kernels", "response", "branch", "steady", "motion", "memory")
+Row = dict[str, Any]
 
 
-def write_csv(path: Path, rows: list[dict[str, object]]) -> None:
+def write_csv(path: Path, rows: list[Row]) -> None:
     """Write rows with a head line about the machine."""
     with open(path, "w", newline="", encoding="utf-8") as file:
-        file.write(f"# {machine()}\n")
-        writer = csv.DictWriter(file, rows[0])
+        file.write(f"# {machine()}\n# {versions()}\n")
+        writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
         writer.writeheader()
         writer.writerows(rows)
 
 
-def draw_error_against_time(path: Path, rows: list[dict[str, object]]) -> None:
+def draw_error_against_time(path: Path, rows: list[Row]) -> None:
     """Draw error of the curve against run time, a line for each number of harmonics."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
@@ -56,28 +59,7 @@ def draw_error_against_time(path: Path, rows: list[dict[str, object]]) -> None:
     figure.savefig(path, dpi=160)
 
 
-def draw_methods(axis: "Axes", rows: list[dict[str, object]], title: str) -> None:
-    """Draw error against run time, a line a method."""
-    for i, method in enumerate(dict.fromkeys(row["method"] for row in rows)):
-        line = sorted((r["seconds"], r["error"]) for r in rows if r["method"] == method)
-        own = method.startswith("viscovib")
-        axis.loglog(
-            [1e6 * time for time, _ in line],
-            [max(error, 1e-16) for _, error in line],
-            marker="osD^vP*X<>dh"[i % 12],
-            color=str(0.55 * i / 12) if own else "#c8452e",
-            linestyle="-" if own else "--",
-            linewidth=1,
-            markersize=4,
-            label=method,
-        )
-    axis.set(title=title, xlabel="run time (us)")
-    axis.grid(color="0.9")
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.legend(frameon=False, fontsize=7)
-
-
-def draw_motion(path: Path, one: list[dict[str, object]], many: list[dict[str, object]]) -> None:
+def draw_motion(path: Path, one: list[Row], many: list[Row]) -> None:
     """Draw error against run time of one trajectory and of many."""
     figure = Figure(figsize=(11, 5), layout="constrained")
     FigureCanvasAgg(figure)
@@ -88,7 +70,7 @@ def draw_motion(path: Path, one: list[dict[str, object]], many: list[dict[str, o
     figure.savefig(path, dpi=160)
 
 
-def draw_memory(path: Path, rows: list[dict[str, object]]) -> None:
+def draw_memory(path: Path, rows: list[Row]) -> None:
     """Draw error against run time of a motion with memory."""
     figure = Figure(figsize=(7, 5), layout="constrained")
     FigureCanvasAgg(figure)
@@ -98,7 +80,7 @@ def draw_memory(path: Path, rows: list[dict[str, object]]) -> None:
     figure.savefig(path, dpi=160)
 
 
-def motion_table(title: str, rows: list[dict[str, object]]) -> list[str]:
+def motion_table(title: str, rows: list[Row]) -> list[str]:
     """Return lines of a table: time at each wanted error."""
     targets = [f"{target:g}" for target in motion.TARGETS]
     lines = [
@@ -112,78 +94,146 @@ def motion_table(title: str, rows: list[dict[str, object]]) -> list[str]:
     return lines
 
 
-def markdown(
-    kernels: list[dict[str, object]],
-    jobs: list[dict[str, object]],
-    one: list[dict[str, object]],
-    many: list[dict[str, object]],
-    curves: list[dict[str, object]],
-    hereditary: list[dict[str, object]],
-    growth: list[dict[str, object]],
-) -> str:
-    """Return the tables as a page."""
-    lines = [
-        machine(),
-        "",
-        "| transforms of a kernel | a pair (R_c, R_s) | relative error |",
-        "| --- | --- | --- |",
-    ]
-    lines += [
-        f"| {row['method']} | {show_time(row['seconds'])} | {row['error']:.1e} |" for row in kernels
-    ]
-    lines += ["", "| response of the mount | time | target |", "| --- | --- | --- |"]
-    lines += [
-        f"| {row['job']} | {show_time(row['seconds'])} | "
-        f"{show_time(row['target']) if row['target'] else ''} |"
-        for row in jobs
-    ]
-    lines += ["", "| branch of the mount through two folds | time | points | error of the folds |"]
-    lines += ["| --- | --- | --- | --- |"]
-    lines += [
-        f"| {row['job']} | {show_time(row['seconds'])} | {row['points']} | "
-        f"{'' if row['fold_error'] != row['fold_error'] else format(row['fold_error'], '.1e')} |"
-        for row in curves
-    ]
-    lines += motion_table("one motion to t = 200, time at an error of", one)
-    lines += motion_table("an ensemble, time a trajectory at an error of", many)
-    lines += ["", "| motion with memory to t = 100 | setting | error | time |"]
-    lines += ["| --- | --- | --- | --- |"]
-    lines += [
-        f"| {row['method']} | {row['setting']} | {row['error']:.1e} | {show_time(row['seconds'])} |"
-        for row in hereditary
-    ]
-    lines += ["", "| steps of a motion with memory | a step |", "| --- | --- |"]
-    lines += [f"| {row['steps']} | {show_time(row['seconds_a_step'])} |" for row in growth]
-    return "\n".join(lines) + "\n"
+def show_error(value: float) -> str:
+    """Write an error; nothing for what is not known."""
+    return "" if value != value else f"{value:.1e}"
 
 
-def main() -> None:
-    """Run all and write the results."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out/bench"))
-    out = parser.parse_args().out
-    out.mkdir(parents=True, exist_ok=True)
-    print(machine())
-    kernels = kernel_transforms.run()
+def of_kernels(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+    """Transforms of kernels."""
+    rows = kernel_transforms.run()
+    write_csv(out / "kernel_transforms.csv", rows)
+    lines = ["", "| transforms of a kernel | a pair (R_c, R_s) | relative error |"]
+    lines += ["| --- | --- | --- |"]
+    return lines + [
+        f"| {row['method']} | {show_time(row['seconds'])} | {row['error']:.1e} |" for row in rows
+    ], {}
+
+
+def of_response(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+    """Response curves of the mount."""
     rows, jobs = response_curve.run()
-    write_csv(out / "kernel_transforms.csv", kernels)
     write_csv(out / "error_against_time.csv", rows)
     write_csv(out / "response_jobs.csv", jobs)
     draw_error_against_time(out / "error_against_time.png", rows)
-    curves = branch.run()
-    write_csv(out / "branch.csv", curves)
-    write_csv(out / "steady.csv", steady.run())
+    lines = ["", "| response of the mount | time | target |", "| --- | --- | --- |"]
+    return lines + [
+        f"| {row['job']} | {show_time(row['seconds'])} | "
+        f"{show_time(row['target']) if row['target'] else ''} |"
+        for row in jobs
+    ], {}
+
+
+def of_branch(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+    """Branch of the mount through its folds, with the peers."""
+    rows, others = branch.run()
+    write_csv(out / "branch.csv", rows)
+    write_csv(out / "branch_others.csv", others)
+    lines = [
+        "",
+        "| branch of the mount through two folds | setting | time | points | error of the folds "
+        "| of the amplitudes | times ours |",
+        "| --- |" + " --- |" * 6,
+    ]
+    lines += [
+        f"| {row['method']} | {row['setting']} | {show_time(row['seconds'])} | {row['points']} | "
+        f"{show_error(row['fold_error'])} | {show_error(row['error'])} | "
+        f"{'' if row['ratio'] != row['ratio'] else format(row['ratio'], '.2g')} |"
+        for row in rows
+    ]
+    lines += ["", "| further branches, orders to 9 | time | points |", "| --- | --- | --- |"]
+    lines += [
+        f"| {row['method']}{', with multipliers' if row['multipliers'] else ''} | "
+        f"{show_time(row['seconds'])} | {row['points']} |"
+        for row in others
+    ]
+    worst = [{**row, "error": max(row["error"], row["fold_error"])} for row in rows]
+    return lines, {
+        "branch through two folds": [row for row in worst if not row["multipliers"]],
+        "the same with Floquet multipliers": [row for row in worst if row["multipliers"]],
+    }
+
+
+def of_steady(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+    """Steady motions of the pendulum."""
+    rows = steady.run()
+    write_csv(out / "steady.csv", rows)
+    lines = ["", "| steady motions of the pendulum | time | error |", "| --- | --- | --- |"]
+    return lines + [
+        f"| {row['job']} | {show_time(row['seconds'])} | {show_error(row['error'])} |"
+        for row in rows
+    ], {}
+
+
+def of_motion(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+    """Motions of the pendulum, with the peers."""
     one, many = motion.run()
     write_csv(out / "motion.csv", one)
     write_csv(out / "ensemble.csv", many)
     draw_motion(out / "motion.png", one, many)
-    hereditary, growth = memory.run()
-    write_csv(out / "memory.csv", hereditary)
+    lines = motion_table("one motion to t = 200, time at an error of", one)
+    lines += motion_table("an ensemble, time a trajectory at an error of", many)
+    return lines, {
+        "one motion of the pendulum to t = 200": one,
+        "an ensemble of 1024, time a trajectory": many,
+    }
+
+
+def of_memory(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+    """Motions with memory, with the peers."""
+    rows, short, growth = memory.run()
+    write_csv(out / "memory.csv", rows)
+    write_csv(out / "memory_short.csv", short)
     write_csv(out / "memory_growth.csv", growth)
-    draw_memory(out / "memory.png", hereditary)
-    page = markdown(kernels, jobs, one, many, curves, hereditary, growth)
+    draw_memory(out / "memory.png", rows)
+    lines = []
+    for title, part in (("100", rows), ("1", short)):
+        lines += ["", f"| motion with memory to t = {title} | setting | error | time |"]
+        lines += ["| --- | --- | --- | --- |"]
+        lines += [
+            f"| {row['method']} | {row['setting']} | {show_error(row['error'])} | "
+            f"{show_time(row['seconds'])} |"
+            for row in part
+        ]
+    lines += ["", "| steps of a motion with memory | a step |", "| --- | --- |"]
+    lines += [f"| {row['steps']} | {show_time(row['seconds_a_step'])} |" for row in growth]
+    return lines, {"motion with memory to t = 100": rows, "motion with memory to t = 1": short}
+
+
+def chosen(text: str) -> list[str]:
+    """Parts named in --only, in the order of PARTS."""
+    wanted = {name.strip() for name in text.split(",")}
+    unknown = sorted(wanted - set(PARTS))
+    if unknown:
+        raise argparse.ArgumentTypeError(f"{', '.join(unknown)}: not one of {', '.join(PARTS)}")
+    return [name for name in PARTS if name in wanted]
+
+
+def main() -> None:
+    """Run what is asked for and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out/bench"))
+    parser.add_argument(
+        "--only", type=chosen, default=list(PARTS), help=f"some of {','.join(PARTS)}, with commas"
+    )
+    options = parser.parse_args()
+    out = options.out
+    out.mkdir(parents=True, exist_ok=True)
+    lines, problems = [machine(), "", versions()], {}
+    print("\n".join(lines))
+    jobs = (of_kernels, of_response, of_branch, of_steady, of_motion, of_memory)
+    for name, job in zip(PARTS, jobs, strict=True):
+        if name in options.only:
+            more, found = job(out)
+            lines += more
+            problems |= found
+    if problems:
+        write_csv(out / "all.csv", combined.flat(problems))
+        combined.draw(out / "all.png", problems)
+        lines += combined.table(problems)
+    page = "\n".join(lines) + "\n"
     (out / "benchmarks.md").write_text(page, encoding="utf-8")
-    print("\n" + page + f"\nTables and picture: {out}")
+    print("\n" + page + f"\nTables and pictures: {out}")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,23 @@
 """Honest timing: interleaved repeats, medians, ratios pair by pair."""
 
+import contextlib
 import platform
 import statistics
+import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
+
+PEERS = (
+    "pyharm-os",
+    "heyoka",
+    "numba",
+    "numbalsoda",
+    "scikit-sundae",
+    "OSCILATE",
+    "idesolver",
+    "pycaputo",
+)
 
 
 def seconds(job: Callable[[], object], repeats: int = 9, shortest: float = 0.005) -> float:
@@ -50,6 +63,21 @@ def machine() -> str:
         f"{names[0] if names else platform.processor()}, Python {platform.python_version()}, "
         f"viscovib {viscovib.__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"
     )
+
+
+def versions() -> str:
+    """Versions of the peers that are installed, and the compiler."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    found = []
+    for name in PEERS:
+        with contextlib.suppress(PackageNotFoundError):
+            found.append(f"{name} {version(name)}")
+    for command in (["dpkg-query", "-W", "auto-07p"], ["gfortran", "--version"]):
+        with contextlib.suppress(OSError, subprocess.CalledProcessError):
+            text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+            found.append(" ".join(text.splitlines()[0].split()))
+    return ", ".join(found)
 
 
 def show_time(value: float) -> str:

@@ -1,0 +1,127 @@
+"""pyHarm on the branch of the reference mount: harmonic balance in Python with compiled elements.
+
+Its elements are springs between nodes; the cubic geometry couples x and phi as none of them does,
+so it is added the way pyHarm documents: an element of one's own, residual and exact Jacobian by
+alternating between frequency and time, compiled by numba as its own elements are. It locates no
+folds and gives no multipliers: the fold is read off its points by a polynomial over the length of
+the branch (Branch.turns).
+"""
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from curve import MASS, STIFFNESS, Branch
+
+
+def element() -> type:
+    """Class of the element N = (5/6 phi^3, 5/2 phi^2 x - 5/3 phi^3), its potential quartic."""
+    import numba
+    from pyHarm.Elements.SubstructureMatrixElements.MatrixElement import MatrixElement
+
+    @numba.njit
+    def force(q: Any, to_time: Any, to_orders: Any) -> Any:
+        u = np.ascontiguousarray(q.reshape(-1, 2).T) @ to_time
+        x, phi = u[0], u[1]
+        pull = np.empty_like(u)
+        pull[0] = 5 / 6 * phi**3
+        pull[1] = 2.5 * phi**2 * x - 5 / 3 * phi**3
+        return np.ascontiguousarray((pull @ to_orders).T).ravel()
+
+    @numba.njit
+    def slope(q: Any, to_time: Any, to_orders: Any) -> Any:
+        u = np.ascontiguousarray(q.reshape(-1, 2).T) @ to_time
+        x, phi = u[0], u[1]
+        out = np.zeros((q.size, q.size))
+        cross = ((to_time * (2.5 * phi**2)) @ to_orders).T
+        out[0::2, 1::2] = cross
+        out[1::2, 0::2] = cross
+        out[1::2, 1::2] = ((to_time * (5 * phi * x - 5 * phi**2)) @ to_orders).T
+        return out
+
+    class Geometry(MatrixElement):
+        """Cubic geometry of the mount."""
+
+        factory_keyword = "MountGeometry"
+
+        def _generateMatrices(self, data: dict[str, Any]) -> None:  # noqa: N802
+            self.flag_elemtype = -1
+
+        def __flag_update__(self) -> None:
+            self.flag_nonlinear = self.flag_AFT = True
+
+        def adim(self, lc: float, wc: float) -> None:
+            raise NotImplementedError
+
+        def evalResidual(self, xg: np.ndarray, om: float) -> np.ndarray:  # noqa: N802
+            self.R = force(xg[self.indices], self.D["ft"], self.D["tf"])
+            return self.R
+
+        def evalJacobian(  # noqa: N802
+            self, xg: np.ndarray, om: float
+        ) -> tuple[np.ndarray, np.ndarray]:
+            self.J = slope(xg[self.indices], self.D["ft"], self.D["tf"])
+            self.dJdom = np.zeros(len(self.indices))
+            return self.J, self.dJdom
+
+    return Geometry
+
+
+def missing() -> str:
+    """Say what is missing; empty if nothing is."""
+    try:
+        import pyHarm.Maestro
+    except ImportError:
+        return "pyHarm is not installed (pyharm-os): left out"
+    from pyHarm.BaseUtilFuncs import pyHarm_plugin
+
+    logging.disable(logging.WARNING)
+    if not hasattr(pyHarm.Maestro, "known_mount"):
+        pyHarm.Maestro.known_mount = True
+        pyHarm_plugin(element())
+    return ""
+
+
+def branch(highest: int, step: float) -> Callable[[], Branch]:
+    """Return a job that follows the branch from nu = 0.5 to 10, steps of at most ``step``.
+
+    Call `missing` first. A period has 4 (highest + 1) samples, enough for cubic terms.
+    """
+    from pyHarm.Maestro import Maestro
+
+    orders = list(range(1, highest + 1, 2))
+    data = {
+        "system": {"type": "Base", "nh": orders, "nti": 4 * (highest + 1)},
+        "substructures": {
+            "mount": {
+                "ndofs": 2,
+                "matrix": {"M": np.diag(MASS), "C": 0.02 * STIFFNESS, "K": STIFFNESS},
+            }
+        },
+        "connectors": {
+            "geometry": {"type": "MountGeometry", "connect": "mount"},
+            "load": {
+                "type": "SinusForcing", "connect": {"mount": [0]}, "dirs": [0], "amp": 0.5,
+            },
+        },
+        "analysis": {
+            "FRF": {
+                "study": "frf", "puls_inf": 0.5, "puls_sup": 10.0, "ds0": 0.01, "ds_max": step,
+                "ds_min": 1e-8, "solver": "NewtonRaphson", "predictor": "tangent",
+                "corrector": "pseudo_arc_length", "verbose": False,
+                "predictor_options": {"verbose": False},
+            }
+        },
+    }  # fmt: skip
+
+    def job() -> Branch:
+        maestro = Maestro(data)
+        maestro.operate()
+        found = [s.x for s in maestro.nls["FRF"].SolList if s.flag_accepted]
+        points = np.array(found)
+        cos, sin = points[:, 0:2], points[:, 2:4]
+        # Im(X exp(i nu t)) = a cos + b sin: X = b + i a.
+        return Branch(nu=points[:, -1], first=sin + 1j * cos, folds=None)
+
+    return job
