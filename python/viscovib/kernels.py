@@ -9,6 +9,7 @@ in closed form, to the last digits.
 """
 
 import math
+import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +21,7 @@ from scipy.optimize import least_squares, nnls
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.errors import InputError
+from viscovib.errors import InputError, StabilityWarning
 
 
 class Kernel(ABC):
@@ -290,6 +291,11 @@ class TabulatedKernel(Kernel):
         "linear": straight between points, constant before the first, 0 after the last.
         "exponential": log-linear between points (all values > 0), the first and last rates
         continued outside.
+
+    Warns
+    -----
+    StabilityWarning
+        If values are negative or increase with time, as those of no relaxing material do.
     """
 
     times: npt.ArrayLike
@@ -302,11 +308,26 @@ class TabulatedKernel(Kernel):
         _vectors(self, "times", "values")
         _native.choice("interpolation", self.interpolation, self._codes)
         self._check()
+        self._warn_of_what_no_material_does()
 
     @cached_property
     def _data(self) -> FloatArray:
         code = float(self._codes.index(self.interpolation))
         return np.concatenate([[code], np.asarray(self.times), np.asarray(self.values)])
+
+    def _warn_of_what_no_material_does(self) -> None:
+        times, values = np.asarray(self.times), np.asarray(self.values)
+        if (values < 0).any():
+            i = int(values.argmin())
+            meaning = "the spring would stiffen under a held deflection"
+            text = f"R({times[i]:g}) = {values[i]:g} < 0: {meaning}, which no relaxation does"
+        elif (np.diff(values) > 0).any():
+            i = int((np.diff(values) > 0).argmax())
+            meaning = "relaxation would speed up with time"
+            text = f"R increases between t = {times[i]:g} and {times[i + 1]:g}: {meaning}"
+        else:
+            return
+        warnings.warn(text, StabilityWarning, stacklevel=4)
 
     def _exponentials(
         self, tolerance: float, first: float, last: float

@@ -192,3 +192,10 @@ def test_bad_input_is_named(make, text):
     with pytest.raises(vv.InputError) as error:
         make()
     assert text in str(error.value)
+
+
+def test_tables_that_no_material_has_are_told():
+    with pytest.warns(vv.StabilityWarning, match=r"R\(2\) = -0.1 < 0: the spring would stiffen"):
+        vv.TabulatedKernel(times=[0, 1, 2], values=[0.3, 0.1, -0.1])
+    with pytest.warns(vv.StabilityWarning, match="R increases between t = 1 and 2"):
+        vv.TabulatedKernel(times=[0, 1, 2], values=[0.3, 0.1, 0.2])
