@@ -151,18 +151,26 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: weights(block, n), state(n)
     real(wp), intent(out) :: sums(block)
-    real(wp) :: even(block), odd(block)
+    real(wp), dimension(block) :: one, two, three, four
     integer :: q
 
-    even = 0.0_wp
-    odd = 0.0_wp
+    ! Four sums at once, since each addition waits for the one before.
+    one = 0.0_wp
+    two = 0.0_wp
+    three = 0.0_wp
+    four = 0.0_wp
     !GCC$ novector
-    do q = 1, n/2
-      even = even + weights(:, 2*q - 1)*state(2*q - 1)
-      odd = odd + weights(:, 2*q)*state(2*q)
+    do q = 1, n/4
+      one = one + weights(:, 4*q - 3)*state(4*q - 3)
+      two = two + weights(:, 4*q - 2)*state(4*q - 2)
+      three = three + weights(:, 4*q - 1)*state(4*q - 1)
+      four = four + weights(:, 4*q)*state(4*q)
     end do
-    if (mod(n, 2) == 1) even = even + weights(:, n)*state(n)
-    sums = even + odd
+    !GCC$ novector
+    do q = n - mod(n, 4) + 1, n
+      one = one + weights(:, q)*state(q)
+    end do
+    sums = (one + two) + (three + four)
   end subroutine recall_channel
 
   subroutine store(self, g)
