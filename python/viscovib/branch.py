@@ -176,7 +176,8 @@ class Branch(Curve):
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),
         }
         if self.stable is not None and self.multipliers is not None:
-            data["stable"] = ("point", self.stable)
+            known = [-1 if s is None else int(s) for s in self.stable]
+            data["stable"] = ("point", self.stable if self.stable.dtype == bool else known)
             data["exponents"] = (("point", "multiplier"), self.exponents)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
         return xr.Dataset(
@@ -186,11 +187,10 @@ class Branch(Curve):
         )
 
     def to_csv(self, path: str | Path) -> None:
-        """Write a table: one row a point."""
+        """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1."""
         columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
         if self.stable is not None:
-            known = np.not_equal(self.stable, None)
-            columns["stable"] = np.where(known, self.stable, -1).astype(int)
+            columns["stable"] = np.array([-1 if s is None else int(s) for s in self.stable])
         for d, name in enumerate(self.dof_names):
             for j, k in enumerate(self.harmonics):
                 columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real

@@ -1,9 +1,12 @@
 """Stability with memory, against ordinary systems, integration in time and linear theory."""
 
+import matplotlib
 import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
+
+matplotlib.use("Agg")
 
 STIFFNESS = np.array([[10.0, -5.0], [-5.0, 4.5]])
 M0 = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
@@ -195,7 +198,7 @@ def test_a_polynomial_system_with_memory():
         assert np.abs(found).max() == pytest.approx(np.abs(expected).max(), rel=1e-6)
 
 
-def test_unknown_is_said():
+def test_unknown_is_said(tmp_path):
     """A coordinate without losses and coupling has its exponents on the axis."""
     kernel = vv.PronyKernel(weights=[0.1], rates=[0.5])
     spring = vv.Springs(stiffness=[[0, 0], [0, 2]])
@@ -208,3 +211,10 @@ def test_unknown_is_said():
     assert set(branch.stable.tolist()) <= {True, False, None}
     assert None in branch.stable.tolist()
     assert np.isnan(branch.exponents[[s is None for s in branch.stable]]).all()
+    branch.to_csv(tmp_path / "branch.csv")
+    rows = (tmp_path / "branch.csv").read_text().splitlines()[4:]
+    assert "-1" in {row.split(",")[2] for row in rows}
+    assert (branch.to_dataset().stable == -1).any()
+    labels = {line.get_label() for line in vv.plot_branch(branch)[0].lines}
+    assert "stability unknown" in labels
+    matplotlib.pyplot.close("all")
