@@ -15,6 +15,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, StabilityWarning
 from viscovib.files import whole_file
+from viscovib.hill import stability_with_memory
 from viscovib.load import LoadLike
 from viscovib.oscillators import Oscillator
 from viscovib.response import Peak, _prepare
@@ -48,7 +49,7 @@ class Curve:
     coefficients: ComplexArray
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
-    stable: npt.NDArray[np.bool_] | None
+    stable: npt.NDArray[Any] | None
     folds: FloatArray
     fold_coefficients: ComplexArray
     #: What varies along the branch.
@@ -112,9 +113,15 @@ class Branch(Curve):
     coefficients : complex ndarray, shape (n, n_dof, m)
         X_k.
     stable : ndarray of bool, shape (n,), or None
-        None: unknown (with memory, with time scales too far apart, or not asked for).
+        None: unknown (time scales too far apart) or not asked for. With memory single motions may
+        be unknown; the array then holds objects, True, False and None.
     multipliers : complex ndarray, shape (n, 2 n_dof), or None
-        Floquet multipliers, largest first.
+        Floquet multipliers, largest first; with memory exp(2 pi exponents/nu).
+    exponents : complex ndarray, shape (n, m), or None
+        Exponents lambda (1/s) of disturbances exp(lambda t) times a periodic function, largest real
+        part first, modulo i nu (of motions symmetric about half a period: 2 i nu; there Im lambda =
+        nu at a breaking of the symmetry). With memory those that grow are complete, or all of a
+        motion's are NaN; of those that decay some may lack; NaN behind the last.
     folds : ndarray, shape (n_folds,)
         Where the branch turns back: values of what varies (nu, or the load factor).
     fold_coefficients : complex ndarray, shape (n_folds, n_dof, m)
@@ -129,8 +136,9 @@ class Branch(Curve):
     load_factor: FloatArray
     harmonics: npt.NDArray[np.int32]
     coefficients: ComplexArray
-    stable: npt.NDArray[np.bool_] | None
+    stable: npt.NDArray[Any] | None
     multipliers: ComplexArray | None
+    exponents: ComplexArray | None
     folds: FloatArray
     fold_coefficients: ComplexArray
     crossings: tuple[Crossing, ...]
@@ -168,7 +176,9 @@ class Branch(Curve):
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),
         }
         if self.stable is not None and self.multipliers is not None:
-            data["stable"] = ("point", self.stable)
+            known = [-1 if s is None else int(s) for s in self.stable]
+            data["stable"] = ("point", self.stable if self.stable.dtype == bool else known)
+            data["exponents"] = (("point", "multiplier"), self.exponents)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
         return xr.Dataset(
             data,
@@ -177,10 +187,10 @@ class Branch(Curve):
         )
 
     def to_csv(self, path: str | Path) -> None:
-        """Write a table: one row a point."""
+        """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1."""
         columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
         if self.stable is not None:
-            columns["stable"] = self.stable.astype(int)
+            columns["stable"] = np.array([-1 if s is None else int(s) for s in self.stable])
         for d, name in enumerate(self.dof_names):
             for j, k in enumerate(self.harmonics):
                 columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real
@@ -230,7 +240,9 @@ def trace_response(
     max_step : float
         Largest step as a part of the present point, 1e-4 to 1.
     stability : bool
-        Compute Floquet multipliers. With memory the question is open: `stable` is then None.
+        Compute Floquet multipliers; with memory, exponents from Hill's determinant, those that
+        grow counted by the argument principle; with many coordinates that takes longer than the
+        branch itself (0.1 s a point with 20), and beyond 240 unknowns it is not tried.
 
     Returns
     -------
@@ -269,7 +281,8 @@ def trace_response(
             f"max_points = {points}: must be at most {most} with {n} coordinates and {m} harmonics"
         )
     cancel = np.zeros(1, dtype=np.intc)
-    known = bool(stability) and not mount._active_kernels
+    remembers = bool(mount._active_kernels)
+    known = bool(stability) and not remembers
     (
         n, ended, p, iterations, coefficients, matrices, half_wave, n_folds, folds,
         fold_coefficients,
@@ -283,7 +296,8 @@ def trace_response(
             f"beginning {start:g}: begin elsewhere"
         )
     multipliers: ComplexArray | None = None
-    stable: npt.NDArray[np.bool_] | None = None
+    exponents: ComplexArray | None = None
+    stable: npt.NDArray[Any] | None = None
     crossings: tuple[Crossing, ...] = ()
     if known and not np.all(np.abs(matrices[:, :, :n]) < _LARGEST):
         known = False
@@ -294,7 +308,16 @@ def trace_response(
         )
     if known:
         roots = np.linalg.eigvals(np.ascontiguousarray(matrices[:, :, :n].transpose(2, 0, 1)))
-        multipliers, stable, crossings = _stability(roots, bool(half_wave))
+        multipliers, stable, crossings, exponents = _stability(roots, bool(half_wave))
+        exponents *= (p[:n] if varies == "nu" else np.full(n, at))[:, np.newaxis]
+    elif stability and remembers:
+        along = p[:n] if varies == "nu" else np.full(n, at)
+        stable, exponents, n_growing = stability_with_memory(
+            job[:-2], along, coefficients[:, :, :n], planned.orders, bool(half_wave)
+        )
+        multipliers = np.exp(2 * np.pi * exponents / along[:, np.newaxis])
+        halves = np.exp(np.pi * exponents / along[:, np.newaxis]) if half_wave else multipliers
+        crossings = _crossings(halves, n_growing, exponents.real > 0, bool(half_wave))
     values = p[:n].copy()
     same = np.ones(n)
     return Branch(
@@ -310,6 +333,7 @@ def trace_response(
         ),
         stable=stable,
         multipliers=multipliers,
+        exponents=exponents,
         folds=folds[:n_folds].copy(),
         fold_coefficients=_absolute(
             fold_coefficients[:, :, :n_folds].T,
@@ -356,18 +380,36 @@ def _absolute(
 
 def _stability(
     roots: ComplexArray, half_wave: bool
-) -> tuple[ComplexArray, npt.NDArray[np.bool_], tuple[Crossing, ...]]:
-    """Return multipliers, stability, and what is crossed where it changes."""
+) -> tuple[ComplexArray, npt.NDArray[np.bool_], tuple[Crossing, ...], ComplexArray]:
+    """Return multipliers, stability, what is crossed where it changes, and exponents over nu."""
     roots = np.take_along_axis(roots, np.argsort(-np.abs(roots), axis=1), axis=1)
     multipliers = roots**2 if half_wave else roots
     stable = np.abs(multipliers).max(axis=1) <= 1 + _CIRCLE
-    outside = (np.abs(roots) > 1 + _CIRCLE).sum(axis=1)
+    beyond = np.abs(roots) > 1 + _CIRCLE
+    with np.errstate(divide="ignore"):
+        exponents = np.log(roots.astype(complex)) / (np.pi if half_wave else 2 * np.pi)
+    return multipliers, stable, _crossings(roots, beyond.sum(axis=1), beyond, half_wave), exponents
+
+
+def _crossings(
+    roots: ComplexArray,
+    outside: npt.NDArray[np.integer[Any]],
+    beyond: npt.NDArray[np.bool_],
+    half_wave: bool,
+) -> tuple[Crossing, ...]:
+    """Find what is crossed where the number ``outside`` of growing disturbances changes.
+
+    ``roots``: multipliers of a period or, half_wave, half a period, NaN where not known; beyond:
+    those outside the unit circle. A number below 0 is not known.
+    """
     crossings = []
     for i in np.flatnonzero(outside[1:] != outside[:-1]):
         # The root nearest to the circle on the side with more roots outside.
         j = i + 1 if outside[i + 1] > outside[i] else i
-        beyond = roots[j][np.abs(roots[j]) > 1 + _CIRCLE]
-        root = beyond[np.abs(beyond).argmin()]
+        out = roots[j][beyond[j]]
+        if min(outside[i], outside[i + 1]) < 0 or not out.size:
+            continue
+        root = out[np.abs(out).argmin()]
         if abs(root.imag) > 1e-6 * abs(root):
             kind = "Neimark-Sacker"
         elif root.real > 0:
@@ -375,4 +417,4 @@ def _stability(
         else:
             kind = "symmetry breaking" if half_wave else "period doubling"
         crossings.append(Crossing(kind, int(i)))
-    return multipliers, stable, tuple(crossings)
+    return tuple(crossings)

@@ -151,6 +151,15 @@ def plot_branch(
                     linestyle=style,
                     label="stable" if stable else "unstable",
                 )
+            unknown = np.array([s is None for s in branch.stable])
+            if unknown.any():
+                axis.plot(
+                    branch.parameter,
+                    np.where(unknown, amplitude, np.nan),
+                    color="0.45",
+                    marker=".",
+                    label="stability unknown",
+                )
         d, j = branch._place(name, harmonic)
         axis.plot(
             branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k", markersize=4,

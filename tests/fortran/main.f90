@@ -8,6 +8,7 @@ program tester
   use test_fourier, only: run_fourier
   use test_harmonics, only: run_harmonics
   use test_hereditary, only: run_hereditary_suite
+  use test_hill, only: run_hill
   use test_kernels, only: run_kernels
   use test_namelist, only: run_namelist
   use test_polynomial, only: run_polynomial
@@ -33,6 +34,7 @@ program tester
   if (wants('fourier')) call run_fourier()
   if (wants('harmonics')) call run_harmonics()
   if (wants('hereditary')) call run_hereditary_suite()
+  if (wants('hill')) call run_hill()
   if (wants('kernels')) call run_kernels()
   if (wants('namelist')) call run_namelist()
   if (wants('polynomial')) call run_polynomial()

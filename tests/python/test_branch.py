@@ -205,13 +205,6 @@ def test_no_load_no_motion():
     assert branch.stable.all()
 
 
-def test_stability_with_memory_is_not_guessed():
-    branch = vv.trace_response(vv.Mount(**M0, kernel=KERNEL), (0.5, 5), load=0.3)
-    assert branch.stable is None
-    assert branch.multipliers is None
-    assert branch.outcome == "completed"
-
-
 def test_few_points_give_what_there_is():
     branch = vv.trace_response(damped(), (0.5, 10), load=0.5, max_points=20)
     assert branch.outcome == "step limit"

@@ -1,0 +1,117 @@
+!> Stability with memory: growing exponents along a branch through folds.
+module test_hill
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
+  use testing, only: begin, check, check_close, check_ok
+  use viscovib_branch, only: branch_options, branch_type, follow_branch, parameter_frequency
+  use viscovib_catalogue, only: kernel_rzhanitsyn, new_kernel
+  use viscovib_harmonic_balance, only: balance_type, new_balance
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_hill, only: hill_type, new_hill
+  use viscovib_hill_count, only: count_growing
+  use viscovib_hill_roots, only: find_exponents
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type, new_load
+  use viscovib_mount, only: geometry_cubic, geometry_exact, mount_parameters, mount_type, new_mount
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_status, only: status_type
+  implicit none
+  private
+
+  public :: run_hill
+
+contains
+
+  subroutine run_hill()
+    if (begin('the part between two folds grows')) then
+      call follow(geometry_cubic)
+      call follow(geometry_exact)
+    end if
+    if (begin('without integral of the kernel motions creep')) call creep()
+  end subroutine run_hill
+
+  subroutine example(geometry, beta, mount, load)
+    integer, intent(in) :: geometry
+    real(wp), intent(in) :: beta
+    type(mount_type), intent(out) :: mount
+    type(load_type), intent(out) :: load
+    type(kernel_holder) :: kernels(1)
+    type(status_type) :: status
+
+    call new_kernel(kernels(1)%kernel, kernel_rzhanitsyn, [0.048_wp, 0.1_wp, beta], status)
+    call check_ok(status)
+    call new_mount(mount, mount_parameters(mass=1.0_wp, inertia=0.1_wp, offset=0.5_wp, &
+                                           stiffness_x=10.0_wp, stiffness_phi=2.0_wp, &
+                                           geometry=geometry, kernel_x=1, kernel_phi=1), &
+                   kernels, status)
+    call check_ok(status)
+    call new_load(load, 2, [1], reshape([(0.5_wp, 0.0_wp), (0.0_wp, 0.0_wp)], [2, 1]), &
+                  [(0.0_wp, 0.0_wp)], status)
+    call check_ok(status)
+  end subroutine example
+
+  !> The continuation knows where the branch runs backwards: there one exponent grows.
+  subroutine follow(geometry)
+    integer, intent(in) :: geometry
+    type(mount_type) :: mount
+    type(load_type) :: load
+    type(harmonic_set_type) :: set
+    type(balance_type) :: balance
+    type(branch_type) :: branch
+    type(hill_type) :: hill
+    real(wp) :: x(10, 2)
+    complex(wp) :: exponents(8), near(8), value, beside
+    integer :: i, n_growing, evaluations, backwards, found
+
+    call example(geometry, 0.05_wp, mount, load)
+    call new_harmonic_set(set, 9, .true., mount%degree)
+    call new_balance(balance, mount, set)
+    x = 0.0_wp
+    call follow_branch(balance, mount, load, parameter_frequency, &
+                       branch_options(1.0_wp, 3.0_wp, 1.0e-10_wp, 500, 0.1_wp), x, branch)
+    call check(branch%n_folds == 2, 'two folds')
+    call new_hill(hill, mount, set)
+    backwards = 0
+    ! Nothing known at first.
+    near = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
+    do i = 1, branch%n_points
+      call hill%along(mount, branch%parameter(i), branch%x(:, :, i))
+      call count_growing(hill, mount, n_growing, evaluations)
+      call check(n_growing == merge(1, 0, branch%direction(i) < 0.0_wp), 'one grows there')
+      call find_exponents(hill, mount, n_growing, near, exponents)
+      found = count(.not. ieee_is_nan(real(exponents)))
+      call check(count(real(exponents(:found)) > 0.0_wp) == n_growing, 'and is found')
+      call hill%determinant(mount, exponents(1), value)
+      call hill%determinant(mount, exponents(1) + 0.01_wp, beside)
+      call check_close(abs(value), 0.0_wp, 1.0e-6_wp, 'a zero', floor=abs(beside))
+      backwards = backwards + n_growing
+      near = exponents
+    end do
+    call check(backwards > 0, 'some run backwards')
+  end subroutine follow
+
+  !> Two springs, two slow exponents at half the period of the determinant.
+  subroutine creep()
+    type(mount_type) :: mount
+    type(load_type) :: load
+    type(harmonic_set_type) :: set
+    type(hill_type) :: hill
+    real(wp) :: x(10, 2)
+    integer :: n_growing, evaluations
+    logical :: half_wave
+
+    call example(geometry_cubic, 0.0_wp, mount, load)
+    x = 0.0_wp
+    half_wave = .true.
+    call new_harmonic_set(set, 9, half_wave, mount%degree)
+    call new_hill(hill, mount, set)
+    call hill%along(mount, 1.3_wp, x)
+    call count_growing(hill, mount, n_growing, evaluations)
+    call check(n_growing == 2, 'odd orders')
+    call new_harmonic_set(set, 4, .false., mount%degree)
+    call new_hill(hill, mount, set)
+    call hill%along(mount, 1.3_wp, x)
+    call count_growing(hill, mount, n_growing, evaluations)
+    call check(n_growing == 2, 'all orders')
+  end subroutine creep
+
+end module test_hill

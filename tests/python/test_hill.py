@@ -1,0 +1,220 @@
+"""Stability with memory, against ordinary systems, integration in time and linear theory."""
+
+import matplotlib
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+matplotlib.use("Agg")
+
+STIFFNESS = np.array([[10.0, -5.0], [-5.0, 4.5]])
+M0 = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
+KERNEL = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+PRONY = vv.PronyKernel(weights=[0.02, 0.3], rates=[0.15, 3.0])
+
+
+def body(**changes):
+    return vv.Mount(**(M0 | {"kernel": PRONY} | changes))
+
+
+def multipliers(nu, k, x, geometry):
+    """Of the mount on Prony springs, an ordinary system with two more states a spring force."""
+    period = 2 * np.pi / nu
+    amplitudes, rates = np.asarray(PRONY.weights), np.asarray(PRONY.rates)
+
+    def orbit(t):
+        return (x * np.exp(1j * k * nu * t)).sum(axis=1).imag
+
+    # What each exponential holds of the spring's deflection along the orbit.
+    times = 2 * np.pi / nu * np.arange(512) / 512
+    along = np.array([orbit(t) for t in times])
+    stretched = np.fft.rfft(along[:, 0] - 0.5 * np.sin(along[:, 1])) / 512
+    at = 1j * nu * np.arange(stretched.size)
+    kept = stretched * (1 - sum(a / (b + at) for a, b in zip(amplitudes, rates, strict=True)))
+
+    def force(t):
+        turn = np.exp(at[:60] * t)
+        return 10 * (2 * (kept[:60] * turn).sum() - kept[0]).real
+
+    def slope(t, y):
+        y = y.reshape(-1, 4 + 6)
+        x, phi = orbit(t)
+        u, v, z = y[:, :2], y[:, 2:4], y[:, 4:].reshape(-1, 3, 2)
+        if geometry == "exact":
+            w = np.stack(
+                [10 * (u[:, 0] - 0.5 * np.cos(phi) * u[:, 1]), 0 * u[:, 0], 2 * u[:, 1]], 1
+            )
+        else:
+            w = np.stack(
+                [
+                    10 * u[:, 0] - 5 * u[:, 1] + 2.5 * phi**2 * u[:, 1],
+                    -5 * u[:, 0] + 2.5 * u[:, 1] + 2.5 * phi**2 * u[:, 0]
+                    + (5 * phi * x - 5 * phi**2) * u[:, 1],
+                    2 * u[:, 1],
+                ],
+                1,
+            )  # fmt: skip
+        h = w - (amplitudes * z).sum(axis=2)
+        moment = h[:, 1] + h[:, 2]
+        if geometry == "exact":
+            moment = h[:, 2] - 0.5 * np.cos(phi) * h[:, 0] + 0.5 * np.sin(phi) * force(t) * u[:, 1]
+        a = np.stack([-h[:, 0], -moment / 0.1], 1)
+        dz = w[:, :, np.newaxis] - rates * z
+        return np.concatenate([v, a, dz.reshape(-1, 6)], 1).ravel()
+
+    end = solve_ivp(slope, (0, period), np.eye(10).ravel(), "DOP853", rtol=1e-11, atol=1e-12)
+    return np.linalg.eigvals(end.y[:, -1].reshape(10, 10))
+
+
+def known(values):
+    return values[~np.isnan(values)]
+
+
+@pytest.mark.parametrize("geometry", ["cubic", "exact"])
+@pytest.mark.parametrize("load", [1.0, {1: 0.7, 0: 0.2j}])
+def test_multipliers_are_those_of_an_ordinary_system(geometry, load):
+    branch = vv.trace_response(body(geometry=geometry), (1.0, 2.9), load=load, harmonics=21)
+    assert branch.folds.size >= 4
+    assert {True, False} == set(branch.stable)
+    for i in range(5, branch.nu.size, branch.nu.size // 8):
+        all_of_them = multipliers(branch.nu[i], branch.harmonics, branch.coefficients[i], geometry)
+        found = known(branch.multipliers[i])
+        assert branch.stable[i] == (np.abs(all_of_them).max() <= 1)
+        assert found.size >= 4
+        assert np.abs(found[:, None] - all_of_them).min(axis=1).max() < 2e-6
+        # Those on and outside the circle are all there, and the least stable one.
+        assert np.abs(found).max() == pytest.approx(np.abs(all_of_them).max(), abs=1e-6)
+        assert (np.abs(found) > 1).sum() == (np.abs(all_of_them) > 1).sum()
+
+
+@pytest.mark.parametrize("geometry", ["cubic", "exact", "printed"])
+@pytest.mark.parametrize("load", [0.5, {1: 0.5, 0: 0.3j}])
+def test_without_memory_they_are_floquet_multipliers(geometry, load):
+    """A kernel of next to nothing asks for Hill's determinant."""
+    plain = body(kernel=None, damping=0.02 * STIFFNESS, geometry=geometry)
+    nothing = vv.PronyKernel(weights=[1e-14], rates=[1.0])
+    same = body(kernel=nothing, damping=0.02 * STIFFNESS, geometry=geometry)
+    one, two = (vv.trace_response(m, (0.8, 8), load=load, harmonics=17) for m in (plain, same))
+    assert one.nu == pytest.approx(two.nu, abs=1e-6)
+    assert (one.stable == two.stable).all()
+    assert [c.kind for c in one.crossings] == [c.kind for c in two.crossings]
+    for i in range(0, one.nu.size, 10):
+        # The kernel's own multiplier exp(-T) is one more.
+        found = known(two.multipliers[i])
+        own = np.abs(found - np.exp(-2 * np.pi / two.nu[i])) < 1e-9
+        error = np.abs(found[~own, None] - one.multipliers[i]).min(axis=1)
+        assert (error < 1e-6 * np.maximum(1, np.abs(found[~own]))).all()
+        assert np.abs(found).max() == pytest.approx(np.abs(one.multipliers[i, 0]), rel=1e-6)
+
+
+@pytest.mark.parametrize("geometry", ["cubic", "exact"])
+@pytest.mark.parametrize("amplitude", [0.048, 0.078])
+def test_at_rest_they_are_the_characteristic_roots(amplitude, geometry):
+    kernel = vv.RzhanitsynKernel(amplitude=amplitude, alpha=0.1, beta=0.05)
+    if amplitude == 0.078:
+        with pytest.warns(vv.StabilityWarning, match="relaxed stiffness"):
+            mount = body(kernel=kernel, geometry=geometry)
+    else:
+        mount = body(kernel=kernel, geometry=geometry)
+    roots = mount.characteristic_roots()
+    expected = np.concatenate([roots.oscillatory, roots.oscillatory.conj(), roots.real])
+    branch = vv.trace_response(mount, (0.9, 3.1), load=0.0)
+    assert (branch.stable == (roots.n_unstable == 0)).all()
+    # Two slow roots 5e-8 apart: where they are not told apart, nothing is said.
+    told = ~np.isnan(branch.exponents[:, 0])
+    assert told.all() if amplitude == 0.048 else told.any()
+    for nu, exponents in zip(branch.nu[told], branch.exponents[told], strict=True):
+        found = known(exponents)
+        assert found.size >= 4
+        assert (found.real > 0).sum() == roots.n_unstable
+        # Odd orders alone: modulo 2 i nu, lambda being s + i nu.
+        turns = (found[:, None] - expected) / nu
+        turns = turns.imag - 1
+        error = np.abs(found.real[:, None] - expected.real) + np.abs(
+            turns - 2 * np.round(turns / 2)
+        )
+        assert error.min(axis=1).max() < 1e-7
+
+
+def test_a_transient_decays_as_the_least_stable_exponent_says():
+    """Once a period, what is left of it obeys a recurrence of the second order."""
+    mount, nu, load = body(kernel=KERNEL), 1.5, 0.5
+    branch = vv.trace_response(mount, nu=nu, load_range=(0.9, 1.0), load=load, harmonics=15)
+    expected = known(branch.multipliers[-1])[0]
+    run = vv.simulate(mount, 12 * 2 * np.pi / nu, dt=2 * np.pi / nu / 40, load=load, nu=nu)
+    waves = np.exp(1j * nu * np.outer(run.t, branch.harmonics))
+    left = run.coordinate("x") - (waves @ branch.coefficients[-1, 0]).imag
+    first = 3 * 40
+    a, b, c = left[first : first + 160], left[first + 40 : first + 200], left[first + 80 :][:160]
+    trace, determinant = np.linalg.lstsq(np.stack([b, -a], 1), c, rcond=None)[0]
+    assert trace == pytest.approx(2 * expected.real, abs=0.03)
+    assert np.sqrt(determinant) == pytest.approx(abs(expected), rel=0.03)
+
+
+def test_the_part_between_the_folds_is_unstable():
+    mount = body(kernel=KERNEL)
+    branch = vv.trace_response(mount, (1.0, 3.0), load=0.5)
+    assert branch.folds.size == 2
+    assert [c.kind for c in branch.crossings] == ["fold", "fold"]
+    between = (branch.nu > branch.folds.min()) & (branch.nu < branch.folds.max())
+    assert (~branch.stable).any()
+    assert between[~branch.stable].all()
+    i = int(np.flatnonzero(~branch.stable)[(~branch.stable).sum() // 2])
+    growth = known(branch.exponents[i])
+    assert (growth.real > 0).sum() == 1
+    assert growth[0].imag == 0
+
+
+@pytest.mark.parametrize("beta", [0.05, 0.0])
+def test_creep_makes_every_motion_unstable(beta):
+    with pytest.warns(vv.StabilityWarning, match="relaxed stiffness"):
+        mount = body(kernel=vv.RzhanitsynKernel(amplitude=0.078, alpha=0.1, beta=beta))
+    branch = vv.trace_response(mount, (0.8, 5), load=0.3)
+    assert not branch.stable.any()
+    assert (known(branch.exponents.ravel()).real > 0).any()
+
+
+def test_a_polynomial_system_with_memory():
+    """An oscillator with x^2 and x^3 and one exponential: an ordinary system of three states."""
+    kernel = vv.PronyKernel(weights=[0.1], rates=[0.5])
+    system = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.3*x^2 + 0.5*x^3", kernel=kernel)
+    branch = vv.trace_response(system, (0.5, 2.5), load=0.6, harmonics=15)
+    assert not branch.stable.all()
+    for i in range(0, branch.nu.size, branch.nu.size // 6):
+        nu, period = branch.nu[i], 2 * np.pi / branch.nu[i]
+
+        def slope(t, y, i=i, nu=nu):
+            u, v, z = y.reshape(3, 3)
+            x = (branch.coefficients[i, 0] * np.exp(1j * nu * branch.harmonics * t)).sum().imag
+            w = (1 + 0.6 * x + 1.5 * x**2) * u
+            return np.concatenate([v, 0.1 * z - w, w - 0.5 * z])
+
+        end = solve_ivp(slope, (0, period), np.eye(3).ravel(), "DOP853", rtol=1e-11, atol=1e-12)
+        expected = np.linalg.eigvals(end.y[:, -1].reshape(3, 3))
+        found = known(branch.multipliers[i])
+        assert branch.stable[i] == (np.abs(expected).max() <= 1)
+        assert np.abs(found[:, None] - expected).min(axis=1).max() < 1e-6
+        assert np.abs(found).max() == pytest.approx(np.abs(expected).max(), rel=1e-6)
+
+
+def test_unknown_is_said(tmp_path):
+    """A coordinate without losses and coupling has its exponents on the axis."""
+    kernel = vv.PronyKernel(weights=[0.1], rates=[0.5])
+    spring = vv.Springs(stiffness=[[0, 0], [0, 2]])
+    system = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=[[1, 0], [0, 0]], forces={"x1": "0.5*x1^3"}, kernel=kernel,
+        springs=[spring],
+    )  # fmt: skip
+    with pytest.warns(vv.StabilityWarning, match="on the imaginary axis"):
+        branch = vv.trace_response(system, (0.5, 1.0), load=0.1)
+    assert set(branch.stable.tolist()) <= {True, False, None}
+    assert None in branch.stable.tolist()
+    assert np.isnan(branch.exponents[[s is None for s in branch.stable]]).all()
+    branch.to_csv(tmp_path / "branch.csv")
+    rows = (tmp_path / "branch.csv").read_text().splitlines()[4:]
+    assert "-1" in {row.split(",")[2] for row in rows}
+    assert (branch.to_dataset().stable == -1).any()
+    labels = {line.get_label() for line in vv.plot_branch(branch)[0].lines}
+    assert "stability unknown" in labels
+    matplotlib.pyplot.close("all")
