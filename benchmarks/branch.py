@@ -92,7 +92,9 @@ def own() -> list[Row]:
     return rows
 
 
-def against(line: Row, theirs: Callable[[], object], ours: list[Row], stability: bool) -> Row:
+def against(
+    line: Row, theirs: Callable[[], object], ours: list[Row], stability: bool, slow: bool = False
+) -> Row:
     """Time of a peer and how many times ours, of fewest orders and no larger errors, in turn."""
     enough = [
         mine
@@ -104,7 +106,7 @@ def against(line: Row, theirs: Callable[[], object], ours: list[Row], stability:
     if enough:
         best = min(enough, key=lambda mine: mine["harmonics"])
         job = followed(mount(), best["harmonics"], stability)
-        _, line["seconds"], line["ratio"] = pair(job, theirs)
+        _, line["seconds"], line["ratio"] = pair(job, theirs, repeats=3 if slow else 7)
     else:
         line["seconds"] = seconds(theirs, repeats=3, shortest=0.0)
     show(line)
@@ -135,7 +137,7 @@ def peers(ours: list[Row]) -> list[Row]:
             warnings.simplefilter("ignore")
             job = peer_pyharm.branch(highest, step)
             line = row("pyHarm", f"orders to {highest}, step {step}", False, job(), np.nan)
-            rows.append(against(line, job, ours, False))
+            rows.append(against(line, job, ours, False, slow=True))
     return rows
 
 

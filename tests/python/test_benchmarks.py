@@ -1,0 +1,68 @@
+"""What the benchmarks measure errors with: against data, closed forms and made-up rows."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def parts(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    import combined
+    import curve
+    import peer_auto
+
+    return combined, curve, peer_auto
+
+
+def test_amplitudes_of_the_reference(parts):
+    _, curve, _ = parts
+    found = json.loads((ROOT / "data" / "mount_periodic_reference.json").read_text())
+    for point in found["first_harmonics"]:
+        size = np.array([point["x1"], point["phi1"]])
+        # From near the motion, by its size alone: the phase comes from the linear response below
+        # or above resonance.
+        starts = [size * np.exp(1j * turn) for turn in np.linspace(-np.pi, np.pi, 9)]
+        errors = [np.abs(np.abs(curve.periodic(point["nu"], s)) / size - 1).max() for s in starts]
+        assert np.nanmin(errors) < 2e-9
+
+
+def test_amplitude_error_sees_a_change(parts):
+    _, curve, _ = parts
+    exact = curve.periodic(1.0, np.array([0.149, 0.169]) * np.exp(-0.02j))
+    branch = curve.Branch(nu=np.array([1.0]), first=exact[None] * (1 + 1e-6), folds=np.zeros(0))
+    assert curve.amplitude_error(branch) == pytest.approx(1e-6, rel=1e-3)
+    assert np.isnan(curve.fold_error(branch))
+
+
+def test_turns_of_a_curve_that_is_known(parts):
+    _, curve, _ = parts
+    s = np.linspace(-2, 2, 201)
+    branch = curve.Branch(nu=s**3 / 3 - s, first=np.column_stack([s, 0 * s]).astype(complex),
+                          folds=None)  # fmt: skip
+    np.testing.assert_allclose(branch.turns(), [2 / 3, -2 / 3], atol=1e-7)
+
+
+def test_first_harmonic_of_piecewise_polynomials(parts):
+    _, _, peer_auto = parts
+    t = np.concatenate([np.linspace(0, 0.3, 41)[:-1], np.linspace(0.3, 1, 41)])
+    u = np.column_stack([1 + 0.7 * np.sin(2 * np.pi * t + 0.4), np.sin(6 * np.pi * t)])
+    found = peer_auto.first_harmonic(t, u, intervals=20, degree=4)
+    np.testing.assert_allclose(found, [0.7 * np.exp(0.4j), 0], atol=1e-6)
+
+
+def test_quickest_that_is_good_enough(parts):
+    combined, _, _ = parts
+    rows = [
+        {"method": "viscovib", "setting": "a", "seconds": 1.0, "error": 1e-3},
+        {"method": "viscovib", "setting": "b", "seconds": 2.0, "error": 1e-9},
+        {"method": "peer", "setting": "c", "seconds": 8.0, "error": 1e-6},
+    ]
+    assert combined.quickest(rows, 1e-2) == 1.0
+    assert combined.quickest(rows, 1e-8) == 2.0
+    assert np.isnan(combined.quickest(rows, 1e-10))
+    assert "| peer | 8 s (8x) | 8 s (4x) | 8 s (4x) |" in "\n".join(combined.table({"p": rows}))
