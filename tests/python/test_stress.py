@@ -75,6 +75,9 @@ def test_multiple_scales_in_other_units(length):
     here = vv.MultipleScales(in_units(1, 1), load=0.03, nu=1.5)
     assert there.frequencies == pytest.approx(here.frequencies, rel=1e-14)
     assert there.decay == pytest.approx(here.decay, rel=1e-14)
+    # Per square of phi, units of length cancel.
+    gamma = [ms.interaction / np.abs(ms.mode_shapes[1]) ** 2 for ms in (there, here)]
+    assert gamma[0] == pytest.approx(gamma[1], rel=1e-7)
 
 
 @pytest.mark.parametrize("time", [1e-9, 1e-3, 1e3, 1e9, 1e12])
