@@ -26,13 +26,13 @@ def _row(what: str, n: int, run: Callable[[float], np.ndarray]) -> Row:
     """Time with a coordinate that fades over that with one that never moved."""
     tally = Tally(
         "fading", what, f"{n} steps, phi from 1e-2 to below 1e-308", 1.5,
-        "time over that of the same motion with phi = 0",
+        "processor time over that of the same motion with phi = 0",
     )  # fmt: skip
 
     def seconds(amplitude: float) -> float:
-        begun = time.perf_counter()
+        begun = time.process_time()
         states = tally.trial(f"phi = {amplitude:g}", lambda: run(amplitude))
-        spent = time.perf_counter() - begun
+        spent = time.process_time() - begun
         sizes = np.abs(np.asarray(states))
         tally.check("states", not ((sizes > 0) & (sizes < TINY)).any(), "subnormal numbers")
         return spent
