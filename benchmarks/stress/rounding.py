@@ -87,11 +87,19 @@ def _branch(p: np.ndarray) -> np.ndarray:
     return np.concatenate([branch.folds / p[9], [branch.peak("x").amplitude / p[2]]])
 
 
+def _expansion(p: np.ndarray) -> vv.MultipleScales:
+    return vv.MultipleScales(body_of(p), load=0.1 * p[8], nu=1.5 * p[9])
+
+
 def _scales(p: np.ndarray) -> np.ndarray:
-    ms = vv.MultipleScales(body_of(p), load=0.1 * p[8], nu=1.5 * p[9])
-    # gamma is per square of what is largest in a mode; per square of phi, units cancel.
-    gamma = ms.interaction / np.abs(ms.mode_shapes[1]) ** 2
-    return np.concatenate([ms.frequencies, ms.decay, gamma.ravel()]) / p[9]
+    ms = _expansion(p)
+    return np.concatenate([ms.frequencies, ms.decay]) / p[9]
+
+
+def _interaction(p: np.ndarray) -> np.ndarray:
+    """Per square of phi, where units of length cancel."""
+    ms = _expansion(p)
+    return (ms.interaction / np.abs(ms.mode_shapes[1]) ** 2).ravel() / p[9]
 
 
 OF_MOUNT: dict[str, Callable[[np.ndarray], np.ndarray]] = {
@@ -102,7 +110,8 @@ OF_MOUNT: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "Newton response": _response("newton"),
     "motion with memory": _motion,
     "branch: folds and peak": _branch,
-    "multiple scales: modes and interaction": _scales,
+    "multiple scales: modes": _scales,
+    "multiple scales: interaction": _interaction,
 }
 #: Rounding errors of a computation over those of its input: by how much a good method may
 #: exceed the condition.

@@ -6,7 +6,7 @@
 !! Vectors stay what they are where they already solve it, so that equal
 !! frequencies keep the shapes given.
 module viscovib_linear_modes
-  use viscovib_dense, only: solve_complex
+  use viscovib_dense, only: equilibrate, outer, solve_complex
   use viscovib_kinds, only: wp
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_status, only: fail, show, status_input_error, status_type
@@ -15,7 +15,7 @@ module viscovib_linear_modes
 
   public :: find_modes
 
-  integer, parameter :: max_rounds = 60, max_steps = 60, max_sweeps = 12
+  integer, parameter :: max_rounds = 60, max_steps = 60
   real(wp), parameter :: rounding = 64.0_wp*epsilon(1.0_wp)
 
 contains
@@ -94,36 +94,16 @@ contains
     found = found .and. aimag(s) > 0.1_wp*abs(s) .and. aimag(s) > 1.0e-3_wp*start_speed
   end subroutine follow
 
-  !> Units (powers of 2) of equations and unknowns in which no entry of L is large or
-  !! small for its units alone: the largest of each row and column near 1 (Ruiz, A
-  !! scaling algorithm to equilibrate both rows and columns norms in matrices, RAL
-  !! report 2001-034).
+  !> Units of equations and unknowns, by the sizes of the terms of L.
   pure subroutine find_units(form, speed, rows, columns)
     type(polynomial_form_type), intent(in) :: form
     !> Size of the exponent.
     real(wp), intent(in) :: speed
     real(wp), intent(out) :: rows(:), columns(:)
-    real(wp) :: sizes(form%n, form%n), scaled(form%n, form%n)
-    integer :: turn
-
-    sizes = abs(form%linear(:, :, 0)) + abs(form%hereditary) &
-            + speed*(abs(form%linear(:, :, 1)) + speed*abs(form%linear(:, :, 2)))
-    rows = 1.0_wp
-    columns = 1.0_wp
-    do turn = 1, max_sweeps
-      scaled = sizes*outer(rows, columns)
-      rows = rows/sqrt(max(maxval(scaled, 2), tiny(speed)))
-      columns = columns/sqrt(max(maxval(scaled, 1), tiny(speed)))
-    end do
-    rows = 2.0_wp**nint(log(rows)/log(2.0_wp))
-    columns = 2.0_wp**nint(log(columns)/log(2.0_wp))
+    call equilibrate(abs(form%linear(:, :, 0)) + abs(form%hereditary) &
+                     + speed*(abs(form%linear(:, :, 1)) + speed*abs(form%linear(:, :, 2))), &
+                     rows, columns)
   end subroutine find_units
-
-  pure function outer(a, b) result(product)
-    real(wp), intent(in) :: a(:), b(:)
-    real(wp) :: product(size(a), size(b))
-    product = spread(a, 2, size(b))*spread(b, 1, size(a))
-  end function outer
 
   !> |A x| over what its terms add up to.
   pure real(wp) function residual(a, x)

@@ -64,16 +64,17 @@ contains
         terms(n) = flow_term_type(j, 0, normal%g_load(j, k), form%drives(k), 0.0_wp, [k, 0, 0])
       end do
     end do
-    ! Coefficients at the level of rounding are none.
-    scale = maxval(abs(normal%g_pair(:normal%n_modes, :)))
+    ! Coefficients at the level of rounding are none; those with as many loads among their
+    ! factors have the same units.
     do i = 1, size(normal%pair, 2)
+      scale = largest_like(normal%pair, normal%g_pair, i)
       do j = 1, normal%n_modes
         if (.not. abs(normal%g_pair(j, i)) > 1.0e-13_wp*scale) cycle
         call add([normal%pair(:, i), 0], normal%g_pair(j, i))
       end do
     end do
-    scale = maxval(abs(normal%g_triple(:normal%n_modes, :)))
     do i = 1, size(normal%triple, 2)
+      scale = largest_like(normal%triple, normal%g_triple, i)
       do j = 1, normal%n_modes
         if (.not. abs(normal%g_triple(j, i)) > 1.0e-13_wp*scale) cycle
         call add(normal%triple(:, i), normal%g_triple(j, i))
@@ -84,6 +85,23 @@ contains
     call flow%turn_frame()
 
   contains
+
+    !> Largest coefficient of a term with as many loads as that of column i.
+    pure real(wp) function largest_like(factors, g, i) result(largest)
+      integer, intent(in) :: factors(:, :), i
+      complex(wp), intent(in) :: g(:, :)
+      integer :: k
+      largest = 0.0_wp
+      do k = 1, size(factors, 2)
+        if (n_loads(factors(:, k)) /= n_loads(factors(:, i))) cycle
+        largest = max(largest, maxval(abs(g(:normal%n_modes, k))))
+      end do
+    end function largest_like
+
+    pure integer function n_loads(factors)
+      integer, intent(in) :: factors(:)
+      n_loads = count(modulo(factors - 1, normal%n_generators) + 1 > normal%n_modes)
+    end function n_loads
 
     subroutine add(factors, coefficient)
       integer, intent(in) :: factors(3)

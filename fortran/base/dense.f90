@@ -4,7 +4,7 @@ module viscovib_dense
   implicit none
   private
 
-  public :: invert, factorize, factorize_blocks, solve, solve_complex
+  public :: invert, factorize, factorize_blocks, solve, solve_complex, equilibrate, outer
 
   !> Columns of a block in `factorize_blocks`.
   integer, parameter :: block_width = 48
@@ -266,5 +266,35 @@ contains
       x(k) = (x(k) - sum(a(k, k + 1:)*x(k + 1:)))/a(k, k)
     end do
   end subroutine solve_complex
+
+  !> Factors (powers of 2) of rows and columns by which no entry of a matrix is large or
+  !! small for its units alone: the largest of each row and column then are near 1 (Ruiz,
+  !! A scaling algorithm to equilibrate both rows and columns norms in matrices, RAL
+  !! report 2001-034).
+  pure subroutine equilibrate(sizes, rows, columns)
+    !> Sizes of the entries, shape (n, n), and factors, shape (n).
+    real(wp), intent(in) :: sizes(:, :)
+    real(wp), intent(out) :: rows(:), columns(:)
+    integer, parameter :: max_sweeps = 6
+    real(wp) :: scaled(size(rows), size(columns))
+    integer :: sweep
+
+    rows = 1.0_wp
+    columns = 1.0_wp
+    do sweep = 1, max_sweeps
+      scaled = sizes*outer(rows, columns)
+      rows = rows/sqrt(max(maxval(scaled, 2), tiny(scaled)))
+      columns = columns/sqrt(max(maxval(scaled, 1), tiny(scaled)))
+    end do
+    rows = scale(1.0_wp, exponent(rows))
+    columns = scale(1.0_wp, exponent(columns))
+  end subroutine equilibrate
+
+  !> a_i b_j.
+  pure function outer(a, b) result(product)
+    real(wp), intent(in) :: a(:), b(:)
+    real(wp) :: product(size(a), size(b))
+    product = spread(a, 2, size(b))*spread(b, 1, size(a))
+  end function outer
 
 end module viscovib_dense

@@ -1,9 +1,16 @@
 """At the edge: findings of benchmarks/stress that were mended, and the quick form of its sweeps."""
 
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import viscovib as vv
 from test_pendulum import P1R, START
+
+STRESS = Path(__file__).parents[2] / "benchmarks" / "stress" / "run.py"
 
 
 @pytest.mark.parametrize("method", ["gauss2", "gauss3", "gauss8"])
@@ -68,6 +75,9 @@ def test_multiple_scales_in_other_units(length):
     here = vv.MultipleScales(in_units(1, 1), load=0.03, nu=1.5)
     assert there.frequencies == pytest.approx(here.frequencies, rel=1e-14)
     assert there.decay == pytest.approx(here.decay, rel=1e-14)
+    # Per square of phi, units of length cancel.
+    gamma = [ms.interaction / np.abs(ms.mode_shapes[1]) ** 2 for ms in (there, here)]
+    assert gamma[0] == pytest.approx(gamma[1], rel=1e-7)
 
 
 @pytest.mark.parametrize("time", [1e-9, 1e-3, 1e3, 1e9, 1e12])
@@ -90,3 +100,19 @@ def test_branch_in_other_units(time):
     there, here = trace(time), trace(1)
     assert there.nu * time == pytest.approx(here.nu, rel=1e-10)
     assert there.folds * time == pytest.approx(here.folds, rel=1e-12)
+
+
+def test_quick_form(tmp_path):
+    """The quick sweeps run, find nothing wrong, and write both tables."""
+    done = subprocess.run(
+        [sys.executable, STRESS, "--quick", "--only", "steps", "edges", "--out", tmp_path],
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr[-2000:]
+    lines = (tmp_path / "stress.csv").read_text().splitlines()
+    rows = list(csv.DictReader(lines[1:]))
+    assert lines[0].startswith("# ")
+    assert {row["topic"] for row in rows} >= {"time step", "stiffness", "load", "folds"}
+    assert all(row["outcome"] in ("ok", "ok, warning", "ok, warning, clear error",
+                                  "ok, clear error") for row in rows)  # fmt: skip
+    assert (tmp_path / "stress.md").read_text().count("| ok") >= len(rows)
