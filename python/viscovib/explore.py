@@ -56,9 +56,10 @@ def curves(result: SceneResult) -> list[Curve]:
     """One curve a coordinate."""
     value, found = result.value, []
     if isinstance(value, Trajectory):
+        time = "$t$ (s)" if value.system.time_unit == "s" else r"$\tau$"
         for d, name in enumerate(value.dof_names):
             label = f"${_SYMBOLS.get(name, name)}$"
-            found.append(Curve(value.t, value.state[:, 2 * d], r"$\tau$", label, False))
+            found.append(Curve(value.t, value.state[:, 2 * d], time, label, False))
     elif isinstance(value, (Response, Branch)):
         orders = value.harmonics[value.harmonics > 0]
         if not orders.size:
@@ -287,7 +288,9 @@ def save_sheet(scene: Scene, path: Path, keys: list[str] | None = None) -> None:
                 axis.set_ylabel(curve.y_label)
                 axis.set_yscale("log" if curve.log else "linear")
                 _bare(axis)
-            row[0].legend(frameon=False, fontsize=7)
+            row[0].legend(
+                frameon=False, fontsize=7, loc="lower left", bbox_to_anchor=(0, 1), ncols=3
+            )
     for axis, curve in zip(axes[-1], middle, strict=True):
         axis.set_xlabel(curve.x_label)
     with whole_file(path, "wb") as file:
