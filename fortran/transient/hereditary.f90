@@ -11,7 +11,9 @@ module viscovib_hereditary
   use viscovib_dense, only: factorize, solve
   use viscovib_direct_history, only: direct_history_type, new_direct_history
   use viscovib_exponential_history, only: exponential_history_type, new_exponential_history
-  use viscovib_hereditary_maps, only: new_step_map, row_block, step_map_type
+  use viscovib_hereditary_kernels, only: add_columns, add_held, add_up, carry_on, compare, copy, &
+    gather_channels, judge, product_of
+  use viscovib_hereditary_maps, only: new_step_map, step_map_type
   use viscovib_hereditary_start, only: march_start, start_type
   use viscovib_history, only: history_type
   use viscovib_kinds, only: i8, wp
@@ -243,14 +245,6 @@ contains
     self%rolling = .true.
   end subroutine step
 
-  pure subroutine judge(n, points, last_coefficient, roughness, largest)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: points(n), last_coefficient(n)
-    real(wp), intent(inout) :: roughness, largest
-    roughness = max(roughness, abs(sum(last_coefficient*points)))
-    largest = max(largest, abs(points(n)))
-  end subroutine judge
-
   !> Largest last Legendre coefficient of a displacement, relative to its largest value.
   pure real(wp) function resolution(self)
     class(hereditary_type), intent(in) :: self
@@ -261,35 +255,6 @@ contains
                                                      self%roughness(d)/self%largest(d))
     end do
   end function resolution
-
-  pure subroutine add_held(n, held, remembered)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: held(n)
-    real(wp), intent(inout) :: remembered(n)
-    remembered = remembered + held
-  end subroutine add_held
-
-  !> Channels at the points of a step, less what was held.
-  pure subroutine gather_channels(n_points, n_dof, n_bent, n_channels, points, y_start, y, gather, &
-                                  gather_bends, held, g)
-    integer, intent(in) :: n_points, n_dof, n_bent, n_channels
-    real(wp), intent(in) :: points(n_points, n_dof), y_start(n_bent), y(n_points - 1, n_bent)
-    real(wp), intent(in) :: gather(n_channels, n_dof), gather_bends(n_channels, n_bent)
-    real(wp), intent(in) :: held(n_channels)
-    real(wp), intent(out) :: g(n_points, n_channels)
-    integer :: c, d
-
-    do c = 1, n_channels
-      g(:, c) = -held(c)
-      do d = 1, n_dof
-        g(:, c) = g(:, c) + gather(c, d)*points(:, d)
-      end do
-      do d = 1, n_bent
-        g(1, c) = g(1, c) + gather_bends(c, d)*y_start(d)
-        g(2:, c) = g(2:, c) + gather_bends(c, d)*y(:, d)
-      end do
-    end do
-  end subroutine gather_channels
 
   !> The first step as a sequence of panels, where memory makes the start singular;
   !! `made` is false where a plain step will do.
@@ -312,17 +277,6 @@ contains
     call self%clock%advance(self%h)
     call start_bends(self, system)
   end subroutine add_first_step
-
-  !> Compensated sum.
-  elemental subroutine add_up(total, rest, increment)
-    real(wp), intent(inout) :: total, rest
-    real(wp), intent(in) :: increment
-    real(wp) :: part, sum
-    part = increment + rest
-    sum = total + part
-    rest = part - (sum - total)
-    total = sum
-  end subroutine add_up
 
   !> Nonlinear parts at the points of the next step by those of the last.
   subroutine predict(self)
@@ -347,22 +301,6 @@ contains
       n = n + s
     end do
   end subroutine predict
-
-  !> The next start is the last end, and the next points are extrapolated.
-  pure subroutine carry_on(n, of_start, of_points, start, y)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: of_start(n), of_points(n, n)
-    real(wp), intent(inout) :: start, y(n)
-    real(wp) :: ahead(9)
-    integer :: k
-
-    ahead(:n) = of_start*start
-    do k = 1, n
-      ahead(:n) = ahead(:n) + of_points(:, k)*y(k)
-    end do
-    start = y(n)
-    y = ahead(:n)
-  end subroutine carry_on
 
   !> X = G z + Z y(X), from the predicted y on.
   subroutine iterate(self, system, made)
@@ -405,31 +343,6 @@ contains
     end do
   end subroutine iterate
 
-  !> Largest change and size, NaN if anything is.
-  pure subroutine compare(n, x, next, change, size_of)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: x(n), next(n)
-    real(wp), intent(out) :: change, size_of
-    real(wp) :: largest(row_block), moved(row_block), poison(row_block), shift, there
-    integer :: r, l
-
-    largest = 0.0_wp
-    moved = 0.0_wp
-    poison = 0.0_wp
-    do r = 1, n, row_block
-      do l = 1, row_block
-        there = abs(next(r + l - 1))
-        shift = abs(next(r + l - 1) - x(r + l - 1))
-        moved(l) = merge(moved(l), shift, moved(l) > shift)
-        largest(l) = merge(largest(l), there, largest(l) > there)
-        ! What is not a number would be lost in a comparison, but not in a sum.
-        poison(l) = poison(l) + 0.0_wp*shift
-      end do
-    end do
-    size_of = maxval(largest)
-    change = maxval(moved) + sum(poison)
-  end subroutine compare
-
   !> y(X), and the displacements it is at.
   subroutine evaluate_bends(self, system)
     class(hereditary_type), intent(inout) :: self
@@ -444,23 +357,6 @@ contains
     end do
     if (.not. self%map%separable) call self%evaluate_remainders(system)
   end subroutine evaluate_bends
-
-  pure subroutine copy(n, from, to)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: from(n)
-    real(wp), intent(out) :: to(n)
-    to = from
-  end subroutine copy
-
-  pure subroutine add_columns(n, m, start, shift, total)
-    integer, intent(in) :: n, m
-    real(wp), intent(in) :: start(m), shift(n, m)
-    real(wp), intent(out) :: total(n, m)
-    integer :: d
-    do d = 1, m
-      total(:, d) = start(d) + shift(:, d)
-    end do
-  end subroutine add_columns
 
   !> r(u, v) at the nodes.
   subroutine evaluate_remainders(self, system)
@@ -533,27 +429,6 @@ contains
     call solve(n, matrix, pivots, shift)
     self%next = self%x + shift
   end subroutine newton_step
-
-  !> out = matrix x, rows in whole registers.
-  pure subroutine product_of(n_rows, n, matrix, x, out)
-    integer, intent(in) :: n_rows, n
-    real(wp), intent(in) :: matrix(n_rows, n), x(n)
-    real(wp), intent(out) :: out(n_rows)
-    real(wp) :: even(row_block), odd(row_block)
-    integer :: c, r
-
-    do r = 1, n_rows, row_block
-      even = 0.0_wp
-      odd = 0.0_wp
-      !GCC$ novector
-      do c = 1, n/2
-        even = even + matrix(r:r + row_block - 1, 2*c - 1)*x(2*c - 1)
-        odd = odd + matrix(r:r + row_block - 1, 2*c)*x(2*c)
-      end do
-      if (mod(n, 2) == 1) even = even + matrix(r:r + row_block - 1, n)*x(n)
-      out(r:r + row_block - 1) = even + odd
-    end do
-  end subroutine product_of
 
   !> State a fraction of a step back from its end, by the polynomial of the step.
   subroutine inside(self, theta, u, v)
