@@ -1,5 +1,7 @@
 """Free motion with memory: roots of the characteristic equation det D(s) = 0."""
 
+import cmath
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -129,7 +131,8 @@ class _System:
         for start in starts[starts.imag > 1e-12 * np.abs(starts)]:
             s = complex(start)
             for memory in np.linspace(0, 1, _HOMOTOPY + 1) if self.remembers else ():
-                s = self._polish(s, float(memory))
+                if cmath.isfinite(s):
+                    s = self._polish(s, float(memory))
             if s.imag > 1e-9 * abs(s) and not (
                 self.remembers and any(abs(s - r) < 1e-9 * abs(s) for r in roots)
             ):
@@ -137,7 +140,11 @@ class _System:
         return np.array(sorted(roots, key=lambda s: s.imag), dtype=complex)
 
     def _polish(self, s: complex, memory: float) -> complex:
-        """Newton's method, the derivative by a difference of the analytic function."""
+        """Newton's method, the derivative by a difference of the analytic function.
+
+        NaN where it leaves the range of numbers: such a root is not listed, and the count of the
+        argument principle tells that it is not.
+        """
         size = abs(s) ** 2
         for _ in range(_NEWTON):
             h = 1e-6 * abs(s)
@@ -147,6 +154,8 @@ class _System:
                 break
             step = complex(self._determinant(s, memory, size) / slope)
             s -= step
+            if not cmath.isfinite(s):
+                return complex(math.nan, math.nan)
             if abs(step) <= 4e-16 * abs(s):
                 break
         return s
@@ -178,9 +187,10 @@ class _System:
         found = []
         for j in range(values.shape[1]):
             for i in np.flatnonzero(values[1:, j] * values[:-1, j] < 0):
-                found.append(
-                    float(brentq(eigenvalue, grid[i], grid[i + 1], (j,), xtol=1e-300, rtol=1e-14))
+                root = brentq(
+                    eigenvalue, grid[i], grid[i + 1], (j,), xtol=1e-300, rtol=1e-14, maxiter=2000
                 )
+                found.append(float(root))
         return np.array(sorted(found, reverse=True))
 
     def count_unstable(self) -> int:

@@ -92,3 +92,17 @@ def test_every_growing_motion_is_found(kernel, both):
         kept = 1 - kernel.laplace(s)
         d = s**2 * np.diag([1, 0.1]) + kept * spring + (kept if both else 1.0) * rotation
         assert abs(np.linalg.det(d)) < 1e-10 * np.abs(d).max() ** 2
+
+
+def test_a_root_at_rounding_of_zero_is_found():
+    """An integral of exactly 1: bisection to a root of 0 takes more than a hundred turns."""
+    mount = vv.Mount(
+        mass=10, inertia=0.1, offset=0.001, stiffness_x=0.1, stiffness_phi=1e4,
+        kernel=vv.RzhanitsynKernel(amplitude=10, alpha=1.0, beta=10.0),
+    )  # fmt: skip
+    assert mount.kernel.integral == pytest.approx(1)
+    roots = mount.characteristic_roots()
+    assert np.isfinite(roots.real).all()
+    assert np.isfinite(roots.oscillatory).all()
+    run = vv.simulate(mount, 1, dt=0.01, initial=[0.1, 0, 0, 0])
+    assert run.outcome == "completed"
