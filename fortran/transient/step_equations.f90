@@ -199,13 +199,22 @@ contains
     type(step_map_type), intent(in) :: map
     real(wp) :: inner(map%s, map%n_dof), variables(map%s, map%n_memory)
     real(wp) :: force(map%s, map%n_dof)
-    integer :: first
+    integer :: a, first
 
+    do a = 1, map%n_dof
+      call copy(map%s, self%u_points(:, a), inner(:, a))
+    end do
     first = map%variable_row
-    inner = self%u_points(:map%s, :)
-    variables = reshape(self%x(first:first + size(variables) - 1), shape(variables))
+    do a = 1, map%n_memory
+      call copy(map%s, self%x(first:first + map%s - 1), variables(:, a))
+      first = first + map%s
+    end do
     call system%force_remainder(inner, variables, force)
-    self%y(map%at_remainder + 1:) = reshape(force, [size(force)])
+    first = map%at_remainder + 1
+    do a = 1, map%n_dof
+      call copy(map%s, force(:, a), self%y(first:first + map%s - 1))
+      first = first + map%s
+    end do
   end subroutine evaluate_remainders
 
   !> Newton's next X: x + (1 - Z S)^-1 (next - x), S the slopes of y.
