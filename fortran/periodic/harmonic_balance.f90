@@ -20,8 +20,8 @@ module viscovib_harmonic_balance
 
   public :: balance_type, new_balance
 
-  !> Relative step of a central difference in the frequency.
-  real(wp), parameter :: part = 1.0e-5_wp
+  !> Relative step of a difference in the frequency.
+  real(wp), parameter :: part = 1.0e-7_wp
 
   type :: balance_type
     type(harmonic_set_type) :: set
@@ -342,8 +342,8 @@ contains
   end subroutine load_derivative
 
   !> dR/dnu at the motion x that `residual` saw last. What memory retains is
-  !! differentiated by a central difference, for kernels give no derivative: the
-  !! slope only steers the steps of a continuation.
+  !! differentiated by a difference, for kernels give no derivative: the slope only
+  !! steers the steps of a continuation.
   subroutine frequency_derivative(self, system, load, x, slope)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -351,14 +351,11 @@ contains
     real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
     real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
     complex(wp) :: total(size(self%set%orders), size(x, 2)), y(size(self%set%orders), size(x, 2))
-    complex(wp), dimension(size(self%set%orders), size(self%w, 2)) :: above, below
-    real(wp) :: kept_w(size(self%w, 1), size(self%w, 2))
+    complex(wp) :: above(size(self%set%orders), size(self%w, 2))
     integer :: a, b, j, k
 
     if (any(system%kernel_of > 0) .and. .not. system%separable) then
-      kept_w = self%w
       call slope_by_difference(self, system, load, x, slope)
-      self%w = kept_w
       return
     end if
     total = (0.0_wp, 0.0_wp)
@@ -377,10 +374,9 @@ contains
     end if
     if (any(system%kernel_of > 0)) then
       call system%retained(self%set%orders*self%nu*(1.0_wp + part), above)
-      call system%retained(self%set%orders*self%nu*(1.0_wp - part), below)
       do j = 1, self%n_memory
         if (system%kernel_of(j) == 0) cycle
-        above(:, j) = (above(:, j) - below(:, j))/(2.0_wp*part*self%nu) &
+        above(:, j) = (above(:, j) - self%fraction(:, j))/(part*self%nu) &
                       *(cmplx(self%bent(1::2, j), self%bent(2::2, j), wp) &
                         + matmul(y, system%gather(j, :)))
         do a = 1, self%n_dof
@@ -405,15 +401,14 @@ contains
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
     real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
-    real(wp) :: nu, above(size(x, 1), size(x, 2))
+    real(wp) :: nu, here(size(x, 1), size(x, 2))
 
     nu = self%nu
     call self%set_frequency(system, load, nu*(1.0_wp + part))
-    call self%residual(system, x, above)
-    call self%set_frequency(system, load, nu*(1.0_wp - part))
     call self%residual(system, x, slope)
-    slope = (above - slope)/(2.0_wp*part*nu)
     call self%set_frequency(system, load, nu)
+    call self%residual(system, x, here)
+    slope = (slope - here)/(part*nu)
   end subroutine slope_by_difference
 
 end module viscovib_harmonic_balance
