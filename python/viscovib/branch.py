@@ -2,7 +2,7 @@
 
 import csv
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,8 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, StabilityWarning
 from viscovib.files import whole_file
-from viscovib.hill import stability_with_memory
 from viscovib.load import LoadLike
+from viscovib.motion_stability import Stability
 from viscovib.oscillators import Oscillator
 from viscovib.response import Peak, _prepare
 
@@ -25,22 +25,28 @@ OUTCOMES: tuple[str, ...] = ("completed", "returned", "step limit", "stuck", "ov
 _CIRCLE = 1e-9
 #: Numbers that all points together may hold.
 _MAX_NUMBERS = 4e8
+#: Changes of stability that a branch keeps.
+_MAX_CROSSINGS = 1000
 #: Entries of a monodromy matrix beyond this say nothing any more.
 _LARGEST = 1e100
+#: What may be crossed, in the order of the core.
+CROSSINGS = ("fold", "branch point", "symmetry breaking", "period doubling", "Neimark-Sacker")
 
 
 @dataclass(frozen=True)
 class Crossing:
     """Where stability changes along a branch: between two of its points.
 
-    ``kind`` is "fold", "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is
-    the index of the last point before it. ``parameter``: where, for branches of the pendulum; None
-    where that was not found.
+    ``kind`` is "fold", "branch point" (a multiplier 1 where the branch does not turn back),
+    "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is the index of the last
+    point before it. ``parameter`` and ``coefficients`` (shape (n_dof, m), not for the pendulum):
+    where, and the motion there; None where that was not found.
     """
 
     kind: str
     before: int
     parameter: float | None = None
+    coefficients: ComplexArray | None = field(default=None, compare=False, repr=False)
 
 
 class Curve:
@@ -113,10 +119,10 @@ class Branch(Curve):
     coefficients : complex ndarray, shape (n, n_dof, m)
         X_k.
     stable : ndarray of bool, shape (n,), or None
-        None: unknown (time scales too far apart) or not asked for. With memory single motions may
-        be unknown; the array then holds objects, True, False and None.
+        None: unknown (time scales too far apart) or not asked for. If it is unknown of some motions
+        only, the array holds objects, True, False and None.
     multipliers : complex ndarray, shape (n, 2 n_dof), or None
-        Floquet multipliers, largest first; with memory exp(2 pi exponents/nu).
+        Floquet multipliers, largest first, NaN where unknown; with memory exp(2 pi exponents/nu).
     exponents : complex ndarray, shape (n, m), or None
         Exponents lambda (1/s) of disturbances exp(lambda t) times a periodic function, largest real
         part first, modulo i nu (of motions symmetric about half a period: 2 i nu; there Im lambda =
@@ -126,7 +132,7 @@ class Branch(Curve):
         Where the branch turns back: values of what varies (nu, or the load factor).
     fold_coefficients : complex ndarray, shape (n_folds, n_dof, m)
     crossings : tuple of Crossing
-        Changes of stability.
+        Changes of stability, located to 1e-8 or better of what varies.
     outcome : str
         "completed"; "returned": back at the beginning, another branch leads on; "step limit":
         max_points reached; "stuck": no smaller step helps; "overflow".
@@ -275,73 +281,64 @@ def trace_response(
             "mount: nothing is nonlinear, its response is a single curve: see forced_response"
         )
     n, m = len(mount.dof_names), planned.orders.size
-    most = int(_MAX_NUMBERS / (8 * m * n + 4 * n**2))
+    most = int(_MAX_NUMBERS / (8 * m * n + 8 * n + 16))
     if points > most:
         raise InputError(
             f"max_points = {points}: must be at most {most} with {n} coordinates and {m} harmonics"
         )
     cancel = np.zeros(1, dtype=np.intc)
-    remembers = bool(mount._active_kernels)
-    known = bool(stability) and not remembers
     (
-        n, ended, p, iterations, coefficients, matrices, half_wave, n_folds, folds,
-        fold_coefficients,
+        n, ended, p, iterations, coefficients, n_folds, folds, fold_coefficients, judged,
+        multipliers, exponents, n_crossings, kinds, before, where, crossing_coefficients,
     ) = _native.call_interruptibly(
         core.mount_branch, cancel, *job, 1 if varies == "nu" else 2, at, start, finish, options[1],
-        options[2], points, step, int(known), planned.orders.size, cancel,
+        options[2], points, step, int(bool(stability)), planned.orders.size,
+        min(points, _MAX_CROSSINGS), cancel,
     )  # fmt: skip
     if ended < 0:
         raise InputError(
             f"{'nu_range' if varies == 'nu' else 'load_range'}: no solution was found at its "
             f"beginning {start:g}: begin elsewhere"
         )
-    multipliers: ComplexArray | None = None
-    exponents: ComplexArray | None = None
-    stable: npt.NDArray[Any] | None = None
-    crossings: tuple[Crossing, ...] = ()
-    if known and not np.all(np.abs(matrices[:, :, :n]) < _LARGEST):
-        known = False
+    found: Stability | None = None
+    if stability:
+        found = Stability.of(judged[:n], multipliers[:, :n], exponents[:, :n])
+        if (judged[:n] < 0).all() and not mount._active_kernels:
+            found = None
+
+    def absolute(relative: ComplexArray, factors: FloatArray) -> ComplexArray:
+        if varies == "nu":
+            factors = np.ones(factors.size)
+        return _absolute(relative.T, mount._base_direction, job, planned.orders, factors)
+
+    if n_crossings > _MAX_CROSSINGS:
         warnings.warn(
-            "stability was not computed: the motion's time scales are too far apart",
+            f"stability changes {n_crossings} times: the first {_MAX_CROSSINGS} changes are given",
             StabilityWarning,
             stacklevel=2,
         )
-    if known:
-        roots = np.linalg.eigvals(np.ascontiguousarray(matrices[:, :, :n].transpose(2, 0, 1)))
-        multipliers, stable, crossings, exponents = _stability(roots, bool(half_wave))
-        exponents *= (p[:n] if varies == "nu" else np.full(n, at))[:, np.newaxis]
-    elif stability and remembers:
-        along = p[:n] if varies == "nu" else np.full(n, at)
-        stable, exponents, n_growing = stability_with_memory(
-            job[:-2], along, coefficients[:, :, :n], planned.orders, bool(half_wave)
+        n_crossings = _MAX_CROSSINGS
+    crossed = absolute(crossing_coefficients[:, :, :n_crossings], where[:n_crossings])
+    crossings = tuple(
+        Crossing(CROSSINGS[kind - 1], int(i) - 1)
+        if np.isnan(value)
+        else Crossing(CROSSINGS[kind - 1], int(i) - 1, float(value), motion)
+        for kind, i, value, motion in zip(
+            kinds[:n_crossings], before[:n_crossings], where[:n_crossings], crossed, strict=True
         )
-        multipliers = np.exp(2 * np.pi * exponents / along[:, np.newaxis])
-        halves = np.exp(np.pi * exponents / along[:, np.newaxis]) if half_wave else multipliers
-        crossings = _crossings(halves, n_growing, exponents.real > 0, bool(half_wave))
+    )
     values = p[:n].copy()
     same = np.ones(n)
     return Branch(
         nu=values if varies == "nu" else at * same,
         load_factor=same if varies == "nu" else values,
         harmonics=planned.orders,
-        coefficients=_absolute(
-            coefficients[:, :, :n].T,
-            mount._base_direction,
-            job,
-            planned.orders,
-            same if varies == "nu" else values,
-        ),
-        stable=stable,
-        multipliers=multipliers,
-        exponents=exponents,
+        coefficients=absolute(coefficients[:, :, :n], values),
+        stable=found.stable if found else None,
+        multipliers=found.multipliers if found else None,
+        exponents=found.exponents if found else None,
         folds=folds[:n_folds].copy(),
-        fold_coefficients=_absolute(
-            fold_coefficients[:, :, :n_folds].T,
-            mount._base_direction,
-            job,
-            planned.orders,
-            np.ones(n_folds) if varies == "nu" else folds[:n_folds],
-        ),
+        fold_coefficients=absolute(fold_coefficients[:, :, :n_folds], folds[:n_folds]),
         crossings=crossings,
         outcome=OUTCOMES[ended],
         iterations=iterations[:n].copy(),
@@ -376,45 +373,3 @@ def _absolute(
         for d in np.flatnonzero(direction):
             result[:, d, kept == order] += direction[d] * moved * factors[:, np.newaxis]
     return result
-
-
-def _stability(
-    roots: ComplexArray, half_wave: bool
-) -> tuple[ComplexArray, npt.NDArray[np.bool_], tuple[Crossing, ...], ComplexArray]:
-    """Return multipliers, stability, what is crossed where it changes, and exponents over nu."""
-    roots = np.take_along_axis(roots, np.argsort(-np.abs(roots), axis=1), axis=1)
-    multipliers = roots**2 if half_wave else roots
-    stable = np.abs(multipliers).max(axis=1) <= 1 + _CIRCLE
-    beyond = np.abs(roots) > 1 + _CIRCLE
-    with np.errstate(divide="ignore"):
-        exponents = np.log(roots.astype(complex)) / (np.pi if half_wave else 2 * np.pi)
-    return multipliers, stable, _crossings(roots, beyond.sum(axis=1), beyond, half_wave), exponents
-
-
-def _crossings(
-    roots: ComplexArray,
-    outside: npt.NDArray[np.integer[Any]],
-    beyond: npt.NDArray[np.bool_],
-    half_wave: bool,
-) -> tuple[Crossing, ...]:
-    """Find what is crossed where the number ``outside`` of growing disturbances changes.
-
-    ``roots``: multipliers of a period or, half_wave, half a period, NaN where not known; beyond:
-    those outside the unit circle. A number below 0 is not known.
-    """
-    crossings = []
-    for i in np.flatnonzero(outside[1:] != outside[:-1]):
-        # The root nearest to the circle on the side with more roots outside.
-        j = i + 1 if outside[i + 1] > outside[i] else i
-        out = roots[j][beyond[j]]
-        if min(outside[i], outside[i + 1]) < 0 or not out.size:
-            continue
-        root = out[np.abs(out).argmin()]
-        if abs(root.imag) > 1e-6 * abs(root):
-            kind = "Neimark-Sacker"
-        elif root.real > 0:
-            kind = "fold"
-        else:
-            kind = "symmetry breaking" if half_wave else "period doubling"
-        crossings.append(Crossing(kind, int(i)))
-    return tuple(crossings)

@@ -111,6 +111,75 @@ def test_multipliers_against_integration_of_the_motion(geometry, load):
     assert branch.multipliers[0].sum() == pytest.approx(expected.sum(), abs=1e-6)
 
 
+def variational(nu, k, x, geometry):
+    """Monodromy matrix of the mount along Im sum x_k exp(i k nu t), by SciPy."""
+
+    def slope(t, y):
+        x_, phi = (x * np.exp(1j * k * nu * t)).sum(axis=1).imag
+        if geometry == "exact":
+            s, c = np.sin(phi), np.cos(phi)
+            rest = 2 + 2.5 * c**2 + 5 * s * (x_ - 0.5 * s)
+            stiffness = np.array([[10, -5 * c], [-5 * c, rest]])
+        else:
+            stiffness = STIFFNESS + np.array(
+                [[0, 2.5 * phi**2], [2.5 * phi**2, 5 * phi * x_ - 5 * phi**2]]
+            )
+        y = y.reshape(4, 4)
+        force = stiffness @ y[:2] + 0.02 * STIFFNESS @ y[2:]
+        return np.concatenate([y[2:], -force / [[1], [0.1]]]).ravel()
+
+    end = solve_ivp(slope, (0, 2 * np.pi / nu), np.eye(4).ravel(), "DOP853", rtol=1e-13, atol=1e-14)
+    return end.y[:, -1].reshape(4, 4)
+
+
+@pytest.mark.parametrize("geometry", ["cubic", "exact"])
+@pytest.mark.parametrize("load", [0.5, {1: 0.5, 0: 0.3j}])
+def test_multipliers_keep_ten_digits(geometry, load):
+    branch = vv.trace_response(damped(geometry=geometry), (0.5, 10), load=load)
+    for i in range(3, branch.nu.size, branch.nu.size // 9):
+        matrix = variational(branch.nu[i], branch.harmonics, branch.coefficients[i], geometry)
+        expected = np.linalg.eigvals(matrix)
+        apart = np.abs(branch.multipliers[i][:, None] - expected)
+        assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-10 * np.abs(expected).max()
+        # Those of exponents are the same; half a period has its own, of order 2.
+        again = np.exp(2 * np.pi * branch.exponents[i] / branch.nu[i])
+        assert again == pytest.approx(branch.multipliers[i], rel=1e-12)
+
+
+@pytest.mark.parametrize("load", [2.5, {1: 2.5, 0: 0.3j}])
+def test_crossings_are_located(load):
+    """Along the motion at a crossing, a multiplier lies on the circle, where its kind says."""
+    branch = vv.trace_response(damped(), (0.45, 2.7), load=load, harmonics=15, max_points=3000)
+    assert {c.kind for c in branch.crossings} == {
+        "Neimark-Sacker", "symmetry breaking" if load == 2.5 else "period doubling"
+    }  # fmt: skip
+    for crossing in branch.crossings:
+        i, nu = crossing.before, crossing.parameter
+        assert min(branch.nu[i : i + 2]) < nu < max(branch.nu[i : i + 2])
+        roots = np.linalg.eigvals(
+            variational(nu, branch.harmonics, crossing.coefficients, "cubic")
+        )
+        root = roots[np.abs(np.abs(roots) - 1).argmin()]
+        assert abs(root) == pytest.approx(1, abs=1e-9)
+        # It moves so fast that an error of 1e-8 in the parameter would show.
+        there = np.abs(branch.multipliers[[i, i + 1]])
+        moved = np.abs(np.diff(np.log(there), axis=0)).max() / abs(np.diff(branch.nu[i : i + 2]))
+        assert moved * nu > 0.5
+        # Over a whole period; the symmetry breaks at -1 of half of it.
+        if crossing.kind == "Neimark-Sacker":
+            assert abs(root.imag) > 1e-3
+        else:
+            assert root == pytest.approx(-1 if crossing.kind == "period doubling" else 1, abs=1e-8)
+
+
+def test_crossings_at_folds_are_the_folds():
+    branch = vv.trace_response(damped(), (0.5, 10), load=0.5)
+    assert [c.parameter for c in branch.crossings] == branch.folds.tolist()
+    assert [c.coefficients.tolist() for c in branch.crossings] == branch.fold_coefficients.tolist()
+    in_load = vv.trace_response(damped(), nu=2.4, load_range=(0, 4), load=0.5)
+    assert [c.parameter for c in in_load.crossings] == in_load.folds.tolist()
+
+
 @pytest.mark.parametrize("geometry", ["cubic", "exact", "printed"])
 @pytest.mark.parametrize("load", [0.1, {1: 0.1, 0: 0.05j, 2: 0.02}])
 def test_newton_and_successive_approximations_agree(geometry, load):
@@ -234,6 +303,22 @@ def test_table_dataset_and_picture(tmp_path):
     axes = vv.plot_branch(branch)
     assert {line.get_label() for line in axes[0].lines} == {"stable", "unstable", "fold"}
     assert axes[0].lines[2].get_xdata().tolist() == branch.folds.tolist()
+    assert axes[0].get_ylabel().endswith("(m)")
+    low = vv.trace_response(
+        vv.PolynomialSystem(mass=1, stiffness=1, damping=0.3, forces="0.1*x^3", units=["1"]),
+        (0.5, 2), load=0.1,
+    )  # fmt: skip
+    axes = vv.plot_branch(low)
+    assert "fold" not in {line.get_label() for line in axes[0].lines}
+    assert axes[0].get_ylabel() == "amplitude $|x_1|$"
+    broken = vv.trace_response(damped(), (0.45, 2.7), load=2.5, harmonics=9)
+    axes = vv.plot_branch(broken)
+    marks = {line.get_label(): line for line in axes[0].lines}
+    (crossing,) = [c for c in broken.crossings if c.kind == "symmetry breaking"]
+    assert marks["symmetry breaking"].get_xdata().tolist() == [crossing.parameter]
+    place = abs(crossing.coefficients[0, 0])
+    assert marks["symmetry breaking"].get_ydata()[0] == pytest.approx(place)
+    assert "Neimark-Sacker" in marks
     matplotlib.pyplot.close("all")
 
 
