@@ -321,8 +321,10 @@ contains
         associate (minus => shifta(k - l, shift), plus => shifta(k + l, shift))
           jacobian(row - 1, column - 1) = jacobian(row - 1, column - 1) &
                                           + half*(self%c(minus) - self%c(plus))
-          jacobian(row, column - 1) = jacobian(row, column - 1) + half*(self%s(plus) - self%s(minus))
-          jacobian(row - 1, column) = jacobian(row - 1, column) + half*(self%s(plus) + self%s(minus))
+          jacobian(row, column - 1) = jacobian(row, column - 1) &
+                                      + half*(self%s(plus) - self%s(minus))
+          jacobian(row - 1, column) = jacobian(row - 1, column) &
+                                      + half*(self%s(plus) + self%s(minus))
           jacobian(row, column) = jacobian(row, column) + half*(self%c(minus) + self%c(plus))
         end associate
       end do
