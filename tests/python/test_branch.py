@@ -280,7 +280,7 @@ def test_few_points_give_what_there_is():
     assert branch.nu.size == 20
 
 
-def test_symmetry_breaks_in_a_strongly_drivendamped():
+def test_symmetry_breaks_in_a_strongly_driven_mount():
     """Both maps, of half a period and of a whole one, must tell the same story."""
     body = damped()
     odd = vv.trace_response(body, (0.45, 2.7), load=2.5, harmonics=25, max_points=3000)
