@@ -355,7 +355,7 @@ def trace_response(
     ) = _native.call_interruptibly(
         core.mount_branch, cancel, *job, 1 if varies == "nu" else 2, fixed, start, finish,
         options[1], int(bool(symmetric)), options[2], points, step, stops, int(leave is not None),
-        begin, begin_p, along, int(bool(stability)), m, min(points, MAX_SPECIAL), cancel,
+        begin, begin_p, along, points if stability else 0, m, min(points, MAX_SPECIAL), cancel,
     )  # fmt: skip
     if not n:
         raise InputError(
