@@ -81,7 +81,10 @@ class Curve:
         branch or of the band.
         """
         amplitude = self.amplitude(dof, harmonic)
-        low, high = (-np.inf, np.inf) if band is None else band
+        try:
+            low, high = (-np.inf, np.inf) if band is None else map(float, band)
+        except (TypeError, ValueError):
+            raise InputError(f"band = {_native.shown(band)}: must be two numbers") from None
         inside = (self.parameter >= low) & (self.parameter <= high)
         if not inside.any():
             raise InputError(f"band = {band}: holds no point of the branch")
@@ -162,10 +165,12 @@ class Branch(Curve):
 
     def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
         d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
-        where = np.flatnonzero(self.harmonics == harmonic)
+        where = np.flatnonzero(self.harmonics == harmonic) if np.isscalar(harmonic) else np.empty(0)
         if not where.size:
             kept = ", ".join(map(str, self.harmonics))
-            raise InputError(f"harmonic = {harmonic}: must be one of those kept ({kept})")
+            raise InputError(
+                f"harmonic = {_native.shown(harmonic)}: must be one of those kept ({kept})"
+            )
         return d, int(where[0])
 
     def to_dataset(self) -> xr.Dataset:
@@ -259,7 +264,9 @@ def trace_response(
     if (load_range is None) != (nu is None):
         raise InputError("nu: must be given with load_range, and only then")
     varies = "nu" if nu_range is not None else "load_range"
-    start, finish = _range(varies if varies != "nu" else "nu_range", nu_range or load_range)
+    start, finish = _range(
+        varies if varies != "nu" else "nu_range", load_range if nu_range is None else nu_range
+    )
     if varies == "nu" and min(start, finish) <= 0:
         raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
     at = start if nu is None else _native.number("nu", nu)
@@ -282,7 +289,7 @@ def trace_response(
         )
     cancel = np.zeros(1, dtype=np.intc)
     remembers = bool(mount._active_kernels)
-    known = bool(stability) and not remembers
+    known = _native.flag("stability", stability) and not remembers
     (
         n, ended, p, iterations, coefficients, matrices, half_wave, n_folds, folds,
         fold_coefficients,

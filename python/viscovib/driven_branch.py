@@ -330,7 +330,7 @@ def trace_pendulum(
 def _departure(leave: object, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
     """Point and direction in unknowns."""
     if not isinstance(leave, BranchPoint):
-        raise InputError(f"leave = {leave!r}: must be one of a branch's branch_points")
+        raise InputError(f"leave = {_native.shown(leave)}: must be one of a branch's branch_points")
     if leave._direction.size != n + 1:
         raise InputError(
             f"leave: has {(leave._direction.size - 1) // 3} unknowns a coordinate, must have as "
