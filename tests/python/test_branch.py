@@ -353,7 +353,7 @@ def _own_seconds(pid):
 
 
 @pytest.mark.parametrize("what", ["branch", "response"])
-def test_long_work_hears_an_interrupt(what):
+def test_long_work_hears_an_interrupt(start, what):
     """SIGINT to a process of its own, in the middle of a native call of a minute or more."""
     work = {
         "branch": "vv.trace_response(m, (0.5, 10), load=0.5, harmonics=99, max_step=1e-4, "
@@ -369,7 +369,7 @@ def test_long_work_hears_an_interrupt(what):
     )
     started = resource.getrusage(resource.RUSAGE_CHILDREN)
     before = started.ru_utime + started.ru_stime
-    child = subprocess.Popen(
+    child = start(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert child.stdout.readline() == "ready\n"
