@@ -67,6 +67,8 @@ module viscovib_hereditary
     !! displacements and hereditary variables at the points.
     real(wp), allocatable, private :: z(:), linear(:), x(:), next(:), g(:, :), u_points(:, :), &
                                       w_points(:, :)
+    !> Zeros, as many as X has rows.
+    real(wp), allocatable, private :: nothing(:)
     !> The next step follows one of its own kind.
     logical, private :: rolling = .false.
   contains
@@ -154,6 +156,7 @@ contains
     allocate (run%y_start(size(run%map%bent)), run%y(size(run%map%from_bend, 2)))
     allocate (run%z(size(run%map%from_input, 2)), run%linear(size(run%map%from_input, 1)))
     allocate (run%x, run%next, mold=run%linear)
+    allocate (run%nothing(size(run%linear)), source=0.0_wp)
     allocate (run%u_points(s + 1, size(u)), run%w_points(s + 1, run%map%n_memory))
     run%points = 0.0_wp
     run%y = 0.0_wp
@@ -307,35 +310,36 @@ contains
     class(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     logical, intent(out) :: made
-    real(wp) :: change, before, size_of
+    real(wp) :: change, before, expected, size_of
     integer :: turn, n_rows, n_y
     logical :: newton
 
     n_rows = size(self%x)
     n_y = size(self%y)
-    call product_of(n_rows, size(self%z), self%map%from_input, self%z, self%linear)
+    call product_of(n_rows, size(self%z), self%map%from_input, self%z, self%nothing, self%linear)
     if (n_y == 0) then
       self%x = self%linear
       made = all(abs(self%x) <= huge(1.0_wp))
       return
     end if
-    call product_of(n_rows, n_y, self%map%from_bend, self%y, self%x)
-    self%x = self%linear + self%x
+    call product_of(n_rows, n_y, self%map%from_bend, self%y, self%linear, self%x)
     newton = .false.
     before = huge(1.0_wp)
     do turn = 1, max_iterations
       self%n_iterations = self%n_iterations + 1
       call self%evaluate_bends(system)
-      call product_of(n_rows, n_y, self%map%from_bend, self%y, self%next)
-      self%next = self%linear + self%next
+      call product_of(n_rows, n_y, self%map%from_bend, self%y, self%linear, self%next)
       if (newton) then
         call self%newton_step(system, made)
         if (.not. made) return
       end if
       call compare(self%map%n_core, self%x, self%next, change, size_of)
       size_of = size_of + maxval(abs(self%u))
-      self%x = self%next
-      made = change <= self%solved*size_of &
+      call copy(n_rows, self%next, self%x)
+      ! The next correction would shrink by the same factor again.
+      expected = change
+      if (before > change .and. turn > 1) expected = change*(change/before)
+      made = expected <= self%solved*size_of &
              .or. (change >= 0.5_wp*before .and. change <= rounding*size_of)
       if (made .or. .not. change <= huge(1.0_wp)) return
       if (turn >= patience .and. change > slow*before) newton = .true.
