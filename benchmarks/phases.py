@@ -149,11 +149,13 @@ def phase_of(library: str, routine: str) -> str:
             if part in routine:
                 return phase
         return "other routines of the core"
-    if "libm" in library:
+    if library.startswith("[kernel"):
+        return "system: memory pages, clock"
+    if "libm." in library:
         return "sines and exponentials of the C library"
     if "memmove" in routine or "memset" in routine or "malloc" in routine or "free" in routine:
         return "memory moved and allocated"
-    return "Python and system"
+    return "Python and NumPy"
 
 
 def costs() -> list[Row]:

@@ -18,6 +18,7 @@ import kernel_transforms
 import memory
 import motion
 import multiple_scales
+import peaks
 import phases
 import response_curve
 import steady
@@ -259,6 +260,20 @@ def of_phases(out: Path) -> Part:
     return lines, {}
 
 
+def of_peaks(out: Path) -> Part:
+    """Peak memory of every kind of job."""
+    rows = peaks.run()
+    write_csv(out / "peaks.csv", rows)
+    lines = ["", "| peak memory of | grows with | short | long | one more takes | flat |"]
+    lines += ["| --- | --- | --- | --- | --- | --- |"]
+    return lines + [
+        f"| {row['job']} | {row['of']} | {row['short']}: {row['low'] / 2**20:.1f} MiB | "
+        f"{row['long']}: {row['high'] / 2**20:.1f} MiB | {row['each']:.0f} bytes | "
+        f"{'yes' if row['flat'] else ''} |"
+        for row in rows
+    ], {}
+
+
 #: Name, job and time limit in seconds (a quiet machine needs a quarter of it).
 PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "kernels": (of_kernels, 300),
@@ -270,6 +285,7 @@ PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "scales": (of_scales, 600),
     "floors": (of_floors, 600),
     "phases": (of_phases, 900),
+    "peaks": (of_peaks, 300),
 }
 
 

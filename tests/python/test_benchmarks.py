@@ -100,4 +100,4 @@ def test_every_routine_has_a_phase(monkeypatch):
     assert phases.phase_of(core, "[.] __viscovib_dense_MOD_factorize") == "equations solved"
     assert phases.phase_of(core, "[.] __viscovib_node_kernels_MOD_predict") == "prediction"
     assert phases.phase_of("libm.so.6", "[.] __sincos_fma").startswith("sines")
-    assert phases.phase_of("libpython3.11.so.1.0", "[.] _PyEval") == "Python and system"
+    assert phases.phase_of("libpython3.11.so.1.0", "[.] _PyEval") == "Python and NumPy"
