@@ -2,11 +2,13 @@
 module viscovib_branch_job
   use viscovib_branch, only: branch_options, branch_type, follow_branch, parameter_frequency
   use viscovib_checks, only: check_positive
+  use viscovib_crossings, only: crossing_names, crossing_type, find_crossings, known_folds
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_motion_stability, only: judge_type, new_judge, stability_type
   use viscovib_newton_point, only: point_from_rest
   use viscovib_number_text, only: exact
   use viscovib_oscillator, only: oscillator_type
@@ -29,6 +31,7 @@ module viscovib_branch_job
     type(response_options) :: options
     integer :: max_points = 2000
     real(wp) :: max_step = 0.1_wp
+    logical :: stability = .true.
   end type branch_job
 
 contains
@@ -37,6 +40,8 @@ contains
     type(group_reader), intent(inout) :: reader
     type(branch_job), intent(out) :: job
     type(status_type) :: status
+    character(len=:), allocatable :: word
+    integer :: judged
 
     job%nu_from = reader%read_real('nu_from')
     job%nu_to = reader%read_real('nu_to')
@@ -44,6 +49,9 @@ contains
     job%options%tolerance = reader%read_real('tolerance', job%options%tolerance)
     job%max_points = reader%read_integer('max_points', job%max_points)
     job%max_step = reader%read_real('max_step', job%max_step)
+    judged = 1
+    word = reader%read_text('stability', 'yes', [character(len=3) :: 'yes', 'no'], judged)
+    job%stability = judged == 1
     if (reader%status%failed()) return
     call check_positive('nu_from', job%nu_from, status)
     call reader%place(status)
@@ -63,23 +71,31 @@ contains
   end subroutine read_branch
 
   !> What will be computed.
-  function plan_branch(nu_from, nu_to, n_orders) result(text)
+  function plan_branch(nu_from, nu_to, n_orders, stability) result(text)
     real(wp), intent(in) :: nu_from, nu_to
     integer, intent(in) :: n_orders
+    logical, intent(in) :: stability
     character(len=:), allocatable :: text
     text = 'computes: the branch from nu = '//show(nu_from)//' to '//show(nu_to)//', ' &
-           //show(n_orders)//' harmonics a coordinate'//new_line('a')
+           //show(n_orders)//' harmonics a coordinate'//new_line('a') &
+           //trim(merge('computes: stability of each point, and where it changes', &
+                        'skips: stability (not wanted)                          ', stability)) &
+           //new_line('a')
   end function plan_branch
 
   !> Follow the branch as planned.
-  subroutine run_branch(job, plan, system, load, branch, status)
+  subroutine run_branch(job, plan, system, load, branch, stability, crossings, status)
     type(branch_job), intent(in) :: job
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     type(branch_type), intent(out) :: branch
+    !> Left without arrays where it is not wanted.
+    type(stability_type), intent(out) :: stability
+    type(crossing_type), allocatable, intent(out) :: crossings(:)
     type(status_type), intent(out) :: status
     type(balance_type) :: balance
+    type(judge_type) :: judge
     real(wp) :: x(2*size(plan%set%orders), system%n_dof())
     integer :: outcome, iterations
 
@@ -100,6 +116,16 @@ contains
     call follow_branch(balance, system, load, parameter_frequency, &
                        branch_options(job%nu_from, job%nu_to, job%options%tolerance, &
                                       job%max_points, job%max_step), x, branch)
+    allocate (crossings(0))
+    if (job%stability) then
+      associate (n => branch%n_points)
+        call new_judge(judge, system, plan%set)
+        call judge%judge(system, branch%parameter(:n), branch%x(:, :, :n), stability)
+        call find_crossings(judge, balance, system, load, .true., job%nu_from, &
+                            branch%parameter(:n), branch%x(:, :, :n), stability, &
+                            known_folds(branch%fold, branch%fold_x), crossings)
+      end associate
+    end if
     call add_base_motion()
 
   contains
@@ -124,10 +150,13 @@ contains
 
   !> Write the table NAME in a folder, which is made if need be; the table is there
   !! whole or not at all.
-  subroutine write_branch(folder, name, orders, branch, coordinates, units, header, status)
+  subroutine write_branch(folder, name, orders, branch, stability, crossings, coordinates, &
+                          units, header, status)
     character(len=*), intent(in) :: folder, name
     integer, intent(in) :: orders(:)
     type(branch_type), intent(in) :: branch
+    type(stability_type), intent(in) :: stability
+    type(crossing_type), intent(in) :: crossings(:)
     !> Names and units, one a coordinate.
     character(len=*), intent(in) :: coordinates(:), units(:)
     !> Lines for the top, separated by new-line characters.
@@ -146,12 +175,20 @@ contains
       row = row//' '//trim(exact(branch%fold(i)))
     end do
     call table%add_line(row)
+    do i = 1, size(crossings)
+      row = '# stability changes after point '//show(crossings(i)%before)//': ' &
+            //trim(crossing_names(crossings(i)%kind))
+      if (crossings(i)%located) row = row//' at nu = '//trim(exact(crossings(i)%p))
+      call table%add_line(row)
+    end do
     row = '# nu (rad/s); u = Im sum_k X_k exp(i k nu t)'
+    if (allocated(stability%stable)) row = row//'; stable: 1, not: 0, unknown: -1'
     do d = 1, size(coordinates)
       row = row//', '//trim(coordinates(d))//' in '//trim(units(d))
     end do
     call table%add_line(row)
     row = 'nu'
+    if (allocated(stability%stable)) row = row//',stable'
     do d = 1, size(branch%x, 2)
       do k = 1, size(orders)
         order = trim(coordinates(d))//'_'//show(orders(k))
@@ -161,6 +198,7 @@ contains
     call table%add_line(row)
     do i = 1, branch%n_points
       row = trim(exact(branch%parameter(i)))
+      if (allocated(stability%stable)) row = row//','//show(stability%stable(i))
       do d = 1, size(branch%x, 2)
         do k = 1, 2*size(orders)
           row = row//','//trim(exact(branch%x(k, d, i)))

@@ -473,6 +473,7 @@ contains
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     character(len=:), allocatable :: word
+    integer :: judged
 
     call reader%start(file%path, file%groups(place_of(file, 'response')))
     word = reader%read_text('method', 'successive', method_names, scene%method)
@@ -481,6 +482,9 @@ contains
     scene%options%max_iterations = reader%read_integer('max_iterations', &
                                                        scene%options%max_iterations)
     scene%options%relaxation = reader%read_real('relaxation', scene%options%relaxation)
+    judged = 1
+    word = reader%read_text('stability', 'no', [character(len=3) :: 'no', 'yes'], judged)
+    scene%options%stability = judged == 2
     call read_frequencies(reader, scene%nu)
     call close_group(reader, scene, status)
   end subroutine read_response
