@@ -154,8 +154,8 @@ def plot_branch(
 ) -> "Sequence[Axes]":
     """Draw amplitude along a branch, one panel a coordinate.
 
-    Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey. Folds,
-    branch points and other changes of stability are marked.
+    Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey.
+    Folds, branch points and other changes of stability are marked.
     """
     names = branch.dof_names
     if ax is None:

@@ -273,10 +273,11 @@ def test_branches_of_driver_and_python_agree(solve, tmp_path):
 @pytest.mark.parametrize("memory", [False, True])
 def test_stability_of_a_response_in_driver_and_python(solve, tmp_path, memory):
     kernel = "&kernel kind='prony', weights=0.02 0.3, rates=0.15 3 /\n" if memory else ""
+    load = f"&load on='x', amplitude={2.5 if memory else 1.5} /\n"
     scene = tmp_path / "judged.nml"
     scene.write_text(
         "&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,\n"
-        "  damping=0.2 -0.1 -0.1 0.09 /\n" + kernel + f"&load on='x', amplitude={2.5 if memory else 1.5} /\n"
+        f"  damping=0.2 -0.1 -0.1 0.09 /\n{kernel}{load}"
         "&response method='newton', stability='yes', nu_min=2, nu_max=3.4, nu_count=20 /\n"
     )
     done = solve(scene, "--out", tmp_path)

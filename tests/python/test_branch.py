@@ -140,7 +140,8 @@ def test_multipliers_keep_ten_digits(geometry, load):
         matrix = variational(branch.nu[i], branch.harmonics, branch.coefficients[i], geometry)
         expected = np.linalg.eigvals(matrix)
         apart = np.abs(branch.multipliers[i][:, None] - expected)
-        assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-10 * np.abs(expected).max()
+        worst = max(apart.min(axis=0).max(), apart.min(axis=1).max())
+        assert worst < 1e-10 * np.abs(expected).max()
         # Those of exponents are the same; half a period has its own, of order 2.
         again = np.exp(2 * np.pi * branch.exponents[i] / branch.nu[i])
         assert again == pytest.approx(branch.multipliers[i], rel=1e-12)
@@ -156,9 +157,7 @@ def test_crossings_are_located(load):
     for crossing in branch.crossings:
         i, nu = crossing.before, crossing.parameter
         assert min(branch.nu[i : i + 2]) < nu < max(branch.nu[i : i + 2])
-        roots = np.linalg.eigvals(
-            variational(nu, branch.harmonics, crossing.coefficients, "cubic")
-        )
+        roots = np.linalg.eigvals(variational(nu, branch.harmonics, crossing.coefficients, "cubic"))
         root = roots[np.abs(np.abs(roots) - 1).argmin()]
         assert abs(root) == pytest.approx(1, abs=1e-9)
         # It moves so fast that an error of 1e-8 in the parameter would show.
