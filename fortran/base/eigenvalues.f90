@@ -110,7 +110,8 @@ contains
       if (low == high) then
         values(high) = h(high, high)
       else if (low == high - 1) then
-        call pair_of(h(low, low), h(low, high), h(high, low), h(high, high), values(low), values(high))
+        call pair_of(h(low, low), h(low, high), h(high, low), h(high, high), values(low), &
+                     values(high))
       else
         sweeps = sweeps + 1
         found = sweeps <= max_sweeps

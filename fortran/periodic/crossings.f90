@@ -365,8 +365,8 @@ contains
     crossing%located = .true.
     if (.not. judge%remembers) return
     ! The count itself must change here.
-    n_beside = [counted(max(0.0_wp, trial - beside), n_growing(0)), &
-                counted(min(1.0_wp, trial + beside), n_growing(1))]
+    call count_at(max(0.0_wp, trial - beside), n_growing(0), n_beside(1))
+    call count_at(min(1.0_wp, trial + beside), n_growing(1), n_beside(2))
     crossing%located = minval(n_beside) >= 0 .and. abs(n_beside(1) - n_beside(2)) &
                        == merge(2, 1, crossing%kind == crossing_pair)
 
@@ -396,20 +396,21 @@ contains
     end subroutine evaluate
 
     !> How many exponents grow at sigma, -1: unknown; at an end that is known.
-    integer function counted(at_sigma, at_end)
+    subroutine count_at(at_sigma, at_end, counted)
       real(wp), intent(in) :: at_sigma
       integer, intent(in) :: at_end
+      integer, intent(out) :: counted
       integer :: evaluations
-      logical :: made
+      logical :: found_there
 
       counted = at_end
       if (at_sigma <= 0.0_wp .or. at_sigma >= 1.0_wp) return
       counted = -1
-      call go_to(chord, balance, system, load, at_sigma, made)
-      if (.not. made) return
+      call go_to(chord, balance, system, load, at_sigma, found_there)
+      if (.not. found_there) return
       call judge%hill%along(system, merge(chord%p, chord%nu, chord%in_frequency), chord%x)
       call count_growing(judge%hill, system, counted, evaluations)
-    end function counted
+    end subroutine count_at
 
   end subroutine locate
 

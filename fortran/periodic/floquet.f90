@@ -138,7 +138,7 @@ contains
     real(wp), intent(inout) :: matrices(:, :, :)
     integer, intent(inout), volatile, optional :: cancel
     real(wp) :: turn, needed, h(n_lanes), error(n_lanes), worst
-    logical :: open(n_lanes)
+    logical :: pending(n_lanes)
     integer :: attempt, l
 
     turn = merge(pi, 2.0_wp*pi, self%half_wave)
@@ -146,29 +146,29 @@ contains
       self%x(l, :, :) = x(:, :, min(l, size(nu)))
       h(l) = turn/nu(min(l, size(nu)))
     end do
-    open = h*self%fastest/phase_a_step <= max_steps
-    open(size(nu) + 1:) = .false.
-    if (.not. any(open)) return
-    where (.not. open) h = 0.0_wp
+    pending = h*self%fastest/phase_a_step <= max_steps
+    pending(size(nu) + 1:) = .false.
+    if (.not. any(pending)) return
+    where (.not. pending) h = 0.0_wp
     ! So many that samples tell the highest order of K apart.
     needed = max(maxval(h)*self%fastest/phase_a_step, turn*maxval(self%orders)/(pi*n_nodes), &
                  2.0_wp)
     do attempt = 1, max_attempts
       if (.not. self%density*needed <= max_steps) exit
       call self%prepare(ceiling(self%density*needed))
-      call self%integrate(system, h/self%n_steps, error, open, cancel)
+      call self%integrate(system, h/self%n_steps, error, pending, cancel)
       if (present(cancel)) then
         if (cancel /= 0) return
       end if
-      worst = maxval(error, open)
+      worst = maxval(error, pending)
       do l = 1, size(nu)
-        if (.not. (open(l) .and. error(l) <= accepted*wanted_error)) cycle
+        if (.not. (pending(l) .and. error(l) <= accepted*wanted_error)) cycle
         call to_matrix(self, l, h(l)/self%n_steps, matrices(:, :, l))
-        open(l) = .false.
+        pending(l) = .false.
       end do
       self%density = self%n_steps/needed*max(0.5_wp, min(2.0_wp, (worst/wanted_error) &
                                                          **(0.5_wp/n_nodes)))
-      if (.not. any(open)) return
+      if (.not. any(pending)) return
     end do
     ! Where that was in vain, neighbours begin anew.
     self%density = 1.0_wp
@@ -219,13 +219,13 @@ contains
   end subroutine prepare
 
   !> Over all steps h, with the estimated errors; lanes that leave the range of numbers are no
-  !! longer open.
-  subroutine integrate(self, system, h, error, open, cancel)
+  !! longer pending.
+  subroutine integrate(self, system, h, error, pending, cancel)
     class(floquet_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: h(n_lanes)
     real(wp), intent(out) :: error(n_lanes)
-    logical, intent(inout) :: open(n_lanes)
+    logical, intent(inout) :: pending(n_lanes)
     integer, intent(inout), volatile, optional :: cancel
     integer :: a, b, first, l, s
 
@@ -252,7 +252,7 @@ contains
       do l = 1, n_lanes
         if (all(abs(self%y(l, :, :)) <= largest)) cycle
         self%y(l, :, :) = 0.0_wp
-        open(l) = .false.
+        pending(l) = .false.
       end do
     end do
   end subroutine integrate

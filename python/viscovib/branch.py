@@ -16,7 +16,7 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, StabilityWarning
 from viscovib.files import whole_file
 from viscovib.load import LoadLike
-from viscovib.motion_stability import Stability
+from viscovib.motion_stability import Stability, codes_of
 from viscovib.oscillators import Oscillator
 from viscovib.response import Peak, _prepare
 
@@ -224,8 +224,8 @@ class Branch(Curve):
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),
         }
         if self.stable is not None and self.multipliers is not None:
-            known = [-1 if s is None else int(s) for s in self.stable]
-            data["stable"] = ("point", self.stable if self.stable.dtype == bool else known)
+            whole = self.stable.dtype == bool
+            data["stable"] = ("point", self.stable if whole else codes_of(self.stable))
             data["exponents"] = (("point", "multiplier"), self.exponents)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
         return xr.Dataset(
@@ -238,7 +238,7 @@ class Branch(Curve):
         """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1."""
         columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
         if self.stable is not None:
-            columns["stable"] = np.array([-1 if s is None else int(s) for s in self.stable])
+            columns["stable"] = codes_of(self.stable)
         for d, name in enumerate(self.dof_names):
             for j, k in enumerate(self.harmonics):
                 columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real

@@ -10,6 +10,11 @@ from viscovib._native import ComplexArray
 from viscovib.errors import StabilityWarning
 
 
+def codes_of(stable: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """1: stable, 0: not, -1: unknown."""
+    return np.array([-1 if s is None else int(s) for s in stable])
+
+
 class Stability(NamedTuple):
     """Of n motions: stable or not, multipliers and exponents; see `Branch`."""
 

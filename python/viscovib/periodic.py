@@ -27,6 +27,7 @@ def forced_response(
     tolerance: float = 1e-10,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
+    stability: bool = False,
     progress: bool = False,
 ) -> Response: ...
 @overload

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
@@ -61,7 +62,8 @@ def plot_response(
     Parameters
     ----------
     response : Response or DrivenResponse, or sequence of them
-        Curves; gaps show where no solution was found.
+        Curves; gaps show where no solution was found. Where stability is known all are solid, but
+        dashed where unstable.
     ax : Axes or sequence of Axes, optional
         Where to draw: as many as there are coordinates; None makes a figure.
     labels : sequence of str, optional
@@ -87,14 +89,23 @@ def plot_response(
         raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
     for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
         for i, curve in enumerate(curves):
-            axis.plot(
-                curve.nu if isinstance(curve, Response) else curve.parameter,
-                _amplitude(curve, name, harmonic),
-                color=COLOURS[i % len(COLOURS)],
-                linestyle=STYLES[i % len(STYLES)],
-                linewidth=1.6,
-                label=labels[i] if labels else None,
-            )
+            amplitude = _amplitude(curve, name, harmonic)
+            shown: list[tuple[FloatArray, Any]] = [(amplitude, STYLES[i % len(STYLES)])]
+            if isinstance(curve, Response) and curve.stable is not None:
+                unstable = curve.stable == False  # noqa: E712
+                shown = [
+                    (np.where(unstable, np.nan, amplitude), "-"),
+                    (np.where(_with_neighbours(unstable), amplitude, np.nan), (0, (3, 1.5))),
+                ]
+            for values, style in shown:
+                axis.plot(
+                    curve.nu if isinstance(curve, Response) else curve.parameter,
+                    values,
+                    color=COLOURS[i % len(COLOURS)],
+                    linestyle=style,
+                    linewidth=1.6,
+                    label=labels[i] if labels and style == shown[0][1] else None,
+                )
         axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|${_in(unit)}")
         if log and any((line.get_ydata() > 0).any() for line in axis.lines):
             axis.set_yscale("log")
@@ -107,6 +118,14 @@ def plot_response(
     if labels:
         axes[0].legend(frameon=False)
     return axes
+
+
+def _with_neighbours(shown: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Points and those beside them, so that a stretch leaves no gap."""
+    wider = shown.copy()
+    wider[1:] |= shown[:-1]
+    wider[:-1] |= shown[1:]
+    return wider
 
 
 def _in(unit: str) -> str:
