@@ -521,3 +521,18 @@ def test_stability_needs_something_to_judge():
         vv.forced_response(damped(), 1.0, load=0.1, stability=True)
     with pytest.raises(vv.InputError, match="stability: nothing is nonlinear"):
         vv.forced_response(damped(cubic_scale=0.0), 1.0, load=0.1, method="newton", stability=True)
+
+
+def test_a_doubled_period_is_a_branch_point_at_half_the_frequency():
+    escape = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="-x^2")
+    along = {"load_range": (0.01, 0.2), "stability": True}
+    once = vv.trace_response(escape, **along, nu=0.85, load=1.0, harmonics=24)
+    doubled = [c.parameter for c in once.crossings if c.kind == "period doubling"]
+    twice = vv.trace_response(escape, **along, nu=0.425, load={2: 1.0}, harmonics=48)
+    assert [p.parameter for p in twice.branch_points] == pytest.approx(doubled, rel=1e-9)
+    side = vv.trace_response(
+        escape, **along, nu=0.425, load={2: 1.0}, harmonics=48, leave=twice.branch_points[0]
+    )
+    # Odd orders of half the frequency, which the main branch lacks.
+    assert np.abs(twice.amplitude("x", 1)).max() < 1e-10
+    assert side.amplitude("x", 1).max() > 0.01
