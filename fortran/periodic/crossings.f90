@@ -17,7 +17,7 @@ module viscovib_crossings
   implicit none
   private
 
-  public :: crossing_type, known_folds, find_crossings
+  public :: crossing_type, known_folds, find_crossings, crossing_kind
 
   !> What is crossed: a multiplier 1 where p turns back, or where it does not; -1 of half a
   !! period; -1; a pair.
@@ -124,7 +124,7 @@ contains
           if (stays(k)) cycle
           crossing%before = i
           crossing%located = .false.
-          crossing%kind = kind_of(exponents(k), d, balance%set%half_wave)
+          crossing%kind = crossing_kind(exponents(k), d, balance%set%half_wave)
           if (crossing%kind == crossing_fold) call take_fold(chord, folds, crossing)
           if (.not. crossing%located) then
             call locate(chord, judge, balance, system, load, &
@@ -161,7 +161,8 @@ contains
     end do
   end subroutine find_those_that_stay
 
-  pure integer function kind_of(exponent, d, half_wave) result(kind)
+  !> What an exponent is about to cross; a fold stands for a branch point too.
+  pure integer function crossing_kind(exponent, d, half_wave) result(kind)
     complex(wp), intent(in) :: exponent
     !> Exponents matter modulo i d.
     real(wp), intent(in) :: d
@@ -174,7 +175,7 @@ contains
     else
       kind = crossing_pair
     end if
-  end function kind_of
+  end function crossing_kind
 
   pure subroutine new_chord(chord, system, in_frequency, nu, p, x)
     type(chord_type), intent(out) :: chord
@@ -348,7 +349,7 @@ contains
     crossing%p = chord%p
     crossing%x = chord%x
     if (.not. judge%remembers) then
-      crossing%kind = kind_of(found, merge(chord%p, chord%nu, chord%in_frequency) &
+      crossing%kind = crossing_kind(found, merge(chord%p, chord%nu, chord%in_frequency) &
                               *merge(2, 1, balance%set%half_wave), balance%set%half_wave)
     end if
     if (crossing%kind == crossing_fold) then

@@ -23,7 +23,7 @@ module viscovib_oscillator_curve
   contains
     procedure :: equations
     procedure :: residual
-    procedure, private :: set
+    procedure :: set
   end type oscillator_curve_type
 
 contains
@@ -51,6 +51,7 @@ contains
     end do
   end subroutine new_oscillator_curve
 
+  !> Set the balance to a value of the parameter, unless that is out of range.
   subroutine set(self, p, inside)
     class(oscillator_curve_type), intent(inout) :: self
     real(wp), intent(in) :: p

@@ -2,7 +2,7 @@
 
 import csv
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from viscovib.errors import InputError, StabilityWarning
 from viscovib.files import whole_file
 from viscovib.load import LoadLike
 from viscovib.motion_stability import Stability, codes_of
+from viscovib.mount import Mount
 from viscovib.oscillators import Oscillator
 from viscovib.response import Peak, _prepare
 
@@ -31,6 +32,13 @@ _MAX_NUMBERS = 4e8
 MAX_SPECIAL = 200
 #: Entries of a monodromy matrix beyond this say nothing any more.
 _LARGEST = 1e100
+#: What varies, in the order of the core.
+_KINDS = {"nu": 1, "load_factor": 2}
+#: Where a parameter stands among the numbers of a mount.
+_ENTRIES = {
+    "mass": 1, "inertia": 2, "offset": 3, "stiffness_x": 4, "stiffness_phi": 5, "cubic_scale": 10,
+    "memory_scale": 11,
+}  # fmt: skip
 #: What may be crossed, in the order of the core.
 CROSSINGS = ("fold", "branch point", "symmetry breaking", "period doubling", "Neimark-Sacker")
 
@@ -173,7 +181,11 @@ class Branch(Curve):
     outcome : str
         "completed"; "returned": back at the beginning, another branch leads on; "step limit":
         max_points reached; "stuck": no smaller step helps; "overflow"; "closed": back at the first
-        point.
+        point; "unphysical": at the end of the values that make a mount.
+    varies : str
+        "nu", "load_factor" or a parameter of the mount.
+    parameter : ndarray, shape (n,)
+        Its values.
     """
 
     nu: FloatArray
@@ -191,20 +203,17 @@ class Branch(Curve):
     outcome: str
     iterations: npt.NDArray[np.int32]
     varies: str
+    parameter: FloatArray
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
-
-    @property
-    def parameter(self) -> FloatArray:  # type: ignore[override]
-        """What varies along the branch: nu or load_factor."""
-        return self.nu if self.varies == "nu" else self.load_factor
 
     @property
     def label(self) -> str:
         """What varies, for the axis of a picture."""
         if self.varies == "nu":
             return r"circular frequency of the load $\nu$ (rad/s)"
-        return f"factor of the load, at frequency {self.nu[0]:g} rad/s"
+        name = "factor of the load" if self.varies == "load_factor" else self.varies
+        return f"{name}, at frequency {self.nu[0]:g} rad/s"
 
     def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
         d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
@@ -261,6 +270,8 @@ def trace_response(
     base: LoadLike | None = None,
     nu: float | None = None,
     load_range: tuple[float, float] | None = None,
+    vary: str | None = None,
+    vary_range: tuple[float, float] | None = None,
     at: npt.ArrayLike = (),
     leave: BranchPoint | None = None,
     opposite: bool = False,
@@ -280,9 +291,13 @@ def trace_response(
         Frequencies (rad/s) from which and to which the branch is followed, up or down.
     load, base : as for `forced_response`
     nu : float
-        With ``load_range`` instead of ``nu_range``: the frequency at which the load varies.
+        With ``load_range`` or ``vary_range`` instead of ``nu_range``: the frequency that stays.
     load_range : (float, float)
         Factors of the load from which and to which the branch is followed.
+    vary, vary_range : str, (float, float)
+        Parameter of a mount ("mass", "inertia", "offset", "stiffness_x", "stiffness_phi",
+        "cubic_scale", "memory_scale") and values from which and to which the branch is followed.
+        Of changes of stability, folds and branch points are located.
     at : array_like
         Values of what varies at each of which a point shall lie, as often as the branch gets there.
     leave : BranchPoint
@@ -315,14 +330,20 @@ def trace_response(
     pseudo-arclength continuation (Keller 1977), steps by the angle between tangents; folds located
     to rounding of the parameter.
     """
-    if (nu_range is None) == (load_range is None):
-        raise InputError("nu_range or load_range: must be given, and only one of them")
-    if (load_range is None) != (nu is None):
-        raise InputError("nu: must be given with load_range, and only then")
-    varies = "nu" if nu_range is not None else "load_range"
-    start, finish = _range(
-        varies if varies != "nu" else "nu_range", load_range if nu_range is None else nu_range
-    )
+    ranges = {"nu_range": nu_range, "load_range": load_range, "vary_range": vary_range}
+    given = [name for name, ends in ranges.items() if ends is not None]
+    if len(given) != 1:
+        raise InputError("nu_range, load_range or vary_range: must be given, and only one of them")
+    if (given[0] == "nu_range") != (nu is None):
+        raise InputError("nu: must be given with load_range or vary_range, and only then")
+    if (given[0] == "vary_range") != (vary is not None):
+        raise InputError("vary: must be given with vary_range, and only then")
+    start, finish = _range(given[0], ranges[given[0]])
+    varies, entry = {"nu_range": "nu", "load_range": "load_factor"}.get(given[0], ""), 0
+    if vary is not None:
+        varies, entry = _entry(mount, vary)
+        mount = replace(mount, **{varies: start})
+        replace(mount, **{varies: finish})
     if varies == "nu" and min(start, finish) <= 0:
         raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
     fixed = start if nu is None else _native.number("nu", nu)
@@ -362,14 +383,13 @@ def trace_response(
         n_branch, branch_p, branch_x, across, branch_before, judged, multipliers, exponents,
         n_crossings, kinds, before, where, crossing_coefficients,
     ) = _native.call_interruptibly(
-        core.mount_branch, cancel, *job, 1 if varies == "nu" else 2, fixed, start, finish,
+        core.mount_branch, cancel, *job, _KINDS.get(varies, 3), entry, fixed, start, finish,
         options[1], int(keeps), options[2], points, step, stops, int(leave is not None),
         begin, begin_p, along, points if judged_too else 0, m, min(points, MAX_SPECIAL), cancel,
     )  # fmt: skip
     if not n:
         raise InputError(
-            f"{'nu_range' if varies == 'nu' else 'load_range'}: no solution was found at its "
-            f"beginning {start:g}: begin elsewhere"
+            f"{given[0]}: no solution was found at its beginning {start:g}: begin elsewhere"
         )
     found: Stability | None = None
     if judged_too:
@@ -378,7 +398,7 @@ def trace_response(
             found = None
 
     def absolute(relative: ComplexArray, factors: FloatArray) -> ComplexArray:
-        if varies == "nu":
+        if varies != "load_factor":
             factors = np.ones(factors.size)
         return _absolute(relative.T, mount._base_direction, job, orders, factors)
 
@@ -404,7 +424,7 @@ def trace_response(
     directions = _complex(across[:-1, :n_branch], n_dof, m).T
     return Branch(
         nu=values if varies == "nu" else fixed * same,
-        load_factor=same if varies == "nu" else values,
+        load_factor=values if varies == "load_factor" else same,
         harmonics=orders,
         coefficients=absolute(coefficients[:, :, :n], values),
         stable=found.stable if found else None,
@@ -427,10 +447,19 @@ def trace_response(
         stops=np.flatnonzero(is_stop[:n]),
         outcome=OUTCOMES[ended],
         iterations=iterations[:n].copy(),
-        varies="nu" if varies == "nu" else "load_factor",
+        varies=varies,
+        parameter=values,
         dof_names=mount.dof_names,
         dof_units=mount.dof_units,
     )
+
+
+def _entry(mount: Oscillator, vary: object) -> tuple[str, int]:
+    """Name and place of a parameter."""
+    if not isinstance(mount, Mount):
+        raise InputError("vary: needs a mount; build polynomial systems one by one")
+    name = _native.choice("vary", vary, tuple(_ENTRIES))
+    return name, _ENTRIES[name]
 
 
 def check_departure(leave: object) -> None:

@@ -68,6 +68,8 @@ def trace_response(
     base: LoadLike | None = None,
     nu: float | None = None,
     load_range: tuple[float, float] | None = None,
+    vary: str | None = None,
+    vary_range: tuple[float, float] | None = None,
     at: npt.ArrayLike = (),
     leave: BranchPoint | None = None,
     opposite: bool = False,

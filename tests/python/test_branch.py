@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -324,9 +325,9 @@ def test_table_dataset_and_picture(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"nu_range": None}, "nu_range or load_range: must be given"),
+        ({"nu_range": None}, "nu_range, load_range or vary_range: must be given"),
         ({"load_range": (0, 1)}, "only one of them"),
-        ({"nu": 1.0}, "nu: must be given with load_range, and only then"),
+        ({"nu": 1.0}, "nu: must be given with load_range or vary_range, and only then"),
         ({"nu_range": (0, 1)}, "nu_range = (0, 1): must be greater than 0"),
         ({"nu_range": (1, 1)}, "must be two different numbers"),
         ({"nu_range": (1, 2, 3)}, "nu_range: must be two numbers"),
@@ -478,6 +479,8 @@ def test_leaving_needs_a_branch_point_of_the_same_kind():
         vv.trace_response(_duffing(), **options, harmonics=11, leave=branch.branch_points[0])
     with pytest.raises(vv.InputError, match=r"at\[0\] = nan: must be"):
         vv.trace_response(_duffing(), **options, at=[np.nan])
+
+
 @pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.02, 0.3], rates=[0.15, 3.0])])
 def test_stability_of_a_response_is_that_of_its_branch(kernel):
     body = damped(kernel=kernel)
@@ -536,3 +539,43 @@ def test_a_doubled_period_is_a_branch_point_at_half_the_frequency():
     # Odd orders of half the frequency, which the main branch lacks.
     assert np.abs(twice.amplitude("x", 1)).max() < 1e-10
     assert side.amplitude("x", 1).max() > 0.01
+
+
+@pytest.mark.parametrize(("kernel", "nu"), [(None, 2.4), (KERNEL, 1.8)])
+def test_any_parameter_of_a_mount_may_vary(kernel, nu):
+    body = damped(kernel=kernel, **({"damping": 0.0} if kernel else {}))
+    branch = vv.trace_response(
+        body, nu=nu, vary="stiffness_phi", vary_range=(1.2, 3.5), load=0.5, at=[2.0]
+    )
+    assert branch.varies == "stiffness_phi"
+    assert branch.parameter[-1] == 3.5
+    assert (branch.nu == nu).all() and (branch.load_factor == 1).all()
+    crossed = vv.trace_response(body, (0.5, 4), load=0.5, at=[nu])
+    mine, others = (np.sort(b.amplitude("x")[b.stops]) for b in (branch, crossed))
+    assert mine == pytest.approx(others, rel=1e-8)
+    # The branch in the frequency turns at the same place.
+    other = vv.trace_response(
+        replace(body, stiffness_phi=branch.folds[0]), (0.5, 4), load=0.5, stability=False
+    )
+    assert np.abs(other.folds - nu).min() < 1e-8
+    for i in range(0, branch.nu.size, 15):
+        single = vv.trace_response(
+            replace(body, stiffness_phi=branch.parameter[i]), (nu, nu + 1), load=0.5,
+            max_points=2,
+        )  # fmt: skip
+        if single.coefficients[0] == pytest.approx(branch.coefficients[i], abs=1e-7):
+            assert single.stable[0] == branch.stable[i]
+            assert single.multipliers[0, 0] == pytest.approx(branch.multipliers[i, 0], abs=1e-6)
+
+
+def test_what_may_not_vary_is_said():
+    with pytest.raises(vv.InputError, match="vary = 'colour': must be one of 'mass'"):
+        vv.trace_response(damped(), nu=2.0, vary="colour", vary_range=(1, 2), load=0.5)
+    with pytest.raises(vv.InputError, match="mass = -1"):
+        vv.trace_response(damped(), nu=2.0, vary="mass", vary_range=(1, -1), load=0.5)
+    with pytest.raises(vv.InputError, match="vary: must be given with vary_range"):
+        vv.trace_response(damped(), nu=2.0, vary="mass", load_range=(1, 2), load=0.5)
+    with pytest.raises(vv.InputError, match="nu: must be given with load_range or vary_range"):
+        vv.trace_response(damped(), vary="mass", vary_range=(1, 2), load=0.5)
+    with pytest.raises(vv.InputError, match="vary: needs a mount"):
+        vv.trace_response(_duffing(), nu=1.0, vary="mass", vary_range=(1, 2), load=0.5)
