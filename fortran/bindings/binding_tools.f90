@@ -18,7 +18,7 @@ module viscovib_binding_tools
   private
 
   public :: make_kernel, make_mount, make_system, make_pendulum, make_load, make_options, report
-  public :: fill_stability
+  public :: fill_stability, to_complex
 
   !> Length of the flat mount: mass, inertia, offset, stiffness_x,
   !! stiffness_phi, damping (4, column by column), cubic_scale, memory_scale,
@@ -152,6 +152,23 @@ contains
     multipliers(:m, :n) = stability%multipliers
     exponents(:m, :n) = stability%exponents
   end subroutine fill_stability
+
+  !> Harmonics as numbers of their own, from real and imaginary parts by turns.
+  pure subroutine to_complex(x, coefficients)
+    !> Shape (2 n_orders n_dof, n).
+    real(wp), intent(in) :: x(:, :)
+    !> Shape (n_orders, n_dof, n).
+    complex(wp), intent(out) :: coefficients(:, :, :)
+    integer :: d, i, k, j
+    do i = 1, size(coefficients, 3)
+      do d = 1, size(coefficients, 2)
+        do k = 1, size(coefficients, 1)
+          j = 2*(k + size(coefficients, 1)*(d - 1))
+          coefficients(k, d, i) = cmplx(x(j - 1, i), x(j, i), wp)
+        end do
+      end do
+    end do
+  end subroutine to_complex
 
   subroutine report(outcome, status, message)
     type(status_type), intent(in) :: outcome

@@ -220,7 +220,7 @@ def _mark_crossings(axis: "Axes", branch: Branch, d: int, j: int) -> None:
         here = [c for c in branch.crossings if c.kind == kind and c.coefficients is not None]
         if here:
             axis.plot(
-                [c.parameter for c in here],
+                [c.parameter for c in here if c.parameter is not None],
                 [abs(c.coefficients[d, j]) for c in here if c.coefficients is not None],
                 marker, color="k", markersize=5, markerfacecolor="w", label=kind,
             )  # fmt: skip

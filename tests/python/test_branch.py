@@ -443,3 +443,83 @@ def test_stability_needs_something_to_judge():
         vv.forced_response(damped(), 1.0, load=0.1, stability=True)
     with pytest.raises(vv.InputError, match="stability: nothing is nonlinear"):
         vv.forced_response(damped(cubic_scale=0.0), 1.0, load=0.1, method="newton", stability=True)
+
+
+def _duffing():
+    return vv.PolynomialSystem(
+        mass=[1.0], stiffness=[[1.0]], damping=[[0.1]], forces={"u": "u^3"}, names=("u",)
+    )
+
+
+def test_where_a_symmetry_breaks_another_branch_leaves():
+    options = {"load_range": (0.1, 30.0), "nu": 1.0, "load": 1.0, "harmonics": 31}
+    odd = vv.trace_response(_duffing(), **options)
+    breaks = [c.parameter for c in odd.crossings if c.kind == "symmetry breaking"]
+    assert len(breaks) == 3
+    every = vv.trace_response(_duffing(), **options, symmetric=False)
+    assert list(every.harmonics) == list(range(32))
+    points = every.branch_points
+    np.testing.assert_allclose([point.parameter for point in points], breaks, rtol=1e-9)
+    # The same places by multipliers.
+    assert [c.kind for c in every.crossings] == [
+        "branch point", "branch point", "fold", "fold", "branch point",
+    ]  # fmt: skip
+    np.testing.assert_allclose(
+        [c.parameter for c in every.crossings if c.kind == "branch point"], breaks, rtol=1e-9
+    )
+    for point in points:
+        low, high = sorted(every.parameter[point.before : point.before + 2])
+        assert low <= point.parameter <= high
+        # Across lie the mean and even orders alone.
+        assert np.abs(point.across[0, ::2]).max() > 0.1
+        assert np.abs(point.across[0, 1::2]).max() < 1e-6
+    ways = [
+        vv.trace_response(
+            _duffing(), **options, symmetric=False, leave=points[0], opposite=opposite
+        )
+        for opposite in (False, True)
+    ]
+    for way in ways:
+        assert way.outcome == "closed"
+        # It goes over to the second point and comes back mirrored.
+        np.testing.assert_allclose([p.parameter for p in way.branch_points], breaks[1:2], rtol=1e-9)
+    first, second = (way.coefficients[1, 0, 0].imag for way in ways)
+    assert first == pytest.approx(-second, rel=1e-6)
+    middle = ways[0].coefficients[:, 0, 0].imag.argmax()
+    load = ways[0].load_factor[middle]
+    state = [
+        ways[0].coefficients[middle, 0].imag.sum(),
+        (ways[0].harmonics * ways[0].coefficients[middle, 0]).real.sum(),
+    ]
+    after = solve_ivp(
+        lambda t, y: [y[1], load * np.sin(t) - 0.1 * y[1] - y[0] - y[0] ** 3],
+        (0, 2 * np.pi), state, method="DOP853", rtol=1e-12, atol=1e-12,
+    ).y[:, -1]  # fmt: skip
+    np.testing.assert_allclose(after, state, atol=1e-7)
+
+
+def test_a_branch_stops_where_told():
+    values = [2.4, 7.0, 11.0, 0.5]
+    branch = vv.trace_response(damped(), (0.5, 10), load=0.5, at=values, stability=False)
+    # Between the folds there are three motions.
+    assert list(branch.nu[branch.stops]) == [0.5, 2.4, 2.4, 2.4, 7.0]
+    for i in branch.stops:
+        single = vv.forced_response(
+            damped(), branch.nu[i], load=0.5, method="newton", harmonics=9, tolerance=1e-13
+        )
+        distance = np.abs(branch.coefficients[i] - single.coefficients[0]).max()
+        assert distance < 1e-9 or branch.nu[i] == 2.4
+    without = vv.trace_response(damped(), (0.5, 10), load=0.5, stability=False)
+    np.testing.assert_array_equal(np.delete(branch.nu, branch.stops[1:]), without.nu)
+    assert not without.stops.size
+
+
+def test_leaving_needs_a_branch_point_of_the_same_kind():
+    options = {"load_range": (0.1, 4.0), "nu": 1.0, "load": 1.0, "symmetric": False}
+    branch = vv.trace_response(_duffing(), **options, harmonics=9, stability=False)
+    with pytest.raises(vv.InputError, match="must be one of a branch's branch_points"):
+        vv.trace_response(_duffing(), **options, leave=branch)
+    with pytest.raises(vv.InputError, match="must have as many as asked for now"):
+        vv.trace_response(_duffing(), **options, harmonics=11, leave=branch.branch_points[0])
+    with pytest.raises(vv.InputError, match=r"at\[0\] = nan: must be"):
+        vv.trace_response(_duffing(), **options, at=[np.nan])
