@@ -5,11 +5,11 @@
 !! the factor of the load (2) at the frequency nu. n_kept as the plan says; with
 !! symmetric = 0 the mean and even orders are kept though odd ones would do. With
 !! leave = 1 it begins at the point (begin, begin_p) in the direction `along`, with 0 at
-!! a solution found at p = start.
+!! a solution found at p = start. Stability is judged if n_judged is max_points, not 0.
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                         series, n_rows, n_series, parameter, nu, start, finish, harmonics, &
                         symmetric, tolerance, max_points, max_step, stops, n_stops, leave, &
-                        begin, begin_p, along, n_unknowns, with_stability, n_kept, max_special, &
+                        begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
                         cancel, n_points, ended, p, iterations, coefficients, is_stop, n_folds, &
                         folds, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
                         across, branch_before, stable, multipliers, exponents, n_crossings, &
@@ -33,7 +33,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series
   integer(c_int), intent(in) :: parameter, harmonics, symmetric, n_stops, leave, n_unknowns
-  integer(c_int), intent(in) :: orders(n_series), max_points, with_stability, n_kept, max_special
+  integer(c_int), intent(in) :: orders(n_series), max_points, n_judged, n_kept, max_special
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu, start, finish
   real(c_double), intent(in) :: tolerance, max_step, stops(n_stops)
   real(c_double), intent(in) :: begin(n_unknowns), begin_p, along(n_unknowns + 1)
@@ -51,9 +51,9 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
   integer(c_int), intent(out) :: branch_before(max_special)
   !> As in `stability_type`, NaN where there are none.
-  integer(c_int), intent(out) :: stable(max_points)
-  complex(c_double_complex), intent(out) :: multipliers(2*n_rows + 2, max_points)
-  complex(c_double_complex), intent(out) :: exponents(2*n_rows + 2, max_points)
+  integer(c_int), intent(out) :: stable(n_judged)
+  complex(c_double_complex), intent(out) :: multipliers(2*n_rows + 2, n_judged)
+  complex(c_double_complex), intent(out) :: exponents(2*n_rows + 2, n_judged)
   !> How many there are, of which the first max_special are given: kinds of
   !! `viscovib_crossings`, points before (from 1), and where: NaN if not located.
   integer(c_int), intent(out) :: n_crossings, kinds(max_special), before(max_special)
@@ -125,7 +125,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
         branch_before(:n) = branch%branch_points%before(:n)
       end associate
     end if
-    if (with_stability /= 0 .and. n_points > 0) then
+    if (n_judged > 0 .and. n_points > 0) then
       call new_judge(judge, system, plan%set)
       motions = reshape(branch%x(:, :n_points), [shape(x), n_points])
       call judge%judge(system, [(merge(p(i), nu, parameter == vary_frequency), i=1, n_points)], &

@@ -117,15 +117,13 @@ contains
                       reshape(x, [size(x)]), branch)
     allocate (crossings(0))
     if (job%stability) then
-      associate (n => branch%n_points)
+      associate (n => branch%n_points, folds => branch%folds)
         motions = reshape(branch%x(:, :n), [shape(x), n])
         call new_judge(judge, system, plan%set)
         call judge%judge(system, branch%parameter(:n), motions, stability)
         call find_crossings(judge, curve%balance, system, load, .true., job%nu_from, &
                             branch%parameter(:n), motions, stability, &
-                            known_folds(branch%folds%p, reshape(branch%folds%x, &
-                                                                [shape(x), branch%folds%n])), &
-                            crossings)
+                            known_folds(folds%p, reshape(folds%x, [shape(x), folds%n])), crossings)
       end associate
     end if
     call add_base_motion()

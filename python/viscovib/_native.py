@@ -5,7 +5,7 @@ argument is brought to its exact type, shape and memory order here.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -27,11 +27,11 @@ _IO_ERROR = 3
 def number(name: str, value: object) -> float:
     """Return ``value`` as a finite float, or say what it should have been."""
     if isinstance(value, (bool, np.bool_, str, bytes)) or value is None:
-        raise InputError(f"{name} = {value!r}: must be a real number")
+        raise InputError(f"{name} = {shown(value)}: must be a real number")
     try:
         result = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} = {_short(value)}: must be a real number") from None
+        raise InputError(f"{name} = {shown(value)}: must be a real number") from None
     if not math.isfinite(result):
         raise InputError(f"{name} = {result}: must be a finite number")
     return result
@@ -40,7 +40,7 @@ def number(name: str, value: object) -> float:
 def integer(name: str, value: object, lowest: int, highest: int) -> int:
     """Return ``value`` as an int in [lowest, highest]."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
-        raise InputError(f"{name} = {_short(value)}: must be an integer")
+        raise InputError(f"{name} = {shown(value)}: must be an integer")
     if not lowest <= value <= highest:
         raise InputError(f"{name} = {value}: must be {lowest} to {highest}")
     return int(value)
@@ -50,7 +50,7 @@ def choice(name: str, value: object, allowed: tuple[str, ...]) -> str:
     """Return ``value`` if it is one of the allowed words."""
     if not isinstance(value, str) or value not in allowed:
         words = ", ".join(repr(word) for word in allowed)
-        raise InputError(f"{name} = {_short(value)}: must be one of {words}")
+        raise InputError(f"{name} = {shown(value)}: must be one of {words}")
     return value
 
 
@@ -73,7 +73,7 @@ def _array(name: str, value: object) -> npt.NDArray[Any]:
     except (TypeError, ValueError):
         raise InputError(f"{name}: must be an array of numbers of one shape") from None
     if array.dtype.kind not in "iufc":
-        raise InputError(f"{name} = {_short(value)}: must be numbers, got {array.dtype}")
+        raise InputError(f"{name} = {shown(value)}: must be numbers, got {array.dtype}")
     return array
 
 
@@ -88,8 +88,49 @@ def _checked(name: str, array: npt.NDArray[Any], ndim: int | None) -> npt.NDArra
     return np.asarray(array, order="C")
 
 
-def _short(value: object) -> str:
-    text = repr(value)
+def flag(name: str, value: object) -> bool:
+    """Return ``value`` if it is True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{name} = {shown(value)}: must be True or False")
+    return bool(value)
+
+
+def is_auto(value: object) -> bool:
+    """Whether ``value`` is the word "auto"."""
+    return isinstance(value, str) and value == "auto"
+
+
+def check_instance(name: str, value: object, *types: type) -> None:
+    """Refuse what is of none of these types."""
+    if not isinstance(value, types):
+        names = [one.__name__ for one in types]
+        allowed = " or ".join(f"a{'n' if name[0] in 'AEIOU' else ''} {name}" for name in names)
+        raise InputError(f"{name} = {shown(value)}: must be {allowed}")
+
+
+def several(name: str, value: Any, *types: type) -> list[Any]:
+    """Return one or more of these types as a list."""
+    if isinstance(value, types):
+        return [value]
+    if not isinstance(value, (list, tuple)):
+        check_instance(name, value, *types)
+    if not value:
+        raise InputError(f"{name}: must not be empty")
+    for i, one in enumerate(value):
+        check_instance(f"{name}[{i}]", one, *types)
+    return list(value)
+
+
+def mapping(name: str, value: Any) -> Mapping[str, Any]:
+    """Return ``value`` if it is a mapping."""
+    if not isinstance(value, Mapping):
+        raise InputError(f"{name} = {shown(value)}: must be a mapping of names to numbers")
+    return value
+
+
+def shown(value: object) -> str:
+    """Return a value as messages show it: a line, not too long."""
+    text = " ".join(repr(value).split())
     return text if len(text) <= 60 else text[:57] + "..."
 
 

@@ -155,7 +155,7 @@ def backbone(
     if dof is not None:
         place = names.index(_native.choice("dof", dof, names))
     if abs(shape[place]) < 1e-6 * np.abs(shape).max():
-        raise InputError(f"dof = {dof!r}: stands still in mode {j}")
+        raise InputError(f"dof = {_native.shown(dof)}: stands still in mode {j}")
     ends = _native.real_array("amplitude_range", amplitude_range)
     if ends.shape != (2,) or not 0 < ends[0] < ends[1]:
         raise InputError("amplitude_range: must be two numbers, 0 < from < to")

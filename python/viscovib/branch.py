@@ -117,7 +117,10 @@ class Curve:
         branch or of the band.
         """
         amplitude = self.amplitude(dof, harmonic)
-        low, high = (-np.inf, np.inf) if band is None else band
+        try:
+            low, high = (-np.inf, np.inf) if band is None else map(float, band)
+        except (TypeError, ValueError):
+            raise InputError(f"band = {_native.shown(band)}: must be two numbers") from None
         inside = (self.parameter >= low) & (self.parameter <= high)
         if not inside.any():
             raise InputError(f"band = {band}: holds no point of the branch")
@@ -205,10 +208,12 @@ class Branch(Curve):
 
     def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
         d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
-        where = np.flatnonzero(self.harmonics == harmonic)
+        where = np.flatnonzero(self.harmonics == harmonic) if np.isscalar(harmonic) else np.empty(0)
         if not where.size:
             kept = ", ".join(map(str, self.harmonics))
-            raise InputError(f"harmonic = {harmonic}: must be one of those kept ({kept})")
+            raise InputError(
+                f"harmonic = {_native.shown(harmonic)}: must be one of those kept ({kept})"
+            )
         return d, int(where[0])
 
     def to_dataset(self) -> xr.Dataset:
@@ -315,11 +320,15 @@ def trace_response(
     if (load_range is None) != (nu is None):
         raise InputError("nu: must be given with load_range, and only then")
     varies = "nu" if nu_range is not None else "load_range"
-    start, finish = _range(varies if varies != "nu" else "nu_range", nu_range or load_range)
+    start, finish = _range(
+        varies if varies != "nu" else "nu_range", load_range if nu_range is None else nu_range
+    )
     if varies == "nu" and min(start, finish) <= 0:
         raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
     fixed = start if nu is None else _native.number("nu", nu)
     stops = _native.real_array("at", at).reshape(-1)
+    judged_too = _native.flag("stability", stability)
+    keeps = _native.flag("symmetric", symmetric)
     points = _native.integer("max_points", max_points, 2, 100_000)
     step = _native.number("max_step", max_step)
     if not 1e-4 <= step <= 1:
@@ -332,7 +341,7 @@ def trace_response(
             "mount: nothing is nonlinear, its response is a single curve: see forced_response"
         )
     orders = planned.orders
-    if not symmetric:
+    if not keeps:
         orders = np.arange(options[1] + 1, dtype=np.int32)
     n_dof, m = len(mount.dof_names), orders.size
     most = int(_MAX_NUMBERS / (8 * m * n_dof + 8 * n_dof + 16))
@@ -345,7 +354,7 @@ def trace_response(
     begin_p = 0.0
     if leave is not None:
         check_departure(leave)
-        begin, along = leave.departure(2 * m * n_dof, opposite)
+        begin, along = leave.departure(2 * m * n_dof, _native.flag("opposite", opposite))
         begin_p = leave.parameter
     cancel = np.zeros(1, dtype=np.intc)
     (
@@ -354,8 +363,8 @@ def trace_response(
         n_crossings, kinds, before, where, crossing_coefficients,
     ) = _native.call_interruptibly(
         core.mount_branch, cancel, *job, 1 if varies == "nu" else 2, fixed, start, finish,
-        options[1], int(bool(symmetric)), options[2], points, step, stops, int(leave is not None),
-        begin, begin_p, along, int(bool(stability)), m, min(points, MAX_SPECIAL), cancel,
+        options[1], int(keeps), options[2], points, step, stops, int(leave is not None),
+        begin, begin_p, along, points if judged_too else 0, m, min(points, MAX_SPECIAL), cancel,
     )  # fmt: skip
     if not n:
         raise InputError(
@@ -363,7 +372,7 @@ def trace_response(
             f"beginning {start:g}: begin elsewhere"
         )
     found: Stability | None = None
-    if stability:
+    if judged_too:
         found = Stability.of(judged[:n], multipliers[:, :n], exponents[:, :n])
         if (judged[:n] < 0).all() and not mount._active_kernels:
             found = None
@@ -427,7 +436,7 @@ def trace_response(
 def check_departure(leave: object) -> None:
     """Refuse what is no branch point."""
     if not isinstance(leave, BranchPoint):
-        raise InputError(f"leave = {leave!r}: must be one of a branch's branch_points")
+        raise InputError(f"leave = {_native.shown(leave)}: must be one of a branch's branch_points")
 
 
 def _complex(unknowns: FloatArray, n_dof: int, n_orders: int) -> ComplexArray:

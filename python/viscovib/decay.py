@@ -59,6 +59,7 @@ def free_decay(trajectory: Trajectory, *, count: int = 2, start: float = 0.0) ->
     Matrix pencil (Hua and Sarkar, IEEE Trans. Acoust. 38, 1990) of all coordinates at once, with
     ``2 count`` exponentials more than oscillations for what does not oscillate.
     """
+    _native.check_instance("trajectory", trajectory, Trajectory)
     wanted = _native.integer("count", count, 1, 50)
     begin = _native.number("start", start)
     keep = trajectory.t >= begin

@@ -299,7 +299,7 @@ def pendulum_response(
     rows = rows.reshape(-1)
     if (varies in FREQUENCIES or varies == "nu") and rows.min() <= 0:
         raise InputError(f"{varies} = {rows.min():g}: must be greater than 0")
-    if harmonics != "auto":
+    if not _native.is_auto(harmonics):
         result = _solve(
             pend, torus, varies, rows, bound_of(torus, harmonics, _share(pend, torus, varies)),
             wanted, span,

@@ -153,7 +153,7 @@ def simulate_ensemble(
         Show a progress bar.
     """
     if not isinstance(system, Pendulum):
-        raise InputError(f"system = {system!r}: must be a Pendulum")
+        raise InputError(f"system = {_native.shown(system)}: must be a Pendulum")
     systems, varied, states = _runs(system, initial, parameters)
     place = EXPLICIT[_explicit(method)]
     wanted = _native.number("tolerance", tolerance)
@@ -169,11 +169,19 @@ def simulate_ensemble(
     cores = os.cpu_count() or 1
     threads = cores if n_threads is None else _native.integer("n_threads", n_threads, 1, 4096)
     job = _Job(
-        systems, states, place, length, lines, bool(statistics), bool(lyapunov), every, threads
+        systems,
+        states,
+        place,
+        length,
+        lines,
+        _native.flag("statistics", statistics),
+        _native.flag("lyapunov", lyapunov),
+        every,
+        threads,
     )
     n, error = length.steps(dt, systems), None
     raw = job.run(n, 1, progress)
-    if dt == "auto":
+    if _native.is_auto(dt):
         raw, n, error = _refine(job, raw, n, wanted, progress)
     h = length.span / n
     names = np.array(OUTCOMES)
@@ -205,7 +213,8 @@ def _runs(
     system: Pendulum, initial: npt.ArrayLike, parameters: Mapping[str, npt.ArrayLike] | None
 ) -> tuple[Sequence[Pendulum], dict[str, FloatArray], FloatArray]:
     varied = {}
-    for name, values in (parameters or {}).items():
+    given = {} if parameters is None else _native.mapping("parameters", parameters)
+    for name, values in given.items():
         if name not in PARAMETERS:
             raise InputError(
                 f"parameters: {name!r} is not a number of the pendulum, must be one of "
@@ -284,7 +293,7 @@ class _Length:
     def steps(self, dt: float | str, systems: Sequence[Pendulum]) -> int:
         """Steps of each run: so many a period, where there are such."""
         longest = float(self.span.max())
-        if dt == "auto":
+        if _native.is_auto(dt):
             n = max(
                 first_steps(system, span)
                 for system, span in {(s, float(t)) for s, t in zip(systems, self.span, strict=True)}
@@ -295,7 +304,7 @@ class _Length:
                 raise InputError(
                     f"dt = {step:g}: must be greater than 0 and not exceed the run's {longest:g}"
                 )
-            n = math.ceil(longest / step * (1 - 1e-12))
+            n = math.ceil(min(longest / step, 2.0 * _MAX_STEPS) * (1 - 1e-12))
         if self.periods is not None:
             n = self.periods * math.ceil(n / self.periods)
         return _native.integer("t_end / dt", n, 1, _MAX_STEPS)

@@ -107,11 +107,20 @@ def _code(code: types.CodeType) -> str:
     """Digest of what the code does: neither its place in a file nor its documentation."""
     feed = hashlib.sha256()
     for step in dis.get_instructions(code):
-        value = step.argval
-        shown = _code(value) if isinstance(value, types.CodeType) else repr(value)
-        feed.update(f"{step.opname} {shown};".encode())
+        feed.update(f"{step.opname} {_constant(step.argval)};".encode())
     feed.update(repr((code.co_argcount, code.co_kwonlyargcount, code.co_varnames)).encode())
     return feed.hexdigest()[:24]
+
+
+def _constant(value: Any) -> str:
+    """Text of a constant in code; sets in an order that does not change from run to run."""
+    if isinstance(value, types.CodeType):
+        return _code(value)
+    if isinstance(value, frozenset):
+        return f"{{{', '.join(sorted(map(_constant, value)))}}}"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_constant, value))})"
+    return repr(value)
 
 
 def _defaults(function: types.FunctionType) -> dict[str, Any]:

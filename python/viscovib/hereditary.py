@@ -16,7 +16,7 @@ from viscovib.load_table import LoadTable
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.past import Past
 from viscovib.polynomial_system import PolynomialSystem
-from viscovib.runs import Piece, Run, Wanted
+from viscovib.runs import MAX_STEPS, Piece, Run, Wanted
 from viscovib.trajectory import Trajectory
 
 #: Nodes of a step, and steps a fastest period to begin with when the step is to be found.
@@ -82,7 +82,7 @@ class MountMotion:
         breaks, pieces = np.zeros(1), np.zeros((n, 4, 1), order="F")
         if force is not None:
             if not isinstance(force, LoadTable):
-                raise InputError(f"force = {force!r}: must be a LoadTable")
+                raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
             breaks, pieces = np.asarray(force.times), force._pieces(n)
         _warn_of_slow_mode(mount)
         motion = cls(
@@ -112,7 +112,8 @@ class MountMotion:
             natural = float(self.mount.natural_frequencies().max())
         fastest = max(natural, float(self.frequencies.max()))
         per_period = _FIRST[self.method]
-        return max(4, math.ceil(float(self.end * fastest) * per_period / (2 * math.pi)))
+        wanted = float(self.end) * fastest * per_period / (2 * math.pi)
+        return max(4, math.ceil(min(wanted, 2.0 * MAX_STEPS)))
 
     def runs(self, tolerance: float) -> Callable[[float], Run]:
         """Return what makes a run with a step."""

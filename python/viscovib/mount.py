@@ -90,13 +90,15 @@ class Mount:
         matrix.setflags(write=False)
         object.__setattr__(self, "damping", matrix)
         if not (self.kernel is None or isinstance(self.kernel, Kernel)):
-            raise InputError(f"kernel = {self.kernel!r}: must be a Kernel or None")
+            raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
         if not (
             self.kernel_phi is None
             or self.kernel_phi is False
             or isinstance(self.kernel_phi, Kernel)
         ):
-            raise InputError(f"kernel_phi = {self.kernel_phi!r}: must be a Kernel, None or False")
+            raise InputError(
+                f"kernel_phi = {_native.shown(self.kernel_phi)}: must be a Kernel, None or False"
+            )
         self.natural_frequencies()
         warn_of_creep(
             (self.memory_scale * kernel.integral for kernel in self._active_kernels), stacklevel=4

@@ -84,7 +84,7 @@ class MultipleScales:
         self.system = system
         if not isinstance(system, Pendulum | Mount | CubicSystem):
             raise InputError(
-                f"system = {system!r:.60}: must be a Pendulum, a Mount or a CubicSystem"
+                f"system = {_native.shown(system)}: must be a Pendulum, a Mount or a CubicSystem"
             )
         if not isinstance(system, Mount) and not (load is None and nu is None):
             raise InputError("load, nu: are for a Mount, other systems hold their loads")

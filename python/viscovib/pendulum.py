@@ -80,7 +80,7 @@ class Pendulum:
         for name in PARAMETERS:
             object.__setattr__(self, name, _native.number(name, getattr(self, name)))
         if not isinstance(self.scales, (Scales, type(None))):
-            raise InputError(f"scales = {self.scales!r}: must be Scales or None")
+            raise InputError(f"scales = {_native.shown(self.scales)}: must be Scales or None")
         _native.choice("equations", self.equations, EQUATIONS)
         numbers = [getattr(self, name) for name in PARAMETERS]
         flat = np.array([*numbers, EQUATIONS.index(self.equations) + 1])
@@ -218,5 +218,10 @@ class Pendulum:
 
     def _drives(self, t: npt.ArrayLike, states: FloatArray) -> FloatArray:
         """cos(p_j t) at the time of each state, shape (3, n)."""
-        times = np.broadcast_to(_native.real_array("t", t), states.shape[:-1])
+        times = _native.real_array("t", t)
+        if times.ndim and times.shape != states.shape[:-1]:
+            raise InputError(
+                f"t: must be one number or have shape {states.shape[:-1]}, got {times.shape}"
+            )
+        times = np.broadcast_to(times, states.shape[:-1])
         return np.asfortranarray(np.cos(np.outer([self.p1, self.p2, self.p3], times.ravel())))

@@ -77,9 +77,7 @@ def plot_response(
     -------
     sequence of Axes, one a coordinate.
     """
-    curves = [response] if isinstance(response, (Response, DrivenResponse)) else list(response)
-    if not curves:
-        raise InputError("response: must not be empty")
+    curves = _native.several("response", response, Response, DrivenResponse)
     names = curves[0].dof_names
     if ax is None:
         import matplotlib.pyplot as plt
@@ -141,7 +139,7 @@ def _amplitude(
     if isinstance(curve, DrivenResponse):
         return curve.amplitude(name, harmonic)
     if not isinstance(harmonic, int):
-        raise InputError(f"harmonic = {harmonic!r}: must be an integer")
+        raise InputError(f"harmonic = {_native.shown(harmonic)}: must be an integer")
     return curve.amplitude(name, harmonic)
 
 
@@ -157,6 +155,7 @@ def plot_branch(
     Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey.
     Folds, branch points and other changes of stability are marked.
     """
+    _native.check_instance("branch", branch, Branch, DrivenBranch)
     names = branch.dof_names
     if ax is None:
         import matplotlib.pyplot as plt
@@ -236,9 +235,7 @@ def plot_backbone(
 
     Axes of `plot_response` or `plot_branch` may be given, so that the curves lie together.
     """
-    curves = [backbone] if isinstance(backbone, Backbone) else list(backbone)
-    if not curves:
-        raise InputError("backbone: must not be empty")
+    curves = _native.several("backbone", backbone, Backbone)
     names = curves[0].dof_names
     if ax is None:
         import matplotlib.pyplot as plt
@@ -285,9 +282,7 @@ def plot_trajectory(
     -------
     sequence of Axes: history and phase plane of z, then of phi, then of psi.
     """
-    runs = [trajectory] if isinstance(trajectory, Trajectory) else list(trajectory)
-    if not runs:
-        raise InputError("trajectory: must not be empty")
+    runs = _native.several("trajectory", trajectory, Trajectory)
     names = runs[0].dof_names
     if ax is None:
         import matplotlib.pyplot as plt
@@ -329,6 +324,7 @@ def plot_sections(
     With the name of a ``parameter`` that varies, a bifurcation diagram of ``quantity`` over it;
     without, a Poincare section: ``quantity`` against its velocity.
     """
+    _native.check_instance("ensemble", ensemble, Ensemble)
     if ensemble.sections is None:
         raise InputError("ensemble: holds no sections, ask for them by sections=1, 2 or 3")
     dofs = ensemble.system.dof_names
@@ -369,6 +365,7 @@ def plot_spectrum(
     highest : float, optional
         Highest frequency shown.
     """
+    _native.check_instance("spectrum", spectrum, Spectrum)
     if ax is None:
         import matplotlib.pyplot as plt
 

@@ -139,13 +139,13 @@ class PolynomialSystem:
         units = ("m",) * n if self.units is None else self.units
         self._set("dof_units", _words("units", units, n))
         self._set("damping", _square("damping", self.damping, n))
-        if isinstance(self.springs, Springs):
+        if not isinstance(self.springs, (list, tuple)):
             raise InputError("springs: must be a sequence of Springs, such as [Springs(...)]")
         own = Springs(stiffness=self.stiffness, forces=self.forces, kernel=self.kernel)
         groups = [_group("", own, self.dof_names)]
         for i, springs in enumerate(self.springs):
             if not isinstance(springs, Springs):
-                raise InputError(f"springs[{i}] = {springs!r}: must be Springs")
+                raise InputError(f"springs[{i}] = {_native.shown(springs)}: must be Springs")
             groups.append(_group(f"springs[{i}].", springs, self.dof_names))
         self._set("stiffness", groups[0].stiffness)
         self._set("groups", tuple(groups))
@@ -345,16 +345,18 @@ def _square(name: str, value: npt.ArrayLike | None, n: int | None) -> FloatArray
 
 def _words(name: str, value: Any, n: int) -> tuple[str, ...]:
     if isinstance(value, str) or not isinstance(value, Sequence):
-        raise InputError(f"{name} = {value!r}: must be a sequence of {n} texts")
+        raise InputError(f"{name} = {_native.shown(value)}: must be a sequence of {n} texts")
     words = tuple(value)
     if len(words) != n or not all(isinstance(word, str) for word in words):
-        raise InputError(f"{name} = {value!r}: must be {n} texts, one a coordinate")
+        raise InputError(f"{name} = {_native.shown(value)}: must be {n} texts, one a coordinate")
     return words
 
 
 def _group(prefix: str, springs: Springs, names: tuple[str, ...]) -> SpringGroup:
     if not (springs.kernel is None or isinstance(springs.kernel, Kernel)):
-        raise InputError(f"{prefix}kernel = {springs.kernel!r}: must be a Kernel or None")
+        raise InputError(
+            f"{prefix}kernel = {_native.shown(springs.kernel)}: must be a Kernel or None"
+        )
     stiffness = _square(f"{prefix}stiffness", springs.stiffness, len(names)).copy()
     forces: dict[tuple[int, tuple[int, ...]], float] = {}
     for where, on, polynomial in _by_equation(f"{prefix}forces", springs.forces, names):
@@ -381,7 +383,7 @@ def _by_equation(
     if isinstance(forces, str):
         if len(names) > 1:
             raise InputError(
-                f"{where} = {forces!r}: must say on which equation, such as "
+                f"{where} = {_native.shown(forces)}: must say on which equation, such as "
                 f"{{{names[0]!r}: {forces!r}}}"
             )
         forces = {names[0]: forces}
@@ -390,16 +392,20 @@ def _by_equation(
         for key, text in forces.items():
             place = f"{where}[{key!r}]"
             if not isinstance(text, str):
-                raise InputError(f"{place} = {text!r}: must be a text such as '2*{names[0]}^3'")
+                raise InputError(
+                    f"{place} = {_native.shown(text)}: must be a text such as '2*{names[0]}^3'"
+                )
             result.append((place, _equation(place, key, names), expand(place, text, names)))
         return result
     if not isinstance(forces, Sequence):
-        raise InputError(f"{where} = {forces!r}: must be a text, a mapping or Monomials")
+        raise InputError(
+            f"{where} = {_native.shown(forces)}: must be a text, a mapping or Monomials"
+        )
     result = []
     for i, monomial in enumerate(forces):
         place = f"{where}[{i}]"
         if not isinstance(monomial, Monomial):
-            raise InputError(f"{place} = {monomial!r}: must be a Monomial")
+            raise InputError(f"{place} = {_native.shown(monomial)}: must be a Monomial")
         c = _native.number(f"{place}.coefficient", monomial.coefficient)
         powers = _powers(f"{place}.powers", monomial.powers, names)
         result.append((place, _equation(f"{place}.on", monomial.on, names), {powers: c}))
@@ -422,7 +428,9 @@ def _powers(where: str, powers: Any, names: tuple[str, ...]) -> tuple[int, ...]:
             raise InputError(f"{where}: unknown coordinate {unknown[0]!r}, must be one of {names}")
         powers = [powers.get(name, 0) for name in names]
     if isinstance(powers, str) or not isinstance(powers, (Sequence, np.ndarray)):
-        raise InputError(f"{where} = {powers!r}: must be one power a coordinate, or a mapping")
+        raise InputError(
+            f"{where} = {_native.shown(powers)}: must be one power a coordinate, or a mapping"
+        )
     if len(powers) != len(names):
         raise InputError(f"{where}: has {len(powers)} powers, must be {len(names)}")
     result = tuple(_native.integer(where, p, 0, MAX_DEGREE) for p in powers)

@@ -121,10 +121,12 @@ class Response:
 
     def coefficient(self, dof: int | str, harmonic: int = 1) -> ComplexArray:
         """X_k of one coordinate, shape (n,)."""
-        where = np.flatnonzero(self.harmonics == harmonic)
+        where = np.flatnonzero(self.harmonics == harmonic) if np.isscalar(harmonic) else np.empty(0)
         if not where.size:
             kept = ", ".join(map(str, self.harmonics))
-            raise InputError(f"harmonic = {harmonic}: must be one of those kept ({kept})")
+            raise InputError(
+                f"harmonic = {_native.shown(harmonic)}: must be one of those kept ({kept})"
+            )
         return self.coefficients[:, self._dof(dof), where[0]]
 
     def amplitude(self, dof: int | str, harmonic: int = 1) -> FloatArray:
@@ -227,7 +229,7 @@ class Response:
         if isinstance(dof, (int, np.integer)) and 0 <= dof < len(self.dof_names):
             return int(dof)
         names = ", ".join(f"{name!r} ({i})" for i, name in enumerate(self.dof_names))
-        raise InputError(f"dof = {dof!r}: must be one of {names}")
+        raise InputError(f"dof = {_native.shown(dof)}: must be one of {names}")
 
 
 def forced_response(
@@ -306,7 +308,7 @@ def forced_response(
     D(k nu) X_k = P_k - N_k(X) with the harmonics N_k of the nonlinear force from alias-free
     samples of a period.
     """
-    if harmonics == "auto":
+    if _native.is_auto(harmonics):
         return _with_enough_harmonics(
             lambda highest: forced_response(
                 mount, nu, load=load, base=base, method=method, harmonics=highest,
@@ -316,7 +318,7 @@ def forced_response(
             load, base, tolerance, len(mount.dof_names) if method == "newton" else 1,
         )  # fmt: skip
     if isinstance(harmonics, str):
-        raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
+        raise InputError(f"harmonics = {_native.shown(harmonics)}: must be an integer or 'auto'")
     job, frequencies, options, planned = _prepare(
         mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
         bool(stability),
@@ -460,7 +462,7 @@ def _prepare(
     if frequencies.min() <= 0:
         raise InputError(f"nu = {frequencies.min():g}: must be greater than 0")
     fraction = 0.0
-    if relaxation != "auto":
+    if not _native.is_auto(relaxation):
         fraction = _native.number("relaxation", relaxation)
         if not 0 < fraction <= 1:
             raise InputError(f"relaxation = {fraction:g}: must be in (0, 1], or 'auto'")

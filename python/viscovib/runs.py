@@ -20,6 +20,8 @@ from viscovib.pendulum import Pendulum
 from viscovib.trajectory import OUTCOMES, Trajectory
 
 MAX_STEPS = 10**12
+#: Numbers that a run keeps at most: 4 GiB.
+_MAX_KEPT = 2**29
 ROUNDING = 1e-15
 #: Halvings of the step before a tolerance is given up.
 _MIN_HALVINGS, _MAX_HALVINGS = 5, 12
@@ -171,6 +173,13 @@ class Run(ABC):
         skipped = 0
         if want.keep == "tail":
             skipped = max(0, n - math.ceil(want.tail / self.h)) // want.every * want.every
+        if want.times is None and want.keep != "last":
+            n_kept, most = (n - skipped) // want.every, _MAX_KEPT // max(first.size, 1)
+            if n_kept > most:
+                raise InputError(
+                    f"t_end: would keep {n_kept} states, must be at most {most}: see save_every, "
+                    'keep = "tail" or keep = "last"'
+                )
         counts = {self.counts: 0}
         states: list[FloatArray] = []
         ended = 0

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from viscovib import _native
 from viscovib.errors import InputError
 from viscovib.scales_results import ScalesMotion, ScalesResponse
 from viscovib.trajectory import Trajectory
@@ -47,6 +48,7 @@ def plot_scales_response(
     Stable motions are full dots, unstable ones crosses; those outside the range of the expansion
     are left out. ``dofs`` are the coordinates, by default those that move.
     """
+    _native.check_instance("response", response, ScalesResponse)
     names = tuple(dofs) if dofs is not None else moving(response)
     axes = _axes(ax, len(names))
     for axis, name in zip(axes, names, strict=True):
@@ -80,6 +82,7 @@ def plot_modulation(
     ``exact`` is the same motion by direct integration, drawn below it. The envelope adds up what
     the modes' amplitudes make of the coordinate at most.
     """
+    _native.check_instance("motion", motion, ScalesMotion)
     names = motion.dof_names
     axes = _axes(ax, len(names))
     for d, (axis, name) in enumerate(zip(axes, names, strict=True)):

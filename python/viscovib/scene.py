@@ -433,7 +433,7 @@ def _canonical(path: str | os.PathLike[str]) -> str:
     try:
         name = os.fspath(path)
     except TypeError:
-        raise InputError(f"path = {path!r}: must be a path") from None
+        raise InputError(f"path = {_native.shown(path)}: must be a path") from None
     encoded = os.fsencode(name)
     if not encoded or b"\0" in encoded or len(encoded) > _MAX_PATH:
         raise FileError(f"{name!r}: not a path of a scene file")

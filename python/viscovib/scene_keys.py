@@ -17,6 +17,8 @@ def with_key(groups: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
             f"{key!r}: must be a key in its group, as 'mount.stiffness_x' or 'load(2).amplitude'"
         )
     name, which, entry, element = form[1], int(form[2] or 0), form[3], int(form[4] or 0)
+    if "0" in (form[2], form[4]):
+        raise InputError(f"{key!r}: groups and entries are counted from 1")
     found = groups.get(name, [])
     several = found if isinstance(found, list) else [found]
     if not 0 <= which <= len(several) or not several:

@@ -284,7 +284,9 @@ def name_frequencies(
     " or "; "mean" for 0; "" where none fits.
     """
     values = np.atleast_1d(_native.real_array("frequencies", frequencies))
-    if not bases:
+    if values.ndim != 1:
+        raise InputError(f"frequencies: must have 0 or 1 dimension(s), got shape {values.shape}")
+    if not _native.mapping("bases", bases):
         raise InputError("bases: must not be empty")
     known = {str(name): _native.number(f"bases[{name!r}]", value) for name, value in bases.items()}
     highest = _native.integer("order", order, 1, 20)

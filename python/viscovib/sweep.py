@@ -119,17 +119,18 @@ def sweep(
     """
     function, points, identity, name = _job(function_or_scene, grid, extract)
     mode = _native.choice("errors", errors, ("raise", "keep"))
+    whole = _native.flag("vectorized", vectorized)
     identity = {
         "viscovib": version("viscovib"),
         **identity,
-        "vectorized": bool(vectorized),
+        "vectorized": whole,
         "grid": {n: _axis(values) for n, values in points.values.items()},
     }
-    task = Task(function, bool(vectorized), mode == "keep")
+    task = Task(function, whole, mode == "keep")
     bound = _native.integer("retries", retries, 0, _MAX_RETRIES)
     cores = os.cpu_count() or 1
     threads = cores if n_threads is None else _native.integer("n_threads", n_threads, 1, 4096)
-    wanted = None if chunk == "auto" else _chunk(chunk, points)
+    wanted = None if _native.is_auto(chunk) else _chunk(chunk, points)
     with warnings.catch_warnings():
         quiet()
         workers: Workers = (
@@ -138,7 +139,7 @@ def sweep(
             else DaskWorkers(task, client, bound)
         )
         try:
-            data = _Sweep(points, mode == "keep", workers, bool(vectorized)).run(
+            data = _Sweep(points, mode == "keep", workers, whole).run(
                 wanted, checkpoint, identity, progress
             )
         finally:
@@ -277,7 +278,8 @@ def _job(
         return scene_job(what, grid, extract)
     if not callable(what):
         raise InputError(
-            f"function_or_scene = {what!r}: must be a function, a scene or the path of one"
+            f"function_or_scene = {_native.shown(what)}: "
+            "must be a function, a scene or the path of one"
         )
     if extract != "all":
         raise InputError("extract: is for scenes; a function returns what is to be kept")
@@ -301,7 +303,7 @@ def _axis(values: npt.NDArray[Any]) -> dict[str, Any]:
 
 def _chunk(chunk: int | str, grid: Grid) -> int:
     if isinstance(chunk, str):
-        raise InputError(f"chunk = {chunk!r}: must be a number of points or 'auto'")
+        raise InputError(f"chunk = {_native.shown(chunk)}: must be a number of points or 'auto'")
     wanted = _native.integer("chunk", chunk, 1, 2**31)
     if len(Chunks.of_about(grid.shape, wanted)) > _MAX_CHUNKS:
         raise InputError(f"chunk = {wanted}: gives more than {_MAX_CHUNKS} chunks, must be larger")
@@ -312,7 +314,7 @@ def _path(checkpoint: Any) -> str:
     try:
         return os.fsdecode(checkpoint)
     except TypeError:
-        raise InputError(f"checkpoint = {checkpoint!r}: must be a path") from None
+        raise InputError(f"checkpoint = {_native.shown(checkpoint)}: must be a path") from None
 
 
 def _check_names(template: Template, grid: Grid) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from viscovib import _native
 from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning
 
 Array = npt.NDArray[Any]
@@ -32,6 +33,11 @@ TYPES: dict[str, Any] = {
     "U": np.dtypes.StringDType(),
 }
 _MAX_POINTS = 10**10
+#: Types of a single real number, and of a word.
+_PLAIN: dict[str, frozenset[type]] = {
+    "f": frozenset({float, int, bool, np.float64, np.float32, np.int64, np.int32, np.bool_}),
+    "U": frozenset({str}),
+}
 
 
 @dataclass(frozen=True)
@@ -45,7 +51,9 @@ class Grid:
     def checked(cls, grid: Mapping[str, npt.ArrayLike]) -> "Grid":
         """Check names and values."""
         if not isinstance(grid, Mapping) or not grid:
-            raise InputError(f"grid = {grid!r}: must be a mapping of names to lists of values")
+            raise InputError(
+                f"grid = {_native.shown(grid)}: must be a mapping of names to lists of values"
+            )
         values = {}
         for name, given in grid.items():
             if not isinstance(name, str) or not _is_name(name) or name in (OUTCOME, ERROR):
@@ -156,6 +164,13 @@ class Template:
     variables: dict[str, Variable]
     coords: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]]
 
+    @property
+    def plain(self) -> dict[str, frozenset[type]] | None:
+        """What each variable may be made of, if all are single real numbers and words."""
+        kinds = {name: _PLAIN.get(v.kind) for name, v in self.variables.items() if v.shape == ()}
+        single = len(kinds) == len(self.variables) and not self.coords
+        return kinds if single and None not in kinds.values() else None  # type: ignore[return-value]
+
     def difference(self, other: "Template") -> str:
         """What makes another result unlike this one; empty if nothing does."""
         if self.variables.keys() != other.variables.keys():
@@ -173,6 +188,14 @@ class Template:
             if name not in other.coords or not np.array_equal(values, other.coords[name][1]):
                 return f"its coordinate {name!r} differs from that at other points"
         return ""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers and words by name, with units: a result that is taken apart at once."""
+
+    values: Mapping[str, Any]
+    units: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -244,33 +267,52 @@ def _one_by_one(
 ) -> Computed:
     outcome = np.zeros(n, dtype=np.int8)
     errors, arrays, cause = [""] * n, dict[str, Array](), None
-    for i in range(n):
+    # Arrays of one entry for a vectorized function, else plain numbers and words.
+    parts = [np.split(v, n) if task.vectorized else v.tolist() for v in columns.values()]
+    plain = template.plain if template is not None else None
+    for i, given in enumerate(zip(*parts, strict=True)):
         if stopped():
             break
         try:
-            if task.vectorized:
-                part = {name: values[i : i + 1] for name, values in columns.items()}
-                found, values = _gathered(task.function(**part), 1)
-                values = {name: value[0] for name, value in values.items()}
-            else:
-                point = {name: values[i].item() for name, values in columns.items()}
-                found, values = _result(task.function(**point))
-            if template is None:
-                template = found
-            elif why := template.difference(found):
-                raise InputError(why)
+            result = task.function(**dict(zip(columns, given, strict=True)))
+            values: Mapping[str, Any] | None = None
+            if plain is not None and not task.vectorized:
+                values = _plainly(result, plain)
+            if values is None:
+                found, values = _gathered(result, 1) if task.vectorized else _result(result)
+                if task.vectorized:
+                    values = {name: value[0] for name, value in values.items()}
+                if template is None:
+                    template, plain = found, found.plain
+                elif why := template.difference(found):
+                    raise InputError(why)
+            if not arrays and template is not None:
+                arrays = blank(template, n)
+            for name, value in values.items():
+                arrays[name][i] = value
         except Exception as error:
             outcome[i], errors[i] = FAILED, _text(error)
             cause = cause or _cause(error, with_cause)
             if not task.keep_errors:
                 break
             continue
-        if not arrays:
-            arrays = blank(template, n)
-        for name, value in values.items():
-            arrays[name][i] = value
         outcome[i] = COMPLETED
     return Computed(outcome, errors, template if arrays else None, arrays, cause)
+
+
+def _plainly(result: Any, kinds: dict[str, frozenset[type]]) -> Mapping[str, Any] | None:
+    """Return numbers and words of these names as they stand, None where they are not such."""
+    if isinstance(result, Numbers):
+        result = result.values
+    elif type(result) is not dict:
+        result = {"result": result}
+    if result.keys() != kinds.keys():
+        return None
+    for name, value in result.items():
+        if type(value) not in kinds[name]:
+            return None
+    found: Mapping[str, Any] = result
+    return found
 
 
 def blank(template: Template, n: int) -> dict[str, Array]:
@@ -316,6 +358,9 @@ def _result(result: Any, attributes: bool = True) -> tuple[Template, dict[str, A
         result = result.to_dataset(name=result.name or "result")
     if isinstance(result, xr.Dataset):
         return _from_dataset(result, attributes)
+    units: Mapping[str, str] = {}
+    if isinstance(result, Numbers):
+        result, units = result.values, result.units
     if hasattr(result, "_asdict"):
         result = result._asdict()
     named = dict(result) if isinstance(result, Mapping) else {"result": result}
@@ -325,7 +370,8 @@ def _result(result: Any, attributes: bool = True) -> tuple[Template, dict[str, A
     for name, value in named.items():
         array, kind = _values(str(name), value)
         dims = tuple(f"{name}_{d}" for d in range(array.ndim))
-        variables[str(name)] = Variable(dims, array.shape, kind)
+        attrs = {"units": units[name]} if name in units else {}
+        variables[str(name)] = Variable(dims, array.shape, kind, attrs)
         arrays[str(name)] = array
     return Template(variables, {}), arrays
 

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
+from viscovib import _native
 from viscovib.branch import Branch
 from viscovib.errors import InputError
 from viscovib.fingerprint import describe
 from viscovib.response import Response
 from viscovib.scene import Scene, SceneResult, run
 from viscovib.scene_keys import with_key
-from viscovib.sweep_points import Grid
+from viscovib.sweep_points import Grid, Numbers
 from viscovib.trajectory import Trajectory
 
 #: Units of keys; those of a pendulum have none.
@@ -61,7 +61,9 @@ def scene_job(
     """What `sweep` computes for a scene, where, and by what it is known again."""
     scene = what if isinstance(what, Scene) else Scene.read(os.fspath(what))
     if not callable(extract) and extract not in ("all", "summary"):
-        raise InputError(f"extract = {extract!r}: must be 'all', 'summary' or a function")
+        raise InputError(
+            f"extract = {_native.shown(extract)}: must be 'all', 'summary' or a function"
+        )
     checked = Grid.checked(scene.sweep_grid() if grid is None else grid)
     points = Grid(checked.values, {n: u for n in checked.names if (u := _unit(scene, n))})
     plain = scene.override({})
@@ -108,17 +110,12 @@ def _peaks(value: Response | Branch) -> dict[str, Any]:
     return found | {"unsolved": 1 - value.converged.mean()}
 
 
-def _with_units(found: dict[str, Any], value: Any) -> Any:
+def _with_units(found: dict[str, Any], value: Any) -> Numbers:
     if not isinstance(value, (Response, Branch)):
-        return found
+        return Numbers(found, {})
     units = {f"nu_peak_{name}": "rad/s" for name in value.dof_names}
     units |= {f"peak_{n}": u for n, u in zip(value.dof_names, value.dof_units, strict=True)}
-    return xr.Dataset(
-        {
-            name: ((), v, {"units": units[name]} if name in units else {})
-            for name, v in found.items()
-        }
-    )
+    return Numbers(found, units)
 
 
 def _unit(scene: Scene, name: str) -> str:

@@ -7,6 +7,7 @@ from functools import lru_cache
 from queue import SimpleQueue
 from typing import Any, Protocol
 
+from viscovib import _native
 from viscovib.errors import InputError, ViscovibError
 from viscovib.sweep_points import Array, Computed, Task, Template, compute, quiet
 
@@ -82,7 +83,9 @@ class DaskWorkers:
     def __init__(self, task: Task, client: Any, retries: int) -> None:
         for name in ("submit", "nthreads", "scheduler_info"):
             if not hasattr(client, name):
-                raise InputError(f"client = {client!r}: must be a dask.distributed.Client")
+                raise InputError(
+                    f"client = {_native.shown(client)}: must be a dask.distributed.Client"
+                )
         if getattr(client, "asynchronous", False):
             raise InputError("client: is asynchronous, must be an ordinary one")
         if client.status != "running":

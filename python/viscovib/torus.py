@@ -71,7 +71,7 @@ class Torus:
 def check_pendulum(pend: object) -> None:
     """Refuse what is no pendulum."""
     if not isinstance(pend, Pendulum):
-        raise InputError(f"pend = {pend!r}: must be a Pendulum")
+        raise InputError(f"pend = {_native.shown(pend)}: must be a Pendulum")
 
 
 def moved(pend: Pendulum, name: str, value: float) -> Pendulum:
@@ -209,7 +209,8 @@ def place_of(orders: IntArray, harmonic: object) -> int:
     wanted = np.atleast_1d(np.asarray(harmonic))
     if wanted.dtype.kind not in "iu" or wanted.shape != orders.shape[1:]:
         raise InputError(
-            f"harmonic = {harmonic!r}: must be {'an integer' if orders.shape[1] == 1 else ''}"
+            f"harmonic = {_native.shown(harmonic)}: "
+            f"must be {'an integer' if orders.shape[1] == 1 else ''}"
             f"{f'{orders.shape[1]} integers' if orders.shape[1] > 1 else ''}"
         )
     for sign in (1, -1):
@@ -217,7 +218,9 @@ def place_of(orders: IntArray, harmonic: object) -> int:
         if where.size:
             return int(where[0])
     highest = int(np.abs(orders).sum(axis=1).max())
-    raise InputError(f"harmonic = {harmonic!r}: must be one of those kept, up to {highest} in all")
+    raise InputError(
+        f"harmonic = {_native.shown(harmonic)}: must be one of those kept, up to {highest} in all"
+    )
 
 
 def order_name(order: npt.NDArray[np.int32]) -> str:

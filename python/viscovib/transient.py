@@ -145,7 +145,7 @@ def simulate(
     """
     if not isinstance(system, Pendulum | Mount | PolynomialSystem):
         raise InputError(
-            f"system = {system!r}: must be a Pendulum or a Mount or a PolynomialSystem"
+            f"system = {_native.shown(system)}: must be a Pendulum or a Mount or a PolynomialSystem"
         )
     end = _native.number("t_end", t_end)
     want = Wanted.checked(times, save_every, keep, tail)
@@ -160,7 +160,7 @@ def simulate(
         return go_on(resume, end, want, progress)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
-    if dt == "auto" and wanted is None:
+    if _native.is_auto(dt) and wanted is None:
         wanted = 1e-10
     if isinstance(system, Pendulum):
         given = {"load": load, "nu": nu, "base": base, "force": force, "held": held}
@@ -177,17 +177,22 @@ def simulate(
         )
         make, n = motion.runs(ROUNDING if wanted is None else 0.1 * wanted), motion.first_steps()
 
+    estimated = _native.flag("estimate_error", estimate_error)
+
     def run(steps: int, factor: int) -> Trajectory:
         return make(end / steps).steps(steps, want.finer(factor), progress)
 
-    if dt == "auto":
+    if _native.is_auto(dt):
         assert wanted is not None
+        if n > MAX_STEPS:
+            raise InputError(f"t_end = {end:g}: takes {n:.1e} steps, must be at most {MAX_STEPS:g}")
         return by_tolerance(run, want.every * math.ceil(n / want.every), wanted)
     step = _native.number("dt", dt)
     if not 0 < step <= end:
         raise InputError(f"dt = {step:g}: must be greater than 0 and not exceed t_end = {end:g}")
+    if end / step > MAX_STEPS:
+        raise InputError(f"dt = {step:g}: t_end / dt must be at most {MAX_STEPS:g}")
     n = math.ceil(end / step * (1 - 1e-12))
-    _native.integer("t_end / dt", n, 1, MAX_STEPS)
     result = run(n, 1)
     if result.resolution is not None and result.resolution > _ROUGH:
         warnings.warn(
@@ -196,7 +201,7 @@ def simulate(
             ConvergenceWarning,
             stacklevel=2,
         )
-    if estimate_error:
+    if estimated:
         return replace(result, error=difference(result, run(2 * n, 2)))
     return result
 
@@ -232,7 +237,7 @@ def first_steps(system: Pendulum, end: float) -> int:
     """Steps to begin with when the step is to be found: four a fastest linear period."""
     natural = float(system.natural_frequencies().max())
     fastest = max(natural, system.p1, system.p2, system.p3)
-    return max(1, math.ceil(end * fastest / (0.5 * math.pi)))
+    return max(1, math.ceil(min(end * fastest / (0.5 * math.pi), 2.0 * MAX_STEPS)))
 
 
 def _as_pendulum(
@@ -245,7 +250,7 @@ def _as_pendulum(
     memory: str,
 ) -> TypeGuard[PolynomialSystem]:
     """Whether a system needs nothing but what the methods of a pendulum give."""
-    if isinstance(system, Mount) or system._active_kernels or memory != "auto":
+    if isinstance(system, Mount) or system._active_kernels or not _native.is_auto(memory):
         return False
     highest = max(load, default=0) if isinstance(load, Mapping) else 1
     return (

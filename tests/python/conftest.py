@@ -1,7 +1,28 @@
-"""Shared fixtures: the reference scene of the mount."""
+"""Shared fixtures: the reference scene of the mount, processes that are ended with their test."""
+
+import signal
+import subprocess
 
 import pytest
 import viscovib as vv
+
+# Begun in the background of a shell, these tests and all they start would ignore Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def start():
+    """Start a process as `subprocess.Popen` does; killed if it outlives its test."""
+    children = []
+
+    def popen(*arguments, **options):
+        children.append(subprocess.Popen(*arguments, **options))
+        return children[-1]
+
+    yield popen
+    for child in children:
+        child.kill()
+        child.communicate()
 
 
 @pytest.fixture

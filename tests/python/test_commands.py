@@ -81,10 +81,10 @@ def test_options_of_the_sweep(tmp_path, capsys):
         assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-def test_ctrl_c_says_how_to_go_on(tmp_path):
+def test_ctrl_c_says_how_to_go_on(start, tmp_path):
     scene = small_map(tmp_path, "&sweep key='mount.stiffness_x', min=8, max=12, count=100000 /\n")
     command = [sys.executable, "-m", "viscovib.cli", "sweep", str(scene), "--out", str(tmp_path)]
-    child = subprocess.Popen([*command, "--quiet"], stderr=subprocess.PIPE, text=True)
+    child = start([*command, "--quiet"], stderr=subprocess.PIPE, text=True)
     outcomes = tmp_path / "small_sweep.zarr" / "point_outcome" / "c"
     deadline = time.monotonic() + 60
     while not outcomes.exists():

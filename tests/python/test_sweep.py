@@ -85,6 +85,23 @@ def test_a_scene_over_a_grid_is_the_scene_with_its_keys_changed():
             assert (data.outcome[i, j].values == alone.outcome).all()
 
 
+def test_numbers_of_every_type_are_taken():
+    """Also where a later point gives another type than the first, which is taken apart in full."""
+    kinds = (float, int, np.float64, np.float32, np.int64, np.array, np.float16, np.uint8, bool)
+
+    def what(a):
+        return {"x": kinds[a](a), "word": str(a) if a % 2 else np.str_(a)}
+
+    data = sweep(what, {"a": range(len(kinds))}, chunk=len(kinds), n_threads=1)
+    assert data.x.dtype == np.float64
+    assert data.x.values.tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 1]
+    assert data.word.values.tolist() == [str(a) for a in range(len(kinds))]
+    with pytest.raises(vv.SweepError, match="at a = 2: InputError: its 'x' is of another kind"):
+        sweep(lambda a: {"x": 1j if a == 2 else a}, {"a": [1, 2]}, chunk=2)
+    with pytest.raises(vv.SweepError, match="at a = 2: OverflowError"):
+        sweep(lambda a: 10**400 if a == 2 else a, {"a": [1, 2]}, chunk=2)
+
+
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_a_few_numbers_of_each_result():
     grid = {"mount.geometry": ["exact", "printed"], "response.harmonics": np.array([5.0, 9.0])}
@@ -199,6 +216,7 @@ def test_a_failure_among_many_points_in_one_call_is_found():
         ((PAPER, {"mount.stiff": [1]}), {}, "&mount has no stiff here"),
         ((PAPER, {"mount.damping": [1]}), {}, "a list of 4"),
         ((PAPER, {"kernel(2).beta": [1]}), {}, "&kernel 1 times"),
+        ((PAPER, {"load(0).amplitude": [1]}), {}, "counted from 1"),
         ((PAPER,), {}, "has no &sweep group"),
         ((PAPER, {"mount.mass": [1]}), {"extract": "some"}, "extract = 'some'"),
     ],

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 import xarray as xr
+from viscovib import fingerprint
 
 PAPER = Path(__file__).parents[2] / "data" / "scenes" / "mount_paper.nml"
 GRID = {"a": np.arange(1.0, 9.0), "b": np.array([0.5, 1.5, 2.5])}
@@ -92,13 +93,13 @@ def finished(folder):
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_a_killed_sweep_goes_on_where_it_was(tmp_path, how):
+def test_a_killed_sweep_goes_on_where_it_was(start, tmp_path, how):
     """The process really dies, in the middle of its chunks."""
     script = tmp_path / "child.py"
     script.write_text(CHILD)
     notes, folder = tmp_path / "notes", tmp_path / "c"
     command = [sys.executable, str(script), str(notes), str(folder)]
-    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    child = start(command, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
     while len(finished(folder)) < 6 and child.poll() is None:
         assert time.monotonic() < deadline
@@ -212,6 +213,26 @@ def test_what_a_function_looks_at_counts_as_well(tmp_path, monkeypatch):
         sweep(Counted(2.0), GRID, checkpoint=folder)
 
 
+def test_sets_in_the_code_are_the_same_in_another_process(tmp_path):
+    """Python gives words another order in each process."""
+    script = tmp_path / "child.py"
+    script.write_text(
+        "import runpy, sys\n"
+        "def of(a):\n"
+        "    return a in {'one', 'two', 'three', ('four', 4)}\n"
+        "print(runpy.run_path(sys.argv[1])['describe'](of)['code'])\n"
+    )
+    source = Path(fingerprint.__file__)
+    said = {
+        subprocess.run(
+            [sys.executable, str(script), str(source)], check=True, timeout=60,
+            capture_output=True, env={**os.environ, "PYTHONHASHSEED": seed},
+        ).stdout
+        for seed in "12345"
+    }  # fmt: skip
+    assert len(said) == 1
+
+
 def test_another_scene_is_refused_by_its_key(tmp_path):
     folder, copy = tmp_path / "c", tmp_path / "scene.nml"
     text = PAPER.read_text()
@@ -276,14 +297,14 @@ def test_folders_that_are_no_checkpoint_are_left_alone(tmp_path):
         sweep(Counted(), GRID, checkpoint=broken)
 
 
-def test_a_checkpoint_is_written_by_one_at_a_time(tmp_path):
+def test_a_checkpoint_is_written_by_one_at_a_time(start, tmp_path):
     folder = tmp_path / "c"
     sweep(Counted(), GRID, checkpoint=folder)
     holder = (
         "import sys, os, fcntl; fcntl.flock(os.open(sys.argv[1], os.O_RDONLY), fcntl.LOCK_EX)\n"
         "print('held', flush=True); sys.stdin.read()"
     )
-    other = subprocess.Popen(
+    other = start(
         [sys.executable, "-c", holder, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
     assert other.stdout.readline() == b"held\n"
@@ -347,10 +368,10 @@ vv.sweep(lambda x: (long(x), 0.0)[1], {"x": np.arange(4)}, checkpoint=sys.argv[1
 """
 
 
-def test_ctrl_c_does_not_wait_for_points_under_way(tmp_path):
+def test_ctrl_c_does_not_wait_for_points_under_way(start, tmp_path):
     script, folder = tmp_path / "long.py", tmp_path / "c"
     script.write_text(LONG)
-    child = subprocess.Popen(
+    child = start(
         [sys.executable, str(script), str(folder)], stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip

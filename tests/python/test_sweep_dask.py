@@ -143,10 +143,10 @@ def test_a_point_that_kills_every_worker_ends_in_a_line(client, tmp_path):
     assert np.isnan(kept.result.values[3])
 
 
-def test_ctrl_c_leaves_the_cluster_and_a_checkpoint(tmp_path):
+def test_ctrl_c_leaves_the_cluster_and_a_checkpoint(start, tmp_path):
     script, folder = tmp_path / "child.py", tmp_path / "c"
     script.write_text(CHILD)
-    child = subprocess.Popen(
+    child = start(
         [sys.executable, str(script), str(folder)], stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip

@@ -211,7 +211,7 @@ def test_too_much_is_refused():
         vv.forced_response(TWO, duration=0)
 
 
-def test_long_work_hears_an_interrupt():
+def test_long_work_hears_an_interrupt(start):
     program = (
         "import numpy as np, viscovib as vv\n"
         "p = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, c1=0.1, c2=0.1, c3=0.1, f0=0.01, m01=0.001, "
@@ -219,7 +219,7 @@ def test_long_work_hears_an_interrupt():
         "print('ready', flush=True)\n"
         "vv.forced_response(p, p1=np.linspace(0.5, 1.5, 5000), harmonics=18)\n"
     )
-    child = subprocess.Popen(
+    child = start(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert child.stdout.readline() == "ready\n"
