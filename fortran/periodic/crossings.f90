@@ -136,7 +136,7 @@ contains
           place = place - 1
           if (crossing%kind /= crossing_pair) cycle
           place = place - 1
-          where (abs(exponents(:size(stays)) - conjg(exponents(k))) <= on_line*d) stays = .true.
+          stays(:k) = stays(:k) .or. abs(exponents(:k) - conjg(exponents(k))) <= on_line*d
         end do
       end associate
     end do

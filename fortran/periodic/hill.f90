@@ -37,6 +37,8 @@ module viscovib_hill
     !> a, > 0: exponents are sought right of -a.
     real(wp) :: shift = 0.0_wp
     integer :: n_dof = 0
+    !> Orders of the disturbance.
+    integer, private :: n_orders = 0
     !> Highest order of the disturbance, and the step from order to order.
     integer :: highest = 0, stride = 1
     !> Whether `along` found a determinant of reasonable size.
@@ -47,10 +49,15 @@ module viscovib_hill
     real(wp), allocatable, private :: inverse(:, :), damping(:, :), spread(:, :)
     !> Kernel of each group of hereditary variables; 0: none.
     integer, allocatable, private :: kernel_of_group(:)
-    !> Parts of the matrix that each group multiplies, row by row.
-    complex(wp), allocatable, private :: springs(:, :, :)
-    !> Where F(u, v) is not separable: b, w and A.
-    complex(wp), allocatable, private :: outer(:, :), inner(:, :), direct(:, :)
+    !> Matrices below have their real parts first, imaginary parts second in the last index;
+    !! rows and columns of a coordinate stand together, order by order. Parts of the matrix
+    !! that each group multiplies, row by row, shape (p n, p n, groups, 2).
+    real(wp), allocatable, private :: springs(:, :, :, :)
+    !> Where F(u, v) is not separable: b and w of coordinate and variable, shape (p, p, n, m, 2),
+    !! and A, shape (p n, p n, 2); the first two without what does not vary, and whether any of
+    !! it does.
+    real(wp), allocatable, private :: outer(:, :, :, :, :), inner(:, :, :, :, :), direct(:, :, :)
+    logical, allocatable, private :: outer_varies(:, :), inner_varies(:, :)
     !> exp(-2 pi i m/n)/n at m = 0, 1, ..., n samples.
     complex(wp), allocatable, private :: waves(:)
     real(wp), allocatable, private :: u(:, :), w(:, :), slopes(:, :, :), by_u(:, :, :)
@@ -86,6 +93,7 @@ contains
     s = hill%set%n_samples
     allocate (hill%u(s, n), hill%w(s, m), hill%slopes(s, m, n), hill%by_u(s, n, n), &
               hill%by_v(s, n, m), source=0.0_wp)
+    allocate (hill%outer_varies(n, m), hill%inner_varies(n, m), source=.false.)
     allocate (hill%waves(0:s - 1))
     do j = 0, s - 1
       hill%waves(j) = cmplx(cos(2.0_wp*pi*j/s), -sin(2.0_wp*pi*j/s), wp)/s
@@ -189,39 +197,55 @@ contains
 
     n = self%n_dof
     m = size(self%w, 2)
-    if (allocated(self%springs)) then
-      if (size(self%springs, 1) /= p*n) deallocate (self%springs)
-    end if
-    if (.not. allocated(self%springs)) then
-      allocate (self%springs(p*n, p*n, size(self%kernel_of_group)))
-    end if
-    self%springs = (0.0_wp, 0.0_wp)
+    self%n_orders = p
     if (system%separable) then
+      if (allocated(self%springs)) then
+        if (size(self%springs, 1) /= p*n) deallocate (self%springs)
+      end if
+      if (.not. allocated(self%springs)) then
+        allocate (self%springs(p*n, p*n, size(self%kernel_of_group), 2))
+      end if
+      self%springs = 0.0_wp
       do j = 1, m
         q = findloc(self%kernel_of_group, system%kernel_of(j), 1)
         do b = 1, n
           call moments_of(self, system%bent(j), self%slopes(:, j, b), system%gather(j, b), c)
           do a = 1, n
-            call add_toeplitz(self%spread(a, j)*c, a, b, n, n, self%springs(:, :, q))
+            if (.not. abs(self%spread(a, j)) > 0.0_wp) cycle
+            call add_toeplitz(p, self%spread(a, j)*c, size(self%springs, 1), &
+                              self%springs((a - 1)*p + 1, (b - 1)*p + 1, q, 1), &
+                              self%springs((a - 1)*p + 1, (b - 1)*p + 1, q, 2))
           end do
         end do
       end do
       return
     end if
-    self%outer = reshape([complex(wp) ::], [p*n, p*m], pad=[(0.0_wp, 0.0_wp)])
-    self%inner = reshape([complex(wp) ::], [p*m, p*n], pad=[(0.0_wp, 0.0_wp)])
-    self%direct = reshape([complex(wp) ::], [p*n, p*n], pad=[(0.0_wp, 0.0_wp)])
+    if (allocated(self%outer)) then
+      if (size(self%outer, 1) /= p) deallocate (self%outer, self%inner, self%direct)
+    end if
+    if (.not. allocated(self%outer)) then
+      allocate (self%outer(p, p, n, m, 2), self%inner(p, p, n, m, 2), self%direct(p*n, p*n, 2))
+    end if
+    self%outer = 0.0_wp
+    self%inner = 0.0_wp
+    self%direct = 0.0_wp
     do a = 1, n
       do j = 1, m
-        call moments_of(self, .true., matmul(self%by_v(:, :, j), self%inverse(a, :)), &
-                        self%spread(a, j), c)
-        call add_toeplitz(c, a, j, n, m, self%outer)
-        call moments_of(self, system%bent(j), self%slopes(:, j, a), system%gather(j, a), c)
-        call add_toeplitz(c, j, a, m, n, self%inner)
+        self%outer_varies(a, j) = any(abs(matmul(self%by_v(:, :, j), self%inverse(a, :))) > 0.0_wp)
+        if (self%outer_varies(a, j)) then
+          call moments_of(self, .true., matmul(self%by_v(:, :, j), self%inverse(a, :)), 0.0_wp, c)
+          call add_toeplitz(p, c, p, self%outer(1, 1, a, j, 1), self%outer(1, 1, a, j, 2))
+        end if
+        self%inner_varies(a, j) = system%bent(j) .and. any(abs(self%slopes(:, j, a)) > 0.0_wp)
+        if (self%inner_varies(a, j)) then
+          call moments_of(self, .true., self%slopes(:, j, a), 0.0_wp, c)
+          call add_toeplitz(p, c, p, self%inner(1, 1, a, j, 1), self%inner(1, 1, a, j, 2))
+        end if
       end do
       do b = 1, n
         call moments_of(self, .true., matmul(self%by_u(:, :, b), self%inverse(a, :)), 0.0_wp, c)
-        call add_toeplitz(c, a, b, n, n, self%direct)
+        call add_toeplitz(p, c, p*n, self%direct((a - 1)*p + 1, (b - 1)*p + 1, 1), &
+                          self%direct((a - 1)*p + 1, (b - 1)*p + 1, 2))
       end do
     end do
   end subroutine fill
@@ -253,19 +277,17 @@ contains
     c(p + 1) = c(p + 1) + constant
   end subroutine moments_of
 
-  !> Products with a periodic factor of row a and column b: entries c(i - l).
-  pure subroutine add_toeplitz(c, a, b, rows, columns, matrix)
-    complex(wp), intent(in) :: c(:)
-    integer, intent(in) :: a, b, rows, columns
-    complex(wp), intent(inout) :: matrix(:, :)
-    integer :: i, l, p
+  !> Products with a periodic factor: entries c(i - l).
+  pure subroutine add_toeplitz(p, c, rows, re, im)
+    integer, intent(in) :: p, rows
+    complex(wp), intent(in) :: c(-p:p)
+    real(wp), intent(inout) :: re(rows, p), im(rows, p)
+    integer :: i, l
 
-    p = size(c)/2
     do l = 1, p
       do i = 1, p
-        associate (entry => matrix((i - 1)*rows + a, (l - 1)*columns + b))
-          entry = entry + c(p + 1 + i - l)
-        end associate
+        re(i, l) = re(i, l) + real(c(i - l))
+        im(i, l) = im(i, l) + aimag(c(i - l))
       end do
     end do
   end subroutine add_toeplitz
@@ -276,15 +298,13 @@ contains
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: lambda
     complex(wp), intent(out) :: value
-    complex(wp) :: h(size(self%springs, 1), size(self%springs, 1))
-    complex(wp) :: s(size(self%springs, 1)/self%n_dof), scale(size(s))
-    complex(wp) :: kept(size(s), size(self%kernel_of_group)), right(size(self%w, 2)*size(s), &
-                                                                    size(h, 1))
-    integer :: a, b, i, j, l, n, m, q, row
+    real(wp) :: h(self%n_orders*self%n_dof, self%n_orders*self%n_dof, 2)
+    complex(wp) :: s(self%n_orders), scale(self%n_orders)
+    complex(wp) :: kept(self%n_orders, size(self%kernel_of_group))
+    integer :: a, b, i, p, q
 
-    n = self%n_dof
-    m = size(self%w, 2)
-    do i = 1, size(s)
+    p = self%n_orders
+    do i = 1, p
       s(i) = lambda + cmplx(0.0_wp, ((i - 1)*self%stride - self%highest)*self%nu, wp)
     end do
     scale = 1.0_wp/(s + self%shift)**2
@@ -295,82 +315,173 @@ contains
       kept(:, q) = 1.0_wp - system%memory_scale*kept(:, q)
     end do
     if (system%separable) then
-      do l = 1, size(h, 1)
-        do i = 1, size(s)
-          do a = 1, n
-            row = (i - 1)*n + a
-            h(row, l) = kept(i, 1)*self%springs(row, l, 1)
-            do q = 2, size(kept, 2)
-              h(row, l) = h(row, l) + kept(i, q)*self%springs(row, l, q)
-            end do
-          end do
-        end do
+      h = 0.0_wp
+      do q = 1, size(kept, 2)
+        call add_rows(p, self%n_dof, kept(:, q), self%springs(1, 1, q, 1), &
+                      self%springs(1, 1, q, 2), h)
       end do
     else
-      do i = 1, size(s)
-        do j = 1, m
-          row = (i - 1)*m + j
-          right(row, :) = kept(i, findloc(self%kernel_of_group, system%kernel_of(j), 1)) &
-                          *self%inner(row, :)
-        end do
-      end do
-      h = self%direct + matmul(self%outer, right)
+      h = self%direct
+      call add_products(self, system, kept, h)
     end if
-    do i = 1, size(s)
-      l = (i - 1)*n
-      do b = 1, n
-        do a = 1, n
-          h(l + a, l + b) = h(l + a, l + b) + s(i)*self%damping(a, b)
+    do b = 1, self%n_dof
+      do a = 1, self%n_dof
+        do i = 1, p
+          associate (re => h((a - 1)*p + i, (b - 1)*p + i, 1), &
+                     im => h((a - 1)*p + i, (b - 1)*p + i, 2), &
+                     entry => self%damping(a, b)*s(i) + merge(s(i)**2, (0.0_wp, 0.0_wp), a == b))
+            re = re + real(entry)
+            im = im + aimag(entry)
+          end associate
         end do
-        h(l + b, l + b) = h(l + b, l + b) + s(i)**2
       end do
     end do
-    do l = 1, size(h, 1)
-      do i = 1, size(s)
-        h((i - 1)*n + 1:i*n, l) = scale(i)*h((i - 1)*n + 1:i*n, l)
-      end do
-    end do
-    call eliminate(size(h, 1), h, value)
+    call scale_rows(p, self%n_dof, scale, h)
+    call eliminate(p*self%n_dof, h(:, :, 1), h(:, :, 2), value)
   end subroutine determinant
 
-  !> Determinant by elimination, rows exchanged for the largest pivot.
-  pure subroutine eliminate(n, h, value)
+  !> h + f part, f by the rows of each coordinate.
+  pure subroutine add_rows(p, n, f, re, im, h)
+    integer, intent(in) :: p, n
+    complex(wp), intent(in) :: f(p)
+    real(wp), intent(in) :: re(p, n, p*n), im(p, n, p*n)
+    real(wp), intent(inout) :: h(p, n, p*n, 2)
+    integer :: a, i, l
+
+    do l = 1, p*n
+      do a = 1, n
+        do i = 1, p
+          h(i, a, l, 1) = h(i, a, l, 1) + (real(f(i))*re(i, a, l) - aimag(f(i))*im(i, a, l))
+          h(i, a, l, 2) = h(i, a, l, 2) + (real(f(i))*im(i, a, l) + aimag(f(i))*re(i, a, l))
+        end do
+      end do
+    end do
+  end subroutine add_rows
+
+  !> h becomes f h, f by the rows of each coordinate.
+  pure subroutine scale_rows(p, n, f, h)
+    integer, intent(in) :: p, n
+    complex(wp), intent(in) :: f(p)
+    real(wp), intent(inout) :: h(p, n, p*n, 2)
+    real(wp) :: re
+    integer :: a, i, l
+
+    do l = 1, p*n
+      do a = 1, n
+        do i = 1, p
+          re = real(f(i))*h(i, a, l, 1) - aimag(f(i))*h(i, a, l, 2)
+          h(i, a, l, 2) = real(f(i))*h(i, a, l, 2) + aimag(f(i))*h(i, a, l, 1)
+          h(i, a, l, 1) = re
+        end do
+      end do
+    end do
+  end subroutine scale_rows
+
+  !> The part that goes through hereditary variables: (b + B) f (w + W), b and w what varies.
+  subroutine add_products(self, system, kept, h)
+    class(hill_type), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: kept(:, :)
+    real(wp), intent(inout) :: h(self%n_orders*self%n_dof, self%n_orders*self%n_dof, 2)
+    real(wp) :: right(self%n_orders, self%n_orders, 2)
+    complex(wp) :: f
+    integer :: a, b, i, j, l, p, row, column
+
+    p = self%n_orders
+    do j = 1, size(self%w, 2)
+      associate (kept_j => kept(:, findloc(self%kernel_of_group, system%kernel_of(j), 1)))
+        do b = 1, self%n_dof
+          column = (b - 1)*p
+          if (.not. (self%inner_varies(b, j) .or. abs(system%gather(j, b)) > 0.0_wp)) cycle
+          ! f (w + W).
+          do l = 1, p
+            right(:, l, 1) = real(kept_j)*self%inner(:, l, b, j, 1) &
+                             - aimag(kept_j)*self%inner(:, l, b, j, 2)
+            right(:, l, 2) = real(kept_j)*self%inner(:, l, b, j, 2) &
+                             + aimag(kept_j)*self%inner(:, l, b, j, 1)
+            right(l, l, 1) = right(l, l, 1) + real(kept_j(l))*system%gather(j, b)
+            right(l, l, 2) = right(l, l, 2) + aimag(kept_j(l))*system%gather(j, b)
+          end do
+          do a = 1, self%n_dof
+            row = (a - 1)*p
+            if (abs(self%spread(a, j)) > 0.0_wp) then
+              h(row + 1:row + p, column + 1:column + p, :) = &
+                h(row + 1:row + p, column + 1:column + p, :) + self%spread(a, j)*right
+            end if
+            if (.not. self%outer_varies(a, j)) cycle
+            if (self%inner_varies(b, j)) then
+              do l = 1, p
+                do i = 1, p
+                  f = cmplx(right(i, l, 1), right(i, l, 2), wp)
+                  call add_column(p, f, self%outer(1, i, a, j, 1), self%outer(1, i, a, j, 2), &
+                                  h(row + 1, column + l, 1), h(row + 1, column + l, 2))
+                end do
+              end do
+            else
+              do l = 1, p
+                call add_column(p, kept_j(l)*system%gather(j, b), self%outer(1, l, a, j, 1), &
+                                self%outer(1, l, a, j, 2), h(row + 1, column + l, 1), &
+                                h(row + 1, column + l, 2))
+              end do
+            end if
+          end do
+        end do
+      end associate
+    end do
+  end subroutine add_products
+
+  !> A complex multiple of one column to another.
+  pure subroutine add_column(n, f, from_re, from_im, re, im)
     integer, intent(in) :: n
-    complex(wp), intent(inout) :: h(n, n)
+    complex(wp), intent(in) :: f
+    real(wp), intent(in) :: from_re(n), from_im(n)
+    real(wp), intent(inout) :: re(n), im(n)
+    re = re + (real(f)*from_re - aimag(f)*from_im)
+    im = im + (real(f)*from_im + aimag(f)*from_re)
+  end subroutine add_column
+
+  !> Determinant by elimination, rows exchanged for the largest pivot.
+  pure subroutine eliminate(n, re, im, value)
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: re(n, n), im(n, n)
     complex(wp), intent(out) :: value
-    complex(wp) :: factor, row(n)
-    real(wp) :: largest, here
+    complex(wp) :: pivot, factor
+    real(wp) :: largest, swap
     integer :: i, j, k, p
 
     value = (1.0_wp, 0.0_wp)
     do k = 1, n
       p = k
-      largest = abs(real(h(k, k))) + abs(aimag(h(k, k)))
+      largest = abs(re(k, k)) + abs(im(k, k))
       do i = k + 1, n
-        here = abs(real(h(i, k))) + abs(aimag(h(i, k)))
-        if (here > largest) then
-          largest = here
+        if (abs(re(i, k)) + abs(im(i, k)) > largest) then
+          largest = abs(re(i, k)) + abs(im(i, k))
           p = i
         end if
       end do
-      value = value*h(p, k)
+      pivot = cmplx(re(p, k), im(p, k), wp)
+      value = value*pivot
       if (.not. largest > 0.0_wp) return
       if (p /= k) then
         value = -value
-        row(k:) = h(p, k:)
-        h(p, k:) = h(k, k:)
-        h(k, k:) = row(k:)
+        do j = k, n
+          swap = re(p, j)
+          re(p, j) = re(k, j)
+          re(k, j) = swap
+          swap = im(p, j)
+          im(p, j) = im(k, j)
+          im(k, j) = swap
+        end do
       end if
-      factor = 1.0_wp/h(k, k)
+      pivot = 1.0_wp/pivot
       do i = k + 1, n
-        h(i, k) = h(i, k)*factor
+        swap = real(pivot)*re(i, k) - aimag(pivot)*im(i, k)
+        im(i, k) = real(pivot)*im(i, k) + aimag(pivot)*re(i, k)
+        re(i, k) = swap
       end do
       do j = k + 1, n
-        factor = h(k, j)
-        if (.not. abs(real(factor)) + abs(aimag(factor)) > 0.0_wp) cycle
-        do i = k + 1, n
-          h(i, j) = h(i, j) - h(i, k)*factor
-        end do
+        factor = -cmplx(re(k, j), im(k, j), wp)
+        call add_column(n - k, factor, re(k + 1:, k), im(k + 1:, k), re(k + 1:, j), im(k + 1:, j))
       end do
     end do
   end subroutine eliminate

@@ -158,7 +158,7 @@ contains
       call find_exponents(self%hill, system, stability%n_growing(i), near, &
                           stability%exponents(:, i))
       near = stability%exponents(:, i)
-      found = count(real(near) > 0.0_wp)
+      found = count(merge(-1.0_wp, real(near), ieee_is_nan(real(near))) > 0.0_wp)
       ! More found than counted: one of the two is wrong.
       if (found > stability%n_growing(i)) stability%n_growing(i) = -1
       if (found /= stability%n_growing(i)) stability%exponents(:, i) = not_a_number()

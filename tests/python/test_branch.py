@@ -353,7 +353,7 @@ def _own_seconds(pid):
 
 
 @pytest.mark.parametrize("what", ["branch", "response"])
-def test_long_work_hears_an_interrupt(start, what):
+def test_long_work_hears_an_interrupt(what):
     """SIGINT to a process of its own, in the middle of a native call of a minute or more."""
     work = {
         "branch": "vv.trace_response(m, (0.5, 10), load=0.5, harmonics=99, max_step=1e-4, "
@@ -369,7 +369,7 @@ def test_long_work_hears_an_interrupt(start, what):
     )
     started = resource.getrusage(resource.RUSAGE_CHILDREN)
     before = started.ru_utime + started.ru_stime
-    child = start(
+    child = subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert child.stdout.readline() == "ready\n"
@@ -399,6 +399,51 @@ def test_multipliers_of_a_large_motion():
     trace = 0.02 * (10 + 4.5 / 0.1)
     product = np.abs(np.prod(branch.multipliers, axis=1))
     assert product == pytest.approx(np.exp(-trace * 2 * np.pi), rel=1e-5)
+
+
+@pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.02, 0.3], rates=[0.15, 3.0])])
+def test_stability_of_a_response_is_that_of_its_branch(kernel):
+    body = damped(kernel=kernel)
+    nu, load = np.linspace(2.0, 3.4, 25), 2.5 if kernel else 1.5
+    r = vv.forced_response(body, nu, load=load, method="newton", stability=True)
+    assert {True, False} <= set(r.stable)
+    for i in range(0, nu.size, 6):
+        branch = vv.trace_response(body, (nu[i], nu[i] + 1e-3), load=load, max_points=3)
+        if branch.coefficients[0] != pytest.approx(r.coefficients[i], abs=1e-8):
+            continue
+        assert branch.stable[0] == r.stable[i]
+        first = branch.multipliers[0][~np.isnan(branch.multipliers[0])]
+        here = r.multipliers[i][~np.isnan(r.multipliers[i])]
+        assert np.abs(here).max() == pytest.approx(np.abs(first).max(), rel=1e-6)
+    again = np.exp(2 * np.pi * r.exponents / nu[:, np.newaxis])
+    assert again == pytest.approx(r.multipliers, rel=1e-9, nan_ok=True)
+    assert (r.to_dataset().stable == r.stable).all()
+    figure = vv.plot_response(r)[0].lines
+    dashed = np.isfinite(figure[1].get_ydata())
+    assert dashed[~r.stable.astype(bool)].all()
+    assert np.isnan(figure[0].get_ydata()[r.stable == False]).all()  # noqa: E712
+    matplotlib.pyplot.close("all")
+    plain = vv.forced_response(body, nu, load=load, method="newton")
+    assert plain.stable is None
+    assert plain.coefficients.tolist() == r.coefficients.tolist()
+
+
+def test_stability_moves_with_the_base():
+    """The same motion, driven by force or by its base, has the same multipliers."""
+    body, nu = damped(), np.array([0.8, 1.4, 3.0])
+    moved = vv.forced_response(body, nu, base=0.05, method="newton", stability=True)
+    for i, value in enumerate(nu):
+        pushed = vv.forced_response(
+            body, value, load=value**2 * 0.05, method="newton", stability=True
+        )
+        assert moved.multipliers[i] == pytest.approx(pushed.multipliers[0], abs=1e-9)
+
+
+def test_stability_needs_something_to_judge():
+    with pytest.raises(vv.InputError, match="stability: needs method = newton"):
+        vv.forced_response(damped(), 1.0, load=0.1, stability=True)
+    with pytest.raises(vv.InputError, match="stability: nothing is nonlinear"):
+        vv.forced_response(damped(cubic_scale=0.0), 1.0, load=0.1, method="newton", stability=True)
 
 
 def _duffing():
@@ -479,51 +524,6 @@ def test_leaving_needs_a_branch_point_of_the_same_kind():
         vv.trace_response(_duffing(), **options, harmonics=11, leave=branch.branch_points[0])
     with pytest.raises(vv.InputError, match=r"at\[0\] = nan: must be"):
         vv.trace_response(_duffing(), **options, at=[np.nan])
-
-
-@pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.02, 0.3], rates=[0.15, 3.0])])
-def test_stability_of_a_response_is_that_of_its_branch(kernel):
-    body = damped(kernel=kernel)
-    nu, load = np.linspace(2.0, 3.4, 25), 2.5 if kernel else 1.5
-    r = vv.forced_response(body, nu, load=load, method="newton", stability=True)
-    assert {True, False} <= set(r.stable)
-    for i in range(0, nu.size, 6):
-        branch = vv.trace_response(body, (nu[i], nu[i] + 1e-3), load=load, max_points=3)
-        if branch.coefficients[0] != pytest.approx(r.coefficients[i], abs=1e-8):
-            continue
-        assert branch.stable[0] == r.stable[i]
-        first = branch.multipliers[0][~np.isnan(branch.multipliers[0])]
-        here = r.multipliers[i][~np.isnan(r.multipliers[i])]
-        assert np.abs(here).max() == pytest.approx(np.abs(first).max(), rel=1e-6)
-    again = np.exp(2 * np.pi * r.exponents / nu[:, np.newaxis])
-    assert again == pytest.approx(r.multipliers, rel=1e-9, nan_ok=True)
-    assert (r.to_dataset().stable == r.stable).all()
-    figure = vv.plot_response(r)[0].lines
-    dashed = np.isfinite(figure[1].get_ydata())
-    assert dashed[~r.stable.astype(bool)].all()
-    assert np.isnan(figure[0].get_ydata()[r.stable == False]).all()  # noqa: E712
-    matplotlib.pyplot.close("all")
-    plain = vv.forced_response(body, nu, load=load, method="newton")
-    assert plain.stable is None
-    assert plain.coefficients.tolist() == r.coefficients.tolist()
-
-
-def test_stability_moves_with_the_base():
-    """The same motion, driven by force or by its base, has the same multipliers."""
-    body, nu = damped(), np.array([0.8, 1.4, 3.0])
-    moved = vv.forced_response(body, nu, base=0.05, method="newton", stability=True)
-    for i, value in enumerate(nu):
-        pushed = vv.forced_response(
-            body, value, load=value**2 * 0.05, method="newton", stability=True
-        )
-        assert moved.multipliers[i] == pytest.approx(pushed.multipliers[0], abs=1e-9)
-
-
-def test_stability_needs_something_to_judge():
-    with pytest.raises(vv.InputError, match="stability: needs method = newton"):
-        vv.forced_response(damped(), 1.0, load=0.1, stability=True)
-    with pytest.raises(vv.InputError, match="stability: nothing is nonlinear"):
-        vv.forced_response(damped(cubic_scale=0.0), 1.0, load=0.1, method="newton", stability=True)
 
 
 def test_a_doubled_period_is_a_branch_point_at_half_the_frequency():
