@@ -101,7 +101,7 @@ JOBS: dict[str, tuple[int, Callable[[], Any]]] = {
         200, lambda: vv.simulate(PENDULUM, 200, dt=1.0, initial=START, keep="last"),
     ),
     "hereditary step (mount, gauss4)": (
-        8000, lambda: vv.simulate(mount(kernel=KERNEL), 1000, dt=0.125, load=0.5, nu=1.5,
+        80_000, lambda: vv.simulate(mount(kernel=KERNEL), 10_000, dt=0.125, load=0.5, nu=1.5,
                                   method="gauss4", tolerance=1e-10, keep="last"),
     ),
 }  # fmt: skip
