@@ -23,6 +23,7 @@ import numpy as np
 import viscovib as vv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from timing import least, show_time
 
 Row = dict[str, Any]
@@ -47,6 +48,8 @@ PHASES = (
     ("hill", "stability with memory"),
     ("successive", "iteration: compliance, comparison"),
     ("harmonic_balance", "derivatives and residuals"),
+    ("sample_tables", "derivatives and residuals"),
+    ("curve_", "prediction, steps"),
     ("branch", "prediction, steps"),
     ("node_states", "sums over nodes"),
     ("predict", "prediction"),
@@ -59,6 +62,7 @@ PHASES = (
     ("gather_channels", "history: recall and update"),
     ("product_of", "linear part: products"),
     ("add_columns", "linear part: products"),
+    ("step_equations", "linear part: products"),
     ("hereditary", "bookkeeping of a step"),
     ("gauss", "bookkeeping of a step"),
 )
@@ -101,7 +105,7 @@ JOBS: dict[str, tuple[int, Callable[[], Any]]] = {
         200, lambda: vv.simulate(PENDULUM, 200, dt=1.0, initial=START, keep="last"),
     ),
     "hereditary step (mount, gauss4)": (
-        8000, lambda: vv.simulate(mount(kernel=KERNEL), 1000, dt=0.125, load=0.5, nu=1.5,
+        80_000, lambda: vv.simulate(mount(kernel=KERNEL), 10_000, dt=0.125, load=0.5, nu=1.5,
                                   method="gauss4", tolerance=1e-10, keep="last"),
     ),
 }  # fmt: skip
@@ -275,6 +279,8 @@ def draw(path: Path, costs: list[Row], growth: list[Row]) -> None:
                         marker="osD"[i % 3], color=str(0.4 * i), linewidth=1, markersize=4,
                         label=job)  # fmt: skip
         axis.set(xlabel=kind, ylabel="time (ms)")
+        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.yaxis.set_minor_formatter(NullFormatter())
         axis.grid(color="0.9")
         axis.spines[["top", "right"]].set_visible(False)
         axis.legend(frameon=False, fontsize=7)

@@ -44,7 +44,8 @@ def run_parts(
               "for this part)", flush=True)  # fmt: skip
         kept = out / f".{name}.pickle"
         kept.unlink(missing_ok=True)
-        ended = run_one([sys.executable, "-u", str(program), "--part", name, "--out", str(out)], limit)
+        part = [str(program), "--part", name, "--out", str(out)]
+        ended = run_one([sys.executable, "-u", *part], limit)
         if ended == "" and kept.exists():
             found[name] = pickle.loads(kept.read_bytes())
             kept.unlink()
