@@ -19,7 +19,7 @@ module viscovib_scene
   use viscovib_response_plan, only: method_names, method_newton, new_response_plan, &
     response_plan_type
   use viscovib_motion_groups, only: read_frequency, read_hereditary
-  use viscovib_scales_job, only: read_scales, scales_job
+  use viscovib_scales_job, only: read_oscillator_scales, read_pendulum_scales, scales_job
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_sweep_groups, only: read_sweep
   use viscovib_system_groups, only: name_length, read_system
@@ -76,8 +76,8 @@ module viscovib_scene
   character(len=*), parameter :: mount_groups(8) = &
     [character(len=15) :: 'mount', 'system', 'spring', 'force', 'kernel', 'load', 'response', &
      'branch'], &
-                                 pendulum_groups(4) = &
-    [character(len=15) :: 'pendulum', 'transient', 'spectrum', 'multiple_scales'], &
+                                 pendulum_groups(3) = &
+    [character(len=15) :: 'pendulum', 'transient', 'spectrum'], &
                                  repeatable(5) = &
     [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'sweep']
   character(len=*), parameter :: grid_keys(4) = &
@@ -119,6 +119,7 @@ contains
     type(status_type), intent(out) :: status
     type(kernel_holder) :: kernels(2)
     type(mount_parameters) :: parameters
+    type(group_reader) :: reader
 
     scene%is_polynomial = place_of(file, 'system') <= size(file%groups)
     if (scene%is_polynomial) then
@@ -136,6 +137,13 @@ contains
       scene%has_memory = .true.
       if (scene%is_polynomial) scene%has_memory = any(scene%polynomial%kernel_of > 0)
       call read_motion(file, scene, status)
+      return
+    end if
+    scene%wants_scales = place_of(file, 'multiple_scales') <= size(file%groups)
+    if (scene%wants_scales) then
+      call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
+      call read_oscillator_scales(reader, scene%load, scene%scales)
+      call close_group(reader, scene, status)
       return
     end if
     call read_result(file, scene, status)
@@ -169,13 +177,16 @@ contains
     type(namelist_type), intent(in) :: file
     logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
-    logical :: is_polynomial, is_moving
+    character(len=*), parameter :: results(3) = &
+      [character(len=15) :: 'response', 'branch', 'multiple_scales']
+    logical :: is_polynomial, is_moving, wanted(3)
     integer :: i, j, n
 
     is_pendulum = .false.
     is_polynomial = place_of(file, 'system') <= size(file%groups)
     is_moving = place_of(file, 'transient') <= size(file%groups) &
                 .and. (is_polynomial .or. place_of(file, 'mount') <= size(file%groups))
+    wanted = [(place_of(file, trim(results(i))) <= size(file%groups), i=1, 3)]
     do i = 1, size(file%groups)
       associate (group => file%groups(i))
         if (.not. any(group_names == group%name)) then
@@ -203,9 +214,11 @@ contains
         else if (group_names(j) == 'transient' .and. .not. (is_pendulum .or. is_moving)) then
           call refuse_group(i, '&transient: needs &mount, &system or &pendulum')
         else if (.not. is_pendulum .and. any(pendulum_groups == group_names(j)) &
-                 .and. .not. (is_moving .and. group_names(j) /= 'multiple_scales')) then
+                 .and. .not. is_moving) then
           call refuse_group(i, '&'//trim(group_names(j))//': needs &pendulum')
-        else if (is_moving .and. any(group_names(j) == ['response', 'branch  '])) then
+        else if (is_moving .and. any(group_names(j) == &
+                                     [character(len=15) :: 'response', 'branch', &
+                                      'multiple_scales'])) then
           call refuse_group(i, '&'//trim(group_names(j))//': this scene has &transient already, ' &
                             //'give one of them')
         end if
@@ -236,19 +249,20 @@ contains
       return
     end if
     if (is_moving) return
-    n = place_of(file, 'branch')
-    if (place_of(file, 'response') > size(file%groups)) then
-      if (n > size(file%groups)) call refuse_lack('response')
-    else if (n <= size(file%groups)) then
-      call refuse_group(n, '&branch: this scene has &response already, give one of them')
-    end if
+    if (count(wanted) == 0) call refuse_lack('response')
+    if (count(wanted) < 2) return
+    j = findloc(wanted, .true., 1)
+    i = findloc(wanted, .true., 1, back=.true.)
+    call refuse_group(place_of(file, trim(results(i))), '&'//trim(results(i))//': this scene has &' &
+                      //trim(results(j))//' already, give one of them')
 
   contains
 
     subroutine refuse_lack(name)
       character(len=*), intent(in) :: name
       call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
-                //'needs &mount or &system, &load and a wanted result (&response or &branch), or ' &
+                //'needs &mount or &system, &load and a wanted result (&response, &branch or ' &
+                //'&multiple_scales), or ' &
                 //'&mount, &system or &pendulum and &transient')
     end subroutine refuse_lack
 
@@ -295,7 +309,7 @@ contains
       scene%wants_scales = place_of(file, 'multiple_scales') <= size(file%groups)
       if (scene%wants_scales) then
         call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
-        call read_scales(reader, scene%scales)
+        call read_pendulum_scales(reader, scene%scales)
         call close_group(reader, scene, status)
         return
       end if
