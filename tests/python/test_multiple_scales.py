@@ -542,9 +542,7 @@ def test_wide_tolerance():
 @pytest.mark.parametrize("load", [1e-5, 1e-9, 1e-12, 1e-30])
 def test_tiny_loads_have_their_linear_motion(load):
     """The small root of the cubic equation keeps its digits beside large ones."""
-    system = one(
-        stiffness=[[1]], damping=[[0.01]], cubic=[[[[1.0]]]], load=[[load]], drives=[1.04]
-    )
+    system = one(stiffness=[[1]], damping=[[0.01]], cubic=[[[[1.0]]]], load=[[load]], drives=[1.04])
     steady = vv.MultipleScales(system, tolerance=0.1).response("p1", [1.04])
     assert steady.index.size == 1
     linear = load / (1 - 1.04**2 + 0.01j * 1.04)
