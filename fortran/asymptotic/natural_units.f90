@@ -93,7 +93,7 @@ contains
     end do
     where (rows > 0.0_wp)
       rows = 1.0_wp/power_of_two(rows)
-    elsewhere
+    else where
       rows = 1.0_wp
     end where
   end function factors_of_equations

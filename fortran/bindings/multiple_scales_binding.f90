@@ -129,8 +129,8 @@ end subroutine scales_form
 subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind_phi, &
                          data_phi, n_phi, &
                          tolerance, n_modes, given, start, state, times, n, accuracy, max_steps, &
-                         cancel, amplitudes, first, motion, sizes, frame, n_reached, n_steps, outcome_of, &
-                         status, message)
+                         cancel, amplitudes, first, motion, sizes, frame, n_reached, n_steps, &
+                         outcome_of, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_modulation, only: modulate

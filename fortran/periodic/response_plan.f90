@@ -75,8 +75,8 @@ contains
           return
         end if
       end if
-      call new_harmonic_set(plan%set, options%harmonics, system%odd .and. load%is_odd(), &
-                            system%degree)
+      call new_harmonic_set(plan%set, options%harmonics, &
+                            options%symmetric .and. system%odd .and. load%is_odd(), system%degree)
     end if
     call check_mean(plan, system, status)
     if (status%failed()) return

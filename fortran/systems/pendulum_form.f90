@@ -13,8 +13,8 @@
 !! shifts frequencies to e^2; e times cubic, e^2 times quadratic and e^3 times linear terms are
 !! dropped, being of fourth order.
 module viscovib_pendulum_form
-  use viscovib_jet, only: constant_jet, cosine, jet_type, operator(*), operator(+), operator(-), sine, &
-    variables
+  use viscovib_jet, only: constant_jet, cosine, jet_type, operator(*), operator(+), &
+    operator(-), sine, variables
   use viscovib_jet_form, only: take_terms
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
