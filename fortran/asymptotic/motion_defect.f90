@@ -190,7 +190,7 @@ contains
 
   !> Product of two, and its derivatives (Leibniz).
   pure function product_of(f, g) result(p)
-    complex(wp), intent(in) :: f(0:2), g(0:2)
+    complex(wp), intent(in) :: f(0:), g(0:)
     complex(wp) :: p(0:2)
     p = [f(0)*g(0), f(1)*g(0) + f(0)*g(1), f(2)*g(0) + 2.0_wp*f(1)*g(1) + f(0)*g(2)]
   end function product_of

@@ -100,8 +100,8 @@ contains
     if (count(wanted) < 2) return
     j = findloc(wanted, .true., 1)
     i = findloc(wanted, .true., 1, back=.true.)
-    call refuse_group(place_of(file, trim(results(i))), '&'//trim(results(i))//': this scene has &' &
-                      //trim(results(j))//' already, give one of them')
+    call refuse_group(place_of(file, trim(results(i))), '&'//trim(results(i)) &
+                      //': this scene has &'//trim(results(j))//' already, give one of them')
 
   contains
 
