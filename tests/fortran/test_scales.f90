@@ -70,7 +70,8 @@ contains
       call check_ok(status)
       cancel = 0
       call modulate(scales%flow, (0.01_wp, 0.0_wp)/scales%amplitude_units, &
-                    [0.0_wp, 50.0_wp, 100.0_wp], 1.0e-11_wp, 100000, a, reached, steps, outcome, cancel)
+                    [0.0_wp, 50.0_wp, 100.0_wp], 1.0e-11_wp, 100000, a, &
+                    reached, steps, outcome, cancel)
       call check(outcome == modulation_complete .and. reached == 3, 'complete')
       ! b' = -c/2 b + rho b^3, a Bernoulli equation.
       a = a*scales%amplitude_units(1)
