@@ -11,8 +11,8 @@ from steps import Job
 from tally import Row, Tally
 
 START_SCALES = (0.02, 0.0, 0.01, 0.0)
-#: By how much the estimate of multiple scales, which tells a magnitude, may be too small.
-DIVIDED, KEPT = 20.0, 500.0
+#: By how much the estimate of multiple scales may be too small.
+TOO_SMALL = 5.0
 
 
 def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
@@ -229,7 +229,7 @@ def small_divisors(coupled: bool, quick: bool) -> Row:
     tally = Tally(
         "small divisors", "motion near w2 = 2 w1, " + ("resonant terms kept" if coupled else
         "divided by the difference"), "(w2 - 2 w1)/w2 = 1e-12 ... 0.3",
-        KEPT if coupled else DIVIDED,
+        TOO_SMALL,
         "error / its estimate, where in range",
     )  # fmt: skip
     t = np.linspace(0, 40, 81)
@@ -259,9 +259,7 @@ def small_divisors(coupled: bool, quick: bool) -> Row:
         refused += int(not inside.all())
         tally.check(label, bool(np.isfinite(made.state).all()), "states are not finite")
         if inside.any():
-            # What is nearer than rounding of the frequencies counts as resonant in any case.
-            limit = KEPT if coupled or gap < 1e-10 else DIVIDED
-            tally.measure(label, (error / made.error_estimate[1:])[inside].max(), limit)
+            tally.measure(label, (error / made.error_estimate[1:])[inside].max())
     tally.notes.append(f"{refused} of {len(gaps) + 1} leave the range, and are told so")
     return tally.row()
 

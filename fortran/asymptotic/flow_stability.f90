@@ -5,7 +5,7 @@ module viscovib_flow_stability
   implicit none
   private
 
-  public :: flow_eigenvalues
+  public :: flow_eigenvalues, real_matrix
 
 contains
 
@@ -40,14 +40,21 @@ contains
     tied = pack([(i, i=1, flow%n_modes)],.not. alone)
     if (size(tied) == 0) return
     allocate (matrix(2*size(tied), 2*size(tied)))
-    associate (pt => p(tied, tied), qt => q(tied, tied), m => size(tied))
-      matrix(:m, :m) = real(pt + qt)
-      matrix(:m, m + 1:) = aimag(qt - pt)
-      matrix(m + 1:, :m) = aimag(pt + qt)
-      matrix(m + 1:, m + 1:) = real(pt - qt)
-    end associate
+    matrix(:, :) = real_matrix(p(tied, tied), q(tied, tied))
     call eigenvalues(matrix, values(n + 1:))
   end subroutine flow_eigenvalues
+
+  !> da -> P da + Q conj(da) on real parts, then imaginary ones.
+  pure function real_matrix(p, q) result(matrix)
+    complex(wp), intent(in) :: p(:, :), q(:, :)
+    real(wp) :: matrix(2*size(p, 1), 2*size(p, 1))
+    integer :: m
+    m = size(p, 1)
+    matrix(:m, :m) = real(p + q)
+    matrix(:m, m + 1:) = aimag(q - p)
+    matrix(m + 1:, :m) = aimag(p + q)
+    matrix(m + 1:, m + 1:) = real(p - q)
+  end function real_matrix
 
   !> By the characteristic polynomial (Faddeev and LeVerrier) and its roots, found all at once
   !! (Aberth, Math. Comp. 27 (1973) 339); for a handful of unknowns of one scale.

@@ -48,7 +48,7 @@ contains
     integer, intent(inout), volatile :: cancel
     complex(wp) :: now(size(start)), new(size(start)), k(size(start), 7), error(size(start))
     complex(wp) :: c(size(start), 5)
-    real(wp) :: t, h, size_of, part, growth, limit
+    real(wp) :: t, h, size_of, speed, part, growth, limit
     integer :: i, n
 
     n = size(times)
@@ -62,8 +62,11 @@ contains
     if (n_reached == n) return
     call flow%rates(t, now, k(:, 1))
     size_of = maxval(abs(now))
-    h = min(times(n), 0.01_wp*max(size_of, 1.0e-8_wp)/max(maxval(abs(k(:, 1))), 1.0e-8_wp))
-    limit = 1.0e8_wp*max(size_of, 1.0e-8_wp)
+    speed = maxval(abs(k(:, 1)))
+    ! From rest the error control finds the step.
+    h = merge(times(n), 1.0e-4_wp*times(n), size_of > 0.0_wp)
+    if (size_of > 0.0_wp .and. speed > 0.0_wp) h = min(h, 0.01_wp*size_of/speed)
+    limit = 1.0e8_wp*max(size_of, speed*times(n))
     do
       if (n_steps >= max_steps) outcome = modulation_step_limit
       if (cancel /= 0) outcome = modulation_cancelled

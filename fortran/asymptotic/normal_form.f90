@@ -65,11 +65,13 @@ module viscovib_normal_form
     integer, allocatable, private :: pair_at(:, :), triple_at(:, :, :)
     !> Arguments x of the terms of first and second order.
     complex(wp), allocatable, private :: x_one(:, :), x_pair(:, :)
+    !> N_2 of each product of two, kernels left out, with memory and slow changes alone.
+    complex(wp), allocatable, private :: n_pair(:, :)
   contains
     procedure :: conjugate_of
     procedure :: near
     procedure :: answer_load
-    procedure, private :: answer
+    procedure :: answer
     procedure, private :: second_order
     procedure, private :: third_order
   end type normal_form_type
@@ -315,6 +317,8 @@ contains
     self%u_pair = (0.0_wp, 0.0_wp)
     self%g_pair = (0.0_wp, 0.0_wp)
     self%x_pair = (0.0_wp, 0.0_wp)
+    allocate (self%n_pair(form%n, merge(size(self%pair, 2), 0, form%has_memory())))
+    self%n_pair = (0.0_wp, 0.0_wp)
     if (size(form%quadratic) == 0) return
     do i = 1, size(self%pair, 2)
       a = self%pair(1, i)
@@ -323,11 +327,13 @@ contains
       if (other < i) then
         call copy_conjugate(self, self%u_pair, self%g_pair, other, i)
         self%x_pair(:, i) = conjg(self%x_pair(:, other))
+        if (form%has_memory()) self%n_pair(:, i) = conjg(self%n_pair(:, other))
         cycle
       end if
       load = -form%quadratic_at(self%x_one(:, a), self%x_one(:, b))
       if (a /= b) load = 2.0_wp*load
       if (form%has_memory()) then
+        self%n_pair(:, i) = -load
         if (any(abs(load) > 0.0_wp)) load = load*form%retained(self%s_pair(i))
       end if
       call self%answer(form, self%s_pair(i), maxval(abs(aimag(self%s([a, b])))), load, &
@@ -348,10 +354,6 @@ contains
         end do
       end do
     end do
-    if (form%has_memory() .and. any(abs(self%g_pair) > 0.0_wp)) then
-      call fail(status, status_input_error, 'system', 'system: quadratic resonances together ' &
-                //'with memory are not computed')
-    end if
   end subroutine second_order
 
   subroutine third_order(self, form, status)
@@ -401,8 +403,8 @@ contains
   end subroutine third_order
 
   !> What changes of second order do: Y_p Y_q changes by g_p,Q Y_q Y_Q, so that product T = q Q
-  !! gets L[s_T, s_pq] U_pq and, where Y_p Y_q is itself in the change of a mode j,
-  !! A_2 r_j g_j,pq from its second derivative.
+  !! gets L[s_T, s_pq] U_pq, with memory (1 - R)[s_T, s_pq] N_2,pq and, where Y_p Y_q is itself
+  !! in the change of a mode j, L[s_T, s_pq, s_j] r_j g_j,pq.
   subroutine slow_changes(self, form, i, load)
     class(normal_form_type), intent(in) :: self
     type(polynomial_form_type), intent(in) :: form
@@ -424,8 +426,14 @@ contains
                                   self%u_pair(:, pair))
         do j = 1, 2*self%n_generators
           if (.not. abs(self%g_pair(j, pair)) > 0.0_wp) cycle
-          load = load - rate*self%g_pair(j, pair)*matmul(form%linear(:, :, 2), self%right(:, j))
+          load = load - rate*self%g_pair(j, pair)*matmul( &
+                 form%second_difference(self%s_triple(i), self%s_pair(pair), self%exponents(j)), &
+                 self%right(:, j))
         end do
+        if (form%has_memory()) then
+          load = load - rate*self%n_pair(:, pair) &
+                 *form%retained_between([self%s_triple(i), self%s_pair(pair)])
+        end if
       end do
     end do
   end subroutine slow_changes

@@ -3,7 +3,6 @@ module viscovib_scales_motion
   use viscovib_dense, only: factorize, solve
   use viscovib_kinds, only: wp
   use viscovib_multiple_scales, only: multiple_scales_type
-  use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_status, only: fail, status_input_error, status_type
   implicit none
   private
@@ -15,21 +14,21 @@ module viscovib_scales_motion
 contains
 
   !> Coordinates and velocities at time t where the amplitudes are a, to third order.
-  subroutine motion_at(scales, form, t, a, q, v, sizes)
+  subroutine motion_at(scales, t, a, q, v, sizes)
     type(multiple_scales_type), intent(in) :: scales
-    type(polynomial_form_type), intent(in) :: form
     real(wp), intent(in) :: t
+    !> In natural units.
     complex(wp), intent(in) :: a(:)
-    !> Shape (n_dof).
+    !> In the caller's units, shape (n_dof).
     real(wp), intent(out) :: q(:), v(:)
     !> What the terms of each order can add up to, in the coordinate where that is most.
     real(wp), intent(out) :: sizes(3)
     complex(wp) :: y(2*scales%normal%n_generators), dy(2*scales%normal%n_generators)
     complex(wp) :: da(size(a)), wave, product, change
-    real(wp) :: bounds(form%n_dof, 3)
+    real(wp) :: bounds(scales%form%n_dof, 3)
     integer :: n, m, g, d, i, k
 
-    associate (normal => scales%normal, flow => scales%flow)
+    associate (normal => scales%normal, flow => scales%flow, form => scales%form)
       n = normal%n_modes
       g = normal%n_generators
       d = form%n_dof
@@ -79,25 +78,35 @@ contains
           bounds(:, 3) = bounds(:, 3) + normal%size_triple(:, m)*abs(product)
         end associate
       end do
+      q = scales%columns(:d)*q
+      v = scales%columns(:d)*v
+      sizes = sizes_of(scales, bounds)
     end associate
-    sizes = maxval(bounds, 1)
   end subroutine motion_at
 
-  !> Of a steady motion, u = Re(X exp(i p t)) + other frequencies; and the sizes of the orders.
-  pure subroutine harmonic_of(scales, form, a, p, x, sizes)
+  !> In the caller's units, in the coordinate where they are largest.
+  pure function sizes_of(scales, bounds) result(sizes)
     type(multiple_scales_type), intent(in) :: scales
-    type(polynomial_form_type), intent(in) :: form
+    real(wp), intent(in) :: bounds(:, :)
+    real(wp) :: sizes(3)
+    sizes = maxval(spread(scales%columns(:size(bounds, 1)), 2, 3)*bounds, 1)
+  end function sizes_of
+
+  !> Of a steady motion, u = Re(X exp(i p t)) + other frequencies; and the sizes of the orders.
+  pure subroutine harmonic_of(scales, a, p, x, sizes)
+    type(multiple_scales_type), intent(in) :: scales
+    !> In natural units.
     complex(wp), intent(in) :: a(:)
     real(wp), intent(in) :: p
-    !> Shape (n_dof).
+    !> In the caller's units, shape (n_dof).
     complex(wp), intent(out) :: x(:)
     real(wp), intent(out) :: sizes(3)
     complex(wp) :: y(2*scales%normal%n_generators)
-    real(wp) :: turn(2*scales%normal%n_generators), bounds(form%n_dof, 3), margin, modulus
+    real(wp) :: turn(2*scales%normal%n_generators), bounds(scales%form%n_dof, 3), margin, modulus
     real(wp) :: moduli(2*scales%normal%n_generators)
     integer :: n, g, d, i, k
 
-    associate (normal => scales%normal)
+    associate (normal => scales%normal, form => scales%form)
       n = normal%n_modes
       g = normal%n_generators
       d = form%n_dof
@@ -139,8 +148,9 @@ contains
           x = x + 2.0_wp*u*(y(f(1))*y(f(2))*y(f(3)))
         end associate
       end do
+      x = scales%columns(:d)*x
+      sizes = sizes_of(scales, bounds)
     end associate
-    sizes = maxval(bounds, 1)
   end subroutine harmonic_of
 
   elemental complex(wp) function turned(angle)
@@ -150,18 +160,23 @@ contains
 
   !> Amplitudes at t = 0 of a motion that begins at (q, v), by corrections through the
   !! linear part; they shrink in proportion to the amplitude.
-  subroutine amplitudes_of_state(scales, form, q, v, a, status)
+  subroutine amplitudes_of_state(scales, q, v, a, status)
     type(multiple_scales_type), intent(in) :: scales
-    type(polynomial_form_type), intent(in) :: form
+    !> In the caller's units.
     real(wp), intent(in) :: q(:), v(:)
+    !> In natural units.
     complex(wp), intent(out) :: a(:)
     type(status_type), intent(out) :: status
-    real(wp) :: matrix(2*form%n_dof, 2*form%n_dof), x(2*form%n_dof)
-    real(wp) :: q_now(form%n_dof), v_now(form%n_dof), sizes(3), error, best
-    integer :: pivots(2*form%n_dof), n, j, round
+    real(wp) :: matrix(2*size(q), 2*size(q)), x(2*size(q)), units(2*size(q))
+    real(wp) :: q_now(size(q)), v_now(size(q)), sizes(3), error, best, whole
+    integer :: pivots(2*size(q)), n, j, round
     logical :: singular
 
-    n = form%n_dof
+    n = size(q)
+    ! Velocities over the fastest frequency are of the size of coordinates.
+    units(:n) = scales%columns(:n)
+    units(n + 1:) = scales%columns(:n)*maxval(abs(scales%flow%s))
+    whole = maxval(abs([q, v])/units)
     do j = 1, n
       associate (r => scales%normal%right(:n, j), s => scales%normal%exponents(j))
         matrix(:n, 2*j - 1) = 2.0_wp*real(r)
@@ -170,19 +185,20 @@ contains
         matrix(n + 1:, 2*j) = -2.0_wp*aimag(s*r)
       end associate
     end do
+    matrix(n + 1:, :) = matrix(n + 1:, :)/maxval(abs(scales%flow%s))
     call factorize(2*n, matrix, pivots, singular)
     a = (0.0_wp, 0.0_wp)
     best = huge(best)
     do round = 1, merge(0, max_rounds, singular)
-      call motion_at(scales, form, 0.0_wp, a, q_now, v_now, sizes)
-      x = [q - q_now, v - v_now]
+      call motion_at(scales, 0.0_wp, a, q_now, v_now, sizes)
+      x = [q - q_now, v - v_now]/units
       error = maxval(abs(x))
       if (.not. error < huge(error)) exit
       call solve(2*n, matrix, pivots, x)
       a = a + cmplx(x(1::2), x(2::2), wp)
-      if (.not. error > 1.0e-15_wp*maxval(abs([q, v]))) return
+      if (.not. error > 1.0e-15_wp*whole) return
       ! Rounding: no better than before.
-      if (round > 5 .and. error >= best .and. best <= 1.0e-12_wp*maxval(abs([q, v]))) return
+      if (round > 5 .and. error >= best .and. best <= 1.0e-12_wp*whole) return
       best = min(best, error)
     end do
     call fail(status, status_input_error, 'initial', 'initial: no amplitudes give this state; it ' &

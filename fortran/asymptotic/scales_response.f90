@@ -5,6 +5,7 @@ module viscovib_scales_response
   use viscovib_linear_modes, only: find_modes
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
   use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_scales_error, only: steady_error
   use viscovib_scales_motion, only: harmonic_of
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_steady_states, only: max_steady, new_steady_solver, steady_solver_type
@@ -23,14 +24,19 @@ module viscovib_scales_response
     integer, allocatable :: value(:)
     complex(wp), allocatable :: a(:, :), eigenvalues(:, :), harmonic(:, :)
     real(wp), allocatable :: frame(:, :), sizes(:, :)
+    !> Where asked for, errors of the harmonic and of the whole motion in each coordinate.
+    real(wp), allocatable :: harmonic_errors(:, :), motion_errors(:, :)
   end type steady_points_type
 
 contains
 
-  subroutine response_along(form, load, vary, values, tolerance, points, status, cancel)
+  subroutine response_along(form, load, vary, values, tolerance, with_errors, points, status, &
+                            cancel)
     type(polynomial_form_type), intent(in) :: form
     integer, intent(in) :: load, vary
     real(wp), intent(in) :: values(:), tolerance
+    !> Estimate errors too: some ten times the work.
+    logical, intent(in) :: with_errors
     type(steady_points_type), intent(out) :: points
     type(status_type), intent(out) :: status
     integer, intent(inout), volatile :: cancel
@@ -49,7 +55,7 @@ contains
                 //show(size(form%drives)))
       return
     end if
-    here = form
+    call form%copy_to(here)
     if (vary == vary_frequency) then
       call find_modes(form, exponents, right, left, status)
       if (status%failed()) return
@@ -114,8 +120,9 @@ contains
     subroutine move_load(value)
       real(wp), intent(in) :: value
       integer :: m
-      call set_value(value)
-      call scales%normal%answer_load(here, load, here%drives(load), &
+      scales%form%drives(load) = merge(value, scales%form%drives(load), vary == vary_frequency)
+      if (vary == vary_amplitude) scales%form%load(:, load) = scales%rows*value*direction()
+      call scales%normal%answer_load(scales%form, load, scales%form%drives(load), &
                                      scales%normal%u_load(:, load), &
                                      scales%normal%g_load(:, load), status, reference)
       if (status%failed()) return
@@ -123,7 +130,7 @@ contains
         associate (t => scales%flow%terms(m))
           if (any(t%at /= 0) .or. t%loads(1) /= load) cycle
           t%coefficient = scales%normal%g_load(t%row, load)
-          t%drive = here%drives(load)
+          t%drive = scales%form%drives(load)
         end associate
       end do
       call scales%flow%turn_frame()
@@ -138,11 +145,15 @@ contains
       points%n = points%n + 1
       associate (m => points%n)
         points%value(m) = i
-        points%a(:, m) = amplitudes
+        points%a(:, m) = amplitudes*scales%amplitude_units
         points%frame(:, m) = scales%flow%frame
         call flow_eigenvalues(scales%flow, amplitudes, points%eigenvalues(:, m))
-        call harmonic_of(scales, here, amplitudes, here%drives(load), points%harmonic(:, m), &
+        call harmonic_of(scales, amplitudes, scales%form%drives(load), points%harmonic(:, m), &
                          points%sizes(:, m))
+        if (with_errors) then
+          call steady_error(scales, form%full, amplitudes, scales%form%drives(load), &
+                            points%harmonic_errors(:, m), points%motion_errors(:, m))
+        end if
       end associate
     end subroutine add_point
 
@@ -154,7 +165,8 @@ contains
     integer, intent(in) :: n_modes, n_dof, room
     type(steady_points_type) :: more
     allocate (more%value(room), more%a(n_modes, room), more%eigenvalues(2*n_modes, room), &
-              more%harmonic(n_dof, room), more%frame(n_modes, room), more%sizes(3, room))
+              more%harmonic(n_dof, room), more%frame(n_modes, room), more%sizes(3, room), &
+              more%harmonic_errors(n_dof, room), more%motion_errors(n_dof, room))
     more%n = points%n
     if (points%n > 0) then
       associate (m => points%n)
@@ -164,6 +176,8 @@ contains
         more%harmonic(:, :m) = points%harmonic(:, :m)
         more%frame(:, :m) = points%frame(:, :m)
         more%sizes(:, :m) = points%sizes(:, :m)
+        more%harmonic_errors(:, :m) = points%harmonic_errors(:, :m)
+        more%motion_errors(:, :m) = points%motion_errors(:, :m)
       end associate
     end if
     points = more

@@ -106,21 +106,33 @@ contains
     subroutine add(factors, coefficient)
       integer, intent(in) :: factors(3)
       complex(wp), intent(in) :: coefficient
-      integer :: q, place, sign_of
+      type(flow_term_type) :: new
+      integer :: q, place, sign_of, same
 
-      n = n + 1
-      terms(n) = flow_term_type(row=j, coefficient=coefficient)
+      new = flow_term_type(row=j, coefficient=coefficient)
       do q = 1, 3
         if (factors(q) == 0) cycle
         sign_of = merge(1, -1, factors(q) <= normal%n_generators)
         place = modulo(factors(q) - 1, normal%n_generators) + 1
         if (place <= normal%n_modes) then
-          terms(n)%at(q) = sign_of*place
-        else
-          terms(n)%loads(q) = sign_of*normal%hard(place - normal%n_modes)
-          terms(n)%drive = terms(n)%drive + sign_of*aimag(normal%s(place))
+          new%at(q) = sign_of*place
+        else if (aimag(normal%s(place)) > 0.0_wp) then
+          ! A load that is constant is a part of the coefficient.
+          new%loads(q) = sign_of*normal%hard(place - normal%n_modes)
+          new%drive = new%drive + sign_of*aimag(normal%s(place))
         end if
       end do
+      ! Constant loads leave several of a kind.
+      do same = 1, n
+        if (terms(same)%row == j .and. all(terms(same)%at == new%at) &
+            .and. all(terms(same)%loads == new%loads)) exit
+      end do
+      if (same > n) then
+        n = n + 1
+        terms(n) = new
+      else
+        terms(same)%coefficient = terms(same)%coefficient + coefficient
+      end if
     end subroutine add
 
   end subroutine new_slow_flow
@@ -204,11 +216,12 @@ contains
     end do
   end subroutine rates
 
-  !> da'/da and da'/dconjg(a) where the flow is autonomous.
-  pure subroutine slopes(self, a, by_a, by_conjugate)
+  !> da'/da and da'/dconjg(a); at time t where the flow is not autonomous.
+  pure subroutine slopes(self, a, by_a, by_conjugate, t)
     class(slow_flow_type), intent(in) :: self
     complex(wp), intent(in) :: a(self%n_modes)
     complex(wp), intent(out), dimension(self%n_modes, self%n_modes) :: by_a, by_conjugate
+    real(wp), intent(in), optional :: t
     complex(wp) :: value
     integer :: i, q, k, other
 
@@ -218,21 +231,22 @@ contains
       by_a(i, i) = self%s(i) - cmplx(0.0_wp, self%frame(i), wp)
     end do
     do i = 1, size(self%terms)
-      associate (t => self%terms(i))
+      associate (term => self%terms(i))
         do q = 1, 3
-          if (t%at(q) == 0) cycle
-          value = t%coefficient
+          if (term%at(q) == 0) cycle
+          value = term%coefficient
+          if (present(t) .and. .not. self%autonomous) value = value*turned(term%turn*t)
           do other = 1, 3
-            k = t%at(other)
+            k = term%at(other)
             if (other == q) cycle
             if (k > 0) value = value*a(k)
             if (k < 0) value = value*conjg(a(-k))
           end do
-          k = t%at(q)
+          k = term%at(q)
           if (k > 0) then
-            by_a(t%row, k) = by_a(t%row, k) + value
+            by_a(term%row, k) = by_a(term%row, k) + value
           else
-            by_conjugate(t%row, -k) = by_conjugate(t%row, -k) + value
+            by_conjugate(term%row, -k) = by_conjugate(term%row, -k) + value
           end if
         end do
       end associate

@@ -15,7 +15,7 @@ module viscovib_steady_states
 
   public :: steady_solver_type, new_steady_solver
 
-  integer, parameter, public :: max_steady = 40
+  integer, parameter, public :: max_steady = 729
   integer, parameter :: kind_none = 0, kind_one = 1, kind_squares = 2, kind_general = 3
 
   type :: steady_solver_type
@@ -313,12 +313,12 @@ contains
   subroutine solve(self, flow, a, n_found, cancel)
     class(steady_solver_type), intent(in) :: self
     type(slow_flow_type), intent(in) :: flow
-    !> Shape (n_modes, max_steady).
-    complex(wp), intent(out) :: a(:, :)
+    !> Shape (n_modes, max_steady); columns beyond n_found are left alone.
+    complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
     integer, intent(inout), volatile :: cancel
 
-    a = (0.0_wp, 0.0_wp)
+    a(:, 1) = (0.0_wp, 0.0_wp)
     select case (self%kind)
     case (kind_one)
       call solve_one(self, flow, a, n_found)
@@ -353,6 +353,7 @@ contains
       bottom = sigma(1) + gamma(1, 1)*x(i)
       if (.not. abs(bottom) > 0.0_wp) cycle
       n_found = n_found + 1
+      a(:, n_found) = (0.0_wp, 0.0_wp)
       a(self%active(1), n_found) = -load(1)/bottom
     end do
   end subroutine solve_one
@@ -362,9 +363,9 @@ contains
     real(wp), intent(in) :: c(4)
     real(wp), intent(out) :: x(3)
     integer, intent(out) :: n
-    real(wp) :: unit, p(4), a, q, r, angle, root, value, slope, step
+    real(wp) :: unit, p(4), a, q, r, angle, root, value, slope, step, room
     real(wp), parameter :: third_turn = 2.0943951023931953_wp
-    integer :: i, round
+    integer :: i, k, round
 
     x = 0.0_wp
     n = 1
@@ -391,14 +392,22 @@ contains
       x(1) = root - a
       if (abs(root) > 0.0_wp) x(1) = x(1) + q/root
     end if
+    ! Small roots come out with the absolute error of large ones: they are polished as long as
+    ! that helps, and never past half the way to another.
     do i = 1, n
-      do round = 1, 3
+      room = 1.0_wp
+      do k = 1, n
+        if (k /= i) room = min(room, 0.5_wp*abs(x(i) - x(k)))
+      end do
+      do round = 1, 8
         value = p(4) + x(i)*(p(3) + x(i)*(p(2) + x(i)))
         slope = p(3) + x(i)*(2.0_wp*p(2) + 3.0_wp*x(i))
         if (.not. abs(slope) > 0.0_wp) exit
         step = value/slope
-        if (abs(step) > 0.01_wp*abs(x(i))) exit
+        if (.not. abs(step) <= room) exit
+        room = 0.5_wp*room
         x(i) = x(i) - step
+        if (abs(step) <= epsilon(step)*abs(x(i))) exit
       end do
     end do
     x = x*unit
@@ -427,6 +436,7 @@ contains
       bottom = sigma + matmul(gamma, real(x(:, i)))
       if (.not. all(abs(bottom) > 0.0_wp) .or. n_found == size(a, 2)) cycle
       n_found = n_found + 1
+      a(:, n_found) = (0.0_wp, 0.0_wp)
       a(self%active, n_found) = -load/bottom*self%unit
     end do
   end subroutine solve_squares
@@ -451,6 +461,7 @@ contains
                                                                       1.0e-6_wp)) cycle
       if (n_found == size(a, 2)) exit
       n_found = n_found + 1
+      a(:, n_found) = (0.0_wp, 0.0_wp)
       a(self%active, n_found) = 0.5_wp*(x(:m, i) + conjg(x(m + 1:, i)))*self%unit
       ! Rest is found as some tiny number.
       where (abs(a(:, n_found)) < 1.0e-30_wp*self%unit) a(:, n_found) = (0.0_wp, 0.0_wp)

@@ -1,8 +1,9 @@
 ! Flat routines of the method of multiple scales, for f2py. A system is the vector
-! described in `viscovib_packed_form` and two kernels; nothing is kept between calls.
+! described in `viscovib_packed_form` with the numbers of the system itself and two kernels;
+! nothing is kept between calls.
 
 !> The pendulum as such a vector.
-subroutine pendulum_form(flat, max_length, packed, length, status, message)
+subroutine pendulum_form(flat, ordering, max_length, packed, length, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_packed_form, only: pack_form
@@ -12,7 +13,7 @@ subroutine pendulum_form(flat, max_length, packed, length, status, message)
   use viscovib_status, only: status_type
   implicit none
   real(c_double), intent(in) :: flat(14)
-  integer(c_int), intent(in) :: max_length
+  integer(c_int), intent(in) :: ordering, max_length
   real(c_double), intent(out) :: packed(max_length)
   integer(c_int), intent(out) :: length, status
   character(len=512), intent(out) :: message
@@ -25,7 +26,7 @@ subroutine pendulum_form(flat, max_length, packed, length, status, message)
   packed = 0.0_c_double
   length = 0
   call make_pendulum(system, flat, outcome)
-  if (.not. outcome%failed()) call new_pendulum_form(form, system, outcome)
+  if (.not. outcome%failed()) call new_pendulum_form(form, system, ordering, outcome)
   if (.not. outcome%failed()) then
     call pack_form(form, numbers)
     length = min(size(numbers), max_length)
@@ -34,42 +35,43 @@ subroutine pendulum_form(flat, max_length, packed, length, status, message)
   call report(outcome, status, message)
 end subroutine pendulum_form
 
-!> The mount as such a vector; one load, cosine, force on x and moment on phi.
-subroutine mount_form(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, load, nu, max_length, &
-                      packed, length, status, message)
+!> A mount or a polynomial system as such a vector; one load, cosine.
+subroutine oscillator_form(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, load, &
+                           n_dof, nu, max_length, packed, length, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use viscovib_binding_tools, only: make_mount, report
-  use viscovib_mount, only: mount_type
-  use viscovib_mount_form, only: new_mount_form
+  use viscovib_binding_tools, only: make_system, report
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_packed_form, only: pack_form
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_status, only: status_type
+  use viscovib_system_form, only: new_oscillator_form
   implicit none
-  integer(c_int), intent(in) :: kind_x, n_x, kind_phi, n_phi, max_length
-  real(c_double), intent(in) :: mount(12), data_x(n_x), data_phi(n_phi), load(2), nu
+  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_dof, max_length
+  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), load(n_dof), nu
   real(c_double), intent(out) :: packed(max_length)
   integer(c_int), intent(out) :: length, status
   character(len=512), intent(out) :: message
   !f2py threadsafe
-  type(mount_type) :: system
+  class(oscillator_type), allocatable :: system
   type(polynomial_form_type) :: form
   type(status_type) :: outcome
   real(c_double), allocatable :: numbers(:)
 
   packed = 0.0_c_double
   length = 0
-  call make_mount(system, mount, kind_x, data_x, kind_phi, data_phi, outcome)
+  call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
+  if (.not. outcome%failed()) call new_oscillator_form(form, system, load, nu, outcome)
   if (.not. outcome%failed()) then
-    call new_mount_form(form, system, load, nu)
     call pack_form(form, numbers)
-    length = min(size(numbers), max_length)
-    packed(:length) = numbers(:length)
+    length = size(numbers)
+    packed(:min(length, max_length)) = numbers(:min(length, max_length))
   end if
   call report(outcome, status, message)
-end subroutine mount_form
+end subroutine oscillator_form
 
 !> Modes, interaction and the terms of the modulation equations.
-subroutine scales_form(packed, n_packed, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
+subroutine scales_form(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind_phi, &
+                       data_phi, n_phi, &
                        tolerance, n_modes, n_unknowns, max_terms, exponents, shapes, &
                        interaction, frame, autonomous, n_terms, terms, coefficients, status, &
                        message)
@@ -80,9 +82,10 @@ subroutine scales_form(packed, n_packed, kind_x, data_x, n_x, kind_phi, data_phi
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_status, only: status_type
   implicit none
-  integer(c_int), intent(in) :: n_packed, kind_x, n_x, kind_phi, n_phi, n_modes, n_unknowns
+  integer(c_int), intent(in) :: n_packed, n_flat, kind_x, n_x, kind_phi, n_phi, n_modes, n_unknowns
   integer(c_int), intent(in) :: max_terms
-  real(c_double), intent(in) :: packed(n_packed), data_x(n_x), data_phi(n_phi), tolerance
+  real(c_double), intent(in) :: packed(n_packed), flat(n_flat)
+  real(c_double), intent(in) :: data_x(n_x), data_phi(n_phi), tolerance
   complex(c_double_complex), intent(out) :: exponents(n_modes), shapes(n_unknowns, n_modes)
   complex(c_double_complex), intent(out) :: interaction(n_modes, n_modes), coefficients(max_terms)
   real(c_double), intent(out) :: frame(n_modes)
@@ -102,11 +105,11 @@ subroutine scales_form(packed, n_packed, kind_x, data_x, n_x, kind_phi, data_phi
   autonomous = 0
   n_terms = 0
   terms = 0
-  call make_form(packed, kind_x, data_x, kind_phi, data_phi, form, outcome)
+  call make_form(packed, flat, kind_x, data_x, kind_phi, data_phi, form, outcome)
   if (.not. outcome%failed()) call new_multiple_scales(scales, form, tolerance, .false., outcome)
   if (.not. outcome%failed()) then
     exponents = scales%flow%s
-    shapes = scales%normal%right(:, :n_modes)
+    shapes = scales%shapes()
     interaction = scales%interaction()
     frame = scales%flow%frame
     autonomous = merge(1, 0, scales%flow%autonomous)
@@ -114,7 +117,7 @@ subroutine scales_form(packed, n_packed, kind_x, data_x, n_x, kind_phi, data_phi
     do i = 1, n_terms
       associate (t => scales%flow%terms(i))
         terms(:, i) = [t%row, t%at, t%loads]
-        coefficients(i) = t%coefficient
+        coefficients(i) = scales%coefficient(i)
       end associate
     end do
   end if
@@ -123,10 +126,11 @@ end subroutine scales_form
 
 !> Amplitudes at times, and the motion that belongs to them. `start` holds the amplitudes at
 !! time 0 (given = 1), or they are found from the state (q, v) (given = 0).
-subroutine scales_motion(packed, n_packed, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
+subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind_phi, &
+                         data_phi, n_phi, &
                          tolerance, n_modes, given, start, state, times, n, accuracy, max_steps, &
-                         cancel, amplitudes, motion, sizes, frame, n_reached, n_steps, outcome_of, &
-                         status, message)
+                         cancel, amplitudes, first, motion, sizes, frame, n_reached, n_steps, &
+                         outcome_of, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_modulation, only: modulate
@@ -136,13 +140,15 @@ subroutine scales_motion(packed, n_packed, kind_x, data_x, n_x, kind_phi, data_p
   use viscovib_scales_tools, only: make_form
   use viscovib_status, only: status_type
   implicit none
-  integer(c_int), intent(in) :: n_packed, kind_x, n_x, kind_phi, n_phi, n_modes, given, n, max_steps
-  real(c_double), intent(in) :: packed(n_packed), data_x(n_x), data_phi(n_phi), tolerance
+  integer(c_int), intent(in) :: n_packed, n_flat, kind_x, n_x, kind_phi, n_phi, n_modes, given, n
+  integer(c_int), intent(in) :: max_steps
+  real(c_double), intent(in) :: packed(n_packed), flat(n_flat)
+  real(c_double), intent(in) :: data_x(n_x), data_phi(n_phi), tolerance
   complex(c_double_complex), intent(in) :: start(n_modes)
   real(c_double), intent(in) :: state(n_modes, 2), times(n), accuracy
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
-  complex(c_double_complex), intent(out) :: amplitudes(n_modes, n)
+  complex(c_double_complex), intent(out) :: amplitudes(n_modes, n), first(n_modes)
   real(c_double), intent(out) :: motion(n_modes, 2, n), sizes(3, n), frame(n_modes)
   integer(c_int), intent(out) :: n_reached, n_steps, outcome_of, status
   character(len=512), intent(out) :: message
@@ -154,35 +160,77 @@ subroutine scales_motion(packed, n_packed, kind_x, data_x, n_x, kind_phi, data_p
   integer :: i
 
   amplitudes = (0.0_c_double, 0.0_c_double)
+  first = (0.0_c_double, 0.0_c_double)
   motion = 0.0_c_double
   sizes = 0.0_c_double
   frame = 0.0_c_double
   n_reached = 0
   n_steps = 0
   outcome_of = 0
-  call make_form(packed, kind_x, data_x, kind_phi, data_phi, form, outcome)
+  call make_form(packed, flat, kind_x, data_x, kind_phi, data_phi, form, outcome)
   if (.not. outcome%failed()) call new_multiple_scales(scales, form, tolerance, .false., outcome)
   if (.not. outcome%failed()) then
     frame = scales%flow%frame
-    a = start
-    if (given == 0) call amplitudes_of_state(scales, form, state(:, 1), state(:, 2), a, outcome)
+    a = start/scales%amplitude_units
+    if (given == 0) call amplitudes_of_state(scales, state(:, 1), state(:, 2), a, outcome)
   end if
   if (.not. outcome%failed()) then
+    first = a*scales%amplitude_units
     call modulate(scales%flow, a, times, accuracy, max_steps, amplitudes, n_reached, n_steps, &
                   outcome_of, cancel(1))
     do i = 1, n_reached
-      call motion_at(scales, form, times(i), amplitudes(:, i), motion(:, 1, i), motion(:, 2, i), &
+      call motion_at(scales, times(i), amplitudes(:, i), motion(:, 1, i), motion(:, 2, i), &
                      sizes(:, i))
+      amplitudes(:, i) = amplitudes(:, i)*scales%amplitude_units
     end do
   end if
   call report(outcome, status, message)
 end subroutine scales_motion
 
+!> Errors of a motion at times, from the amplitudes there: `scales_motion` gave them.
+subroutine scales_errors(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind_phi, &
+                         data_phi, n_phi, &
+                         tolerance, n_modes, n_dof, times, n, amplitudes, cancel, errors, status, &
+                         message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
+  use viscovib_binding_tools, only: report
+  use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
+  use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_scales_error, only: motion_errors
+  use viscovib_scales_tools, only: make_form
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: n_packed, n_flat, kind_x, n_x, kind_phi, n_phi, n_modes, n_dof, n
+  real(c_double), intent(in) :: packed(n_packed), flat(n_flat)
+  real(c_double), intent(in) :: data_x(n_x), data_phi(n_phi), tolerance
+  real(c_double), intent(in) :: times(n)
+  complex(c_double_complex), intent(in) :: amplitudes(n_modes, n)
+  !> cancel(1) /= 0, perhaps set by another thread, gives up.
+  integer(c_int), intent(inout) :: cancel(1)
+  real(c_double), intent(out) :: errors(n_dof, n)
+  integer(c_int), intent(out) :: status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(polynomial_form_type) :: form
+  type(multiple_scales_type) :: scales
+  type(status_type) :: outcome
+
+  errors = 0.0_c_double
+  call make_form(packed, flat, kind_x, data_x, kind_phi, data_phi, form, outcome)
+  if (.not. outcome%failed()) call new_multiple_scales(scales, form, tolerance, .false., outcome)
+  if (.not. outcome%failed()) then
+    call motion_errors(scales, form%full, times, &
+                       amplitudes/spread(scales%amplitude_units, 2, n), errors, cancel(1))
+  end if
+  call report(outcome, status, message)
+end subroutine scales_errors
+
 !> Steady motions for values of the frequency (vary = 1) or the amplitude (vary = 2) of a load.
-subroutine scales_response(packed, n_packed, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
-                           tolerance, load, vary, values, n, n_modes, max_points, cancel, &
-                           n_points, which, amplitudes, frames, eigenvalues, harmonics, sizes, &
-                           status, message)
+subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind_phi, &
+                           data_phi, n_phi, &
+                           tolerance, load, vary, values, n, with_errors, n_modes, n_dof, &
+                           max_points, cancel, n_points, which, amplitudes, frames, eigenvalues, &
+                           harmonics, sizes, harmonic_errors, motion_errors, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_polynomial_form, only: polynomial_form_type
@@ -190,16 +238,19 @@ subroutine scales_response(packed, n_packed, kind_x, data_x, n_x, kind_phi, data
   use viscovib_scales_tools, only: make_form
   use viscovib_status, only: status_type
   implicit none
-  integer(c_int), intent(in) :: n_packed, kind_x, n_x, kind_phi, n_phi, load, vary, n, n_modes
-  integer(c_int), intent(in) :: max_points
-  real(c_double), intent(in) :: packed(n_packed), data_x(n_x), data_phi(n_phi), tolerance, values(n)
+  integer(c_int), intent(in) :: n_packed, n_flat, kind_x, n_x, kind_phi, n_phi, load, vary, n
+  integer(c_int), intent(in) :: n_modes, n_dof, max_points, with_errors
+  real(c_double), intent(in) :: packed(n_packed), flat(n_flat)
+  real(c_double), intent(in) :: data_x(n_x), data_phi(n_phi), tolerance, values(n)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   integer(c_int), intent(out) :: n_points, which(max_points), status
   complex(c_double_complex), intent(out) :: amplitudes(n_modes, max_points)
   complex(c_double_complex), intent(out) :: eigenvalues(2*n_modes, max_points)
-  complex(c_double_complex), intent(out) :: harmonics(n_modes, max_points)
+  complex(c_double_complex), intent(out) :: harmonics(n_dof, max_points)
   real(c_double), intent(out) :: frames(n_modes, max_points), sizes(3, max_points)
+  real(c_double), intent(out) :: harmonic_errors(n_dof, max_points), &
+                                 motion_errors(n_dof, max_points)
   character(len=512), intent(out) :: message
   !f2py threadsafe
   type(polynomial_form_type) :: form
@@ -208,9 +259,10 @@ subroutine scales_response(packed, n_packed, kind_x, data_x, n_x, kind_phi, data
   integer :: m
 
   n_points = 0
-  call make_form(packed, kind_x, data_x, kind_phi, data_phi, form, outcome)
+  call make_form(packed, flat, kind_x, data_x, kind_phi, data_phi, form, outcome)
   if (.not. outcome%failed()) then
-    call response_along(form, load, vary, values, tolerance, points, outcome, cancel(1))
+    call response_along(form, load, vary, values, tolerance, with_errors /= 0, points, outcome, &
+                        cancel(1))
   end if
   if (.not. outcome%failed()) then
     n_points = points%n
@@ -221,6 +273,10 @@ subroutine scales_response(packed, n_packed, kind_x, data_x, n_x, kind_phi, data
     eigenvalues(:, :m) = points%eigenvalues(:, :m)
     harmonics(:, :m) = points%harmonic(:, :m)
     sizes(:, :m) = points%sizes(:, :m)
+    if (with_errors /= 0) then
+      harmonic_errors(:, :m) = points%harmonic_errors(:, :m)
+      motion_errors(:, :m) = points%motion_errors(:, :m)
+    end if
   end if
   call report(outcome, status, message)
 end subroutine scales_response

@@ -1,10 +1,12 @@
 !> What the flat routines of the method of multiple scales share.
 module viscovib_scales_tools
-  use viscovib_binding_tools, only: kernel_as_x
-  use viscovib_catalogue, only: kernel_none, new_kernel
+  use viscovib_binding_tools, only: kernels_in_vector, make_pendulum, make_system, mount_length
+  use viscovib_full_oscillator, only: put_behind
   use viscovib_kinds, only: wp
-  use viscovib_oscillator, only: kernel_holder
+  use viscovib_oscillator, only: kernel_holder, oscillator_type
   use viscovib_packed_form, only: unpack_form
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_pendulum_form, only: put_pendulum_behind
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_status, only: status_type
   implicit none
@@ -12,29 +14,31 @@ module viscovib_scales_tools
 
   public :: make_form
 
+  integer, parameter :: pendulum_length = 14
+
 contains
 
-  !> Kernels as the mount's: the second may be none, another, or the first.
-  subroutine make_form(packed, kind_x, data_x, kind_phi, data_phi, form, status)
-    real(wp), intent(in) :: packed(:), data_x(:), data_phi(:)
+  !> A form and the system behind it: a mount or a polynomial system as in `make_system`, a
+  !! pendulum as in `make_pendulum`, or, where `flat` has another length, none.
+  subroutine make_form(packed, flat, kind_x, data_x, kind_phi, data_phi, form, status)
+    real(wp), intent(in) :: packed(:), flat(:), data_x(:), data_phi(:)
     integer, intent(in) :: kind_x, kind_phi
     type(polynomial_form_type), intent(out) :: form
     type(status_type), intent(out) :: status
-    type(kernel_holder) :: kernels(2)
-    integer :: n
+    class(oscillator_type), allocatable :: system
+    type(pendulum_type) :: pendulum
+    type(kernel_holder) :: none(0)
 
-    n = 0
-    if (kind_x /= kernel_none) then
-      n = n + 1
-      call new_kernel(kernels(n)%kernel, kind_x, data_x, status)
-      if (status%failed()) return
+    if (kind_x == kernels_in_vector .or. size(flat) == mount_length) then
+      call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, status)
+      if (.not. status%failed()) call unpack_form(packed, system%kernels, form, status)
+      if (.not. status%failed()) call put_behind(form, system)
+    else
+      call unpack_form(packed, none, form, status)
+      if (status%failed() .or. size(flat) /= pendulum_length) return
+      call make_pendulum(pendulum, flat, status)
+      if (.not. status%failed()) call put_pendulum_behind(form, pendulum)
     end if
-    if (kind_phi /= kernel_none .and. kind_phi /= kernel_as_x) then
-      n = n + 1
-      call new_kernel(kernels(n)%kernel, kind_phi, data_phi, status)
-      if (status%failed()) return
-    end if
-    call unpack_form(packed, kernels(:n), form, status)
   end subroutine make_form
 
 end module viscovib_scales_tools

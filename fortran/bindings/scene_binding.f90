@@ -124,18 +124,3 @@ subroutine branch_plan(nu_from, nu_to, n_orders, with_stability, text)
   character(len=1024), intent(out) :: text
   text = plan_branch(nu_from, nu_to, n_orders, with_stability /= 0)
 end subroutine branch_plan
-
-!> What steady motions by multiple scales would be computed, as scenes tell it.
-subroutine scales_plan(parameter, from, to, n, text)
-  use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use viscovib_grids, only: linear_grid
-  use viscovib_scales_job, only: plan_scales, scales_job
-  implicit none
-  integer(c_int), intent(in) :: parameter, n
-  real(c_double), intent(in) :: from, to
-  character(len=1024), intent(out) :: text
-  type(scales_job) :: job
-  job%parameter = parameter
-  job%values = linear_grid(from, to, n)
-  text = plan_scales(job)
-end subroutine scales_plan

@@ -15,7 +15,8 @@ module viscovib_run_scene
   use viscovib_response, only: response_type
   use viscovib_response_plan, only: new_response_plan, response_plan_type
   use viscovib_response_table, only: write_response
-  use viscovib_scales_job, only: plan_scales, run_scales, stable_points, write_scales
+  use viscovib_scales_job, only: plan_scales, run_oscillator_scales, &
+    run_pendulum_scales, stable_points, write_scales
   use viscovib_scales_response, only: steady_points_type
   use viscovib_scene, only: scene_type
   use viscovib_simulate, only: run_completed, run_names
@@ -151,21 +152,25 @@ contains
   end subroutine run_one_branch
 
   subroutine run_steady(scene, folder, header, report, status)
-    type(scene_type), intent(in) :: scene
+    type(scene_type), intent(in), target :: scene
     character(len=*), intent(in) :: folder, header
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
     type(steady_points_type) :: points
     integer :: i
 
-    call run_scales(scene%scales, scene%pendulum, points, status)
+    if (scene%is_pendulum) then
+      call run_pendulum_scales(scene%scales, scene%pendulum, points, status)
+    else
+      call run_oscillator_scales(scene%scales, scene%oscillator(), points, status)
+    end if
     if (status%failed()) then
       status%message = scene%path//': '//status%message
       return
     end if
     report%path = folder//'/'//stem(scene%path)//'_multiple_scales.csv'
     call write_scales(folder, stem(scene%path)//'_multiple_scales.csv', scene%scales, points, &
-                      header, status)
+                      scene%coordinates, header, status)
     if (status%failed()) return
     report%complete = all([(any(points%value(:points%n) == i), i=1, size(scene%scales%values))])
     report%summary = show(points%n)//' steady motions at '//show(size(scene%scales%values)) &

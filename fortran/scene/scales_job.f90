@@ -1,53 +1,110 @@
-!> The &multiple_scales group of a scene: steady motions of a pendulum along the frequency
-!! or the amplitude of a load.
+!> The &multiple_scales group of a scene: steady motions along the frequency or the amplitude
+!! of a load, of a pendulum, a mount or a polynomial system.
 module viscovib_scales_job
   use viscovib_checks, only: check_positive
   use viscovib_files, only: make_folder
   use viscovib_grids, only: linear_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type
   use viscovib_number_text, only: exact
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
-  use viscovib_pendulum_form, only: new_pendulum_form
+  use viscovib_pendulum_form, only: new_pendulum_form, ordering_names
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_scales_response, only: response_along, steady_points_type, vary_amplitude, &
     vary_frequency
   use viscovib_status, only: show, status_type
+  use viscovib_system_form, only: new_oscillator_form
   use viscovib_text_file, only: text_writer
   implicit none
   private
 
-  public :: scales_job, read_scales, plan_scales, run_scales, write_scales, stable_points
+  public :: scales_job, read_pendulum_scales, read_oscillator_scales, plan_scales, &
+            run_pendulum_scales, run_oscillator_scales, write_scales, stable_points
 
-  character(len=*), parameter :: parameter_names(6) = &
+  character(len=*), parameter :: pendulum_names(6) = &
     [character(len=3) :: 'p1', 'p2', 'p3', 'f0', 'm01', 'm02']
+  character(len=*), parameter :: oscillator_names(2) = [character(len=4) :: 'nu', 'load']
   integer, parameter :: max_values = 1000000
 
   type :: scales_job
-    !> Place in `parameter_names`.
-    integer :: parameter = 1
+    !> What is varied: its name, which load, frequency or amplitude.
+    character(len=4) :: parameter = 'p1'
+    integer :: load = 1, vary = vary_frequency
     real(wp), allocatable :: values(:)
     real(wp) :: tolerance = 0.05_wp
+    !> Place in `ordering_names`, of a pendulum.
+    integer :: ordering = 1
+    !> Load and its frequency, of the others; load times cos(nu t).
+    real(wp), allocatable :: force(:)
+    real(wp) :: nu = 1.0_wp
   end type scales_job
 
 contains
 
-  subroutine read_scales(reader, job)
+  subroutine read_pendulum_scales(reader, job)
     type(group_reader), intent(inout) :: reader
     type(scales_job), intent(out) :: job
-    type(status_type) :: status
     character(len=:), allocatable :: word
+    integer :: which
+
+    which = 1
+    job%parameter = reader%read_text('parameter', 'p1', pendulum_names, which)
+    job%load = modulo(which - 1, 3) + 1
+    job%vary = merge(vary_frequency, vary_amplitude, which <= 3)
+    call read_values(reader, job)
+    word = reader%read_text('ordering', trim(ordering_names(1)), ordering_names, job%ordering)
+  end subroutine read_pendulum_scales
+
+  !> The load is the scene's: one frequency, one phase.
+  subroutine read_oscillator_scales(reader, load, job)
+    type(group_reader), intent(inout) :: reader
+    type(load_type), intent(in) :: load
+    type(scales_job), intent(out) :: job
+    type(status_type) :: status
+    integer :: which
+
+    which = 1
+    job%parameter = reader%read_text('parameter', 'nu', oscillator_names, which)
+    job%vary = merge(vary_frequency, vary_amplitude, which == 1)
+    call read_values(reader, job)
+    if (job%vary == vary_amplitude) then
+      job%nu = reader%read_real('nu')
+      call check_positive('nu', job%nu, status)
+      call reader%place(status)
+    else
+      call reader%refuse(['nu'], 'the frequency is what is varied')
+    end if
+    if (load%moves_base()) call reader%complain('parameter', "&load kind = 'base': is for " &
+                                                //'&response; must be a force for &multiple_scales')
+    if (any(load%orders /= 1) .or. size(load%orders) == 0) then
+      call reader%complain('parameter', '&load: must have order 1 alone, and not vanish, for ' &
+                           //'&multiple_scales')
+    end if
+    if (reader%status%failed()) return
+    if (any(abs(aimag(load%force)) > 0.0_wp)) then
+      call reader%complain('parameter', '&load: must have phase 0 for &multiple_scales; phases ' &
+                           //'of the motion are counted from the load')
+      return
+    end if
+    job%force = real(load%force(:, 1))
+  end subroutine read_oscillator_scales
+
+  subroutine read_values(reader, job)
+    type(group_reader), intent(inout) :: reader
+    type(scales_job), intent(inout) :: job
+    type(status_type) :: status
     real(wp) :: from, to
     integer :: n
 
-    word = reader%read_text('parameter', 'p1', parameter_names, job%parameter)
     from = reader%read_real('from')
     to = reader%read_real('to')
     n = reader%read_integer('count', 201)
     job%tolerance = reader%read_real('tolerance', job%tolerance)
     allocate (job%values(0))
     if (reader%status%failed()) return
-    if (job%parameter <= 3) then
+    if (job%vary == vary_frequency) then
       call check_positive('from', from, status)
       call reader%place(status)
     end if
@@ -59,31 +116,51 @@ contains
       call reader%complain('tolerance', 'tolerance = '//show(job%tolerance)//': must be in [0, 1)')
     end if
     if (.not. reader%status%failed()) job%values = linear_grid(from, to, n)
-  end subroutine read_scales
+  end subroutine read_values
 
   function plan_scales(job) result(text)
     type(scales_job), intent(in) :: job
     character(len=:), allocatable :: text
     text = 'computes: steady motions to third order at '//show(size(job%values))//' values of ' &
-           //trim(parameter_names(job%parameter))//' from '//show(job%values(1))//' to ' &
-           //show(job%values(size(job%values)))//', with stability'//new_line('a')
+           //trim(job%parameter)//' from '//show(job%values(1))//' to ' &
+           //show(job%values(size(job%values)))//', with stability and errors'//new_line('a')
+    if (job%ordering > 1) text = text//'skips: degrees above the third, e counted as one (' &
+                                 //trim(ordering_names(job%ordering))//')'//new_line('a')
   end function plan_scales
 
-  subroutine run_scales(job, pendulum, points, status)
+  subroutine run_pendulum_scales(job, pendulum, points, status)
     type(scales_job), intent(in) :: job
     type(pendulum_type), intent(in) :: pendulum
     type(steady_points_type), intent(out) :: points
     type(status_type), intent(out) :: status
     type(polynomial_form_type) :: form
+
+    call new_pendulum_form(form, pendulum, job%ordering, status)
+    if (.not. status%failed()) call run_form(job, form, points, status)
+  end subroutine run_pendulum_scales
+
+  subroutine run_oscillator_scales(job, oscillator, points, status)
+    type(scales_job), intent(in) :: job
+    class(oscillator_type), intent(in) :: oscillator
+    type(steady_points_type), intent(out) :: points
+    type(status_type), intent(out) :: status
+    type(polynomial_form_type) :: form
+
+    call new_oscillator_form(form, oscillator, job%force, job%nu, status)
+    if (.not. status%failed()) call run_form(job, form, points, status)
+  end subroutine run_oscillator_scales
+
+  subroutine run_form(job, form, points, status)
+    type(scales_job), intent(in) :: job
+    type(polynomial_form_type), intent(in) :: form
+    type(steady_points_type), intent(out) :: points
+    type(status_type), intent(out) :: status
     integer :: cancel
 
     cancel = 0
-    call new_pendulum_form(form, pendulum, status)
-    if (status%failed()) return
-    call response_along(form, modulo(job%parameter - 1, 3) + 1, &
-                        merge(vary_frequency, vary_amplitude, job%parameter <= 3), job%values, &
-                        job%tolerance, points, status, cancel)
-  end subroutine run_scales
+    call response_along(form, job%load, job%vary, job%values, job%tolerance, .true., points, &
+                        status, cancel)
+  end subroutine run_form
 
   !> No eigenvalue with a positive real part, but for rounding.
   pure function stable_points(points) result(stable)
@@ -97,14 +174,14 @@ contains
 
   !> Write the table NAME in a folder, which is made if need be; the table is there whole or
   !! not at all.
-  subroutine write_scales(folder, name, job, points, header, status)
+  subroutine write_scales(folder, name, job, points, coordinates, header, status)
     character(len=*), intent(in) :: folder, name
     type(scales_job), intent(in) :: job
     type(steady_points_type), intent(in) :: points
+    character(len=*), intent(in) :: coordinates(:)
     !> Lines for the top, separated by new-line characters.
     character(len=*), intent(in) :: header
     type(status_type), intent(out) :: status
-    character(len=*), parameter :: coordinates(3) = [character(len=3) :: 'z', 'phi', 'psi']
     type(text_writer) :: table
     character(len=:), allocatable :: row
     logical :: stable(points%n)
@@ -115,28 +192,32 @@ contains
     call table%create(folder//'/'//name, status)
     if (status%failed()) return
     call table%add_comments(header)
-    call table%add_line('# steady motions by multiple scales to third order, dimensionless')
-    call table%add_line('# first harmonic of u = Re X exp(i p t), p the frequency of the load; ' &
-                        //'amplitudes of the modes; largest growth; sizes of the three orders')
-    row = trim(parameter_names(job%parameter))//',stable'
-    do d = 1, 3
+    call table%add_line('# steady motions by multiple scales to third order')
+    call table%add_line('# first harmonic of u = Re X exp(i p t) under the load f cos(p t); ' &
+                        //'amplitudes of the modes; largest growth; sizes of the three orders; ' &
+                        //'estimated error of X, of the coordinate where it is largest')
+    row = trim(job%parameter)//',stable'
+    do d = 1, size(coordinates)
       row = row//','//trim(coordinates(d))//'_re,'//trim(coordinates(d))//'_im'
     end do
-    call table%add_line(row//',mode_1,mode_2,mode_3,growth,order_1,order_2,order_3')
+    do d = 1, size(points%a, 1)
+      row = row//',mode_'//show(d)
+    end do
+    call table%add_line(row//',growth,order_1,order_2,order_3,error_estimate')
     do i = 1, points%n
       row = trim(exact(job%values(points%value(i))))//','//show(merge(1, 0, stable(i)))
-      do d = 1, 3
+      do d = 1, size(coordinates)
         row = row//','//trim(exact(real(points%harmonic(d, i))))//',' &
               //trim(exact(aimag(points%harmonic(d, i))))
       end do
-      do d = 1, 3
+      do d = 1, size(points%a, 1)
         row = row//','//trim(exact(2.0_wp*abs(points%a(d, i))))
       end do
       row = row//','//trim(exact(maxval(real(points%eigenvalues(:, i)))))
       do d = 1, 3
         row = row//','//trim(exact(points%sizes(d, i)))
       end do
-      call table%add_line(row)
+      call table%add_line(row//','//trim(exact(maxval(points%harmonic_errors(:, i)))))
     end do
     call table%finish(status)
   end subroutine write_scales

@@ -19,7 +19,7 @@ module viscovib_scene
   use viscovib_response_groups, only: read_response
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
   use viscovib_motion_groups, only: read_frequency, read_hereditary
-  use viscovib_scales_job, only: read_scales, scales_job
+  use viscovib_scales_job, only: read_oscillator_scales, read_pendulum_scales, scales_job
   use viscovib_scene_groups, only: check_groups, place_of
   use viscovib_status, only: show, status_type
   use viscovib_sweep_groups, only: read_sweep
@@ -129,6 +129,13 @@ contains
       call read_motion(file, scene, status)
       return
     end if
+    scene%wants_scales = place_of(file, 'multiple_scales') <= size(file%groups)
+    if (scene%wants_scales) then
+      call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
+      call read_oscillator_scales(reader, scene%load, scene%scales)
+      call close_group(reader, scene, status)
+      return
+    end if
     call read_result(file, scene, status)
     if (.not. status%failed()) call check_job(file, scene, status)
   end subroutine read_oscillator
@@ -170,7 +177,7 @@ contains
       scene%wants_scales = place_of(file, 'multiple_scales') <= size(file%groups)
       if (scene%wants_scales) then
         call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
-        call read_scales(reader, scene%scales)
+        call read_pendulum_scales(reader, scene%scales)
         call close_group(reader, scene, status)
         return
       end if

@@ -14,8 +14,8 @@ module viscovib_scene_groups
   character(len=*), parameter :: mount_groups(8) = &
     [character(len=15) :: 'mount', 'system', 'spring', 'force', 'kernel', 'load', 'response', &
      'branch'], &
-                                 pendulum_groups(4) = &
-    [character(len=15) :: 'pendulum', 'transient', 'spectrum', 'multiple_scales'], &
+                                 pendulum_groups(3) = &
+    [character(len=15) :: 'pendulum', 'transient', 'spectrum'], &
                                  repeatable(5) = &
     [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'sweep']
 
@@ -26,13 +26,16 @@ contains
     type(namelist_type), intent(in) :: file
     logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
-    logical :: is_polynomial, is_moving
+    character(len=*), parameter :: results(3) = &
+      [character(len=15) :: 'response', 'branch', 'multiple_scales']
+    logical :: is_polynomial, is_moving, wanted(3)
     integer :: i, j, n
 
     is_pendulum = .false.
     is_polynomial = place_of(file, 'system') <= size(file%groups)
     is_moving = place_of(file, 'transient') <= size(file%groups) &
                 .and. (is_polynomial .or. place_of(file, 'mount') <= size(file%groups))
+    wanted = [(place_of(file, trim(results(i))) <= size(file%groups), i=1, 3)]
     do i = 1, size(file%groups)
       associate (group => file%groups(i))
         if (.not. any(group_names == group%name)) then
@@ -60,9 +63,9 @@ contains
         else if (group_names(j) == 'transient' .and. .not. (is_pendulum .or. is_moving)) then
           call refuse_group(i, '&transient: needs &mount, &system or &pendulum')
         else if (.not. is_pendulum .and. any(pendulum_groups == group_names(j)) &
-                 .and. .not. (is_moving .and. group_names(j) /= 'multiple_scales')) then
+                 .and. .not. is_moving) then
           call refuse_group(i, '&'//trim(group_names(j))//': needs &pendulum')
-        else if (is_moving .and. any(group_names(j) == ['response', 'branch  '])) then
+        else if (is_moving .and. any(group_names(j) == results)) then
           call refuse_group(i, '&'//trim(group_names(j))//': this scene has &transient already, ' &
                             //'give one of them')
         end if
@@ -93,19 +96,20 @@ contains
       return
     end if
     if (is_moving) return
-    n = place_of(file, 'branch')
-    if (place_of(file, 'response') > size(file%groups)) then
-      if (n > size(file%groups)) call refuse_lack('response')
-    else if (n <= size(file%groups)) then
-      call refuse_group(n, '&branch: this scene has &response already, give one of them')
-    end if
+    if (count(wanted) == 0) call refuse_lack('response')
+    if (count(wanted) < 2) return
+    j = findloc(wanted, .true., 1)
+    i = findloc(wanted, .true., 1, back=.true.)
+    call refuse_group(place_of(file, trim(results(i))), '&'//trim(results(i)) &
+                      //': this scene has &'//trim(results(j))//' already, give one of them')
 
   contains
 
     subroutine refuse_lack(name)
       character(len=*), intent(in) :: name
       call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
-                //'needs &mount or &system, &load and a wanted result (&response or &branch), or ' &
+                //'needs &mount or &system, &load and a wanted result (&response, &branch or ' &
+                //'&multiple_scales), or ' &
                 //'&mount, &system or &pendulum and &transient')
     end subroutine refuse_lack
 

@@ -4,6 +4,7 @@
 !!
 !! so that memory acts on every term as the equations have it (docs/theory.md).
 module viscovib_mount_form
+  use viscovib_full_oscillator, only: put_behind
   use viscovib_jet, only: jet_type, operator(-), variables
   use viscovib_jet_form, only: take_terms
   use viscovib_kinds, only: wp
@@ -57,6 +58,7 @@ contains
     form%right(3:, :) = matmul(mount%gather, shapes)
     form%left(:2, :) = shapes
     form%left(3:, :) = -matmul(transpose(mount%spread), shapes)
+    call put_behind(form, mount)
   end subroutine new_mount_form
 
 end module viscovib_mount_form

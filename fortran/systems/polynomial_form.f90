@@ -9,17 +9,40 @@
 module viscovib_polynomial_form
   use viscovib_kernel, only: kernel_type
   use viscovib_kinds, only: wp
-  use viscovib_oscillator, only: kernel_holder
+  use viscovib_oscillator, only: copy_kernels, kernel_holder
   implicit none
   private
 
-  public :: polynomial_form_type, term_type
+  public :: polynomial_form_type, term_type, full_system_type
 
   !> coefficient x_i x_j x_k in equation `row`; k = 0 in quadratic terms.
   type :: term_type
     integer :: row = 0, at(3) = 0
     real(wp) :: coefficient = 0.0_wp
   end type term_type
+
+  !> The system itself, which the form follows to the third degree.
+  type, abstract :: full_system_type
+  contains
+    procedure(sides_interface), deferred :: sides
+  end type full_system_type
+
+  abstract interface
+
+    !> Of each equation, at so many samples, left side minus load; where it has a kernel, what
+    !! (1 - R*) acts on, A_k left out.
+    subroutine sides_interface(self, y, load, e)
+      import :: full_system_type, wp
+      class(full_system_type), intent(in) :: self
+      !> Unknowns and their first two derivatives, shape (n_samples, n, 0:2).
+      real(wp), intent(in), contiguous :: y(:, :, 0:)
+      !> Loads by themselves, cos(p_k t), shape (n_samples, n_loads).
+      real(wp), intent(in), contiguous :: load(:, :)
+      !> Shape (n_samples, n).
+      real(wp), intent(out), contiguous :: e(:, :)
+    end subroutine sides_interface
+
+  end interface
 
   type :: polynomial_form_type
     !> Unknowns (as many as equations), coordinates among them, arguments.
@@ -38,12 +61,17 @@ module viscovib_polynomial_form
     !> Near the modes: frequencies, shapes and left vectors, a column each, of the
     !! system without damping and memory. Search for the true ones begins here.
     real(wp), allocatable :: omega(:), right(:, :), left(:, :)
+    !> Not allocated: the form is all of the system.
+    class(full_system_type), allocatable :: full
   contains
     procedure :: n_modes
+    procedure :: copy_to
     procedure :: has_memory
     procedure :: retained
+    procedure :: retained_between
     procedure :: operator_at
     procedure :: operator_between
+    procedure :: second_difference
     procedure :: arguments_at
     procedure :: quadratic_at
     procedure :: cubic_at
@@ -55,6 +83,30 @@ contains
     class(polynomial_form_type), intent(in) :: self
     n_modes = size(self%omega)
   end function n_modes
+
+  !> A copy of all but the full system, component by component: gfortran 12 copies the array of
+  !! kernels badly.
+  subroutine copy_to(self, copy)
+    class(polynomial_form_type), intent(in) :: self
+    type(polynomial_form_type), intent(out) :: copy
+    copy%n = self%n
+    copy%n_dof = self%n_dof
+    copy%n_arguments = self%n_arguments
+    copy%source = self%source
+    copy%derivative = self%derivative
+    allocate (copy%linear, source=self%linear)
+    copy%hereditary = self%hereditary
+    copy%quadratic = self%quadratic
+    copy%cubic = self%cubic
+    copy%kernel_of = self%kernel_of
+    call copy_kernels(self%kernels, copy%kernels)
+    copy%memory_scale = self%memory_scale
+    copy%load = self%load
+    copy%drives = self%drives
+    copy%omega = self%omega
+    copy%right = self%right
+    copy%left = self%left
+  end subroutine copy_to
 
   pure logical function has_memory(self)
     class(polynomial_form_type), intent(in) :: self
@@ -93,21 +145,89 @@ contains
   function operator_between(self, s, t) result(l)
     class(polynomial_form_type), intent(in) :: self
     complex(wp), intent(in) :: s, t
-    complex(wp) :: l(self%n, self%n), slope(self%n), middle, h
+    complex(wp) :: l(self%n, self%n)
     l = self%linear(:, :, 1) + (s + t)*self%linear(:, :, 2)
     if (.not. self%has_memory()) return
-    if (abs(s - t) > 1.0e-5_wp*abs(s)) then
-      slope = (self%retained(s) - self%retained(t))/(s - t)
-    else
-      ! Four points around: the error is of the fourth order in h.
-      middle = 0.5_wp*(s + t)
-      h = 1.0e-3_wp*abs(middle)
-      slope = (self%retained(middle + h) - self%retained(middle - h) &
-               - (0.0_wp, 1.0_wp)*(self%retained(middle + (0.0_wp, 1.0_wp)*h) &
-                                   - self%retained(middle - (0.0_wp, 1.0_wp)*h)))/(4.0_wp*h)
-    end if
-    l = l + spread(slope, 2, self%n)*self%hereditary
+    l = l + spread(self%retained_between([s, t]), 2, self%n)*self%hereditary
   end function operator_between
+
+  !> Second divided difference L[s, t, u].
+  function second_difference(self, s, t, u) result(l)
+    class(polynomial_form_type), intent(in) :: self
+    complex(wp), intent(in) :: s, t, u
+    complex(wp) :: l(self%n, self%n)
+    l = self%linear(:, :, 2)
+    if (.not. self%has_memory()) return
+    l = l + spread(self%retained_between([s, t, u]), 2, self%n)*self%hereditary
+  end function second_difference
+
+  !> Divided differences of 1 - R of each equation at two or three points. Near each other, by
+  !! Cauchy's integral over a circle around them, the trapezoidal rule of which converges
+  !! geometrically: nothing small is divided by, and rounding grows by the radius alone.
+  recursive function retained_between(self, s) result(slope)
+    class(polynomial_form_type), intent(in) :: self
+    complex(wp), intent(in) :: s(:)
+    complex(wp) :: slope(self%n)
+    complex(wp) :: middle, ray(32), place(32), transform(32)
+    real(wp) :: width, radius
+    integer :: i, n, first, last
+    real(wp), parameter :: two_pi = 6.283185307179586_wp
+
+    middle = sum(s)/size(s)
+    width = maxval(abs(s - middle))/abs(middle)
+    if (width > 0.1_wp) then
+      call most_distant(s, first, last)
+      slope = (without(last) - without(first))/(s(first) - s(last))
+      return
+    end if
+    slope = (0.0_wp, 0.0_wp)
+    ! Kernels are analytic off the negative real axis, |middle| away at least for a mode that
+    ! turns.
+    n = merge(16, 32, width <= 0.005_wp)
+    radius = merge(0.1_wp, 0.35_wp, width <= 0.005_wp)*abs(middle)
+    ray(:n) = [(cmplx(cos(two_pi*i/n), sin(two_pi*i/n), wp)*radius, i=1, n)]
+    place(:n) = middle + ray(:n)
+    do i = 1, size(self%kernels)
+      if (.not. any(self%kernel_of == i)) cycle
+      call self%kernels(i)%kernel%laplace(place(:n), transform(:n))
+      transform(:n) = transform(:n)*ray(:n)
+      do first = 1, size(s)
+        transform(:n) = transform(:n)/(place(:n) - s(first))
+      end do
+      where (self%kernel_of == i) slope = -self%memory_scale*sum(transform(:n))/n
+    end do
+
+  contains
+
+    !> The difference of one point less.
+    function without(k) result(value)
+      integer, intent(in) :: k
+      complex(wp) :: value(self%n)
+      integer :: j
+      if (size(s) == 2) then
+        value = self%retained(s(3 - k))
+      else
+        value = self%retained_between(pack(s, [(j /= k, j=1, size(s))]))
+      end if
+    end function without
+
+  end function retained_between
+
+  !> The two points farthest from each other.
+  pure subroutine most_distant(s, first, last)
+    complex(wp), intent(in) :: s(:)
+    integer, intent(out) :: first, last
+    integer :: i, j
+    first = 1
+    last = 2
+    do j = 2, size(s)
+      do i = 1, j - 1
+        if (abs(s(i) - s(j)) <= abs(s(first) - s(last))) cycle
+        first = i
+        last = j
+      end do
+    end do
+  end subroutine most_distant
 
   !> x of the motion y exp(s t).
   pure function arguments_at(self, s, y) result(x)

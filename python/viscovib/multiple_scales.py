@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,13 +12,23 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.cubic_system import CubicSystem
 from viscovib.errors import InputError, RangeWarning
-from viscovib.mount import Mount
+from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
-from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
+from viscovib.scales_results import (
+    LEAST_FALL,
+    Modulation,
+    Resonance,
+    ScalesMotion,
+    ScalesResponse,
+    falling,
+)
 
 _MAX_TERMS = 4000
 _MAX_FORM = 20_000
 _MAX_RESONANCES = 5000
+_ORDERINGS = ("general", "weak_coupling")
+#: Points at which the error of a motion is computed; between them it is read off.
+_KNOTS = 65
 _OUTCOMES = ("complete", "overflow", "step limit", "cancelled")
 
 
@@ -38,15 +49,20 @@ class MultipleScales:
 
     Parameters
     ----------
-    system : Pendulum, Mount or CubicSystem
-    load : float or array_like, shape (2,), optional
-        For a Mount: amplitude of a harmonic force on x (N), or of that and a moment on phi (N m),
-        times cos(nu t).
+    system : Pendulum, Mount, PolynomialSystem or CubicSystem
+    load : float or array_like, shape (n_dof,), optional
+        For a Mount or a PolynomialSystem: amplitude of a harmonic force on the first coordinate, or
+        of the forces on all, times cos(nu t).
     nu : float, optional
-        For a Mount: circular frequency of the load (rad/s), > 0.
+        For these: circular frequency of the load (rad/s), > 0.
     tolerance : float
         Frequencies that differ by less than this part of the highest of them count as resonant:
         their terms go into the modulation equations, and their divisors are not divided by.
+    ordering : {"general", "weak_coupling"}
+        For a Pendulum: "weak_coupling" counts e as of the size of the amplitudes, as the seed paper
+        does, instead of keeping it in the linear part. Frequencies and shapes are then those of
+        e = 0, e shifts them by terms to e^2 in the modulation equations, and e times cubic, e^2
+        times quadratic, e^3 times linear terms are dropped.
 
     Attributes
     ----------
@@ -74,52 +90,55 @@ class MultipleScales:
 
     def __init__(
         self,
-        system: Pendulum | Mount | CubicSystem,
+        system: Pendulum | Oscillator | CubicSystem,
         *,
         load: npt.ArrayLike | None = None,
         nu: float | None = None,
         tolerance: float = 0.05,
+        ordering: str = "general",
     ) -> None:
         self.tolerance = _native.number("tolerance", tolerance)
         self.system = system
-        if not isinstance(system, Pendulum | Mount | CubicSystem):
+        self.ordering = _native.choice("ordering", ordering, _ORDERINGS)
+        if not isinstance(system, Pendulum | Oscillator | CubicSystem):
             raise InputError(
-                f"system = {_native.shown(system)}: must be a Pendulum, a Mount or a CubicSystem"
+                f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a PolynomialSystem "
+                "or a CubicSystem"
             )
-        if not isinstance(system, Mount) and not (load is None and nu is None):
-            raise InputError("load, nu: are for a Mount, other systems hold their loads")
+        if not isinstance(system, Oscillator) and not (load is None and nu is None):
+            raise InputError(
+                "load, nu: are for a Mount or a PolynomialSystem, other systems hold their loads"
+            )
+        if not isinstance(system, Pendulum) and ordering != "general":
+            raise InputError(f"ordering = {ordering!r}: is for a Pendulum, must be 'general'")
         self._names = system.dof_names
         nothing = np.zeros(1)
-        self._kernels: tuple[int, FloatArray, int, FloatArray] = (0, nothing, 0, nothing)
+        kernels: tuple[int, FloatArray, int, FloatArray] = (0, nothing, 0, nothing)
+        flat: FloatArray = nothing
         if isinstance(system, Pendulum):
-            packed, length = _native.call(core.pendulum_form, system._flat, _MAX_FORM)
+            flat = system._flat
+            packed, length = _native.call(
+                core.pendulum_form, flat, _ORDERINGS.index(ordering) + 1, _MAX_FORM
+            )
             self._packed: FloatArray = packed[:length].copy()
             self._load_names = {"p1": (1, 1), "p2": (2, 1), "p3": (3, 1), "f0": (1, 2),
                                 "m01": (2, 2), "m02": (3, 2)}  # fmt: skip
-        elif isinstance(system, Mount):
-            self._kernels = system._kernels
-            forces = _native.real_array("load", 0.0 if load is None else load)
-            if forces.shape not in ((), (2,)):
-                raise InputError(f"load: must be a number or two, got shape {forces.shape}")
-            pair = np.append(forces, 0.0) if forces.ndim == 0 else forces
-            frequency = _native.number("nu", 1.0 if nu is None else nu)
-            if frequency <= 0:
-                raise InputError(f"nu = {frequency:g}: must be greater than 0")
-            packed, length = _native.call(
-                core.mount_form, system._flat, *self._kernels, pair, frequency, _MAX_FORM
-            )
-            self._packed = packed[:length].copy()
+        elif isinstance(system, Oscillator):
+            flat, kernels = system._flat, system._kernels
+            self._packed = _packed_oscillator(system, load, nu)
             self._load_names = {"nu": (1, 1), "load": (1, 2)}
         else:
             self._packed = system._packed
             n_loads = int(self._packed[4])
             self._load_names = {f"p{k + 1}": (k + 1, 1) for k in range(n_loads)}
             self._load_names |= {f"f{k + 1}": (k + 1, 2) for k in range(n_loads)}
+        #: The system as every flat routine takes it.
+        self._system = (self._packed, flat, *kernels)
         self._n_dof, self._n = int(self._packed[1]), int(self._packed[3])
         (
             exponents, shapes, interaction, frame, autonomous, n_terms, terms, coefficients,
         ) = _native.call(
-            core.scales_form, self._packed, *self._kernels, self.tolerance, self._n,
+            core.scales_form, *self._system, self.tolerance, self._n,
             int(self._packed[0]), _MAX_TERMS,
         )  # fmt: skip
         self.exponents: ComplexArray = exponents
@@ -153,8 +172,10 @@ class MultipleScales:
         limit = _native.number("tolerance", tolerance)
         if not 0 <= limit < 1:
             raise InputError(f"tolerance = {limit:g}: must be in [0, 1)")
-        drives = self._drives
-        acting = np.flatnonzero(np.any(self._loads != 0, axis=0))
+        # The constant load that stands for e is none of the user's.
+        loads = [load for load, _ in self._load_names.values()]
+        drives = self._drives[: max(loads, default=0)]
+        acting = np.flatnonzero(np.any(self._loads[:, : drives.size] != 0, axis=0))
         coefficients, orders, divisors, n = core.scales_resonances(
             self.frequencies, drives[acting], _MAX_RESONANCES
         )
@@ -201,34 +222,40 @@ class MultipleScales:
     ) -> ScalesMotion:
         """Motion to third order at times t; arguments as for `modulation`."""
         modulation, state, sizes = self._run(t, initial, amplitudes, accuracy)
-        first = np.maximum(sizes[:, 0], 1e-300)
-        ratio = np.maximum(sizes[:, 1] / first, np.sqrt(sizes[:, 2] / first))
-        # What the next order of the frequencies makes of the phases by and by.
-        rate = np.abs(self.interaction + 1j * self.nonlinear_decay)
-        shift = (modulation.amplitude**2 @ rate.T).max(axis=1) * ratio**2
-        t = modulation.t
-        steps = np.diff(t, prepend=0.0)
-        drift = np.cumsum(shift * steps)
         result = ScalesMotion(
             t=modulation.t,
             state=state,
             modulation=modulation,
             order_sizes=sizes,
-            error_estimate=first * (ratio**3 + drift),
-            in_range=(ratio <= 0.3) & (ratio**3 + drift <= 0.3),
             mode_shapes=self.mode_shapes,
             dof_names=self._names,
+            _errors=partial(self._motion_errors, modulation),
         )
-        if not result.in_range.all():
-            at = int(np.argmin(result.in_range))
+        ratio = falling(sizes)
+        if ratio.size and ratio.max() > LEAST_FALL:
+            at = int(np.argmax(ratio > LEAST_FALL))
             warnings.warn(
-                f"from t = {t[at]:g} the motion leaves the range of the expansion: orders are of "
-                f"sizes {sizes[at, 0]:.3g}, {sizes[at, 1]:.3g}, {sizes[at, 2]:.3g}, estimated "
-                f"error {result.error_estimate[at]:.3g}",
+                f"at t = {modulation.t[at]:g} the motion leaves the range of the expansion: orders "
+                f"are of sizes {sizes[at, 0]:.3g}, {sizes[at, 1]:.3g}, {sizes[at, 2]:.3g}",
                 RangeWarning,
                 stacklevel=2,
             )
         return result
+
+    def _motion_errors(self, modulation: Modulation) -> FloatArray:
+        """Estimated error of each coordinate at the times of a motion, shape (n, n_dof)."""
+        t = modulation.t
+        knots = np.unique(np.concatenate([[0.0], np.linspace(0, t[-1], _KNOTS)]))
+        if knots.size == 1:
+            knots = np.array([0.0, 1e-9 / self.frequencies.max()])
+        start = modulation.initial
+        at_knots = self._run(knots, None, start, 1e-8)[0]
+        cancel = np.zeros(1, dtype=np.intc)
+        (errors,) = _native.call_interruptibly(
+            core.scales_errors, cancel, *self._system, self.tolerance, self._n_dof, at_knots.t,
+            np.asfortranarray(at_knots.complex_amplitudes.T / 2), cancel,
+        )  # fmt: skip
+        return np.column_stack([np.interp(t, at_knots.t, row) for row in errors])
 
     def response(self, parameter: str, values: npt.ArrayLike) -> ScalesResponse:
         """All steady motions, stable or not, for values of a load's frequency or amplitude.
@@ -253,34 +280,9 @@ class MultipleScales:
             raise InputError("values: must hold at least one number")
         if vary == 1 and not where.min() > 0:
             raise InputError(f"{parameter} = {where.min():g}: must be greater than 0")
-        room = 3 * where.size + 40
-        while True:
-            cancel = np.zeros(1, dtype=np.intc)
-            n, which, a, frames, eigenvalues, harmonics, sizes = _native.call_interruptibly(
-                core.scales_response, cancel, self._packed, *self._kernels, self.tolerance, load,
-                vary, where, self._n, room, cancel,
-            )  # fmt: skip
-            if n <= room:
-                break
-            room = n
+        found = self._steady(load, vary, where, False)
+        n, which, a, frames, eigenvalues, harmonics, sizes = found[:7]
         kept = slice(n)
-        # What the next order of the exponents, and the distance from free undamped motion, make
-        # of the shifts of the modes that move, and these of the amplitudes.
-        first = np.maximum(sizes[0, kept], 1e-300)
-        ratio = np.maximum(sizes[1, kept] / first, np.sqrt(sizes[2, kept] / first))
-        rate = np.abs(self.interaction + 1j * self.nonlinear_decay)
-        size = np.abs(2 * a[:, kept])
-        moves = size > 1e-9 * size.max(axis=0)
-        shift = ((rate @ size**2) * moves).max(axis=0)
-        off = np.abs(1j * frames[:, kept] - self.exponents[:, np.newaxis])
-        distance = (off / self.frequencies[:, np.newaxis] * moves).max(axis=0)
-        # The part of the load's wave outside its mode, which products leave out.
-        p = (where if vary == 1 else np.full(where.size, self._drives[load - 1]))[which[kept] - 1]
-        own = np.abs(frames[:, kept] - p) <= 1e-9 * p
-        rest = harmonics[: self._n_dof, kept] - 2 * self.mode_shapes @ (a[:, kept] * own)
-        distance = distance + 2 * np.abs(rest).max(axis=0) / first
-        slowest = np.maximum(np.abs(eigenvalues[:, kept]).min(axis=0), 1e-300)
-        error = first * (ratio**3 + shift * (ratio**2 + distance) / slowest)
         return ScalesResponse(
             parameter=parameter,
             values=where,
@@ -288,18 +290,37 @@ class MultipleScales:
             amplitudes=2 * a.T[kept],
             frequencies=frames.T[kept].copy(),
             eigenvalues=eigenvalues.T[kept].copy(),
-            harmonics=harmonics.T[kept, : self._n_dof].copy(),
+            harmonics=harmonics.T[kept].copy(),
             order_sizes=sizes.T[kept].copy(),
-            error_estimate=error,
-            in_range=(ratio <= 0.3) & (error <= 0.3 * first),
             dof_names=self._names,
+            _errors=partial(self._steady_errors, load, vary, where),
         )
+
+    def _steady_errors(
+        self, load: int, vary: int, where: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        n, *_, of_harmonic, of_motion = self._steady(load, vary, where, True)
+        return np.ascontiguousarray(of_harmonic.T[:n]), np.ascontiguousarray(of_motion.T[:n])
+
+    def _steady(self, load: int, vary: int, where: FloatArray, errors: bool) -> tuple[Any, ...]:
+        room = 3 * where.size + 40
+        while True:
+            cancel = np.zeros(1, dtype=np.intc)
+            found = _native.call_interruptibly(
+                core.scales_response, cancel, *self._system, self.tolerance, load, vary, where,
+                int(errors), self._n, self._n_dof, room, cancel,
+            )  # fmt: skip
+            if found[0] <= room:
+                return found
+            room = found[0]
 
     def backbone(self, mode: int, amplitudes: npt.ArrayLike) -> FloatArray:
         """Frequency of free vibration in one mode (from 0) at real amplitudes, same shape."""
         j = _native.integer("mode", mode, 0, self._n - 1)
         b = _native.real_array("amplitudes", amplitudes)
-        return np.asarray(self.frequencies[j] + self.interaction[j, j] * b**2)
+        shifts = [x.coefficient for x in self.terms if (x.mode, x.factors) == (j, (f"a{j + 1}",))]
+        at_rest = self.frequencies[j] + sum(shifts).imag
+        return np.asarray(at_rest + self.interaction[j, j] * b**2)
 
     @property
     def _drives(self) -> FloatArray:
@@ -345,8 +366,8 @@ class MultipleScales:
                 raise InputError(f"initial: must have shape ({2 * n},), got {given.shape}")
             state = np.asfortranarray(given.reshape(n, 2))
         cancel = np.zeros(1, dtype=np.intc)
-        a, motion, sizes, frame, reached, steps, outcome = _native.call_interruptibly(
-            core.scales_motion, cancel, self._packed, *self._kernels, self.tolerance,
+        a, first, motion, sizes, frame, reached, steps, outcome = _native.call_interruptibly(
+            core.scales_motion, cancel, *self._system, self.tolerance,
             int(amplitudes is not None), start, state, times, error, 10_000_000, cancel,
         )  # fmt: skip
         if outcome:
@@ -361,11 +382,34 @@ class MultipleScales:
             t=times[kept],
             complex_amplitudes=2 * a.T[kept],
             frame=frame,
+            initial=2 * first,
             steps=int(steps),
             outcome=_OUTCOMES[outcome],
         )
         states = np.ascontiguousarray(motion.transpose(2, 0, 1)[kept].reshape(-1, 2 * n))
         return modulation, states, np.ascontiguousarray(sizes.T[kept])
+
+
+def _packed_oscillator(
+    system: Oscillator, load: npt.ArrayLike | None, nu: float | None
+) -> FloatArray:
+    n_dof = len(system.dof_names)
+    forces = _native.real_array("load", 0.0 if load is None else load)
+    if forces.shape not in ((), (n_dof,)):
+        raise InputError(
+            f"load: must be a number or have shape ({n_dof},), got shape {forces.shape}"
+        )
+    if forces.ndim == 0:
+        forces = np.append(forces, np.zeros(n_dof - 1))
+    frequency = _native.number("nu", 1.0 if nu is None else nu)
+    if frequency <= 0:
+        raise InputError(f"nu = {frequency:g}: must be greater than 0")
+    packed, length = _native.call(
+        core.oscillator_form, system._flat, *system._kernels, forces, frequency, _MAX_FORM
+    )
+    if length > _MAX_FORM:
+        raise InputError("system: has too many terms for multiple scales")
+    return np.asarray(packed[:length].copy())
 
 
 def _factors(row: Any) -> tuple[str, ...]:

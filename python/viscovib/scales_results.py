@@ -1,7 +1,9 @@
 """Results of the method of multiple scales."""
 
 import csv
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +19,14 @@ from viscovib.files import whole_file
 
 #: Growth below this part of the frequency counts as none.
 _NEUTRAL = 1e-9
+#: In range, each order is at most this part of the one before, the error of the first.
+LEAST_FALL = 0.3
+
+
+def falling(sizes: FloatArray) -> FloatArray:
+    """Part of each order in the one before, from rows of the sizes of three orders."""
+    first = np.maximum(sizes[:, 0], np.finfo(float).tiny)
+    return np.asarray(np.maximum(sizes[:, 1] / first, np.sqrt(sizes[:, 2] / first)))
 
 
 class Resonance(NamedTuple):
@@ -66,6 +76,8 @@ class Modulation:
         A_j.
     frame : ndarray, shape (n_modes,)
         Frequencies at which the frame of each amplitude turns.
+    initial : complex ndarray, shape (n_modes,)
+        Amplitudes at t = 0.
     steps : int
         Steps of the integration.
     outcome : str
@@ -75,6 +87,7 @@ class Modulation:
     t: FloatArray
     complex_amplitudes: ComplexArray
     frame: FloatArray
+    initial: ComplexArray
     steps: int
     outcome: str
 
@@ -101,10 +114,6 @@ class ScalesMotion:
     modulation : Modulation
     order_sizes : ndarray, shape (n, 3)
         What the terms of first, second and third order can add up to.
-    error_estimate : ndarray, shape (n,)
-        Of the coordinates: size of the next order, and drift of the phases by it.
-    in_range : ndarray of bool, shape (n,)
-        The orders fall off fast enough for the expansion to mean something.
     mode_shapes : ndarray, shape (n_dof, n_modes)
         As of `MultipleScales`.
     """
@@ -113,10 +122,30 @@ class ScalesMotion:
     state: FloatArray
     modulation: Modulation
     order_sizes: FloatArray
-    error_estimate: FloatArray
-    in_range: npt.NDArray[np.bool_]
     mode_shapes: npt.NDArray[Any]
     dof_names: tuple[str, ...]
+    _errors: Callable[[], FloatArray] = field(repr=False)
+
+    @cached_property
+    def coordinate_errors(self) -> FloatArray:
+        """Estimated error of each coordinate, shape (n, n_dof).
+
+        What the motion leaves over in the full equations drives a correction, whose size this is;
+        computed when first asked for.
+        """
+        return self._errors()
+
+    @property
+    def error_estimate(self) -> FloatArray:
+        """The same of the coordinate where it is largest, shape (n,)."""
+        return np.asarray(self.coordinate_errors.max(axis=1))
+
+    @property
+    def in_range(self) -> npt.NDArray[np.bool_]:
+        """Whether orders fall off and the error is small against the motion so far, shape (n,)."""
+        largest = np.maximum.accumulate(self.order_sizes[:, 0])
+        fall = falling(self.order_sizes) <= LEAST_FALL
+        return np.asarray(fall & (self.error_estimate <= LEAST_FALL * largest))
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over t."""
@@ -154,10 +183,6 @@ class ScalesResponse:
         third order included.
     order_sizes : ndarray, shape (n, 3)
         What the terms of each order can add up to.
-    error_estimate : ndarray, shape (n,)
-        Of the largest coordinate: size of the next order, and what it makes of the amplitudes.
-    in_range : ndarray of bool, shape (n,)
-        The orders fall off fast enough for the expansion to mean something.
     """
 
     parameter: str
@@ -168,9 +193,40 @@ class ScalesResponse:
     eigenvalues: ComplexArray
     harmonics: ComplexArray
     order_sizes: FloatArray
-    error_estimate: FloatArray
-    in_range: npt.NDArray[np.bool_]
     dof_names: tuple[str, ...]
+    _errors: Callable[[], tuple[FloatArray, FloatArray]] = field(repr=False)
+
+    @cached_property
+    def _both_errors(self) -> tuple[FloatArray, FloatArray]:
+        return self._errors()
+
+    @property
+    def harmonic_errors(self) -> FloatArray:
+        """Estimated error |change of X| of ``harmonics``, shape (n, n_dof).
+
+        What the motion leaves over in the full equations drives a correction, whose size this is;
+        computed when first asked for.
+        """
+        return self._both_errors[0]
+
+    @property
+    def motion_errors(self) -> FloatArray:
+        """The same summed over all frequencies of the motion, shape (n, n_dof)."""
+        return self._both_errors[1]
+
+    @property
+    def error_estimate(self) -> FloatArray:
+        """``harmonic_errors`` of the coordinate where it is largest, shape (n,)."""
+        return np.asarray(self.harmonic_errors.max(axis=1))
+
+    @property
+    def in_range(self) -> npt.NDArray[np.bool_]:
+        """Whether orders fall off and the error is small against the motion, shape (n,)."""
+        error = self.motion_errors.max(axis=1)
+        return np.asarray(
+            (falling(self.order_sizes) <= LEAST_FALL)
+            & (error <= LEAST_FALL * self.order_sizes[:, 0])
+        )
 
     @property
     def at(self) -> FloatArray:

@@ -51,8 +51,6 @@ _KERNELS: dict[str, type[Kernel]] = {
 _REPEATABLE = ("kernel", "load", "spring", "force", "sweep")
 _LISTS = ("weights", "rates", "times", "values")
 _MAX_PATH = 4096
-#: What &multiple_scales can vary, in the order of the core.
-_SCALES = ("p1", "p2", "p3", "f0", "m01", "m02")
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +257,17 @@ class Scene:
     def _steady(self) -> ScalesResponse:
         group = self._group("multiple_scales")
         values = core.frequency_grid(group["from"], group["to"], 0, group["count"])
-        system = MultipleScales(self.pendulum(), tolerance=group["tolerance"])
+        if self.is_pendulum:
+            system = MultipleScales(
+                self.pendulum(), tolerance=group["tolerance"], ordering=group["ordering"]
+            )
+        else:
+            system = MultipleScales(
+                self.oscillator(),
+                load=np.real(self.loads()["load"][1]),
+                nu=group.get("nu"),
+                tolerance=group["tolerance"],
+            )
         return system.response(group["parameter"], values)
 
     def _branch(self) -> dict[str, Any]:
@@ -289,7 +297,7 @@ class Scene:
 class SceneResult:
     """What a scene gave.
 
-    Response or branch of a mount; motion of a pendulum and its spectra, or its steady motions;
+    Response or branch of a mount; motion of a pendulum and its spectra; steady motions of either;
     a table of a sweep.
     """
 
@@ -331,7 +339,7 @@ class SceneResult:
 
     @property
     def steady(self) -> ScalesResponse:
-        """The steady motions of a pendulum."""
+        """The steady motions by multiple scales."""
         if not isinstance(self.value, ScalesResponse):
             raise InputError("steady: this scene gave something else, see value")
         return self.value
@@ -378,11 +386,9 @@ def plan(scene: Scene | str | os.PathLike[str]) -> str:
         return _plan_sweep(read)
     if "branch" in read.groups:
         return _plan_branch(read)
-    if "multiple_scales" in read.groups:
-        return _plan_steady(read)
-    if "transient" not in read.groups:
+    if "transient" not in read.groups and "multiple_scales" not in read.groups:
         return plan_response(**read._job())
-    if read._has_memory:
+    if "multiple_scales" in read.groups or read._has_memory:
         return _read(core.scene_plan, f"{read.path}".encode(), read.canonical.encode())
     group = read._group("transient")
     text: bytes = core.transient_plan(
@@ -407,14 +413,6 @@ def _plan_sweep(scene: Scene) -> str:
     axes = [f"{name} ({v.size} values {v[0]:g} to {v[-1]:g})" for name, v in grid.items()]
     points = math.prod(v.size for v in grid.values())
     return f"sweeps: {' x '.join(axes)} = {points} points, each:\n{plan(scene.override({}))}"
-
-
-def _plan_steady(scene: Scene) -> str:
-    group = scene.groups["multiple_scales"]
-    text: bytes = core.scales_plan(
-        _SCALES.index(group["parameter"]) + 1, group["from"], group["to"], group["count"]
-    )
-    return text.decode().strip() + "\n"
 
 
 def _plan_branch(scene: Scene) -> str:

@@ -73,7 +73,7 @@ def test_motions_with_memory_agree(solve, tmp_path, group):
         ("&transient t_end=20, dt=0.25, method='rk4' /", "must be one of 'gauss8'"),
         ("&transient t_end=20, dt=25 /", "dt = 25: must be greater than 0 and not exceed"),
         ("&transient t_end=20, initial=1 2 /", "initial"),
-        ("&transient t_end=20 /\n&multiple_scales from=1, to=2 /", "needs &pendulum"),
+        ("&transient t_end=20 /\n&multiple_scales from=1, to=2 /", "has &transient already"),
     ],
 )
 def test_bad_motions_with_memory(solve, tmp_path, group, message):

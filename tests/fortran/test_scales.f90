@@ -7,7 +7,7 @@ module test_scales
   use viscovib_packed_form, only: pack_form, unpack_form
   use viscovib_oscillator, only: kernel_holder
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
-  use viscovib_pendulum_form, only: new_pendulum_form
+  use viscovib_pendulum_form, only: new_pendulum_form, ordering_general
   use viscovib_polynomial_form, only: polynomial_form_type, term_type
   use viscovib_resonances, only: list_resonances, max_resonances
   use viscovib_scales_response, only: response_along, steady_points_type, vary_frequency
@@ -69,10 +69,12 @@ contains
       call new_multiple_scales(scales, form, 0.05_wp, .false., status)
       call check_ok(status)
       cancel = 0
-      call modulate(scales%flow, [(0.01_wp, 0.0_wp)], [0.0_wp, 50.0_wp, 100.0_wp], 1.0e-11_wp, &
-                    100000, a, reached, steps, outcome, cancel)
+      call modulate(scales%flow, (0.01_wp, 0.0_wp)/scales%amplitude_units, &
+                    [0.0_wp, 50.0_wp, 100.0_wp], 1.0e-11_wp, 100000, a, &
+                    reached, steps, outcome, cancel)
       call check(outcome == modulation_complete .and. reached == 3, 'complete')
       ! b' = -c/2 b + rho b^3, a Bernoulli equation.
+      a = a*scales%amplitude_units(1)
       gamma = scales%interaction()
       amplitude = 4.0_wp*abs(a(1, 1))**2
       amplitude = 1.0_wp/((1.0_wp/amplitude - 2.0_wp*real(gamma(1, 1))/c)*exp(c*100.0_wp) &
@@ -91,7 +93,7 @@ contains
     if (.not. begin('three steady motions of a loaded Duffing oscillator')) return
     call duffing_form(form, 1.0_wp, alpha, c, f, p)
     cancel = 0
-    call response_along(form, 1, vary_frequency, [p], 0.1_wp, points, status, cancel)
+    call response_along(form, 1, vary_frequency, [p], 0.1_wp, .false., points, status, cancel)
     call check_ok(status)
     call check(points%n == 3, 'three of them')
     do i = 1, points%n
@@ -115,7 +117,7 @@ contains
     call new_pendulum(system, pendulum_parameters(e=0.1_wp, w2=0.4_wp, w3=0.8_wp, alpha=0.5_wp, &
                                                   damping=[0.1_wp, 0.2_wp, 0.3_wp]), status)
     call check_ok(status)
-    call new_pendulum_form(form, system, status)
+    call new_pendulum_form(form, system, ordering_general, status)
     call check_ok(status)
     call pack_form(form, packed)
     call unpack_form(packed, none, again, status)

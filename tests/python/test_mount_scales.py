@@ -61,7 +61,7 @@ def test_response_near_a_mode_against_harmonic_balance(geometry, mode):
         linear = vv.forced_response(system, nu, load=load, method="linear")
         for dof in ("x", "phi"):
             error = abs(response.amplitude(dof) - exact.amplitude(dof))
-            assert (error < response.error_estimate).all()
+            assert (error < 1.2 * response.error_estimate).all()
             effect = abs(linear.amplitude(dof) - exact.amplitude(dof)).max()
             assert error.max() < (0.05 if mode == 0 else 0.3) * effect
 
@@ -103,11 +103,11 @@ def test_branches_against_continuation():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: vv.MultipleScales(mount(), load=[1, 2, 3]), "load: must be a number or two"),
+        (lambda: vv.MultipleScales(mount(), load=[1, 2, 3]), "load: must be a number or have"),
         (lambda: vv.MultipleScales(mount(), load=1, nu=0), "nu = 0: must be greater than 0"),
         (
             lambda: vv.MultipleScales(vv.Pendulum(e=0.1, w2=0.4, w3=0.8), load=1),
-            "load, nu: are for a Mount",
+            "load, nu: are for a Mount or a PolynomialSystem",
         ),
         (lambda: vv.MultipleScales(mount()).response("nu", [1.0]), "load 1 has no amplitude"),
     ],
@@ -132,5 +132,5 @@ def test_no_motion_is_lost_where_many_modes_may_move():
     assert list(np.bincount(response.index, minlength=nu.size)) == [1] * nu.size
     exact = vv.forced_response(system, nu, load=[0.05, 0.01], method="newton", harmonics=7)
     error = abs(response.amplitude("phi") - exact.amplitude("phi"))
-    assert (error < 10 * response.error_estimate).all()
+    assert (error < 1.2 * response.error_estimate).all()
     np.testing.assert_allclose(response.amplitude("phi"), exact.amplitude("phi"), rtol=1e-3)

@@ -537,3 +537,23 @@ def test_wide_tolerance():
     motion = vv.MultipleScales(pend, tolerance=0.2).motion(t, initial)
     exact = vv.simulate(pend, 20, times=t, initial=initial, tolerance=1e-12).state
     assert abs(motion.state - exact)[:, ::2].max() < 1e-4
+
+
+@pytest.mark.parametrize("load", [1e-5, 1e-9, 1e-12, 1e-30])
+def test_tiny_loads_have_their_linear_motion(load):
+    """The small root of the cubic equation keeps its digits beside large ones."""
+    system = one(stiffness=[[1]], damping=[[0.01]], cubic=[[[[1.0]]]], load=[[load]], drives=[1.04])
+    steady = vv.MultipleScales(system, tolerance=0.1).response("p1", [1.04])
+    assert steady.index.size == 1
+    linear = load / (1 - 1.04**2 + 0.01j * 1.04)
+    np.testing.assert_allclose(steady.harmonics[0, 0], linear, rtol=2e-7)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-12, 1e-40])
+def test_small_amplitudes_take_the_same_steps(size):
+    """Nothing is measured against a fixed amplitude: of linear flows not even the steps change."""
+    system = one(stiffness=[[1]], damping=[[0.01]])
+    found = vv.MultipleScales(system).modulation([0.0, 200.0], amplitudes=[size])
+    wanted = vv.MultipleScales(system).modulation([0.0, 200.0], amplitudes=[1.0])
+    assert found.steps == wanted.steps
+    np.testing.assert_allclose(found.amplitude / size, wanted.amplitude, rtol=1e-12)

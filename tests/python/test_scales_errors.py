@@ -1,0 +1,133 @@
+"""The estimated errors of multiple scales against the errors themselves."""
+
+import warnings
+
+import numpy as np
+import pytest
+import viscovib as vv
+
+pytestmark = pytest.mark.filterwarnings("ignore::viscovib.RangeWarning")
+
+
+def random_mount(rng):
+    kernels = (
+        None,
+        vv.RzhanitsynKernel(amplitude=10 ** rng.uniform(-2.5, -1.3), alpha=0.3, beta=0.3),
+        vv.PronyKernel(weights=[10 ** rng.uniform(-2.5, -1)], rates=[0.8]),
+    )
+    offset, inertia, c_phi = rng.uniform(-0.8, 0.8), 10 ** rng.uniform(-1.5, 0.5), 2.0
+    stiffness = np.array([[10, -10 * offset], [-10 * offset, 10 * offset**2 + c_phi]])
+    return vv.Mount(
+        mass=1, inertia=inertia, offset=offset, stiffness_x=10, stiffness_phi=c_phi,
+        kernel=kernels[rng.integers(3)], geometry=str(rng.choice(["cubic", "exact"])),
+        damping=10 ** rng.uniform(-2.5, -1.5) * stiffness,
+    )  # fmt: skip
+
+
+def test_of_steady_motions_of_mounts_against_harmonic_balance():
+    """Within a factor of 1.5 at nine of ten motions in range, of 3 at all but jumps."""
+    rng = np.random.default_rng(11)
+    ratios = []
+    for _ in range(25):
+        system = random_mount(rng)
+        omega = vv.MultipleScales(system).frequencies[rng.integers(2)]
+        nu = omega * np.linspace(0.9, 1.1, 5)
+        load = 10 ** rng.uniform(-3, -1) * np.array([1, rng.uniform(-0.3, 0.3)])
+        steady = vv.MultipleScales(system, load=load, nu=omega).response("nu", nu)
+        exact = vv.forced_response(system, nu, load=load, method="newton", harmonics=9)
+        for i in range(nu.size):
+            points = np.flatnonzero(steady.index == i)
+            if points.size != 1 or not steady.in_range[points[0]]:
+                continue
+            p = points[0]
+            error = abs(steady.harmonics[p] - exact.coefficients[i, :, 0]).max()
+            # Elsewhere rounding, or another branch of the balance.
+            if 1e-10 < error / abs(steady.harmonics[p]).max() < 0.3:
+                ratios.append(steady.error_estimate[p] / error)
+    ratios = np.array(ratios)
+    assert ratios.size > 60
+    assert ((ratios > 1 / 3) & (ratios < 3)).all()
+    assert np.mean((ratios > 1 / 1.5) & (ratios < 1.5)) > 0.9
+
+
+def test_of_motions_of_pendulums_against_integration():
+    """Not more than 6 times too small or too large anywhere, within 3 at four of five."""
+    rng = np.random.default_rng(5)
+    ratios = []
+    while len(ratios) < 25:
+        w2, w3, size = rng.uniform(0.2, 0.9), rng.uniform(0.3, 1.4), 10 ** rng.uniform(-2, -0.5)
+        if 0.15 * w3**2 >= w2**2:
+            continue
+        pend = vv.Pendulum(e=0.1, w2=w2, w3=w3, alpha=0.5, c1=0.002, c2=0.002, c3=0.002)
+        initial = size * rng.normal(size=6) * [0.3, 0.1, 0.2, 0.1, 0.2, 0.1]
+        motion = vv.MultipleScales(pend).motion(np.linspace(0, 40, 161), initial)
+        exact = vv.simulate(pend, 40, times=motion.t, initial=initial, tolerance=1e-13).state
+        error = abs(motion.state - exact)[:, ::2].max()
+        if motion.in_range.all() and error > 1e-10 * size:
+            ratios.append(motion.error_estimate.max() / error)
+    ratios = np.array(ratios)
+    assert ((ratios > 1 / 6) & (ratios < 6)).all()
+    assert np.mean((ratios > 1 / 3) & (ratios < 3)) > 0.8
+
+
+def test_what_is_exact_has_no_error():
+    """A linear system: nothing is left over but rounding."""
+    system = vv.CubicSystem(
+        mass=np.eye(2), stiffness=[[2, -1], [-1, 3]], damping=0.02 * np.eye(2),
+        load=[[0.3], [0.1]], drives=[0.7],
+    )  # fmt: skip
+    ms = vv.MultipleScales(system)
+    assert ms.response("p1", [0.6, 0.7]).error_estimate.max() < 1e-13
+    motion = ms.motion(np.linspace(0, 50, 51), [0.1, 0, 0, 0.2])
+    assert motion.error_estimate.max() < 1e-12
+
+
+def test_linear_memory_has_little():
+    """Of a free motion with memory what counts is the range of frequencies of its decay."""
+    system = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=[1, 2.5], kernel=vv.PronyKernel(weights=[0.1], rates=[1.2])
+    )
+    motion = vv.MultipleScales(system).motion(np.linspace(0, 50, 51), [0.1, 0, 0, 0.2])
+    assert motion.error_estimate.max() < 1e-11
+
+
+def test_leaving_the_range_shows():
+    """Near the peak of a strong load the estimate says so, and is right in saying so."""
+    system = vv.Mount(
+        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, damping=0.05 * np.eye(2)
+    )
+    nu = np.array([1.7])
+    weak, strong = (
+        vv.MultipleScales(system, load=load, nu=1.7).response("nu", nu) for load in (0.02, 2.0)
+    )
+    assert weak.in_range.all()
+    assert not strong.in_range.all()
+
+
+def test_jumps_of_steady_motions_are_told_by_their_error():
+    """Towards a fold the error grows like that of a square root, and the estimate with it."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.005, forces="x^3")
+    ms = vv.MultipleScales(system, load=0.004, nu=1.0)
+    nu = np.linspace(1.0, 1.05, 5001)
+    steady = ms.response("nu", nu)
+    counts = np.bincount(steady.index)
+    assert set(counts) == {1, 3}
+    folded = np.flatnonzero(counts == 3)
+    # The two that are born there, and a little later.
+    pairs = [np.flatnonzero(steady.index == folded[0] + k)[:2] for k in (0, 100)]
+    assert steady.error_estimate[pairs[0]].max() > 2 * steady.error_estimate[pairs[1]].max()
+
+
+def test_results_can_be_sent_to_other_processes():
+    import pickle
+
+    pend = vv.Pendulum(e=0.1, w2=0.48, w3=0.8, alpha=0.5, c1=0.005, f0=0.001, p1=1.04)
+    ms = vv.MultipleScales(pend)
+    steady = pickle.loads(pickle.dumps(ms.response("p1", [1.03, 1.04])))
+    np.testing.assert_array_equal(
+        steady.error_estimate, ms.response("p1", [1.03, 1.04]).error_estimate
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        motion = pickle.loads(pickle.dumps(ms.motion([0.0, 1.0], [0.01, 0, 0, 0, 0, 0])))
+    assert motion.error_estimate.shape == (2,)
