@@ -15,13 +15,14 @@ import kernel_transforms
 import memory
 import motion
 import response_curve
+import skips
 import steady
 from combined import draw_methods
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from timing import machine, show_time, versions
 
-PARTS = ("kernels", "response", "branch", "steady", "motion", "memory")
+PARTS = ("kernels", "response", "branch", "steady", "motion", "memory", "skips")
 Row = dict[str, Any]
 
 
@@ -200,6 +201,22 @@ def of_memory(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     return lines, {"motion with memory to t = 100": rows, "motion with memory to t = 1": short}
 
 
+def of_skips(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+    """What each skip of a plan gains."""
+    rows = skips.run()
+    write_csv(out / "skips.csv", rows)
+    lines = [
+        "",
+        "| what is skipped | in | time | of its twin | gain | results differ by |",
+        "| --- |" + " --- |" * 5,
+    ]
+    return lines + [
+        f"| {row['skip']} | {row['job']} | {show_time(row['seconds'])} | "
+        f"{show_time(row['twin'])} | {row['gain']:.2g} | {row['difference']:.0e} |"
+        for row in rows
+    ], {}
+
+
 def chosen(text: str) -> list[str]:
     """Parts named in --only, in the order of PARTS."""
     wanted = {name.strip() for name in text.split(",")}
@@ -221,7 +238,7 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     lines, problems = [machine(), "", versions()], {}
     print("\n".join(lines))
-    jobs = (of_kernels, of_response, of_branch, of_steady, of_motion, of_memory)
+    jobs = (of_kernels, of_response, of_branch, of_steady, of_motion, of_memory, of_skips)
     for name, job in zip(PARTS, jobs, strict=True):
         if name in options.only:
             more, found = job(out)

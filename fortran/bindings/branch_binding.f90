@@ -17,6 +17,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   use viscovib_newton_point, only: point_from_rest
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged
+  use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
   use viscovib_status, only: status_type
   implicit none
@@ -41,6 +42,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   type(response_plan_type) :: plan
   type(balance_type) :: balance
   type(branch_options) :: options
+  type(response_options) :: wanted
   type(branch_type) :: branch
   type(floquet_type) :: floquet
   type(status_type) :: outcome
@@ -54,8 +56,9 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
-    call new_response_plan(plan, system, load, [nu], method_newton, &
-                           make_options(harmonics, tolerance, 100, 1.0_c_double, 0), outcome)
+    wanted = make_options(harmonics, tolerance, 100, 1.0_c_double, 0)
+    wanted%keep_idle = .true.
+    call new_response_plan(plan, system, load, [nu], method_newton, wanted, outcome)
   end if
   if (.not. outcome%failed()) then
     call new_balance(balance, system, plan%set)

@@ -2,6 +2,7 @@
 module viscovib_newton_point
   use viscovib_branch, only: branch_completed, branch_options, branch_type, follow_branch, &
     parameter_load
+  use viscovib_counters, only: count_up, counted_turns, counting
   use viscovib_dense, only: factorize, solve
   use viscovib_harmonic_balance, only: balance_type
   use viscovib_kinds, only: wp
@@ -55,6 +56,7 @@ contains
       call solve(size(x), jacobian, pivots, step)
       new = new - step
       iterations = iterations + 1
+      if (counting) call count_up(counted_turns, 1)
       change = weighted_norm(system, step)
       norm = weighted_norm(system, new)
       if (.not. norm <= system%largest_amplitude()) then

@@ -8,6 +8,8 @@ module viscovib_hereditary
   use viscovib_ancient, only: ancient_type, new_ancient
   use viscovib_channels, only: channels_type, new_channels
   use viscovib_collocation, only: collocation_type, new_collocation
+  use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counted_turns, &
+    counting
   use viscovib_dense, only: factorize, solve
   use viscovib_direct_history, only: direct_history_type, new_direct_history
   use viscovib_exponential_history, only: exponential_history_type, new_exponential_history
@@ -215,6 +217,7 @@ contains
       call self%add_first_step(system, load, made)
       if (made) return
     end if
+    if (counting) call count_up(counted_coordinates, n)
     self%z(:n) = self%u
     self%z(n + 1:2*n) = self%v
     call self%clock%at_nodes(load, self%z(self%map%at_load + 1:self%map%at_memory))
@@ -239,6 +242,7 @@ contains
       call gather_channels(s + 2, n, size(self%y_start), self%map%n_channels, self%points, &
                            self%y_start, self%y, self%gather, self%gather_bends, &
                            self%channels%held, self%g)
+      if (counting) call count_up(counted_memory, self%map%n_channels)
       call self%history%store(self%g)
     end if
     call self%clock%advance((n_before + 1)*self%h)
@@ -325,6 +329,7 @@ contains
     before = huge(1.0_wp)
     do turn = 1, max_iterations
       self%n_iterations = self%n_iterations + 1
+      if (counting) call count_up(counted_turns, 1)
       call self%evaluate_bends(system)
       call product_of(n_rows, n_y, self%map%from_bend, self%y, self%next)
       self%next = self%linear + self%next

@@ -2,6 +2,7 @@
 
 import csv
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +19,7 @@ from viscovib.files import whole_file
 from viscovib.hill import stability_with_memory
 from viscovib.load import LoadLike
 from viscovib.oscillators import Oscillator
+from viscovib.plan import Plan, wanted_places
 from viscovib.response import Peak, _prepare
 
 OUTCOMES: tuple[str, ...] = ("completed", "returned", "step limit", "stuck", "overflow")
@@ -130,6 +132,8 @@ class Branch(Curve):
     outcome : str
         "completed"; "returned": back at the beginning, another branch leads on; "step limit":
         max_points reached; "stuck": no smaller step helps; "overflow".
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     nu: FloatArray
@@ -147,6 +151,7 @@ class Branch(Curve):
     varies: str
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
+    plan: Plan
 
     @property
     def parameter(self) -> FloatArray:  # type: ignore[override]
@@ -183,20 +188,25 @@ class Branch(Curve):
         return xr.Dataset(
             data,
             coords={"dof": list(self.dof_names), "harmonic": self.harmonics},
-            attrs={"outcome": self.outcome, "folds": self.folds},
+            attrs={"outcome": self.outcome, "folds": self.folds, "plan": str(self.plan)},
         )
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1."""
+    def to_csv(self, path: str | Path, *, coordinates: Sequence[str] | None = None) -> None:
+        """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1.
+
+        ``coordinates``: names of those wanted; all by default.
+        """
         columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
         if self.stable is not None:
             columns["stable"] = np.array([-1 if s is None else int(s) for s in self.stable])
-        for d, name in enumerate(self.dof_names):
+        for d in wanted_places(coordinates, self.dof_names):
+            name = self.dof_names[d]
             for j, k in enumerate(self.harmonics):
                 columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real
                 columns[f"{name}_{k}_im"] = self.coefficients[:, d, j].imag
         with whole_file(path) as file:
             file.write(f"# viscovib {version('viscovib')}, branch {self.outcome}\n")
+            file.write(self.plan.comments())
             file.write(f"# folds at {self.varies} = {', '.join(f'{x:.15g}' for x in self.folds)}\n")
             file.write("# nu (rad/s); u = Im sum_k X_k exp(i k nu t)\n")
             writer = csv.writer(file, lineterminator="\n")
@@ -268,7 +278,7 @@ def trace_response(
     if not 1e-4 <= step <= 1:
         raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
     job, _, options, planned = _prepare(
-        mount, [at], load, base, "newton", harmonics, tolerance, 100, 1.0
+        mount, [at], load, base, "newton", harmonics, tolerance, 100, 1.0, keep_idle=True
     )
     if planned.method != "newton":
         raise InputError(
@@ -348,7 +358,14 @@ def trace_response(
         varies="nu" if varies == "nu" else "load_factor",
         dof_names=mount.dof_names,
         dof_units=mount.dof_units,
+        plan=_plan(varies == "nu", start, finish, planned, stability),
     )
+
+
+def _plan(of_nu: bool, start: float, finish: float, planned: Any, stability: bool) -> Plan:
+    first = core.branch_plan(1 if of_nu else 2, start, finish, planned.orders.size).decode()
+    told = "computes: stability" if stability else "skips: stability (not asked for)"
+    return Plan(f"{first.strip()}\n{planned.rest.strip()}\n{told}")
 
 
 def _range(name: str, value: object) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from viscovib.branch import Crossing, Curve, _range
 from viscovib.driven import check_size, write_table
 from viscovib.errors import InputError
 from viscovib.pendulum import Pendulum
+from viscovib.plan import Plan
 from viscovib.stability import STILL, check_duration, crossings_along, floquet
 from viscovib.torus import (
     FREQUENCIES,
@@ -31,6 +32,7 @@ from viscovib.torus import (
     tail,
     unknowns,
 )
+from viscovib.torus_plan import torus_plan
 
 OUTCOMES: tuple[str, ...] = (*MOUNT_OUTCOMES, "unphysical", "closed")
 #: Highest orders kept by default, for one, two and three base frequencies.
@@ -85,6 +87,8 @@ class DrivenBranch(Curve):
     outcome : str
         As in `Branch`, or "unphysical": the motion reaches z = -1; "closed": back at the first
         point.
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     varies: str
@@ -102,6 +106,7 @@ class DrivenBranch(Curve):
     crossings: tuple[Crossing, ...]
     outcome: str
     iterations: IntArray
+    plan: Plan
     dof_names: tuple[str, ...] = Pendulum.dof_names
     dof_units: tuple[str, ...] = ("1", "rad", "rad")
 
@@ -151,6 +156,7 @@ class DrivenBranch(Curve):
                 "outcome": self.outcome,
                 "folds": self.folds,
                 "branch_points": [point.parameter for point in self.branch_points],
+                "plan": str(self.plan),
             },
         )
 
@@ -163,7 +169,7 @@ class DrivenBranch(Curve):
         folds = ", ".join(f"{x:.15g}" for x in self.folds)
         points = ", ".join(f"{point.parameter:.15g}" for point in self.branch_points)
         write_table(
-            path, columns, self.coefficients, self.orders,
+            path, columns, self.coefficients, self.orders, self.plan,
             f"parameter: {self.varies}; branch {self.outcome}", f"folds at {folds}",
             f"branch points at {points}",
         )  # fmt: skip
@@ -324,7 +330,14 @@ def trace_pendulum(
         crossings=crossings,
         outcome=OUTCOMES[ended],
         iterations=iterations[:n_points].copy(),
-    )
+        plan=torus_plan(
+            f"computes: the branch from {varies} = {start:g} to {finish:g}",
+            pend, torus, kept, varies,
+            "rates" if torus.n_axes > 1 and span else "multipliers" if span
+            else "not asked for" if torus.n_axes == 1 or not stability
+            else "of quasi-periodic motions, only over a duration",
+        ),
+    )  # fmt: skip
 
 
 def _departure(leave: object, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:

@@ -13,6 +13,7 @@ from viscovib.cubic_system import CubicSystem
 from viscovib.errors import InputError, RangeWarning
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
+from viscovib.plan import Plan
 from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
 
 _MAX_TERMS = 4000
@@ -218,6 +219,7 @@ class MultipleScales:
             in_range=(ratio <= 0.3) & (ratio**3 + drift <= 0.3),
             mode_shapes=self.mode_shapes,
             dof_names=self._names,
+            plan=modulation.plan,
         )
         if not result.in_range.all():
             at = int(np.argmin(result.in_range))
@@ -293,6 +295,10 @@ class MultipleScales:
             error_estimate=error,
             in_range=(ratio <= 0.3) & (error <= 0.3 * first),
             dof_names=self._names,
+            plan=self._plan(
+                f"computes: steady motions to third order at {where.size} values of {parameter} "
+                f"from {where[0]:g} to {where[-1]:g}, with stability"
+            ),
         )
 
     def backbone(self, mode: int, amplitudes: npt.ArrayLike) -> FloatArray:
@@ -300,6 +306,21 @@ class MultipleScales:
         j = _native.integer("mode", mode, 0, self._n - 1)
         b = _native.real_array("amplitudes", amplitudes)
         return np.asarray(self.frequencies[j] + self.interaction[j, j] * b**2)
+
+    def _plan(self, first: str) -> Plan:
+        """Return a plan that begins with this line."""
+        n_loads, quadratic, cubic = (int(self._packed[i]) for i in (4, 5, 6))
+        lines = [first, f"computes: {len(self.terms)} terms of the modulation equations"]
+        if not quadratic:
+            lines.append("skips: terms of second order (no quadratic terms)")
+        if not cubic:
+            lines.append("skips: cubic terms (there are none)")
+        silent = n_loads - int(np.any(self._loads != 0, axis=0).sum())
+        if silent:
+            lines.append(f"skips: {silent} of {n_loads} loads (amplitude 0)")
+        if not isinstance(self.system, Mount) or not self.system._active_kernels:
+            lines.append("skips: kernel transforms (no memory)")
+        return Plan("\n".join(lines))
 
     @property
     def _drives(self) -> FloatArray:
@@ -363,6 +384,7 @@ class MultipleScales:
             frame=frame,
             steps=int(steps),
             outcome=_OUTCOMES[outcome],
+            plan=self._plan(f"computes: amplitudes in time, {times.size} times to {times[-1]:g}"),
         )
         states = np.ascontiguousarray(motion.transpose(2, 0, 1)[kept].reshape(-1, 2 * n))
         return modulation, states, np.ascontiguousarray(sizes.T[kept])

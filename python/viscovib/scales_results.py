@@ -14,6 +14,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.files import whole_file
+from viscovib.plan import Plan
 
 #: Growth below this part of the frequency counts as none.
 _NEUTRAL = 1e-9
@@ -70,6 +71,8 @@ class Modulation:
         Steps of the integration.
     outcome : str
         "complete", "overflow" (beyond all range), "step limit" or "cancelled".
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     t: FloatArray
@@ -77,6 +80,7 @@ class Modulation:
     frame: FloatArray
     steps: int
     outcome: str
+    plan: Plan
 
     @property
     def amplitude(self) -> FloatArray:
@@ -107,6 +111,8 @@ class ScalesMotion:
         The orders fall off fast enough for the expansion to mean something.
     mode_shapes : ndarray, shape (n_dof, n_modes)
         As of `MultipleScales`.
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     t: FloatArray
@@ -117,6 +123,7 @@ class ScalesMotion:
     in_range: npt.NDArray[np.bool_]
     mode_shapes: npt.NDArray[Any]
     dof_names: tuple[str, ...]
+    plan: Plan
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over t."""
@@ -130,6 +137,7 @@ class ScalesMotion:
                 "in_range": ("t", self.in_range),
             },
             coords={"t": self.t, "component": names, "order": [1, 2, 3]},
+            attrs={"plan": str(self.plan)},
         )
 
 
@@ -158,6 +166,8 @@ class ScalesResponse:
         Of the largest coordinate: size of the next order, and what it makes of the amplitudes.
     in_range : ndarray of bool, shape (n,)
         The orders fall off fast enough for the expansion to mean something.
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     parameter: str
@@ -171,6 +181,7 @@ class ScalesResponse:
     error_estimate: FloatArray
     in_range: npt.NDArray[np.bool_]
     dof_names: tuple[str, ...]
+    plan: Plan
 
     @property
     def at(self) -> FloatArray:
@@ -223,6 +234,7 @@ class ScalesResponse:
                 "in_range": ("point", self.in_range),
             },
             coords={"dof": list(self.dof_names)},
+            attrs={"plan": str(self.plan)},
         )
 
     def to_csv(self, path: str | Path) -> None:
@@ -239,6 +251,7 @@ class ScalesResponse:
         columns["error_estimate"] = self.error_estimate
         with whole_file(path) as file:
             file.write(f"# viscovib {version('viscovib')}, multiple scales\n")
+            file.write(self.plan.comments())
             file.write(f"# first harmonic of u = Re X exp(i p t) along {self.parameter}\n")
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
