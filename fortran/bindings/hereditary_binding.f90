@@ -88,7 +88,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
       end if
       last(2*dofs - 1) = run%u
       last(2*dofs) = run%v
-      n_iterations = run%n_iterations
+      n_iterations = run%equations%n_iterations
       resolution = run%resolution()
       n_kept = run%memory_size()
       if (n_kept <= n_memory) kept(:n_kept) = run%save_memory()

@@ -6,7 +6,8 @@
 !! returned in `kept`. swings = 0: of the spring alone, phi = psi = 0.
 subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first, n_steps, &
                              save_every, resume, memory, n_memory, times, n_times, n_columns, &
-                             states, at_times, last, kept, n_done, ended, n_evaluations, status, message)
+                             states, at_times, last, kept, n_done, ended, n_evaluations, &
+                             status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_long
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_method_catalogue, only: new_stepper

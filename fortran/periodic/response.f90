@@ -20,6 +20,8 @@ module viscovib_response
     !> Fraction of each correction that is taken, in (0, 1]; 0: start with 1
     !! and halve, up to four times, where the iteration does not converge.
     real(wp) :: relaxation = 1.0_wp
+    !> Keep to the symmetry about half a period that forces and load may share.
+    logical :: symmetric = .true.
     !> Keep the corrections of every iteration.
     logical :: keep_history = .false.
     !> Take along coordinates that nothing moves, as what looks at disturbances must.

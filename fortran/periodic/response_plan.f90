@@ -105,8 +105,8 @@ contains
           return
         end if
       end if
-      call new_harmonic_set(plan%set, plan%options%harmonics, system%odd .and. load%is_odd(), &
-                            system%degree)
+      call new_harmonic_set(plan%set, plan%options%harmonics, plan%options%symmetric &
+                            .and. system%odd .and. load%is_odd(), system%degree)
     end if
     call check_mean(plan, system, status)
     if (status%failed()) return

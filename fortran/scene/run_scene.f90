@@ -1,7 +1,7 @@
 !> Doing what a scene asks for.
 module viscovib_run_scene
-  use viscovib_branch, only: branch_completed, branch_type
-  use viscovib_branch_job, only: branch_names, plan_branch, run_branch, write_branch
+  use viscovib_branch_job, only: plan_branch, run_branch, write_branch
+  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_outcomes
   use viscovib_dense, only: factorize, solve
   use viscovib_files, only: stem
   use viscovib_forced_response, only: forced_response
@@ -168,7 +168,8 @@ contains
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
     type(response_plan_type) :: plan
-    type(branch_type) :: branch
+    type(curve_branch_type) :: branch
+    integer :: i, j, n
 
     call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
                            scene%options, status)
@@ -179,13 +180,16 @@ contains
       return
     end if
     report%path = folder//'/'//stem(scene%path)//'_branch.csv'
-    if (size(scene%wanted) < size(scene%coordinates)) branch%x = branch%x(:, scene%wanted, :)
+    if (size(scene%wanted) < size(scene%coordinates)) then
+      n = 2*size(plan%set%orders)
+      branch%x = branch%x([((n*(scene%wanted(j) - 1) + i, i=1, n), j=1, size(scene%wanted))], :)
+    end if
     call write_branch(folder, stem(scene%path)//'_branch.csv', plan%set%orders, branch, &
                       scene%coordinates(scene%wanted), scene%units(scene%wanted), header, status)
     if (status%failed()) return
-    report%complete = branch%outcome == branch_completed
-    report%summary = trim(branch_names(branch%outcome))//', '//show(branch%n_points) &
-                     //' points, '//show(branch%n_folds)//' folds'
+    report%complete = branch%outcome == curve_completed
+    report%summary = trim(curve_outcomes(branch%outcome))//', '//show(branch%n_points) &
+                     //' points, '//show(branch%folds%n)//' folds'
   end subroutine run_one_branch
 
   subroutine run_steady(scene, folder, header, report, status)

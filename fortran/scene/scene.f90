@@ -1,14 +1,14 @@
 !> A scene: the system, its load and the results wanted, as one namelist file.
 module viscovib_scene
   use viscovib_branch_job, only: branch_job, read_branch
-  use viscovib_checks, only: check_increasing, check_positive
-  use viscovib_grids, only: linear_grid, log_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kernel_groups, only: read_kernels
   use viscovib_hereditary_job, only: hereditary_job
   use viscovib_kinds, only: wp
-  use viscovib_load, only: load_type, new_load
-  use viscovib_mount, only: geometry_cubic, geometry_names, mount_parameters, mount_type, new_mount
+  use viscovib_load, only: load_type
+  use viscovib_load_groups, only: read_loads
+  use viscovib_mount, only: mount_parameters, mount_type
+  use viscovib_mount_groups, only: read_mount
   use viscovib_namelist, only: namelist_type, read_namelist
   use viscovib_oscillator, only: kernel_holder, oscillator_type
   use viscovib_pendulum, only: pendulum_type
@@ -16,11 +16,12 @@ module viscovib_scene
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_response, only: response_options
-  use viscovib_response_plan, only: method_names, method_newton, new_response_plan, &
-    response_plan_type
+  use viscovib_response_groups, only: read_response
+  use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
   use viscovib_motion_groups, only: read_frequency, read_hereditary
   use viscovib_scales_job, only: read_scales, scales_job
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_scene_groups, only: check_groups, place_of
+  use viscovib_status, only: show, status_type
   use viscovib_sweep_groups, only: read_sweep
   use viscovib_system_groups, only: name_length, read_system
   use viscovib_transient_job, only: transient_job
@@ -72,22 +73,6 @@ module viscovib_scene
     procedure, private :: base_direction
   end type scene_type
 
-  character(len=*), parameter :: group_names(14) = &
-    [character(len=15) :: 'scene', 'mount', 'system', 'spring', 'force', 'kernel', 'load', &
-     'response', 'branch', 'pendulum', 'transient', 'spectrum', 'multiple_scales', 'sweep']
-  !> What belongs to each system.
-  character(len=*), parameter :: mount_groups(8) = &
-    [character(len=15) :: 'mount', 'system', 'spring', 'force', 'kernel', 'load', 'response', &
-     'branch'], &
-                                 pendulum_groups(4) = &
-    [character(len=15) :: 'pendulum', 'transient', 'spectrum', 'multiple_scales'], &
-                                 repeatable(5) = &
-    [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'sweep']
-  character(len=*), parameter :: grid_keys(4) = &
-    [character(len=10) :: 'nu_min', 'nu_max', 'nu_count', 'nu_spacing']
-  !> Bounds that stop a slip of the pen before it fills the memory.
-  integer, parameter :: max_grid = 1000000, max_order = 100000
-
 contains
 
   !> Read and check everything; nothing is computed yet.
@@ -120,6 +105,7 @@ contains
     type(namelist_type), intent(in) :: file
     type(scene_type), intent(inout) :: scene
     type(status_type), intent(out) :: status
+    type(group_reader) :: reader
     type(kernel_holder) :: kernels(2)
     type(mount_parameters) :: parameters
 
@@ -131,9 +117,14 @@ contains
       scene%coordinates = [character(len=name_length) :: 'x', 'phi']
       scene%units = [character(len=name_length) :: 'm', 'rad']
       call read_kernels(file, kernels, parameters, scene%canonical, status)
-      if (.not. status%failed()) call read_mount(file, scene, kernels, parameters, status)
+      if (status%failed()) return
+      call reader%start(file%path, file%groups(place_of(file, 'mount')))
+      call read_mount(reader, kernels, parameters, scene%mount)
+      call close_group(reader, scene, status)
     end if
-    if (.not. status%failed()) call read_loads(file, scene, status)
+    if (status%failed()) return
+    call read_loads(file, scene%coordinates, scene%base_direction(), scene%load, &
+                    scene%canonical, status)
     if (status%failed()) return
     if (scene%wants_motion) then
       scene%has_memory = .true.
@@ -167,122 +158,6 @@ contains
       base_direction = self%mount%base_direction
     end if
   end function base_direction
-
-  !> Known groups only, the right number of each, and one system.
-  subroutine check_groups(file, is_pendulum, status)
-    type(namelist_type), intent(in) :: file
-    logical, intent(out) :: is_pendulum
-    type(status_type), intent(out) :: status
-    logical :: is_polynomial, is_moving
-    integer :: i, j, n
-
-    is_pendulum = .false.
-    is_polynomial = place_of(file, 'system') <= size(file%groups)
-    is_moving = place_of(file, 'transient') <= size(file%groups) &
-                .and. (is_polynomial .or. place_of(file, 'mount') <= size(file%groups))
-    do i = 1, size(file%groups)
-      associate (group => file%groups(i))
-        if (.not. any(group_names == group%name)) then
-          call refuse_group(i, 'unknown group &'//group%name//': must be one of ' &
-                            //listed(group_names))
-          return
-        end if
-        if (group%name == 'pendulum') is_pendulum = .true.
-      end associate
-    end do
-    do j = 1, size(group_names)
-      n = 0
-      do i = 1, size(file%groups)
-        if (file%groups(i)%name /= group_names(j)) cycle
-        n = n + 1
-        if (n == 2 .and. .not. any(group_names(j) == repeatable)) then
-          call refuse_group(i, 'a second &'//trim(group_names(j))//': must be given once')
-        else if (is_pendulum .and. any(mount_groups == group_names(j))) then
-          call refuse_group(i, '&'//trim(group_names(j))//': belongs to a mount, and this scene ' &
-                            //'has &pendulum')
-        else if (is_polynomial .and. group_names(j) == 'mount') then
-          call refuse_group(i, '&mount: this scene has &system already, give one of them')
-        else if (.not. is_polynomial .and. any(group_names(j) == ['spring', 'force '])) then
-          call refuse_group(i, '&'//trim(group_names(j))//': needs &system')
-        else if (group_names(j) == 'transient' .and. .not. (is_pendulum .or. is_moving)) then
-          call refuse_group(i, '&transient: needs &mount, &system or &pendulum')
-        else if (.not. is_pendulum .and. any(pendulum_groups == group_names(j)) &
-                 .and. .not. (is_moving .and. group_names(j) /= 'multiple_scales')) then
-          call refuse_group(i, '&'//trim(group_names(j))//': needs &pendulum')
-        else if (is_moving .and. any(group_names(j) == ['response', 'branch  '])) then
-          call refuse_group(i, '&'//trim(group_names(j))//': this scene has &transient already, ' &
-                            //'give one of them')
-        end if
-        if (status%failed()) return
-      end do
-      if (n > 0) cycle
-      if (is_pendulum .and. group_names(j) == 'transient') then
-        if (place_of(file, 'multiple_scales') <= size(file%groups)) cycle
-        call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
-                  //'a scene with &pendulum needs a wanted result (&transient or ' &
-                  //'&multiple_scales)')
-      else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load ']) &
-               .and. .not. (is_polynomial .and. group_names(j) == 'mount') &
-               .and. .not. is_moving) then
-        call refuse_lack(trim(group_names(j)))
-      end if
-      if (status%failed()) return
-    end do
-    if (is_pendulum) then
-      n = place_of(file, 'multiple_scales')
-      if (n > size(file%groups)) return
-      if (place_of(file, 'transient') <= size(file%groups)) then
-        call refuse_group(n, '&multiple_scales: this scene has &transient already, give one of ' &
-                          //'them')
-      else if (place_of(file, 'spectrum') <= size(file%groups)) then
-        call refuse_group(place_of(file, 'spectrum'), '&spectrum: needs &transient')
-      end if
-      return
-    end if
-    if (is_moving) return
-    n = place_of(file, 'branch')
-    if (place_of(file, 'response') > size(file%groups)) then
-      if (n > size(file%groups)) call refuse_lack('response')
-    else if (n <= size(file%groups)) then
-      call refuse_group(n, '&branch: this scene has &response already, give one of them')
-    end if
-
-  contains
-
-    subroutine refuse_lack(name)
-      character(len=*), intent(in) :: name
-      call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
-                //'needs &mount or &system, &load and a wanted result (&response or &branch), or ' &
-                //'&mount, &system or &pendulum and &transient')
-    end subroutine refuse_lack
-
-    subroutine refuse_group(i, why)
-      integer, intent(in) :: i
-      character(len=*), intent(in) :: why
-      call fail(status, status_input_error, file%groups(i)%name, file%path//':' &
-                //show(file%groups(i)%line)//': '//why)
-    end subroutine refuse_group
-
-    pure function listed(names)
-      character(len=*), intent(in) :: names(:)
-      character(len=:), allocatable :: listed
-      integer :: k
-      listed = '&'//trim(names(1))
-      do k = 2, size(names)
-        listed = listed//', &'//trim(names(k))
-      end do
-    end function listed
-
-  end subroutine check_groups
-
-  !> The place of a group; past the last if it is not there.
-  pure integer function place_of(file, name) result(i)
-    type(namelist_type), intent(in) :: file
-    character(len=*), intent(in) :: name
-    do i = 1, size(file%groups)
-      if (file%groups(i)%name == name) exit
-    end do
-  end function place_of
 
   subroutine read_motion(file, scene, status)
     type(namelist_type), intent(in) :: file
@@ -365,95 +240,6 @@ contains
     scene%canonical = scene%canonical//reader%echo
   end subroutine close_group
 
-  subroutine read_mount(file, scene, kernels, parameters, status)
-    type(namelist_type), intent(in) :: file
-    type(scene_type), intent(inout) :: scene
-    type(kernel_holder), intent(in) :: kernels(2)
-    type(mount_parameters), intent(inout) :: parameters
-    type(status_type), intent(out) :: status
-    type(group_reader) :: reader
-    type(status_type) :: built
-    character(len=:), allocatable :: word
-    real(wp) :: c(4)
-
-    call reader%start(file%path, file%groups(place_of(file, 'mount')))
-    parameters%mass = reader%read_real('mass')
-    parameters%inertia = reader%read_real('inertia')
-    parameters%offset = reader%read_real('offset')
-    parameters%stiffness_x = reader%read_real('stiffness_x')
-    parameters%stiffness_phi = reader%read_real('stiffness_phi')
-    word = reader%read_text('geometry', trim(geometry_names(geometry_cubic)), geometry_names, &
-                            parameters%geometry)
-    parameters%cubic_scale = reader%read_real('cubic_scale', 1.0_wp)
-    parameters%memory_scale = reader%read_real('memory_scale', 1.0_wp)
-    ! Row by row in the file, as one writes a matrix.
-    c = reader%read_reals('damping', 4, [0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp])
-    parameters%damping = reshape(c, [2, 2], order=[2, 1])
-    if (.not. reader%status%failed()) then
-      call new_mount(scene%mount, parameters, &
-                     kernels(:max(parameters%kernel_x, parameters%kernel_phi)), built)
-      call reader%place(built)
-    end if
-    call close_group(reader, scene, status)
-  end subroutine read_mount
-
-  !> Every &load is a term amplitude sin(order nu t + phase); they add up.
-  subroutine read_loads(file, scene, status)
-    type(namelist_type), intent(in) :: file
-    type(scene_type), intent(inout) :: scene
-    type(status_type), intent(out) :: status
-    type(group_reader) :: reader
-    character(len=:), allocatable :: word
-    integer, allocatable :: orders(:)
-    complex(wp), allocatable :: force(:, :), base(:)
-    real(wp) :: amplitude, phase
-    complex(wp) :: term
-    integer :: i, n, kind, on
-
-    n = count([(file%groups(i)%name == 'load', i=1, size(file%groups))])
-    allocate (orders(n), force(size(scene%coordinates), n), base(n))
-    force = (0.0_wp, 0.0_wp)
-    base = (0.0_wp, 0.0_wp)
-    n = 0
-    do i = 1, size(file%groups)
-      if (file%groups(i)%name /= 'load') cycle
-      n = n + 1
-      kind = 1
-      on = 1
-      call reader%start(file%path, file%groups(i))
-      word = reader%read_text('kind', 'force', [character(len=5) :: 'force', 'base'], kind)
-      if (kind == 1) then
-        word = reader%read_text('on', trim(scene%coordinates(1)), scene%coordinates, on)
-      else
-        call reader%refuse(['on'], 'the base moves as a whole; only a force has this key')
-        if (.not. any(abs(scene%base_direction()) > 0.0_wp)) then
-          call reader%complain('kind', "kind = 'base': needs base_direction in &system")
-        end if
-      end if
-      orders(n) = reader%read_integer('order', 1)
-      if (orders(n) < 0 .or. orders(n) > max_order) then
-        call reader%complain('order', 'order = '//show(orders(n)) &
-                             //': must be 0 (mean), 1, 2, ... '//show(max_order))
-      end if
-      amplitude = reader%read_real('amplitude')
-      if (orders(n) == 0) then
-        call reader%refuse(['phase'], 'the mean (order 0) has none')
-        term = cmplx(0.0_wp, amplitude, wp)
-      else
-        phase = reader%read_real('phase', 0.0_wp)
-        term = amplitude*cmplx(cos(phase), sin(phase), wp)
-      end if
-      if (kind == 1) then
-        force(on, n) = term
-      else
-        base(n) = term
-      end if
-      call close_group(reader, scene, status)
-      if (status%failed()) return
-    end do
-    call new_load(scene%load, size(scene%coordinates), orders, force, base, status)
-  end subroutine read_loads
-
   !> The result wanted of a mount.
   subroutine read_result(file, scene, status)
     type(namelist_type), intent(in) :: file
@@ -463,7 +249,10 @@ contains
 
     scene%wants_branch = place_of(file, 'branch') <= size(file%groups)
     if (.not. scene%wants_branch) then
-      call read_response(file, scene, status)
+      call reader%start(file%path, file%groups(place_of(file, 'response')))
+      call read_response(reader, scene%method, scene%options, scene%nu)
+      call read_wanted(reader, scene%coordinates, scene%wanted)
+      call close_group(reader, scene, status)
       return
     end if
     call reader%start(file%path, file%groups(place_of(file, 'branch')))
@@ -474,66 +263,6 @@ contains
     scene%options = scene%branch%options
     scene%nu = [scene%branch%nu_from]
   end subroutine read_result
-
-  subroutine read_response(file, scene, status)
-    type(namelist_type), intent(in) :: file
-    type(scene_type), intent(inout) :: scene
-    type(status_type), intent(out) :: status
-    type(group_reader) :: reader
-    character(len=:), allocatable :: word
-
-    call reader%start(file%path, file%groups(place_of(file, 'response')))
-    word = reader%read_text('method', 'successive', method_names, scene%method)
-    scene%options%harmonics = reader%read_integer('harmonics', scene%options%harmonics)
-    scene%options%tolerance = reader%read_real('tolerance', scene%options%tolerance)
-    scene%options%max_iterations = reader%read_integer('max_iterations', &
-                                                       scene%options%max_iterations)
-    scene%options%relaxation = reader%read_real('relaxation', scene%options%relaxation)
-    call read_frequencies(reader, scene%nu)
-    call read_wanted(reader, scene%coordinates, scene%wanted)
-    call close_group(reader, scene, status)
-  end subroutine read_response
-
-  !> Either the list nu, or nu_min, nu_max, nu_count and nu_spacing.
-  subroutine read_frequencies(reader, nu)
-    type(group_reader), intent(inout) :: reader
-    real(wp), allocatable, intent(out) :: nu(:)
-    type(status_type) :: status
-    character(len=:), allocatable :: word
-    real(wp) :: lowest, highest
-    integer :: n, spacing
-
-    allocate (nu(0))
-    if (reader%has('nu')) then
-      call reader%refuse(grid_keys, 'the frequencies are listed in nu already; give either nu, ' &
-                         //'or nu_min, nu_max, nu_count and nu_spacing')
-      nu = reader%read_reals('nu')
-      if (reader%status%failed()) return
-      call check_increasing('nu', nu, status)
-      call reader%place(status)
-      call check_positive('nu', nu(1), status)
-      call reader%place(status)
-      return
-    end if
-    spacing = 1
-    lowest = reader%read_real('nu_min')
-    highest = reader%read_real('nu_max')
-    n = reader%read_integer('nu_count')
-    word = reader%read_text('nu_spacing', 'linear', [character(len=6) :: 'linear', 'log'], spacing)
-    if (reader%status%failed()) return
-    call check_positive('nu_min', lowest, status)
-    call reader%place(status)
-    if (highest <= lowest) call reader%complain('nu_max', 'nu_max = '//show(highest) &
-                                                //': must be greater than nu_min = '//show(lowest))
-    if (n < 2 .or. n > max_grid) call reader%complain('nu_count', 'nu_count = '//show(n) &
-                                                      //': must be 2 to '//show(max_grid))
-    if (reader%status%failed()) return
-    if (spacing == 1) then
-      nu = linear_grid(lowest, highest, n)
-    else
-      nu = log_grid(lowest, highest, n)
-    end if
-  end subroutine read_frequencies
 
   !> Every &sweep is a parameter; no two may be the same.
   subroutine read_sweeps(file, scene, status)

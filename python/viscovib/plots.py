@@ -30,6 +30,13 @@ if TYPE_CHECKING:
 COLOURS = ("#0b1d51", "#7b1e7a", "#c8452e", "#e08e1b", "#b9b21a")
 STYLES = ("-", (0, (6, 1.5)), (0, (4, 1.2, 1, 1.2)), (0, (2, 1)), (0, (1, 1)))
 
+#: How changes of stability other than folds are marked.
+_CROSSING_MARKERS = {
+    "branch point": "s",
+    "symmetry breaking": "^",
+    "period doubling": "D",
+    "Neimark-Sacker": "v",
+}
 _SYMBOLS = {"x": "x", "phi": r"\varphi", "psi": r"\psi"}
 _DOTS: dict[str, Any] = {
     "linestyle": "none",
@@ -90,7 +97,7 @@ def plot_response(
                 linewidth=1.6,
                 label=labels[i] if labels else None,
             )
-        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|${_in(unit)}")
         if log and any((line.get_ydata() > 0).any() for line in axis.lines):
             axis.set_yscale("log")
         _bare(axis)
@@ -102,6 +109,11 @@ def plot_response(
     if labels:
         axes[0].legend(frameon=False)
     return axes
+
+
+def _in(unit: str) -> str:
+    """Unit in brackets; nothing of a coordinate that has none."""
+    return "" if unit in ("1", "L") else f" ({unit})"
 
 
 def _amplitude(
@@ -123,8 +135,8 @@ def plot_branch(
 ) -> "Sequence[Axes]":
     """Draw amplitude along a branch, one panel a coordinate.
 
-    Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey. Folds
-    and branch points are marked.
+    Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey.
+    Folds, branch points and other changes of stability are marked.
     """
     names = branch.dof_names
     if ax is None:
@@ -161,23 +173,38 @@ def plot_branch(
                     label="stability unknown",
                 )
         d, j = branch._place(name, harmonic)
-        axis.plot(
-            branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k", markersize=4,
-            markerfacecolor="w", label="fold",
-        )  # fmt: skip
+        if branch.folds.size:
+            axis.plot(
+                branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k",
+                markersize=4, markerfacecolor="w", label="fold",
+            )  # fmt: skip
+        if isinstance(branch, Branch):
+            _mark_crossings(axis, branch, d, j)
         if isinstance(branch, DrivenBranch) and branch.branch_points:
             axis.plot(
                 [point.parameter for point in branch.branch_points],
                 [abs(point.coefficients[d, j]) for point in branch.branch_points],
                 "s", color="k", markersize=4, markerfacecolor="w", label="branch point",
             )  # fmt: skip
-        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|${_in(unit)}")
         if log:
             axis.set_yscale("log")
         _bare(axis)
     axes[-1].set_xlabel(branch.label)
     axes[0].legend(frameon=False)
     return axes
+
+
+def _mark_crossings(axis: "Axes", branch: Branch, d: int, j: int) -> None:
+    """Mark changes of stability other than folds, a sign for each kind."""
+    for kind, marker in _CROSSING_MARKERS.items():
+        here = [c for c in branch.crossings if c.kind == kind and c.coefficients is not None]
+        if here:
+            axis.plot(
+                [c.parameter for c in here if c.parameter is not None],
+                [abs(c.coefficients[d, j]) for c in here if c.coefficients is not None],
+                marker, color="k", markersize=5, markerfacecolor="w", label=kind,
+            )  # fmt: skip
 
 
 def plot_backbone(
@@ -212,7 +239,7 @@ def plot_backbone(
                 linewidth=1.2,
                 label=f"backbone, mode {curve.mode}",
             )
-        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|${_in(unit)}")
         _bare(axis)
     axes[-1].set_xlabel(r"circular frequency $\nu$ (rad/s)")
     axes[0].legend(frameon=False)
@@ -260,7 +287,7 @@ def plot_trajectory(
             plane.plot(q, v, linewidth=0.7, **style)
         symbol = _symbol(name)
         unit = runs[0].system.dof_units[d]
-        history.set_ylabel(f"${symbol}$" + ("" if unit == "L" else f" ({unit})"))
+        history.set_ylabel(f"${symbol}${_in(unit)}")
         plane.set(xlabel=f"${symbol}$", ylabel=rf"${symbol}'$")
         for axis in (history, plane):
             _bare(axis)

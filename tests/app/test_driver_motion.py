@@ -1,0 +1,127 @@
+"""The standalone driver: motions in time and their spectra."""
+
+import os
+
+import numpy as np
+import pytest
+import viscovib as vv
+from driver import GOOD, MOTION, check_failure, read_csv
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"dt=0.25": "tolerance=1e-9"},
+        {"dt=0.25": "dt=0.3, method='verner9', save_every=7"},
+        {"dt=0.25": "dt=1, tolerance=1e-6, method='gauss16'", "e=0.1": "equations='cubic', e=0.1"},
+    ],
+)
+def test_motions_of_driver_and_python_agree_to_the_last_bit(solve, tmp_path, changes):
+    text = MOTION
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    scene = tmp_path / "motion.nml"
+    scene.write_text(text)
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / "motion_transient.csv")
+    run = vv.run(scene).trajectory
+    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    run.to_csv(tmp_path / "python.csv")
+    again = read_csv(tmp_path / "python.csv")
+    assert again.dtype.names == table.dtype.names
+    assert (again["t"] == table["t"]).all()
+    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
+        for name in table.dtype.names:
+            assert (table[name] == again[name]).all()
+
+
+@pytest.mark.parametrize(
+    "group",
+    [
+        "&transient t_end=20, dt=0.25, nu=1.5 /\n&load amplitude=0.5 /",
+        "&transient t_end=20, nu=1.5, save_every=2 /\n&load amplitude=0.5, phase=1 /",
+        "&transient t_end=5, dt=0.1, initial=0.1 0 0.05 0, memory='direct' /",
+        "&transient t_end=5, dt=0.1, held=0.1 0.05 /\n&load order=0, amplitude=0.2 /",
+        "&transient t_end=5, dt=0.1, nu=1.3 /\n&load kind='base', amplitude=0.1 /\n&spectrum /",
+    ],
+)
+def test_motions_with_memory_agree(solve, tmp_path, group):
+    scene = tmp_path / "motion.nml"
+    system = "\n".join(line for line in GOOD.splitlines() if "&load" not in line)
+    system = system.split("&response")[0]
+    scene.write_text(f"{system}\n{group}\n")
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / "motion_transient.csv")
+    result = vv.run(scene)
+    run = result.trajectory
+    assert (table["t"] == run.t).all()
+    ours = np.stack([table[name] for name in table.dtype.names[1:]], axis=1)
+    assert np.abs(ours - run.state).max() < 1e-13
+    assert str(vv.plan(scene)) == solve(scene, "--plan").stdout.strip()
+    assert (result.spectrum is None) == ("&spectrum" not in group)
+
+
+@pytest.mark.parametrize(
+    ("group", "message"),
+    [
+        ("&transient t_end=20, dt=0.25 /\n&load amplitude=0.5 /", "nu"),
+        ("&transient t_end=20, dt=0.25, nu=1 /", "is the frequency of a load, and none has one"),
+        ("&transient t_end=20, dt=0.25, memory='some' /", "must be one of 'auto'"),
+        ("&transient t_end=20, dt=0.25, method='rk4' /", "must be one of 'gauss8'"),
+        ("&transient t_end=20, dt=25 /", "dt = 25: must be greater than 0 and not exceed"),
+        ("&transient t_end=20, initial=1 2 /", "initial"),
+        ("&transient t_end=20 /\n&multiple_scales from=1, to=2 /", "needs &pendulum"),
+    ],
+)
+def test_bad_motions_with_memory(solve, tmp_path, group, message):
+    scene = tmp_path / "motion.nml"
+    system = "\n".join(line for line in GOOD.splitlines() if "&load" not in line)
+    scene.write_text(system.split("&response")[0] + f"\n{group}\n")
+    done = solve(scene, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert message in done.stderr
+
+
+def test_spectra_of_driver_and_python_agree(solve, tmp_path):
+    scene = tmp_path / "motion.nml"
+    scene.write_text(MOTION + "&spectrum window='flat_top', discard=5 /\n")
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    table = read_csv(tmp_path / "motion_spectrum.csv")
+    spectrum = vv.run(scene).spectrum
+    assert spectrum.coefficients.shape == (31, 3)
+    spectrum.to_csv(tmp_path / "python.csv")
+    again = read_csv(tmp_path / "python.csv")
+    assert again.dtype.names == table.dtype.names
+    for dof in ("z", "phi", "psi"):
+        driver, python = (
+            rows[f"{dof}_amplitude"] * np.exp(1j * rows[f"{dof}_phase"]) for rows in (table, again)
+        )
+        assert driver == pytest.approx(python, abs=1e-14)
+
+
+def test_motion_that_stops_early_is_status_1(solve, tmp_path):
+    scene = tmp_path / "motion.nml"
+    scene.write_text(MOTION.replace("0.05 0 0.3", "0 -3 0.3"))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 1
+    assert "unphysical at t = " in done.stdout
+    assert len(read_csv(tmp_path / "motion_transient.csv")) >= 1
+
+
+def test_chaos_is_refused_and_leaves_nothing(solve, tmp_path):
+    scene = tmp_path / "motion.nml"
+    scene.write_text(
+        MOTION.replace("dt=0.25", "tolerance=1e-13")
+        .replace("t_end=20", "t_end=2000")
+        .replace("f0=0.005", "f0=0.02")
+        .replace("0.3 0 -0.2", "1.3 0 -1.2")
+    )
+    out = tmp_path / "out"
+    out.mkdir()
+    check_failure(solve(scene, "--out", out), 2, "the motion may be chaotic", out)

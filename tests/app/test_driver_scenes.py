@@ -1,0 +1,218 @@
+"""The standalone driver: every wrong scene a line; lists and tables in files."""
+
+import time
+
+import pytest
+import viscovib as vv
+from driver import BRANCH, GOOD, GRID, KERNEL, MOTION, check_failure, read_csv, silence
+
+BAD_SCENES = {
+    "typo in a key": (GOOD.replace("stiffness_x", "stifness_x"), 1, "did you mean 'stiffness_x'?"),
+    "strange key": (GOOD.replace("mass=1,", "mass=1, colour=2,"), 1, "must be one of mass, "),
+    "unknown group": (GOOD + "&pendulums /\n", 5, "unknown group &pendulums"),
+    "missing key": (GOOD.replace("mass=1, ", ""), 1, "&mount lacks mass"),
+    "negative mass": (GOOD.replace("mass=1", "mass=-1"), 1, "mass = -1: must be greater than 0"),
+    "zero stiffness": (GOOD.replace("phi=2", "phi=0"), 1, "stiffness_phi = 0: must be greater"),
+    "nan": (GOOD.replace("mass=1", "mass=nan"), 1, "mass = nan: must be a finite number"),
+    "infinite": (GOOD.replace("mass=1", "mass=1e999"), 1, "mass = 1e999: must be a finite"),
+    "text for number": (GOOD.replace("mass=1", "mass='one'"), 1, "mass = one: must be a number"),
+    "number for text": (GOOD.replace("'rzhanitsyn'", "3"), 2, "kind = 3: must be a quoted text"),
+    "two values": (GOOD.replace("mass=1,", "mass=1 2,"), 1, "mass has 2 values"),
+    "a number with two signs": (GOOD.replace("mass=1", "mass=1-2"), 1, "mass = 1-2: must be a"),
+    "too small": (GOOD.replace("mass=1", "mass=1e-999"), 1, "mass = 1e-999: must be a finite"),
+    "logical for number": (GOOD.replace("mass=1", "mass=.true."), 1, "mass = .true.: must be a"),
+    "letters exchanged": (GOOD.replace("alpha", "alhpa"), 2, "did you mean 'alpha'?"),
+    "no value between commas": (GOOD.replace(GRID, "nu=1,,2"), 4, "nu: no value before a comma"),
+    "repeats without end": (GOOD.replace(GRID, "nu=999999999*1"), 4, "must be a value, or a count"),
+    "rates too few": (
+        GOOD.replace(KERNEL, "kind='prony', weights=0.1 0.2 0.3,\nrates=1"),
+        3,
+        "weights and rates have 3 and 1 numbers: must match",
+    ),
+    "values too few": (
+        GOOD.replace(KERNEL, "kind='tabulated', times=0 1 2,\nvalues=0.1"),
+        3,
+        "times and values have 3 and 1 numbers: must match",
+    ),
+    "no value": (GOOD.replace("mass=1,", "mass=,"), 1, "mass has no value"),
+    "twice": (GOOD.replace("mass=1,", "mass=1,\nmass=2,"), 2, "mass is given twice"),
+    "unknown kernel": (GOOD.replace("'rzhanitsyn'", "'maxwell'"), 2, "must be one of 'rzhan"),
+    "alpha": (GOOD.replace("alpha=0.1", "alpha=1.5"), 2, "alpha = 1.5: must be in (0, 1]"),
+    "beta": (GOOD.replace("beta=0.05", "beta=-1"), 2, "beta = -1: must not be negative"),
+    "beta needed": (
+        GOOD.replace("beta=0.05", "beta=0").replace("&load", "&load order=0, amplitude=1/\n&load"),
+        2,
+        "has no finite integral",
+    ),
+    "kernel twice": (
+        GOOD.replace("&load", "&kernel kind='abel', amplitude=1, alpha=1/\n&load"),
+        3,
+        "has a kernel already",
+    ),
+    "geometry": (GOOD.replace("mass=1", "geometry='flat', mass=1"), 1, "geometry = 'flat'"),
+    "damping": (GOOD.replace("mass=1", "damping=1 2 3, mass=1"), 1, "damping has 3 values"),
+    "grid reversed": (GOOD.replace("nu_max=4", "nu_max=0.2"), 4, "nu_max = 0.2: must be greater"),
+    "grid of one": (GOOD.replace("count=8", "count=1"), 4, "nu_count = 1: must be 2 to"),
+    "grid count real": (GOOD.replace("count=8", "count=8.5"), 4, "8.5: must be an integer"),
+    "nu unsorted": (
+        GOOD.replace(GRID, "nu=1 3 2"),
+        4,
+        "nu (value 3) = 2 after 3: must be strictly increasing",
+    ),
+    "nu zero": (GOOD.replace(GRID, "nu=0 1"), 4, "greater than 0"),
+    "nu twice": (GOOD.replace("nu_min", "nu=1, nu_min"), 4, "nu_min: the frequencies are listed"),
+    "grid without end": (GOOD.replace("count=8", "count=100000000"), 4, "must be 2 to 1000000"),
+    "tolerance": (GOOD.replace("nu_count=8", "nu_count=8,\ntolerance=0"), 5, "tolerance = 0"),
+    "harmonics": (GOOD.replace("nu_count=8", "nu_count=8,\nharmonics=200"), 5, "must be 1 to 199"),
+    "iterations": (GOOD.replace("nu_count=8", "nu_count=8, max_iterations=0"), 4, "must be 1 to"),
+    "relaxation": (GOOD.replace("nu_count=8", "nu_count=8, relaxation=2"), 4, "must be in (0, 1]"),
+    "too few harmonics": (GOOD.replace("&load", "&load order=11,"), 4, "must be at least 11"),
+    "order without end": (GOOD.replace("&load", "&load order=2000000000,"), 3, "must be 0 (mean)"),
+    "phase of the mean": (GOOD.replace("&load", "&load order=0, phase=1,"), 3, "phase: the mean"),
+    "base on phi": (GOOD.replace("&load", "&load kind='base', on='phi',"), 3, "on: the base moves"),
+    "load order": (GOOD.replace("&load", "&load order=-1,"), 3, "order = -1: must be 0"),
+    "no load": (GOOD.replace("&load amplitude=0.1 /", ""), None, "no &load group"),
+    "no result": (GOOD[: GOOD.index("&response")], None, "no &response group"),
+    "two mounts": (GOOD + GOOD.splitlines()[0], 5, "a second &mount"),
+    "truncated": (GOOD[:-2], 4, "&response is not ended"),
+    "truncated in a text": (GOOD[: GOOD.index("zhan")], 2, "quoted text is not ended"),
+    "group in a group": (GOOD.replace("/\n&kernel", "\n&kernel"), 2, "'&kernel' inside &mount"),
+    "outside": ("mass = 1\n" + GOOD, 1, "'mass' stands outside a group"),
+    "no equals": (GOOD.replace("mass=1", "mass 1"), 1, "'mass' in &mount is not followed by '='"),
+    "empty": ("", None, "no group such as &mount found"),
+    "pendulum and mount": (MOTION + GOOD.splitlines()[0], 3, "&mount: belongs to a mount"),
+    "pendulum with a kernel": (GOOD.splitlines()[1] + "\n" + MOTION, 1, "&kernel: belongs to"),
+    "two results of a mount": (GOOD + MOTION.splitlines()[1], 4, "has &transient already"),
+    "pendulum alone": (MOTION.splitlines()[0], None, "no &transient group"),
+    "no such body": (MOTION.replace("e=0.1", "e=0.3"), 1, "must be less than 1"),
+    "equations": (MOTION.replace("e=0.1", "e=0.1, equations='best'"), 1, "must be one of 'exact'"),
+    "five numbers": (MOTION.replace("-0.2 0,", "-0.2,"), 2, "initial has 5 values"),
+    "start below the pivot": (MOTION.replace("=0.05", "=-1.5"), 2, "z must be greater than -1"),
+    "end": (MOTION.replace("t_end=20", "t_end=0"), 2, "t_end = 0: must be greater than 0"),
+    "step": (MOTION.replace("dt=0.25", "dt=30"), 2, "not exceed t_end = 20"),
+    "step negative": (MOTION.replace("dt=0.25", "dt=-1"), 2, "dt = -1: must be greater than 0"),
+    "method": (MOTION.replace("dt=", "method='euler', dt="), 2, "must be one of 'gauss8'"),
+    "motion tolerance": (MOTION.replace("dt=0.25", "tolerance=2"), 2, "must be in [1e-13, 1]"),
+    "save_every": (MOTION.replace("dt=", "save_every=0, dt="), 2, "must be at least 1"),
+    "too much to keep": (MOTION.replace("0.25", "1e-9"), 2, "would keep more than"),
+    "window": (MOTION + "&spectrum window='hamming' /", 3, "window = 'hamming': must be one of"),
+    "discard": (MOTION + "&spectrum discard=20 /", 3, "discard = 20: must not be negative"),
+    "spectrum of a mount": (GOOD + "&spectrum /", 5, "&spectrum: needs &pendulum"),
+    "branch and response": (GOOD + "&branch nu_from=1, nu_to=2 /", 5, "has &response already"),
+    "branch to nowhere": (BRANCH.replace("nu_to=4", "nu_to=1"), 4, "must differ from nu_from"),
+    "branch from zero": (BRANCH.replace("nu_from=1", "nu_from=0"), 4, "nu_from = 0: must be"),
+    "branch of one": (BRANCH.rstrip()[:-1] + ", max_points=1 /", 4, "must be 2 to"),
+    "branch step": (BRANCH.rstrip()[:-1] + ", max_step=0 /", 4, "max_step = 0: must be in"),
+    "branch harmonics": (BRANCH.rstrip()[:-1] + ", harmonics=0 /", 4, "harmonics = 0: must be"),
+    "not UTF-8": (GOOD.encode() + b"&scene title='caf\xe9' /\n", 5, "byte 233 found"),
+    "binary": ("\x00\x01\x7f" * 50, 1, "this is not a text file"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_SCENES)
+def test_bad_scene_is_one_line_with_its_place(solve, tmp_path, name):
+    text, line, message = BAD_SCENES[name]
+    scene = tmp_path / "bad.nml"
+    scene.write_bytes(text if isinstance(text, bytes) else text.encode())
+    out = tmp_path / "out"
+    out.mkdir()
+    done = solve(scene, "--out", out)
+    check_failure(done, 2, message, out)
+    place = f"{scene}:{line}: " if line else f"{scene}: "
+    assert place in done.stderr
+    with silence(), pytest.raises(vv.InputError) as error:
+        vv.Scene.read(scene)
+    assert str(error.value).startswith(place)
+    assert message in str(error.value)
+
+
+def test_tabulated_kernel_in_a_file_is_the_one_in_the_scene(solve, tmp_path):
+    (tmp_path / "kernel.txt").write_text("# s, 1/s\n0 0.1\n1, 0.05  ! measured\n\n2 0.01")
+    scenes = {
+        "file": GOOD.replace(KERNEL, "kind='tabulated', file='kernel.txt'"),
+        "here": GOOD.replace(KERNEL, "kind='tabulated', times=0 1 2, values=0.1 0.05 0.01"),
+    }
+    tables = []
+    for name, text in scenes.items():
+        scene = tmp_path / f"{name}.nml"
+        scene.write_text(text.replace("nu_min", "method='linear', nu_min"))
+        assert solve(scene, "--out", tmp_path).returncode == 0
+        tables.append(read_csv(tmp_path / f"{name}_response.csv"))
+    assert (tables[0] == tables[1]).all()
+    (kernel,) = vv.Scene.read(tmp_path / "file.nml").groups["kernel"]
+    assert kernel["times"] == [0, 1, 2]
+    assert kernel["values"] == [0.1, 0.05, 0.01]
+
+
+@pytest.mark.parametrize(
+    ("text", "status", "message"),
+    [
+        ("0 1\n1 x\n", 2, "kernel.txt:2: '1 x': must be two finite numbers"),
+        ("0 1\n0 2\n", 2, "scene.nml:2: file: times (value 2) = 0 after 0"),
+        (None, 3, "scene.nml:2: file: "),
+    ],
+)
+def test_bad_kernel_file_is_one_line(solve, tmp_path, text, status, message):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(GOOD.replace(KERNEL, "kind='tabulated', file='kernel.txt'"))
+    if text is not None:
+        (tmp_path / "kernel.txt").write_text(text)
+    out = tmp_path / "out"
+    out.mkdir()
+    check_failure(solve(scene, "--out", out), status, message, out)
+
+
+def test_long_lists_are_read_at_once(solve, tmp_path):
+    """Reading 200 000 numbers takes a fraction of a second; it once grew with their square."""
+    scene = tmp_path / "scene.nml"
+    scene.write_text(GOOD.replace(GRID, "nu=" + " ".join(str(i) for i in range(1, 200_001))))
+    begun = time.perf_counter()
+    done = solve(scene, "--plan")
+    assert done.returncode == 0, done.stderr
+    assert "200000 frequencies" in done.stdout
+    assert time.perf_counter() - begun < 10
+
+
+def test_sweeps_are_left_to_python(solve, tmp_path):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(GOOD + "&sweep key='load.amplitude', values=0.1 0.2 /\n")
+    for more in ([], ["--plan"]):
+        done = solve(scene, "--out", tmp_path / "out", *more)
+        assert done.returncode == 2
+        assert done.stderr == (
+            f"viscovib-solve: {scene}:5: &sweep: sweeps are run by Python (viscovib sweep SCENE); "
+            "this program runs single points, leave the group out\n"
+        )
+    assert not (tmp_path / "out").exists()
+    scene.write_text(GOOD + "&sweep key='load.weight', values=0.1 0.2 /\n")
+    done = solve(scene, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"viscovib-solve: {scene}:5: key = 'load.weight': &load has no")
+
+
+@pytest.mark.parametrize(
+    ("group", "message"),
+    [
+        ("key='', values=1", "must be a key in its group"),
+        ("key='.', values=1", "must be a key in its group"),
+        ("key='load.', values=1", "must be a key in its group"),
+        ("key='load(.amplitude', values=1", "must be a key in its group"),
+        ("key='load().amplitude', values=1", "must be a key in its group"),
+        ("key='load(x).amplitude', values=1", "must be a key in its group"),
+        ("key='load(999999999999).amplitude', values=1", "must be a key in its group"),
+        ("key='load(7).amplitude', values=1", "this scene has &load 1 times"),
+        ("key='mount.', values=1", "must be a key in its group"),
+        ("key=3, values=1", "must be a quoted text"),
+        ("key='load.amplitude', values='a'", "must be numbers"),
+        ("key='load.amplitude', values=", "values has no value"),
+        ("key='load.amplitude', min=1, max=2, count=3, spacing='odd'", "must be one of"),
+    ],
+)
+def test_every_wrong_sweep_is_a_line(solve, tmp_path, group, message):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(GOOD + f"&sweep {group} /\n")
+    done = solve(scene, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith(f"viscovib-solve: {scene}:5: ")
+    assert message in done.stderr

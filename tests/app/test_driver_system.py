@@ -1,0 +1,100 @@
+"""The standalone driver: polynomial systems."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from driver import SCENES, read_csv
+
+
+def test_a_table_of_points_runs_directly(solve, tmp_path):
+    scene = tmp_path / "table.nml"
+    scene.write_text(
+        "&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 /\n"
+        "&kernel kind='tabulated', times=0 1 4, values=0.2 0.1 0 /\n"
+        "&transient initial=0.1 0 0 0, t_end=3, dt=0.1 /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "all of the past" in solve(scene, "--plan").stdout
+    scene.write_text(scene.read_text().replace("dt=0.1", "dt=0.1, memory='exponentials'"))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 2
+    assert "no sum of exponentials" in done.stderr
+
+
+def test_a_system_of_ones_own(solve, tmp_path):
+    """Every group that makes one up, read by the driver and by Python."""
+    scene = tmp_path / "own.nml"
+    scene.write_text(
+        "&system coordinates='a', 'b', units='m', 'rad', mass=1, 0.1, 0.1, 0.5,\n"
+        "  stiffness=2, -1, -1, 1.5, damping=0.1, 0.05, base_direction=1, 0 /\n"
+        "&kernel kind='prony', weights=0.1, rates=0.4 /\n"
+        "&spring stiffness=0.5, 0, kernel=0 /\n"
+        "&force on='a', coefficient=0.4, powers=2, 1 /\n"
+        "&force on='b', coefficient=0.3, powers=0, 3, kernel=0 /\n"
+        "&load on='b', amplitude=0.1, phase=0.3 /\n&load order=0, amplitude=0.05 /\n"
+        "&load kind='base', order=2, amplitude=0.02 /\n"
+        "&response method='newton', nu_min=0.3, nu_max=2.5, nu_count=30 /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "X_k of b (rad)" in (tmp_path / "own_response.csv").read_text()
+    table = read_csv(tmp_path / "own_response.csv")
+    system = vv.PolynomialSystem(
+        mass=[[1, 0.1], [0.1, 0.5]],
+        stiffness=[[2, -1], [-1, 1.5]],
+        damping=[0.1, 0.05],
+        kernel=vv.PronyKernel(weights=[0.1], rates=[0.4]),
+        forces={"a": "0.4*a^2*b"},
+        springs=[vv.Springs(stiffness=[0.5, 0], forces={"b": "0.3*b^3"})],
+        names=("a", "b"),
+        base_direction=[1, 0],
+    )
+    load = {0: [0.05j, 0], 1: [0, 0.1 * np.exp(0.3j)]}
+    r = vv.forced_response(system, table["nu"], load=load, base={2: 0.02}, method="newton")
+    read = vv.run(scene).response
+    assert read.dof_units == ("m", "rad")
+    assert read.coefficients == pytest.approx(r.coefficients, abs=1e-15)
+    for d, dof in enumerate("ab"):
+        for j, k in enumerate(r.harmonics):
+            found = table[f"{dof}_{k}_re"] + 1j * table[f"{dof}_{k}_im"]
+            assert found == pytest.approx(r.coefficients[:, d, j], abs=1e-12)
+
+
+def test_motion_of_a_system_of_ones_own(solve, tmp_path):
+    scene = tmp_path / "own.nml"
+    scene.write_text(
+        "&system coordinates='a', 'b', units='m', 'rad', mass=1, 0.5, stiffness=2, -1, -1, 1.5,\n"
+        "  damping=0.1, 0.05 /\n&force on='a', coefficient=0.4, powers=2, 1 /\n"
+        "&load on='b', amplitude=0.1, phase=0.3 /\n&load order=0, amplitude=0.05 /\n"
+        "&transient initial=0.3, 0, -0.2, 0.1, t_end=30, dt=0.25, nu=1.3 /\n&spectrum /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / "own_transient.csv")
+    assert table.dtype.names == ("t", "a", "a_dot", "b", "b_dot")
+    assert "# units: t in s, a in m, b in rad" in (tmp_path / "own_transient.csv").read_text()
+    system = vv.PolynomialSystem(
+        mass=[1, 0.5], stiffness=[[2, -1], [-1, 1.5]], damping=[0.1, 0.05],
+        forces={"a": "0.4*a^2*b"}, names=("a", "b"),
+    )  # fmt: skip
+    load = {0: [0.05j, 0], 1: [0, 0.1 * np.exp(0.3j)]}
+    run = vv.simulate(system, 30, dt=0.25, initial=[0.3, 0, -0.2, 0.1], load=load, nu=1.3)
+    read = vv.run(scene)
+    assert read.trajectory.state == pytest.approx(run.state, abs=1e-14)
+    assert read.spectrum.names == ("a", "b")
+    assert table["b_dot"] == pytest.approx(run.coordinate("b_dot"), abs=1e-12)
+    names = read_csv(tmp_path / "own_spectrum.csv").dtype.names
+    assert {"a_amplitude", "b_amplitude"} <= set(names)
+    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
+
+
+def test_branch_of_a_system_of_ones_own(solve, tmp_path):
+    done = solve(SCENES / "duffing_branch.nml", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    branch = vv.run(SCENES / "duffing_branch.nml").branch
+    table = read_csv(tmp_path / "duffing_branch_branch.csv")
+    assert branch.folds.size == 2
+    assert table["nu"] == pytest.approx(branch.nu, abs=1e-9)
+    assert table["x_0_im"] == pytest.approx(branch.coefficients[:, 0, 0].imag, abs=1e-8)
+    assert "16 harmonics" in str(vv.plan(SCENES / "duffing_branch.nml"))

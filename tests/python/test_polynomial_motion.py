@@ -1,0 +1,137 @@
+"""Motions of polynomial systems in time against responses and other methods."""
+
+import matplotlib
+import numpy as np
+import pytest
+import viscovib as vv
+from polynomial_examples import KERNEL, chain, state_at_zero
+from scipy.integrate import solve_ivp
+
+matplotlib.use("Agg")
+
+
+@pytest.mark.parametrize("method", ["gauss8", "gauss16", "gauss3", "dop8", "verner9", "rk4"])
+def test_motion_in_time(method):
+    system = vv.PolynomialSystem(
+        mass=[[1, 0.1], [0.1, 0.5]],
+        stiffness=[[2, -1], [-1, 1.5]],
+        damping=[0.05, 0.02],
+        forces={"x1": "(x1 - x2)^3 + 0.2*x1^2", "x2": "(x2 - x1)^3"},
+    )
+    nu, start = 1.3, [0.3, 0.1, -0.2, 0.4]
+    load = {0: [0.1j, 0], 1: [0.5, 0.1 + 0.2j], 3: [0, 0.1j]}
+
+    def motion(t, y):
+        u, v = y[::2], y[1::2]
+        cubic = (u[0] - u[1]) ** 3
+        force = -np.array([2 * u[0] - u[1], -u[0] + 1.5 * u[1]]) - [0.05, 0.02] * v
+        force -= [cubic + 0.2 * u[0] ** 2, -cubic]
+        force += [0.1 + 0.5 * np.sin(nu * t), 0.1 * np.sin(nu * t) + 0.2 * np.cos(nu * t)]
+        force += [0, 0.1 * np.cos(3 * nu * t)]
+        a = np.linalg.solve([[1, 0.1], [0.1, 0.5]], force)
+        return [v[0], a[0], v[1], a[1]]
+
+    end = solve_ivp(motion, (0, 20), start, "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    fine = {"rk4": 2e-3, "gauss3": 2e-2}.get(method, 0.05)
+    run = vv.simulate(system, 20, dt=fine, initial=start, load=load, nu=nu, method=method)
+    assert run.outcome == "completed"
+    assert run.state[-1] == pytest.approx(end, abs=1e-9 if method in ("rk4", "gauss3") else 1e-11)
+    assert np.abs(run.energy_defect()).max() < 1e-6
+    more = vv.simulate(system, 40, resume=run)
+    whole = vv.simulate(system, 40, dt=fine, initial=start, load=load, nu=nu, method=method)
+    assert (more.state[-1] == whole.state[-1]).all()
+
+
+def test_motion_with_memory_in_time():
+    """Kernels of one exponential each are differential equations: z' = w g(u) - r z."""
+    weights, rates, nu = (0.3, 0.2), (0.5, 1.5), 1.3
+    kernels = [vv.PronyKernel(weights=[w], rates=[r]) for w, r in zip(weights, rates, strict=True)]
+    system = vv.PolynomialSystem(
+        mass=1.2,
+        stiffness=1.5,
+        kernel=kernels[0],
+        damping=0.05,
+        springs=[vv.Springs(forces="0.8*x^3", kernel=kernels[1]), vv.Springs(forces="0.3*x^2")],
+        base_direction=[1],
+    )
+
+    def motion(t, y):
+        u, v, z_1, z_2 = y
+        linear, cubic = 1.5 * u, 0.8 * u**3
+        # A base moving as 0.1 cos(nu t) pushes by -m times its acceleration.
+        force = 0.6 * np.sin(nu * t) + 0.12 * nu**2 * np.cos(nu * t)
+        force -= 0.05 * v + (linear - z_1) + (cubic - z_2) + 0.3 * u**2
+        slow = np.multiply(weights, (linear, cubic)) - np.multiply(rates, (z_1, z_2))
+        return [v, force / 1.2, *slow]
+
+    run = vv.simulate(
+        system, 20, initial=[0.5, 0.2], load=0.6, base=0.1j, nu=nu, tolerance=1e-11
+    )  # fmt: skip
+    end = solve_ivp(
+        motion, (0, 20), [0.4, 0.2, 0, 0], "DOP853", rtol=1e-13, atol=1e-14
+    ).y[:2, -1]  # fmt: skip
+    moved = [0.1 * np.cos(nu * 20), -0.1 * nu * np.sin(nu * 20)]
+    assert run.state[-1] == pytest.approx(end + moved, abs=1e-10)
+    with pytest.raises(vv.InputError, match="the balance of energy is for pendulums only"):
+        run.energy_defect()
+
+
+def test_both_ways_in_time_agree():
+    """Without memory, through the methods of a pendulum and through those with memory."""
+    start = 0.3 * np.sin(np.arange(10.0))
+    load = {1: [0.2, 0, 0, 0, 0.1j]}
+    one = vv.simulate(chain(5), 15, initial=start, load=load, nu=0.7, tolerance=1e-11)
+    # A base at rest, which only the other way takes.
+    other = vv.simulate(
+        chain(5, base_direction=np.ones(5)), 15, initial=start, load=load, base={1: 0.0}, nu=0.7,
+        tolerance=1e-11,
+    )  # fmt: skip
+    assert "evaluations" in one.stats
+    assert "iterations" in other.stats
+    assert one.state[-1] == pytest.approx(other.state[-1], abs=1e-10)
+    many = vv.simulate(chain(12), 5, initial=np.zeros(24), load=0.1, nu=0.5, tolerance=1e-9)
+    assert many.state.shape[1] == 24
+    assert many.outcome == "completed"
+
+
+def test_steps_are_found_and_tables_written(tmp_path):
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.1, forces="x_1^3", names=["x_1"], units=["mm"]
+    )
+    run = vv.simulate(system, 50, initial=[1, 0], load=0.3, nu=1.1, tolerance=1e-9)
+    r = vv.forced_response(system, 1.1, load=0.3, method="newton", harmonics=25)
+    long = vv.simulate(system, 600, initial=state_at_zero(r), load=0.3, nu=1.1, keep="last")
+    u, v = (np.exp(1j * r.nu[0] * 600 * r.harmonics) * x for x in (1, 1j * 1.1 * r.harmonics))
+    expected = [(r.coefficients[0, 0] * part).sum().imag for part in (u, v)]
+    assert long.state[-1] == pytest.approx(expected, abs=1e-9)
+    run.to_csv(tmp_path / "run.csv")
+    assert "# units: t in s, x_1 in mm" in (tmp_path / "run.csv").read_text()
+    data = run.to_dataset()
+    assert data["x_1_dot"].attrs["units"] == "mm/s"
+    assert len(vv.plot_trajectory(run)) == 2
+    r.to_csv(tmp_path / "r.csv")
+    assert "x_1_1_re" in (tmp_path / "r.csv").read_text()
+    assert r.to_dataset().unit.values.tolist() == ["mm"]
+    branch = vv.trace_response(system, (0.5, 2), load=0.3)
+    branch.to_csv(tmp_path / "b.csv")
+    vv.plot_branch(branch)
+    figure = vv.plot_response(vv.forced_response(system, [0.5, 0.6], load=0.3))[0].figure
+    figure.savefig(tmp_path / "r.png")
+    vv.plot_trajectory(vv.simulate(chain(2), 1, initial=np.zeros(4)))[0].figure.savefig(
+        tmp_path / "t.png"
+    )
+    matplotlib.pyplot.close("all")
+
+
+def test_energy_needs_a_potential():
+    system = chain(3, damping=0.0)
+    state = np.array([0.3, 0.1, -0.2, 0.4, 0.5, 0.0])
+    u, v = state[::2], state[1::2]
+    stretch = np.diff(np.concatenate([[0], u, [0]]))
+    expected = (v @ v + (stretch**2).sum()) / 2 + 0.05 * (stretch**4).sum()
+    assert system.energy(state) == pytest.approx(expected, rel=1e-14)
+    odd = vv.PolynomialSystem(mass=[1, 1], stiffness=[1, 1], forces={"x1": "x2^3"})
+    with pytest.raises(vv.InputError, match=r"x2\^3 on x1 has no potential"):
+        odd.energy(np.zeros(4))
+    with pytest.raises(vv.InputError, match="energy is not defined with memory"):
+        chain(2, kernel=KERNEL).energy(np.zeros(4))

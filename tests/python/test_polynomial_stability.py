@@ -1,0 +1,112 @@
+"""Stability of polynomial systems: multipliers, characteristic roots, period doubling."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from polynomial_examples import chain
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigvals
+
+
+@pytest.mark.parametrize("n", [1, 3, 4, 5, 7])
+def test_multipliers_at_rest_are_exponentials(n):
+    system = chain(n, damping=0.03)
+    branch = vv.trace_response(system, (0.7, 0.8), load=0.0)
+    stiffness = np.asarray(system.stiffness)
+    first = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -0.03 * stiffness]])
+    expected = np.exp(eigvals(first) * 2 * np.pi / 0.7)
+    found = branch.multipliers[0]
+    distance = np.abs(found[:, np.newaxis] - expected)
+    # Steps that turn the fastest mode by 0.6 rad at most leave some 1e-9.
+    assert distance.min(axis=0).max() < 2e-9
+    assert distance.min(axis=1).max() < 2e-9
+    assert branch.stable.all()
+
+
+def test_stability_of_seven_masses_against_integration():
+    n, nu = 7, 0.45
+    system = chain(n, cubic=0.5)
+    branch = vv.trace_response(system, (nu, 0.46), load=0.6, harmonics=45, tolerance=1e-12)
+    x, k = branch.coefficients[0], branch.harmonics
+    start = np.concatenate([x.sum(axis=1).imag, (1j * k * nu * x).sum(axis=1).imag])
+    stiffness = np.asarray(system.stiffness)
+
+    def motion(t, y):
+        y = y.reshape(2 * n, -1)
+        u, v = y[:n], y[n:]
+        stretch = np.diff(np.concatenate([0 * u[:1], u, 0 * u[:1]]), axis=0)
+        force = -np.diff(0.5 * stretch**3, axis=0) + stiffness @ (u + 0.05 * v)
+        force[0] -= 0.6 * np.sin(nu * t)
+        return np.concatenate([v, -force]).ravel()
+
+    h = 1e-5
+    many = start[:, np.newaxis] + h * np.hstack([np.eye(2 * n), -np.eye(2 * n)])
+    after = solve_ivp(
+        motion, (0, 2 * np.pi / nu), many.ravel(), "DOP853", rtol=1e-12, atol=1e-13
+    ).y[:, -1].reshape(2 * n, -1)  # fmt: skip
+    matrix = (after[:, : 2 * n] - after[:, 2 * n :]) / (2 * h)
+    expected = eigvals(matrix)
+    distance = np.abs(branch.multipliers[0][:, np.newaxis] - expected)
+    assert distance.min(axis=0).max() < 1e-7
+
+
+def test_characteristic_roots_of_three_masses_with_memory():
+    w, r = 0.3, 0.4
+    system = chain(3, kernel=vv.PronyKernel(weights=[w], rates=[r]))
+    stiffness = np.asarray(system.stiffness)
+    zero, one = np.zeros((3, 3)), np.eye(3)
+    large = np.block(
+        [[zero, one, zero], [-stiffness, -0.05 * stiffness, one], [w * stiffness, zero, -r * one]]
+    )
+    upper = np.array([s for s in eigvals(large) if s.imag > 1e-6])
+    roots = system.characteristic_roots()
+    assert roots.oscillatory == pytest.approx(upper[np.argsort(upper.imag)], rel=1e-11)
+    assert (roots.n_unstable, roots.complete) == (0, True)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_roots_where_rest_is_unstable():
+    """The double well: a real root for leaving the hill; no natural frequency there."""
+    system = vv.PolynomialSystem(mass=2, stiffness=-1, damping=0.1, forces="x^3")
+    roots = system.characteristic_roots()
+    assert roots.real == pytest.approx(np.sort(np.roots([2, 0.1, -1]))[::-1], rel=1e-13)
+    assert (roots.n_unstable, roots.complete) == (1, True)
+    with pytest.raises(vv.InputError, match="rest is unstable"):
+        system.natural_frequencies()
+    # With a mean load in one of the wells.
+    r = vv.forced_response(system, 3.0, load={0: 0.1j, 1: 0.05}, method="newton")
+    assert r.converged.all()
+    gyroscopic = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=[[1, 0.05], [-0.05, 1.2]], damping=[[0, 0.3], [-0.3, 0]]
+    )
+    assert gyroscopic.natural_frequencies().size == 2
+    creeping = chain(3, kernel=vv.PronyKernel(weights=[1.1], rates=[1]))
+    assert creeping.characteristic_roots().n_unstable == 3
+    assert creeping.characteristic_roots().complete
+
+
+def test_period_doubling_in_a_well():
+    """Period 2 sets in near f = 0.266 in the well of x'' + 0.3 x' - x + x^3 = f cos(1.2 t).
+
+    Below it motion about x = 1 repeats each period, above it every second one; Floquet multipliers
+    must say where. The equation is that of Guckenheimer and Holmes (1983), section 2.2.
+    """
+    system = vv.PolynomialSystem(mass=1, stiffness=2, damping=0.3, forces="3*x^2 + x^3")
+    nu = 1.2
+    branch = vv.trace_response(system, nu=nu, load_range=(0, 0.3), load=1j, harmonics=25)
+    assert [crossing.kind for crossing in branch.crossings] == ["period doubling"]
+    i = branch.crossings[0].before
+    real = branch.multipliers[i : i + 2, 0].real
+    onset = np.interp(1, -real, branch.load_factor[i : i + 2])
+    period = 2 * np.pi / nu
+    for factor, repeats in ((0.98 * onset, 1), (1.02 * onset, 2)):
+        near = int(np.abs(branch.load_factor - factor).argmin())
+        x, k = branch.coefficients[near, 0], branch.harmonics
+        start = [x.sum().imag + 1e-3, (1j * k * nu * x).sum().imag]
+        run = vv.simulate(
+            system, 1500 * period, initial=start, load=1j * factor, nu=nu, dt=period / 40,
+            save_every=40, keep="tail", tail=3.5 * period,
+        )  # fmt: skip
+        once, twice = np.abs(run.state[-1] - run.state[-2:-4:-1]).max(axis=1)
+        assert twice < 1e-9
+        assert (once < 1e-9) == (repeats == 1)
