@@ -21,6 +21,7 @@ import multiple_scales
 import peaks
 import phases
 import response_curve
+import skips
 import steady
 from combined import draw_methods
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -274,6 +275,22 @@ def of_peaks(out: Path) -> Part:
     ], {}
 
 
+def of_skips(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+    """What each skip of a plan gains."""
+    rows = skips.run()
+    write_csv(out / "skips.csv", rows)
+    lines = [
+        "",
+        "| what is skipped | in | time | of its twin | gain | results differ by |",
+        "| --- |" + " --- |" * 5,
+    ]
+    return lines + [
+        f"| {row['skip']} | {row['job']} | {show_time(row['seconds'])} | "
+        f"{show_time(row['twin'])} | {row['gain']:.2g} | {row['difference']:.0e} |"
+        for row in rows
+    ], {}
+
+
 #: Name, job and time limit in seconds (a quiet machine needs a quarter of it).
 PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "kernels": (of_kernels, 300),
@@ -286,6 +303,7 @@ PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "floors": (of_floors, 600),
     "phases": (of_phases, 900),
     "peaks": (of_peaks, 300),
+    "skips": (of_skips, 900),
 }
 
 

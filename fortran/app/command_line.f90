@@ -1,5 +1,6 @@
 !> The command line of viscovib-solve.
 module viscovib_command_line
+  use viscovib_counters, only: counting
   use viscovib_status, only: fail, status_input_error, status_type
   use viscovib_version, only: version
   implicit none
@@ -9,13 +10,14 @@ module viscovib_command_line
 
   type :: command_line
     character(len=:), allocatable :: scene, folder
-    logical :: plan = .false., quiet = .false.
+    logical :: plan = .false., quiet = .false., count = .false.
     !> To print instead of running (--help, --version); else empty.
     character(len=:), allocatable :: text
   end type command_line
 
   character(len=*), parameter :: usage = &
-    'usage: viscovib-solve scene.nml [--plan] [--out DIR] [--quiet] [--help] [--version]'
+    'usage: viscovib-solve scene.nml [--plan] [--out DIR] [--quiet] [--count] ' &
+    //'[--help] [--version]'
 
 contains
 
@@ -34,6 +36,13 @@ contains
       select case (word)
       case ('--plan')
         command%plan = .true.
+      case ('--count')
+        command%count = .true.
+        if (.not. counting) then
+          call fail(status, status_input_error, 'count', '--count: this build does not count ' &
+                    //'its work, only the one with all checks does')
+          return
+        end if
       case ('--quiet')
         command%quiet = .true.
       case ('--help', '-h')
@@ -79,7 +88,9 @@ contains
     help = usage//nl//nl &
            //'Computes what a scene asks for and writes tables (CSV) into DIR (default: out).'//nl &
            //'  --plan   print what would be computed and what is skipped, and stop'//nl &
-           //'  --quiet  print only warnings and errors'//nl//nl &
+           //'  --quiet  print only warnings and errors'//nl &
+           //'  --count  print how often each kind of work was done (in the build with all ' &
+           //'checks)'//nl//nl &
            //'Exit status: 0 done; 1 some points have no solution (the rows say which);'//nl &
            //'2 bad input; 3 a file cannot be read or written.'
   end function help

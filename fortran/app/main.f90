@@ -5,6 +5,7 @@
 program viscovib_solve
   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
   use viscovib_command_line, only: command_line, read_command_line
+  use viscovib_counters, only: counted, counter_names
   use viscovib_run_scene, only: plan_scene, run_scene, scene_report, scene_warnings
   use viscovib_scene, only: read_scene, scene_type
   use viscovib_status, only: status_type
@@ -37,6 +38,7 @@ program viscovib_solve
   call run_scene(scene, command%folder, version, report, status)
   call stop_if_failed()
   if (.not. command%quiet) write (output_unit, '(3a)') report%path, ': ', report%summary
+  if (command%count) call say_counts()
   if (.not. report%complete) stop 1, quiet=.true.
 
 contains
@@ -46,6 +48,13 @@ contains
     write (error_unit, '(2a)') 'viscovib-solve: ', status%message
     stop status%category, quiet=.true.
   end subroutine stop_if_failed
+
+  subroutine say_counts()
+    integer :: i
+    do i = 1, size(counter_names)
+      write (output_unit, '(3a,i0)') 'counted: ', trim(counter_names(i)), ': ', counted(i)
+    end do
+  end subroutine say_counts
 
   !> Lines of text, each ended by a new-line character.
   subroutine say(unit, prefix, text)

@@ -11,13 +11,15 @@ module viscovib_binding_tools
   use viscovib_oscillator, only: kernel_holder, oscillator_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
+  use viscovib_reduction, only: reduce
   use viscovib_response, only: response_options
   use viscovib_status, only: fail, status_input_error, status_type
   use viscovib_system_vector, only: polynomial_from_vector
   implicit none
   private
 
-  public :: make_kernel, make_mount, make_system, make_pendulum, make_load, make_options, report
+  public :: keep_moving, make_kernel, make_mount, make_system, make_pendulum, make_load, &
+            make_options, report
   public :: fill_stability, to_complex
 
   !> Length of the flat mount: mass, inertia, offset, stiffness_x,
@@ -53,6 +55,16 @@ contains
       call fail(status, status_input_error, 'system', 'system: not a mount')
     end if
   end subroutine make_system
+
+  !> Leave out the coordinates that nothing moves.
+  subroutine keep_moving(system, moves)
+    class(oscillator_type), allocatable, intent(inout) :: system
+    logical, intent(in) :: moves(:)
+    type(polynomial_type), allocatable :: reduced
+    allocate (reduced)
+    call reduce(system, moves, reduced)
+    call move_alloc(reduced, system)
+  end subroutine keep_moving
 
   subroutine make_kernel(kernel, kind, data, status)
     class(kernel_type), allocatable, intent(out) :: kernel

@@ -89,6 +89,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
     wanted = make_options(harmonics, tolerance, 100, 1.0_c_double, 0)
+    wanted%keep_idle = .true.
     wanted%symmetric = symmetric /= 0
     call new_response_plan(plan, system, load, [nu], method_newton, wanted, outcome)
   end if

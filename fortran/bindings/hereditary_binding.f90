@@ -8,24 +8,27 @@
 !! ascending to 0. With resume /= 0, `memory` is what an earlier call returned in
 !! `kept`(:n_kept); if n_kept > n_memory there was no room for it. resolution: largest
 !! last Legendre coefficient of a displacement on a step, relative to its largest value.
-!! reason /= 0: no run, see `viscovib_hereditary`.
+!! reason /= 0: no run, see `viscovib_hereditary`. Only coordinates with moves /= 0 are
+!! computed, as `moving_coordinates` tells; the others stay at rest.
 subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
                           frequencies, amplitudes, n_dof, n_frequencies, breaks, pieces, &
-                          n_breaks, s, past, held, before, moved, n_before, initial, h, &
+                          n_breaks, s, past, held, before, moved, n_before, moves, initial, h, &
                           t_end, tolerance, first, n_steps, &
                           save_every, resume, memory, n_memory, times, n_times, n_columns, &
                           states, at_times, last, kept, n_kept, n_done, n_reached, ended, &
                           n_iterations, resolution, reason, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
-  use viscovib_binding_tools, only: make_system, report
+  use viscovib_binding_tools, only: keep_moving, make_system, report
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary
   use viscovib_hereditary_run, only: run_hereditary
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_reduction, only: state_mask
   use viscovib_status, only: status_type
   use viscovib_time_load, only: time_load_type
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_dof, n_frequencies
   integer(c_int), intent(in) :: n_breaks, s, past, resume, n_before, n_memory, n_times, n_columns
+  integer(c_int), intent(in) :: moves(n_dof)
   integer(c_long), intent(in) :: first, n_steps, save_every
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi)
   real(c_double), intent(in) :: frequencies(n_frequencies), breaks(n_breaks)
@@ -44,6 +47,9 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   type(hereditary_type) :: run
   type(time_load_type) :: load
   type(status_type) :: outcome
+  real(c_double), allocatable :: some_states(:, :), some_at_times(:, :)
+  integer, allocatable :: dofs(:), rows(:)
+  integer :: i
 
   kept = 0.0_c_double
   last = initial
@@ -57,18 +63,31 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   reason = begun
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) then
+    dofs = pack([(i, i=1, n_dof)], moves /= 0)
+    rows = pack([(i, i=1, 2*n_dof)], state_mask(moves /= 0))
+    if (size(dofs) < n_dof) call keep_moving(system, moves /= 0)
     load%frequencies = frequencies
-    load%amplitudes = amplitudes
+    load%amplitudes = amplitudes(dofs, :)
     load%breaks = breaks
-    load%pieces = pieces
-    call new_hereditary(run, system, load, s, past, held, initial(1::2), initial(2::2), h, &
-                        t_end, tolerance, reason, before, moved)
+    load%pieces = pieces(dofs, :, :)
+    call new_hereditary(run, system, load, s, past, held(dofs), initial(2*dofs - 1), &
+                        initial(2*dofs), h, t_end, tolerance, reason, before, moved(dofs, :))
     if (reason == begun) then
       if (resume /= 0) call run%load_memory(memory)
-      call run_hereditary(run, system, load, first, n_steps, save_every, times, states, &
-                          at_times, n_done, n_reached, ended)
-      last(1::2) = run%u
-      last(2::2) = run%v
+      if (size(dofs) == n_dof) then
+        call run_hereditary(run, system, load, first, n_steps, save_every, times, states, &
+                            at_times, n_done, n_reached, ended)
+      else
+        allocate (some_states(size(rows), n_columns), some_at_times(size(rows), n_times))
+        some_at_times = 0.0_c_double
+        call run_hereditary(run, system, load, first, n_steps, save_every, times, some_states, &
+                            some_at_times, n_done, n_reached, ended)
+        states = 0.0_c_double
+        states(rows, :) = some_states
+        at_times(rows, :) = some_at_times
+      end if
+      last(2*dofs - 1) = run%u
+      last(2*dofs) = run%v
       n_iterations = run%equations%n_iterations
       resolution = run%resolution()
       n_kept = run%memory_size()
@@ -77,3 +96,68 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   end if
   call report(outcome, status, message)
 end subroutine mount_simulate
+
+!> Which coordinates move (1) if those with driven /= 0 are driven, as `moves` above.
+subroutine moving_coordinates(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
+                              driven, n_dof, moves, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_system, report
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_reduction, only: moved_coordinates
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_dof, driven(n_dof)
+  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi)
+  integer(c_int), intent(out) :: moves(n_dof), status
+  character(len=512), intent(out) :: message
+  class(oscillator_type), allocatable :: system
+  type(status_type) :: outcome
+
+  moves = 1
+  call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
+  if (.not. outcome%failed()) moves = merge(1, 0, moved_coordinates(system, driven /= 0))
+  call report(outcome, status, message)
+end subroutine moving_coordinates
+
+!> What a motion with memory computes and skips. method: the place in
+!! `hereditary_methods`; past: in `past_names`; last_only /= 0: one state is kept.
+subroutine hereditary_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
+                           series, n_rows, n_series, initial, held, t_end, dt, tolerance, method, &
+                           past, save_every, last_only, text, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
+  use viscovib_binding_tools, only: make_load, make_system, report
+  use viscovib_hereditary_job, only: hereditary_job, plan_hereditary
+  use viscovib_load, only: load_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series
+  integer(c_int), intent(in) :: orders(n_series), method, past, save_every, last_only
+  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi)
+  complex(c_double_complex), intent(in) :: series(n_rows, n_series)
+  real(c_double), intent(in) :: initial(2*n_rows - 2), held(n_rows - 1), t_end, dt, tolerance
+  character(len=2048), intent(out) :: text
+  integer(c_int), intent(out) :: status
+  character(len=512), intent(out) :: message
+  class(oscillator_type), allocatable :: system
+  type(load_type) :: load
+  type(hereditary_job) :: job
+  type(status_type) :: outcome
+
+  text = ''
+  call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
+  if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
+  if (.not. outcome%failed()) then
+    job%initial = initial
+    job%held = held
+    job%t_end = t_end
+    job%dt = dt
+    job%tolerance = tolerance
+    job%method = method
+    job%past = past
+    job%save_every = save_every
+    job%last_only = last_only /= 0
+    text = plan_hereditary(job, system, load)
+  end if
+  call report(outcome, status, message)
+end subroutine hereditary_plan

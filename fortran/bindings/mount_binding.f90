@@ -54,8 +54,8 @@ end subroutine mount_dynamic_stiffness
 !> What `mount_response` will do: the orders it keeps and the plan in words.
 subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                       series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
-                      max_iterations, relaxation, keep_history, with_stability, n_kept, &
-                      kept, half_wave, n_samples, plan_method, text, status, message)
+                      max_iterations, relaxation, keep_history, with_stability, keep_idle, &
+                      n_kept, kept, half_wave, n_samples, plan_method, text, rest, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_load, only: load_type
@@ -66,12 +66,13 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series, n
   integer(c_int), intent(in) :: orders(n_series), method, harmonics, max_iterations, keep_history
-  integer(c_int), intent(in) :: with_stability
+  integer(c_int), intent(in) :: with_stability, keep_idle
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu(n)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(in) :: tolerance, relaxation
   integer(c_int), intent(out) :: n_kept, kept(200), half_wave, n_samples, plan_method
-  character(len=2048), intent(out) :: text
+  !> The plan of the responses, and the lines of it that hold for a branch.
+  character(len=2048), intent(out) :: text, rest
   integer(c_int), intent(out) :: status
   character(len=512), intent(out) :: message
   class(oscillator_type), allocatable :: system
@@ -86,11 +87,13 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   n_samples = 0
   plan_method = 0
   text = ''
+  rest = ''
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
     options = make_options(harmonics, tolerance, max_iterations, relaxation, keep_history)
     options%stability = with_stability /= 0
+    options%keep_idle = keep_idle /= 0
     call new_response_plan(plan, system, load, nu, method, options, outcome)
   end if
   if (.not. outcome%failed()) then
@@ -100,6 +103,7 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
     n_samples = plan%set%n_samples
     plan_method = plan%method
     text = plan%text
+    rest = plan%rest
   end if
   call report(outcome, status, message)
 end subroutine mount_plan

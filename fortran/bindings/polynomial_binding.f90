@@ -20,24 +20,25 @@ subroutine polynomial_check(flat, n_flat, status, message)
 end subroutine polynomial_check
 
 !> Motion of a system without memory; the load and its frequency as in mount_binding,
-!! all else as in `pendulum_simulate`.
+!! all else as in `pendulum_simulate`; moves as in `mount_simulate`.
 subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, nu, method, &
-                               initial, h, tolerance, first, n_steps, save_every, resume, memory, &
-                               n_memory, times, n_times, n_columns, states, at_times, last, kept, &
-                               n_done, ended, n_evaluations, status, message)
+                               moves, initial, h, tolerance, first, n_steps, save_every, resume, &
+                               memory, n_memory, times, n_times, n_columns, states, at_times, &
+                               last, kept, n_done, ended, n_evaluations, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_load, report
   use viscovib_load, only: load_type
   use viscovib_method_catalogue, only: new_stepper
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_reduction, only: reduce, state_mask
   use viscovib_simulate, only: simulate
   use viscovib_status, only: status_type
   use viscovib_stepper, only: stepper_type
   use viscovib_system_vector, only: polynomial_from_vector
   implicit none
   integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series)
-  integer(c_int), intent(in) :: method, resume, n_memory, n_times, n_columns
+  integer(c_int), intent(in) :: method, resume, n_memory, n_times, n_columns, moves(n_rows - 1)
   integer(c_long), intent(in) :: first, n_steps, save_every
   real(c_double), intent(in) :: flat(n_flat), nu, initial(2*n_rows - 2), h, tolerance
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
@@ -53,6 +54,11 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   type(load_type) :: load
   class(stepper_type), allocatable :: stepper
   type(status_type) :: outcome
+  type(polynomial_type) :: reduced
+  type(load_type) :: part
+  real(c_double), allocatable :: some_states(:, :), some_at_times(:, :)
+  integer, allocatable :: dofs(:), rows(:)
+  integer :: i
 
   kept = 0.0_c_double
   last = initial
@@ -62,17 +68,70 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   ended = 0
   call polynomial_from_vector(system, flat, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
-  if (.not. outcome%failed()) call new_polynomial_motion(motion, system, load, nu, outcome)
+  dofs = pack([(i, i=1, n_rows - 1)], moves /= 0)
+  rows = pack([(i, i=1, 2*n_rows - 2)], state_mask(moves /= 0))
   if (.not. outcome%failed()) then
-    call new_stepper(stepper, motion, method, initial(1::2), initial(2::2), 0.0_c_double, h, &
-                     tolerance)
+    if (size(dofs) == n_rows - 1) then
+      call new_polynomial_motion(motion, system, load, nu, outcome)
+    else
+      call reduce(system, moves /= 0, reduced)
+      call load%take_part(moves /= 0, part)
+      call new_polynomial_motion(motion, reduced, part, nu, outcome)
+    end if
+  end if
+  if (.not. outcome%failed()) then
+    call new_stepper(stepper, motion, method, initial(2*dofs - 1), initial(2*dofs), 0.0_c_double, &
+                     h, tolerance)
     if (resume /= 0) call stepper%load_memory(memory(:stepper%memory_size()))
-    call simulate(stepper, motion, first, n_steps, save_every, times, states, at_times, n_done, &
-                  ended)
+    if (size(dofs) == n_rows - 1) then
+      call simulate(stepper, motion, first, n_steps, save_every, times, states, at_times, n_done, &
+                    ended)
+    else
+      allocate (some_states(size(rows), n_columns), some_at_times(size(rows), n_times))
+      some_at_times = 0.0_c_double
+      call simulate(stepper, motion, first, n_steps, save_every, times, some_states, &
+                    some_at_times, n_done, ended)
+      states = 0.0_c_double
+      states(rows, :) = some_states
+      at_times(rows, :) = some_at_times
+    end if
     kept(:stepper%memory_size()) = stepper%save_memory()
-    last(1::2) = stepper%q
-    last(2::2) = stepper%v
+    last(2*dofs - 1) = stepper%q
+    last(2*dofs) = stepper%v
     n_evaluations = stepper%n_evaluations
   end if
   call report(outcome, status, message)
 end subroutine polynomial_simulate
+
+!> What such a motion computes and skips; last_only /= 0: one state is kept.
+subroutine polynomial_plan(flat, n_flat, orders, series, n_rows, n_series, initial, t_end, dt, &
+                           tolerance, method, save_every, last_only, text, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
+  use viscovib_binding_tools, only: make_load, report
+  use viscovib_load, only: load_type
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_polynomial_job, only: plan_polynomial
+  use viscovib_status, only: status_type
+  use viscovib_system_vector, only: polynomial_from_vector
+  use viscovib_transient_job, only: transient_job
+  implicit none
+  integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series)
+  integer(c_int), intent(in) :: method, save_every, last_only
+  real(c_double), intent(in) :: flat(n_flat), initial(2*n_rows - 2), t_end, dt, tolerance
+  complex(c_double_complex), intent(in) :: series(n_rows, n_series)
+  character(len=2048), intent(out) :: text
+  integer(c_int), intent(out) :: status
+  character(len=512), intent(out) :: message
+  type(polynomial_type) :: system
+  type(load_type) :: load
+  type(status_type) :: outcome
+
+  text = ''
+  call polynomial_from_vector(system, flat, outcome)
+  if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
+  if (.not. outcome%failed()) then
+    text = plan_polynomial(transient_job(initial, t_end, dt, tolerance, method, save_every, &
+                                         last_only /= 0), system, load)
+  end if
+  call report(outcome, status, message)
+end subroutine polynomial_plan

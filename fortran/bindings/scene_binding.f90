@@ -103,24 +103,20 @@ subroutine frequency_grid(lowest, highest, logarithmic, n, grid)
   end if
 end subroutine frequency_grid
 
-!> What a motion would compute and skip, as scenes tell it.
-subroutine transient_plan(initial, n, t_end, dt, tolerance, method, save_every, text)
-  use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use viscovib_transient_job, only: plan_transient, transient_job
-  implicit none
-  integer(c_int), intent(in) :: n, method, save_every
-  real(c_double), intent(in) :: initial(n), t_end, dt, tolerance
-  character(len=1024), intent(out) :: text
-  text = plan_transient(transient_job(initial, t_end, dt, tolerance, method, save_every))
-end subroutine transient_plan
-
-!> What a branch would compute, as scenes tell it.
-subroutine branch_plan(nu_from, nu_to, n_orders, with_stability, text)
+!> What a branch would compute, but for what a single response does too. parameter:
+!! 1 the frequency, 2 the factor of the load, 3 one of the system.
+subroutine branch_plan(parameter, from, to, n_orders, with_stability, text)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_branch_job, only: plan_branch
   implicit none
-  real(c_double), intent(in) :: nu_from, nu_to
-  integer(c_int), intent(in) :: n_orders, with_stability
+  integer(c_int), intent(in) :: parameter, n_orders, with_stability
+  real(c_double), intent(in) :: from, to
   character(len=1024), intent(out) :: text
-  text = plan_branch(nu_from, nu_to, n_orders, with_stability /= 0)
+  if (parameter == 1) then
+    text = plan_branch('nu', from, to, n_orders, with_stability /= 0)
+  else if (parameter == 2) then
+    text = plan_branch('load factor', from, to, n_orders, with_stability /= 0)
+  else
+    text = plan_branch('the parameter', from, to, n_orders, with_stability /= 0)
+  end if
 end subroutine branch_plan

@@ -3,19 +3,21 @@
 
 !> A run from time 0 in steps h; first steps are done already. method: the
 !! place in `transient_methods`. With resume /= 0, `memory` is what an earlier call
-!! returned in `kept`.
-subroutine pendulum_simulate(flat, method, initial, h, tolerance, first, n_steps, save_every, &
-                             resume, memory, n_memory, times, n_times, n_columns, states, &
-                             at_times, last, kept, n_done, ended, n_evaluations, status, message)
+!! returned in `kept`. swings = 0: of the spring alone, phi = psi = 0.
+subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first, n_steps, &
+                             save_every, resume, memory, n_memory, times, n_times, n_columns, &
+                             states, at_times, last, kept, n_done, ended, n_evaluations, &
+                             status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_long
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_method_catalogue, only: new_stepper
   use viscovib_pendulum, only: pendulum_type
+  use viscovib_pendulum_spring, only: new_spring, spring_type
   use viscovib_simulate, only: simulate
   use viscovib_status, only: status_type
   use viscovib_stepper, only: stepper_type
   implicit none
-  integer(c_int), intent(in) :: method, resume, n_memory, n_times, n_columns
+  integer(c_int), intent(in) :: method, swings, resume, n_memory, n_times, n_columns
   integer(c_long), intent(in) :: first, n_steps, save_every
   real(c_double), intent(in) :: flat(14), initial(6), h, tolerance, memory(n_memory)
   real(c_double), intent(in) :: times(n_times)
@@ -26,8 +28,10 @@ subroutine pendulum_simulate(flat, method, initial, h, tolerance, first, n_steps
   character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type) :: system
+  type(spring_type) :: spring
   class(stepper_type), allocatable :: stepper
   type(status_type) :: outcome
+  real(c_double), allocatable :: spring_states(:, :), spring_at_times(:, :)
 
   kept = 0.0_c_double
   last = initial
@@ -36,7 +40,23 @@ subroutine pendulum_simulate(flat, method, initial, h, tolerance, first, n_steps
   n_evaluations = 0
   ended = 0
   call make_pendulum(system, flat, outcome)
-  if (.not. outcome%failed()) then
+  if (.not. outcome%failed() .and. swings == 0) then
+    call new_spring(spring, system)
+    call new_stepper(stepper, spring, method, initial(1:1), initial(2:2), 0.0_c_double, h, &
+                     tolerance)
+    if (resume /= 0) call stepper%load_memory(memory(:stepper%memory_size()))
+    allocate (spring_states(2, n_columns), spring_at_times(2, n_times))
+    spring_at_times = 0.0_c_double
+    call simulate(stepper, spring, first, n_steps, save_every, times, spring_states, &
+                  spring_at_times, n_done, ended)
+    states = 0.0_c_double
+    states(:2, :) = spring_states
+    at_times(:2, :) = spring_at_times
+    last = 0.0_c_double
+    last(:2) = [stepper%q, stepper%v]
+    kept(:stepper%memory_size()) = stepper%save_memory()
+    n_evaluations = stepper%n_evaluations
+  else if (.not. outcome%failed()) then
     call new_stepper(stepper, system, method, initial(1::2), initial(2::2), 0.0_c_double, h, &
                      tolerance)
     if (resume /= 0) call stepper%load_memory(memory(:stepper%memory_size()))
@@ -133,3 +153,30 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
   end do
   call report(outcome, status, message)
 end subroutine pendulum_ensemble
+
+!> What a motion of the pendulum computes and skips; last_only /= 0: one state is kept.
+subroutine pendulum_plan(flat, initial, t_end, dt, tolerance, method, save_every, last_only, text, &
+                         status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_pendulum_job, only: plan_pendulum
+  use viscovib_status, only: status_type
+  use viscovib_transient_job, only: transient_job
+  implicit none
+  real(c_double), intent(in) :: flat(14), initial(6), t_end, dt, tolerance
+  integer(c_int), intent(in) :: method, save_every, last_only
+  character(len=2048), intent(out) :: text
+  integer(c_int), intent(out) :: status
+  character(len=512), intent(out) :: message
+  type(pendulum_type) :: system
+  type(status_type) :: outcome
+
+  text = ''
+  call make_pendulum(system, flat, outcome)
+  if (.not. outcome%failed()) then
+    text = plan_pendulum(transient_job(initial, t_end, dt, tolerance, method, save_every, &
+                                       last_only /= 0), system)
+  end if
+  call report(outcome, status, message)
+end subroutine pendulum_plan

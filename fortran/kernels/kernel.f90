@@ -29,6 +29,7 @@ module viscovib_kernel
     procedure(local_interface), deferred :: local_rules
     !> The same over [from, to], from > 0.
     procedure :: lag_rule
+    procedure :: is_zero
     !> R(t) as a sum of exponentials between two times.
     procedure(exponentials_interface), deferred :: exponentials
   end type kernel_type
@@ -123,5 +124,17 @@ contains
       end associate
     end do
   end subroutine lag_rule
+
+  !> R = 0: nothing is remembered.
+  logical function is_zero(self)
+    class(kernel_type), intent(in) :: self
+    real(wp) :: value(1), cosine(1), sine(1)
+
+    is_zero = .false.
+    if (abs(self%integral()) > 0.0_wp) return
+    call self%value([1.0_wp], value)
+    call self%transform([1.0_wp], cosine, sine)
+    is_zero = .not. any(abs([value, cosine, sine]) > 0.0_wp)
+  end function is_zero
 
 end module viscovib_kernel

@@ -10,6 +10,7 @@
 !! the derivatives are exact ones of the sampled equations: those of w and F at
 !! the samples between the same two tables.
 module viscovib_harmonic_balance
+  use viscovib_counters, only: count_unknowns, count_up, counted_loads, counting
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
@@ -89,6 +90,8 @@ contains
     real(wp), intent(in) :: nu
     integer :: j, k
 
+    if (counting) call count_unknowns(self%set%orders, self%n_dof, 1)
+    if (counting) call count_up(counted_loads, size(load%orders))
     self%nu = nu
     call system%retained(self%set%orders*nu, self%fraction)
     call system%dynamic_stiffness(self%set%orders*nu, self%fraction, self%stiffness)

@@ -2,6 +2,7 @@
 !! methods start from.
 module viscovib_linear_response
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+  use viscovib_counters, only: count_unknowns, count_up, counted_loads, counting
   use viscovib_dense, only: invert
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
@@ -63,6 +64,8 @@ contains
       n = min(chunk_size, size(nu) - first + 1)
       allocate (fraction(n, system%n_memory(), n_orders), &
                 compliance(system%n_dof(), system%n_dof(), n, n_orders))
+      if (counting) call count_unknowns(load%orders, system%n_dof(), n)
+      if (counting) call count_up(counted_loads, n*n_orders)
       call compliance_table(system, load%orders, nu(first:first + n - 1), fraction, compliance, &
                             singular(:n))
       do i = 1, n

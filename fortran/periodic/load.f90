@@ -19,10 +19,14 @@ module viscovib_load
     complex(wp), allocatable :: force(:, :)
     !> Base displacement coefficients (m), shape (size(orders)).
     complex(wp), allocatable :: base(:)
+    !> Orders given whose terms add up to 0.
+    integer :: n_zero = 0
   contains
     procedure :: is_odd
     procedure :: moves_base
     procedure :: coefficient
+    procedure :: drives
+    procedure :: take_part
   end type load_type
 
 contains
@@ -69,7 +73,10 @@ contains
         total_force = total_force + force(:, j)
         total_base = total_base + base(j)
       end do
-      if (.not. any(abs(total_force) > 0.0_wp) .and. .not. abs(total_base) > 0.0_wp) cycle
+      if (.not. any(abs(total_force) > 0.0_wp) .and. .not. abs(total_base) > 0.0_wp) then
+        load%n_zero = load%n_zero + 1
+        cycle
+      end if
       load%force = reshape([load%force, total_force], [n_dof, size(load%orders) + 1])
       load%base = [load%base, total_base]
       load%orders = [load%orders, k]
@@ -111,5 +118,27 @@ contains
       end if
     end do
   end function coefficient
+
+  !> Which coordinates the load acts on, the moving base included.
+  pure function drives(self, system) result(driven)
+    class(load_type), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    logical :: driven(size(self%force, 1))
+    driven = any(abs(self%force) > 0.0_wp, 2)
+    if (self%moves_base()) driven = driven &
+                                    .or. abs(matmul(system%mass, system%base_direction)) > 0.0_wp
+  end function drives
+
+  !> The same on some of the coordinates, the only ones that it acts on.
+  pure subroutine take_part(self, kept, part)
+    class(load_type), intent(in) :: self
+    !> Shape (n_dof).
+    logical, intent(in) :: kept(:)
+    type(load_type), intent(out) :: part
+    integer :: i
+    part%orders = self%orders
+    part%base = self%base
+    part%force = self%force(pack([(i, i=1, size(kept))], kept), :)
+  end subroutine take_part
 
 end module viscovib_load

@@ -1,5 +1,6 @@
 !> One periodic solution by Newton's method on the equations of harmonic balance.
 module viscovib_newton_point
+  use viscovib_counters, only: count_up, counted_turns, counting
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_dense, only: factorize, solve
   use viscovib_harmonic_balance, only: balance_type
@@ -55,6 +56,7 @@ contains
       call solve(size(x), jacobian, pivots, step)
       new = new - step
       iterations = iterations + 1
+      if (counting) call count_up(counted_turns, 1)
       change = weighted_norm(system, step)
       norm = weighted_norm(system, new)
       if (.not. norm <= system%largest_amplitude()) then

@@ -1,6 +1,7 @@
 !> What a forced response holds, and what may be asked of one.
 module viscovib_response
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_counters, only: count_up, counted_base, counting
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_motion_stability, only: stability_type
@@ -26,6 +27,8 @@ module viscovib_response
     logical :: keep_history = .false.
     !> Judge the stability of each motion (Newton's method only).
     logical :: stability = .false.
+    !> Take along coordinates that nothing moves, as what looks at disturbances must.
+    logical :: keep_idle = .false.
   end type response_options
 
   type :: response_type
@@ -48,6 +51,7 @@ module viscovib_response
     procedure :: allocate_for
     procedure :: discard
     procedure :: add_base_motion
+    procedure :: spread_out
   end type response_type
 
 contains
@@ -88,6 +92,7 @@ contains
     do j = 1, size(load%orders)
       do i = 1, size(self%orders)
         if (self%orders(i) /= load%orders(j)) cycle
+        if (counting) call count_up(counted_base, size(self%nu))
         do d = 1, system%n_dof()
           self%coefficients(i, d, :) = self%coefficients(i, d, :) &
                                        + system%base_direction(d)*load%base(j)
@@ -95,5 +100,27 @@ contains
       end do
     end do
   end subroutine add_base_motion
+
+  !> From the coordinates computed to all, the others at rest.
+  subroutine spread_out(self, moved)
+    class(response_type), intent(inout) :: self
+    !> Which were computed, shape (n_dof).
+    logical, intent(in) :: moved(:)
+    complex(wp), allocatable :: all_of_them(:, :, :)
+    integer :: d, n
+
+    allocate (all_of_them(size(self%orders), size(moved), size(self%nu)), source=(0.0_wp, 0.0_wp))
+    n = 0
+    do d = 1, size(moved)
+      if (.not. moved(d)) cycle
+      n = n + 1
+      all_of_them(:, d, :) = self%coefficients(:, n, :)
+    end do
+    call move_alloc(all_of_them, self%coefficients)
+    ! Where no solution was found there is no number that could be taken for one.
+    do n = 1, size(self%nu)
+      if (self%outcome(n) /= outcome_converged) call self%discard(n, self%outcome(n))
+    end do
+  end subroutine spread_out
 
 end module viscovib_response

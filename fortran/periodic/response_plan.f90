@@ -8,6 +8,9 @@ module viscovib_response_plan
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_plan_text, only: tell_idle, tell_zeros, things
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_reduction, only: moved_coordinates, reduce
   use viscovib_response, only: response_options
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
@@ -31,8 +34,11 @@ module viscovib_response_plan
     !> Harmonics kept; for a linear response just those of the load.
     type(harmonic_set_type) :: set
     type(response_options) :: options
-    !> Lines `computes: ...` and `skips: ...`, separated by new-line characters.
-    character(len=:), allocatable :: text
+    !> Coordinates that are computed, shape (n_dof); the others stay at rest.
+    logical, allocatable :: moved(:)
+    !> Lines `computes: ...` and `skips: ...`, separated by new-line characters; and those
+    !! that hold for a branch too.
+    character(len=:), allocatable :: text, rest
   contains
     procedure, private :: say
   end type response_plan_type
@@ -49,6 +55,8 @@ contains
     integer, intent(in) :: method
     type(response_options), intent(in) :: options
     type(status_type), intent(out) :: status
+    type(polynomial_type) :: reduced
+    character(len=:), allocatable :: zeros
     integer :: i
 
     do i = 1, size(nu)
@@ -63,22 +71,45 @@ contains
     call check_options(options, status)
     if (status%failed()) return
     plan%options = options
+    plan%moved = moved_coordinates(system, load%drives(system) .or. options%keep_idle &
+                                   .or. options%stability)
+    if (all(plan%moved)) then
+      call choose(plan, system, load, size(nu), method, status)
+    else
+      call reduce(system, plan%moved, reduced)
+      call choose(plan, reduced, load, size(nu), method, status)
+    end if
+    if (status%failed()) return
+    zeros = tell_idle(plan%moved)//tell_zeros(system, load)
+    plan%text = plan%text//zeros
+    plan%rest = plan%rest//zeros
+  end subroutine new_response_plan
+
+  !> Method and harmonics for a system without idle coordinates.
+  subroutine choose(plan, system, load, n_nu, method, status)
+    type(response_plan_type), intent(inout) :: plan
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    integer, intent(in) :: n_nu, method
+    type(status_type), intent(inout) :: status
+    integer :: n
+
     plan%method = merge(method_linear, method, system%is_linear())
     if (plan%method == method_linear) then
       plan%set%orders = load%orders
     else
       if (size(load%orders) > 0) then
-        if (maxval(load%orders) > options%harmonics) then
+        if (maxval(load%orders) > plan%options%harmonics) then
           call fail(status, status_input_error, 'harmonics', 'harmonics = ' &
-                    //show(options%harmonics)//': must be at least '//show(maxval(load%orders)) &
-                    //', the highest order of the load')
+                    //show(plan%options%harmonics)//': must be at least ' &
+                    //show(maxval(load%orders))//', the highest order of the load')
           return
         end if
       end if
-      call new_harmonic_set(plan%set, options%harmonics, &
-                            options%symmetric .and. system%odd .and. load%is_odd(), system%degree)
+      call new_harmonic_set(plan%set, plan%options%harmonics, plan%options%symmetric &
+                            .and. system%odd .and. load%is_odd(), system%degree)
     end if
-    if (options%stability .and. plan%method /= method_newton) then
+    if (plan%options%stability .and. plan%method /= method_newton) then
       call fail(status, status_input_error, 'stability', 'stability: ' &
                 //trim(merge('nothing is nonlinear, see the characteristic roots', &
                              'needs method = newton                             ', &
@@ -87,15 +118,15 @@ contains
     end if
     call check_mean(plan, system, status)
     if (status%failed()) return
-    i = 2*size(plan%set%orders)*system%n_dof()
-    if (plan%method == method_newton .and. i > max_unknowns) then
-      call fail(status, status_input_error, 'harmonics', 'harmonics = '//show(options%harmonics) &
-                //': makes '//show(i)//' unknowns with '//show(system%n_dof()) &
-                //' coordinates, must be at most '//show(max_unknowns))
+    n = 2*size(plan%set%orders)*system%n_dof()
+    if (plan%method == method_newton .and. n > max_unknowns) then
+      call fail(status, status_input_error, 'harmonics', 'harmonics = ' &
+                //show(plan%options%harmonics)//': makes '//show(n)//' unknowns with ' &
+                //show(system%n_dof())//' coordinates, must be at most '//show(max_unknowns))
       return
     end if
-    call describe(plan, system, load, size(nu), method)
-  end subroutine new_response_plan
+    call describe(plan, system, load, n_nu, method)
+  end subroutine choose
 
   subroutine check_options(options, status)
     type(response_options), intent(in) :: options
@@ -146,10 +177,8 @@ contains
     integer, intent(in) :: n_nu, method
     integer :: n_kernels, i
 
-    plan%text = ''
+    plan%rest = ''
     n_kernels = count([(any(system%kernel_of == i), i=1, size(system%kernels))])
-    call plan%say('computes: '//trim(method_names(plan%method))//' response at '//show(n_nu) &
-                  //' frequencies, '//show(size(plan%set%orders))//' harmonics a coordinate')
     if (plan%method == method_linear) then
       if (method /= method_linear) call plan%say('skips: the iteration (nothing is nonlinear)')
       call plan%say('skips: harmonics that the load lacks (a linear system does not answer ' &
@@ -168,21 +197,24 @@ contains
     if (n_kernels == 0) then
       call plan%say('skips: kernel transforms (no memory)')
     else
-      call plan%say('computes: transforms of '//show(n_kernels)//' kernel' &
-                    //trim(merge('s', ' ', n_kernels > 1)))
+      call plan%say('computes: transforms of '//things(n_kernels, 'kernel'))
     end if
     if (.not. load%moves_base()) call plan%say('skips: base motion (the base is at rest)')
     if (plan%options%stability) call plan%say('computes: stability of each motion (' &
                                               //trim(merge('exponents  ', 'multipliers', &
                                                            n_kernels > 0))//')')
-    if (.not. plan%options%keep_history) call plan%say('skips: history of corrections ' &
-                                                       //'(not asked for)')
+    plan%text = 'computes: '//trim(method_names(plan%method))//' response at '//show(n_nu) &
+                //' frequencies, '//show(size(plan%set%orders))//' harmonics a coordinate' &
+                //new_line('a')//plan%rest
+    if (.not. plan%options%keep_history) plan%text = plan%text &
+                                                     //'skips: history of corrections (not ' &
+                                                     //'asked for)'//new_line('a')
   end subroutine describe
 
   subroutine say(self, line)
     class(response_plan_type), intent(inout) :: self
     character(len=*), intent(in) :: line
-    self%text = self%text//line//new_line('a')
+    self%rest = self%rest//line//new_line('a')
   end subroutine say
 
 end module viscovib_response_plan

@@ -13,6 +13,8 @@
 !! and a lane that is done takes up the next frequency at once.
 module viscovib_successive
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
+  use viscovib_counters, only: count_unknowns, count_up, counted_corrections, counted_loads, &
+    counted_turns, counting
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -116,6 +118,7 @@ contains
     n = last - first + 1
     allocate (fraction(n, system%n_memory(), size(set%orders)), &
               compliance(system%n_dof(), system%n_dof(), n, size(set%orders)))
+    if (counting) call count_unknowns(set%orders, system%n_dof(), n)
     call compliance_table(system, set%orders, response%nu(first:last), fraction, compliance, &
                           singular)
     next_point = 1
@@ -154,6 +157,7 @@ contains
     complex(wp) :: p(system%n_dof())
     integer :: k
 
+    if (counting) call count_up(counted_loads, size(load%orders))
     work%point(lane) = point
     work%halvings(lane) = 0
     work%relaxation(lane) = merge(relaxation, 1.0_wp, relaxation > 0.0_wp)
@@ -320,11 +324,13 @@ contains
         work%start_norm(l) = start(l)
         work%recent(1, l) = start(l)
       end if
+      if (counting) call count_up(counted_turns, 1)
       work%iteration(l) = work%iteration(l) + 1
       work%recent(2:3, l) = work%recent(1:2, l)
       work%recent(1, l) = delta(l)
       work%smallest(l) = min(work%smallest(l), delta(l))
       if (size(response%corrections, 1) > 0) then
+        if (counting) call count_up(counted_corrections, 1)
         response%corrections(work%iteration(l), i) = delta(l)/max(norm(l), tiny(norm))
       end if
       rate = shrinkage(work%recent(:, l))

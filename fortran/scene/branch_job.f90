@@ -1,6 +1,7 @@
 !> The &branch group of a scene: a branch of periodic solutions in the frequency.
 module viscovib_branch_job
   use viscovib_checks, only: check_positive
+  use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_crossings, only: crossing_names, crossing_type, find_crossings, known_folds
   use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes, follow_curve
   use viscovib_files, only: make_folder
@@ -45,6 +46,7 @@ contains
     job%nu_to = reader%read_real('nu_to')
     job%options%harmonics = reader%read_integer('harmonics', job%options%harmonics)
     job%options%tolerance = reader%read_real('tolerance', job%options%tolerance)
+    job%options%keep_idle = .true.
     job%max_points = reader%read_integer('max_points', job%max_points)
     job%max_step = reader%read_real('max_step', job%max_step)
     judged = 1
@@ -68,13 +70,15 @@ contains
     end if
   end subroutine read_branch
 
-  !> What will be computed.
-  function plan_branch(nu_from, nu_to, n_orders, stability) result(text)
-    real(wp), intent(in) :: nu_from, nu_to
+  !> What will be computed; the rest of the plan is that of a single response.
+  function plan_branch(varies, from, to, n_orders, stability) result(text)
+    !> 'nu' or 'load factor'.
+    character(len=*), intent(in) :: varies
+    real(wp), intent(in) :: from, to
     integer, intent(in) :: n_orders
     logical, intent(in) :: stability
     character(len=:), allocatable :: text
-    text = 'computes: the branch from nu = '//show(nu_from)//' to '//show(nu_to)//', ' &
+    text = 'computes: the branch from '//varies//' = '//show(from)//' to '//show(to)//', ' &
            //show(n_orders)//' harmonics a coordinate'//new_line('a') &
            //trim(merge('computes: stability of each point, and where it changes', &
                         'skips: stability (not wanted)                          ', stability)) &
@@ -167,6 +171,7 @@ contains
     character(len=:), allocatable :: row, order
     integer :: i, d, k
 
+    if (counting) call count_up(counted_columns, size(coordinates))
     call make_folder(folder)
     call table%create(folder//'/'//name, status)
     if (status%failed()) return

@@ -5,6 +5,7 @@ module viscovib_motion_groups
   use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, past_names
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_pendulum_groups, only: read_keep
   use viscovib_status, only: status_type
   use viscovib_transient_job, only: check_times
   implicit none
@@ -36,6 +37,7 @@ contains
     word = reader%read_text('method', 'gauss8', hereditary_methods, job%method)
     word = reader%read_text('memory', 'auto', past_names, job%past)
     job%save_every = reader%read_integer('save_every', 1)
+    call read_keep(reader, job)
     if (reader%status%failed()) return
     call check_times(job, status)
     call reader%place(status)

@@ -11,7 +11,7 @@ module viscovib_pendulum_groups
   implicit none
   private
 
-  public :: spectrum_job, read_pendulum, read_transient, read_spectrum
+  public :: spectrum_job, read_pendulum, read_transient, read_keep, read_spectrum
 
   !> Spectra of the coordinates of a motion.
   type :: spectrum_job
@@ -63,10 +63,27 @@ contains
     job%tolerance = reader%read_real('tolerance', merge(0.0_wp, 1.0e-10_wp, job%dt > 0.0_wp))
     word = reader%read_text('method', 'gauss8', transient_methods, job%method)
     job%save_every = reader%read_integer('save_every', 1)
+    call read_keep(reader, job)
     if (reader%status%failed()) return
     call check_transient(job, system, checked)
     call reader%place(checked)
   end subroutine read_transient
+
+  !> Whether states are kept all along or at the end only.
+  subroutine read_keep(reader, job)
+    type(group_reader), intent(inout) :: reader
+    class(transient_job), intent(inout) :: job
+    character(len=:), allocatable :: word
+    integer :: place
+
+    place = 1
+    word = reader%read_text('keep', 'all', [character(len=4) :: 'all', 'last'], place)
+    job%last_only = place == 2
+    if (job%last_only .and. job%save_every /= 1) then
+      call reader%complain('save_every', 'save_every = '//show(job%save_every)//': must be 1 ' &
+                           //"with keep = 'last'")
+    end if
+  end subroutine read_keep
 
   subroutine read_spectrum(reader, transient, job)
     type(group_reader), intent(inout) :: reader
@@ -78,6 +95,10 @@ contains
     word = reader%read_text('window', 'hann', window_names, job%window)
     job%discard = reader%read_real('discard', 0.0_wp)
     if (reader%status%failed()) return
+    if (transient%last_only) then
+      call reader%complain('spectrum', "&spectrum: needs the states all along, and &transient " &
+                           //"has keep = 'last'")
+    end if
     if (job%discard < 0.0_wp .or. job%discard >= transient%t_end) then
       call reader%complain('discard', 'discard = '//show(job%discard)//': must not be negative ' &
                            //'and less than t_end = '//show(transient%t_end))

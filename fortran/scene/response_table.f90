@@ -1,5 +1,6 @@
 !> A response as a table: comma separated, a row a frequency.
 module viscovib_response_table
+  use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_files, only: make_folder
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
@@ -27,6 +28,7 @@ contains
     type(text_writer) :: table
     integer :: i
 
+    if (counting) call count_up(counted_columns, size(coordinates))
     call make_folder(folder)
     call table%create(folder//'/'//name, status)
     if (status%failed()) return

@@ -12,6 +12,7 @@ module viscovib_run_scene
   use viscovib_motion_stability, only: stability_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged
+  use viscovib_polynomial_job, only: plan_polynomial, run_polynomial_job
   use viscovib_response, only: response_type
   use viscovib_response_plan, only: new_response_plan, response_plan_type
   use viscovib_response_table, only: write_response
@@ -22,7 +23,8 @@ module viscovib_run_scene
   use viscovib_simulate, only: run_completed, run_names
   use viscovib_spectrum_table, only: write_spectrum
   use viscovib_status, only: fail, show, status_input_error, status_type
-  use viscovib_transient_job, only: plan_transient, run_transient, trajectory_type
+  use viscovib_pendulum_job, only: plan_pendulum, run_pendulum_job
+  use viscovib_transient_job, only: trajectory_type
   use viscovib_transient_table, only: write_transient
   use viscovib_windows, only: window_names
   implicit none
@@ -59,13 +61,15 @@ contains
       if (scene%has_memory) then
         text = plan_hereditary(scene%hereditary, scene%oscillator(), scene%load)
       else
-        text = plan_transient(scene%transient)
+        text = plan_own_motion(scene)
       end if
+      text = text//plan_table(scene)
       if (scene%spectrum%wanted) then
-        text = text//'computes: spectra of '//joined(scene%coordinates)//', window ' &
-               //trim(window_names(scene%spectrum%window))//new_line('a')
+        text = text//'computes: spectra of '//joined(scene%coordinates(scene%transformed)) &
+               //', window '//trim(window_names(scene%spectrum%window))//new_line('a') &
+               //plan_unwanted('Fourier transforms', scene, scene%transformed)
       else
-        text = text//'skips: spectra (not asked for)'//new_line('a')
+        text = text//'skips: Fourier transforms (no spectrum asked for)'//new_line('a')
       end if
       return
     end if
@@ -74,12 +78,44 @@ contains
     if (status%failed()) then
       status%message = scene%path//': '//status%message
     else if (scene%wants_branch) then
-      text = plan_branch(scene%branch%nu_from, scene%branch%nu_to, size(plan%set%orders), &
-                         scene%branch%stability)
+      text = plan_branch('nu', scene%branch%nu_from, scene%branch%nu_to, size(plan%set%orders), &
+                         scene%branch%stability)//plan%rest//plan_table(scene)
     else
-      text = plan%text
+      text = plan%text//plan_table(scene)
     end if
   end subroutine plan_scene
+
+  !> The lines about a motion without memory.
+  function plan_own_motion(scene) result(text)
+    type(scene_type), intent(in) :: scene
+    character(len=:), allocatable :: text
+    if (scene%is_polynomial) then
+      text = plan_polynomial(scene%transient, scene%polynomial, scene%load)
+    else
+      text = plan_pendulum(scene%transient, scene%pendulum)
+    end if
+  end function plan_own_motion
+
+  !> The line about columns that are not wanted, if there are any.
+  function plan_table(scene) result(text)
+    type(scene_type), intent(in) :: scene
+    character(len=:), allocatable :: text
+    text = plan_unwanted('columns', scene, scene%wanted)
+  end function plan_table
+
+  function plan_unwanted(what, scene, wanted) result(text)
+    character(len=*), intent(in) :: what
+    type(scene_type), intent(in) :: scene
+    integer, intent(in) :: wanted(:)
+    character(len=:), allocatable :: text
+    integer :: i
+    text = ''
+    if (size(wanted) == size(scene%coordinates)) return
+    text = 'skips: '//what//' of '//joined(pack(scene%coordinates, &
+                                                [(all(wanted /= i), &
+                                                  i=1, size(scene%coordinates))])) &
+           //' (not asked for)'//new_line('a')
+  end function plan_unwanted
 
   !> Compute what is wanted and write its table into a folder.
   subroutine run_scene(scene, folder, version, report, status)
@@ -87,9 +123,12 @@ contains
     character(len=*), intent(in) :: folder, version
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
-    character(len=:), allocatable :: header
+    character(len=:), allocatable :: header, plan
 
-    header = 'viscovib '//version//', scene '//scene%path//new_line('a')//scene%title
+    call plan_scene(scene, plan, status)
+    if (status%failed()) return
+    header = 'viscovib '//version//', scene '//scene%path//new_line('a')//scene%title &
+             //new_line('a')//plan
     if (scene%wants_scales) then
       call run_steady(scene, folder, header, report, status)
     else if (scene%wants_motion) then
@@ -115,10 +154,13 @@ contains
     if (status%failed()) return
     call forced_response(plan, scene%oscillator(), scene%load, scene%nu, response)
     report%path = folder//'/'//stem(scene%path)//'_response.csv'
-    call write_response(folder, stem(scene%path)//'_response.csv', response, scene%coordinates, &
-                        scene%units, header, status)
-    if (status%failed()) return
     found = count(response%outcome == outcome_converged)
+    if (size(scene%wanted) < size(scene%coordinates)) then
+      response%coefficients = response%coefficients(:, scene%wanted, :)
+    end if
+    call write_response(folder, stem(scene%path)//'_response.csv', response, &
+                        scene%coordinates(scene%wanted), scene%units(scene%wanted), header, status)
+    if (status%failed()) return
     report%complete = found == size(scene%nu)
     report%summary = show(found)//' of '//show(size(scene%nu))//' frequencies solved'
   end subroutine run_response
@@ -132,6 +174,7 @@ contains
     type(curve_branch_type) :: branch
     type(stability_type) :: stability
     type(crossing_type), allocatable :: crossings(:)
+    integer :: i, j, n
 
     call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
                            scene%options, status)
@@ -143,8 +186,13 @@ contains
       return
     end if
     report%path = folder//'/'//stem(scene%path)//'_branch.csv'
+    if (size(scene%wanted) < size(scene%coordinates)) then
+      n = 2*size(plan%set%orders)
+      branch%x = branch%x([((n*(scene%wanted(j) - 1) + i, i=1, n), j=1, size(scene%wanted))], :)
+    end if
     call write_branch(folder, stem(scene%path)//'_branch.csv', plan%set%orders, branch, &
-                      stability, crossings, scene%coordinates, scene%units, header, status)
+                      stability, crossings, scene%coordinates(scene%wanted), &
+                      scene%units(scene%wanted), header, status)
     if (status%failed()) return
     report%complete = branch%outcome == curve_completed
     report%summary = trim(curve_outcomes(branch%outcome))//', '//show(branch%n_points) &
@@ -218,17 +266,18 @@ contains
     type(trajectory_type) :: trajectory
     character(len=:), allocatable :: units, method
     real(wp) :: omega(3), shapes(3, 3)
-    integer :: kept, d
+    integer :: kept, d, i
 
     if (scene%is_pendulum) then
       units = 'dimensionless: t in 1/omega_1, z in L, phi and psi in rad'
       method = transient_methods(scene%transient%method)
       call scene%pendulum%natural_modes(omega, shapes)
-      call run_transient(scene%transient, scene%pendulum, &
-                         max(maxval(omega), maxval(scene%pendulum%drives)), trajectory, status)
+      call run_pendulum_job(scene%transient, scene%pendulum, &
+                            max(maxval(omega), maxval(scene%pendulum%drives)), trajectory, status)
     else
       units = 'units: t in s'
-      do d = 1, size(scene%coordinates)
+      do i = 1, size(scene%wanted)
+        d = scene%wanted(i)
         units = units//', '//trim(scene%coordinates(d))//' in '//trim(scene%units(d))
       end do
       if (scene%has_memory) then
@@ -237,8 +286,9 @@ contains
                                 fastest_frequency(scene), trajectory, status)
       else
         method = transient_methods(scene%transient%method)
-        call run_transient(scene%transient, scene%motion, scene%motion%fastest(), trajectory, &
-                           status)
+        call run_polynomial_job(scene%transient, scene%polynomial, scene%load, &
+                                scene%motion%drives(1), scene%motion%fastest(), trajectory, &
+                                status)
       end if
     end if
     if (status%failed()) then
@@ -246,18 +296,23 @@ contains
       return
     end if
     report%path = folder//'/'//stem(scene%path)//'_transient.csv'
-    call write_transient(folder, stem(scene%path)//'_transient.csv', trajectory, &
-                         trim(method), scene%coordinates, units, header, status)
-    if (status%failed()) return
     if (scene%spectrum%wanted) then
       kept = count(trajectory%t >= scene%spectrum%discard*(1.0_wp - 1.0e-12_wp))
       call write_spectrum(folder, stem(scene%path)//'_spectrum.csv', &
-                          transpose(trajectory%states(1::2, size(trajectory%t) - kept + 1:)), &
-                          scene%coordinates, &
+                          transpose(trajectory%states(2*scene%transformed - 1, &
+                                                      size(trajectory%t) - kept + 1:)), &
+                          scene%coordinates(scene%transformed), &
                           trajectory%t(min(2, size(trajectory%t))), &
                           scene%spectrum%window, header, status)
       if (status%failed()) return
     end if
+    if (size(scene%wanted) < size(scene%coordinates)) then
+      trajectory%states = trajectory%states([(2*scene%wanted((i + 1)/2) - mod(i, 2), &
+                                              i=1, 2*size(scene%wanted))], :)
+    end if
+    call write_transient(folder, stem(scene%path)//'_transient.csv', trajectory, &
+                         trim(method), scene%coordinates(scene%wanted), units, header, status)
+    if (status%failed()) return
     report%complete = trajectory%outcome == run_completed
     report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &
                      //', '//show(size(trajectory%t))//' states'

@@ -25,6 +25,7 @@ module viscovib_scene
   use viscovib_sweep_groups, only: read_sweep
   use viscovib_system_groups, only: name_length, read_system
   use viscovib_transient_job, only: transient_job
+  use viscovib_wanted_coordinates, only: read_wanted
   implicit none
   private
 
@@ -52,6 +53,8 @@ module viscovib_scene
     type(hereditary_job) :: hereditary
     !> Names and units of its coordinates.
     character(len=name_length), allocatable :: coordinates(:), units(:)
+    !> Which of them the table shows, and of which there are spectra.
+    integer, allocatable :: wanted(:), transformed(:)
     type(load_type) :: load
     !> Or a branch, followed through its folds.
     logical :: wants_branch = .false.
@@ -125,7 +128,8 @@ contains
     if (status%failed()) return
     if (scene%wants_motion) then
       scene%has_memory = .true.
-      if (scene%is_polynomial) scene%has_memory = any(scene%polynomial%kernel_of > 0)
+      if (scene%is_polynomial) scene%has_memory = any(scene%polynomial%kernel_of > 0) &
+                                                   .or. scene%polynomial%n_silent > 0
       call read_motion(file, scene, status)
       return
     end if
@@ -188,15 +192,18 @@ contains
       if (scene%has_memory) then
         call read_hereditary(reader, size(scene%coordinates), scene%load, scene%hereditary)
         scene%transient%t_end = scene%hereditary%t_end
+        scene%transient%last_only = scene%hereditary%last_only
       else
         call read_own_motion(reader, scene)
       end if
     end if
+    call read_wanted(reader, scene%coordinates, scene%wanted)
     call close_group(reader, scene, status)
     if (status%failed() .or. .not. any([(file%groups(i)%name == 'spectrum', &
                                          i=1, size(file%groups))])) return
     call reader%start(file%path, file%groups(place_of(file, 'spectrum')))
     call read_spectrum(reader, scene%transient, scene%spectrum)
+    call read_wanted(reader, scene%coordinates, scene%transformed)
     call close_group(reader, scene, status)
   end subroutine read_motion
 
@@ -251,11 +258,13 @@ contains
     if (.not. scene%wants_branch) then
       call reader%start(file%path, file%groups(place_of(file, 'response')))
       call read_response(reader, scene%method, scene%options, scene%nu)
+      call read_wanted(reader, scene%coordinates, scene%wanted)
       call close_group(reader, scene, status)
       return
     end if
     call reader%start(file%path, file%groups(place_of(file, 'branch')))
     call read_branch(reader, scene%branch)
+    call read_wanted(reader, scene%coordinates, scene%wanted)
     call close_group(reader, scene, status)
     scene%method = method_newton
     scene%options = scene%branch%options

@@ -2,6 +2,7 @@
 module viscovib_spectrum_table
   use viscovib_amplitude_spectrum, only: amplitude_spectrum
   use viscovib_constants, only: pi
+  use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_files, only: make_folder
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
@@ -40,6 +41,7 @@ contains
       call amplitude_spectrum(coordinates(:, j), window, spectra(:, j))
       row = row//','//trim(names(j))//'_amplitude,'//trim(names(j))//'_phase'
     end do
+    if (counting) call count_up(counted_columns, size(names))
     call make_folder(folder)
     call table%create(folder//'/'//name, status)
     if (status%failed()) return

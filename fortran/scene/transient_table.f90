@@ -1,5 +1,6 @@
 !> A motion in time as a table: comma separated, a row a time.
 module viscovib_transient_table
+  use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_files, only: make_folder
   use viscovib_number_text, only: exact
   use viscovib_simulate, only: run_names
@@ -28,6 +29,7 @@ contains
     character(len=:), allocatable :: row
     integer :: i, j
 
+    if (counting) call count_up(counted_columns, size(coordinates))
     call make_folder(folder)
     call table%create(folder//'/'//name, status)
     if (status%failed()) return

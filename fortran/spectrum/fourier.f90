@@ -7,6 +7,7 @@
 module viscovib_fourier
   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_double_complex, c_int, &
     c_null_ptr, c_ptr
+  use viscovib_counters, only: count_up, counted_fourier, counting
   use viscovib_kinds, only: wp
   implicit none
   private
@@ -53,6 +54,7 @@ contains
     real(wp) :: copy(size(signal))
     integer :: i
 
+    if (counting) call count_up(counted_fourier, 1)
     copy = signal
     i = findloc(lengths, size(signal), 1)
     if (i == 0) then

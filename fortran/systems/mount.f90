@@ -4,6 +4,8 @@
 !! Coordinates u = (x, phi); spring deflections x - l sin(phi) and phi.
 module viscovib_mount
   use viscovib_checks, only: check_finite, check_not_negative, check_positive
+  use viscovib_counters, only: count_up, counted_deflections, counted_forces, counted_sines, &
+    counting
   use viscovib_jet, only: cosine, jet_type, operator(*), operator(+), operator(-), sine
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
@@ -67,6 +69,7 @@ contains
     kernel_x = parameters%kernel_x
     kernel_phi = parameters%kernel_phi
     if (parameters%memory_scale == 0.0_wp) then
+      mount%n_silent = size(kernels)
       kernel_x = 0
       kernel_phi = 0
     end if
@@ -99,8 +102,10 @@ contains
           mount%phi_ppp = -scale*c_x*l**2*8.0_wp/6.0_wp
         end if
         mount%bent = [mount%x_ppp /= 0.0_wp, mount%x_ppp /= 0.0_wp, .false.]
+        if (mount%x_ppp == 0.0_wp) mount%n_zero = 3
       end if
     end associate
+    call mount%drop_zero_kernels()
   end subroutine new_mount
 
   subroutine check_parameters(parameters, status)
@@ -142,7 +147,9 @@ contains
     real(wp) :: square, factor
     integer :: i
 
+    if (counting) call count_up(counted_deflections, size(u, 1))
     if (self%parameters%geometry == geometry_exact) then
+      if (counting) call count_up(counted_sines, size(u, 1))
       factor = self%parameters%stiffness_x*self%parameters%offset
       do i = 1, size(u, 1)
         w(i, 1) = factor*(u(i, 2) - sin(u(i, 2)))
@@ -163,6 +170,7 @@ contains
     real(wp), intent(out), contiguous :: f(:, :)
     integer :: i
 
+    if (counting) call count_up(counted_forces, size(u, 1))
     do i = 1, size(u, 1)
       f(i, 1) = 0.0_wp
       f(i, 2) = 2.0_wp*self%parameters%offset*sin(0.5_wp*u(i, 2))**2*v(i, 1)
@@ -176,6 +184,7 @@ contains
     real(wp) :: factor
     integer :: i
 
+    if (counting) call count_up(counted_deflections, size(u, 1))
     slopes(:, 1, 1) = 0.0_wp
     if (self%parameters%geometry == geometry_exact) then
       factor = 2.0_wp*self%parameters%stiffness_x*self%parameters%offset
@@ -197,6 +206,7 @@ contains
     real(wp), intent(out), contiguous :: by_u(:, :, :), by_v(:, :, :)
     integer :: i
 
+    if (counting) call count_up(counted_forces, size(u, 1))
     by_u = 0.0_wp
     by_v = 0.0_wp
     do i = 1, size(u, 1)

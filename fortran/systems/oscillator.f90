@@ -10,6 +10,7 @@
 !! gives the matrices and the two nonlinear remainders, for whole arrays of
 !! samples at once; all that is linear is done here.
 module viscovib_oscillator
+  use viscovib_counters, only: count_up, counted_transforms, counting
   use viscovib_kernel, only: kernel_type
   use viscovib_kinds, only: wp
   implicit none
@@ -31,6 +32,8 @@ module viscovib_oscillator
     !! (0: none, the variable forgets at once).
     type(kernel_holder), allocatable :: kernels(:)
     integer, allocatable :: kernel_of(:)
+    !> Nonlinear terms and kernels that were given as 0 and left out.
+    integer :: n_zero = 0, n_silent = 0
     !> Factor of every kernel, epsilon_1 of seed paper 001.
     real(wp) :: memory_scale = 1.0_wp
     !> Which w_j have a nonlinear part at all, shape (n_memory).
@@ -51,6 +54,9 @@ module viscovib_oscillator
     procedure :: n_dof
     procedure :: n_memory
     procedure :: is_linear
+    procedure :: drop_zero_kernels
+    procedure :: coupling
+    procedure :: linear_coupling
     procedure :: largest_amplitude
     procedure :: retained
     procedure :: dynamic_stiffness
@@ -116,6 +122,18 @@ contains
     end do
   end subroutine copy_kernels
 
+  !> Variables with a kernel that is 0 forget at once.
+  subroutine drop_zero_kernels(self)
+    class(oscillator_type), intent(inout) :: self
+    integer :: i
+    do i = 1, size(self%kernels)
+      if (.not. any(self%kernel_of == i)) cycle
+      if (.not. self%kernels(i)%kernel%is_zero()) cycle
+      where (self%kernel_of == i) self%kernel_of = 0
+      self%n_silent = self%n_silent + 1
+    end do
+  end subroutine drop_zero_kernels
+
   pure integer function n_dof(self)
     class(oscillator_type), intent(in) :: self
     n_dof = size(self%gather, 2)
@@ -131,6 +149,32 @@ contains
     class(oscillator_type), intent(in) :: self
     is_linear = self%separable .and. .not. any(self%bent)
   end function is_linear
+
+  !> Which coordinates act on each other without another between them, shape
+  !! (n_dof, n_dof). Nothing is known here of what is not linear: it may couple all.
+  pure function coupling(self) result(coupled)
+    class(oscillator_type), intent(in) :: self
+    logical :: coupled(size(self%gather, 2), size(self%gather, 2))
+    coupled = .true.
+    if (self%is_linear()) coupled = self%linear_coupling()
+  end function coupling
+
+  !> The same of mass, damping and springs alone.
+  pure function linear_coupling(self) result(coupled)
+    class(oscillator_type), intent(in) :: self
+    logical :: coupled(size(self%gather, 2), size(self%gather, 2))
+    integer :: j, b
+
+    coupled = abs(self%mass) > 0.0_wp .or. abs(self%damping) > 0.0_wp
+    do j = 1, self%n_memory()
+      do b = 1, self%n_dof()
+        if (abs(self%gather(j, b)) > 0.0_wp) then
+          coupled(:, b) = coupled(:, b) .or. abs(self%spread(:, j)) > 0.0_wp
+        end if
+      end do
+    end do
+    coupled = coupled .or. transpose(coupled)
+  end function linear_coupling
 
   !> Amplitudes beyond this have powers that could leave the range of numbers.
   pure real(wp) function largest_amplitude(self)
@@ -152,6 +196,7 @@ contains
     fraction = (1.0_wp, 0.0_wp)
     do i = 1, size(self%kernels)
       if (.not. any(self%kernel_of == i)) cycle
+      if (counting) call count_up(counted_transforms, size(mu))
       call self%kernels(i)%kernel%transform(mu, cosine, sine)
       do j = 1, self%n_memory()
         if (self%kernel_of(j) /= i) cycle

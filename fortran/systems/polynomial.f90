@@ -9,6 +9,7 @@
 !! F = B v with a column of the unit matrix for each.
 module viscovib_polynomial
   use viscovib_checks, only: check_finite
+  use viscovib_counters, only: count_up, counted_deflections, counted_monomials, counting
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
   use viscovib_status, only: fail, show, status_input_error, status_type
@@ -47,6 +48,7 @@ module viscovib_polynomial
     procedure :: force_remainder
     procedure :: deflection_slopes
     procedure :: force_slopes
+    procedure :: coupling
     procedure :: stiffness_at_rest
   end type polynomial_type
 
@@ -78,7 +80,9 @@ contains
       system%odd = all(mod(degrees, 2) == 1)
       system%degree = max(1, maxval(degrees))
     end associate
+    system%n_zero = size(parameters%coefficient) - size(system%monomials)
     call add_variables(system, parameters, size(kernels))
+    call system%drop_zero_kernels()
   end subroutine new_polynomial
 
   subroutine check_parameters(p, n_kernels, status)
@@ -206,11 +210,13 @@ contains
     real(wp) :: product(size(u, 1))
     integer :: i, j
 
+    if (counting) call count_up(counted_deflections, size(u, 1))
     do j = 1, size(w, 2)
       if (self%bent(j)) w(:, j) = 0.0_wp
     end do
     do i = 1, size(self%monomials)
       associate (m => self%monomials(i))
+        if (counting) call count_up(counted_monomials, size(u, 1))
         product = m%coefficient
         do j = 1, size(m%dof)
           call multiply(product, u(:, m%dof(j)), m%power(j))
@@ -258,6 +264,7 @@ contains
     real(wp) :: product(size(u, 1))
     integer :: b, i, j
 
+    if (counting) call count_up(counted_deflections, size(u, 1))
     do b = 1, size(u, 2)
       do j = 1, size(slopes, 2)
         if (self%bent(j)) slopes(:, j, b) = 0.0_wp
@@ -286,6 +293,20 @@ contains
       by_v = 0.0_wp
     end associate
   end subroutine force_slopes
+
+  !> Springs, and products in which coordinates stand together.
+  pure function coupling(self) result(coupled)
+    class(polynomial_type), intent(in) :: self
+    logical :: coupled(size(self%gather, 2), size(self%gather, 2))
+    integer :: i
+
+    coupled = self%linear_coupling()
+    do i = 1, size(self%monomials)
+      associate (together => [self%monomials(i)%equation, self%monomials(i)%dof])
+        coupled(together, together) = .true.
+      end associate
+    end do
+  end function coupling
 
   !> sum_g K_g, shape (n, n): the stiffness without memory.
   pure function stiffness_at_rest(self) result(stiffness)

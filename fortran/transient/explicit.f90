@@ -3,6 +3,7 @@
 !! and does the same arithmetic whatever its neighbours are.
 module viscovib_explicit
   use viscovib_aligned, only: alignment_slack, first_aligned, settle
+  use viscovib_counters, only: count_up, counted_accelerations, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_explicit_tables, only: explicit_table_type, new_explicit_table
   use viscovib_kinds, only: i8, wp
@@ -141,6 +142,7 @@ contains
     call self%step_in_room(system, self%room(self%first))
     call step_phase(self%high, self%low, self%step_high, self%step_low)
     self%n_evaluations = self%n_evaluations + self%table%n_stages
+    if (counting) call count_up(counted_accelerations, self%table%n_stages)
   end subroutine step
 
   subroutine step_in_room(self, system, room)

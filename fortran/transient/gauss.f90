@@ -7,6 +7,8 @@
 !! symmetric; order 2s at the step ends.
 module viscovib_gauss
   use viscovib_aligned, only: alignment_slack, first_aligned, settle
+  use viscovib_counters, only: count_up, counted_accelerations, counted_coordinates, &
+    counted_loads, counted_turns, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_gauss_table, only: gauss_table_type, new_gauss_table
   use viscovib_kinds, only: wp
@@ -151,6 +153,7 @@ contains
 
     blocks = self%table%n_blocks
     dofs = size(self%q)
+    if (counting) call count_up(counted_loads, size(self%phases%high))
     associate (p => self%plan)
       do b = 1, blocks
         call self%phases%drives(b, room(1, p%drive + max_dof*(b - 1)))
@@ -245,6 +248,9 @@ contains
                                    room(1, p%f_new + max_dof*b))
         end do
         self%n_evaluations = self%n_evaluations + blocks
+        if (counting) call count_up(counted_turns, 1)
+        if (counting) call count_up(counted_accelerations, blocks)
+        if (counting) call count_up(counted_coordinates, n*blocks)
         change = 0.0_wp
         do b = 0, blocks - 1
           call exchange(n, room(1, p%f_new + max_dof*b), room(1, p%f + max_dof*b), change)

@@ -7,6 +7,7 @@ module viscovib_hereditary
   use viscovib_ancient, only: ancient_type, new_ancient
   use viscovib_channels, only: channels_type, new_channels
   use viscovib_collocation, only: collocation_type, new_collocation
+  use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counting
   use viscovib_direct_history, only: direct_history_type, new_direct_history
   use viscovib_exponential_history, only: exponential_history_type, new_exponential_history
   use viscovib_hereditary_kernels, only: add_held, add_up, gather_channels, judge
@@ -156,6 +157,7 @@ contains
       call self%add_first_step(system, load, made)
       if (made) return
     end if
+    if (counting) call count_up(counted_coordinates, n)
     associate (z => self%equations%z)
       z(:n) = self%u
       z(n + 1:2*n) = self%v
@@ -184,6 +186,7 @@ contains
       call gather_channels(s + 2, n, size(self%equations%y_start), self%map%n_channels, &
                            self%points, self%equations%y_start, self%equations%y, self%gather, &
                            self%gather_bends, self%channels%held, self%g)
+      if (counting) call count_up(counted_memory, self%map%n_channels)
       call self%history%store(self%g)
     end if
     call self%clock%advance((n_before + 1)*self%h)

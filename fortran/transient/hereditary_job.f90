@@ -3,12 +3,16 @@ module viscovib_hereditary_job
   use viscovib_channels, only: channels_type, new_channels
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_constants, only: imaginary_unit, pi
+  use viscovib_counters, only: count_up, counted_idle, counted_runs, counting
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, no_exponentials, &
     past_direct, past_exponentials, step_too_large
   use viscovib_hereditary_run, only: run_hereditary
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_plan_text, only: tell_idle, tell_zeros, things
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_reduction, only: moved_coordinates, reduce, state_mask
   use viscovib_simulate, only: run_diverged
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_time_load, only: time_load_type
@@ -54,11 +58,49 @@ module viscovib_hereditary_job
 
 contains
 
+  !> The motion wanted; coordinates that nothing moves are left out of the equations.
   subroutine run_hereditary_job(job, system, load, fastest, trajectory, status)
+    type(hereditary_job), intent(in) :: job
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    !> Fastest natural frequency (rad/s).
+    real(wp), intent(in) :: fastest
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    type(polynomial_type) :: reduced
+    type(hereditary_job) :: part_job
+    type(load_type) :: part
+    logical :: moved(system%n_dof())
+
+    moved = moved_coordinates(system, driven(job, system, load))
+    if (all(moved)) then
+      call run_whole(job, system, load, fastest, trajectory, status)
+      return
+    end if
+    call reduce(system, moved, reduced)
+    call load%take_part(moved, part)
+    part_job = job
+    part_job%initial = pack(job%initial, state_mask(moved))
+    part_job%held = pack(job%held, moved)
+    call run_whole(part_job, reduced, part, fastest, trajectory, status)
+    if (.not. status%failed()) call trajectory%spread_out(moved)
+  end subroutine run_hereditary_job
+
+  !> Coordinates that the load, the start or the past moves.
+  pure function driven(job, system, load)
+    type(hereditary_job), intent(in) :: job
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    logical :: driven(size(job%held))
+    driven = load%drives(system) .or. abs(job%held) > 0.0_wp &
+             .or. abs(job%initial(1::2)) > 0.0_wp .or. abs(job%initial(2::2)) > 0.0_wp
+  end function driven
+
+  !> The same with all coordinates.
+  subroutine run_whole(job, system, load, fastest, trajectory, status)
     type(hereditary_job), intent(in) :: job
     class(oscillator_type), intent(in), target :: system
     type(load_type), intent(in) :: load
-    !> Fastest natural frequency (rad/s).
     real(wp), intent(in) :: fastest
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
@@ -78,8 +120,10 @@ contains
       frequency = max(frequency, maker%load%frequencies(k))
     end do
     frequency = job%t_end*frequency*per_period(job%method)/(2.0_wp*pi)
+    if (counting) call count_up(counted_idle, count( &
+                                .not. moved_coordinates(system, driven(job, system, load))))
     call make_runs(maker, job, max(4.0_wp, frequency), trajectory, status)
-  end subroutine run_hereditary_job
+  end subroutine run_whole
 
   subroutine make(self, job, n, thinning, trajectory, status)
     class(hereditary_runs), intent(in) :: self
@@ -94,6 +138,7 @@ contains
     integer(i8) :: every, kept, i
     integer :: reached, reason
 
+    if (counting) call count_up(counted_runs, 1)
     every = int(job%save_every, i8)*thinning
     trajectory%h = job%t_end/real(n, wp)
     call base_state(self, 0.0_wp, start)
@@ -103,12 +148,21 @@ contains
       call begin(self, job, n, start, trajectory%h, run, reason, status)
     end select
     if (status%failed()) return
-    allocate (states(size(job%initial), n/every))
+    allocate (states(size(job%initial), merge(0_i8, n/every, job%last_only)))
     if (reason == begun) then
       call run_hereditary(run, self%system, self%load, 0_i8, n, every, no_times, states, &
                           no_states, trajectory%n_steps, reached, trajectory%outcome)
     else
       trajectory%outcome = run_diverged
+    end if
+    trajectory%t_reached = real(trajectory%n_steps, wp)*trajectory%h
+    if (job%last_only) then
+      trajectory%t = [trajectory%t_reached]
+      allocate (trajectory%states(size(job%initial), 1))
+      call base_state(self, trajectory%t_reached, start)
+      trajectory%states(1::2, 1) = run%u + start(1::2)
+      trajectory%states(2::2, 1) = run%v + start(2::2)
+      return
     end if
     kept = trajectory%n_steps/every
     allocate (trajectory%states(size(job%initial), kept + 1), trajectory%t(kept + 1))
@@ -119,7 +173,6 @@ contains
       call base_state(self, trajectory%t(i + 1), start)
       trajectory%states(:, i + 1) = states(:, i) + start
     end do
-    trajectory%t_reached = real(trajectory%n_steps, wp)*trajectory%h
   end subroutine make
 
   !> The run at its start, its past kept as the job wants it.
@@ -183,14 +236,39 @@ contains
     type(load_type), intent(in) :: load
     character(len=:), allocatable :: text
     character(len=*), parameter :: nl = new_line('a')
+    type(polynomial_type) :: reduced
+    logical :: moved(system%n_dof())
+
+    text = 'computes: motion to t = '//show(job%t_end)//' by '//hereditary_methods(job%method) &
+           //', accelerations at '//show(nodes(job%method))//' nodes a step'//nl//plan_steps(job)
+    moved = moved_coordinates(system, driven(job, system, load))
+    if (all(moved)) then
+      text = text//plan_system(job, system, load)
+    else
+      call reduce(system, moved, reduced)
+      text = text//plan_system(job, reduced, load)//tell_idle(moved)
+    end if
+    text = text//tell_zeros(system, load)
+  end function plan_hereditary
+
+  !> The lines about forces and what is remembered of them.
+  function plan_system(job, system, load) result(text)
+    type(hereditary_job), intent(in) :: job
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    character(len=:), allocatable :: text
+    character(len=*), parameter :: nl = new_line('a')
     type(channels_type) :: channels
     type(collocation_type) :: table
     real(wp), allocatable :: weights(:), rates(:)
     real(wp) :: least
     integer :: k, first
 
-    text = 'computes: motion to t = '//show(job%t_end)//' by '//hereditary_methods(job%method) &
-           //', accelerations at '//show(nodes(job%method))//' nodes a step'//nl//plan_steps(job)
+    if (system%is_linear()) then
+      text = 'skips: iteration in each step (nothing is nonlinear)'//nl
+    else
+      text = 'computes: nonlinear forces, by iteration in each step'//nl
+    end if
     call new_channels(channels, system, 0.0_wp*system%mass(:, 1))
     call new_collocation(table, nodes(job%method))
     if (size(channels%kernel_of) == 0) then
@@ -202,7 +280,7 @@ contains
     do k = 1, size(system%kernels)
       first = count(channels%kernel_of == k)
       if (first == 0) cycle
-      text = text//'computes: memory of '//show(first)//' forces with kernel '//show(k)//', '
+      text = text//'computes: memory of '//things(first, 'force')//' with kernel '//show(k)//', '
       ! The step is not known before it is found; one of 1/4 tells the size.
       call system%kernels(k)%kernel%exponentials(max(0.1_wp*job%tolerance, 1.0e-14_wp), &
                                                  least*table%points(1), reach*job%t_end, weights, &
@@ -220,6 +298,6 @@ contains
         .and. .not. load%moves_base()) then
       text = text//'skips: panels of a singular start (from rest without load)'//nl
     end if
-  end function plan_hereditary
+  end function plan_system
 
 end module viscovib_hereditary_job

@@ -2,6 +2,7 @@
 module viscovib_hereditary_run
   use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode, &
     ieee_support_underflow_control
+  use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_hereditary, only: hereditary_type
   use viscovib_kinds, only: i8, wp
   use viscovib_oscillator, only: oscillator_type
@@ -42,6 +43,7 @@ contains
     do while (n_reached < size(times))
       if (times(n_reached + 1) > first*run%h) exit
       n_reached = n_reached + 1
+      if (counting) call count_up(counted_states, 1)
       at_times(1::2, n_reached) = run%u
       at_times(2::2, n_reached) = run%v
     end do
@@ -63,12 +65,14 @@ contains
           exit
         end if
         n_reached = n_reached + 1
+        if (counting) call count_up(counted_states, 1)
         at_times(1::2, n_reached) = u
         at_times(2::2, n_reached) = v
       end do
       if (mod(i, save_every) /= 0) cycle
       column = i/save_every
       if (column > size(states, 2)) cycle
+      if (counting) call count_up(counted_states, 1)
       states(1::2, column) = run%u
       states(2::2, column) = run%v
     end do

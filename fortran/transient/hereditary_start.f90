@@ -11,6 +11,7 @@ module viscovib_hereditary_start
   use viscovib_channels, only: channels_type
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_constants, only: pi
+  use viscovib_counters, only: count_up, counted_panels, counting
   use viscovib_dense, only: factorize, solve
   use viscovib_hereditary_maps, only: local_weights
   use viscovib_history, only: far_nodes, past_type
@@ -87,6 +88,7 @@ contains
     before = 0.0_wp
     do k = 1, doublings + 1
       length = start%ends(k) - start%ends(k - 1)
+      if (counting) call count_up(counted_panels, 1)
       remembered = 0.0_wp
       if (k > 1) call recall(system, channels, start%table, start%ends(k - 1), length, &
                              start%ends(k - 2), before, x, masses, k > 2, remembered)

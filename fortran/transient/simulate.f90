@@ -2,6 +2,7 @@
 module viscovib_simulate
   use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode, &
     ieee_support_underflow_control
+  use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
   use viscovib_stepper, only: stepper_type
@@ -61,6 +62,7 @@ contains
       if (mod(i, save_every) /= 0) cycle
       column = i/save_every
       if (column > size(states, 2)) cycle
+      if (counting) call count_up(counted_states, 1)
       states(1::2, column) = method%q
       states(2::2, column) = method%v
     end do
@@ -88,6 +90,7 @@ contains
         v = method%v
       end if
       if (.not. made) return
+      if (counting) call count_up(counted_states, 1)
       at_times(1::2, next) = q
       at_times(2::2, next) = v
       next = next + 1

@@ -5,6 +5,7 @@
 !! Newton's method where that does not. The maps G and Z are in `hereditary_maps`.
 module viscovib_step_equations
   use viscovib_collocation, only: collocation_type
+  use viscovib_counters, only: count_up, counted_turns, counting
   use viscovib_dense, only: factorize, solve
   use viscovib_hereditary_kernels, only: add_columns, carry_on, compare, copy, product_of
   use viscovib_hereditary_maps, only: step_map_type
@@ -159,6 +160,7 @@ contains
     before = huge(1.0_wp)
     do turn = 1, max_iterations
       self%n_iterations = self%n_iterations + 1
+      if (counting) call count_up(counted_turns, 1)
       call self%evaluate_bends(system, map, u)
       call product_of(n_rows, n_y, map%from_bend, self%y, self%linear, self%next)
       if (newton) then

@@ -1,6 +1,7 @@
 !> Loads in time: sinusoids of any frequencies, and a piecewise cubic.
 module viscovib_time_load
   use viscovib_constants, only: imaginary_unit
+  use viscovib_counters, only: count_up, counted_loads, counting
   use viscovib_kinds, only: wp
   use viscovib_phases, only: split_phase, step_phase
   implicit none
@@ -107,6 +108,7 @@ contains
     real(wp), intent(out), contiguous :: f(:)
     integer :: k
 
+    if (counting) call count_up(counted_loads, size(self%high))
     f = 0.0_wp
     do k = 1, size(self%high)
       call add_wave(size(f), self%turned_sine(:, k), self%turned_cosine(:, k), self%high(k), &

@@ -3,9 +3,11 @@
 module viscovib_transient_job
   use viscovib_checks, only: check_finite, check_positive
   use viscovib_constants, only: pi
+  use viscovib_counters, only: count_up, counted_runs, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
   use viscovib_method_catalogue, only: method_order, new_stepper, transient_methods
+  use viscovib_reduction, only: state_mask
   use viscovib_simulate, only: run_completed, run_unphysical, simulate
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
@@ -33,6 +35,8 @@ module viscovib_transient_job
     integer :: method = 1
     !> Steps between states kept.
     integer :: save_every = 1
+    !> Keep the state at the end alone.
+    logical :: last_only = .false.
   end type transient_job
 
   type :: trajectory_type
@@ -44,6 +48,8 @@ module viscovib_transient_job
     !! step was given.
     real(wp) :: error = -1.0_wp
     integer(i8) :: n_steps = 0
+  contains
+    procedure :: spread_out
   end type trajectory_type
 
   !> What makes runs of one motion, with any number of steps.
@@ -75,6 +81,19 @@ module viscovib_transient_job
   end type driven_runs
 
 contains
+
+  !> From the coordinates computed to all, the others at rest.
+  subroutine spread_out(self, moved)
+    class(trajectory_type), intent(inout) :: self
+    !> Which were computed, shape (n_dof).
+    logical, intent(in) :: moved(:)
+    real(wp), allocatable :: states(:, :)
+    integer :: i
+    allocate (states(2*size(moved), size(self%t)))
+    states = 0.0_wp
+    states(pack([(i, i=1, size(states, 1))], state_mask(moved)), :) = self%states
+    call move_alloc(states, self%states)
+  end subroutine spread_out
 
   subroutine check_transient(job, system, status)
     class(transient_job), intent(in) :: job
@@ -220,14 +239,23 @@ contains
     real(wp) :: no_times(0), no_states(size(job%initial), 0)
     integer(i8) :: every, kept, i
 
+    if (counting) call count_up(counted_runs, 1)
     every = int(job%save_every, i8)*thinning
     trajectory%h = job%t_end/real(n, wp)
     call set_ok(status)
     call new_stepper(stepper, self%system, job%method, job%initial(1::2), job%initial(2::2), &
                      0.0_wp, trajectory%h, max(0.1_wp*job%tolerance, rounding))
-    allocate (states(size(job%initial), n/every))
+    allocate (states(size(job%initial), merge(0_i8, n/every, job%last_only)))
     call simulate(stepper, self%system, 0_i8, n, every, no_times, states, no_states, &
                   trajectory%n_steps, trajectory%outcome)
+    trajectory%t_reached = real(trajectory%n_steps, wp)*trajectory%h
+    if (job%last_only) then
+      trajectory%t = [trajectory%t_reached]
+      allocate (trajectory%states(size(job%initial), 1))
+      trajectory%states(1::2, 1) = stepper%q
+      trajectory%states(2::2, 1) = stepper%v
+      return
+    end if
     kept = trajectory%n_steps/every
     allocate (trajectory%states(size(job%initial), kept + 1), trajectory%t(kept + 1))
     trajectory%states(:, 1) = job%initial
@@ -235,7 +263,6 @@ contains
     do i = 0, kept
       trajectory%t(i + 1) = real(every*i, wp)*trajectory%h
     end do
-    trajectory%t_reached = real(trajectory%n_steps, wp)*trajectory%h
   end subroutine make_driven
 
   !> What will be computed and what is skipped, with the reasons.
@@ -262,8 +289,10 @@ contains
       text = 'computes: the step, halved until the states kept change by no more than ' &
              //show(job%tolerance)//nl
     end if
+    if (job%last_only) text = text//'skips: storing states on the way (only the last is ' &
+                              //'wanted)'//nl
     if (job%save_every > 1) text = text//'skips: storing all but one state in ' &
-                                   //show(job%save_every)//nl
+                                   //show(job%save_every)//' (the others are not wanted)'//nl
   end function plan_steps
 
 end module viscovib_transient_job

@@ -36,6 +36,7 @@ from viscovib.multiple_scales import MultipleScales
 from viscovib.past import Past
 from viscovib.pendulum import Pendulum
 from viscovib.periodic import forced_response, trace_response
+from viscovib.plan import Plan
 from viscovib.plots import (
     plot_backbone,
     plot_branch,
@@ -89,6 +90,7 @@ __all__ = [
     "Past",
     "Peak",
     "Pendulum",
+    "Plan",
     "PolynomialSystem",
     "PronyKernel",
     "RabotnovKernel",

@@ -17,6 +17,7 @@ from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.mount import Mount
 from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.plan import Plan
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
 from viscovib.response import _MAX_UNKNOWNS, _prepare
 
@@ -40,6 +41,8 @@ class Backbone:
     outcome : str
         "completed"; "step limit": max_points reached; "stuck": no smaller step helps;
         "overflow".
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     nu: FloatArray
@@ -49,6 +52,7 @@ class Backbone:
     outcome: str
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
+    plan: Plan
 
     def amplitude(self, dof: str, harmonic: int = 1) -> FloatArray:
         """Size of a harmonic of a coordinate, shape (n,)."""
@@ -82,7 +86,7 @@ class Backbone:
                 "unit": ("dof", list(self.dof_units)),
                 "harmonic": self.harmonics,
             },
-            attrs={"outcome": self.outcome, "mode": self.mode},
+            attrs={"outcome": self.outcome, "mode": self.mode, "plan": str(self.plan)},
         )
 
     def to_csv(self, path: str | Path) -> None:
@@ -93,6 +97,7 @@ class Backbone:
                 columns[f"{name}_{k}"] = self.coefficients[:, d, j].imag
         with whole_file(path) as file:
             file.write(f"# viscovib {version('viscovib')}, backbone of mode {self.mode}\n")
+            file.write(self.plan.comments())
             file.write("# nu (rad/s); u = sum_k a_k cos(k nu t)\n")
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
@@ -164,8 +169,9 @@ def backbone(
     if not 1e-4 <= step <= 1:
         raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
     job, _, options, planned = _prepare(
-        conservative, [frequencies[j]], {1: 1.0}, None, "newton", harmonics, tolerance, 100, 1.0
-    )
+        conservative, [frequencies[j]], {1: 1.0}, None, "newton", harmonics, tolerance, 100, 1.0,
+        keep_idle=True,
+    )  # fmt: skip
     if planned.method != "newton":
         raise InputError("system: nothing is nonlinear, the frequency does not depend on amplitude")
     most = 100 * _MAX_UNKNOWNS**2 // (planned.orders.size * len(names))
@@ -188,6 +194,13 @@ def backbone(
         outcome=OUTCOMES[ended],
         dof_names=names,
         dof_units=system.dof_units,
+        plan=Plan(
+            f"computes: free motions of mode {j} from amplitude {ends[0]:g} to {ends[1]:g}, "
+            f"{planned.orders.size} harmonics a coordinate\n"
+            "skips: damping and memory (free motions of the system without losses)\n"
+            "skips: sines (motions that begin at rest are even in time)\n"
+            + "\n".join(line for line in planned.rest.splitlines() if "harmonics" in line)
+        ),
     )
 
 

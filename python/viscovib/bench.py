@@ -137,7 +137,7 @@ def _timing(name: str, what: Callable[[], Any], limit: float, count: int | None)
 
 def _written(result: SceneResult, path: Path) -> None:
     if isinstance(result.value, (Response, Branch, Trajectory)):
-        result.value.to_csv(path)
+        result.to_csv(path)
 
 
 def _size(result: SceneResult, best: float) -> str:

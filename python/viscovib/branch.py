@@ -2,6 +2,7 @@
 
 import csv
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -19,6 +20,7 @@ from viscovib.load import LoadLike
 from viscovib.motion_stability import Stability, codes_of
 from viscovib.mount import Mount
 from viscovib.oscillators import Oscillator
+from viscovib.plan import Plan, wanted_places
 from viscovib.response import Peak, _prepare
 
 OUTCOMES: tuple[str, ...] = (
@@ -186,6 +188,8 @@ class Branch(Curve):
         "nu", "load_factor" or a parameter of the mount.
     parameter : ndarray, shape (n,)
         Its values.
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     nu: FloatArray
@@ -206,6 +210,7 @@ class Branch(Curve):
     parameter: FloatArray
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
+    plan: Plan
 
     @property
     def label(self) -> str:
@@ -240,20 +245,25 @@ class Branch(Curve):
         return xr.Dataset(
             data,
             coords={"dof": list(self.dof_names), "harmonic": self.harmonics},
-            attrs={"outcome": self.outcome, "folds": self.folds},
+            attrs={"outcome": self.outcome, "folds": self.folds, "plan": str(self.plan)},
         )
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1."""
+    def to_csv(self, path: str | Path, *, coordinates: Sequence[str] | None = None) -> None:
+        """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1.
+
+        ``coordinates``: names of those wanted; all by default.
+        """
         columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
         if self.stable is not None:
             columns["stable"] = codes_of(self.stable)
-        for d, name in enumerate(self.dof_names):
+        for d in wanted_places(coordinates, self.dof_names):
+            name = self.dof_names[d]
             for j, k in enumerate(self.harmonics):
                 columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real
                 columns[f"{name}_{k}_im"] = self.coefficients[:, d, j].imag
         with whole_file(path) as file:
             file.write(f"# viscovib {version('viscovib')}, branch {self.outcome}\n")
+            file.write(self.plan.comments())
             file.write(f"# folds at {self.varies} = {', '.join(f'{x:.15g}' for x in self.folds)}\n")
             file.write("# nu (rad/s); u = Im sum_k X_k exp(i k nu t)\n")
             writer = csv.writer(file, lineterminator="\n")
@@ -355,7 +365,7 @@ def trace_response(
     if not 1e-4 <= step <= 1:
         raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
     job, _, options, planned = _prepare(
-        mount, [fixed], load, base, "newton", harmonics, tolerance, 100, 1.0
+        mount, [fixed], load, base, "newton", harmonics, tolerance, 100, 1.0, keep_idle=True
     )
     if planned.method != "newton":
         raise InputError(
@@ -451,6 +461,7 @@ def trace_response(
         parameter=values,
         dof_names=mount.dof_names,
         dof_units=mount.dof_units,
+        plan=_plan(varies, start, finish, planned, judged_too),
     )
 
 
@@ -460,6 +471,15 @@ def _entry(mount: Oscillator, vary: object) -> tuple[str, int]:
         raise InputError("vary: needs a mount; build polynomial systems one by one")
     name = _native.choice("vary", vary, tuple(_ENTRIES))
     return name, _ENTRIES[name]
+
+
+def _plan(varies: str, start: float, finish: float, planned: Any, stability: bool) -> Plan:
+    first = core.branch_plan(
+        _KINDS.get(varies, 3), start, finish, planned.orders.size, int(stability)
+    ).decode()
+    if varies not in _KINDS:
+        first = first.replace("the parameter", varies)
+    return Plan(f"{first.strip()}\n{planned.rest.strip()}")
 
 
 def check_departure(leave: object) -> None:

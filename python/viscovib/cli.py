@@ -77,7 +77,7 @@ def _run(options: argparse.Namespace) -> int:
     result = _compute(options, scene)
     assert not isinstance(result.value, xr.Dataset)
     table = options.out / f"{options.scene.stem}_{result.kind}.csv"
-    result.value.to_csv(table)
+    result.to_csv(table)
     if result.spectrum is not None:
         result.spectrum.to_csv(options.out / f"{options.scene.stem}_spectrum.csv")
     _picture(options, result)

@@ -17,6 +17,7 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.files import whole_file
 from viscovib.pendulum import Pendulum
+from viscovib.plan import Plan
 from viscovib.response import OUTCOMES
 from viscovib.stability import STILL, check_duration, floquet
 from viscovib.torus import (
@@ -36,6 +37,7 @@ from viscovib.torus import (
     tail,
     unknowns,
 )
+from viscovib.torus_plan import torus_plan
 
 _DOFS = Pendulum.dof_names
 #: Numbers of a result at most: 400 MB.
@@ -77,6 +79,8 @@ class DrivenResponse:
         unknown.
     stable : ndarray of bool, shape (n,), or None
         Whether all of them decay. False too where no solution was found or the rates are unknown.
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     varies: str | None
@@ -90,6 +94,7 @@ class DrivenResponse:
     multipliers: ComplexArray | None
     growth: FloatArray | None
     stable: npt.NDArray[np.bool_] | None
+    plan: Plan
     dof_names: tuple[str, ...] = _DOFS
     dof_units: tuple[str, ...] = ("1", "rad", "rad")
 
@@ -173,7 +178,7 @@ class DrivenResponse:
         return xr.Dataset(
             data,
             coords={"dof": list(_DOFS), "axis": list(self.axes)},
-            attrs={"varies": self.varies or ""},
+            attrs={"varies": self.varies or "", "plan": str(self.plan)},
         )
 
     def to_csv(self, path: str | Path) -> None:
@@ -184,7 +189,7 @@ class DrivenResponse:
         if self.stable is not None:
             columns["stable"] = self.stable.astype(int)
         write_table(
-            path, columns, self.coefficients, self.orders,
+            path, columns, self.coefficients, self.orders, self.plan,
             f"parameter: {self.varies or self.axes[0]}; nan where no solution was found",
         )  # fmt: skip
 
@@ -194,6 +199,7 @@ def write_table(
     columns: dict[str, Any],
     coefficients: ComplexArray,
     orders: IntArray,
+    plan: Plan,
     *comments: str,
 ) -> None:
     """Write columns, then real and imaginary part of each coefficient."""
@@ -202,7 +208,7 @@ def write_table(
             columns[f"{name}_{order_name(order)}_re"] = coefficients[:, d, j].real
             columns[f"{name}_{order_name(order)}_im"] = coefficients[:, d, j].imag
     with whole_file(path) as file:
-        file.write(f"# viscovib {version('viscovib')}\n")
+        file.write(f"# viscovib {version('viscovib')}\n{plan.comments()}")
         for comment in comments:
             file.write(f"# {comment}\n")
         file.write("# q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)\n")
@@ -392,7 +398,12 @@ def _solve(
         multipliers=multipliers,
         stable=stable,
         growth=growth,
-    )
+        plan=torus_plan(
+            f"computes: steady motions at {rows.size} values of {varies or torus.names[0]}",
+            pend, torus, kept, varies,
+            "not asked for" if not duration else "multipliers" if torus.n_axes == 1 else "rates",
+        ),
+    )  # fmt: skip
 
 
 def check_size(name: str, points: int, unknowns_each: int) -> None:

@@ -22,6 +22,7 @@ from viscovib.branch import (
 from viscovib.driven import check_size, write_table
 from viscovib.errors import InputError
 from viscovib.pendulum import Pendulum
+from viscovib.plan import Plan
 from viscovib.stability import STILL, check_duration, crossings_along, floquet
 from viscovib.torus import (
     FREQUENCIES,
@@ -37,6 +38,7 @@ from viscovib.torus import (
     place_of,
     tail,
 )
+from viscovib.torus_plan import torus_plan
 
 #: Highest orders kept by default, for one, two and three base frequencies.
 _HARMONICS = {1: 15, 2: 6, 3: 4}
@@ -73,6 +75,8 @@ class DrivenBranch(Curve):
     outcome : str
         As in `Branch`, or "unphysical": the motion reaches z = -1; "closed": back at the first
         point.
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     varies: str
@@ -90,6 +94,7 @@ class DrivenBranch(Curve):
     crossings: tuple[Crossing, ...]
     outcome: str
     iterations: IntArray
+    plan: Plan
     dof_names: tuple[str, ...] = Pendulum.dof_names
     dof_units: tuple[str, ...] = ("1", "rad", "rad")
 
@@ -139,6 +144,7 @@ class DrivenBranch(Curve):
                 "outcome": self.outcome,
                 "folds": self.folds,
                 "branch_points": [point.parameter for point in self.branch_points],
+                "plan": str(self.plan),
             },
         )
 
@@ -151,7 +157,7 @@ class DrivenBranch(Curve):
         folds = ", ".join(f"{x:.15g}" for x in self.folds)
         points = ", ".join(f"{point.parameter:.15g}" for point in self.branch_points)
         write_table(
-            path, columns, self.coefficients, self.orders,
+            path, columns, self.coefficients, self.orders, self.plan,
             f"parameter: {self.varies}; branch {self.outcome}", f"folds at {folds}",
             f"branch points at {points}",
         )  # fmt: skip
@@ -314,4 +320,11 @@ def trace_pendulum(
         crossings=crossings,
         outcome=OUTCOMES[ended],
         iterations=iterations[:n_points].copy(),
-    )
+        plan=torus_plan(
+            f"computes: the branch from {varies} = {start:g} to {finish:g}",
+            pend, torus, kept, varies,
+            "rates" if torus.n_axes > 1 and span else "multipliers" if span
+            else "not asked for" if torus.n_axes == 1 or not stability
+            else "of quasi-periodic motions, only over a duration",
+        ),
+    )  # fmt: skip

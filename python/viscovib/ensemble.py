@@ -16,6 +16,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
 from viscovib.pendulum import PARAMETERS, Pendulum
+from viscovib.plan import Plan
 from viscovib.runs import hopeless
 from viscovib.trajectory import OUTCOMES
 from viscovib.transient import EXPLICIT, checked_state, first_steps
@@ -56,6 +57,8 @@ class Ensemble:
     parameters : mapping
         What varies, each an array of shape (n,).
     system : Pendulum
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     t_end: FloatArray
@@ -73,6 +76,7 @@ class Ensemble:
     method: str
     parameters: Mapping[str, FloatArray]
     system: Pendulum
+    plan: Plan
 
     def to_dataset(self) -> xr.Dataset:
         """Everything that was gathered, over the runs."""
@@ -93,7 +97,9 @@ class Ensemble:
             data["lyapunov"] = ("run", self.lyapunov)
         coordinates: dict[str, Any] = {"quantity": names, "dof": list(self.system.dof_names)}
         coordinates |= {name: ("run", values) for name, values in self.parameters.items()}
-        return xr.Dataset(data, coords=coordinates, attrs={"method": self.method})
+        return xr.Dataset(
+            data, coords=coordinates, attrs={"method": self.method, "plan": str(self.plan)}
+        )
 
 
 def simulate_ensemble(
@@ -201,7 +207,26 @@ def simulate_ensemble(
         method=next(name for name, number in EXPLICIT.items() if number == place),
         parameters=varied,
         system=system,
+        plan=_plan(job, n, wanted if dt == "auto" else None, sections is not None),
     )
+
+
+def _plan(job: "_Job", n_steps: int, sought: float | None, sections: bool) -> Plan:
+    n = job.states.shape[0]
+    lines = [f"computes: {n} motions of {n_steps} steps, {_LANES} side by side"]
+    if sought is None:
+        lines.append("skips: estimate of the error (the step is given)")
+    else:
+        lines.append(f"computes: the step, halved until last states change by at most {sought:g}")
+    lines.append("skips: storing states on the way (an ensemble keeps what is gathered)")
+    for wanted, what in (
+        (job.statistics, "peaks, means and rms"),
+        (job.lines.size > 0, f"amplitudes at {job.lines.size or 'any'} frequencies"),
+        (sections, "sections"),
+        (job.lyapunov, "Lyapunov exponents"),
+    ):
+        lines.append(f"computes: {what}" if wanted else f"skips: {what} (not asked for)")
+    return Plan("\n".join(lines))
 
 
 def _explicit(method: str) -> str:

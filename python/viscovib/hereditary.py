@@ -51,6 +51,9 @@ class MountMotion:
     before: FloatArray
     moved: FloatArray
     memory: str
+    #: Which coordinates move at all, and the load as given.
+    moves: npt.NDArray[np.int32]
+    series: tuple[npt.NDArray[np.int32], ComplexArray]
 
     @classmethod
     def checked(
@@ -87,10 +90,13 @@ class MountMotion:
         _warn_of_slow_mode(mount)
         motion = cls(
             mount, end, state, name, frequencies, amplitudes, waves, breaks, pieces, first, before,
-            moved, memory,
+            moved, memory, np.ones(n, dtype=np.int32), load_series(load, base, n),
         )  # fmt: skip
         # The core works on coordinates relative to the base.
-        return replace(motion, state=state - motion.base_state(np.zeros(1))[0])
+        state = state - motion.base_state(np.zeros(1))[0]
+        driven = (amplitudes != 0).any(axis=1) | (moved != 0).any(axis=1)
+        driven |= pieces.any(axis=(1, 2)) | state.reshape(n, 2).any(axis=1)
+        return replace(motion, state=state, moves=moving(mount, driven))
 
     def base_state(self, t: FloatArray) -> FloatArray:
         """Motion of the base as states of the body, shape (n, 2 n_dof)."""
@@ -140,6 +146,16 @@ class _MountRun(Run):
             return run
         return replace(run, state=run.state + self.motion.base_state(run.t))
 
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
+        motion, mount = self.motion, self.motion.mount
+        state = motion.state + motion.base_state(np.zeros(1))[0]
+        text: bytes = _native.call(
+            core.hereditary_plan, mount._flat, *mount._kernels, *motion.series, state, motion.held,
+            end, dt, tolerance, tuple(reversed(NODES)).index(self.method) + 1,
+            2 if self.past == "exponentials" else 3, every, int(last),
+        )[0]  # fmt: skip
+        return text
+
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         if (self.done + count) * self.h > _REACH * self.motion.end * (1 + 1e-9):
             raise InputError(
@@ -176,6 +192,7 @@ class _MountRun(Run):
             motion.held,
             motion.before,
             motion.moved,
+            motion.moves,
             self.state,
             self.h,
             _REACH * motion.end,
@@ -217,6 +234,16 @@ class _MountRun(Run):
                 "sum_of_exponentials"
             )
         self._keep_all()
+
+
+def moving(system: Oscillator, driven: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
+    """Return 1 for coordinates driven or coupled to one that is, else 0, shape (n_dof,)."""
+    moves = driven.astype(np.int32)
+    if driven.all():
+        return moves
+    return np.asarray(
+        _native.call(core.moving_coordinates, system._flat, *system._kernels, moves)[0]
+    )
 
 
 def _history(held: npt.ArrayLike | Past | None, n: int) -> tuple[FloatArray, FloatArray]:

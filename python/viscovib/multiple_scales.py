@@ -14,6 +14,7 @@ from viscovib.cubic_system import CubicSystem
 from viscovib.errors import InputError, RangeWarning
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
+from viscovib.plan import Plan
 from viscovib.scales_results import (
     LEAST_FALL,
     Modulation,
@@ -230,6 +231,7 @@ class MultipleScales:
             mode_shapes=self.mode_shapes,
             dof_names=self._names,
             _errors=partial(self._motion_errors, modulation),
+            plan=modulation.plan,
         )
         ratio = falling(sizes)
         if ratio.size and ratio.max() > LEAST_FALL:
@@ -294,6 +296,10 @@ class MultipleScales:
             order_sizes=sizes.T[kept].copy(),
             dof_names=self._names,
             _errors=partial(self._steady_errors, load, vary, where),
+            plan=self._plan(
+                f"computes: steady motions to third order at {where.size} values of {parameter} "
+                f"from {where[0]:g} to {where[-1]:g}, with stability"
+            ),
         )
 
     def _steady_errors(
@@ -321,6 +327,21 @@ class MultipleScales:
         shifts = [x.coefficient for x in self.terms if (x.mode, x.factors) == (j, (f"a{j + 1}",))]
         at_rest = self.frequencies[j] + sum(shifts).imag
         return np.asarray(at_rest + self.interaction[j, j] * b**2)
+
+    def _plan(self, first: str) -> Plan:
+        """Return a plan that begins with this line."""
+        n_loads, quadratic, cubic = (int(self._packed[i]) for i in (4, 5, 6))
+        lines = [first, f"computes: {len(self.terms)} terms of the modulation equations"]
+        if not quadratic:
+            lines.append("skips: terms of second order (no quadratic terms)")
+        if not cubic:
+            lines.append("skips: cubic terms (there are none)")
+        silent = n_loads - int(np.any(self._loads != 0, axis=0).sum())
+        if silent:
+            lines.append(f"skips: {silent} of {n_loads} loads (amplitude 0)")
+        if not isinstance(self.system, Mount) or not self.system._active_kernels:
+            lines.append("skips: kernel transforms (no memory)")
+        return Plan("\n".join(lines))
 
     @property
     def _drives(self) -> FloatArray:
@@ -385,6 +406,7 @@ class MultipleScales:
             initial=2 * first,
             steps=int(steps),
             outcome=_OUTCOMES[outcome],
+            plan=self._plan(f"computes: amplitudes in time, {times.size} times to {times[-1]:g}"),
         )
         states = np.ascontiguousarray(motion.transpose(2, 0, 1)[kept].reshape(-1, 2 * n))
         return modulation, states, np.ascontiguousarray(sizes.T[kept])

@@ -3,7 +3,7 @@
 import csv
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
@@ -22,6 +22,7 @@ from viscovib.files import whole_file
 from viscovib.load import LoadLike, load_series
 from viscovib.motion_stability import Stability, codes_of
 from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.plan import Plan, wanted_places
 
 METHODS = ("linear", "successive", "newton")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow"])
@@ -66,7 +67,7 @@ class Response:
         Factor by which the last corrections shrank in an iteration.
     method : str
         The method that ran.
-    plan : str
+    plan : Plan
         What was computed, what was skipped and why.
     stable : ndarray of bool, shape (n,), or None
         Whether each motion is stable; None: not asked for. Where that is unknown, or no solution
@@ -82,7 +83,7 @@ class Response:
     iterations: npt.NDArray[np.int32]
     rate: FloatArray
     method: str
-    plan: str
+    plan: Plan
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
     _history: Callable[[], FloatArray] = field(repr=False)
@@ -180,7 +181,7 @@ class Response:
                 "unit": ("dof", list(self.dof_units)),
                 "harmonic": ("harmonic", self.harmonics),
             },
-            attrs={"method": self.method, "plan": self.plan},
+            attrs={"method": self.method, "plan": str(self.plan)},
         ).assign(self._judged())
 
     def _judged(self) -> dict[str, Any]:
@@ -193,8 +194,12 @@ class Response:
             "exponents": (("nu", "multiplier"), self.exponents),
         }
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write the table that the standalone driver writes: one row a frequency."""
+    def to_csv(self, path: str | Path, *, coordinates: Sequence[str] | None = None) -> None:
+        """Write the table that the standalone driver writes: one row a frequency.
+
+        ``coordinates``: names of those wanted; all by default.
+        """
+        wanted = wanted_places(coordinates, self.dof_names)
         columns: dict[str, Any] = {
             "nu": self.nu,
             "outcome": self.outcome,
@@ -203,18 +208,22 @@ class Response:
         }
         if self.stable is not None:
             columns["stable"] = codes_of(self.stable)
-        for d, name in enumerate(self.dof_names):
+        for d in wanted:
+            name = self.dof_names[d]
             for j, k in enumerate(self.harmonics):
                 columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real
                 columns[f"{name}_{k}_im"] = self.coefficients[:, d, j].imag
         units = ", ".join(
-            f"{name}_k_re, {name}_k_im: X_k of {name} ({unit})"
-            for name, unit in zip(self.dof_names, self.dof_units, strict=True)
+            f"{self.dof_names[d]}_k_re, {self.dof_names[d]}_k_im: X_k of {self.dof_names[d]} "
+            f"({self.dof_units[d]})"
+            for d in wanted
         )
         with whole_file(path) as file:
-            file.write(f"# viscovib {version('viscovib')}\n# nu: circular frequency of the load ")
-            file.write("(rad/s); rate: factor between the last corrections; ")
-            file.write("u = Im sum_k X_k exp(i k nu t),\n")
+            file.write(f"# viscovib {version('viscovib')}\n{self.plan.comments()}")
+            file.write("# nu: circular frequency of the load (rad/s); ")
+            file.write(
+                "rate: factor between the last corrections; u = Im sum_k X_k exp(i k nu t),\n"
+            )
             if self.stable is not None:
                 file.write("# stable: 1: stable, 0: not, -1: unknown\n")
             file.write(f"# {units}; nan where no solution was found\n")
@@ -366,7 +375,7 @@ def forced_response(
         iterations=iterations,
         rate=_joined(parts, 3),
         method=planned.method,
-        plan=planned.text,
+        plan=planned.plan,
         dof_names=mount.dof_names,
         dof_units=mount.dof_units,
         _history=history,
@@ -425,18 +434,20 @@ def plan_response(
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
     stability: bool = False,
-) -> str:
+) -> Plan:
     """Say what `forced_response` would compute and skip, and why; same arguments."""
     return _prepare(
         mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
         bool(stability),
-    )[3].text  # fmt: skip
+    )[3].plan  # fmt: skip
 
 
 class _Plan(NamedTuple):
     orders: npt.NDArray[np.int32]
     method: str
-    text: str
+    plan: Plan
+    #: Lines that hold for a branch too.
+    rest: str
 
 
 def _prepare(
@@ -450,8 +461,13 @@ def _prepare(
     max_iterations: int,
     relaxation: float | str,
     stability: bool = False,
+    *,
+    keep_idle: bool = False,
 ) -> tuple[tuple[Any, ...], FloatArray, tuple[Any, ...], _Plan]:
-    """Check everything and bring it into the form of the core."""
+    """Check everything and bring it into the form of the core.
+
+    ``keep_idle``: take along coordinates that nothing moves.
+    """
     check_oscillator(mount, base)
     frequencies = _native.real_array("nu", nu)
     if frequencies.ndim > 1:
@@ -478,11 +494,11 @@ def _prepare(
         _native.integer("max_iterations", max_iterations, 1, _MAX_ITERATIONS),
         fraction,
     )
-    n_kept, kept, _, _, ran, text = _native.call(
-        core.mount_plan, *job, frequencies, *options, 0, int(stability)
+    n_kept, kept, _, _, ran, text, rest = _native.call(
+        core.mount_plan, *job, frequencies, *options, 0, int(stability), int(keep_idle)
     )
-    orders = kept[:n_kept].copy()
-    return job, frequencies, options, _Plan(orders, METHODS[ran - 1], text.decode().strip())
+    planned = _Plan(kept[:n_kept].copy(), METHODS[ran - 1], Plan(text.decode()), rest.decode())
+    return job, frequencies, options, planned
 
 
 def _joined(parts: list[tuple[Any, ...]], index: int) -> npt.NDArray[Any]:

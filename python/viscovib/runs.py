@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
+from viscovib.plan import Plan
 from viscovib.trajectory import OUTCOMES, Trajectory
 
 MAX_STEPS = 10**12
@@ -87,7 +89,8 @@ def by_tolerance(make: Callable[[int, int], Trajectory], n: int, wanted: float) 
     ``make(steps, factor)`` makes a run of so many steps that keeps the states of one with
     ``steps / factor``.
     """
-    factor, coarse = 1, make(n, 1)
+    first = make(n, 1)
+    factor, coarse = 1, first
     changes: list[float] = []
     while not hopeless(changes):
         factor *= 2
@@ -96,7 +99,7 @@ def by_tolerance(make: Callable[[int, int], Trajectory], n: int, wanted: float) 
         if "completed" == coarse.outcome == fine.outcome:
             change = difference(coarse, fine)
             if change <= wanted:
-                return replace(fine, error=change)
+                return replace(fine, error=change, _planned=partial(first._planned, wanted))
         elif coarse.outcome == fine.outcome == "unphysical":
             return fine
         changes.append(change)
@@ -152,12 +155,32 @@ class Run(ABC):
     ) -> None:
         self.system, self.method, self.state, self.h = system, method, state, h
         self.solved = solved
+        self.begin = state
         self.done = 0
         self.memory: FloatArray | None = None
 
     @abstractmethod
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         """Make ``count`` steps from the present state."""
+
+    @abstractmethod
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
+        """Return the core's words about a run to ``end`` in steps dt, 0 if they are sought."""
+
+    def plan(self, want: Wanted, end: float, sought: float | None = None) -> Plan:
+        """Say what a run to ``end`` computes; ``sought``: the tolerance by which its step was."""
+        dt = self.h if sought is None else 0.0
+        every, last = min(want.every, np.iinfo(np.int32).max), want.keep == "last"
+        plan = Plan(self._plan(end, dt, sought or self.solved, every, last).decode())
+        if want.times is not None:
+            return plan.and_also(
+                [f"skips: storing states but at {want.times.size} times (not asked for)"]
+            )
+        if want.keep == "tail":
+            return plan.and_also(
+                [f"skips: storing states before the last {want.tail:g} (not asked for)"]
+            )
+        return plan
 
     @property
     def time(self) -> float:
@@ -208,6 +231,7 @@ class Run(ABC):
             stats={"steps": self.done, **counts},
             system=self.system,
             _resume=self,
+            _planned=partial(self.plan, want, (start + n) * self.h),
         )
 
     def _advance(

@@ -16,6 +16,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.files import whole_file
+from viscovib.plan import Plan
 
 #: Growth below this part of the frequency counts as none.
 _NEUTRAL = 1e-9
@@ -82,6 +83,8 @@ class Modulation:
         Steps of the integration.
     outcome : str
         "complete", "overflow" (beyond all range), "step limit" or "cancelled".
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     t: FloatArray
@@ -90,6 +93,7 @@ class Modulation:
     initial: ComplexArray
     steps: int
     outcome: str
+    plan: Plan
 
     @property
     def amplitude(self) -> FloatArray:
@@ -116,6 +120,8 @@ class ScalesMotion:
         What the terms of first, second and third order can add up to.
     mode_shapes : ndarray, shape (n_dof, n_modes)
         As of `MultipleScales`.
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     t: FloatArray
@@ -124,6 +130,7 @@ class ScalesMotion:
     order_sizes: FloatArray
     mode_shapes: npt.NDArray[Any]
     dof_names: tuple[str, ...]
+    plan: Plan
     _errors: Callable[[], FloatArray] = field(repr=False)
 
     @cached_property
@@ -159,6 +166,7 @@ class ScalesMotion:
                 "in_range": ("t", self.in_range),
             },
             coords={"t": self.t, "component": names, "order": [1, 2, 3]},
+            attrs={"plan": str(self.plan)},
         )
 
 
@@ -183,6 +191,8 @@ class ScalesResponse:
         third order included.
     order_sizes : ndarray, shape (n, 3)
         What the terms of each order can add up to.
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     parameter: str
@@ -194,6 +204,7 @@ class ScalesResponse:
     harmonics: ComplexArray
     order_sizes: FloatArray
     dof_names: tuple[str, ...]
+    plan: Plan
     _errors: Callable[[], tuple[FloatArray, FloatArray]] = field(repr=False)
 
     @cached_property
@@ -279,6 +290,7 @@ class ScalesResponse:
                 "in_range": ("point", self.in_range),
             },
             coords={"dof": list(self.dof_names)},
+            attrs={"plan": str(self.plan)},
         )
 
     def to_csv(self, path: str | Path) -> None:
@@ -295,6 +307,7 @@ class ScalesResponse:
         columns["error_estimate"] = self.error_estimate
         with whole_file(path) as file:
             file.write(f"# viscovib {version('viscovib')}, multiple scales\n")
+            file.write(self.plan.comments())
             file.write(f"# first harmonic of u = Re X exp(i p t) along {self.parameter}\n")
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)

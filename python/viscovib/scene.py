@@ -32,13 +32,14 @@ from viscovib.mount import Mount
 from viscovib.multiple_scales import MultipleScales
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
+from viscovib.plan import Plan, wanted_places
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
-from viscovib.response import Response, _prepare, forced_response, plan_response
+from viscovib.response import Response, forced_response
 from viscovib.scales_results import ScalesResponse
 from viscovib.scene_keys import namelist_text, with_key
 from viscovib.spectrum import Spectrum, spectrum
 from viscovib.trajectory import Trajectory
-from viscovib.transient import METHODS, simulate
+from viscovib.transient import simulate
 
 _KERNELS: dict[str, type[Kernel]] = {
     "rzhanitsyn": RzhanitsynKernel,
@@ -247,6 +248,7 @@ class Scene:
             "tolerance": group["tolerance"] or None,
             "method": group["method"],
             "save_every": group["save_every"],
+            "keep": group["keep"],
         }
 
     @property
@@ -317,6 +319,21 @@ class SceneResult:
         return "response" if isinstance(self.value, Response) else "transient"
 
     @property
+    def plan(self) -> Plan:
+        """What was computed, what was skipped and why."""
+        return plan(self.scene)
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the table, of the coordinates that the scene wants."""
+        if isinstance(self.value, xr.Dataset):
+            raise InputError("to_csv: is for single results, a sweep has points")
+        if isinstance(self.value, ScalesResponse):
+            self.value.to_csv(os.fspath(path))
+            return
+        group = self.scene.groups[self.kind]
+        self.value.to_csv(os.fspath(path), coordinates=_texts(group["coordinates"]))
+
+    @property
     def response(self) -> Response:
         """The response of a mount."""
         if not isinstance(self.value, Response):
@@ -359,14 +376,16 @@ def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> Sce
         from viscovib.sweep import sweep
 
         return SceneResult(read, sweep(read, progress=progress, extract="summary"))
+    planned = plan(read)
     if "multiple_scales" in read.groups:
-        return SceneResult(read, read._steady())
+        return SceneResult(read, replace(read._steady(), plan=planned))
     if "transient" in read.groups:
-        run = simulate(**read._motion(), progress=progress)
+        run = replace(simulate(**read._motion(), progress=progress), _planned=lambda: planned)
         return SceneResult(read, run, _spectrum(read, run))
     if "branch" in read.groups:
-        return SceneResult(read, trace_response(**read._branch()))
-    return SceneResult(read, forced_response(**read._job(), progress=progress))
+        return SceneResult(read, replace(trace_response(**read._branch()), plan=planned))
+    response = forced_response(**read._job(), progress=progress)
+    return SceneResult(read, replace(response, plan=planned))
 
 
 def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
@@ -376,55 +395,29 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
         return None
     kept = run.t >= group["discard"] * (1 - 1e-12)
     step = float(run.t[min(1, run.t.size - 1)])
-    return spectrum(run.state[kept, ::2], step, window=group["window"], names=run.dof_names)
+    wanted = wanted_places(_texts(group["coordinates"]), run.dof_names)
+    found = spectrum(
+        run.state[kept][:, [2 * d for d in wanted]],
+        step,
+        window=group["window"],
+        names=tuple(run.dof_names[d] for d in wanted),
+    )
+    return replace(found, plan=run.plan)
 
 
-def plan(scene: Scene | str | os.PathLike[str]) -> str:
+def plan(scene: Scene | str | os.PathLike[str]) -> Plan:
     """Say what a scene will compute and what is skipped, with the reasons."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
     if read.groups["sweep"]:
         return _plan_sweep(read)
-    if "branch" in read.groups:
-        return _plan_branch(read)
-    if "transient" not in read.groups and "multiple_scales" not in read.groups:
-        return plan_response(**read._job())
-    if "multiple_scales" in read.groups or read._has_memory:
-        return _read(core.scene_plan, f"{read.path}".encode(), read.canonical.encode())
-    group = read._group("transient")
-    text: bytes = core.transient_plan(
-        group["initial"],
-        group["t_end"],
-        group["dt"],
-        group["tolerance"],
-        METHODS[group["method"]],
-        group["save_every"],
-    )
-    lines = text.decode().strip()
-    if "spectrum" not in read.groups:
-        return f"{lines}\nskips: spectra (not asked for)\n"
-    return (
-        f"{lines}\ncomputes: spectra of {', '.join(read._names())}, window "
-        f"{read.groups['spectrum']['window']}\n"
-    )
+    return Plan(_read(core.scene_plan, f"{read.path}".encode(), read.canonical.encode()))
 
 
-def _plan_sweep(scene: Scene) -> str:
+def _plan_sweep(scene: Scene) -> Plan:
     grid = scene.sweep_grid()
     axes = [f"{name} ({v.size} values {v[0]:g} to {v[-1]:g})" for name, v in grid.items()]
     points = math.prod(v.size for v in grid.values())
-    return f"sweeps: {' x '.join(axes)} = {points} points, each:\n{plan(scene.override({}))}"
-
-
-def _plan_branch(scene: Scene) -> str:
-    group, loads = scene.groups["branch"], scene.loads()
-    planned = _prepare(
-        scene.oscillator(), [group["nu_from"]], loads["load"], loads["base"], "newton",
-        group["harmonics"], group["tolerance"], 100, 1.0,
-    )[3]  # fmt: skip
-    text: bytes = core.branch_plan(
-        group["nu_from"], group["nu_to"], planned.orders.size, int(group["stability"] == "yes")
-    )
-    return text.decode().strip() + "\n"
+    return Plan(f"sweeps: {' x '.join(axes)} = {points} points, each:\n{plan(scene.override({}))}")
 
 
 def _canonical(path: str | os.PathLike[str]) -> str:

@@ -16,6 +16,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
 from viscovib.files import whole_file
+from viscovib.plan import Plan
 
 WINDOWS = ("rectangular", "hann", "blackman_harris", "flat_top")
 
@@ -45,6 +46,8 @@ class Spectrum:
         Sampling step.
     names : tuple of str
         A name for each signal.
+    plan : Plan
+        What was computed, what was skipped and why.
     """
 
     omega: FloatArray
@@ -53,6 +56,7 @@ class Spectrum:
     noise_bandwidth: float
     dt: float
     names: tuple[str, ...]
+    plan: Plan
 
     @property
     def amplitude(self) -> FloatArray:
@@ -70,7 +74,12 @@ class Spectrum:
         return xr.Dataset(
             {"amplitude": (dimensions, self.amplitude), "phase": (dimensions, self.phase)},
             coords={"omega": self.omega},
-            attrs={"window": self.window, "noise_bandwidth": self.noise_bandwidth, "dt": self.dt},
+            attrs={
+                "window": self.window,
+                "noise_bandwidth": self.noise_bandwidth,
+                "dt": self.dt,
+                "plan": str(self.plan),
+            },
         )
 
     def to_csv(self, path: str | Path) -> None:
@@ -78,7 +87,7 @@ class Spectrum:
         columns = self.coefficients.reshape(self.omega.size, -1)
         names = [f"{name}_{kind}" for name in self.names for kind in ("amplitude", "phase")]
         with whole_file(path) as file:
-            file.write(f"# viscovib {version('viscovib')}\n")
+            file.write(f"# viscovib {version('viscovib')}\n{self.plan.comments()}")
             file.write(f"# window {self.window}; omega in rad per unit of time, phases in rad at ")
             file.write("the first sample\n")
             writer = csv.writer(file, lineterminator="\n")
@@ -166,6 +175,11 @@ def spectrum(
         noise_bandwidth=float(bandwidth),
         dt=step,
         names=tuple(names),
+        plan=Plan(
+            f"computes: spectra of {', '.join(names)}, {n} samples, window {window}\n"
+            "skips: negative frequencies (signals are real)"
+            + ("\nskips: the window (fewer than 10 samples)" if n < 10 else "")
+        ),
     )
 
 

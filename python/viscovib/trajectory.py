@@ -1,7 +1,9 @@
 """A motion in time, however it was integrated."""
 
 import csv
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
+from viscovib.plan import Plan, wanted_places
 from viscovib.polynomial_system import PolynomialSystem
 
 OUTCOMES = ("completed", "diverged", "unphysical")
@@ -62,7 +65,13 @@ class Trajectory:
     stats: dict[str, int]
     system: Pendulum | Mount | PolynomialSystem
     _resume: Any = field(repr=False)
+    _planned: Callable[..., Plan] = field(repr=False)
     resolution: float | None = None
+
+    @cached_property
+    def plan(self) -> Plan:
+        """What was computed, what was skipped and why."""
+        return self._planned()
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -117,20 +126,30 @@ class Trajectory:
             at, dot = self.state[:, 2 * d] * size, self.state[:, 2 * d + 1] * (size / time)
             variables[name] = ("t", at, {"units": units[d]})
             variables[f"{name}_dot"] = ("t", dot, {"units": rates[d]})
-        attributes = {"outcome": self.outcome, "dt": self.dt * time, "method": self.method}
+        attributes = {
+            "outcome": self.outcome,
+            "dt": self.dt * time,
+            "method": self.method,
+            "plan": str(self.plan),
+        }
         if self.error is not None:
             attributes["error"] = self.error
         coordinates = {"t": ("t", self.t * time, {"units": time_unit})}
         return xr.Dataset(variables, coords=coordinates, attrs=attributes)
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write the table that the standalone driver writes: one row a time."""
-        names = [f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot")]
+    def to_csv(self, path: str | Path, *, coordinates: Sequence[str] | None = None) -> None:
+        """Write the table that the standalone driver writes: one row a time.
+
+        ``coordinates``: names of those wanted; all by default.
+        """
+        wanted = wanted_places(coordinates, self.dof_names)
+        names = [f"{self.dof_names[d]}{dot}" for d in wanted for dot in ("", "_dot")]
+        state = self.state[:, [2 * d + i for d in wanted for i in (0, 1)]]
         with whole_file(path) as file:
-            file.write(f"# viscovib {version('viscovib')}\n")
+            file.write(f"# viscovib {version('viscovib')}\n{self.plan.comments()}")
             file.write(f"# method {self.method}, step {self.dt:.17g}, {self.outcome}\n")
             file.write(f"# {self.system.unit_note}\n")
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["t", *names])
-            for t, row in zip(self.t, self.state, strict=True):
+            for t, row in zip(self.t, state, strict=True):
                 writer.writerow([f"{value:.16e}" for value in (t, *row)])

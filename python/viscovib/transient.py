@@ -12,7 +12,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError
-from viscovib.hereditary import MountMotion
+from viscovib.hereditary import MountMotion, moving
 from viscovib.load import LoadLike, load_series
 from viscovib.load_table import LoadTable
 from viscovib.mount import Mount
@@ -202,7 +202,14 @@ def simulate(
             stacklevel=2,
         )
     if estimated:
-        return replace(result, error=difference(result, run(2 * n, 2)))
+        fine = run(2 * n, 2)
+        return replace(
+            result,
+            error=difference(result, fine),
+            _planned=lambda: result.plan.instead(
+                "estimate of the error", "computes: estimate of the error, by a run in half steps"
+            ),
+        )
     return result
 
 
@@ -286,7 +293,8 @@ def _polynomial_runs(
     name = "gauss8" if method == "auto" else method
     solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
     steps = max(1, math.ceil(end * max(system._fastest(), frequency) / (0.5 * math.pi)))
-    job = (system._flat, orders, series, frequency)
+    moves = moving(system, (series[:-1] != 0).any(axis=1) | (state.reshape(n, 2) != 0).any(axis=1))
+    job = (system._flat, orders, series, frequency, moves)
     return lambda h: _PolynomialRun(system, name, state, h, solved, job), steps
 
 
@@ -310,18 +318,26 @@ class _PolynomialRun(Run):
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""
-        _, orders, series, nu = self.job
+        _, orders, series, nu, _ = self.job
         v = state[:, 1::2]
         force = (np.exp(1j * nu * np.outer(t, orders)) @ series[:-1].T).imag
         return np.asarray(np.einsum("ta,ta->t", v, force - v @ self.system._damping.T))
+
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
+        text: bytes = _native.call(
+            core.polynomial_plan, *self.job[:3], self.begin, end, dt, tolerance,
+            METHODS[self.method], every, int(last),
+        )[0]  # fmt: skip
+        return text
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         resume = self.memory is not None
         return Piece(
             *_native.call(
                 core.polynomial_simulate,
-                *self.job,
+                *self.job[:-1],
                 METHODS[self.method],
+                self.job[-1],
                 self.state,
                 self.h,
                 self.solved,
@@ -346,6 +362,18 @@ class _PendulumRun(Run):
         """Power of loads and damping."""
         return self.system.power(t, state)
 
+    @property
+    def swings(self) -> int:
+        """Whether anything moves phi or psi; else the spring alone is integrated."""
+        return int(self.begin[2:].any() or self.system.m01 != 0 or self.system.m02 != 0)
+
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
+        text: bytes = _native.call(
+            core.pendulum_plan, self.system._flat, self.begin, end, dt, tolerance,
+            METHODS[self.method], every, int(last),
+        )[0]  # fmt: skip
+        return text
+
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         resume = self.memory is not None
         return Piece(
@@ -353,6 +381,7 @@ class _PendulumRun(Run):
                 core.pendulum_simulate,
                 self.system._flat,
                 METHODS[self.method],
+                self.swings,
                 self.state,
                 self.h,
                 self.solved,

@@ -41,7 +41,7 @@ def test_branches_of_driver_and_python_agree(solve, tmp_path):
     assert "2 folds" in done.stdout
     table = read_csv(tmp_path / "mount_branch_branch.csv")
     branch = vv.run(scene).branch
-    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
     if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
         assert (table["nu"] == branch.nu).all()
         for d, dof in enumerate(branch.dof_names):

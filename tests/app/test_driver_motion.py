@@ -27,7 +27,7 @@ def test_motions_of_driver_and_python_agree_to_the_last_bit(solve, tmp_path, cha
     assert done.returncode == 0, done.stderr
     table = read_csv(tmp_path / "motion_transient.csv")
     run = vv.run(scene).trajectory
-    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
     run.to_csv(tmp_path / "python.csv")
     again = read_csv(tmp_path / "python.csv")
     assert again.dtype.names == table.dtype.names
@@ -60,7 +60,7 @@ def test_motions_with_memory_agree(solve, tmp_path, group):
     assert (table["t"] == run.t).all()
     ours = np.stack([table[name] for name in table.dtype.names[1:]], axis=1)
     assert np.abs(ours - run.state).max() < 1e-13
-    assert vv.plan(scene).strip() == solve(scene, "--plan").stdout.strip()
+    assert str(vv.plan(scene)) == solve(scene, "--plan").stdout.strip()
     assert (result.spectrum is None) == ("&spectrum" not in group)
 
 
@@ -91,7 +91,7 @@ def test_spectra_of_driver_and_python_agree(solve, tmp_path):
     scene.write_text(MOTION + "&spectrum window='flat_top', discard=5 /\n")
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
-    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
     table = read_csv(tmp_path / "motion_spectrum.csv")
     spectrum = vv.run(scene).spectrum
     assert spectrum.coefficients.shape == (31, 3)

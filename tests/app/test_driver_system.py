@@ -86,7 +86,7 @@ def test_motion_of_a_system_of_ones_own(solve, tmp_path):
     assert table["b_dot"] == pytest.approx(run.coordinate("b_dot"), abs=1e-12)
     names = read_csv(tmp_path / "own_spectrum.csv").dtype.names
     assert {"a_amplitude", "b_amplitude"} <= set(names)
-    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
 
 
 def test_branch_of_a_system_of_ones_own(solve, tmp_path):
@@ -97,4 +97,4 @@ def test_branch_of_a_system_of_ones_own(solve, tmp_path):
     assert branch.folds.size == 2
     assert table["nu"] == pytest.approx(branch.nu, abs=1e-9)
     assert table["x_0_im"] == pytest.approx(branch.coefficients[:, 0, 0].imag, abs=1e-8)
-    assert "16 harmonics" in vv.plan(SCENES / "duffing_branch.nml")
+    assert "16 harmonics" in str(vv.plan(SCENES / "duffing_branch.nml"))

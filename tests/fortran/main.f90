@@ -16,6 +16,7 @@ program tester
   use test_response, only: run_response
   use test_scales, only: run_scales
   use test_scene, only: run_scene
+  use test_skips, only: run_skips
   use test_table, only: run_table
   use test_torus, only: run_torus
   use test_transient, only: run_transient
@@ -43,6 +44,7 @@ program tester
   if (wants('response')) call run_response()
   if (wants('scales')) call run_scales()
   if (wants('scene')) call run_scene()
+  if (wants('skips')) call run_skips()
   if (wants('table')) call run_table()
   if (wants('torus')) call run_torus()
   if (wants('transient')) call run_transient()

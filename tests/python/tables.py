@@ -10,3 +10,11 @@ def read_table(name):
     """Rows of a reference table as dictionaries, comment lines left out."""
     with open(DATA / name, encoding="utf-8", newline="") as file:
         return list(csv.DictReader(line for line in file if not line.startswith("#")))
+
+
+def lines_without_plan(path):
+    """Lines of a table but those of the plan."""
+    lines = path.read_text().splitlines()
+    kept = [line for line in lines if not line.startswith(("# computes: ", "# skips: "))]
+    assert len(kept) < len(lines)
+    return kept

@@ -296,7 +296,10 @@ def test_symmetry_breaks_in_a_strongly_driven_mount():
 def test_table_dataset_and_picture(tmp_path):
     branch = vv.trace_response(damped(), (0.5, 10), load=0.5)
     branch.to_csv(tmp_path / "branch.csv")
-    head = (tmp_path / "branch.csv").read_text().splitlines()[:4]
+    head = (tmp_path / "branch.csv").read_text().splitlines()
+    planned = str(branch.plan).splitlines()
+    assert [line.removeprefix("# ") for line in head[1 : len(planned) + 1]] == planned
+    head = head[len(planned) :]
     assert head[1].startswith("# folds at nu = 2.59318")
     assert head[3].startswith("nu,load_factor,stable,x_1_re")
     assert branch.to_dataset().coefficients.shape == branch.coefficients.shape

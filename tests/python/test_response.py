@@ -181,7 +181,10 @@ def test_dataset_and_csv_hold_the_same_numbers(mount, tmp_path):
     assert (data.amplitude.sel(dof="phi", harmonic=3).values == r.amplitude("phi", 3)).all()
     r.to_csv(tmp_path / "table.csv")
     lines = (tmp_path / "table.csv").read_text().splitlines()
-    table = np.genfromtxt(lines[3:], delimiter=",", names=True, dtype=None, encoding="utf-8")
+    planned = str(r.plan).splitlines()
+    assert [line.removeprefix("# ") for line in lines[1 : len(planned) + 1]] == planned
+    lines = [line for line in lines if not line.startswith("#")]
+    table = np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8")
     assert (table["x_1_re"] == r.coefficient("x").real).all()
     with pytest.raises(vv.FileError, match="cannot be written"):
         r.to_csv(tmp_path / "nowhere" / "table.csv")

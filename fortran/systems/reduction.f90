@@ -1,0 +1,95 @@
+!> Coordinates that nothing moves, and the system without them.
+!!
+!! Coordinates that act on each other, by mass, damping, springs or a product in a
+!! force, make up a group. A group in which no coordinate is driven stays at rest, and
+!! acts on no other: the equations of the others are complete without it.
+module viscovib_reduction
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: copy_kernels, oscillator_type
+  use viscovib_polynomial, only: monomial_type, polynomial_type
+  implicit none
+  private
+
+  public :: moved_coordinates, reduce, state_mask
+
+contains
+
+  !> The groups in which a coordinate is driven; all, if none is.
+  pure function moved_coordinates(system, driven) result(moved)
+    class(oscillator_type), intent(in) :: system
+    !> Shape (n_dof).
+    logical, intent(in) :: driven(:)
+    logical :: moved(size(driven)), coupled(size(driven), size(driven))
+    integer :: i, a
+
+    moved = driven .or. .not. any(driven)
+    if (all(moved)) return
+    coupled = system%coupling()
+    do i = 1, size(driven)
+      do a = 1, size(driven)
+        moved(a) = moved(a) .or. any(coupled(:, a) .and. moved)
+      end do
+    end do
+  end function moved_coordinates
+
+  !> The system of the coordinates kept: groups, not parts of one, as
+  !! `moved_coordinates` gives them.
+  subroutine reduce(system, kept, reduced)
+    class(oscillator_type), intent(in) :: system
+    !> Shape (n_dof).
+    logical, intent(in) :: kept(:)
+    type(polynomial_type), intent(out) :: reduced
+    integer :: place(size(kept)), variable(system%n_memory())
+    integer, allocatable :: dofs(:), variables(:)
+    integer :: i, n
+
+    dofs = pack([(i, i=1, size(kept))], kept)
+    place = 0
+    place(dofs) = [(i, i=1, size(dofs))]
+    variables = pack([(i, i=1, size(variable))], &
+                     [(any(abs(system%spread(dofs, i)) > 0.0_wp), i=1, size(variable))])
+    variable = 0
+    variable(variables) = [(i, i=1, size(variables))]
+    reduced%mass = system%mass(dofs, dofs)
+    reduced%damping = system%damping(dofs, dofs)
+    reduced%gather = system%gather(variables, dofs)
+    reduced%spread = system%spread(dofs, variables)
+    reduced%kernel_of = system%kernel_of(variables)
+    reduced%bent = system%bent(variables)
+    reduced%memory_scale = system%memory_scale
+    reduced%base_direction = system%base_direction(dofs)
+    call copy_kernels(system%kernels, reduced%kernels)
+    select type (system)
+    type is (polynomial_type)
+      allocate (reduced%monomials(count([(kept(system%monomials(i)%equation), &
+                                          i=1, size(system%monomials))])))
+      n = 0
+      do i = 1, size(system%monomials)
+        if (.not. kept(system%monomials(i)%equation)) cycle
+        n = n + 1
+        reduced%monomials(n) = system%monomials(i)
+      end do
+    class default
+      allocate (reduced%monomials(0))
+    end select
+    do i = 1, size(reduced%monomials)
+      associate (m => reduced%monomials(i))
+        m%equation = place(m%equation)
+        m%variable = variable(m%variable)
+        m%dof = place(m%dof)
+      end associate
+    end do
+    reduced%odd = all([(mod(sum(reduced%monomials(i)%power), 2) == 1, &
+                        i=1, size(reduced%monomials))])
+    reduced%degree = maxval([1, (sum(reduced%monomials(i)%power), i=1, size(reduced%monomials))])
+  end subroutine reduce
+
+  !> Whether entries of a state (u_1, u_1', u_2, ...) belong to coordinates that move.
+  pure function state_mask(moved) result(mask)
+    logical, intent(in) :: moved(:)
+    logical :: mask(2*size(moved))
+    mask(1::2) = moved
+    mask(2::2) = moved
+  end function state_mask
+
+end module viscovib_reduction
