@@ -1,37 +1,34 @@
 """Run the benchmarks, or some (--only); write tables (CSV, Markdown) and pictures.
 
 Times are medians, ratios are measured in one run: machines are noisy. Peers that are not installed
-are left out with a line; `./run bench --peers` installs them first.
+are left out with a line; `./run bench --peers` installs them first. Each part runs in a process of
+its own, which is ended at its time limit; the others then go on.
 """
 
 import argparse
-import csv
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import branch
 import combined
+import floors
 import kernel_transforms
 import memory
 import motion
+import multiple_scales
+import peaks
+import phases
 import response_curve
 import steady
 from combined import draw_methods
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from results import Part, keep, run_parts, write_csv
 from timing import machine, show_time, versions
 
-PARTS = ("kernels", "response", "branch", "steady", "motion", "memory")
 Row = dict[str, Any]
-
-
-def write_csv(path: Path, rows: list[Row]) -> None:
-    """Write rows with a head line about the machine."""
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        file.write(f"# {machine()}\n# {versions()}\n")
-        writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def draw_error_against_time(path: Path, rows: list[Row]) -> None:
@@ -99,7 +96,7 @@ def show_error(value: float) -> str:
     return "" if value != value else f"{value:.1e}"
 
 
-def of_kernels(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+def of_kernels(out: Path) -> Part:
     """Transforms of kernels."""
     rows = kernel_transforms.run()
     write_csv(out / "kernel_transforms.csv", rows)
@@ -110,7 +107,7 @@ def of_kernels(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     ], {}
 
 
-def of_response(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+def of_response(out: Path) -> Part:
     """Response curves of the mount."""
     rows, jobs = response_curve.run()
     write_csv(out / "error_against_time.csv", rows)
@@ -124,7 +121,7 @@ def of_response(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     ], {}
 
 
-def of_branch(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+def of_branch(out: Path) -> Part:
     """Branch of the mount through its folds, with the peers."""
     rows, others = branch.run()
     write_csv(out / "branch.csv", rows)
@@ -154,7 +151,7 @@ def of_branch(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     }
 
 
-def of_steady(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+def of_steady(out: Path) -> Part:
     """Steady motions of the pendulum."""
     rows = steady.run()
     write_csv(out / "steady.csv", rows)
@@ -165,7 +162,7 @@ def of_steady(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     ], {}
 
 
-def of_motion(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+def of_motion(out: Path) -> Part:
     """Motions of the pendulum, with the peers."""
     one, many = motion.run()
     write_csv(out / "motion.csv", one)
@@ -179,7 +176,7 @@ def of_motion(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     }
 
 
-def of_memory(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+def of_memory(out: Path) -> Part:
     """Motions with memory, with the peers."""
     rows, short, growth = memory.run()
     write_csv(out / "memory.csv", rows)
@@ -200,6 +197,98 @@ def of_memory(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     return lines, {"motion with memory to t = 100": rows, "motion with memory to t = 1": short}
 
 
+def of_scales(out: Path) -> Part:
+    """Multiple scales, with the peer."""
+    rows = multiple_scales.run()
+    theirs = multiple_scales.peer()
+    if theirs is None:
+        print("OSCILATE is not installed: left out")
+    else:
+        rows.append({"job": "OSCILATE, formulas for the two oscillators", "seconds": theirs})
+    write_csv(out / "multiple_scales.csv", rows)
+    lines = ["", "| multiple scales | time | times ours |", "| --- | --- | --- |"]
+    for row in rows:
+        peer = row["job"].startswith("OSCILATE")
+        ratio = f"{row['seconds'] / rows[-2]['seconds']:.0f}" if peer else ""
+        lines.append(f"| {row['job']} | {show_time(row['seconds'])} | {ratio} |")
+    return lines, {}
+
+
+def of_floors(out: Path) -> Part:
+    """How far every hot path is from its floor."""
+    rows, kernels = floors.run()
+    write_csv(out / "floors.csv", rows)
+    write_csv(out / "plain_kernels.csv", [{"kernel": k, "seconds": v} for k, v in kernels.items()])
+    lines = ["", "| path | what it needs | floor | reached | ratio |"]
+    lines += ["| --- | --- | --- | --- | --- |"]
+    lines += [
+        f"| {row['path']} | {row['needed']} | {show_time(row['floor'])} | "
+        f"{show_time(row['reached'])} | {row['ratio']:.1f} |"
+        for row in rows
+    ]
+    return [
+        *lines,
+        "",
+        f"A multiply-add of a register of eight takes {show_time(kernels['multiply_add'])} here, a "
+        f"quotient of eight {show_time(kernels['division'])}, sine and cosine of eight "
+        f"{show_time(kernels['sine_cosine'])}; a byte from or to memory "
+        f"{show_time(kernels['memory'])}.",
+    ], {}
+
+
+def of_phases(out: Path) -> Part:
+    """Where the time of a point goes, and how cost grows."""
+    costs, growth = phases.run()
+    write_csv(out / "growth.csv", growth)
+    lines = []
+    if costs:
+        write_csv(out / "phases.csv", costs)
+        lines += ["", "| one | takes | of that |", "| --- | --- | --- |"]
+        for job in dict.fromkeys(row["job"] for row in costs):
+            own = [row for row in costs if row["job"] == job]
+            parts = "; ".join(
+                f"{row['phase']} {100 * row['part']:.0f} %" for row in own if row["part"] >= 0.02
+            )
+            lines.append(f"| {job} | {show_time(own[0]['seconds'])} | {parts} |")
+    lines += ["", "| job | grows with | times | exponent of the last two |"]
+    lines += ["| --- | --- | --- | --- |"]
+    for job in dict.fromkeys(row["job"] for row in growth):
+        own = [row for row in growth if row["job"] == job]
+        times = ", ".join(f"{row['n']}: {show_time(row['seconds'])}" for row in own)
+        lines.append(f"| {job} | {own[0]['of']} | {times} | {own[-1]['exponent']:.2f} |")
+    phases.draw(out / "phases.png", costs, growth)
+    return lines, {}
+
+
+def of_peaks(out: Path) -> Part:
+    """Peak memory of every kind of job."""
+    rows = peaks.run()
+    write_csv(out / "peaks.csv", rows)
+    lines = ["", "| peak memory of | grows with | short | long | one more takes | flat |"]
+    lines += ["| --- | --- | --- | --- | --- | --- |"]
+    return lines + [
+        f"| {row['job']} | {row['of']} | {row['short']}: {row['low'] / 2**20:.1f} MiB | "
+        f"{row['long']}: {row['high'] / 2**20:.1f} MiB | {row['each']:.0f} bytes | "
+        f"{'yes' if row['flat'] else ''} |"
+        for row in rows
+    ], {}
+
+
+#: Name, job and time limit in seconds (a quiet machine needs a quarter of it).
+PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
+    "kernels": (of_kernels, 300),
+    "response": (of_response, 600),
+    "branch": (of_branch, 1200),
+    "steady": (of_steady, 600),
+    "motion": (of_motion, 1200),
+    "memory": (of_memory, 900),
+    "scales": (of_scales, 600),
+    "floors": (of_floors, 600),
+    "phases": (of_phases, 900),
+    "peaks": (of_peaks, 300),
+}
+
+
 def chosen(text: str) -> list[str]:
     """Parts named in --only, in the order of PARTS."""
     wanted = {name.strip() for name in text.split(",")}
@@ -209,24 +298,32 @@ def chosen(text: str) -> list[str]:
     return [name for name in PARTS if name in wanted]
 
 
-def main() -> None:
-    """Run what is asked for and write the results."""
+def main() -> int:
+    """Run what is asked for and write the results; status 1 if a part gave none."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/bench"))
     parser.add_argument(
         "--only", type=chosen, default=list(PARTS), help=f"some of {','.join(PARTS)}, with commas"
     )
+    parser.add_argument(
+        "--patience", type=float, default=1.0, help="factor of the time limits of the parts"
+    )
+    parser.add_argument("--part", choices=list(PARTS), help=argparse.SUPPRESS)
     options = parser.parse_args()
     out = options.out
     out.mkdir(parents=True, exist_ok=True)
-    lines, problems = [machine(), "", versions()], {}
-    print("\n".join(lines))
-    jobs = (of_kernels, of_response, of_branch, of_steady, of_motion, of_memory)
-    for name, job in zip(PARTS, jobs, strict=True):
-        if name in options.only:
-            more, found = job(out)
-            lines += more
-            problems |= found
+    if options.part:
+        keep(out, options.part, PARTS[options.part][0](out))
+        return 0
+    print(f"{machine()}\n{versions()}", flush=True)
+    limits = {name: options.patience * PARTS[name][1] for name in options.only}
+    found, lost = run_parts(Path(__file__), out, limits)
+    lines = [machine(), "", versions()]
+    problems: dict[str, list[Row]] = {}
+    for more, of_part in found.values():
+        lines += more
+        problems |= of_part
+    lines += [f"\n{line}" for line in lost]
     if problems:
         write_csv(out / "all.csv", combined.flat(problems))
         combined.draw(out / "all.png", problems)
@@ -234,7 +331,8 @@ def main() -> None:
     page = "\n".join(lines) + "\n"
     (out / "benchmarks.md").write_text(page, encoding="utf-8")
     print("\n" + page + f"\nTables and pictures: {out}")
+    return 1 if lost else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,11 +1,12 @@
 """Units, last digits of the input, order of summation: what must not matter."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import viscovib as vv
-from scenes import EPS, PENDULUM, START, far, kernel_of
+from scenes import EPS, PENDULUM, START, far, parts_of
 from steps import Job
 from tally import Row, Tally
 
@@ -27,9 +28,8 @@ def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
         yield f"units, {name}", lambda n=name: units(n, exponents)
     for name in OF_MOUNT:
         yield f"ulp, {name}", lambda n=name: of_mount_by_ulp(n)
-    yield "ulp, pendulum", pendulum_by_ulp
-    yield "order", order_of_summation
-    yield "lanes", order_of_lanes
+    for name in OF_PENDULUM:
+        yield f"ulp, pendulum, {name}", lambda n=name: pendulum_by_ulp(n)
 
 
 def body_of(p: np.ndarray, memory: bool = True) -> vv.Mount:
@@ -102,6 +102,17 @@ def _interaction(p: np.ndarray) -> np.ndarray:
     return (ms.interaction / np.abs(ms.mode_shapes[1]) ** 2).ravel() / p[9]
 
 
+def _exponents(p: np.ndarray) -> np.ndarray:
+    branch = vv.trace_response(body_of(p), (0.8 * p[9], 3 * p[9]), load=p[8], tolerance=1e-13)
+    first = np.asarray(branch.exponents)[:, 0] / p[9]
+    return np.concatenate([first.real, np.abs(first.imag)])
+
+
+def _backbone(p: np.ndarray) -> np.ndarray:
+    body = replace(body_of(p, memory=False), damping=None)
+    return np.asarray(vv.backbone(body, 0, (0.01 * p[2], 0.3 * p[2])).nu) / p[9]
+
+
 OF_MOUNT: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "natural frequencies": _modes,
     "characteristic roots": _roots,
@@ -110,6 +121,8 @@ OF_MOUNT: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "Newton response": _response("newton"),
     "motion with memory": _motion,
     "branch: folds and peak": _branch,
+    "stability with memory: exponents": _exponents,
+    "backbone": _backbone,
     "multiple scales: modes": _scales,
     "multiple scales: interaction": _interaction,
 }
@@ -178,10 +191,46 @@ def of_mount_by_ulp(name: str) -> Row:
     return tally.row()
 
 
-def pendulum_by_ulp() -> Row:
-    """Motion of the pendulum to t = 50: each parameter and each number of the start."""
+def _motion_of_pendulum(method: str) -> Callable[[vv.Pendulum, np.ndarray], np.ndarray]:
+    dt = 0.05 if method == "rk4" else 0.25
+    return lambda body, start: vv.simulate(
+        body, 50, dt=dt, initial=start, method=method, keep="last"
+    ).state[-1]
+
+
+#: Results of a pendulum and a start, by name. Steady ones are of more damping (by 0.05) and of the
+#: load p1 alone.
+OF_PENDULUM: dict[str, Callable[[vv.Pendulum, np.ndarray], np.ndarray]] = {
+    "motion, gauss8": _motion_of_pendulum("gauss8"),
+    "motion, gauss3": _motion_of_pendulum("gauss3"),
+    "motion, rk4": _motion_of_pendulum("rk4"),
+    "motion, verner9": _motion_of_pendulum("verner9"),
+    "ensemble, dop8": lambda body, start: vv.simulate_ensemble(
+        body, initial=np.stack([start, 0.5 * start]), t_end=50, dt=0.25, method="dop8", n_threads=1
+    ).state,
+    "spectrum of the motion": lambda body, start: parts_of(
+        vv.spectrum(vv.simulate(body, 50, dt=0.25, initial=start).state, 0.25).coefficients
+    ),
+    "periodic motion": lambda body, start: vv.forced_response(
+        _settled(body, m01=0.0, m02=0.0), harmonics=15, stability=False
+    ).state(0, np.linspace(0, 7, 9)),
+    "torus": lambda body, start: vv.forced_response(
+        _settled(body, m02=0.0), harmonics=8, stability=False
+    ).state(0, np.linspace(0, 50, 20)),
+    "multiple scales": lambda body, start: vv.MultipleScales(
+        _settled(body, m01=0.0, m02=0.0)
+    ).response("p1", [0.9, 1.1]).order_sizes,
+}  # fmt: skip
+
+
+def _settled(body: vv.Pendulum, **change: float) -> vv.Pendulum:
+    return replace(body, c1=body.c1 + 0.05, c2=body.c2 + 0.05, c3=body.c3 + 0.05, **change)
+
+
+def pendulum_by_ulp(name: str) -> Row:
+    """Each parameter and each number of the start."""
     tally = Tally(
-        "one ulp", "motion of the pendulum", "14 parameters, 6 numbers of the start", ALLOWED,
+        "one ulp", f"pendulum: {name}", "14 parameters, 6 numbers of the start", ALLOWED,
         "change / (condition x epsilon)",
     )  # fmt: skip
     names = list(PENDULUM)
@@ -190,7 +239,7 @@ def pendulum_by_ulp() -> Row:
     def job(p: np.ndarray) -> np.ndarray:
         n = len(names)
         values: dict[str, Any] = dict(zip(names, p[:n], strict=True))
-        return vv.simulate(vv.Pendulum(**values), 50, dt=0.25, initial=p[n:], keep="last").state[-1]
+        return OF_PENDULUM[name](vv.Pendulum(**values), p[n:])
 
     exact = job(base)
     condition = 1.0
@@ -210,65 +259,4 @@ def pendulum_by_ulp() -> Row:
         if made is not None:
             tally.measure(label, far(made, exact) / condition / EPS)
     tally.notes.append(f"condition {condition:.2g}")
-    return tally.row()
-
-
-def order_of_summation() -> Row:
-    """Terms of kernels, loads and forces in another order."""
-    tally = Tally(
-        "order", "terms of kernel, load and forces permuted", "20 permutations", 1e-13,
-        "change of a Newton response over its size",
-    )  # fmt: skip
-    rng = np.random.default_rng(3)
-    few = kernel_of(0.8, 0.25).sum_of_exponentials(tolerance=1e-8, t_min=1e-3, t_max=1e3)
-    weights, rates = np.asarray(few.weights), np.asarray(few.rates)
-    loads = {1: 0.2, 3: 0.05, 5: 0.02j, 7: 0.01}
-    terms = ["0.5*x1^3", "0.2*x1*x2^2", "-0.1*x1^2*x2", "0.05*x2^3"]
-
-    def job(order: np.ndarray, load: np.ndarray, force: np.ndarray) -> np.ndarray:
-        body = vv.PolynomialSystem(
-            mass=[1, 0.5], stiffness=[[2, -1], [-1, 3]], damping=[[0.1, 0], [0, 0.1]],
-            forces={"x1": " + ".join(terms[i] for i in force)},
-            kernel=vv.PronyKernel(weights=weights[order], rates=rates[order]),
-        )  # fmt: skip
-        series = {list(loads)[i]: loads[list(loads)[i]] for i in load}
-        return vv.forced_response(
-            body, [0.6, 1.1, 1.9], load=series, method="newton", tolerance=1e-14
-        ).coefficients
-
-    exact = job(np.arange(rates.size), np.arange(4), np.arange(4))
-    for i in range(20):
-        made = tally.trial(
-            f"permutation {i}",
-            lambda: job(rng.permutation(rates.size), rng.permutation(4), rng.permutation(4)),
-        )
-        if made is not None:
-            tally.measure(f"permutation {i}", far(made, exact))
-    return tally.row()
-
-
-def order_of_lanes() -> Row:
-    """Members of an ensemble in another order, in other lanes and threads: bit for bit."""
-    tally = Tally(
-        "order", "members of an ensemble permuted", "5 permutations, 1 and 2 threads", 0.5,
-        "members that differ in any bit",
-    )  # fmt: skip
-    states = np.tile(START, (37, 1))
-    states[:, 2] = np.linspace(-0.5, 0.5, 37)
-    body = vv.Pendulum(**PENDULUM)
-
-    def job(order: np.ndarray, threads: int) -> np.ndarray:
-        many = vv.simulate_ensemble(
-            body, initial=states[order], t_end=40, dt=0.4, n_threads=threads
-        )
-        back = np.empty_like(many.state)
-        back[order] = many.state
-        return back
-
-    exact = job(np.arange(37), 1)
-    for i in range(5):
-        order = np.random.default_rng(i).permutation(37)
-        made = tally.trial(f"permutation {i}", lambda o=order, i=i: job(o, 1 + i % 2))
-        if made is not None:
-            tally.measure(f"permutation {i}", int((made != exact).any(axis=1).sum()))
     return tally.row()

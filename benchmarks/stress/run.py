@@ -20,7 +20,7 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 from tally import WRONG, Row  # noqa: E402
 from timing import machine  # noqa: E402
 
-TOPICS = ("steps", "memory_edges", "rounding", "edges", "fading")
+TOPICS = ("steps", "memory_edges", "rounding", "order", "scene_ulps", "edges", "fading", "flags")
 
 
 def write(out: Path, rows: list[Row], spent: float, form: str) -> None:

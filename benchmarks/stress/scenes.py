@@ -32,3 +32,8 @@ def far(one: np.ndarray, other: np.ndarray) -> float:
     size = float(np.abs(other).max())
     gap = float(np.abs(np.asarray(one) - np.asarray(other)).max())
     return gap / size if size > 0 else gap
+
+
+def parts_of(z: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts."""
+    return np.stack([np.real(z), np.imag(z)])

@@ -1,10 +1,12 @@
 !> What the flat routines share: building systems from arrays, and turning a
 !! status into numbers and text.
 module viscovib_binding_tools
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_catalogue, only: kernel_none, new_kernel
   use viscovib_kernel, only: kernel_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
+  use viscovib_motion_stability, only: stability_type
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
   use viscovib_oscillator, only: kernel_holder, oscillator_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
@@ -16,6 +18,7 @@ module viscovib_binding_tools
   private
 
   public :: make_kernel, make_mount, make_system, make_pendulum, make_load, make_options, report
+  public :: fill_stability, to_complex
 
   !> Length of the flat mount: mass, inertia, offset, stiffness_x,
   !! stiffness_phi, damping (4, column by column), cubic_scale, memory_scale,
@@ -132,6 +135,40 @@ contains
     options%relaxation = relaxation
     options%keep_history = keep_history /= 0
   end function make_options
+
+  !> Into arrays that may have room for more; NaN there.
+  subroutine fill_stability(stability, stable, multipliers, exponents)
+    type(stability_type), intent(in) :: stability
+    integer, intent(out) :: stable(:)
+    complex(wp), intent(out) :: multipliers(:, :), exponents(:, :)
+    integer :: m, n
+
+    m = size(stability%multipliers, 1)
+    n = size(stability%stable)
+    stable = -1
+    stable(:n) = stability%stable
+    multipliers = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
+    exponents = multipliers
+    multipliers(:m, :n) = stability%multipliers
+    exponents(:m, :n) = stability%exponents
+  end subroutine fill_stability
+
+  !> Harmonics as numbers of their own, from real and imaginary parts by turns.
+  pure subroutine to_complex(x, coefficients)
+    !> Shape (2 n_orders n_dof, n).
+    real(wp), intent(in) :: x(:, :)
+    !> Shape (n_orders, n_dof, n).
+    complex(wp), intent(out) :: coefficients(:, :, :)
+    integer :: d, i, k, j
+    do i = 1, size(coefficients, 3)
+      do d = 1, size(coefficients, 2)
+        do k = 1, size(coefficients, 1)
+          j = 2*(k + size(coefficients, 1)*(d - 1))
+          coefficients(k, d, i) = cmplx(x(j - 1, i), x(j, i), wp)
+        end do
+      end do
+    end do
+  end subroutine to_complex
 
   subroutine report(outcome, status, message)
     type(status_type), intent(in) :: outcome

@@ -2,106 +2,161 @@
 ! are given as in mount_binding.
 
 !> A branch from p = start to p = finish, p being the frequency (parameter = 1) or
-!! the factor of the load (2) at the frequency nu. n_kept as the plan says.
+!! the factor of the load (2) at the frequency nu. n_kept as the plan says; with
+!! symmetric = 0 the mean and even orders are kept though odd ones would do. With
+!! leave = 1 it begins at the point (begin, begin_p) in the direction `along`, with 0 at
+!! a solution found at p = start. Stability is judged if n_judged is max_points, not 0.
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                         series, n_rows, n_series, parameter, nu, start, finish, harmonics, &
-                        tolerance, max_points, max_step, with_stability, n_kept, cancel, &
-                        n_points, ended, p, iterations, coefficients, matrices, half_wave, &
-                        n_folds, folds, fold_coefficients, status, message)
+                        symmetric, tolerance, max_points, max_step, stops, n_stops, leave, &
+                        begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
+                        cancel, n_points, ended, p, iterations, coefficients, is_stop, n_folds, &
+                        folds, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
+                        across, branch_before, stable, multipliers, exponents, n_crossings, &
+                        kinds, before, crossings, crossing_coefficients, status, message)
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
-  use viscovib_binding_tools, only: make_load, make_options, make_system, report
+  use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report, &
+    to_complex
+  use viscovib_crossings, only: crossing_branch_point, crossing_fold, crossing_type, &
+    find_crossings, known_folds
   use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
-  use viscovib_floquet, only: floquet_type, new_floquet
   use viscovib_load, only: load_type
+  use viscovib_motion_stability, only: judge_type, new_judge, stability_type
   use viscovib_newton_point, only: point_from_rest
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_frequency
   use viscovib_outcomes, only: outcome_converged
+  use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
   use viscovib_status, only: status_type
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series
-  integer(c_int), intent(in) :: parameter, harmonics
-  integer(c_int), intent(in) :: orders(n_series), max_points, with_stability, n_kept
+  integer(c_int), intent(in) :: parameter, harmonics, symmetric, n_stops, leave, n_unknowns
+  integer(c_int), intent(in) :: orders(n_series), max_points, n_judged, n_kept, max_special
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu, start, finish
-  real(c_double), intent(in) :: tolerance, max_step
+  real(c_double), intent(in) :: tolerance, max_step, stops(n_stops)
+  real(c_double), intent(in) :: begin(n_unknowns), begin_p, along(n_unknowns + 1)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
-  integer(c_int), intent(out) :: n_points, ended, half_wave, n_folds, status
-  real(c_double), intent(out) :: p(max_points), folds(max_points)
-  integer(c_int), intent(out) :: iterations(max_points)
+  integer(c_int), intent(out) :: n_points, ended, n_folds, n_branch_points, status
+  real(c_double), intent(out) :: p(max_points)
+  integer(c_int), intent(out) :: iterations(max_points), is_stop(max_points)
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_rows - 1, max_points)
-  complex(c_double_complex), intent(out) :: fold_coefficients(n_kept, n_rows - 1, max_points)
-  real(c_double), intent(out) :: matrices(2*n_rows - 2, 2*n_rows - 2, max_points)
+  !> Of special points, at most max_special of a kind.
+  real(c_double), intent(out) :: folds(max_special), branch_points(max_special)
+  complex(c_double_complex), intent(out) :: fold_coefficients(n_kept, n_rows - 1, max_special)
+  real(c_double), intent(out) :: branch_point_x(n_unknowns, max_special)
+  real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
+  integer(c_int), intent(out) :: branch_before(max_special)
+  !> As in `stability_type`, NaN where there are none.
+  integer(c_int), intent(out) :: stable(n_judged)
+  complex(c_double_complex), intent(out) :: multipliers(2*n_rows + 2, n_judged)
+  complex(c_double_complex), intent(out) :: exponents(2*n_rows + 2, n_judged)
+  !> How many there are, of which the first max_special are given: kinds of
+  !! `viscovib_crossings`, points before (from 1), and where: NaN if not located.
+  integer(c_int), intent(out) :: n_crossings, kinds(max_special), before(max_special)
+  real(c_double), intent(out) :: crossings(max_special)
+  complex(c_double_complex), intent(out) :: &
+    crossing_coefficients(n_kept, n_rows - 1, max_special)
   character(len=512), intent(out) :: message
   !f2py threadsafe
   class(oscillator_type), allocatable, target :: system
   type(load_type), target :: load
+  type(response_options) :: wanted
   type(response_plan_type) :: plan
   type(oscillator_curve_type) :: curve
   type(curve_options) :: options
   type(curve_branch_type) :: branch
-  type(floquet_type) :: floquet
+  type(judge_type) :: judge
+  type(stability_type) :: stability
+  type(crossing_type), allocatable :: found_crossings(:)
   type(status_type) :: outcome
   real(c_double) :: x(2*n_kept, n_rows - 1)
-  integer :: i, d, from, found, iterations_made
+  real(c_double), allocatable :: motions(:, :, :)
+  integer :: i, j, found, iterations_made
 
   n_points = 0
   n_folds = 0
-  half_wave = 0
+  n_branch_points = 0
+  n_crossings = 0
   ended = -1
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
-    call new_response_plan(plan, system, load, [nu], method_newton, &
-                           make_options(harmonics, tolerance, 100, 1.0_c_double, 0), outcome)
+    wanted = make_options(harmonics, tolerance, 100, 1.0_c_double, 0)
+    wanted%symmetric = symmetric /= 0
+    call new_response_plan(plan, system, load, [nu], method_newton, wanted, outcome)
   end if
   if (.not. outcome%failed()) then
     call new_oscillator_curve(curve, system, load, plan%set, parameter)
-    half_wave = merge(1, 0, plan%set%half_wave)
-    options = curve_options(start, finish, tolerance, max_points, max_step)
+    options = curve_options(start, finish, tolerance, max_points, max_step, stops)
     x = 0.0_c_double
     found = outcome_converged
     iterations_made = 0
-    if (parameter == vary_frequency) then
-      call curve%balance%set_frequency(system, load, start)
+    call curve%balance%set_frequency(system, load, nu)
+    if (leave /= 0) then
+      call follow_curve(curve, options, begin, branch, begin_p, along, cancel(1))
+    else
+      if (parameter /= vary_frequency) curve%balance%load_factor = start
       call point_from_rest(curve%balance, system, load, tolerance, x, found, iterations_made, &
                            cancel(1))
-    else
-      call curve%balance%set_frequency(system, load, nu)
-      if (abs(start) > 0.0_c_double) then
-        curve%balance%load_factor = start
-        call point_from_rest(curve%balance, system, load, tolerance, x, found, iterations_made, &
-                             cancel(1))
+      if (found == outcome_converged) then
+        call follow_curve(curve, options, reshape(x, [size(x)]), branch, cancel=cancel(1))
       end if
     end if
     if (found == outcome_converged) then
-      call follow_curve(curve, options, reshape(x, [size(x)]), branch, cancel=cancel(1))
       n_points = branch%n_points
       ended = branch%outcome
-      n_folds = branch%folds%n
       p(:n_points) = branch%parameter(:n_points)
       iterations(:n_points) = branch%iterations(:n_points)
-      do d = 1, n_rows - 1
-        from = 2*n_kept*(d - 1)
-        coefficients(:, d, :n_points) = cmplx(branch%x(from + 1:from + 2*n_kept:2, :n_points), &
-                                              branch%x(from + 2:from + 2*n_kept:2, :n_points), &
-                                              c_double)
-        fold_coefficients(:, d, :n_folds) = cmplx(branch%folds%x(from + 1:from + 2*n_kept:2, :), &
-                                                  branch%folds%x(from + 2:from + 2*n_kept:2, :), &
-                                                  c_double)
-      end do
-      folds(:n_folds) = branch%folds%p
+      call to_complex(branch%x(:, :n_points), coefficients(:, :, :n_points))
+      is_stop = 0
+      is_stop(branch%stops) = 1
+      n_folds = min(branch%folds%n, max_special)
+      folds(:n_folds) = branch%folds%p(:n_folds)
+      call to_complex(branch%folds%x(:, :n_folds), fold_coefficients(:, :, :n_folds))
+      n_branch_points = min(branch%branch_points%n, max_special)
+      associate (n => n_branch_points)
+        branch_points(:n) = branch%branch_points%p(:n)
+        branch_point_x(:, :n) = branch%branch_points%x(:, :n)
+        across(:, :n) = branch%branch_points%across(:, :n)
+        branch_before(:n) = branch%branch_points%before(:n)
+      end associate
     end if
-    if (with_stability /= 0 .and. n_points > 0) then
-      call new_floquet(floquet, system, plan%set)
-      do i = 1, n_points
-        if (cancel(1) /= 0) exit
-        call floquet%monodromy(system, merge(p(i), nu, parameter == vary_frequency), &
-                               reshape(branch%x(:, i), shape(x)), matrices(:, :, i))
+    if (n_judged > 0 .and. n_points > 0) then
+      call new_judge(judge, system, plan%set)
+      motions = reshape(branch%x(:, :n_points), [shape(x), n_points])
+      call judge%judge(system, [(merge(p(i), nu, parameter == vary_frequency), i=1, n_points)], &
+                       motions, stability, cancel(1))
+      call fill_stability(stability, stable, multipliers, exponents)
+      call find_crossings(judge, curve%balance, system, load, parameter == vary_frequency, nu, &
+                          p(:n_points), motions, stability, &
+                          known_folds(branch%folds%p, reshape(branch%folds%x, &
+                                                              [shape(x), branch%folds%n])), &
+                          found_crossings, cancel(1))
+      n_crossings = size(found_crossings)
+      do i = 1, min(n_crossings, max_special)
+        associate (crossing => found_crossings(i))
+          kinds(i) = crossing%kind
+          before(i) = crossing%before
+          crossings(i) = ieee_value(0.0_c_double, ieee_quiet_nan)
+          if (.not. crossing%located) then
+            ! Where another branch leaves, only the continuation knows the place.
+            j = findloc(branch_before(:n_branch_points), crossing%before, 1)
+            if (crossing%kind /= crossing_fold .or. j == 0) cycle
+            kinds(i) = crossing_branch_point
+            crossings(i) = branch_points(j)
+            call to_complex(branch_point_x(:, j:j), crossing_coefficients(:, :, i:i))
+            cycle
+          end if
+          crossings(i) = crossing%p
+          crossing_coefficients(:, :, i) = cmplx(crossing%x(1::2, :), crossing%x(2::2, :), c_double)
+        end associate
       end do
     end if
   end if
   call report(outcome, status, message)
+
 end subroutine mount_branch

@@ -54,17 +54,19 @@ end subroutine mount_dynamic_stiffness
 !> What `mount_response` will do: the orders it keeps and the plan in words.
 subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                       series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
-                      max_iterations, relaxation, keep_history, n_kept, kept, half_wave, &
-                      n_samples, plan_method, text, status, message)
+                      max_iterations, relaxation, keep_history, with_stability, n_kept, &
+                      kept, half_wave, n_samples, plan_method, text, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_response, only: response_options
   use viscovib_response_plan, only: new_response_plan, response_plan_type
   use viscovib_status, only: status_type
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series, n
   integer(c_int), intent(in) :: orders(n_series), method, harmonics, max_iterations, keep_history
+  integer(c_int), intent(in) :: with_stability
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu(n)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(in) :: tolerance, relaxation
@@ -75,6 +77,7 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   class(oscillator_type), allocatable :: system
   type(load_type) :: load
   type(response_plan_type) :: plan
+  type(response_options) :: options
   type(status_type) :: outcome
 
   n_kept = 0
@@ -86,9 +89,9 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
-    call new_response_plan(plan, system, load, nu, method, &
-                           make_options(harmonics, tolerance, max_iterations, relaxation, &
-                                        keep_history), outcome)
+    options = make_options(harmonics, tolerance, max_iterations, relaxation, keep_history)
+    options%stability = with_stability /= 0
+    call new_response_plan(plan, system, load, nu, method, options, outcome)
   end if
   if (.not. outcome%failed()) then
     n_kept = size(plan%set%orders)
@@ -105,14 +108,15 @@ end subroutine mount_plan
 !! `series` (forces on the coordinates, then motion of the base) belongs to orders(j).
 subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                           series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
-                          max_iterations, relaxation, n_history, n_kept, cancel, coefficients, &
-                          outcomes, iterations, rate, corrections, status, message)
+                          max_iterations, relaxation, n_history, n_kept, n_judged, cancel, &
+                          coefficients, outcomes, iterations, rate, corrections, stable, &
+                          multipliers, exponents, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
-  use viscovib_binding_tools, only: make_load, make_options, make_system, report
+  use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report
   use viscovib_forced_response, only: forced_response
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_response, only: response_type
+  use viscovib_response, only: response_options, response_type
   use viscovib_response_plan, only: new_response_plan, response_plan_type
   use viscovib_status, only: status_type
   implicit none
@@ -121,6 +125,8 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   !> Rows of `corrections` (0: history not kept) and orders kept, both as the
   !! plan says.
   integer(c_int), intent(in) :: n_history, n_kept
+  !> n: judge stability; 0: do not.
+  integer(c_int), intent(in) :: n_judged
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu(n)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(in) :: tolerance, relaxation
@@ -129,21 +135,26 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_rows - 1, n)
   integer(c_int), intent(out) :: outcomes(n), iterations(n)
   real(c_double), intent(out) :: rate(n), corrections(n_history, n)
+  !> As in `stability_type`, NaN where there are none.
+  integer(c_int), intent(out) :: stable(n_judged)
+  complex(c_double_complex), intent(out) :: multipliers(2*n_rows + 2, n_judged)
+  complex(c_double_complex), intent(out) :: exponents(2*n_rows + 2, n_judged)
   integer(c_int), intent(out) :: status
   character(len=512), intent(out) :: message
   !f2py threadsafe
   class(oscillator_type), allocatable :: system
   type(load_type) :: load
   type(response_plan_type) :: plan
+  type(response_options) :: options
   type(response_type) :: response
   type(status_type) :: outcome
 
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
-    call new_response_plan(plan, system, load, nu, method, &
-                           make_options(harmonics, tolerance, max_iterations, relaxation, &
-                                        n_history), outcome)
+    options = make_options(harmonics, tolerance, max_iterations, relaxation, n_history)
+    options%stability = n_judged > 0
+    call new_response_plan(plan, system, load, nu, method, options, outcome)
   end if
   if (.not. outcome%failed()) then
     call forced_response(plan, system, load, nu, response, cancel(1))
@@ -152,6 +163,7 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     iterations = response%iterations
     rate = response%rate
     if (size(response%corrections, 1) == n_history) corrections = response%corrections
+    if (n_judged > 0) call fill_stability(response%stability, stable, multipliers, exponents)
   end if
   call report(outcome, status, message)
 end subroutine mount_response

@@ -115,14 +115,14 @@ subroutine transient_plan(initial, n, t_end, dt, tolerance, method, save_every, 
 end subroutine transient_plan
 
 !> What a branch would compute, as scenes tell it.
-subroutine branch_plan(nu_from, nu_to, n_orders, text)
+subroutine branch_plan(nu_from, nu_to, n_orders, with_stability, text)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_branch_job, only: plan_branch
   implicit none
   real(c_double), intent(in) :: nu_from, nu_to
-  integer(c_int), intent(in) :: n_orders
+  integer(c_int), intent(in) :: n_orders, with_stability
   character(len=1024), intent(out) :: text
-  text = plan_branch(nu_from, nu_to, n_orders)
+  text = plan_branch(nu_from, nu_to, n_orders, with_stability /= 0)
 end subroutine branch_plan
 
 !> What steady motions by multiple scales would be computed, as scenes tell it.

@@ -1,6 +1,7 @@
 !> Places between two points of a branch that are found exactly: where the parameter
 !! turns back, where another branch leaves, where the parameter has a wanted value.
 module viscovib_curve_events
+  use viscovib_constants, only: pi
   use viscovib_curve, only: curve_type
   use viscovib_curve_corrector, only: copy_point, correct, corrector_type, curve_point, new_point, &
     null_vector
@@ -14,9 +15,14 @@ module viscovib_curve_events
   real(wp), parameter, public :: nowhere = huge(1.0_wp)
 
   integer, parameter :: max_turns = 60
+  !> Halvings before the determinant is interpolated, and points for that.
+  integer, parameter :: n_halvings = 3, n_nodes = 11
   !> Values in passing are a little off, so that a sign may change this part of a step
   !! before or behind it.
   real(wp), parameter :: margin = 0.1_wp
+  !> Nearer to the zero than this part of the largest determinant, equations are so
+  !! nearly singular that their solution may lie on the other branch.
+  real(wp), parameter :: too_near = 0.05_wp
 
   !> Points of one kind, in the order met.
   type :: special_points
@@ -50,7 +56,7 @@ contains
     type(curve_point) :: found
     real(wp) :: nothing(curve%n + 1)
 
-    call locate(curve, c, here, step, .true., found, at)
+    call turn(curve, c, here, step, found, at)
     nothing = 0.0_wp
     if (at < nowhere) call keep(folds, found, nothing)
   end subroutine locate_fold
@@ -66,7 +72,7 @@ contains
     type(curve_point) :: found
     real(wp), allocatable :: across(:)
 
-    call locate(curve, c, here, step, .false., found, at)
+    call cross(curve, c, here, step, found, at)
     if (at >= nowhere) return
     call null_vector(curve, c, here, found, across)
     call keep(branch_points, found, across)
@@ -83,33 +89,31 @@ contains
     points%before = [points%before, 0]
   end subroutine keep
 
-  subroutine locate(curve, c, here, step, fold, found, at)
+  !> dp/ds by false position.
+  subroutine turn(curve, c, here, step, found, at)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
     real(wp), intent(in) :: step
-    logical, intent(in) :: fold
     type(curve_point), intent(out) :: found
     real(wp), intent(out) :: at
     type(curve_point) :: trial
-    real(wp) :: low, high, low_value, high_value, value, reference
+    real(wp) :: low, high, low_value, high_value
     logical :: made
     integer :: k
 
     at = nowhere
     call new_point(trial, curve%n)
     call new_point(found, curve%n)
-    reference = 0.0_wp
     do k = 0, 1
       low = -k*margin*step
       high = step - low
       call correct(curve, c, here, low, trial, made, .true.)
       if (.not. made) return
-      reference = trial%log_determinant
-      low_value = measure(trial)
+      low_value = trial%slope_p
       call correct(curve, c, here, high, trial, made, .true.)
       if (.not. made) return
-      high_value = measure(trial)
+      high_value = trial%slope_p
       if (low_value*high_value < 0.0_wp) exit
     end do
     if (.not. low_value*high_value < 0.0_wp) return
@@ -120,36 +124,128 @@ contains
       call correct(curve, c, here, at, trial, made, .true.)
       if (.not. made) exit
       call copy_point(trial, found)
-      value = measure(trial)
-      if (value*low_value > 0.0_wp) then
+      if (trial%slope_p*low_value > 0.0_wp) then
         low = at
-        low_value = value
+        low_value = trial%slope_p
       else
         high = at
-        high_value = value
+        high_value = trial%slope_p
       end if
-      if (fold) then
-        ! p is stationary here: an error of 1e-7 in place is one of 1e-14 in p.
-        if (abs(trial%slope_p) <= 1.0e-7_wp*abs(here%p) .or. high - low <= 1.0e-9_wp) exit
-      else if (high - low <= 1.0e-11_wp) then
-        exit
-      end if
+      ! p is stationary here: an error of 1e-7 in place is one of 1e-14 in p.
+      if (abs(trial%slope_p) <= 1.0e-7_wp*abs(here%p) .or. high - low <= 1.0e-9_wp) exit
     end do
     if (.not. made .and. k == 1) at = nowhere
+  end subroutine turn
+
+  !> The determinant, and the curve, as polynomials in the step: at the zero itself
+  !! the equations cannot be solved.
+  subroutine cross(curve, c, here, step, found, at)
+    class(curve_type), intent(inout) :: curve
+    type(corrector_type), intent(inout) :: c
+    type(curve_point), intent(in) :: here
+    real(wp), intent(in) :: step
+    type(curve_point), intent(out) :: found
+    real(wp), intent(out) :: at
+    type(curve_point) :: trial
+    real(wp), allocatable :: x(:, :)
+    real(wp), dimension(n_nodes) :: place, p, value, weight
+    real(wp) :: low, high, low_value, high_value, middle, middle_value, reference
+    logical :: made, keep_node(n_nodes)
+    integer :: k, n, j
+
+    at = nowhere
+    call new_point(trial, curve%n)
+    call new_point(found, curve%n)
+    allocate (x(curve%n, n_nodes))
+    reference = 0.0_wp
+    do k = 0, 1
+      low = -k*margin*step
+      high = step - low
+      call sample(low, low_value)
+      if (.not. made) return
+      reference = trial%log_determinant
+      low_value = trial%sign
+      call sample(high, high_value)
+      if (.not. made) return
+      if (low_value*high_value < 0.0_wp) exit
+    end do
+    if (.not. low_value*high_value < 0.0_wp) return
+    do k = 1, n_halvings
+      middle = 0.5_wp*(low + high)
+      call sample(middle, middle_value)
+      if (.not. made) exit
+      if (middle_value*low_value > 0.0_wp) then
+        low = middle
+      else
+        high = middle
+      end if
+    end do
+    n = 0
+    do k = 1, n_nodes
+      middle = 0.5_wp*(low + high) - 0.5_wp*(high - low)*cos(pi*(k - 1)/(n_nodes - 1))
+      call sample(middle, middle_value)
+      if (.not. made) cycle
+      n = n + 1
+      place(n) = middle
+      value(n) = middle_value
+      p(n) = trial%p
+      x(:, n) = trial%x
+    end do
+    keep_node(:n) = abs(value(:n)) > too_near*maxval(abs(value(:n)))
+    j = 0
+    do k = 1, n
+      if (.not. keep_node(k)) cycle
+      j = j + 1
+      place(j) = place(k)
+      value(j) = value(k)
+      p(j) = p(k)
+      x(:, j) = x(:, k)
+    end do
+    n = j
+    if (n < 2) return
+    do k = 1, n
+      weight(k) = 1.0_wp/product([((place(k) - place(j))/(high - low), j=1, k - 1), &
+                                  ((place(k) - place(j))/(high - low), j=k + 1, n)])
+    end do
+    low_value = value(1)
+    do k = 1, max_turns
+      middle = 0.5_wp*(low + high)
+      if (at_place(middle, value)*low_value > 0.0_wp) then
+        low = middle
+      else
+        high = middle
+      end if
+    end do
+    at = middle
+    found%p = at_place(at, p)
+    do k = 1, curve%n
+      found%x(k) = at_place(at, x(k, :))
+    end do
 
   contains
 
-    !> What changes its sign.
-    pure real(wp) function measure(point)
-      type(curve_point), intent(in) :: point
-      if (fold) then
-        measure = point%slope_p
-      else
-        measure = point%sign*exp(max(-300.0_wp, min(300.0_wp, point%log_determinant - reference)))
-      end if
-    end function measure
+    subroutine sample(s, value)
+      real(wp), intent(in) :: s
+      real(wp), intent(out) :: value
+      call correct(curve, c, here, s, trial, made, .true.)
+      value = 0.0_wp
+      if (made) value = trial%sign*exp(max(-300.0_wp, min(300.0_wp, trial%log_determinant &
+                                                          - reference)))
+    end subroutine sample
 
-  end subroutine locate
+    !> The polynomial through values at the places, in barycentric form.
+    pure real(wp) function at_place(s, values)
+      real(wp), intent(in) :: s, values(:)
+      real(wp) :: over(n_nodes)
+      integer :: i
+      i = minloc(abs(place(:n) - s), 1)
+      at_place = values(i)
+      if (.not. abs(place(i) - s) > 0.0_wp) return
+      over(:n) = weight(:n)/(s - place(:n))
+      at_place = sum(over(:n)*values(:n))/sum(over(:n))
+    end function at_place
+
+  end subroutine cross
 
   !> The point where p has a value it passes between two steps from `here`.
   subroutine locate_value(curve, c, here, from, to, value, found, at, made)

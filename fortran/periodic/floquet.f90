@@ -1,50 +1,63 @@
-!> Stability of periodic solutions without memory: the monodromy matrix of
+!> Stability of periodic solutions without memory: the monodromy matrices of
 !!
 !!   M y'' + C y' + K(t) y = 0,   K(t) = dF/du along the solution,
 !!
-!! over a period, by Dormand and Prince's method of order 8 in equal steps. Its
-!! eigenvalues are the Floquet multipliers. Under half-wave symmetry K has half the
-!! period, and they are the squares of the eigenvalues h of minus the matrix of half
-!! a period: h = 1 at folds, h = -1 where the symmetry breaks.
+!! over a period, several solutions side by side in the lanes, by Gauss collocation of order 12
+!! in equal steps, as many as the estimated error asks for. Their eigenvalues are the Floquet
+!! multipliers. Under half-wave symmetry K has half the period, and they are the squares of the
+!! eigenvalues h of minus the matrix of half a period: h = 1 at folds, h = -1 where the symmetry
+!! breaks.
 module viscovib_floquet
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
-  use viscovib_dense, only: invert
-  use viscovib_explicit_tables, only: explicit_table_type, max_stages, new_explicit_table
+  use viscovib_dense, only: invert, outer
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
-  use viscovib_lanes, only: n_lanes
+  use viscovib_lanes, only: lane_product, n_lanes
+  use viscovib_monodromy_step, only: advance, n_nodes, new_step_table, step_table
   use viscovib_oscillator, only: oscillator_type
   implicit none
   private
 
   public :: floquet_type, new_floquet
 
-  !> Phase that the fastest linear mode turns in a step, at most.
-  real(wp), parameter :: phase_a_step = 0.6_wp
+  !> Phase that the fastest linear mode turns in a step at first.
+  real(wp), parameter :: phase_a_step = 1.1_wp
+  !> Relative error that the steps of a period may add up to, by its estimate.
+  real(wp), parameter :: wanted_error = 1.0e-11_wp
+  !> How often that is let pass, for the estimate wavers.
+  real(wp), parameter :: accepted = 4.0_wp
   !> Steps of a period at most, and how often they may be refined: beyond that time
   !! scales are too far apart.
-  integer, parameter :: max_steps = 4000, max_refinements = 6
-  !> Place of Dormand and Prince's method in the tables.
-  integer, parameter :: method = 2
+  integer, parameter :: max_steps = 4000, max_attempts = 12
+  !> Entries beyond this say nothing any more.
+  real(wp), parameter :: largest = 1.0e100_wp
+  !> Numbers that the stiffness of the steps taken in one piece may hold.
+  integer, parameter :: piece = 1000
 
   type :: floquet_type
     logical :: half_wave = .false.
-    integer, private :: n_steps = 0, n_dof = 0
+    integer, private :: n_steps = 0, n_dof = 0, chunk = 1
     integer, allocatable, private :: orders(:)
     real(wp), private :: fastest = 0.0_wp
-    type(explicit_table_type), private :: table
-    !> From harmonics to samples at the stages of all steps, shape (2 n_orders,
-    !! n_samples).
+    !> Steps that are needed, over those by the phase.
+    real(wp), private :: density = 1.0_wp
+    type(step_table), private :: table
+    !> From harmonics to samples at the nodes of all steps, shape (2 n_orders, n).
     real(wp), allocatable, private :: synthesis(:, :)
-    !> M^(-1) and M^(-1) C.
-    real(wp), allocatable, private :: inverse(:, :), damping(:, :)
+    !> sqrt(M_aa): coordinates times this have one unit. In such M^(-1), M^(-1) C, M^(-1) B and
+    !! M^(-1) B W.
+    real(wp), allocatable, private :: unit(:), inverse(:, :), damping(:, :), spread(:, :)
+    real(wp), allocatable, private :: rest(:, :)
     real(wp), allocatable, private :: u(:, :), w(:, :), slopes(:, :, :), by_u(:, :, :)
-    real(wp), allocatable, private :: by_v(:, :, :), stiffness(:, :, :)
+    real(wp), allocatable, private :: by_v(:, :, :), stiffness(:, :, :), along(:)
+    !> Harmonics, states, h D and room for the equations of a step, lane first.
+    real(wp), allocatable, private :: x(:, :, :), y(:, :, :), drag(:, :, :), g(:, :, :)
   contains
-    procedure :: monodromy
+    procedure :: monodromies
+    procedure, private :: prepare
+    procedure, private :: integrate
     procedure, private :: stiffness_along
-    procedure, private :: columns
   end type floquet_type
 
 contains
@@ -55,229 +68,277 @@ contains
     type(harmonic_set_type), intent(in) :: set
     complex(wp) :: inverse(size(system%mass, 1), size(system%mass, 1))
     logical :: singular
+    integer :: a, d, m, n
 
-    floquet%n_dof = system%n_dof()
+    d = system%n_dof()
+    m = system%n_memory()
+    floquet%n_dof = d
     floquet%half_wave = set%half_wave
     floquet%orders = set%orders
     call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
     floquet%inverse = real(inverse)
+    floquet%unit = [(sqrt(system%mass(a, a)), a=1, d)]
     floquet%damping = matmul(floquet%inverse, system%damping)
+    floquet%spread = matmul(floquet%inverse, system%spread)
+    floquet%rest = matmul(floquet%spread, system%gather)
+    do a = 1, d
+      floquet%inverse(a, :) = floquet%unit(a)*floquet%inverse(a, :)
+      floquet%spread(a, :) = floquet%unit(a)*floquet%spread(a, :)
+      floquet%damping(a, :) = floquet%unit(a)*floquet%damping(a, :)/floquet%unit
+      floquet%rest(a, :) = floquet%unit(a)*floquet%rest(a, :)/floquet%unit
+    end do
     ! Upper bounds of the linear frequencies and of the rates of damping.
-    floquet%fastest = sqrt(maxval(sum(abs(matmul(floquet%inverse, &
-                                                 matmul(system%spread, system%gather))), 2))) &
+    floquet%fastest = sqrt(maxval(sum(abs(floquet%rest), 2))) &
                       + maxval(sum(abs(floquet%damping), 2))
-    call new_explicit_table(floquet%table, method)
+    call new_step_table(floquet%table)
+    floquet%chunk = max(1, piece/(n_lanes*n_nodes*d**2))
+    n = n_lanes*n_nodes*floquet%chunk
+    allocate (floquet%u(n, d), floquet%w(n, m), floquet%slopes(n, m, d), &
+              floquet%stiffness(n, d, d), floquet%along(n), source=0.0_wp)
+    if (.not. system%separable) then
+      allocate (floquet%by_u(n, d, d), floquet%by_v(n, d, m), source=0.0_wp)
+    end if
+    allocate (floquet%x(n_lanes, 2*size(set%orders), d), floquet%y(n_lanes, 2*d, 2*d), &
+              floquet%drag(n_lanes, d, d), &
+              floquet%g(n_lanes, n_nodes*d, (n_nodes + 2)*d), source=0.0_wp)
   end subroutine new_floquet
 
-  !> Tables for as many steps as are needed; they are kept for neighbours.
-  subroutine prepare(self, system, needed)
+  !> For each solution x at frequency nu the matrix that takes (y, y') over a period;
+  !! under half-wave symmetry minus that of half a period. NaN if time scales are so
+  !! far apart that it would take too many steps, or where it leaves the range of numbers.
+  subroutine monodromies(self, system, nu, x, matrices, cancel)
     class(floquet_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: needed
-    real(wp) :: turn, time
-    integer :: d, m, n, s, i, k, at
+    !> Frequencies (rad/s), shape (n).
+    real(wp), intent(in) :: nu(:)
+    !> Harmonics, shape (2 n_orders, n_dof, n).
+    real(wp), intent(in) :: x(:, :, :)
+    !> Shape (2 n_dof, 2 n_dof, n).
+    real(wp), intent(out) :: matrices(:, :, :)
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), volatile, optional :: cancel
+    integer :: first, count
+
+    matrices = ieee_value(0.0_wp, ieee_quiet_nan)
+    do first = 1, size(nu), n_lanes
+      count = min(n_lanes, size(nu) - first + 1)
+      call block_of(self, system, nu(first:first + count - 1), x(:, :, first:first + count - 1), &
+                    matrices(:, :, first:first + count - 1), cancel)
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
+    end do
+  end subroutine monodromies
+
+  !> As many solutions as there are lanes, or fewer.
+  subroutine block_of(self, system, nu, x, matrices, cancel)
+    class(floquet_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu(:), x(:, :, :)
+    real(wp), intent(inout) :: matrices(:, :, :)
+    integer, intent(inout), volatile, optional :: cancel
+    real(wp) :: turn, needed, h(n_lanes), error(n_lanes), worst
+    logical :: pending(n_lanes)
+    integer :: attempt, l
 
     turn = merge(pi, 2.0_wp*pi, self%half_wave)
-    if (needed <= self%n_steps .and. 2.0_wp*needed > self%n_steps) return
-    ! Some more than needed, so that neighbours can use them too.
-    self%n_steps = max(12, ceiling(1.3_wp*needed))
-    d = self%n_dof
-    m = system%n_memory()
-    n = self%n_steps*self%table%n_stages
-    self%synthesis = reshape([real(wp) ::], [2*size(self%orders), n], pad=[0.0_wp])
-    do s = 1, self%n_steps
-      do i = 1, self%table%n_stages
-        at = (s - 1)*self%table%n_stages + i
-        time = turn*(s - 1 + self%table%c(i))/self%n_steps
-        do k = 1, size(self%orders)
-          self%synthesis(2*k - 1, at) = sin(self%orders(k)*time)
-          self%synthesis(2*k, at) = cos(self%orders(k)*time)
-        end do
-      end do
+    do l = 1, n_lanes
+      self%x(l, :, :) = x(:, :, min(l, size(nu)))
+      h(l) = turn/nu(min(l, size(nu)))
     end do
-    if (allocated(self%u)) deallocate (self%u, self%w, self%slopes, self%by_u, self%by_v, &
-                                       self%stiffness)
-    allocate (self%u(n, d), self%w(n, m), self%slopes(n, m, d), self%by_u(n, d, d), &
-              self%by_v(n, d, m), self%stiffness(d, d, n), source=0.0_wp)
-  end subroutine prepare
-
-  !> The matrix that takes (y, y') over a period of the solution x at frequency nu;
-  !! under half-wave symmetry minus that of half a period. NaN if time scales are so
-  !! far apart that it would take too many steps.
-  subroutine monodromy(self, system, nu, x, matrix)
-    class(floquet_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: nu
-    !> Harmonics, shape (2 n_orders, n_dof).
-    real(wp), intent(in) :: x(:, :)
-    !> Shape (2 n_dof, 2 n_dof).
-    real(wp), intent(out) :: matrix(:, :)
-    real(wp) :: rate, along, needed
-    integer :: i, first
-
-    rate = self%fastest
-    do i = 1, max_refinements
-      needed = merge(pi, 2.0_wp*pi, self%half_wave)*rate/nu/phase_a_step
-      if (.not. needed <= max_steps .or. i == max_refinements) then
-        matrix = ieee_value(0.0_wp, ieee_quiet_nan)
-        return
+    pending = h*self%fastest/phase_a_step <= max_steps
+    pending(size(nu) + 1:) = .false.
+    if (.not. any(pending)) return
+    where (.not. pending) h = 0.0_wp
+    ! So many that samples tell the highest order of K apart.
+    needed = max(maxval(h)*self%fastest/phase_a_step, turn*maxval(self%orders)/(pi*n_nodes), &
+                 2.0_wp)
+    do attempt = 1, max_attempts
+      if (.not. self%density*needed <= max_steps) exit
+      call self%prepare(ceiling(self%density*needed))
+      call self%integrate(system, h/self%n_steps, error, pending, cancel)
+      if (present(cancel)) then
+        if (cancel /= 0) return
       end if
-      call prepare(self, system, needed)
-      call self%stiffness_along(system, x)
-      ! Along a large motion the springs may be far stiffer than at rest.
-      along = self%fastest + sqrt(maxval(sum(abs(self%stiffness), 2)))
-      if (along <= 2.0_wp*rate) exit
-      rate = along
+      worst = maxval(error, pending)
+      do l = 1, size(nu)
+        if (.not. (pending(l) .and. error(l) <= accepted*wanted_error)) cycle
+        call to_matrix(self, l, h(l)/self%n_steps, matrices(:, :, l))
+        pending(l) = .false.
+      end do
+      self%density = self%n_steps/needed*max(0.5_wp, min(2.0_wp, (worst/wanted_error) &
+                                                         **(0.5_wp/n_nodes)))
+      if (.not. any(pending)) return
     end do
-    do first = 1, 2*self%n_dof, n_lanes
-      call self%columns(first, min(n_lanes, 2*self%n_dof - first + 1), &
-                        merge(pi, 2.0_wp*pi, self%half_wave)/nu/self%n_steps, matrix)
-    end do
-    if (self%half_wave) matrix = -matrix
-  end subroutine monodromy
+    ! Where that was in vain, neighbours begin anew.
+    self%density = 1.0_wp
+  end subroutine block_of
 
-  !> Columns first ... first + count - 1 of the matrix, one a lane, in steps h.
-  subroutine columns(self, first, count, h, matrix)
+  !> The state of a lane in the units of the coordinates.
+  pure subroutine to_matrix(self, l, h, matrix)
     class(floquet_type), intent(in) :: self
-    integer, intent(in) :: first, count
+    integer, intent(in) :: l
     real(wp), intent(in) :: h
     real(wp), intent(inout) :: matrix(:, :)
-    ! Coordinates are taken two at a time.
-    real(wp), dimension(n_lanes, self%n_dof + mod(self%n_dof, 2)) :: q, v, stage_q, stage_v
-    real(wp) :: f(n_lanes, self%n_dof + mod(self%n_dof, 2), max_stages)
-    integer :: s, i, n, width
+    real(wp) :: unit(2*self%n_dof)
 
-    n = self%n_dof
-    width = size(q, 2)
-    q = 0.0_wp
-    v = 0.0_wp
-    f = 0.0_wp
-    do i = 1, count
-      if (first + i - 1 <= n) then
-        q(i, first + i - 1) = 1.0_wp
-      else
-        v(i, first + i - 1 - n) = 1.0_wp
-      end if
-    end do
-    associate (t => self%table)
-      do s = 1, self%n_steps
-        do i = 1, t%n_stages
-          call stage(width, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), f, t%c(i), h, q, v, &
-                     stage_q, stage_v)
-          call acceleration(n, self%stiffness(1, 1, (s - 1)*t%n_stages + i), self%damping, &
-                            stage_q, stage_v, f(1, 1, i))
+    unit = [self%unit, self%unit*h]
+    matrix = self%y(l, :, :)*outer(1.0_wp/unit, unit)
+    if (self%half_wave) matrix = -matrix
+  end subroutine to_matrix
+
+  !> Tables for at least so many steps.
+  subroutine prepare(self, needed)
+    class(floquet_type), intent(inout) :: self
+    integer, intent(in) :: needed
+    complex(wp) :: at_node(n_nodes), wave, turn, factor
+    real(wp) :: angle
+    integer :: n, s, i, k
+
+    ! Rounded up to four binary digits, so that neighbours often have the same.
+    n = max(1, 2**(exponent(real(needed, wp)) - 4))
+    n = n*((needed + n - 1)/n)
+    if (n == self%n_steps) return
+    self%n_steps = n
+    angle = merge(pi, 2.0_wp*pi, self%half_wave)/n
+    if (allocated(self%synthesis)) deallocate (self%synthesis)
+    allocate (self%synthesis(2*size(self%orders), n_nodes*n))
+    at_node = exp(cmplx(0.0_wp, angle*self%table%c, wp))
+    do s = 1, n
+      factor = exp(cmplx(0.0_wp, angle*(s - 1), wp))
+      do i = 1, n_nodes
+        wave = (factor*at_node(i))**self%orders(1)
+        turn = (factor*at_node(i))**merge(2, 1, self%half_wave)
+        do k = 1, size(self%orders)
+          self%synthesis(2*k - 1, (s - 1)*n_nodes + i) = aimag(wave)
+          self%synthesis(2*k, (s - 1)*n_nodes + i) = real(wave)
+          wave = wave*turn
         end do
-        i = t%n_stages + 1
-        call stage(width, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), f, 1.0_wp, h, q, v, &
-                   stage_q, stage_v)
-        q = stage_q
-        v = stage_v
       end do
-    end associate
-    matrix(:n, first:first + count - 1) = transpose(q(:count, :n))
-    matrix(n + 1:, first:first + count - 1) = transpose(v(:count, :n))
-  end subroutine columns
-
-  !> State at a stage: q + h (c v + h sum a_q f) and v + h sum a f. Why the loops are
-  !! written so: see `viscovib_node_kernels`.
-  pure subroutine stage(width, n_terms, from, weights, f, c, h, q, v, stage_q, stage_v)
-    integer, intent(in) :: width, n_terms, from(n_terms)
-    real(wp), intent(in) :: weights(2, n_terms), f(n_lanes, width, *), c, h
-    real(wp), dimension(n_lanes, width), intent(in) :: q, v
-    real(wp), dimension(n_lanes, width), intent(out) :: stage_q, stage_v
-    real(wp), dimension(n_lanes) :: q_1, q_2, v_1, v_2
-    integer :: d, i
-
-    do d = 1, width, 2
-      q_1 = 0.0_wp
-      q_2 = 0.0_wp
-      v_1 = 0.0_wp
-      v_2 = 0.0_wp
-      !GCC$ novector
-      do i = 1, n_terms
-        q_1 = q_1 + weights(1, i)*f(:, d, from(i))
-        v_1 = v_1 + weights(2, i)*f(:, d, from(i))
-        q_2 = q_2 + weights(1, i)*f(:, d + 1, from(i))
-        v_2 = v_2 + weights(2, i)*f(:, d + 1, from(i))
-      end do
-      stage_q(:, d) = q(:, d) + h*(c*v(:, d) + h*q_1)
-      stage_q(:, d + 1) = q(:, d + 1) + h*(c*v(:, d + 1) + h*q_2)
-      stage_v(:, d) = v(:, d) + h*v_1
-      stage_v(:, d + 1) = v(:, d + 1) + h*v_2
     end do
-  end subroutine stage
+  end subroutine prepare
 
-  !> -K q - D v in every lane.
-  pure subroutine acceleration(n, stiffness, damping, q, v, f)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: stiffness(n, n), damping(n, n)
-    real(wp), intent(in) :: q(n_lanes, n), v(n_lanes, n)
-    real(wp), intent(out) :: f(n_lanes, n)
-    real(wp) :: total(n_lanes)
-    integer :: a, b
-    do a = 1, n
-      total = 0.0_wp
-      !GCC$ novector
-      do b = 1, n
-        total = total - (stiffness(a, b)*q(:, b) + damping(a, b)*v(:, b))
-      end do
-      f(:, a) = total
-    end do
-  end subroutine acceleration
-
-  !> M^(-1) dF/du at the stages, without memory: v = w(u).
-  subroutine stiffness_along(self, system, x)
+  !> Over all steps h, with the estimated errors; lanes that leave the range of numbers are no
+  !! longer pending.
+  subroutine integrate(self, system, h, error, pending, cancel)
     class(floquet_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: x(:, :)
-    real(wp) :: along(size(self%u, 1))
+    real(wp), intent(in) :: h(n_lanes)
+    real(wp), intent(out) :: error(n_lanes)
+    logical, intent(inout) :: pending(n_lanes)
+    integer, intent(inout), volatile, optional :: cancel
+    integer :: a, b, first, l, s
+
+    self%y = 0.0_wp
+    do a = 1, 2*self%n_dof
+      self%y(:, a, a) = 1.0_wp
+    end do
+    do b = 1, self%n_dof
+      do a = 1, self%n_dof
+        self%drag(:, a, b) = h*self%damping(a, b)
+      end do
+    end do
+    error = 0.0_wp
+    do first = 1, self%n_steps, self%chunk
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
+      call self%stiffness_along(system, (first - 1)*n_nodes + 1, &
+                                n_nodes*min(self%chunk, self%n_steps - first + 1), h**2)
+      do s = 1, min(self%chunk, self%n_steps - first + 1)
+        call advance(self%table, self%n_dof, n_nodes*self%chunk, (s - 1)*n_nodes + 1, &
+                     self%stiffness, self%drag, self%y, self%g, error)
+      end do
+      do l = 1, n_lanes
+        if (all(abs(self%y(l, :, :)) <= largest)) cycle
+        self%y(l, :, :) = 0.0_wp
+        pending(l) = .false.
+      end do
+    end do
+  end subroutine integrate
+
+  !> h^2 M^(-1) dF/du at count nodes from one on, without memory: v = w(u).
+  subroutine stiffness_along(self, system, first, count, squares)
+    class(floquet_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: first, count
+    real(wp), intent(in) :: squares(n_lanes)
     integer :: a, b, j
 
     do b = 1, self%n_dof
-      self%u(:, b) = matmul(x(:, b), self%synthesis)
+      call lane_product(size(self%x, 2), count, self%x(1, 1, b), self%synthesis(1, first), &
+                        self%u(1, b))
     end do
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
-    if (.not. system%separable) then
-      call system%deflection_remainder(self%u, self%w)
-      do j = 1, size(self%w, 2)
-        if (.not. system%bent(j)) self%w(:, j) = 0.0_wp
-        self%w(:, j) = self%w(:, j) + matmul(self%u, system%gather(j, :))
+    if (system%separable) then
+      do b = 1, self%n_dof
+        do a = 1, self%n_dof
+          self%stiffness(:, a, b) = self%rest(a, b)
+        end do
+        do j = 1, size(self%w, 2)
+          if (.not. system%bent(j)) cycle
+          do a = 1, self%n_dof
+            if (.not. abs(self%spread(a, j)) > 0.0_wp) cycle
+            self%stiffness(:, a, b) = self%stiffness(:, a, b) + (self%spread(a, j)/self%unit(b)) &
+                                      *self%slopes(:, j, b)
+          end do
+        end do
       end do
-      call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
+    else
+      call inseparable(self, system)
     end if
     do b = 1, self%n_dof
       do a = 1, self%n_dof
-        along = self%by_u(:, a, b)
-        do j = 1, size(self%w, 2)
-          if (system%separable .and. .not. abs(system%spread(a, j)) > 0.0_wp) cycle
-          if (abs(system%gather(j, b)) > 0.0_wp) then
-            along = along + (system%spread(a, j) + self%by_v(:, a, j))*system%gather(j, b)
-          end if
-          if (system%bent(j)) then
-            along = along + (system%spread(a, j) + self%by_v(:, a, j))*self%slopes(:, j, b)
-          end if
-        end do
-        self%stiffness(a, b, :) = along
+        call scale_lanes(count, squares, self%stiffness(1, a, b))
       end do
-    end do
-    do j = 1, size(self%u, 1)
-      call premultiply(self%n_dof, self%inverse, self%stiffness(:, :, j))
     end do
   end subroutine stiffness_along
 
-  !> k becomes m k.
-  pure subroutine premultiply(n, m, k)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: m(n, n)
-    real(wp), intent(inout) :: k(n, n)
-    real(wp) :: column(n)
-    integer :: a, b
-    do b = 1, n
-      column = k(:, b)
-      do a = 1, n
-        k(a, b) = sum(m(a, :)*column)
+  !> M^(-1) dF/du where F(u, v) bends in v too.
+  subroutine inseparable(self, system)
+    class(floquet_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    integer :: a, b, e, j
+
+    call system%deflection_remainder(self%u, self%w)
+    do j = 1, size(self%w, 2)
+      if (.not. system%bent(j)) self%w(:, j) = 0.0_wp
+      do b = 1, self%n_dof
+        if (.not. abs(system%gather(j, b)) > 0.0_wp) cycle
+        self%w(:, j) = self%w(:, j) + system%gather(j, b)*self%u(:, b)
       end do
     end do
-  end subroutine premultiply
+    call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
+    self%stiffness = 0.0_wp
+    do b = 1, self%n_dof
+      do e = 1, self%n_dof
+        self%along = self%by_u(:, e, b)
+        do j = 1, size(self%w, 2)
+          if (system%bent(j)) then
+            self%along = self%along + (system%spread(e, j) + self%by_v(:, e, j)) &
+                         *(system%gather(j, b) + self%slopes(:, j, b))
+          else if (abs(system%gather(j, b)) > 0.0_wp) then
+            self%along = self%along + (system%spread(e, j) + self%by_v(:, e, j)) &
+                         *system%gather(j, b)
+          end if
+        end do
+        do a = 1, self%n_dof
+          if (.not. abs(self%inverse(a, e)) > 0.0_wp) cycle
+          self%stiffness(:, a, b) = self%stiffness(:, a, b) + (self%inverse(a, e)/self%unit(b)) &
+                                    *self%along
+        end do
+      end do
+    end do
+  end subroutine inseparable
+
+  pure subroutine scale_lanes(n, factors, values)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: factors(n_lanes)
+    real(wp), intent(inout) :: values(n_lanes, n)
+    integer :: i
+    do i = 1, n
+      values(:, i) = factors*values(:, i)
+    end do
+  end subroutine scale_lanes
 
 end module viscovib_floquet

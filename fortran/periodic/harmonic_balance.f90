@@ -10,18 +10,18 @@
 !! the derivatives are exact ones of the sampled equations: those of w and F at
 !! the samples between the same two tables.
 module viscovib_harmonic_balance
-  use viscovib_constants, only: pi
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_sample_tables, only: new_sample_tables, sample_tables
   implicit none
   private
 
   public :: balance_type, new_balance
 
-  !> Relative step of a central difference in the frequency.
-  real(wp), parameter :: part = 1.0e-5_wp
+  !> Relative step of a difference in the frequency.
+  real(wp), parameter :: part = 1.0e-7_wp
 
   type :: balance_type
     type(harmonic_set_type) :: set
@@ -32,19 +32,20 @@ module viscovib_harmonic_balance
     real(wp) :: nu = 0.0_wp, load_factor = 1.0_wp
     !> Only motions with u(-t) = u(t): the sines are held at 0.
     logical :: even_in_time = .false.
+    type(sample_tables), private :: tables
     !> Dynamic stiffness (n_dof, n_dof, n_orders), and what memory retains
     !! (n_orders, n_memory).
     complex(wp), allocatable, private :: stiffness(:, :, :), fraction(:, :)
-    !> The load, and its forces alone, shape (n_orders, n_dof); harmonics of the
-    !! remainders w(u) - W u.
-    complex(wp), allocatable, private :: load(:, :), force(:, :), bent(:, :)
-    !> Samples of u, of w - W u or v, and slopes, at the last motion seen.
-    real(wp), allocatable :: u(:, :), w(:, :), slopes(:, :, :), by_u(:, :, :), by_v(:, :, :)
-    real(wp), allocatable, private :: f(:, :), block(:, :), memory(:, :, :)
-    !> cos and sin of m times the phase at the samples, over their number, m = 0, 1
-    !! or 2, ... twice the highest order.
-    real(wp), allocatable, private :: cosines(:, :), sines(:, :)
-    integer, private :: highest = 0, stride = 1
+    !> The load, and its forces alone, shape (n_orders, n_dof).
+    complex(wp), allocatable, private :: load(:, :), force(:, :)
+    !> Harmonics of the remainders w(u) - W u, and of a force, shape (2 n_orders,
+    !! n_memory) and (2 n_orders).
+    real(wp), allocatable, private :: bent(:, :), kept(:), f_parts(:)
+    !> Samples of u, of w - W u or v, of a force, and slopes, at the last motion seen.
+    real(wp), allocatable, private :: u(:, :), w(:, :), f(:, :), slopes(:, :, :), by_u(:, :, :), &
+                                      by_v(:, :, :)
+    !> Moments of a slope, and derivatives of harmonics.
+    real(wp), allocatable, private :: c(:), s(:), block(:, :), memory(:, :, :)
   contains
     procedure :: set_frequency
     procedure :: residual
@@ -59,35 +60,25 @@ contains
     type(balance_type), intent(out) :: balance
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
-    real(wp) :: angle
-    integer :: d, m, k, s, period
+    integer :: d, m, k, s
 
     d = system%n_dof()
     m = system%n_memory()
     k = size(set%orders)
-    s = set%n_samples
     balance%set = set
+    call new_sample_tables(balance%tables, set)
+    s = balance%tables%n_samples
     balance%n_dof = d
     balance%n_memory = m
     balance%n = 2*k*d
     allocate (balance%stiffness(d, d, k), balance%fraction(k, m), balance%load(k, d), &
               balance%force(k, d))
-    allocate (balance%bent(k, m), source=(0.0_wp, 0.0_wp))
-    allocate (balance%u(s, d), balance%w(s, m), balance%slopes(s, m, d), balance%by_u(s, d, d), &
-              balance%by_v(s, d, m), balance%f(s, d), &
-              balance%block(2*k, 2*k), balance%memory(2*k, 2*k, m), source=0.0_wp)
-    balance%highest = maxval(set%orders)
-    balance%stride = merge(2, 1, set%half_wave)
-    allocate (balance%cosines(s, 0:2*balance%highest), balance%sines(s, 0:2*balance%highest), &
-              source=0.0_wp)
-    period = merge(2, 1, set%half_wave)*s
-    do m = 0, 2*balance%highest
-      do k = 1, s
-        angle = 2.0_wp*pi*modulo(m*(k - 1), period)/period
-        balance%cosines(k, m) = cos(angle)/s
-        balance%sines(k, m) = sin(angle)/s
-      end do
-    end do
+    allocate (balance%u(s, d), balance%w(s, m), balance%f(s, d), balance%slopes(s, m, d), &
+              balance%by_u(s, d, d), balance%by_v(s, d, m), balance%bent(2*k, m), &
+              balance%kept(2*k), balance%f_parts(2*k), balance%block(2*k, 2*k), &
+              balance%memory(2*k, 2*k, m), source=0.0_wp)
+    k = balance%tables%reach
+    allocate (balance%c(-k:k), balance%s(-k:k), source=0.0_wp)
   end subroutine new_balance
 
   !> Everything that depends on the frequency alone.
@@ -101,11 +92,13 @@ contains
     self%nu = nu
     call system%retained(self%set%orders*nu, self%fraction)
     call system%dynamic_stiffness(self%set%orders*nu, self%fraction, self%stiffness)
-    do k = 1, size(self%set%orders)
-      self%load(k, :) = load%coefficient(system, self%set%orders(k), nu)
-      self%force(k, :) = (0.0_wp, 0.0_wp)
-      do j = 1, size(load%orders)
-        if (load%orders(j) == self%set%orders(k)) self%force(k, :) = load%force(:, j)
+    self%load = (0.0_wp, 0.0_wp)
+    self%force = (0.0_wp, 0.0_wp)
+    do j = 1, size(load%orders)
+      do k = 1, size(self%set%orders)
+        if (load%orders(j) /= self%set%orders(k)) cycle
+        self%force(k, :) = load%force(:, j)
+        self%load(k, :) = load%coefficient(system, load%orders(j), nu)
       end do
     end do
   end subroutine set_frequency
@@ -116,73 +109,71 @@ contains
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
     real(wp), intent(out) :: r(2*size(self%set%orders), self%n_dof)
-    complex(wp) :: z(size(self%set%orders), size(self%w, 2)), y(size(self%set%orders), size(x, 2))
-    complex(wp) :: total(size(self%set%orders), size(x, 2))
     integer :: a, b, j, k
 
     do b = 1, self%n_dof
-      self%u(:, b) = matmul(x(:, b), self%set%synthesis)
-      y(:, b) = cmplx(x(1::2, b), x(2::2, b), wp)
+      call self%tables%to_samples(x(:, b), self%u(:, b))
     end do
-    total = (0.0_wp, 0.0_wp)
-    do b = 1, self%n_dof
-      do a = 1, self%n_dof
-        total(:, a) = total(:, a) + self%stiffness(a, b, :)*y(:, b)
+    do a = 1, self%n_dof
+      do k = 1, size(self%set%orders)
+        r(2*k - 1, a) = -self%load_factor*real(self%load(k, a))
+        r(2*k, a) = -self%load_factor*aimag(self%load(k, a))
+        do b = 1, self%n_dof
+          associate (d => self%stiffness(a, b, k))
+            r(2*k - 1, a) = r(2*k - 1, a) + (real(d)*x(2*k - 1, b) - aimag(d)*x(2*k, b))
+            r(2*k, a) = r(2*k, a) + (real(d)*x(2*k, b) + aimag(d)*x(2*k - 1, b))
+          end associate
+        end do
       end do
     end do
-    total = total - self%load_factor*self%load
-    z = (0.0_wp, 0.0_wp)
     if (any(system%bent)) call system%deflection_remainder(self%u, self%w)
     do j = 1, self%n_memory
-      if (.not. system%bent(j)) cycle
-      self%bent(:, j) = harmonics(self, self%w(:, j))
-      z(:, j) = self%fraction(:, j)*self%bent(:, j)
-      do a = 1, self%n_dof
-        if (abs(system%spread(a, j)) > 0.0_wp) then
-          total(:, a) = total(:, a) + system%spread(a, j)*z(:, j)
-        end if
+      self%kept = 0.0_wp
+      if (system%bent(j)) then
+        call self%tables%to_parts(self%w(:, j), self%bent(:, j))
+        self%kept = self%bent(:, j)
+        if (system%kernel_of(j) > 0) call retain(self%fraction(:, j), self%kept)
+        do a = 1, self%n_dof
+          if (abs(system%spread(a, j)) > 0.0_wp) then
+            r(:, a) = r(:, a) + system%spread(a, j)*self%kept
+          end if
+        end do
+      end if
+      if (system%separable) cycle
+      self%f_parts = 0.0_wp
+      do b = 1, self%n_dof
+        self%f_parts = self%f_parts + system%gather(j, b)*x(:, b)
       end do
+      call retain(self%fraction(:, j), self%f_parts)
+      self%kept = self%kept + self%f_parts
+      call self%tables%to_samples(self%kept, self%w(:, j))
     end do
     if (.not. system%separable) then
-      do j = 1, self%n_memory
-        do b = 1, self%n_dof
-          z(:, j) = z(:, j) + self%fraction(:, j)*system%gather(j, b)*y(:, b)
-        end do
-        self%w(:, j) = samples(self, z(:, j))
-      end do
       call system%force_remainder(self%u, self%w, self%f)
       do a = 1, self%n_dof
-        total(:, a) = total(:, a) + harmonics(self, self%f(:, a))
+        call self%tables%to_parts(self%f(:, a), self%f_parts)
+        r(:, a) = r(:, a) + self%f_parts
       end do
     end if
     ! The mean has an imaginary part only: its real part is held at 0.
     do k = 1, size(self%set%orders)
-      if (self%set%orders(k) == 0) total(k, :) = cmplx(real(y(k, :)), aimag(total(k, :)), wp)
-    end do
-    do a = 1, self%n_dof
-      r(1::2, a) = real(total(:, a))
-      r(2::2, a) = aimag(total(:, a))
+      if (self%set%orders(k) == 0) r(2*k - 1, :) = x(2*k - 1, :)
     end do
     if (self%even_in_time) r(1::2, :) = x(1::2, :)
   end subroutine residual
 
-  pure function harmonics(self, signal) result(z)
-    class(balance_type), intent(in) :: self
-    real(wp), intent(in) :: signal(:)
-    complex(wp) :: z(size(self%set%orders))
-    real(wp) :: parts(2*size(self%set%orders))
-    parts = matmul(signal, self%set%analysis)
-    z = cmplx(parts(1::2), parts(2::2), wp)
-  end function harmonics
-
-  pure function samples(self, z) result(signal)
-    class(balance_type), intent(in) :: self
-    complex(wp), intent(in) :: z(:)
-    real(wp) :: signal(self%set%n_samples), parts(2*size(z))
-    parts(1::2) = real(z)
-    parts(2::2) = aimag(z)
-    signal = matmul(parts, self%set%synthesis)
-  end function samples
+  !> Multiply pairs of real and imaginary parts by complex numbers.
+  pure subroutine retain(fraction, parts)
+    complex(wp), intent(in) :: fraction(:)
+    real(wp), intent(inout) :: parts(2*size(fraction))
+    real(wp) :: re
+    integer :: k
+    do k = 1, size(fraction)
+      re = real(fraction(k))*parts(2*k - 1) - aimag(fraction(k))*parts(2*k)
+      parts(2*k) = real(fraction(k))*parts(2*k) + aimag(fraction(k))*parts(2*k - 1)
+      parts(2*k - 1) = re
+    end do
+  end subroutine retain
 
   !> dR/dx at the motion that `residual` saw last.
   subroutine derivatives(self, system, jacobian)
@@ -190,7 +181,7 @@ contains
     class(oscillator_type), intent(in) :: system
     !> At least (n, n); unknowns in the order of x.
     real(wp), intent(out) :: jacobian(:, :)
-    integer :: a, b, j
+    integer :: a, b, j, k
 
     jacobian = 0.0_wp
     do b = 1, self%n_dof
@@ -207,13 +198,22 @@ contains
           if (.not. system%separable) self%memory(:, :, j) = 0.0_wp
           cycle
         end if
-        call sandwich(self, self%slopes(:, j, b), self%block)
-        if (system%kernel_of(j) > 0) call retain_rows(self%fraction(:, j), self%block)
-        do a = 1, self%n_dof
-          if (abs(system%spread(a, j)) > 0.0_wp) then
-            call add_block(self%block, system%spread(a, j), a, b, jacobian)
-          end if
-        end do
+        if (system%kernel_of(j) == 0 .and. system%separable) then
+          do a = 1, self%n_dof
+            call add_sandwich(self, self%slopes(:, j, b), system%spread(a, j), a, b, jacobian)
+          end do
+        else
+          self%block = 0.0_wp
+          call add_sandwich(self, self%slopes(:, j, b), 1.0_wp, 1, 1, self%block)
+          do k = 1, size(self%block, 2)
+            call retain(self%fraction(:, j), self%block(:, k))
+          end do
+          do a = 1, self%n_dof
+            if (abs(system%spread(a, j)) > 0.0_wp) then
+              call add_block(self%block, system%spread(a, j), a, b, jacobian)
+            end if
+          end do
+        end if
         if (.not. system%separable) self%memory(:, :, j) = self%block
       end do
       if (.not. system%separable) call add_inseparable(self, system, b, jacobian)
@@ -283,63 +283,53 @@ contains
     end do
     do a = 1, self%n_dof
       if (any(abs(self%by_u(:, a, b)) > 0.0_wp)) then
-        call sandwich(self, self%by_u(:, a, b), self%block)
-        call add_block(self%block, 1.0_wp, a, b, jacobian)
+        call add_sandwich(self, self%by_u(:, a, b), 1.0_wp, a, b, jacobian)
       end if
       do j = 1, self%n_memory
         if (.not. any(abs(self%by_v(:, a, j)) > 0.0_wp)) cycle
-        call sandwich(self, self%by_v(:, a, j), self%block)
+        self%block = 0.0_wp
+        call add_sandwich(self, self%by_v(:, a, j), 1.0_wp, 1, 1, self%block)
         call add_block(matmul(self%block, self%memory(:, :, j)), 1.0_wp, a, b, jacobian)
       end do
     end do
   end subroutine add_inseparable
 
-  !> Harmonics of slope(t) times each basic motion. Products of two of these are
-  !! sums of two others, so the Fourier moments of the slope are enough; at the
-  !! samples that is an identity, aliasing and all.
-  pure subroutine sandwich(self, slope, block)
-    class(balance_type), intent(in) :: self
-    real(wp), intent(in) :: slope(:)
-    real(wp), intent(out) :: block(:, :)
-    real(wp) :: c(0:2*self%highest), s(-2*self%highest:2*self%highest), half
-    integer :: i, j, k, l, m
+  !> Add harmonics of slope(t) times each basic motion, times a factor, to the block of
+  !! coordinates a, b. Products of two of these are sums of two others, so the Fourier
+  !! moments of the slope are enough; at the samples that is an identity, aliasing and
+  !! all.
+  subroutine add_sandwich(self, slope, factor, a, b, jacobian)
+    class(balance_type), intent(inout) :: self
+    real(wp), intent(in) :: slope(:), factor
+    integer, intent(in) :: a, b
+    real(wp), intent(inout) :: jacobian(:, :)
+    real(wp) :: half
+    integer :: i, j, k, l, row, column, n, shift
 
-    do m = 0, 2*self%highest, self%stride
-      c(m) = 0.0_wp
-      s(m) = 0.0_wp
-      do i = 1, size(slope)
-        c(m) = c(m) + slope(i)*self%cosines(i, m)
-        s(m) = s(m) + slope(i)*self%sines(i, m)
-      end do
-      s(-m) = -s(m)
-    end do
-    do j = 1, size(self%set%orders)
+    if (.not. abs(factor) > 0.0_wp) return
+    call self%tables%moments(slope, self%c, self%s)
+    n = size(self%set%orders)
+    ! Half of what is even, for strides of 2.
+    shift = self%tables%stride - 1
+    do j = 1, n
       l = self%set%orders(j)
-      do i = 1, size(self%set%orders)
+      column = 2*(j + n*(b - 1))
+      do i = 1, n
+        row = 2*(i + n*(a - 1))
         k = self%set%orders(i)
-        half = merge(0.5_wp, 1.0_wp, k == 0)
-        block(2*i - 1, 2*j - 1) = half*(c(abs(k - l)) - c(k + l))
-        block(2*i, 2*j - 1) = half*(s(k + l) + s(l - k))
-        block(2*i - 1, 2*j) = half*(s(k + l) + s(k - l))
-        block(2*i, 2*j) = half*(c(abs(k - l)) + c(k + l))
+        half = merge(0.5_wp, 1.0_wp, k == 0)*factor
+        associate (minus => shifta(k - l, shift), plus => shifta(k + l, shift))
+          jacobian(row - 1, column - 1) = jacobian(row - 1, column - 1) &
+                                          + half*(self%c(minus) - self%c(plus))
+          jacobian(row, column - 1) = jacobian(row, column - 1) &
+                                      + half*(self%s(plus) - self%s(minus))
+          jacobian(row - 1, column) = jacobian(row - 1, column) &
+                                      + half*(self%s(plus) + self%s(minus))
+          jacobian(row, column) = jacobian(row, column) + half*(self%c(minus) + self%c(plus))
+        end associate
       end do
     end do
-  end subroutine sandwich
-
-  !> Multiply rows, pairs of real and imaginary parts, by complex numbers.
-  pure subroutine retain_rows(fraction, block)
-    complex(wp), intent(in) :: fraction(:)
-    real(wp), intent(inout) :: block(:, :)
-    real(wp) :: re
-    integer :: k, l
-    do l = 1, size(block, 2)
-      do k = 1, size(fraction)
-        re = real(fraction(k))*block(2*k - 1, l) - aimag(fraction(k))*block(2*k, l)
-        block(2*k, l) = real(fraction(k))*block(2*k, l) + aimag(fraction(k))*block(2*k - 1, l)
-        block(2*k - 1, l) = re
-      end do
-    end do
-  end subroutine retain_rows
+  end subroutine add_sandwich
 
   !> dR/ds, s the factor of the load.
   pure subroutine load_derivative(self, slope)
@@ -354,8 +344,8 @@ contains
   end subroutine load_derivative
 
   !> dR/dnu at the motion x that `residual` saw last. What memory retains is
-  !! differentiated by a central difference, for kernels give no derivative: the
-  !! slope only steers the steps of a continuation.
+  !! differentiated by a difference, for kernels give no derivative: the slope only
+  !! steers the steps of a continuation.
   subroutine frequency_derivative(self, system, load, x, slope)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -363,14 +353,11 @@ contains
     real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
     real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
     complex(wp) :: total(size(self%set%orders), size(x, 2)), y(size(self%set%orders), size(x, 2))
-    complex(wp), dimension(size(self%set%orders), size(self%w, 2)) :: above, below
-    real(wp) :: kept_w(size(self%w, 1), size(self%w, 2))
+    complex(wp) :: above(size(self%set%orders), size(self%w, 2))
     integer :: a, b, j, k
 
     if (any(system%kernel_of > 0) .and. .not. system%separable) then
-      kept_w = self%w
       call slope_by_difference(self, system, load, x, slope)
-      self%w = kept_w
       return
     end if
     total = (0.0_wp, 0.0_wp)
@@ -389,11 +376,11 @@ contains
     end if
     if (any(system%kernel_of > 0)) then
       call system%retained(self%set%orders*self%nu*(1.0_wp + part), above)
-      call system%retained(self%set%orders*self%nu*(1.0_wp - part), below)
       do j = 1, self%n_memory
         if (system%kernel_of(j) == 0) cycle
-        above(:, j) = (above(:, j) - below(:, j))/(2.0_wp*part*self%nu) &
-                      *(self%bent(:, j) + matmul(y, system%gather(j, :)))
+        above(:, j) = (above(:, j) - self%fraction(:, j))/(part*self%nu) &
+                      *(cmplx(self%bent(1::2, j), self%bent(2::2, j), wp) &
+                        + matmul(y, system%gather(j, :)))
         do a = 1, self%n_dof
           total(:, a) = total(:, a) + system%spread(a, j)*above(:, j)
         end do
@@ -416,15 +403,14 @@ contains
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
     real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
-    real(wp) :: nu, above(size(x, 1), size(x, 2))
+    real(wp) :: nu, here(size(x, 1), size(x, 2))
 
     nu = self%nu
     call self%set_frequency(system, load, nu*(1.0_wp + part))
-    call self%residual(system, x, above)
-    call self%set_frequency(system, load, nu*(1.0_wp - part))
     call self%residual(system, x, slope)
-    slope = (above - slope)/(2.0_wp*part*nu)
     call self%set_frequency(system, load, nu)
+    call self%residual(system, x, here)
+    slope = (slope - here)/(part*nu)
   end subroutine slope_by_difference
 
 end module viscovib_harmonic_balance

@@ -13,7 +13,7 @@ module viscovib_hill_roots
   implicit none
   private
 
-  public :: find_exponents
+  public :: find_exponents, follow_exponent
 
   integer, parameter :: max_iterations = 30
   !> In units of d: the range of Re lambda, longest step, last step wanted and least, distance
@@ -117,6 +117,20 @@ contains
     end function single
 
   end subroutine find_exponents
+
+  !> One exponent from the place it had at a solution nearby.
+  subroutine follow_exponent(hill, system, start, exponent, made)
+    type(hill_type), intent(in) :: hill
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: start
+    complex(wp), intent(out) :: exponent
+    logical, intent(out) :: made
+    complex(wp) :: none(0)
+
+    made = .false.
+    exponent = start
+    if (hill%ready) call secant(hill, system, none, start, exponent, made)
+  end subroutine follow_exponent
 
   elemental complex(wp) function into_strip(lambda, d)
     complex(wp), intent(in) :: lambda

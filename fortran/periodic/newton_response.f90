@@ -6,6 +6,7 @@ module viscovib_newton_response
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_motion_stability, only: judge_type, new_judge
   use viscovib_newton_point, only: newton_point, point_from_rest
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged, outcome_singular
@@ -73,7 +74,24 @@ contains
       last_nu = nu(i)
       known = known + 1
     end do
+    if (options%stability) call judge_all(system, set, response, cancel)
     call response%add_base_motion(system, load)
   end subroutine newton_response
+
+  !> Stability of the motions found, in coordinates relative to the base.
+  subroutine judge_all(system, set, response, cancel)
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    type(response_type), intent(inout) :: response
+    integer, intent(inout), volatile, optional :: cancel
+    type(judge_type) :: judge
+    real(wp), allocatable :: x(:, :, :)
+
+    allocate (x(2*size(set%orders), system%n_dof(), size(response%nu)))
+    x(1::2, :, :) = real(response%coefficients)
+    x(2::2, :, :) = aimag(response%coefficients)
+    call new_judge(judge, system, set)
+    call judge%judge(system, response%nu, x, response%stability, cancel)
+  end subroutine judge_all
 
 end module viscovib_newton_response

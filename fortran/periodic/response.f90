@@ -3,6 +3,7 @@ module viscovib_response
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_motion_stability, only: stability_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged
   implicit none
@@ -19,8 +20,12 @@ module viscovib_response
     !> Fraction of each correction that is taken, in (0, 1]; 0: start with 1
     !! and halve, up to four times, where the iteration does not converge.
     real(wp) :: relaxation = 1.0_wp
+    !> Keep to the symmetry about half a period that forces and load may share.
+    logical :: symmetric = .true.
     !> Keep the corrections of every iteration.
     logical :: keep_history = .false.
+    !> Judge the stability of each motion (Newton's method only).
+    logical :: stability = .false.
   end type response_options
 
   type :: response_type
@@ -37,6 +42,8 @@ module viscovib_response
     !> Relative size of each correction, shape (0 or max_iterations, n); NaN
     !! past the last.
     real(wp), allocatable :: corrections(:, :)
+    !> Of each motion, if that was asked for; else its arrays are not allocated.
+    type(stability_type) :: stability
   contains
     procedure :: allocate_for
     procedure :: discard

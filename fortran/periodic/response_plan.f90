@@ -75,8 +75,15 @@ contains
           return
         end if
       end if
-      call new_harmonic_set(plan%set, options%harmonics, system%odd .and. load%is_odd(), &
-                            system%degree)
+      call new_harmonic_set(plan%set, options%harmonics, &
+                            options%symmetric .and. system%odd .and. load%is_odd(), system%degree)
+    end if
+    if (options%stability .and. plan%method /= method_newton) then
+      call fail(status, status_input_error, 'stability', 'stability: ' &
+                //trim(merge('nothing is nonlinear, see the characteristic roots', &
+                             'needs method = newton                             ', &
+                             system%is_linear())))
+      return
     end if
     call check_mean(plan, system, status)
     if (status%failed()) return
@@ -165,6 +172,9 @@ contains
                     //trim(merge('s', ' ', n_kernels > 1)))
     end if
     if (.not. load%moves_base()) call plan%say('skips: base motion (the base is at rest)')
+    if (plan%options%stability) call plan%say('computes: stability of each motion (' &
+                                              //trim(merge('exponents  ', 'multipliers', &
+                                                           n_kernels > 0))//')')
     if (.not. plan%options%keep_history) call plan%say('skips: history of corrections ' &
                                                        //'(not asked for)')
   end subroutine describe

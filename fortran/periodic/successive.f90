@@ -289,17 +289,21 @@ contains
     type(response_options), intent(in) :: options
     type(response_type), intent(inout) :: response
     integer, intent(in) :: first
-    real(wp) :: norm(n_lanes), delta(n_lanes), weight, start(n_lanes), rate, error, largest
+    real(wp) :: norm(n_lanes), delta(n_lanes), poison(n_lanes), weight, start(n_lanes)
+    real(wp) :: rate, error, largest
     integer :: d, k, l, i, outcome
 
     largest = system%largest_amplitude()
     norm = 0.0_wp
     delta = 0.0_wp
     start = 0.0_wp
+    poison = 0.0_wp
     do d = 1, system%n_dof()
       weight = sqrt(system%mass(d, d))
       do k = 1, size(set%orders)
         do l = 1, n_lanes
+          ! What is not a number may pass unseen through a maximum, but not through a sum.
+          poison(l) = poison(l) + 0.0_wp*(work%next(l, 1, k, d) + work%next(l, 2, k, d))
           norm(l) = max(norm(l), weight*(abs(work%next(l, 1, k, d)) + abs(work%next(l, 2, k, d))))
           start(l) = max(start(l), weight*(abs(work%u(l, 1, k, d)) + abs(work%u(l, 2, k, d))))
           delta(l) = max(delta(l), weight*(abs(work%next(l, 1, k, d) - work%u(l, 1, k, d)) &
@@ -310,6 +314,7 @@ contains
     do l = 1, n_lanes
       if (work%point(l) == 0) cycle
       i = first + work%point(l) - 1
+      delta(l) = delta(l) + poison(l)
       if (work%iteration(l) == 0) then
         ! The step from rest to the linear response is the zeroth correction.
         work%start_norm(l) = start(l)
@@ -325,7 +330,9 @@ contains
       rate = shrinkage(work%recent(:, l))
       error = delta(l)
       if (rate < 1.0_wp) error = delta(l)*max(1.0_wp, rate/(1.0_wp - rate))
-      if (error <= options%tolerance*norm(l) .and. rate < 1.0_wp) then
+      if (.not. ieee_is_finite(poison(l))) then
+        outcome = outcome_overflow
+      else if (error <= options%tolerance*norm(l) .and. rate < 1.0_wp) then
         outcome = outcome_converged
       else if (.not. norm(l) <= growth_limit*work%start_norm(l) .or. norm(l) > largest &
                .or. delta(l) > growth_limit*work%smallest(l)) then
@@ -386,9 +393,6 @@ contains
     response%rate(i) = rate
     if (outcome /= outcome_converged) then
       call response%discard(i, outcome)
-    else if (.not. all(ieee_is_finite(work%next(lane, :, :, :)))) then
-      ! A NaN passes unseen through the maxima above.
-      call response%discard(i, outcome_overflow)
     else
       response%coefficients(:, :, i) = cmplx(work%next(lane, 1, :, :), work%next(lane, 2, :, :), wp)
     end if

@@ -1,11 +1,13 @@
 !> The &branch group of a scene: a branch of periodic solutions in the frequency.
 module viscovib_branch_job
   use viscovib_checks, only: check_positive
+  use viscovib_crossings, only: crossing_names, crossing_type, find_crossings, known_folds
   use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes, follow_curve
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_motion_stability, only: judge_type, new_judge, stability_type
   use viscovib_newton_point, only: point_from_rest
   use viscovib_number_text, only: exact
   use viscovib_oscillator, only: oscillator_type
@@ -27,6 +29,7 @@ module viscovib_branch_job
     type(response_options) :: options
     integer :: max_points = 2000
     real(wp) :: max_step = 0.1_wp
+    logical :: stability = .true.
   end type branch_job
 
 contains
@@ -35,6 +38,8 @@ contains
     type(group_reader), intent(inout) :: reader
     type(branch_job), intent(out) :: job
     type(status_type) :: status
+    character(len=:), allocatable :: word
+    integer :: judged
 
     job%nu_from = reader%read_real('nu_from')
     job%nu_to = reader%read_real('nu_to')
@@ -42,6 +47,9 @@ contains
     job%options%tolerance = reader%read_real('tolerance', job%options%tolerance)
     job%max_points = reader%read_integer('max_points', job%max_points)
     job%max_step = reader%read_real('max_step', job%max_step)
+    judged = 1
+    word = reader%read_text('stability', 'yes', [character(len=3) :: 'yes', 'no'], judged)
+    job%stability = judged == 1
     if (reader%status%failed()) return
     call check_positive('nu_from', job%nu_from, status)
     call reader%place(status)
@@ -61,23 +69,32 @@ contains
   end subroutine read_branch
 
   !> What will be computed.
-  function plan_branch(nu_from, nu_to, n_orders) result(text)
+  function plan_branch(nu_from, nu_to, n_orders, stability) result(text)
     real(wp), intent(in) :: nu_from, nu_to
     integer, intent(in) :: n_orders
+    logical, intent(in) :: stability
     character(len=:), allocatable :: text
     text = 'computes: the branch from nu = '//show(nu_from)//' to '//show(nu_to)//', ' &
-           //show(n_orders)//' harmonics a coordinate'//new_line('a')
+           //show(n_orders)//' harmonics a coordinate'//new_line('a') &
+           //trim(merge('computes: stability of each point, and where it changes', &
+                        'skips: stability (not wanted)                          ', stability)) &
+           //new_line('a')
   end function plan_branch
 
   !> Follow the branch as planned.
-  subroutine run_branch(job, plan, system, load, branch, status)
+  subroutine run_branch(job, plan, system, load, branch, stability, crossings, status)
     type(branch_job), intent(in) :: job
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in), target :: system
     type(load_type), intent(in), target :: load
     type(curve_branch_type), intent(out) :: branch
+    !> Left without arrays where it is not wanted.
+    type(stability_type), intent(out) :: stability
+    type(crossing_type), allocatable, intent(out) :: crossings(:)
     type(status_type), intent(out) :: status
     type(oscillator_curve_type) :: curve
+    type(judge_type) :: judge
+    real(wp), allocatable :: motions(:, :, :)
     real(wp) :: x(2*size(plan%set%orders), system%n_dof())
     integer :: outcome, iterations
 
@@ -98,6 +115,17 @@ contains
     call follow_curve(curve, curve_options(job%nu_from, job%nu_to, job%options%tolerance, &
                                            job%max_points, job%max_step), &
                       reshape(x, [size(x)]), branch)
+    allocate (crossings(0))
+    if (job%stability) then
+      associate (n => branch%n_points, folds => branch%folds)
+        motions = reshape(branch%x(:, :n), [shape(x), n])
+        call new_judge(judge, system, plan%set)
+        call judge%judge(system, branch%parameter(:n), motions, stability)
+        call find_crossings(judge, curve%balance, system, load, .true., job%nu_from, &
+                            branch%parameter(:n), motions, stability, &
+                            known_folds(folds%p, reshape(folds%x, [shape(x), folds%n])), crossings)
+      end associate
+    end if
     call add_base_motion()
 
   contains
@@ -123,10 +151,13 @@ contains
 
   !> Write the table NAME in a folder, which is made if need be; the table is there
   !! whole or not at all.
-  subroutine write_branch(folder, name, orders, branch, coordinates, units, header, status)
+  subroutine write_branch(folder, name, orders, branch, stability, crossings, coordinates, &
+                          units, header, status)
     character(len=*), intent(in) :: folder, name
     integer, intent(in) :: orders(:)
     type(curve_branch_type), intent(in) :: branch
+    type(stability_type), intent(in) :: stability
+    type(crossing_type), intent(in) :: crossings(:)
     !> Names and units, one a coordinate.
     character(len=*), intent(in) :: coordinates(:), units(:)
     !> Lines for the top, separated by new-line characters.
@@ -145,12 +176,20 @@ contains
       row = row//' '//trim(exact(branch%folds%p(i)))
     end do
     call table%add_line(row)
+    do i = 1, size(crossings)
+      row = '# stability changes after point '//show(crossings(i)%before)//': ' &
+            //trim(crossing_names(crossings(i)%kind))
+      if (crossings(i)%located) row = row//' at nu = '//trim(exact(crossings(i)%p))
+      call table%add_line(row)
+    end do
     row = '# nu (rad/s); u = Im sum_k X_k exp(i k nu t)'
+    if (allocated(stability%stable)) row = row//'; stable: 1, not: 0, unknown: -1'
     do d = 1, size(coordinates)
       row = row//', '//trim(coordinates(d))//' in '//trim(units(d))
     end do
     call table%add_line(row)
     row = 'nu'
+    if (allocated(stability%stable)) row = row//',stable'
     do d = 1, size(coordinates)
       do k = 1, size(orders)
         order = trim(coordinates(d))//'_'//show(orders(k))
@@ -160,6 +199,7 @@ contains
     call table%add_line(row)
     do i = 1, branch%n_points
       row = trim(exact(branch%parameter(i)))
+      if (allocated(stability%stable)) row = row//','//show(stability%stable(i))
       do k = 1, size(branch%x, 1)
         row = row//','//trim(exact(branch%x(k, i)))
       end do

@@ -26,6 +26,7 @@ contains
     !> Frequencies (rad/s).
     real(wp), allocatable, intent(out) :: nu(:)
     character(len=:), allocatable :: word
+    integer :: judged
 
     method = 0
     word = reader%read_text('method', 'successive', method_names, method)
@@ -33,6 +34,9 @@ contains
     options%tolerance = reader%read_real('tolerance', options%tolerance)
     options%max_iterations = reader%read_integer('max_iterations', options%max_iterations)
     options%relaxation = reader%read_real('relaxation', options%relaxation)
+    judged = 1
+    word = reader%read_text('stability', 'no', [character(len=3) :: 'no', 'yes'], judged)
+    options%stability = judged == 2
     call read_frequencies(reader, nu)
   end subroutine read_response
 

@@ -47,6 +47,9 @@ contains
     call table%add_comments(header)
     call table%add_line('# nu: circular frequency of the load (rad/s); rate: factor between the ' &
                         //'last corrections; u = Im sum_k X_k exp(i k nu t),')
+    if (allocated(response%stability%stable)) then
+      call table%add_line('# stable: 1: stable, 0: not, -1: unknown')
+    end if
     names = '# '
     do d = 1, size(coordinates)
       order = trim(coordinates(d))
@@ -54,6 +57,7 @@ contains
     end do
     call table%add_line(names//'nan where no solution was found')
     names = 'nu,outcome,iterations,rate'
+    if (allocated(response%stability%stable)) names = names//',stable'
     do d = 1, size(response%coefficients, 2)
       do k = 1, size(response%orders)
         order = trim(coordinates(d))//'_'//show(response%orders(k))
@@ -72,6 +76,7 @@ contains
 
     row = number(response%nu(i))//','//trim(outcome_names(response%outcome(i)))//',' &
           //show(response%iterations(i))//','//number(response%rate(i))
+    if (allocated(response%stability%stable)) row = row//','//show(response%stability%stable(i))
     do d = 1, size(response%coefficients, 2)
       do k = 1, size(response%orders)
         row = row//','//number(real(response%coefficients(k, d, i))) &

@@ -1,6 +1,7 @@
 !> Doing what a scene asks for.
 module viscovib_run_scene
   use viscovib_branch_job, only: plan_branch, run_branch, write_branch
+  use viscovib_crossings, only: crossing_type
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_outcomes
   use viscovib_dense, only: factorize, solve
   use viscovib_files, only: stem
@@ -8,6 +9,7 @@ module viscovib_run_scene
   use viscovib_hereditary_job, only: hereditary_methods, plan_hereditary, run_hereditary_job
   use viscovib_kinds, only: wp
   use viscovib_method_catalogue, only: transient_methods
+  use viscovib_motion_stability, only: stability_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_type
@@ -71,7 +73,8 @@ contains
     if (status%failed()) then
       status%message = scene%path//': '//status%message
     else if (scene%wants_branch) then
-      text = plan_branch(scene%branch%nu_from, scene%branch%nu_to, size(plan%set%orders))
+      text = plan_branch(scene%branch%nu_from, scene%branch%nu_to, size(plan%set%orders), &
+                         scene%branch%stability)
     else
       text = plan%text
     end if
@@ -126,18 +129,21 @@ contains
     type(status_type), intent(out) :: status
     type(response_plan_type) :: plan
     type(curve_branch_type) :: branch
+    type(stability_type) :: stability
+    type(crossing_type), allocatable :: crossings(:)
 
     call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
                            scene%options, status)
     if (status%failed()) return
-    call run_branch(scene%branch, plan, scene%oscillator(), scene%load, branch, status)
+    call run_branch(scene%branch, plan, scene%oscillator(), scene%load, branch, stability, &
+                    crossings, status)
     if (status%failed()) then
       status%message = scene%path//': '//status%message
       return
     end if
     report%path = folder//'/'//stem(scene%path)//'_branch.csv'
     call write_branch(folder, stem(scene%path)//'_branch.csv', plan%set%orders, branch, &
-                      scene%coordinates, scene%units, header, status)
+                      stability, crossings, scene%coordinates, scene%units, header, status)
     if (status%failed()) return
     report%complete = branch%outcome == curve_completed
     report%summary = trim(curve_outcomes(branch%outcome))//', '//show(branch%n_points) &

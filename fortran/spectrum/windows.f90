@@ -7,6 +7,8 @@
 module viscovib_windows
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_vector_math, only: sine_cosine_lanes
   implicit none
   private
 
@@ -30,24 +32,32 @@ contains
   pure subroutine window_values(window, n, values)
     integer, intent(in) :: window, n
     real(wp), intent(out) :: values(n)
-    real(wp) :: c
-    integer :: k
+    real(wp) :: angles(n_lanes), sines(n_lanes), cosines(n_lanes), part(n_lanes)
+    integer :: first, last, k, l
 
     if (window == window_rectangular) then
       values = 1.0_wp
       return
     end if
-    do k = 0, n - 1
-      ! Clenshaw's sum of the cosines, from the last term down.
-      c = -2.0_wp*cos(2.0_wp*pi*real(k, wp)/real(n, wp))
-      values(k + 1) = clenshaw(terms(:, window), c)
+    ! The second half mirrors the first.
+    do first = 0, n/2, n_lanes
+      do l = 1, n_lanes
+        angles(l) = 2.0_wp*pi*real(first + l - 1, wp)/real(n, wp)
+      end do
+      call sine_cosine_lanes(angles, sines, cosines)
+      part = clenshaw(terms(:, window), -2.0_wp*cosines)
+      last = min(first + n_lanes - 1, n/2)
+      values(first + 1:last + 1) = part(:last - first + 1)
+      do k = max(first, 1), last
+        values(n - k + 1) = part(k - first + 1)
+      end do
     end do
   end subroutine window_values
 
-  !> sum_j a_j T_j(c/2) with the signs of the window in c.
-  pure real(wp) function clenshaw(a, c)
-    real(wp), intent(in) :: a(0:4), c
-    real(wp) :: b1, b2, b0
+  !> sum_j a_j T_j(c/2) with the signs of the window in c, from the last term down.
+  pure function clenshaw(a, c) result(total)
+    real(wp), intent(in) :: a(0:4), c(n_lanes)
+    real(wp), dimension(n_lanes) :: total, b1, b2, b0
     integer :: j
     b1 = 0.0_wp
     b2 = 0.0_wp
@@ -56,7 +66,7 @@ contains
       b2 = b1
       b1 = b0
     end do
-    clenshaw = a(0) + 0.5_wp*c*b1 - b2
+    total = a(0) + 0.5_wp*c*b1 - b2
   end function clenshaw
 
   !> Mean of the values: what a tone's amplitude is multiplied by.

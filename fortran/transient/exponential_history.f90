@@ -20,14 +20,15 @@ module viscovib_exponential_history
 
   public :: exponential_history_type, new_exponential_history
 
-  integer, parameter :: block = 8
+  !> Terms taken together in `store`, nodes in `recall`.
+  integer, parameter :: block = 8, few = 4
 
   !> The exponentials of one kernel and the channels that it works on.
   type :: group_type
     integer :: first = 0, last = 0, n_terms = 0
     real(wp), allocatable :: rates(:)
-    !> Weights times exp(-r_q c_i h), node i in row (padded), shape (block, n_terms).
-    real(wp), allocatable :: recall(:, :)
+    !> Weights times exp(-r_q c_i h), nodes by fours (padded), shape (few, n_terms, n_fours).
+    real(wp), allocatable :: recall(:, :, :)
     !> exp(-r_q h), and h phi, shapes (n_padded) and (n_padded, 0:s+1).
     real(wp), allocatable :: decay(:), gain(:, :)
     !> H, shape (n_padded, first:last).
@@ -61,7 +62,7 @@ contains
     real(wp), intent(in) :: h, t_end, tolerance
     logical, intent(out) :: possible
     real(wp), allocatable :: weights(:), rates(:)
-    integer :: first, last, n, i, k, padded
+    integer :: first, last, n, i, j, k, padded
 
     possible = .true.
     history%s = table%s
@@ -87,15 +88,17 @@ contains
         group%n_terms = size(rates)
         padded = (size(rates) + block - 1)/block*block
         group%rates = rates
-        allocate (group%recall(block, size(rates)), group%decay(padded))
+        allocate (group%recall(few, size(rates), (table%s + few - 1)/few), group%decay(padded))
         allocate (group%gain(padded, 0:table%s + 1), group%state(padded, first:last))
         group%recall = 0.0_wp
         group%decay = 0.0_wp
         group%gain = 0.0_wp
         group%state = 0.0_wp
         do k = 1, size(rates)
-          group%recall(:table%s, k) = system%memory_scale*weights(k) &
-                                      *exp(-min(rates(k)*h*table%points(1:table%s), 700.0_wp))
+          do j = 1, table%s
+            group%recall(modulo(j - 1, few) + 1, k, (j - 1)/few + 1) = &
+              system%memory_scale*weights(k)*exp(-min(rates(k)*h*table%points(j), 700.0_wp))
+          end do
           group%decay(k) = exp(-min(rates(k)*h, 700.0_wp))
         end do
         call exponential_moments(table, h*rates, group%gain(:size(rates), :))
@@ -135,42 +138,45 @@ contains
   subroutine recall(self, remembered)
     class(exponential_history_type), intent(in) :: self
     real(wp), intent(out), contiguous :: remembered(:)
-    real(wp) :: sums(block)
     integer :: i, c
 
     do i = 1, size(self%groups)
-      do c = self%groups(i)%first, self%groups(i)%last
-        call recall_channel(self%groups(i)%n_terms, self%groups(i)%recall, &
-                            self%groups(i)%state(:, c), sums)
-        remembered((c - 1)*self%s + 1:c*self%s) = sums(:self%s)
-      end do
+      associate (group => self%groups(i))
+        do c = group%first, group%last
+          call recall_channel(group%n_terms, size(group%recall, 3), self%s, group%recall, &
+                              group%state(:, c), remembered((c - 1)*self%s + 1:c*self%s))
+        end do
+      end associate
     end do
   end subroutine recall
 
-  pure subroutine recall_channel(n, weights, state, sums)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: weights(block, n), state(n)
-    real(wp), intent(out) :: sums(block)
-    real(wp), dimension(block) :: one, two, three, four
-    integer :: q
+  pure subroutine recall_channel(n, n_fours, s, weights, state, remembered)
+    integer, intent(in) :: n, n_fours, s
+    real(wp), intent(in) :: weights(few, n, n_fours), state(n)
+    real(wp), intent(out) :: remembered(s)
+    real(wp), dimension(few) :: one, two, three, four
+    integer :: i, q
 
     ! Four sums at once, since each addition waits for the one before.
-    one = 0.0_wp
-    two = 0.0_wp
-    three = 0.0_wp
-    four = 0.0_wp
-    !GCC$ novector
-    do q = 1, n/4
-      one = one + weights(:, 4*q - 3)*state(4*q - 3)
-      two = two + weights(:, 4*q - 2)*state(4*q - 2)
-      three = three + weights(:, 4*q - 1)*state(4*q - 1)
-      four = four + weights(:, 4*q)*state(4*q)
+    do i = 1, n_fours
+      one = 0.0_wp
+      two = 0.0_wp
+      three = 0.0_wp
+      four = 0.0_wp
+      !GCC$ novector
+      do q = 1, n/4
+        one = one + weights(:, 4*q - 3, i)*state(4*q - 3)
+        two = two + weights(:, 4*q - 2, i)*state(4*q - 2)
+        three = three + weights(:, 4*q - 1, i)*state(4*q - 1)
+        four = four + weights(:, 4*q, i)*state(4*q)
+      end do
+      !GCC$ novector
+      do q = n - mod(n, 4) + 1, n
+        one = one + weights(:, q, i)*state(q)
+      end do
+      one = (one + two) + (three + four)
+      remembered(few*(i - 1) + 1:min(few*i, s)) = one(:min(few, s - few*(i - 1)))
     end do
-    !GCC$ novector
-    do q = n - mod(n, 4) + 1, n
-      one = one + weights(:, q)*state(q)
-    end do
-    sums = (one + two) + (three + four)
   end subroutine recall_channel
 
   subroutine store(self, g)

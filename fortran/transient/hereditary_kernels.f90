@@ -81,25 +81,38 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n), next(n)
     real(wp), intent(out) :: change, size_of
-    real(wp) :: largest(row_block), moved(row_block), poison(row_block), shift, there
-    integer :: r, l
+    real(wp), dimension(row_block) :: largest, moved, poison, shift, there
+    integer :: b, r
 
     largest = 0.0_wp
     moved = 0.0_wp
     poison = 0.0_wp
-    do r = 1, n, row_block
-      do l = 1, row_block
-        there = abs(next(r + l - 1))
-        shift = abs(next(r + l - 1) - x(r + l - 1))
-        moved(l) = merge(moved(l), shift, moved(l) > shift)
-        largest(l) = merge(largest(l), there, largest(l) > there)
-        ! What is not a number would be lost in a comparison, but not in a sum.
-        poison(l) = poison(l) + 0.0_wp*shift
-      end do
+    !GCC$ novector
+    do b = 1, n/row_block
+      r = (b - 1)*row_block + 1
+      there = abs(next(r:r + row_block - 1))
+      shift = abs(next(r:r + row_block - 1) - x(r:r + row_block - 1))
+      moved = larger(moved, shift)
+      largest = larger(largest, there)
+      ! What is not a number would be lost in a comparison, but not in a sum.
+      poison = poison + 0.0_wp*shift
     end do
-    size_of = maxval(largest)
-    change = maxval(moved) + sum(poison)
+    size_of = largest_of(largest)
+    change = largest_of(moved) + sum(poison)
   end subroutine compare
+
+  !> Largest of the lanes, in pairs: `maxval` looks at them one by one.
+  pure real(wp) function largest_of(x)
+    real(wp), intent(in) :: x(row_block)
+    real(wp) :: quarter(row_block/2)
+    quarter = larger(x(:row_block/2), x(row_block/2 + 1:))
+    largest_of = larger(larger(quarter(1), quarter(3)), larger(quarter(2), quarter(4)))
+  end function largest_of
+
+  elemental real(wp) function larger(a, b)
+    real(wp), intent(in) :: a, b
+    larger = merge(a, b, a > b)
+  end function larger
 
   pure subroutine copy(n, from, to)
     integer, intent(in) :: n
@@ -118,16 +131,16 @@ contains
     end do
   end subroutine add_columns
 
-  !> out = matrix x, rows in whole registers.
-  pure subroutine product_of(n_rows, n, matrix, x, out)
+  !> out = start + matrix x, rows in whole registers.
+  pure subroutine product_of(n_rows, n, matrix, x, start, out)
     integer, intent(in) :: n_rows, n
-    real(wp), intent(in) :: matrix(n_rows, n), x(n)
+    real(wp), intent(in) :: matrix(n_rows, n), x(n), start(n_rows)
     real(wp), intent(out) :: out(n_rows)
     real(wp) :: even(row_block), odd(row_block)
     integer :: c, r
 
     do r = 1, n_rows, row_block
-      even = 0.0_wp
+      even = start(r:r + row_block - 1)
       odd = 0.0_wp
       !GCC$ novector
       do c = 1, n/2

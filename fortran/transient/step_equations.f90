@@ -37,6 +37,8 @@ module viscovib_step_equations
     real(wp), allocatable, private :: onward_start(:), onward(:, :), onward_nodes(:, :)
     !> Room: linear part, next X, displacements and hereditary variables at the points.
     real(wp), allocatable, private :: linear(:), next(:), u_points(:, :), w_points(:, :)
+    !> Zeros, as many as X has rows.
+    real(wp), allocatable, private :: nothing(:)
   contains
     procedure :: start_bends
     procedure :: predict
@@ -62,6 +64,7 @@ contains
     allocate (self%y_start(size(map%bent)), self%y(size(map%from_bend, 2)))
     allocate (self%z(size(map%from_input, 2)), self%linear(size(map%from_input, 1)))
     allocate (self%x, self%next, mold=self%linear)
+    allocate (self%nothing(size(self%linear)), source=0.0_wp)
     allocate (self%u_points(s + 1, map%n_dof), self%w_points(s + 1, map%n_memory))
     self%y = 0.0_wp
     self%w_points = 0.0_wp
@@ -139,35 +142,36 @@ contains
     !> Displacements at the start of the step, shape (n_dof).
     real(wp), intent(in), contiguous :: u(:)
     logical, intent(out) :: made
-    real(wp) :: change, before, size_of
+    real(wp) :: change, before, expected, size_of
     integer :: turn, n_rows, n_y
     logical :: newton
 
     n_rows = size(self%x)
     n_y = size(self%y)
-    call product_of(n_rows, size(self%z), map%from_input, self%z, self%linear)
+    call product_of(n_rows, size(self%z), map%from_input, self%z, self%nothing, self%linear)
     if (n_y == 0) then
       self%x = self%linear
       made = all(abs(self%x) <= huge(1.0_wp))
       return
     end if
-    call product_of(n_rows, n_y, map%from_bend, self%y, self%x)
-    self%x = self%linear + self%x
+    call product_of(n_rows, n_y, map%from_bend, self%y, self%linear, self%x)
     newton = .false.
     before = huge(1.0_wp)
     do turn = 1, max_iterations
       self%n_iterations = self%n_iterations + 1
       call self%evaluate_bends(system, map, u)
-      call product_of(n_rows, n_y, map%from_bend, self%y, self%next)
-      self%next = self%linear + self%next
+      call product_of(n_rows, n_y, map%from_bend, self%y, self%linear, self%next)
       if (newton) then
         call self%newton_step(system, map, made)
         if (.not. made) return
       end if
       call compare(map%n_core, self%x, self%next, change, size_of)
       size_of = size_of + maxval(abs(u))
-      self%x = self%next
-      made = change <= self%solved*size_of &
+      call copy(n_rows, self%next, self%x)
+      ! The next correction would shrink by the same factor again.
+      expected = change
+      if (before > change .and. turn > 1) expected = change*(change/before)
+      made = expected <= self%solved*size_of &
              .or. (change >= 0.5_wp*before .and. change <= rounding*size_of)
       if (made .or. .not. change <= huge(1.0_wp)) return
       if (turn >= patience .and. change > slow*before) newton = .true.

@@ -3,12 +3,12 @@
 from importlib.metadata import version as _version
 
 from viscovib.backbone import Backbone, backbone
-from viscovib.branch import Branch, Crossing
+from viscovib.branch import Branch, BranchPoint, Crossing
 from viscovib.characteristic import CharacteristicRoots
 from viscovib.cubic_system import CubicSystem
 from viscovib.decay import FreeDecay, free_decay
 from viscovib.driven import DrivenResponse
-from viscovib.driven_branch import BranchPoint, DrivenBranch
+from viscovib.driven_branch import DrivenBranch
 from viscovib.ensemble import Ensemble, simulate_ensemble
 from viscovib.errors import (
     ConvergenceWarning,

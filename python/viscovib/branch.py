@@ -2,7 +2,7 @@
 
 import csv
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,32 +15,68 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, StabilityWarning
 from viscovib.files import whole_file
-from viscovib.hill import stability_with_memory
 from viscovib.load import LoadLike
+from viscovib.motion_stability import Stability, codes_of
 from viscovib.oscillators import Oscillator
 from viscovib.response import Peak, _prepare
 
-OUTCOMES: tuple[str, ...] = ("completed", "returned", "step limit", "stuck", "overflow")
+OUTCOMES: tuple[str, ...] = (
+    "completed", "returned", "step limit", "stuck", "overflow", "unphysical", "closed",
+)  # fmt: skip
 #: Multipliers this close to the unit circle count as on it.
 _CIRCLE = 1e-9
 #: Numbers that all points together may hold.
 _MAX_NUMBERS = 4e8
+#: Folds, branch points and changes of stability that a branch keeps.
+MAX_SPECIAL = 200
 #: Entries of a monodromy matrix beyond this say nothing any more.
 _LARGEST = 1e100
+#: What may be crossed, in the order of the core.
+CROSSINGS = ("fold", "branch point", "symmetry breaking", "period doubling", "Neimark-Sacker")
 
 
 @dataclass(frozen=True)
 class Crossing:
     """Where stability changes along a branch: between two of its points.
 
-    ``kind`` is "fold", "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is
-    the index of the last point before it. ``parameter``: where, for branches of the pendulum; None
-    where that was not found.
+    ``kind`` is "fold", "branch point" (a multiplier 1 where the branch does not turn back),
+    "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is the index of the last
+    point before it. ``parameter`` and ``coefficients`` (shape (n_dof, m), not for the pendulum):
+    where, and the motion there; None where that was not found.
     """
 
     kind: str
     before: int
     parameter: float | None = None
+    coefficients: ComplexArray | None = field(default=None, compare=False, repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class BranchPoint:
+    """Where another branch leaves: value of what varies, X_k there, last point before.
+
+    ``across`` is the direction of the other branch in X_k, found where the derivatives are
+    singular; the other branch leads off both ways.
+    """
+
+    parameter: float
+    coefficients: ComplexArray
+    before: int
+    across: ComplexArray
+    #: The same as unknowns of the core, and direction with that of the parameter.
+    _unknowns: FloatArray
+    _direction: FloatArray
+
+    def departure(self, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
+        """Point and direction for a branch of ``n`` unknowns."""
+        if self._unknowns.size != n:
+            raise InputError(
+                f"leave: has {self._unknowns.size} unknowns, must have as many as asked for now "
+                f"({n}): use the same harmonics, loads and symmetry"
+            )
+        if not self._direction.any():
+            raise InputError("leave: the direction of the other branch was not found")
+        return self._unknowns, (-1 if opposite else 1) * self._direction
 
 
 class Curve:
@@ -116,10 +152,10 @@ class Branch(Curve):
     coefficients : complex ndarray, shape (n, n_dof, m)
         X_k.
     stable : ndarray of bool, shape (n,), or None
-        None: unknown (time scales too far apart) or not asked for. With memory single motions may
-        be unknown; the array then holds objects, True, False and None.
+        None: unknown (time scales too far apart) or not asked for. If it is unknown of some motions
+        only, the array holds objects, True, False and None.
     multipliers : complex ndarray, shape (n, 2 n_dof), or None
-        Floquet multipliers, largest first; with memory exp(2 pi exponents/nu).
+        Floquet multipliers, largest first, NaN where unknown; with memory exp(2 pi exponents/nu).
     exponents : complex ndarray, shape (n, m), or None
         Exponents lambda (1/s) of disturbances exp(lambda t) times a periodic function, largest real
         part first, modulo i nu (of motions symmetric about half a period: 2 i nu; there Im lambda =
@@ -128,11 +164,16 @@ class Branch(Curve):
     folds : ndarray, shape (n_folds,)
         Where the branch turns back: values of what varies (nu, or the load factor).
     fold_coefficients : complex ndarray, shape (n_folds, n_dof, m)
+    branch_points : tuple of BranchPoint
+        Where others branch off: each may be given to `trace_response` as ``leave``.
     crossings : tuple of Crossing
-        Changes of stability.
+        Changes of stability, located to 1e-8 or better of what varies.
+    stops : ndarray of int
+        Which points lie at the values asked for.
     outcome : str
         "completed"; "returned": back at the beginning, another branch leads on; "step limit":
-        max_points reached; "stuck": no smaller step helps; "overflow".
+        max_points reached; "stuck": no smaller step helps; "overflow"; "closed": back at the first
+        point.
     """
 
     nu: FloatArray
@@ -144,7 +185,9 @@ class Branch(Curve):
     exponents: ComplexArray | None
     folds: FloatArray
     fold_coefficients: ComplexArray
+    branch_points: tuple[BranchPoint, ...]
     crossings: tuple[Crossing, ...]
+    stops: npt.NDArray[np.intp]
     outcome: str
     iterations: npt.NDArray[np.int32]
     varies: str
@@ -181,8 +224,8 @@ class Branch(Curve):
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),
         }
         if self.stable is not None and self.multipliers is not None:
-            known = [-1 if s is None else int(s) for s in self.stable]
-            data["stable"] = ("point", self.stable if self.stable.dtype == bool else known)
+            whole = self.stable.dtype == bool
+            data["stable"] = ("point", self.stable if whole else codes_of(self.stable))
             data["exponents"] = (("point", "multiplier"), self.exponents)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
         return xr.Dataset(
@@ -195,7 +238,7 @@ class Branch(Curve):
         """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1."""
         columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
         if self.stable is not None:
-            columns["stable"] = np.array([-1 if s is None else int(s) for s in self.stable])
+            columns["stable"] = codes_of(self.stable)
         for d, name in enumerate(self.dof_names):
             for j, k in enumerate(self.harmonics):
                 columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real
@@ -218,6 +261,10 @@ def trace_response(
     base: LoadLike | None = None,
     nu: float | None = None,
     load_range: tuple[float, float] | None = None,
+    at: npt.ArrayLike = (),
+    leave: BranchPoint | None = None,
+    opposite: bool = False,
+    symmetric: bool = True,
     harmonics: int = 9,
     tolerance: float = 1e-10,
     max_points: int = 2000,
@@ -236,6 +283,15 @@ def trace_response(
         With ``load_range`` instead of ``nu_range``: the frequency at which the load varies.
     load_range : (float, float)
         Factors of the load from which and to which the branch is followed.
+    at : array_like
+        Values of what varies at each of which a point shall lie, as often as the branch gets there.
+    leave : BranchPoint
+        Follow the branch that crosses another one here, which was traced with the same harmonics
+        and loads; ``opposite``: the other way.
+    symmetric : bool
+        Keep to motions that share the symmetry of forces and load about half a period, where there
+        is one: faster, but blind to branch points where it breaks. For period doublings give the
+        load as order 2 and half its frequency.
     harmonics : int
         Highest order kept.
     tolerance : float
@@ -269,93 +325,124 @@ def trace_response(
     )
     if varies == "nu" and min(start, finish) <= 0:
         raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
-    at = start if nu is None else _native.number("nu", nu)
+    fixed = start if nu is None else _native.number("nu", nu)
+    stops = _native.real_array("at", at).reshape(-1)
+    judged_too = _native.flag("stability", stability)
+    keeps = _native.flag("symmetric", symmetric)
     points = _native.integer("max_points", max_points, 2, 100_000)
     step = _native.number("max_step", max_step)
     if not 1e-4 <= step <= 1:
         raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
     job, _, options, planned = _prepare(
-        mount, [at], load, base, "newton", harmonics, tolerance, 100, 1.0
+        mount, [fixed], load, base, "newton", harmonics, tolerance, 100, 1.0
     )
     if planned.method != "newton":
         raise InputError(
             "mount: nothing is nonlinear, its response is a single curve: see forced_response"
         )
-    n, m = len(mount.dof_names), planned.orders.size
-    most = int(_MAX_NUMBERS / (8 * m * n + 4 * n**2))
+    orders = planned.orders
+    if not keeps:
+        orders = np.arange(options[1] + 1, dtype=np.int32)
+    n_dof, m = len(mount.dof_names), orders.size
+    most = int(_MAX_NUMBERS / (8 * m * n_dof + 8 * n_dof + 16))
     if points > most:
         raise InputError(
-            f"max_points = {points}: must be at most {most} with {n} coordinates and {m} harmonics"
+            f"max_points = {points}: must be at most {most} with {n_dof} coordinates and {m} "
+            "harmonics"
         )
+    begin, along = np.zeros(2 * m * n_dof), np.zeros(2 * m * n_dof + 1)
+    begin_p = 0.0
+    if leave is not None:
+        check_departure(leave)
+        begin, along = leave.departure(2 * m * n_dof, _native.flag("opposite", opposite))
+        begin_p = leave.parameter
     cancel = np.zeros(1, dtype=np.intc)
-    remembers = bool(mount._active_kernels)
-    known = _native.flag("stability", stability) and not remembers
     (
-        n, ended, p, iterations, coefficients, matrices, half_wave, n_folds, folds,
-        fold_coefficients,
+        n, ended, p, iterations, coefficients, is_stop, n_folds, folds, fold_coefficients,
+        n_branch, branch_p, branch_x, across, branch_before, judged, multipliers, exponents,
+        n_crossings, kinds, before, where, crossing_coefficients,
     ) = _native.call_interruptibly(
-        core.mount_branch, cancel, *job, 1 if varies == "nu" else 2, at, start, finish, options[1],
-        options[2], points, step, int(known), planned.orders.size, cancel,
+        core.mount_branch, cancel, *job, 1 if varies == "nu" else 2, fixed, start, finish,
+        options[1], int(keeps), options[2], points, step, stops, int(leave is not None),
+        begin, begin_p, along, points if judged_too else 0, m, min(points, MAX_SPECIAL), cancel,
     )  # fmt: skip
-    if ended < 0:
+    if not n:
         raise InputError(
             f"{'nu_range' if varies == 'nu' else 'load_range'}: no solution was found at its "
             f"beginning {start:g}: begin elsewhere"
         )
-    multipliers: ComplexArray | None = None
-    exponents: ComplexArray | None = None
-    stable: npt.NDArray[Any] | None = None
-    crossings: tuple[Crossing, ...] = ()
-    if known and not np.all(np.abs(matrices[:, :, :n]) < _LARGEST):
-        known = False
+    found: Stability | None = None
+    if judged_too:
+        found = Stability.of(judged[:n], multipliers[:, :n], exponents[:, :n])
+        if (judged[:n] < 0).all() and not mount._active_kernels:
+            found = None
+
+    def absolute(relative: ComplexArray, factors: FloatArray) -> ComplexArray:
+        if varies == "nu":
+            factors = np.ones(factors.size)
+        return _absolute(relative.T, mount._base_direction, job, orders, factors)
+
+    if n_crossings > MAX_SPECIAL:
         warnings.warn(
-            "stability was not computed: the motion's time scales are too far apart",
+            f"stability changes {n_crossings} times: the first {MAX_SPECIAL} changes are given",
             StabilityWarning,
             stacklevel=2,
         )
-    if known:
-        roots = np.linalg.eigvals(np.ascontiguousarray(matrices[:, :, :n].transpose(2, 0, 1)))
-        multipliers, stable, crossings, exponents = _stability(roots, bool(half_wave))
-        exponents *= (p[:n] if varies == "nu" else np.full(n, at))[:, np.newaxis]
-    elif stability and remembers:
-        along = p[:n] if varies == "nu" else np.full(n, at)
-        stable, exponents, n_growing = stability_with_memory(
-            job[:-2], along, coefficients[:, :, :n], planned.orders, bool(half_wave)
+        n_crossings = MAX_SPECIAL
+    crossed = absolute(crossing_coefficients[:, :, :n_crossings], where[:n_crossings])
+    crossings = tuple(
+        Crossing(CROSSINGS[kind - 1], int(i) - 1)
+        if np.isnan(value)
+        else Crossing(CROSSINGS[kind - 1], int(i) - 1, float(value), motion)
+        for kind, i, value, motion in zip(
+            kinds[:n_crossings], before[:n_crossings], where[:n_crossings], crossed, strict=True
         )
-        multipliers = np.exp(2 * np.pi * exponents / along[:, np.newaxis])
-        halves = np.exp(np.pi * exponents / along[:, np.newaxis]) if half_wave else multipliers
-        crossings = _crossings(halves, n_growing, exponents.real > 0, bool(half_wave))
+    )
     values = p[:n].copy()
     same = np.ones(n)
+    points_off = absolute(_complex(branch_x[:, :n_branch], n_dof, m), branch_p[:n_branch])
+    directions = _complex(across[:-1, :n_branch], n_dof, m).T
     return Branch(
-        nu=values if varies == "nu" else at * same,
+        nu=values if varies == "nu" else fixed * same,
         load_factor=same if varies == "nu" else values,
-        harmonics=planned.orders,
-        coefficients=_absolute(
-            coefficients[:, :, :n].T,
-            mount._base_direction,
-            job,
-            planned.orders,
-            same if varies == "nu" else values,
-        ),
-        stable=stable,
-        multipliers=multipliers,
-        exponents=exponents,
+        harmonics=orders,
+        coefficients=absolute(coefficients[:, :, :n], values),
+        stable=found.stable if found else None,
+        multipliers=found.multipliers if found else None,
+        exponents=found.exponents if found else None,
         folds=folds[:n_folds].copy(),
-        fold_coefficients=_absolute(
-            fold_coefficients[:, :, :n_folds].T,
-            mount._base_direction,
-            job,
-            planned.orders,
-            np.ones(n_folds) if varies == "nu" else folds[:n_folds],
+        fold_coefficients=absolute(fold_coefficients[:, :, :n_folds], folds[:n_folds]),
+        branch_points=tuple(
+            BranchPoint(
+                float(branch_p[i]),
+                points_off[i],
+                int(branch_before[i]) - 1,
+                directions[i],
+                branch_x[:, i].copy(),
+                across[:, i].copy(),
+            )
+            for i in range(n_branch)
         ),
         crossings=crossings,
+        stops=np.flatnonzero(is_stop[:n]),
         outcome=OUTCOMES[ended],
         iterations=iterations[:n].copy(),
         varies="nu" if varies == "nu" else "load_factor",
         dof_names=mount.dof_names,
         dof_units=mount.dof_units,
     )
+
+
+def check_departure(leave: object) -> None:
+    """Refuse what is no branch point."""
+    if not isinstance(leave, BranchPoint):
+        raise InputError(f"leave = {_native.shown(leave)}: must be one of a branch's branch_points")
+
+
+def _complex(unknowns: FloatArray, n_dof: int, n_orders: int) -> ComplexArray:
+    """X_k, shape (n_orders, n_dof, n), from unknowns (2 n_orders n_dof, n) of the core."""
+    parts = unknowns.reshape(n_dof, n_orders, 2, unknowns.shape[1])
+    return np.moveaxis(parts[:, :, 0] + 1j * parts[:, :, 1], 0, 1)
 
 
 def _range(name: str, value: object) -> tuple[float, float]:
@@ -383,45 +470,3 @@ def _absolute(
         for d in np.flatnonzero(direction):
             result[:, d, kept == order] += direction[d] * moved * factors[:, np.newaxis]
     return result
-
-
-def _stability(
-    roots: ComplexArray, half_wave: bool
-) -> tuple[ComplexArray, npt.NDArray[np.bool_], tuple[Crossing, ...], ComplexArray]:
-    """Return multipliers, stability, what is crossed where it changes, and exponents over nu."""
-    roots = np.take_along_axis(roots, np.argsort(-np.abs(roots), axis=1), axis=1)
-    multipliers = roots**2 if half_wave else roots
-    stable = np.abs(multipliers).max(axis=1) <= 1 + _CIRCLE
-    beyond = np.abs(roots) > 1 + _CIRCLE
-    with np.errstate(divide="ignore"):
-        exponents = np.log(roots.astype(complex)) / (np.pi if half_wave else 2 * np.pi)
-    return multipliers, stable, _crossings(roots, beyond.sum(axis=1), beyond, half_wave), exponents
-
-
-def _crossings(
-    roots: ComplexArray,
-    outside: npt.NDArray[np.integer[Any]],
-    beyond: npt.NDArray[np.bool_],
-    half_wave: bool,
-) -> tuple[Crossing, ...]:
-    """Find what is crossed where the number ``outside`` of growing disturbances changes.
-
-    ``roots``: multipliers of a period or, half_wave, half a period, NaN where not known; beyond:
-    those outside the unit circle. A number below 0 is not known.
-    """
-    crossings = []
-    for i in np.flatnonzero(outside[1:] != outside[:-1]):
-        # The root nearest to the circle on the side with more roots outside.
-        j = i + 1 if outside[i + 1] > outside[i] else i
-        out = roots[j][beyond[j]]
-        if min(outside[i], outside[i + 1]) < 0 or not out.size:
-            continue
-        root = out[np.abs(out).argmin()]
-        if abs(root.imag) > 1e-6 * abs(root):
-            kind = "Neimark-Sacker"
-        elif root.real > 0:
-            kind = "fold"
-        else:
-            kind = "symmetry breaking" if half_wave else "period doubling"
-        crossings.append(Crossing(kind, int(i)))
-    return tuple(crossings)

@@ -10,8 +10,15 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.branch import OUTCOMES as MOUNT_OUTCOMES
-from viscovib.branch import Crossing, Curve, _range
+from viscovib.branch import (
+    MAX_SPECIAL,
+    OUTCOMES,
+    BranchPoint,
+    Crossing,
+    Curve,
+    _range,
+    check_departure,
+)
 from viscovib.driven import check_size, write_table
 from viscovib.errors import InputError
 from viscovib.pendulum import Pendulum
@@ -29,29 +36,10 @@ from viscovib.torus import (
     moved,
     place_of,
     tail,
-    unknowns,
 )
 
-OUTCOMES: tuple[str, ...] = (*MOUNT_OUTCOMES, "unphysical", "closed")
 #: Highest orders kept by default, for one, two and three base frequencies.
 _HARMONICS = {1: 15, 2: 6, 3: 4}
-#: Folds, or branch points, reported at most.
-_MAX_SPECIAL = 200
-
-
-@dataclass(frozen=True, eq=False)
-class BranchPoint:
-    """Where another branch leaves: value of what varies, X_k there, last point before.
-
-    ``across`` is the direction of the other branch in X_k, found where the derivatives are
-    singular; the other branch leads off both ways.
-    """
-
-    parameter: float
-    coefficients: ComplexArray
-    before: int
-    across: ComplexArray
-    _direction: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +245,8 @@ def trace_pendulum(
     if symmetric:
         kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
     if leave is not None:
-        begin, along = _departure(leave, n, opposite)
+        check_departure(leave)
+        begin, along = leave.departure(n, opposite)
         lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
         if lost > 1e-6 * np.abs(leave.across).max():
             raise InputError(
@@ -273,7 +262,7 @@ def trace_pendulum(
         n_branch, branch_p, branch_x, across, before,
     ) = _native.call_interruptibly(
         core.pendulum_branch, cancel, *job[:2], kept, *job[2:], start / unit, finish / unit,
-        wanted, points, step, span, int(leave is not None), begin, begin_p, along, _MAX_SPECIAL,
+        wanted, points, step, span, int(leave is not None), begin, begin_p, along, MAX_SPECIAL,
         cancel,
     )  # fmt: skip
     if not n_points:
@@ -317,6 +306,7 @@ def trace_pendulum(
                 points_off[i],
                 int(before[i]) - 1,
                 directions[i],
+                branch_x[:, i].copy(),
                 across[:, i].copy(),
             )
             for i in range(n_branch)
@@ -325,17 +315,3 @@ def trace_pendulum(
         outcome=OUTCOMES[ended],
         iterations=iterations[:n_points].copy(),
     )
-
-
-def _departure(leave: object, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
-    """Point and direction in unknowns."""
-    if not isinstance(leave, BranchPoint):
-        raise InputError(f"leave = {_native.shown(leave)}: must be one of a branch's branch_points")
-    if leave._direction.size != n + 1:
-        raise InputError(
-            f"leave: has {(leave._direction.size - 1) // 3} unknowns a coordinate, must have as "
-            f"many as asked for now ({n // 3}): use the same harmonics, loads and subharmonic"
-        )
-    if not leave._direction.any():
-        raise InputError("leave: the direction of the other branch was not found")
-    return unknowns(leave.coefficients), (-1 if opposite else 1) * leave._direction

@@ -4,10 +4,10 @@ from typing import Any, overload
 
 import numpy.typing as npt
 
-from viscovib.branch import Branch
+from viscovib.branch import Branch, BranchPoint
 from viscovib.branch import trace_response as _trace_mount
 from viscovib.driven import DrivenResponse, pendulum_response
-from viscovib.driven_branch import BranchPoint, DrivenBranch, trace_pendulum
+from viscovib.driven_branch import DrivenBranch, trace_pendulum
 from viscovib.load import LoadLike
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
@@ -27,6 +27,7 @@ def forced_response(
     tolerance: float = 1e-10,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
+    stability: bool = False,
     progress: bool = False,
 ) -> Response: ...
 @overload
@@ -67,6 +68,10 @@ def trace_response(
     base: LoadLike | None = None,
     nu: float | None = None,
     load_range: tuple[float, float] | None = None,
+    at: npt.ArrayLike = (),
+    leave: BranchPoint | None = None,
+    opposite: bool = False,
+    symmetric: bool = True,
     harmonics: int = 9,
     tolerance: float = 1e-10,
     max_points: int = 2000,

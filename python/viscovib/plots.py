@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
@@ -30,6 +31,13 @@ if TYPE_CHECKING:
 COLOURS = ("#0b1d51", "#7b1e7a", "#c8452e", "#e08e1b", "#b9b21a")
 STYLES = ("-", (0, (6, 1.5)), (0, (4, 1.2, 1, 1.2)), (0, (2, 1)), (0, (1, 1)))
 
+#: How changes of stability other than folds are marked.
+_CROSSING_MARKERS = {
+    "branch point": "s",
+    "symmetry breaking": "^",
+    "period doubling": "D",
+    "Neimark-Sacker": "v",
+}
 _SYMBOLS = {"x": "x", "phi": r"\varphi", "psi": r"\psi"}
 _DOTS: dict[str, Any] = {
     "linestyle": "none",
@@ -54,7 +62,8 @@ def plot_response(
     Parameters
     ----------
     response : Response or DrivenResponse, or sequence of them
-        Curves; gaps show where no solution was found.
+        Curves; gaps show where no solution was found. Where stability is known all are solid, but
+        dashed where unstable.
     ax : Axes or sequence of Axes, optional
         Where to draw: as many as there are coordinates; None makes a figure.
     labels : sequence of str, optional
@@ -80,15 +89,24 @@ def plot_response(
         raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
     for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
         for i, curve in enumerate(curves):
-            axis.plot(
-                curve.nu if isinstance(curve, Response) else curve.parameter,
-                _amplitude(curve, name, harmonic),
-                color=COLOURS[i % len(COLOURS)],
-                linestyle=STYLES[i % len(STYLES)],
-                linewidth=1.6,
-                label=labels[i] if labels else None,
-            )
-        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
+            amplitude = _amplitude(curve, name, harmonic)
+            shown: list[tuple[FloatArray, Any]] = [(amplitude, STYLES[i % len(STYLES)])]
+            if isinstance(curve, Response) and curve.stable is not None:
+                unstable = curve.stable == False  # noqa: E712
+                shown = [
+                    (np.where(unstable, np.nan, amplitude), "-"),
+                    (np.where(_with_neighbours(unstable), amplitude, np.nan), (0, (3, 1.5))),
+                ]
+            for values, style in shown:
+                axis.plot(
+                    curve.nu if isinstance(curve, Response) else curve.parameter,
+                    values,
+                    color=COLOURS[i % len(COLOURS)],
+                    linestyle=style,
+                    linewidth=1.6,
+                    label=labels[i] if labels and style == shown[0][1] else None,
+                )
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|${_in(unit)}")
         if log and any((line.get_ydata() > 0).any() for line in axis.lines):
             axis.set_yscale("log")
         _bare(axis)
@@ -100,6 +118,19 @@ def plot_response(
     if labels:
         axes[0].legend(frameon=False)
     return axes
+
+
+def _with_neighbours(shown: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Points and those beside them, so that a stretch leaves no gap."""
+    wider = shown.copy()
+    wider[1:] |= shown[:-1]
+    wider[:-1] |= shown[1:]
+    return wider
+
+
+def _in(unit: str) -> str:
+    """Unit in brackets; nothing of a coordinate that has none."""
+    return "" if unit in ("1", "L") else f" ({unit})"
 
 
 def _amplitude(
@@ -121,8 +152,8 @@ def plot_branch(
 ) -> "Sequence[Axes]":
     """Draw amplitude along a branch, one panel a coordinate.
 
-    Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey. Folds
-    and branch points are marked.
+    Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey.
+    Folds, branch points and other changes of stability are marked.
     """
     _native.check_instance("branch", branch, Branch, DrivenBranch)
     names = branch.dof_names
@@ -160,23 +191,38 @@ def plot_branch(
                     label="stability unknown",
                 )
         d, j = branch._place(name, harmonic)
-        axis.plot(
-            branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k", markersize=4,
-            markerfacecolor="w", label="fold",
-        )  # fmt: skip
+        if branch.folds.size:
+            axis.plot(
+                branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k",
+                markersize=4, markerfacecolor="w", label="fold",
+            )  # fmt: skip
+        if isinstance(branch, Branch):
+            _mark_crossings(axis, branch, d, j)
         if isinstance(branch, DrivenBranch) and branch.branch_points:
             axis.plot(
                 [point.parameter for point in branch.branch_points],
                 [abs(point.coefficients[d, j]) for point in branch.branch_points],
                 "s", color="k", markersize=4, markerfacecolor="w", label="branch point",
             )  # fmt: skip
-        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|${_in(unit)}")
         if log:
             axis.set_yscale("log")
         _bare(axis)
     axes[-1].set_xlabel(branch.label)
     axes[0].legend(frameon=False)
     return axes
+
+
+def _mark_crossings(axis: "Axes", branch: Branch, d: int, j: int) -> None:
+    """Mark changes of stability other than folds, a sign for each kind."""
+    for kind, marker in _CROSSING_MARKERS.items():
+        here = [c for c in branch.crossings if c.kind == kind and c.coefficients is not None]
+        if here:
+            axis.plot(
+                [c.parameter for c in here if c.parameter is not None],
+                [abs(c.coefficients[d, j]) for c in here if c.coefficients is not None],
+                marker, color="k", markersize=5, markerfacecolor="w", label=kind,
+            )  # fmt: skip
 
 
 def plot_backbone(
@@ -209,7 +255,7 @@ def plot_backbone(
                 linewidth=1.2,
                 label=f"backbone, mode {curve.mode}",
             )
-        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|$ ({unit})")
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|${_in(unit)}")
         _bare(axis)
     axes[-1].set_xlabel(r"circular frequency $\nu$ (rad/s)")
     axes[0].legend(frameon=False)
@@ -255,7 +301,7 @@ def plot_trajectory(
             plane.plot(q, v, linewidth=0.7, **style)
         symbol = _symbol(name)
         unit = runs[0].system.dof_units[d]
-        history.set_ylabel(f"${symbol}$" + ("" if unit == "L" else f" ({unit})"))
+        history.set_ylabel(f"${symbol}${_in(unit)}")
         plane.set(xlabel=f"${symbol}$", ylabel=rf"${symbol}'$")
         for axis in (history, plane):
             _bare(axis)

@@ -20,6 +20,7 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.files import whole_file
 from viscovib.load import LoadLike, load_series
+from viscovib.motion_stability import Stability, codes_of
 from viscovib.oscillators import Oscillator, check_oscillator
 
 METHODS = ("linear", "successive", "newton")
@@ -67,6 +68,11 @@ class Response:
         The method that ran.
     plan : str
         What was computed, what was skipped and why.
+    stable : ndarray of bool, shape (n,), or None
+        Whether each motion is stable; None: not asked for. Where that is unknown, or no solution
+        was found, the array holds objects: True, False and None.
+    multipliers, exponents : complex ndarray, shape (n, m), or None
+        As in `Branch`; NaN where unknown.
     """
 
     nu: FloatArray
@@ -80,6 +86,9 @@ class Response:
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
     _history: Callable[[], FloatArray] = field(repr=False)
+    stable: npt.NDArray[Any] | None = None
+    multipliers: ComplexArray | None = None
+    exponents: ComplexArray | None = None
 
     @property
     def converged(self) -> npt.NDArray[np.bool_]:
@@ -172,7 +181,17 @@ class Response:
                 "harmonic": ("harmonic", self.harmonics),
             },
             attrs={"method": self.method, "plan": self.plan},
-        )
+        ).assign(self._judged())
+
+    def _judged(self) -> dict[str, Any]:
+        """Stability for a Dataset; stable is 1, 0 or, where that is unknown, -1."""
+        if self.stable is None:
+            return {}
+        return {
+            "stable": ("nu", codes_of(self.stable)),
+            "multipliers": (("nu", "multiplier"), self.multipliers),
+            "exponents": (("nu", "multiplier"), self.exponents),
+        }
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table that the standalone driver writes: one row a frequency."""
@@ -182,6 +201,8 @@ class Response:
             "iterations": self.iterations,
             "rate": self.rate,
         }
+        if self.stable is not None:
+            columns["stable"] = codes_of(self.stable)
         for d, name in enumerate(self.dof_names):
             for j, k in enumerate(self.harmonics):
                 columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real
@@ -194,6 +215,8 @@ class Response:
             file.write(f"# viscovib {version('viscovib')}\n# nu: circular frequency of the load ")
             file.write("(rad/s); rate: factor between the last corrections; ")
             file.write("u = Im sum_k X_k exp(i k nu t),\n")
+            if self.stable is not None:
+                file.write("# stable: 1: stable, 0: not, -1: unknown\n")
             file.write(f"# {units}; nan where no solution was found\n")
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
@@ -220,6 +243,7 @@ def forced_response(
     tolerance: float = 1e-10,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
+    stability: bool = False,
     progress: bool = False,
 ) -> Response:
     """Steady response of a system to a periodic load or motion of its base.
@@ -256,6 +280,9 @@ def forced_response(
     relaxation : float or "auto"
         Fraction of each correction that is taken, in (0, 1]; "auto": start with 1 and halve, up
         to four times, where the iteration does not converge.
+    stability : bool
+        Also say whether each motion is stable, by Floquet multipliers or, with memory, by Hill's
+        determinant (method "newton" only): see `Branch`.
     progress : bool
         Show a progress bar.
 
@@ -272,6 +299,8 @@ def forced_response(
     -----
     ConvergenceWarning
         If some frequencies have no solution; they hold NaN.
+    StabilityWarning
+        If the stability of motions found is unknown.
 
     Notes
     -----
@@ -284,15 +313,16 @@ def forced_response(
             lambda highest: forced_response(
                 mount, nu, load=load, base=base, method=method, harmonics=highest,
                 tolerance=tolerance, max_iterations=max_iterations, relaxation=relaxation,
-                progress=progress,
+                stability=stability, progress=progress,
             ),
             load, base, tolerance, len(mount.dof_names) if method == "newton" else 1,
         )  # fmt: skip
     if isinstance(harmonics, str):
         raise InputError(f"harmonics = {_native.shown(harmonics)}: must be an integer or 'auto'")
     job, frequencies, options, planned = _prepare(
-        mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation
-    )
+        mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
+        bool(stability),
+    )  # fmt: skip
 
     n_dof = len(mount.dof_names)
     # A matrix of the unknowns is factorized a few times a frequency.
@@ -308,8 +338,9 @@ def forced_response(
             parts = []
             for start in starts:
                 chunk = frequencies[start : start + size]
-                given = (*job, chunk, *options, n_history, planned.orders.size, cancel)
-                if whole and long:
+                judged = chunk.size if stability else 0
+                given = (*job, chunk, *options, n_history, planned.orders.size, judged, cancel)
+                if whole and (long or stability):
                     part = _native.call_interruptibly(core.mount_response, cancel, *given)
                 else:
                     part = _native.call(core.mount_response, *given)
@@ -339,9 +370,18 @@ def forced_response(
         dof_names=mount.dof_names,
         dof_units=mount.dof_units,
         _history=history,
+        **_stability_of(parts, _joined(parts, 1) == 0) if stability else {},
     )
     _warn_of_gaps(response)
     return response
+
+
+def _stability_of(
+    parts: list[tuple[Any, ...]], solved: npt.NDArray[np.bool_]
+) -> dict[str, npt.NDArray[Any]]:
+    """Stability of all motions, of which some may not have been found."""
+    (part,) = parts
+    return Stability.of(*part[5:8], solved)._asdict()
 
 
 def _with_enough_harmonics(
@@ -384,11 +424,13 @@ def plan_response(
     tolerance: float = 1e-10,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
+    stability: bool = False,
 ) -> str:
     """Say what `forced_response` would compute and skip, and why; same arguments."""
     return _prepare(
-        mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation
-    )[3].text
+        mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
+        bool(stability),
+    )[3].text  # fmt: skip
 
 
 class _Plan(NamedTuple):
@@ -407,6 +449,7 @@ def _prepare(
     tolerance: float,
     max_iterations: int,
     relaxation: float | str,
+    stability: bool = False,
 ) -> tuple[tuple[Any, ...], FloatArray, tuple[Any, ...], _Plan]:
     """Check everything and bring it into the form of the core."""
     check_oscillator(mount, base)
@@ -435,7 +478,9 @@ def _prepare(
         _native.integer("max_iterations", max_iterations, 1, _MAX_ITERATIONS),
         fraction,
     )
-    n_kept, kept, _, _, ran, text = _native.call(core.mount_plan, *job, frequencies, *options, 0)
+    n_kept, kept, _, _, ran, text = _native.call(
+        core.mount_plan, *job, frequencies, *options, 0, int(stability)
+    )
     orders = kept[:n_kept].copy()
     return job, frequencies, options, _Plan(orders, METHODS[ran - 1], text.decode().strip())
 

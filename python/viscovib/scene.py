@@ -269,6 +269,7 @@ class Scene:
             "nu_range": (group["nu_from"], group["nu_to"]),
             **self.loads(),
             **{key: group[key] for key in ("harmonics", "tolerance", "max_points", "max_step")},
+            "stability": group["stability"] == "yes",
         }
 
     def _job(self) -> dict[str, Any]:
@@ -280,6 +281,7 @@ class Scene:
             **self.loads(),
             **{key: group[key] for key in ("method", "harmonics", "tolerance", "max_iterations")},
             "relaxation": relaxation if relaxation > 0 else "auto",
+            "stability": group["stability"] == "yes",
         }
 
 
@@ -421,7 +423,9 @@ def _plan_branch(scene: Scene) -> str:
         scene.oscillator(), [group["nu_from"]], loads["load"], loads["base"], "newton",
         group["harmonics"], group["tolerance"], 100, 1.0,
     )[3]  # fmt: skip
-    text: bytes = core.branch_plan(group["nu_from"], group["nu_to"], planned.orders.size)
+    text: bytes = core.branch_plan(
+        group["nu_from"], group["nu_to"], planned.orders.size, int(group["stability"] == "yes")
+    )
     return text.decode().strip() + "\n"
 
 

@@ -48,6 +48,47 @@ def test_branches_of_driver_and_python_agree(solve, tmp_path):
             for j, k in enumerate(branch.harmonics):
                 assert (table[f"{dof}_{k}_re"] == branch.coefficients[:, d, j].real).all()
                 assert (table[f"{dof}_{k}_im"] == branch.coefficients[:, d, j].imag).all()
+        assert (table["stable"] == branch.stable).all()
+        lines = (tmp_path / "mount_branch_branch.csv").read_text().splitlines()
+        told = [line.split() for line in lines if line.startswith("# stability changes")]
+        assert [int(words[5].rstrip(":")) - 1 for words in told] == [
+            c.before for c in branch.crossings
+        ]
+        assert [float(words[-1]) for words in told] == [c.parameter for c in branch.crossings]
+    silent = tmp_path / "silent.nml"
+    silent.write_text(scene.read_text().replace("nu_from", "stability='no', nu_from"))
+    assert solve(silent, "--out", tmp_path).returncode == 0
+    assert "stable" not in read_csv(tmp_path / "silent_branch.csv").dtype.names
+    assert vv.run(silent).branch.stable is None
+    assert vv.plan(silent).splitlines() == solve(silent, "--plan").stdout.splitlines()
+
+
+@pytest.mark.parametrize("memory", [False, True])
+def test_stability_of_a_response_in_driver_and_python(solve, tmp_path, memory):
+    kernel = "&kernel kind='prony', weights=0.02 0.3, rates=0.15 3 /\n" if memory else ""
+    load = f"&load on='x', amplitude={2.5 if memory else 1.5} /\n"
+    scene = tmp_path / "judged.nml"
+    scene.write_text(
+        "&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,\n"
+        f"  damping=0.2 -0.1 -0.1 0.09 /\n{kernel}{load}"
+        "&response method='newton', stability='yes', nu_min=2, nu_max=3.4, nu_count=20 /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / "judged_response.csv")
+    r = vv.run(scene).response
+    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    assert "computes: stability of each motion" in vv.plan(scene)
+    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
+        assert (table["stable"] == r.stable).all()
+        assert {0, 1} <= set(table["stable"].tolist())
+        r.to_csv(tmp_path / "python.csv")
+        assert read_csv(tmp_path / "python.csv").dtype.names == table.dtype.names
+    wrong = tmp_path / "wrong.nml"
+    wrong.write_text(scene.read_text().replace("'newton'", "'successive'"))
+    done = solve(wrong, "--out", tmp_path)
+    assert done.returncode != 0
+    assert "stability: needs method = newton" in done.stderr
 
 
 def test_plan_prints_and_computes_nothing(solve, tmp_path):

@@ -5,6 +5,7 @@ program tester
   use test_balance, only: run_balance
   use test_base, only: run_base
   use test_dense, only: run_dense
+  use test_floquet, only: run_floquet
   use test_fourier, only: run_fourier
   use test_harmonics, only: run_harmonics
   use test_hereditary, only: run_hereditary_suite
@@ -31,6 +32,7 @@ program tester
   if (wants('balance')) call run_balance()
   if (wants('base')) call run_base()
   if (wants('dense')) call run_dense()
+  if (wants('floquet')) call run_floquet()
   if (wants('fourier')) call run_fourier()
   if (wants('harmonics')) call run_harmonics()
   if (wants('hereditary')) call run_hereditary_suite()

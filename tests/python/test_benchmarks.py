@@ -66,3 +66,38 @@ def test_quickest_that_is_good_enough(parts):
     assert combined.quickest(rows, 1e-8) == 2.0
     assert np.isnan(combined.quickest(rows, 1e-10))
     assert "| peer | 8 s (8x) | 8 s (4x) | 8 s (4x) |" in "\n".join(combined.table({"p": rows}))
+
+
+def test_a_part_is_ended_at_its_limit(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    import results
+
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import pathlib, pickle, subprocess, sys, time\n"
+        "name, out = sys.argv[2], pathlib.Path(sys.argv[4])\n"
+        "if name == 'slow':\n"
+        "    child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\n"
+        "    (out / 'child').write_text(str(child.pid))\n"
+        "    time.sleep(600)\n"
+        "if name == 'broken':\n"
+        "    sys.exit(3)\n"
+        "(out / f'.{name}.pickle').write_bytes(pickle.dumps(([name], {})))\n"
+    )
+    limits = {"slow": 5.0, "broken": 60.0, "good": 60.0}
+    found, lost = results.run_parts(program, tmp_path, limits)
+    assert found == {"good": (["good"], {})}
+    assert lost == ["slow: ended after 5 s, left out", "broken: exit status 3, left out"]
+    child = Path(f"/proc/{(tmp_path / 'child').read_text()}/stat")
+    assert not child.exists() or child.read_text().split()[2] == "Z"
+
+
+def test_every_routine_has_a_phase(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    import phases
+
+    core = "_viscovib.cpython-311-x86_64-linux-gnu.so"
+    assert phases.phase_of(core, "[.] __viscovib_dense_MOD_factorize") == "equations solved"
+    assert phases.phase_of(core, "[.] __viscovib_node_kernels_MOD_predict") == "prediction"
+    assert phases.phase_of("libm.so.6", "[.] __sincos_fma").startswith("sines")
+    assert phases.phase_of("libpython3.11.so.1.0", "[.] _PyEval") == "Python and NumPy"

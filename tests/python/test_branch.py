@@ -111,6 +111,74 @@ def test_multipliers_against_integration_of_the_motion(geometry, load):
     assert branch.multipliers[0].sum() == pytest.approx(expected.sum(), abs=1e-6)
 
 
+def variational(nu, k, x, geometry):
+    """Monodromy matrix of the mount along Im sum x_k exp(i k nu t), by SciPy."""
+
+    def slope(t, y):
+        x_, phi = (x * np.exp(1j * k * nu * t)).sum(axis=1).imag
+        if geometry == "exact":
+            s, c = np.sin(phi), np.cos(phi)
+            rest = 2 + 2.5 * c**2 + 5 * s * (x_ - 0.5 * s)
+            stiffness = np.array([[10, -5 * c], [-5 * c, rest]])
+        else:
+            stiffness = STIFFNESS + np.array(
+                [[0, 2.5 * phi**2], [2.5 * phi**2, 5 * phi * x_ - 5 * phi**2]]
+            )
+        y = y.reshape(4, 4)
+        force = stiffness @ y[:2] + 0.02 * STIFFNESS @ y[2:]
+        return np.concatenate([y[2:], -force / [[1], [0.1]]]).ravel()
+
+    end = solve_ivp(slope, (0, 2 * np.pi / nu), np.eye(4).ravel(), "DOP853", rtol=1e-13, atol=1e-14)
+    return end.y[:, -1].reshape(4, 4)
+
+
+@pytest.mark.parametrize("geometry", ["cubic", "exact"])
+@pytest.mark.parametrize("load", [0.5, {1: 0.5, 0: 0.3j}])
+def test_multipliers_keep_ten_digits(geometry, load):
+    branch = vv.trace_response(damped(geometry=geometry), (0.5, 10), load=load)
+    for i in range(3, branch.nu.size, branch.nu.size // 9):
+        matrix = variational(branch.nu[i], branch.harmonics, branch.coefficients[i], geometry)
+        expected = np.linalg.eigvals(matrix)
+        apart = np.abs(branch.multipliers[i][:, None] - expected)
+        worst = max(apart.min(axis=0).max(), apart.min(axis=1).max())
+        assert worst < 1e-10 * np.abs(expected).max()
+        # Those of exponents are the same; half a period has its own, of order 2.
+        again = np.exp(2 * np.pi * branch.exponents[i] / branch.nu[i])
+        assert again == pytest.approx(branch.multipliers[i], rel=1e-12)
+
+
+@pytest.mark.parametrize("load", [2.5, {1: 2.5, 0: 0.3j}])
+def test_crossings_are_located(load):
+    """Along the motion at a crossing, a multiplier lies on the circle, where its kind says."""
+    branch = vv.trace_response(damped(), (0.45, 2.7), load=load, harmonics=15, max_points=3000)
+    assert {c.kind for c in branch.crossings} == {
+        "Neimark-Sacker", "symmetry breaking" if load == 2.5 else "period doubling"
+    }  # fmt: skip
+    for crossing in branch.crossings:
+        i, nu = crossing.before, crossing.parameter
+        assert min(branch.nu[i : i + 2]) < nu < max(branch.nu[i : i + 2])
+        roots = np.linalg.eigvals(variational(nu, branch.harmonics, crossing.coefficients, "cubic"))
+        root = roots[np.abs(np.abs(roots) - 1).argmin()]
+        assert abs(root) == pytest.approx(1, abs=1e-9)
+        # It moves so fast that an error of 1e-8 in the parameter would show.
+        there = np.abs(branch.multipliers[[i, i + 1]])
+        moved = np.abs(np.diff(np.log(there), axis=0)).max() / abs(np.diff(branch.nu[i : i + 2]))
+        assert moved * nu > 0.5
+        # Over a whole period; the symmetry breaks at -1 of half of it.
+        if crossing.kind == "Neimark-Sacker":
+            assert abs(root.imag) > 1e-3
+        else:
+            assert root == pytest.approx(-1 if crossing.kind == "period doubling" else 1, abs=1e-8)
+
+
+def test_crossings_at_folds_are_the_folds():
+    branch = vv.trace_response(damped(), (0.5, 10), load=0.5)
+    assert [c.parameter for c in branch.crossings] == branch.folds.tolist()
+    assert [c.coefficients.tolist() for c in branch.crossings] == branch.fold_coefficients.tolist()
+    in_load = vv.trace_response(damped(), nu=2.4, load_range=(0, 4), load=0.5)
+    assert [c.parameter for c in in_load.crossings] == in_load.folds.tolist()
+
+
 @pytest.mark.parametrize("geometry", ["cubic", "exact", "printed"])
 @pytest.mark.parametrize("load", [0.1, {1: 0.1, 0: 0.05j, 2: 0.02}])
 def test_newton_and_successive_approximations_agree(geometry, load):
@@ -234,6 +302,22 @@ def test_table_dataset_and_picture(tmp_path):
     axes = vv.plot_branch(branch)
     assert {line.get_label() for line in axes[0].lines} == {"stable", "unstable", "fold"}
     assert axes[0].lines[2].get_xdata().tolist() == branch.folds.tolist()
+    assert axes[0].get_ylabel().endswith("(m)")
+    low = vv.trace_response(
+        vv.PolynomialSystem(mass=1, stiffness=1, damping=0.3, forces="0.1*x^3", units=["1"]),
+        (0.5, 2), load=0.1,
+    )  # fmt: skip
+    axes = vv.plot_branch(low)
+    assert "fold" not in {line.get_label() for line in axes[0].lines}
+    assert axes[0].get_ylabel() == "amplitude $|x_{1}|$"
+    broken = vv.trace_response(damped(), (0.45, 2.7), load=2.5, harmonics=9)
+    axes = vv.plot_branch(broken)
+    marks = {line.get_label(): line for line in axes[0].lines}
+    (crossing,) = [c for c in broken.crossings if c.kind == "symmetry breaking"]
+    assert marks["symmetry breaking"].get_xdata().tolist() == [crossing.parameter]
+    place = abs(crossing.coefficients[0, 0])
+    assert marks["symmetry breaking"].get_ydata()[0] == pytest.approx(place)
+    assert "Neimark-Sacker" in marks
     matplotlib.pyplot.close("all")
 
 
@@ -314,3 +398,126 @@ def test_multipliers_of_a_large_motion():
     trace = 0.02 * (10 + 4.5 / 0.1)
     product = np.abs(np.prod(branch.multipliers, axis=1))
     assert product == pytest.approx(np.exp(-trace * 2 * np.pi), rel=1e-5)
+
+
+def _duffing():
+    return vv.PolynomialSystem(
+        mass=[1.0], stiffness=[[1.0]], damping=[[0.1]], forces={"u": "u^3"}, names=("u",)
+    )
+
+
+def test_where_a_symmetry_breaks_another_branch_leaves():
+    options = {"load_range": (0.1, 30.0), "nu": 1.0, "load": 1.0, "harmonics": 31}
+    odd = vv.trace_response(_duffing(), **options)
+    breaks = [c.parameter for c in odd.crossings if c.kind == "symmetry breaking"]
+    assert len(breaks) == 3
+    every = vv.trace_response(_duffing(), **options, symmetric=False)
+    assert list(every.harmonics) == list(range(32))
+    points = every.branch_points
+    np.testing.assert_allclose([point.parameter for point in points], breaks, rtol=1e-9)
+    # The same places by multipliers.
+    assert [c.kind for c in every.crossings] == [
+        "branch point", "branch point", "fold", "fold", "branch point",
+    ]  # fmt: skip
+    np.testing.assert_allclose(
+        [c.parameter for c in every.crossings if c.kind == "branch point"], breaks, rtol=1e-9
+    )
+    for point in points:
+        low, high = sorted(every.parameter[point.before : point.before + 2])
+        assert low <= point.parameter <= high
+        # Across lie the mean and even orders alone.
+        assert np.abs(point.across[0, ::2]).max() > 0.1
+        assert np.abs(point.across[0, 1::2]).max() < 1e-6
+    ways = [
+        vv.trace_response(
+            _duffing(), **options, symmetric=False, leave=points[0], opposite=opposite
+        )
+        for opposite in (False, True)
+    ]
+    for way in ways:
+        assert way.outcome == "closed"
+        # It goes over to the second point and comes back mirrored.
+        np.testing.assert_allclose([p.parameter for p in way.branch_points], breaks[1:2], rtol=1e-9)
+    first, second = (way.coefficients[1, 0, 0].imag for way in ways)
+    assert first == pytest.approx(-second, rel=1e-6)
+    middle = ways[0].coefficients[:, 0, 0].imag.argmax()
+    load = ways[0].load_factor[middle]
+    state = [
+        ways[0].coefficients[middle, 0].imag.sum(),
+        (ways[0].harmonics * ways[0].coefficients[middle, 0]).real.sum(),
+    ]
+    after = solve_ivp(
+        lambda t, y: [y[1], load * np.sin(t) - 0.1 * y[1] - y[0] - y[0] ** 3],
+        (0, 2 * np.pi), state, method="DOP853", rtol=1e-12, atol=1e-12,
+    ).y[:, -1]  # fmt: skip
+    np.testing.assert_allclose(after, state, atol=1e-7)
+
+
+def test_a_branch_stops_where_told():
+    values = [2.4, 7.0, 11.0, 0.5]
+    branch = vv.trace_response(damped(), (0.5, 10), load=0.5, at=values, stability=False)
+    # Between the folds there are three motions.
+    assert list(branch.nu[branch.stops]) == [0.5, 2.4, 2.4, 2.4, 7.0]
+    for i in branch.stops:
+        single = vv.forced_response(
+            damped(), branch.nu[i], load=0.5, method="newton", harmonics=9, tolerance=1e-13
+        )
+        distance = np.abs(branch.coefficients[i] - single.coefficients[0]).max()
+        assert distance < 1e-9 or branch.nu[i] == 2.4
+    without = vv.trace_response(damped(), (0.5, 10), load=0.5, stability=False)
+    np.testing.assert_array_equal(np.delete(branch.nu, branch.stops[1:]), without.nu)
+    assert not without.stops.size
+
+
+def test_leaving_needs_a_branch_point_of_the_same_kind():
+    options = {"load_range": (0.1, 4.0), "nu": 1.0, "load": 1.0, "symmetric": False}
+    branch = vv.trace_response(_duffing(), **options, harmonics=9, stability=False)
+    with pytest.raises(vv.InputError, match="must be one of a branch's branch_points"):
+        vv.trace_response(_duffing(), **options, leave=branch)
+    with pytest.raises(vv.InputError, match="must have as many as asked for now"):
+        vv.trace_response(_duffing(), **options, harmonics=11, leave=branch.branch_points[0])
+    with pytest.raises(vv.InputError, match=r"at\[0\] = nan: must be"):
+        vv.trace_response(_duffing(), **options, at=[np.nan])
+@pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.02, 0.3], rates=[0.15, 3.0])])
+def test_stability_of_a_response_is_that_of_its_branch(kernel):
+    body = damped(kernel=kernel)
+    nu, load = np.linspace(2.0, 3.4, 25), 2.5 if kernel else 1.5
+    r = vv.forced_response(body, nu, load=load, method="newton", stability=True)
+    assert {True, False} <= set(r.stable)
+    for i in range(0, nu.size, 6):
+        branch = vv.trace_response(body, (nu[i], nu[i] + 1e-3), load=load, max_points=3)
+        if branch.coefficients[0] != pytest.approx(r.coefficients[i], abs=1e-8):
+            continue
+        assert branch.stable[0] == r.stable[i]
+        first = branch.multipliers[0][~np.isnan(branch.multipliers[0])]
+        here = r.multipliers[i][~np.isnan(r.multipliers[i])]
+        assert np.abs(here).max() == pytest.approx(np.abs(first).max(), rel=1e-6)
+    again = np.exp(2 * np.pi * r.exponents / nu[:, np.newaxis])
+    assert again == pytest.approx(r.multipliers, rel=1e-9, nan_ok=True)
+    assert (r.to_dataset().stable == r.stable).all()
+    figure = vv.plot_response(r)[0].lines
+    dashed = np.isfinite(figure[1].get_ydata())
+    assert dashed[~r.stable.astype(bool)].all()
+    assert np.isnan(figure[0].get_ydata()[r.stable == False]).all()  # noqa: E712
+    matplotlib.pyplot.close("all")
+    plain = vv.forced_response(body, nu, load=load, method="newton")
+    assert plain.stable is None
+    assert plain.coefficients.tolist() == r.coefficients.tolist()
+
+
+def test_stability_moves_with_the_base():
+    """The same motion, driven by force or by its base, has the same multipliers."""
+    body, nu = damped(), np.array([0.8, 1.4, 3.0])
+    moved = vv.forced_response(body, nu, base=0.05, method="newton", stability=True)
+    for i, value in enumerate(nu):
+        pushed = vv.forced_response(
+            body, value, load=value**2 * 0.05, method="newton", stability=True
+        )
+        assert moved.multipliers[i] == pytest.approx(pushed.multipliers[0], abs=1e-9)
+
+
+def test_stability_needs_something_to_judge():
+    with pytest.raises(vv.InputError, match="stability: needs method = newton"):
+        vv.forced_response(damped(), 1.0, load=0.1, stability=True)
+    with pytest.raises(vv.InputError, match="stability: nothing is nonlinear"):
+        vv.forced_response(damped(cubic_scale=0.0), 1.0, load=0.1, method="newton", stability=True)

@@ -401,7 +401,7 @@ def test_table_dataset_and_picture(tmp_path):
             lambda: vv.trace_response(
                 vv.Pendulum(**PARAMETRIC), p1=(0.5, 1), leave=parametric().branch_points[0]
             ),
-            "use the same harmonics, loads and subharmonic",
+            "use the same harmonics, loads and symmetry",
         ),
         (
             lambda: vv.trace_response(

@@ -237,6 +237,15 @@ def test_no_load_gives_rest(mount):
     assert (r.coefficients == 0).all()
 
 
+@pytest.mark.parametrize("load", [1e150, 1e200, 1e307])
+def test_what_leaves_the_range_of_numbers_is_an_overflow(mount, load):
+    """Not "diverged" or "overflow" as the compiler's maximum treats NaN, as it was."""
+    with pytest.warns(vv.ConvergenceWarning, match="overflow"):
+        r = vv.forced_response(mount(), [0.7, 1.5, 3.0], load=load, method="successive")
+    assert list(r.outcome) == ["overflow"] * 3
+    assert np.isnan(r.rate).all()
+
+
 @pytest.mark.parametrize("load", [1e-300, 1e100, 1e300])
 def test_absurd_loads_end_cleanly(mount, load):
     with np.errstate(all="ignore"):

@@ -116,3 +116,36 @@ def test_quick_form(tmp_path):
     assert all(row["outcome"] in ("ok", "ok, warning", "ok, warning, clear error",
                                   "ok, clear error") for row in rows)  # fmt: skip
     assert (tmp_path / "stress.md").read_text().count("| ok") >= len(rows)
+
+
+@pytest.fixture
+def scenes(monkeypatch):
+    monkeypatch.syspath_prepend(STRESS.parent)
+    import driven_scenes
+
+    return driven_scenes
+
+
+def test_numbers_of_a_scene(scenes):
+    text = (
+        "&scene title = 'load 2.5, 3 masses' /\n"
+        "&kernel acts_on = 'x', weights = 0.1 2e-1, beta = 0 / ! rate 7.0\n"
+        "&force law = '0.5*x1^3' /\n&response nu_count = 20, nu = 1 /\n"
+    )
+    found = [(name, text[start:end]) for name, start, end in scenes.numbers_of(text)]
+    assert found == [
+        ("kernel.weights", "0.1"), ("kernel.weights", "2e-1"), ("force.law", "0.5"),
+        ("response.nu", "1"),
+    ]  # fmt: skip
+    (_, start, end), *_ = scenes.numbers_of(text)
+    assert "weights = 0.25 2e-1" in scenes.changed(text, start, end, 0.25)
+
+
+def test_movement_sees_what_changes(scenes):
+    was = np.array([1.0, -4.0, np.nan])
+    assert scenes.movement(was, was) == 0
+    assert scenes.movement(was + [0, 1e-9, 0], was) == pytest.approx(2.5e-10, rel=1e-6)
+    assert scenes.movement(np.array([1.0, -4.0, 0.0]), was) == np.inf
+    assert scenes.movement(was[:2], was) == np.inf
+    assert scenes.movement(np.array(["diverged"]), np.array(["overflow"])) == np.inf
+    assert scenes.moved({"x": was}, {"x": was, "y": was})[0] == np.inf

@@ -1,0 +1,131 @@
+"""The scenes of data/scenes by the driver: their tables as numbers, and their inputs."""
+
+import csv
+import math
+import os
+import re
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).parents[2]
+SCENES = sorted((ROOT / "data" / "scenes").glob("*.nml"))
+#: Arrays by name; texts (outcomes, the exit status) as arrays of text.
+Tables = dict[str, np.ndarray]
+#: Columns that tell of the computation, not of the motion.
+NO_RESULTS = ("iterations", "rate", "nu_given")
+#: Keys whose numbers are counts or names of something.
+COUNTS = ("nu_count", "count", "harmonics", "order", "kernel", "max_iterations")
+
+
+def driver_of(build: Path) -> Path:
+    """The driver of a build; a test may name another."""
+    return Path(os.environ.get("VISCOVIB_SOLVE", build / "fortran" / "viscovib-solve"))
+
+
+def text_of(scene: Path) -> str:
+    """A scene without what only `viscovib sweep` reads."""
+    return re.sub(r"^&sweep\b.*$\n?", "", scene.read_text(encoding="utf-8"), flags=re.MULTILINE)
+
+
+def run_scene(driver: Path, text: str, seconds: float = 300) -> Tables:
+    """Run a scene; what it gave."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.nml"
+        path.write_text(text, encoding="utf-8")
+        done = subprocess.run(
+            [driver, path, "--quiet", "--out", folder], capture_output=True, text=True,
+            timeout=seconds, check=False,
+        )  # fmt: skip
+        found: Tables = {"exit status": np.array([str(done.returncode)])}
+        for table in sorted(Path(folder).glob("*.csv")):
+            kind = table.stem.removeprefix("scene").strip("_-") or "table"
+            found |= {f"{kind} {name}": column for name, column in columns(table).items()}
+        return found
+
+
+def columns(table: Path) -> Tables:
+    """Columns of a table, those of one coordinate together, shape (rows, columns)."""
+    text = table.read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    head, *rows = list(csv.reader(lines))
+    found: dict[str, list[np.ndarray]] = {}
+    for name, cells in zip(head, zip(*rows, strict=True), strict=True):
+        if name in NO_RESULTS:
+            continue
+        try:
+            numbers = np.array([float(cell) for cell in cells])
+        except ValueError:
+            found[name] = [np.array(cells)]
+            continue
+        if name.endswith("_phase"):
+            # A phase means something with its amplitude only.
+            size = found[name.removesuffix("_phase")].pop()
+            found[name.removesuffix("_phase")] += [size * np.cos(numbers), size * np.sin(numbers)]
+        else:
+            group = name.removesuffix("_amplitude") if "_amplitude" in name else name.split("_")[0]
+            found.setdefault(group, []).append(numbers)
+    folds = re.findall(r"folds at nu =(.*)", text)
+    if folds:
+        found["folds"] = [np.array([float(word) for word in folds[0].split()])]
+    return {name: np.column_stack(parts) for name, parts in found.items()}
+
+
+def moved(new: Tables, old: Tables) -> tuple[float, str]:
+    """Largest movement over the size of its group of columns, and which."""
+    if new.keys() != old.keys():
+        return math.inf, f"{', '.join(sorted(new.keys() ^ old.keys()))}: in one only"
+    worst, where = 0.0, ""
+    for name, was in old.items():
+        change = movement(new[name], was)
+        if change > worst or not where:
+            worst, where = change, name
+    return worst, where
+
+
+def movement(new: np.ndarray, old: np.ndarray) -> float:
+    """Largest change over the largest number; infinite if shapes, texts or NaN differ."""
+    if new.shape != old.shape or new.dtype.kind != old.dtype.kind:
+        return math.inf
+    if new.dtype.kind == "U":
+        return 0.0 if (new == old).all() else math.inf
+    lost = np.isnan(old)
+    if (np.isnan(new) != lost).any():
+        return math.inf
+    if lost.all():
+        return 0.0
+    # Equal infinities have not moved.
+    gap = np.where(new == old, 0.0, np.abs(new - old))[~lost].max()
+    size = float(np.abs(old[~lost]).max())
+    return float(gap / size) if size > 0 else float(gap)
+
+
+def numbers_of(text: str) -> Iterator[tuple[str, int, int]]:
+    """Each real input of a scene: its name, and where its digits begin and end."""
+    number = re.compile(r"(?<![\w.^*])[+-]?(?:\d+\.?\d*|\.\d+)(?:[ed][+-]?\d+)?(?![\w.^])", re.I)
+    at, key, group = 0, "", ""
+    for line in text.splitlines(keepends=True):
+        # Same length, so that places stay: comments are blanked.
+        body = re.sub(r"!.*", lambda m: " " * len(m.group()), line)
+        spots = [(m.start(), "key", m.group(1).strip().lower(), m)
+                 for m in re.finditer(r"(&\w+|[A-Za-z_]\w*(?=\s*=))", body)]  # fmt: skip
+        spots += [(m.start(), "number", m.group(), m) for m in number.finditer(body)]
+        for start, kind, word, match in sorted(spots, key=lambda spot: spot[0]):
+            if kind == "key":
+                if word.startswith("&"):
+                    group = word[1:]
+                else:
+                    key = word
+            elif group == "scene" or key in COUNTS:
+                continue
+            elif float(word.lower().replace("d", "e")) != 0:
+                yield f"{group}.{key}", at + start, at + match.end()
+        at += len(line)
+
+
+def changed(text: str, start: int, end: int, value: float) -> str:
+    """The scene with another number in that place."""
+    return f"{text[:start]}{value!r}{text[end:]}"

@@ -1,0 +1,175 @@
+!> Stability of many periodic solutions of a system, without memory by Floquet multipliers,
+!! with memory by the exponents of Hill's determinant.
+module viscovib_motion_stability
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_negative_inf, ieee_quiet_nan, &
+    ieee_value
+  use viscovib_constants, only: pi
+  use viscovib_eigenvalues, only: eigenvalues
+  use viscovib_floquet, only: floquet_type, new_floquet
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_hill, only: hill_type, new_hill
+  use viscovib_hill_count, only: count_growing
+  use viscovib_hill_roots, only: find_exponents
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_oscillator, only: oscillator_type
+  implicit none
+  private
+
+  public :: judge_type, stability_type, new_judge, stability_slots
+
+  !> Multipliers this close to the unit circle count as on it.
+  real(wp), parameter :: circle = 1.0e-9_wp
+  !> Exponents kept beyond two a coordinate: memory has slow ones of its own.
+  integer, parameter :: more = 4
+
+  !> Of n solutions.
+  type :: stability_type
+    !> 1: stable, 0: not, -1: unknown; how many disturbances grow, -1: unknown. Shape (n).
+    integer, allocatable :: stable(:), n_growing(:)
+    !> Of disturbances exp(lambda t) times a periodic function (1/s), modulo i nu, or 2 i nu
+    !! under half-wave symmetry; largest real part first. With memory those that grow are
+    !! complete, or all NaN; of others some may lack, NaN behind the last. Shape (slots, n).
+    complex(wp), allocatable :: exponents(:, :)
+    !> exp(2 pi lambda/nu).
+    complex(wp), allocatable :: multipliers(:, :)
+  end type stability_type
+
+  type :: judge_type
+    logical :: remembers = .false.
+    integer :: n_slots = 0
+    logical, private :: half_wave = .false.
+    type(hill_type) :: hill
+    type(floquet_type), private :: floquet
+  contains
+    procedure :: judge
+    procedure, private :: by_floquet
+    procedure, private :: by_hill
+  end type judge_type
+
+contains
+
+  !> Exponents a solution at most.
+  pure integer function stability_slots(system)
+    class(oscillator_type), intent(in) :: system
+    stability_slots = 2*system%n_dof() + merge(more, 0, any(system%kernel_of > 0))
+  end function stability_slots
+
+  !> For solutions with the harmonics of `set`.
+  subroutine new_judge(judge, system, set)
+    type(judge_type), intent(out) :: judge
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+
+    judge%remembers = any(system%kernel_of > 0)
+    judge%half_wave = set%half_wave
+    judge%n_slots = stability_slots(system)
+    if (judge%remembers) then
+      call new_hill(judge%hill, system, set)
+    else
+      call new_floquet(judge%floquet, system, set)
+    end if
+  end subroutine new_judge
+
+  subroutine judge(self, system, nu, x, stability, cancel)
+    class(judge_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    !> Frequencies (rad/s), shape (n).
+    real(wp), intent(in) :: nu(:)
+    !> Harmonics, shape (2 n_orders, n_dof, n); NaN: no solution, stability unknown.
+    real(wp), intent(in) :: x(:, :, :)
+    type(stability_type), intent(out) :: stability
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), volatile, optional :: cancel
+
+    allocate (stability%stable(size(nu)), stability%n_growing(size(nu)), source=-1)
+    allocate (stability%exponents(self%n_slots, size(nu)), &
+              stability%multipliers(self%n_slots, size(nu)), source=not_a_number())
+    if (self%remembers) then
+      call self%by_hill(system, nu, x, stability, cancel)
+    else
+      call self%by_floquet(system, nu, x, stability, cancel)
+    end if
+    where (stability%n_growing >= 0) stability%stable = merge(1, 0, stability%n_growing == 0)
+  end subroutine judge
+
+  !> Eigenvalues of monodromy matrices, of half a period under half-wave symmetry.
+  subroutine by_floquet(self, system, nu, x, stability, cancel)
+    class(judge_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu(:), x(:, :, :)
+    type(stability_type), intent(inout) :: stability
+    integer, intent(inout), volatile, optional :: cancel
+    real(wp) :: matrices(self%n_slots, self%n_slots, n_lanes)
+    complex(wp) :: roots(self%n_slots)
+    integer, allocatable :: known(:)
+    integer :: first, i, k, n
+    logical :: found
+
+    known = pack([(i, i=1, size(nu))],.not. ieee_is_nan(x(1, 1, :)))
+    do first = 1, size(known), n_lanes
+      n = min(n_lanes, size(known) - first + 1)
+      associate (these => known(first:first + n - 1))
+        call self%floquet%monodromies(system, nu(these), x(:, :, these), matrices(:, :, :n), cancel)
+      end associate
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
+      do k = 1, n
+        i = known(first + k - 1)
+        if (ieee_is_nan(matrices(1, 1, k))) cycle
+        call eigenvalues(matrices(:, :, k), roots, found)
+        if (.not. found) cycle
+        stability%exponents(:, i) = merge(1.0_wp, 0.5_wp, self%half_wave)*nu(i)/pi*logarithm(roots)
+        if (self%half_wave) roots = roots**2
+        stability%multipliers(:, i) = roots
+        stability%n_growing(i) = count(abs(roots) > 1.0_wp + circle)
+      end do
+    end do
+  end subroutine by_floquet
+
+  elemental complex(wp) function logarithm(z)
+    complex(wp), intent(in) :: z
+    if (abs(z) > 0.0_wp) then
+      logarithm = log(z)
+    else
+      logarithm = cmplx(ieee_value(0.0_wp, ieee_negative_inf), 0.0_wp, wp)
+    end if
+  end function logarithm
+
+  !> Exponents that grow are counted by the argument principle and must all be found.
+  subroutine by_hill(self, system, nu, x, stability, cancel)
+    class(judge_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu(:), x(:, :, :)
+    type(stability_type), intent(inout) :: stability
+    integer, intent(inout), volatile, optional :: cancel
+    complex(wp) :: near(self%n_slots)
+    integer :: evaluations, found, i
+
+    near = not_a_number()
+    do i = 1, size(nu)
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
+      if (ieee_is_nan(x(1, 1, i))) cycle
+      call self%hill%along(system, nu(i), x(:, :, i))
+      call count_growing(self%hill, system, stability%n_growing(i), evaluations)
+      call find_exponents(self%hill, system, stability%n_growing(i), near, &
+                          stability%exponents(:, i))
+      near = stability%exponents(:, i)
+      found = count(real(near) > 0.0_wp)
+      ! More found than counted: one of the two is wrong.
+      if (found > stability%n_growing(i)) stability%n_growing(i) = -1
+      if (found /= stability%n_growing(i)) stability%exponents(:, i) = not_a_number()
+      where (.not. ieee_is_nan(real(stability%exponents(:, i))))
+        stability%multipliers(:, i) = exp(2.0_wp*pi/nu(i)*stability%exponents(:, i))
+      end where
+    end do
+  end subroutine by_hill
+
+  elemental complex(wp) function not_a_number()
+    not_a_number = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
+  end function not_a_number
+
+end module viscovib_motion_stability

@@ -1,0 +1,114 @@
+!> Between the harmonics of one motion and its samples: tables laid out so that each
+!! product runs along whole vectors, whatever the number of harmonics.
+module viscovib_sample_tables
+  use viscovib_constants, only: pi
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: sample_tables, new_sample_tables
+
+  !> Samples are filled up to a multiple of this by zeros.
+  integer, parameter :: vector = 4
+
+  type :: sample_tables
+    !> Samples with those filled up; parts, real and imaginary, of the harmonics kept.
+    integer :: n_samples = 0, n_parts = 0
+    !> Highest index of a moment, and the order between two.
+    integer :: reach = 0, stride = 1
+    !> Sines and cosines at the samples, shape (n_samples, n_parts), and the way back,
+    !! shape (n_parts, n_samples).
+    real(wp), allocatable, private :: waves(:, :), back(:, :)
+    !> Cosines, then sines, of all orders of a product of two harmonics, over the number
+    !! of samples, shape (2 (reach + 1), n_samples).
+    real(wp), allocatable, private :: folded(:, :)
+  contains
+    procedure :: to_samples
+    procedure :: to_parts
+    procedure :: moments
+  end type sample_tables
+
+contains
+
+  pure subroutine new_sample_tables(tables, set)
+    type(sample_tables), intent(out) :: tables
+    type(harmonic_set_type), intent(in) :: set
+    real(wp) :: angle
+    integer :: m, s, n, period
+
+    n = set%n_samples
+    tables%n_samples = ((n + vector - 1)/vector)*vector
+    tables%n_parts = 2*size(set%orders)
+    tables%stride = merge(2, 1, set%half_wave)
+    tables%reach = 2*maxval(set%orders)/tables%stride
+    allocate (tables%waves(tables%n_samples, tables%n_parts), &
+              tables%back(tables%n_parts, tables%n_samples), &
+              tables%folded(2*(tables%reach + 1), tables%n_samples), source=0.0_wp)
+    tables%waves(:n, :) = transpose(set%synthesis)
+    tables%back(:, :n) = transpose(set%analysis)
+    period = merge(2, 1, set%half_wave)*n
+    do s = 1, n
+      do m = 0, tables%reach
+        angle = 2.0_wp*pi*modulo(m*tables%stride*(s - 1), period)/period
+        tables%folded(m + 1, s) = cos(angle)/n
+        tables%folded(tables%reach + m + 2, s) = sin(angle)/n
+      end do
+    end do
+  end subroutine new_sample_tables
+
+  !> Samples of one coordinate.
+  pure subroutine to_samples(self, parts, samples)
+    class(sample_tables), intent(in) :: self
+    real(wp), intent(in) :: parts(self%n_parts)
+    real(wp), intent(out) :: samples(self%n_samples)
+    call combine(self%n_samples, self%n_parts, self%waves, parts, samples)
+  end subroutine to_samples
+
+  !> Harmonics of one coordinate, real and imaginary parts by turns.
+  pure subroutine to_parts(self, samples, parts)
+    class(sample_tables), intent(in) :: self
+    real(wp), intent(in) :: samples(self%n_samples)
+    real(wp), intent(out) :: parts(self%n_parts)
+    call combine(self%n_parts, self%n_samples, self%back, samples, parts)
+  end subroutine to_parts
+
+  !> Mean values of a function times cos and sin of m stride phases, |m| <= reach.
+  pure subroutine moments(self, samples, c, s)
+    class(sample_tables), intent(in) :: self
+    real(wp), intent(in) :: samples(self%n_samples)
+    real(wp), intent(out) :: c(-self%reach:self%reach), s(-self%reach:self%reach)
+    real(wp) :: both(2*(self%reach + 1))
+    integer :: m
+    call combine(2*(self%reach + 1), self%n_samples, self%folded, samples, both)
+    do m = 0, self%reach
+      c(m) = both(m + 1)
+      c(-m) = c(m)
+      s(m) = both(self%reach + m + 2)
+      s(-m) = -s(m)
+    end do
+  end subroutine moments
+
+  !> y = A x, four columns a turn.
+  pure subroutine combine(n, m, a, x, y)
+    integer, intent(in) :: n, m
+    real(wp), intent(in) :: a(n, m), x(m)
+    real(wp), intent(out) :: y(n)
+    integer :: i, j, rest
+
+    rest = mod(m, 4)
+    y = 0.0_wp
+    do j = 1, rest
+      do i = 1, n
+        y(i) = y(i) + a(i, j)*x(j)
+      end do
+    end do
+    do j = rest + 1, m, 4
+      do i = 1, n
+        y(i) = y(i) + (a(i, j)*x(j) + a(i, j + 1)*x(j + 1)) &
+               + (a(i, j + 2)*x(j + 2) + a(i, j + 3)*x(j + 3))
+      end do
+    end do
+  end subroutine combine
+
+end module viscovib_sample_tables

@@ -1,0 +1,55 @@
+"""Stability of periodic motions as the core judges them."""
+
+import warnings
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib._native import ComplexArray
+from viscovib.errors import StabilityWarning
+
+
+def codes_of(stable: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """1: stable, 0: not, -1: unknown."""
+    return np.array([-1 if s is None else int(s) for s in stable])
+
+
+class Stability(NamedTuple):
+    """Of n motions: stable or not, multipliers and exponents; see `Branch`."""
+
+    stable: npt.NDArray[Any]
+    multipliers: ComplexArray
+    exponents: ComplexArray
+
+    @classmethod
+    def of(
+        cls,
+        codes: npt.NDArray[np.int32],
+        multipliers: ComplexArray,
+        exponents: ComplexArray,
+        solved: npt.NDArray[np.bool_] | None = None,
+    ) -> "Stability":
+        """From arrays of the core, codes being 1: stable, 0: not, -1: unknown.
+
+        Warns of motions, among those ``solved``, whose stability is unknown.
+        """
+        unknown = codes < 0
+        stable: npt.NDArray[Any] = codes > 0
+        if unknown.any():
+            stable = stable.astype(object)
+            stable[unknown] = None
+        lost = unknown if solved is None else unknown & solved
+        if lost.any():
+            warnings.warn(
+                f"stability of {lost.sum()} of {lost.size} motions is unknown: an exponent lies on "
+                "the imaginary axis to rounding, or time scales are too far apart",
+                StabilityWarning,
+                stacklevel=4,
+            )
+        columns = int((~np.isnan(multipliers)).sum(axis=0).max(initial=0))
+        return cls(
+            stable,
+            np.ascontiguousarray(multipliers[:columns].T),
+            np.ascontiguousarray(exponents[:columns].T),
+        )
