@@ -112,7 +112,8 @@ def _draw_map(ax: "Axes", axes: list[Any], values: Any, log: bool, label: str) -
     )  # fmt: skip
     bar = ax.figure.colorbar(mesh, ax=ax, label=label)
     if classes:
-        bar.set_ticks(list(kinds), labels=[f"{k:g}" for k in kinds])
+        # In the middle of its colour, also where numbers between are missing.
+        bar.set_ticks(list(0.5 * (edges[1:] + edges[:-1])), labels=[f"{k:g}" for k in kinds])
     for text, place, set_ticks in (
         (words[1], places[1], ax.set_xticks),
         (words[0], places[0], ax.set_yticks),

@@ -146,6 +146,12 @@ def test_a_map_shows_what_was_computed():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("b", "a")
     classes = vv.plot_map(data, "n").collections[0]
     assert classes.cmap.N == 2
+    # A number in the middle of its colour, also where 2 is missing between 1 and 4.
+    apart = vv.plot_map(xr.DataArray([[0.0, 1.0], [4.0, 1.0]], dims=("a", "b"), name="n"))
+    bar = apart.figure.axes[1]
+    assert [text.get_text() for text in bar.get_yticklabels()] == ["0", "1", "4"]
+    ends = np.asarray(apart.collections[0].norm.boundaries)
+    assert bar.get_yticks() == pytest.approx((ends[1:] + ends[:-1]) / 2)
     line = vv.plot_map(data.y.isel(b=1), label="size").lines[0]
     assert (line.get_ydata() == data.y.values[:, 1]).all()
     for wrong, message in (
