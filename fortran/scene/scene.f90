@@ -2,6 +2,7 @@
 module viscovib_scene
   use viscovib_branch_job, only: branch_job, read_branch
   use viscovib_checks, only: check_increasing, check_positive
+  use viscovib_driven_job, only: driven_job, read_driven
   use viscovib_grids, only: linear_grid, log_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kernel_groups, only: read_kernels
@@ -39,6 +40,8 @@ module viscovib_scene
     !> Or its steady motions by multiple scales.
     logical :: wants_scales = .false.
     type(scales_job) :: scales
+    !> Or a branch of its driven motions.
+    type(driven_job) :: driven
     !> Or it is a mount or a polynomial system, its result a response, or of the latter a
     !! motion.
     logical :: is_polynomial = .false.
@@ -169,6 +172,7 @@ contains
     type(namelist_type), intent(in) :: file
     logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
+    character(len=*), parameter :: others(2) = [character(len=15) :: 'multiple_scales', 'branch']
     logical :: is_polynomial, is_moving
     integer :: i, j, n
 
@@ -193,7 +197,8 @@ contains
         n = n + 1
         if (n == 2 .and. .not. any(group_names(j) == repeatable)) then
           call refuse_group(i, 'a second &'//trim(group_names(j))//': must be given once')
-        else if (is_pendulum .and. any(mount_groups == group_names(j))) then
+        else if (is_pendulum .and. any(mount_groups == group_names(j)) &
+                 .and. group_names(j) /= 'branch') then
           call refuse_group(i, '&'//trim(group_names(j))//': belongs to a mount, and this scene ' &
                             //'has &pendulum')
         else if (is_polynomial .and. group_names(j) == 'mount') then
@@ -213,9 +218,10 @@ contains
       end do
       if (n > 0) cycle
       if (is_pendulum .and. group_names(j) == 'transient') then
-        if (place_of(file, 'multiple_scales') <= size(file%groups)) cycle
+        if (min(place_of(file, 'multiple_scales'), place_of(file, 'branch')) &
+            <= size(file%groups)) cycle
         call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
-                  //'a scene with &pendulum needs a wanted result (&transient or ' &
+                  //'a scene with &pendulum needs a wanted result (&transient, &branch or ' &
                   //'&multiple_scales)')
       else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load ']) &
                .and. .not. (is_polynomial .and. group_names(j) == 'mount') &
@@ -225,14 +231,20 @@ contains
       if (status%failed()) return
     end do
     if (is_pendulum) then
-      n = place_of(file, 'multiple_scales')
-      if (n > size(file%groups)) return
-      if (place_of(file, 'transient') <= size(file%groups)) then
-        call refuse_group(n, '&multiple_scales: this scene has &transient already, give one of ' &
-                          //'them')
-      else if (place_of(file, 'spectrum') <= size(file%groups)) then
-        call refuse_group(place_of(file, 'spectrum'), '&spectrum: needs &transient')
-      end if
+      do j = 1, 2
+        n = place_of(file, trim(others(j)))
+        if (n > size(file%groups)) cycle
+        if (place_of(file, 'transient') <= size(file%groups)) then
+          call refuse_group(n, '&'//trim(others(j))//': this scene has &transient already, give ' &
+                            //'one of them')
+        else if (j == 1 .and. place_of(file, trim(others(2))) <= size(file%groups)) then
+          call refuse_group(n, '&'//trim(others(j))//': this scene has &'//trim(others(2)) &
+                            //' already, give one of them')
+        else if (place_of(file, 'spectrum') <= size(file%groups)) then
+          call refuse_group(place_of(file, 'spectrum'), '&spectrum: needs &transient')
+        end if
+        if (status%failed()) return
+      end do
       return
     end if
     if (is_moving) return
@@ -296,6 +308,13 @@ contains
       if (scene%wants_scales) then
         call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
         call read_scales(reader, scene%scales)
+        call close_group(reader, scene, status)
+        return
+      end if
+      scene%wants_branch = place_of(file, 'branch') <= size(file%groups)
+      if (scene%wants_branch) then
+        call reader%start(file%path, file%groups(place_of(file, 'branch')))
+        call read_driven(reader, scene%pendulum, scene%driven)
         call close_group(reader, scene, status)
         return
       end if

@@ -33,8 +33,6 @@ from viscovib.torus import (
 )
 
 OUTCOMES: tuple[str, ...] = (*MOUNT_OUTCOMES, "unphysical", "closed")
-#: Highest orders kept by default, for one, two and three base frequencies.
-_HARMONICS = {1: 15, 2: 6, 3: 4}
 #: Folds, or branch points, reported at most.
 _MAX_SPECIAL = 200
 
@@ -247,7 +245,7 @@ def trace_pendulum(
         pend, varies, _native.integer("subharmonic", subharmonic, 1, 20), denominator
     )
     orders = torus.lattice(
-        bound_of(torus, _HARMONICS[torus.n_axes] if harmonics is None else harmonics)
+        bound_of(torus, core.lattice_default(torus.n_axes) if harmonics is None else harmonics)
     )
     n = 3 * (2 * len(orders) - 1)
     check_size("max_points", points, n)

@@ -19,6 +19,7 @@ import xarray as xr
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.branch import Branch, trace_response
+from viscovib.driven_branch import DrivenBranch, trace_pendulum
 from viscovib.errors import FileError, InputError
 from viscovib.kernels import (
     AbelKernel,
@@ -53,6 +54,11 @@ _LISTS = ("weights", "rates", "times", "values")
 _MAX_PATH = 4096
 #: What &multiple_scales can vary, in the order of the core.
 _SCALES = ("p1", "p2", "p3", "f0", "m01", "m02")
+
+#: Keys of a pendulum's &branch that `trace_response` has under the same names.
+_DRIVEN = (
+    "harmonics", "tolerance", "max_points", "max_step", "subharmonic", "max_denominator",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,6 +268,27 @@ class Scene:
         system = MultipleScales(self.pendulum(), tolerance=group["tolerance"])
         return system.response(group["parameter"], values)
 
+    def _driven(self) -> tuple[DrivenBranch, tuple[DrivenBranch, ...]]:
+        """Compute the branch of a pendulum, and those that leave it."""
+        group = self._group("branch")
+        same = {
+            "pend": self.pendulum(),
+            group["parameter"]: (group["from"], group["to"]),
+            "symmetric": group["symmetry"] == "kept",
+            **{key: group[key] for key in _DRIVEN},
+        }
+        first = trace_pendulum(**same)
+        others = []
+        for number in np.atleast_1d(group.get("switch", [])).tolist():
+            if abs(number) > len(first.branch_points):
+                raise InputError(
+                    f"{self.path}: switch = {number}: the branch has "
+                    f"{len(first.branch_points)} branch points"
+                )
+            leave = first.branch_points[abs(number) - 1]
+            others.append(trace_pendulum(**same, leave=leave, opposite=number < 0))
+        return first, tuple(others)
+
     def _branch(self) -> dict[str, Any]:
         group = self._group("branch")
         return {
@@ -287,13 +314,14 @@ class Scene:
 class SceneResult:
     """What a scene gave.
 
-    Response or branch of a mount; motion of a pendulum and its spectra, or its steady motions;
-    a table of a sweep.
+    Response or branch of a mount; motion of a pendulum and its spectra, its steady motions, or a
+    branch of them and those that leave it, ``switched``; a table of a sweep.
     """
 
     scene: Scene
-    value: Response | Branch | Trajectory | ScalesResponse | xr.Dataset
+    value: Response | Branch | DrivenBranch | Trajectory | ScalesResponse | xr.Dataset
     spectrum: Spectrum | None = None
+    switched: tuple[DrivenBranch, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -302,7 +330,7 @@ class SceneResult:
             return "sweep"
         if isinstance(self.value, ScalesResponse):
             return "multiple_scales"
-        if isinstance(self.value, Branch):
+        if isinstance(self.value, (Branch, DrivenBranch)):
             return "branch"
         return "response" if isinstance(self.value, Response) else "transient"
 
@@ -314,9 +342,9 @@ class SceneResult:
         return self.value
 
     @property
-    def branch(self) -> Branch:
-        """The branch of a mount."""
-        if not isinstance(self.value, Branch):
+    def branch(self) -> Branch | DrivenBranch:
+        """The branch."""
+        if not isinstance(self.value, (Branch, DrivenBranch)):
             raise InputError("branch: this scene gave something else, see value")
         return self.value
 
@@ -354,6 +382,9 @@ def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> Sce
     if "transient" in read.groups:
         run = simulate(**read._motion(), progress=progress)
         return SceneResult(read, run, _spectrum(read, run))
+    if "branch" in read.groups and read.is_pendulum:
+        first, others = read._driven()
+        return SceneResult(read, first, switched=others)
     if "branch" in read.groups:
         return SceneResult(read, trace_response(**read._branch()))
     return SceneResult(read, forced_response(**read._job(), progress=progress))
@@ -416,6 +447,8 @@ def _plan_steady(scene: Scene) -> str:
 
 
 def _plan_branch(scene: Scene) -> str:
+    if scene.is_pendulum:
+        return _read(core.scene_plan, f"{scene.path}".encode(), scene.canonical.encode())
     group, loads = scene.groups["branch"], scene.loads()
     planned = _prepare(
         scene.oscillator(), [group["nu_from"]], loads["load"], loads["base"], "newton",

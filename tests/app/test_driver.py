@@ -26,6 +26,11 @@ MOTION = """&pendulum e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, f0=0.005, p1=0.
 """
 KERNEL = "kind='rzhanitsyn', amplitude=0.048, alpha=0.1, beta=0.05"
 BRANCH = GOOD[: GOOD.index("&response")] + "&branch nu_from=1, nu_to=4 /\n"
+PENDULUM_BRANCH = MOTION.splitlines()[0] + "\n&branch from=0.9, to=1 /\n"
+TORUS = """&pendulum e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.1, c2=0.1, c3=0.1, f0=0.02, p1=0.93,
+  m01=0.01, p2=0.37 /
+&branch from=0.9, to=0.95, harmonics=4, symmetry='kept' /
+"""
 GRID = "nu_min=0.5, nu_max=4, nu_count=8"
 
 
@@ -257,6 +262,54 @@ def test_branches_of_driver_and_python_agree(solve, tmp_path):
                 assert (table[f"{dof}_{k}_im"] == branch.coefficients[:, d, j].imag).all()
 
 
+def test_branches_of_a_pendulum_agree(solve, tmp_path):
+    """Folds, branch points, and the swings that leave at the first of these."""
+    scene = SCENES / "pendulum_branch.nml"
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "completed, " in done.stdout
+    assert "2 folds, 4 branch points; 1 branches that leave it" in done.stdout
+    result = vv.run(scene)
+    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    assert len(result.switched) == 1
+    for name, branch in (("branch", result.branch), ("branch_1", result.switched[0])):
+        path = tmp_path / f"pendulum_branch_{name}.csv"
+        table = read_csv(path)
+        heads = [line for line in path.read_text().splitlines() if line.startswith("#")]
+        folds = [float(x) for x in heads[3].removeprefix("# folds at").split()]
+        points = [float(x) for x in heads[4].removeprefix("# branch points at").split()]
+        assert folds == pytest.approx(branch.folds, rel=1e-9)
+        assert points == pytest.approx([p.parameter for p in branch.branch_points], rel=1e-9)
+        if "debug" in os.environ.get("VISCOVIB_SOLVE", ""):
+            continue
+        assert folds == branch.folds.tolist()
+        assert (table["parameter"] == branch.parameter).all()
+        for d, dof in enumerate(branch.dof_names):
+            for j, k in enumerate(branch.harmonics):
+                assert (table[f"{dof}_{k}_re"] == branch.coefficients[:, d, j].real).all()
+                assert (table[f"{dof}_{k}_im"] == branch.coefficients[:, d, j].imag).all()
+    # Swings at half the pace of the load.
+    assert result.switched[0].amplitude("phi", 1).max() > 0.3
+    assert result.branch.amplitude("phi", 1).max() == 0
+
+
+def test_quasi_periodic_branch_of_a_scene(solve, tmp_path):
+    scene = tmp_path / "torus.nml"
+    scene.write_text(TORUS)
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    lines = (tmp_path / "torus_branch.csv").read_text().splitlines()
+    rows = list(csv.reader(line for line in lines if not line.startswith("#")))
+    branch = vv.run(scene).branch
+    assert branch.axes == ("p1", "p2")
+    assert rows[0][:3] == ["parameter", "omega_1", "omega_2"]
+    assert len(rows[0]) == 3 + 6 * len(branch.orders)
+    column = rows[0].index("phi_1,-2_re")
+    values = np.array([float(row[column]) for row in rows[1:]])
+    assert values == pytest.approx(branch.coefficient("phi", (1, -2)).real, abs=1e-12)
+    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+
+
 def test_spectra_of_driver_and_python_agree(solve, tmp_path):
     scene = tmp_path / "motion.nml"
     scene.write_text(MOTION + "&spectrum window='flat_top', discard=5 /\n")
@@ -430,6 +483,25 @@ BAD_SCENES = {
     "discard": (MOTION + "&spectrum discard=20 /", 3, "discard = 20: must not be negative"),
     "spectrum of a mount": (GOOD + "&spectrum /", 5, "&spectrum: needs &pendulum"),
     "branch and response": (GOOD + "&branch nu_from=1, nu_to=2 /", 5, "has &response already"),
+    "branch and motion": (MOTION + "&branch from=0.9, to=1 /", 3, "has &transient already"),
+    "branch and scales": (
+        PENDULUM_BRANCH + "&multiple_scales from=0.9, to=1 /",
+        3,
+        "has &branch already",
+    ),
+    "no such load": (PENDULUM_BRANCH.replace("from", "parameter='p2', from"), 2, "m01 = 0"),
+    "no base": (
+        TORUS.replace("from", "parameter='nu', from"),
+        3,
+        "needs a single base frequency",
+    ),
+    "no such branch": (PENDULUM_BRANCH.replace("to=1", "to=0.9"), 2, "must differ from from"),
+    "orders": (PENDULUM_BRANCH.replace("to=1", "to=1, harmonics=0"), 2, "harmonics = 0: must be"),
+    "too many orders": (TORUS.replace("=4", "=99"), 3, "harmonics = 99: must be 1 to"),
+    "switch": (PENDULUM_BRANCH.replace("to=1", "to=1, switch=0"), 2, "switch = 0: must be"),
+    "switch half": (PENDULUM_BRANCH.replace("to=1", "to=1, switch=0.5"), 2, "must be integers"),
+    "symmetry": (PENDULUM_BRANCH.replace("to=1", "to=1, symmetry='no'"), 2, "must be one of 'any'"),
+    "subharmonic": (PENDULUM_BRANCH.replace("to=1", "to=1, subharmonic=0"), 2, "must be 1 to 20"),
     "branch to nowhere": (BRANCH.replace("nu_to=4", "nu_to=1"), 4, "must differ from nu_from"),
     "branch from zero": (BRANCH.replace("nu_from=1", "nu_from=0"), 4, "nu_from = 0: must be"),
     "branch of one": (BRANCH.rstrip()[:-1] + ", max_points=1 /", 4, "must be 2 to"),
