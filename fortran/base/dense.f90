@@ -4,7 +4,8 @@ module viscovib_dense
   implicit none
   private
 
-  public :: invert, factorize, factorize_blocks, solve, solve_complex, equilibrate, outer
+  public :: invert, factorize, factorize_padded, factorize_blocks, solve, solve_padded
+  public :: solve_complex, equilibrate, outer
 
   !> Columns of a block in `factorize_blocks`.
   integer, parameter :: block_width = 48
@@ -98,37 +99,66 @@ contains
     real(wp), intent(inout) :: matrix(n, n)
     integer, intent(out) :: pivots(n)
     logical, intent(out) :: singular
-    real(wp) :: factor, row
-    integer :: i, j, k, p
+    call factorize_padded(n, n, matrix, pivots, singular)
+  end subroutine factorize
+
+  !> The same for a matrix in the first n of some rows: made a multiple of 8, they are
+  !! whole vectors, which for a few unknowns saves a quarter of the time.
+  pure subroutine factorize_padded(rows, n, matrix, pivots, singular)
+    integer, intent(in) :: rows, n
+    !> Finite in the rows behind the matrix.
+    real(wp), intent(inout) :: matrix(rows, n)
+    integer, intent(out) :: pivots(n)
+    logical, intent(out) :: singular
+    real(wp) :: column(rows), factor(4), largest, entry
+    integer :: first, i, j, k, p
 
     singular = .false.
+    column = 0.0_wp
     do k = 1, n
-      p = k
-      do i = k + 1, n
-        if (abs(matrix(i, k)) > abs(matrix(p, k))) p = i
+      largest = 0.0_wp
+      do i = k, n
+        largest = max(largest, abs(matrix(i, k)))
       end do
-      pivots(k) = p
-      singular = .not. (abs(matrix(p, k)) > 0.0_wp .and. abs(matrix(p, k)) <= huge(factor))
+      ! Not found if there is something that is not a number.
+      do p = k, n
+        if (abs(matrix(p, k)) >= largest) exit
+      end do
+      singular = .not. (p <= n .and. largest > 0.0_wp .and. largest <= huge(largest))
       if (singular) return
+      pivots(k) = p
       if (p /= k) then
         do j = 1, n
-          row = matrix(p, j)
+          entry = matrix(p, j)
           matrix(p, j) = matrix(k, j)
-          matrix(k, j) = row
+          matrix(k, j) = entry
         end do
       end if
-      factor = 1.0_wp/matrix(k, k)
+      entry = 1.0_wp/matrix(k, k)
       do i = k + 1, n
-        matrix(i, k) = matrix(i, k)*factor
+        matrix(i, k) = matrix(i, k)*entry
+        column(i) = matrix(i, k)
       end do
-      do j = k + 1, n
-        factor = matrix(k, j)
-        do i = k + 1, n
-          matrix(i, j) = matrix(i, j) - matrix(i, k)*factor
+      ! Zeros before row k + 1 let the loops begin at a multiple of 4.
+      column(k) = 0.0_wp
+      first = k - mod(k, 4) + 1
+      do j = k + 1, n - 3, 4
+        factor = matrix(k, j:j + 3)
+        do i = first, rows
+          matrix(i, j) = matrix(i, j) - column(i)*factor(1)
+          matrix(i, j + 1) = matrix(i, j + 1) - column(i)*factor(2)
+          matrix(i, j + 2) = matrix(i, j + 2) - column(i)*factor(3)
+          matrix(i, j + 3) = matrix(i, j + 3) - column(i)*factor(4)
+        end do
+      end do
+      do j = n - mod(n - k, 4) + 1, n
+        entry = matrix(k, j)
+        do i = first, rows
+          matrix(i, j) = matrix(i, j) - column(i)*entry
         end do
       end do
     end do
-  end subroutine factorize
+  end subroutine factorize_padded
 
   !> The same factors, in blocks of columns so that most of the work is products of
   !! matrices: for hundreds of unknowns and more.
@@ -209,6 +239,14 @@ contains
     integer, intent(in) :: n, pivots(n)
     real(wp), intent(in) :: factors(n, n)
     real(wp), intent(inout) :: x(n)
+    call solve_padded(n, n, factors, pivots, x)
+  end subroutine solve
+
+  !> The same with factors in the first n of some rows.
+  pure subroutine solve_padded(rows, n, factors, pivots, x)
+    integer, intent(in) :: rows, n, pivots(n)
+    real(wp), intent(in) :: factors(rows, n)
+    real(wp), intent(inout) :: x(n)
     real(wp) :: entry
     integer :: k
 
@@ -218,13 +256,13 @@ contains
       x(k) = entry
     end do
     do k = 1, n
-      x(k + 1:) = x(k + 1:) - factors(k + 1:, k)*x(k)
+      x(k + 1:) = x(k + 1:) - factors(k + 1:n, k)*x(k)
     end do
     do k = n, 1, -1
       x(k) = x(k)/factors(k, k)
       x(:k - 1) = x(:k - 1) - factors(:k - 1, k)*x(k)
     end do
-  end subroutine solve
+  end subroutine solve_padded
 
   !> x of A x = b by elimination, the largest pivot of its column each time.
   !! `nudge`: a pivot that vanishes is taken as rounding of the largest entry, as

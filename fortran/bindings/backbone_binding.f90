@@ -8,9 +8,9 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
                                max_points, max_step, n_kept, cancel, n_points, ended, nu, &
                                coefficients, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
-  use viscovib_backbone, only: backbone_type, follow_backbone
+  use viscovib_backbone, only: follow_backbone
   use viscovib_binding_tools, only: make_system, report
-  use viscovib_branch, only: branch_options
+  use viscovib_curve_branch, only: curve_branch_type, curve_options
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: status_type
@@ -26,11 +26,11 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_dof, max_points)
   character(len=512), intent(out) :: message
   !f2py threadsafe
-  class(oscillator_type), allocatable :: system
+  class(oscillator_type), allocatable, target :: system
   type(harmonic_set_type) :: set
-  type(backbone_type) :: backbone
+  type(curve_branch_type) :: backbone
   type(status_type) :: outcome
-  integer :: d
+  integer :: d, from
 
   n_points = 0
   ended = 0
@@ -38,13 +38,15 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
   if (.not. outcome%failed()) then
     call new_harmonic_set(set, harmonics, system%odd, system%degree)
     call follow_backbone(system, set, omega, mode, dof, &
-                         branch_options(start, finish, tolerance, max_points, max_step), &
+                         curve_options(start, finish, tolerance, max_points, max_step), &
                          backbone, cancel(1))
     n_points = backbone%n_points
     ended = backbone%outcome
-    nu(:n_points) = backbone%nu(:n_points)
+    nu(:n_points) = backbone%x(2*n_kept*n_dof + 1, :n_points)
     do d = 1, n_dof
-      coefficients(:, d, :n_points) = cmplx(0.0_c_double, backbone%x(2::2, d, :n_points), &
+      from = 2*n_kept*(d - 1)
+      coefficients(:, d, :n_points) = cmplx(0.0_c_double, &
+                                            backbone%x(from + 2:from + 2*n_kept:2, :n_points), &
                                             c_double)
     end do
   end if
@@ -122,20 +124,18 @@ subroutine pendulum_backbone(flat, n_orders, kept, unit, dof, order, start, fini
   if (.not. problem%failed()) then
     call new_free_curve(curve, system, torus, kept /= 0, unit, dof, order)
     options = curve_options(start, finish, tolerance, max_points, max_step)
-    at = cosines_only(begin, 0.0_c_double)
+    at = cosines_only(begin, begin_nu/unit)
     if (leave == 0) then
-      if (dof > 0) then
-        at = at*(start/at(curve%measured))
-      else
-        at = at*sqrt(start/curve%energy(at))
-      end if
-      curve%scale = maxval(abs(at))
+      associate (cosines => at(:curve%motion%n))
+        if (dof > 0) then
+          cosines = cosines*(start/cosines(curve%measured))
+        else
+          cosines = cosines*sqrt(start/curve%energy(at))
+        end if
+      end associate
       call follow_curve(curve, options, at, branch, cancel=cancel(1))
     else
-      curve%scale = maxval(abs(at))
-      at(curve%n) = (begin_nu/unit - 1.0_c_double)*curve%scale
-      direction = [cosines_only(along(:n_unknowns), along(n_unknowns + 1)*curve%scale), &
-                   along(n_unknowns + 2)]
+      direction = [cosines_only(along(:n_unknowns), along(n_unknowns + 1)), along(n_unknowns + 2)]
       call follow_curve(curve, options, at, branch, begin_p, direction, cancel(1))
     end if
     n_points = branch%n_points
@@ -149,8 +149,7 @@ subroutine pendulum_backbone(flat, n_orders, kept, unit, dof, order, start, fini
         branch_point_x(:, i) = cosines_of(points%x(:, i))
         branch_point_nu(i) = curve%frequency(points%x(:, i))
         across(:n_unknowns, i) = cosines_of(points%across(:, i))
-        across(n_unknowns + 1:, i) = points%across(curve%n:, i)&
-                                     *[1.0_c_double/curve%scale, 1.0_c_double]
+        across(n_unknowns + 1:, i) = points%across(curve%n:, i)
         before(i) = points%before(i)
       end associate
     end do

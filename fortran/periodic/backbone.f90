@@ -3,14 +3,13 @@
 !!
 !! M u'' + F(u) = 0 keeps its form when time runs backwards, so a free motion that
 !! begins at rest, u'(0) = 0, is even in time: u = sum_k a_k cos(k nu t). That settles
-!! the phase, and the equations of harmonic balance in (a, nu), one fewer than
-!! unknowns, have curves of solutions; one of them leaves rest at each linear mode.
-!! Rosenberg, Adv. Appl. Mech. 9 (1966) 155; Kerschen et al., Mech. Syst. Signal
-!! Process. 23 (2009) 170.
+!! the phase. The equations of harmonic balance in (a, nu) together with
+!! a_1 = p for one coordinate have curves of solutions; one of them leaves rest at each
+!! linear mode. Rosenberg, Adv. Appl. Mech. 9 (1966) 155; Kerschen et al., Mech. Syst.
+!! Signal Process. 23 (2009) 170.
 module viscovib_backbone
-  use viscovib_branch, only: angle_between, branch_completed, branch_options, branch_overflow, &
-    branch_step_limit, branch_stuck, correct, curve_point, parameter_frequency, smallest_step, &
-    wanted_angle
+  use viscovib_curve, only: curve_type
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
@@ -20,135 +19,96 @@ module viscovib_backbone
   implicit none
   private
 
-  public :: backbone_type, follow_backbone
+  public :: follow_backbone
 
-  type :: backbone_type
-    integer :: n_points = 0, outcome = branch_step_limit
-    !> Frequencies, shape (max_points), and harmonics, shape (2 n_orders, n_dof,
-    !! max_points).
-    real(wp), allocatable :: nu(:), x(:, :, :)
-  end type backbone_type
+  !> Unknowns: the harmonics and, last, the frequency.
+  type, extends(curve_type) :: backbone_curve
+    type(balance_type) :: balance
+    class(oscillator_type), pointer :: system => null()
+    type(load_type) :: no_load
+    !> Place of the amplitude that is the parameter.
+    integer :: place = 0
+  contains
+    procedure :: equations
+    procedure :: residual
+  end type backbone_curve
 
 contains
 
   !> From amplitude options%start to options%finish, in the first harmonic of a
-  !! coordinate.
-  subroutine follow_backbone(system, set, omega, shape_at_rest, dof, options, backbone, cancel)
+  !! coordinate. Unknowns of the branch: harmonics, shape (2 n_orders n_dof), and the
+  !! frequency.
+  subroutine follow_backbone(system, set, omega, shape_at_rest, dof, options, branch, cancel)
     !> Without damping and memory.
-    class(oscillator_type), intent(in) :: system
+    class(oscillator_type), intent(in), target :: system
     type(harmonic_set_type), intent(in) :: set
     !> Frequency and shape (n_dof) of the linear mode.
     real(wp), intent(in) :: omega, shape_at_rest(:)
     !> The coordinate whose amplitude counts.
     integer, intent(in) :: dof
-    type(branch_options), intent(in) :: options
-    type(backbone_type), intent(out) :: backbone
+    type(curve_options), intent(in) :: options
+    type(curve_branch_type), intent(out) :: branch
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile :: cancel
-    type(balance_type) :: balance
-    type(load_type) :: no_load
+    type(backbone_curve) :: curve
     type(status_type) :: status
-    type(curve_point) :: here, next
     complex(wp) :: nothing(size(shape_at_rest), 0), still(0)
-    real(wp) :: step, angle
-    integer :: first
-    logical :: made
+    real(wp) :: x(2*size(set%orders)*size(shape_at_rest) + 1)
+    integer :: d, rows, cosine
 
-    call new_load(no_load, size(shape_at_rest), [integer ::], nothing, still, status)
-    call new_balance(balance, system, set)
-    balance%even_in_time = .true.
-    allocate (backbone%nu(options%max_points), &
-              backbone%x(2*size(set%orders), size(shape_at_rest), options%max_points))
+    call new_load(curve%no_load, size(shape_at_rest), [integer ::], nothing, still, status)
+    call new_balance(curve%balance, system, set)
+    curve%balance%even_in_time = .true.
+    curve%system => system
+    curve%n = size(x)
+    curve%largest = system%largest_amplitude()
+    rows = 2*size(set%orders)
     ! The cosine of order 1.
-    first = 2*findloc(set%orders, 1, 1)
-    allocate (here%x(2*size(set%orders), size(shape_at_rest)), source=0.0_wp)
-    here%slope_x = here%x
-    here%x(first, :) = options%start*shape_at_rest/shape_at_rest(dof)
-    here%slope_x(first, dof) = 1.0_wp
-    here%p = omega
-    here%p_scale = omega
-    here%slope_p = 0.0_wp
-    ! Corrected at this amplitude, for the frequency and the tangent.
-    call correct(balance, system, no_load, parameter_frequency, options, here, 0.0_wp, next, made)
-    if (.not. made) then
-      backbone%outcome = branch_stuck
-      return
-    end if
-    if (next%slope_x(first, dof)*next%x(first, dof) < 0.0_wp) then
-      next%slope_x = -next%slope_x
-      next%slope_p = -next%slope_p
-    end if
-    here = next
-    call add(backbone, here)
-    step = options%max_step
-    do while (backbone%n_points < options%max_points)
-      if (cancel /= 0) return
-      call correct(balance, system, no_load, parameter_frequency, options, here, step, next, made)
-      angle = 0.0_wp
-      if (made) then
-        angle = angle_between(system, here, next)
-        if (angle > 4.0_wp*wanted_angle .and. step > 1.0e3_wp*smallest_step) made = .false.
-      end if
-      if (.not. made) then
-        step = 0.4_wp*step
-        if (step > smallest_step) cycle
-        backbone%outcome = branch_stuck
-        return
-      end if
-      if (.not. maxval(abs(next%x)) <= system%largest_amplitude()) then
-        backbone%outcome = branch_overflow
-        return
-      end if
-      if (abs(next%x(first, dof)) >= options%finish) then
-        call land()
-        return
-      end if
-      here = next
-      call add(backbone, here)
-      step = step*min(2.0_wp, max(0.5_wp, wanted_angle/max(angle, 1.0e-12_wp)))
-      if (here%iterations > 5) step = 0.6_wp*step
-      step = min(step, options%max_step)
+    cosine = 2*findloc(set%orders, 1, 1)
+    curve%place = (dof - 1)*rows + cosine
+    ! The frequency has no part in lengths.
+    allocate (curve%weights(curve%n), source=0.0_wp)
+    x = 0.0_wp
+    do d = 1, size(shape_at_rest)
+      curve%weights((d - 1)*rows + 1:d*rows) = system%mass(d, d)
+      x((d - 1)*rows + cosine) = options%start*shape_at_rest(d)/shape_at_rest(dof)
     end do
-
-  contains
-
-    !> The last point lies at the end itself: shorten the step until it does.
-    subroutine land()
-      real(wp) :: low, high, low_a, high_a, trial, a
-      integer :: k
-      low = 0.0_wp
-      low_a = abs(here%x(first, dof))
-      high = step
-      high_a = abs(next%x(first, dof))
-      do k = 1, 60
-        a = abs(next%x(first, dof))
-        if (abs(a - options%finish) <= 1.0e-12_wp*options%finish) exit
-        trial = low + (high - low)*min(0.98_wp, max(0.02_wp, (options%finish - low_a) &
-                                                    /(high_a - low_a)))
-        call correct(balance, system, no_load, parameter_frequency, options, here, trial, next, &
-                     made)
-        if (.not. made) exit
-        a = abs(next%x(first, dof))
-        if (a < options%finish) then
-          low = trial
-          low_a = a
-        else
-          high = trial
-          high_a = a
-        end if
-      end do
-      backbone%outcome = merge(branch_completed, branch_stuck, made)
-      if (made) call add(backbone, next)
-    end subroutine land
-
+    x(curve%n) = omega
+    call follow_curve(curve, options, x, branch, cancel=cancel)
   end subroutine follow_backbone
 
-  subroutine add(backbone, point)
-    type(backbone_type), intent(inout) :: backbone
-    type(curve_point), intent(in) :: point
-    backbone%n_points = backbone%n_points + 1
-    backbone%nu(backbone%n_points) = point%p
-    backbone%x(:, :, backbone%n_points) = point%x
-  end subroutine add
+  subroutine residual(self, x, p, r, inside)
+    class(backbone_curve), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: r(:)
+    logical, intent(out) :: inside
+    integer :: n
+    n = self%balance%n
+    inside = x(n + 1) > 0.0_wp
+    if (.not. inside) return
+    call self%balance%set_frequency(self%system, self%no_load, x(n + 1))
+    call self%balance%residual(self%system, x(:n), r(:n))
+    r(n + 1) = x(self%place) - p
+  end subroutine residual
+
+  subroutine equations(self, x, p, r, jacobian, slope, inside)
+    class(backbone_curve), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: r(:)
+    real(wp), intent(inout) :: jacobian(:, :)
+    real(wp), intent(out) :: slope(:)
+    logical, intent(out) :: inside
+    integer :: n
+    call self%residual(x, p, r, inside)
+    if (.not. inside) return
+    n = self%balance%n
+    call self%balance%derivatives(self%system, jacobian)
+    call self%balance%frequency_derivative(self%system, self%no_load, x(:n), slope(:n))
+    jacobian(:n, n + 1) = slope(:n)
+    jacobian(n + 1, :n + 1) = 0.0_wp
+    jacobian(n + 1, self%place) = 1.0_wp
+    slope = 0.0_wp
+    slope(n + 1) = -1.0_wp
+  end subroutine equations
 
 end module viscovib_backbone

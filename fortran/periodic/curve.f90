@@ -12,8 +12,15 @@ module viscovib_curve
     integer :: n = 0
     !> Values of p below which, exclusively, there is nothing.
     real(wp) :: lowest = -huge(1.0_wp)
+    !> What counts as a large unknown: numbers may leave their range beyond it.
+    real(wp) :: largest = 1.0e60_wp
+    !> By which squares of unknowns weigh in lengths, such as inertia, shape (n); 1 if
+    !! not allocated.
+    real(wp), allocatable :: weights(:)
+    real(wp), allocatable, private :: work(:, :), slope(:)
   contains
     procedure(equations_interface), deferred :: equations
+    procedure :: residual
   end type curve_type
 
   abstract interface
@@ -34,5 +41,17 @@ module viscovib_curve
     end subroutine equations_interface
 
   end interface
+
+contains
+
+  !> R alone; a curve for which that is less work than all overrides this.
+  subroutine residual(self, x, p, r, inside)
+    class(curve_type), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: r(:)
+    logical, intent(out) :: inside
+    if (.not. allocated(self%work)) allocate (self%work(self%n, self%n), self%slope(self%n))
+    call self%equations(x, p, r, self%work, self%slope, inside)
+  end subroutine residual
 
 end module viscovib_curve

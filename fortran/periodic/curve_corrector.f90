@@ -1,21 +1,34 @@
-!> Steps along a curve: the corrector of pseudo-arclength continuation, with the unit
-!! tangent and the determinant of the bordered derivatives at each point.
+!> Steps along a curve: predictor and corrector of pseudo-arclength continuation, with
+!! the unit tangent and the determinant of the bordered derivatives at each point.
+!!
+!! The predictor is the cubic through the last two points and their tangents. The
+!! corrector is Newton's method on the equations together with
+!! <t, z - predicted> = 0, t being the tangent before; in passing (`exact` false) it
+!! keeps the factors of its first step as long as that converges fast, so that a point
+!! takes one factorization.
 module viscovib_curve_corrector
   use viscovib_curve, only: curve_type
-  use viscovib_dense, only: factorize_blocks, solve
+  use viscovib_dense, only: factorize_blocks, factorize_padded, solve_padded
   use viscovib_kinds, only: wp
   implicit none
   private
 
-  public :: curve_point, corrector_type, new_corrector, correct, null_vector
-  public :: normalize, reverse, angle_between, distance
+  public :: curve_point, corrector_type, new_corrector, new_point, copy_point, aim, correct, &
+            null_vector, normalize, reverse, angle_between, distance
 
-  integer, parameter :: max_iterations = 8
+  integer, parameter :: max_iterations = 12
+  !> With the factors kept, corrections must shrink by this each time.
+  real(wp), parameter :: fast_enough = 0.1_wp
+  !> Unknowns up to which whole vectors pay more than blocks.
+  integer, parameter :: small = 64, vector = 8
+  real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
 
   !> A point of the curve with its unit tangent and what its bordered determinant is.
   type :: curve_point
     real(wp), allocatable :: x(:), slope_x(:)
-    real(wp) :: p = 0.0_wp, slope_p = 1.0_wp, log_determinant = 0.0_wp
+    real(wp) :: p = 0.0_wp, slope_p = 1.0_wp
+    !> Of the determinant's size; kept if the point was corrected exactly.
+    real(wp) :: log_determinant = 0.0_wp
     integer :: iterations = 0, sign = 1
   end type curve_point
 
@@ -23,89 +36,215 @@ module viscovib_curve_corrector
   type :: corrector_type
     real(wp) :: tolerance = 0.0_wp, p_scale = 1.0_wp, largest = 0.0_wp
     logical :: outside = .false.
-    real(wp), allocatable :: matrix(:, :), right(:), r(:), slope_p(:), predicted(:)
-    integer, allocatable :: pivots(:)
+    integer, private :: n = 0, rows = 0
+    real(wp), allocatable, private :: matrix(:, :), right(:), r(:), slope_p(:), weights(:)
+    integer, allocatable, private :: pivots(:)
+    !> Prediction, and what it adds to the tangent: h^2 second + h^3 third.
+    real(wp), allocatable, private :: predicted(:), second(:), third(:)
   end type corrector_type
 
 contains
 
-  subroutine new_corrector(corrector, n, tolerance, p_scale, x)
+  subroutine new_corrector(corrector, curve, tolerance, p_scale, x)
     type(corrector_type), intent(out) :: corrector
-    integer, intent(in) :: n
+    class(curve_type), intent(in) :: curve
     real(wp), intent(in) :: tolerance
     !> Size of the parameters met.
     real(wp), intent(in) :: p_scale
     real(wp), intent(in) :: x(:)
-    allocate (corrector%matrix(n + 1, n + 1), corrector%right(n + 1), corrector%r(n), &
-              corrector%slope_p(n), corrector%predicted(n), corrector%pivots(n + 1))
+    integer :: n
+
+    n = curve%n
+    corrector%n = n
+    corrector%rows = n + 1
+    if (n < small) corrector%rows = (n/vector + 1)*vector
+    allocate (corrector%matrix(corrector%rows, n + 1), source=0.0_wp)
+    allocate (corrector%right(n + 1), corrector%r(n), corrector%slope_p(n), &
+              corrector%pivots(n + 1), corrector%predicted(n + 1))
+    allocate (corrector%second(n + 1), corrector%third(n + 1), source=0.0_wp)
+    allocate (corrector%weights(n), source=1.0_wp)
+    if (allocated(curve%weights)) corrector%weights = curve%weights
     corrector%tolerance = tolerance
     corrector%p_scale = p_scale
-    corrector%largest = sum(x**2)
+    corrector%largest = sum(corrector%weights*x**2)
   end subroutine new_corrector
 
-  !> The point a step along the tangent from `here`, on the curve, with its tangent.
-  subroutine correct(curve, c, here, step, next, made)
+  subroutine new_point(point, n)
+    type(curve_point), intent(out) :: point
+    integer, intent(in) :: n
+    allocate (point%x(n), point%slope_x(n), source=0.0_wp)
+  end subroutine new_point
+
+  !> Without new memory.
+  pure subroutine copy_point(from, to)
+    type(curve_point), intent(in) :: from
+    type(curve_point), intent(inout) :: to
+    to%x(:) = from%x
+    to%slope_x(:) = from%slope_x
+    to%p = from%p
+    to%slope_p = from%slope_p
+    to%log_determinant = from%log_determinant
+    to%iterations = from%iterations
+    to%sign = from%sign
+  end subroutine copy_point
+
+  !> Let predictions from `here` bend as the curve did from `before` on: the cubic
+  !! with both points and tangents, over the length measured as at `here`.
+  subroutine aim(c, before, here)
+    type(corrector_type), intent(inout) :: c
+    type(curve_point), intent(in) :: before, here
+    real(wp) :: weight_x, weight_p, length, chord, angle
+    integer :: n
+
+    n = c%n
+    call metric(c, here, weight_x, weight_p)
+    chord = sqrt(weight_x*sum(c%weights*(here%x - before%x)**2) &
+                 + weight_p*(here%p - before%p)**2)
+    length = sqrt(weight_x*sum(c%weights*before%slope_x**2) + weight_p*before%slope_p**2)
+    angle = angle_between(c, before, here)
+    if (.not. (chord > 0.0_wp .and. length > 0.0_wp)) then
+      call aim_straight(c)
+      return
+    end if
+    ! Of an arc over its chord.
+    chord = chord*(1.0_wp + angle**2/24.0_wp)
+    call bend(n, chord, length, before%x, before%slope_x, here%x, here%slope_x, c%second, c%third)
+    call bend(1, chord, length, [before%p], [before%slope_p], [here%p], [here%slope_p], &
+              c%second(n + 1:), c%third(n + 1:))
+  end subroutine aim
+
+  pure subroutine bend(n, chord, length, z_0, t_0, z_1, t_1, second, third)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: chord, length, z_0(n), t_0(n), z_1(n), t_1(n)
+    real(wp), intent(out) :: second(n), third(n)
+    integer :: i
+    do i = 1, n
+      second(i) = (2.0_wp*t_1(i) + t_0(i)/length - 3.0_wp*(z_1(i) - z_0(i))/chord)/chord
+      third(i) = (t_1(i) + t_0(i)/length - 2.0_wp*(z_1(i) - z_0(i))/chord)/chord**2
+    end do
+  end subroutine bend
+
+  !> Predictions along the tangent alone.
+  pure subroutine aim_straight(c)
+    type(corrector_type), intent(inout) :: c
+    c%second = 0.0_wp
+    c%third = 0.0_wp
+  end subroutine aim_straight
+
+  !> The point a step from `here`, on the curve, with its tangent.
+  subroutine correct(curve, c, here, step, next, made, exact)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
     real(wp), intent(in) :: step
-    type(curve_point), intent(out) :: next
+    !> As `new_point` leaves it, or used before.
+    type(curve_point), intent(inout) :: next
     logical, intent(out) :: made
-    real(wp) :: predicted_p, weight_x, weight_p, change
-    integer :: n, k
-    logical :: singular, inside
+    !> Take derivatives anew each time, for a point and tangent to rounding.
+    logical, intent(in) :: exact
+    real(wp) :: weight_x, weight_p, change, before
+    integer :: n, k, i
+    logical :: fresh, inside, singular
 
-    n = curve%n
+    n = c%n
     made = .false.
     call metric(c, here, weight_x, weight_p)
-    c%predicted = here%x + step*here%slope_x
-    predicted_p = here%p + step*here%slope_p
-    next%x = c%predicted
-    next%p = predicted_p
+    do i = 1, n
+      c%predicted(i) = here%x(i) + step*(here%slope_x(i) + step*(c%second(i) + step*c%third(i)))
+    end do
+    c%predicted(n + 1) = here%p + step*(here%slope_p + step*(c%second(n + 1) &
+                                                             + step*c%third(n + 1)))
+    next%x(:) = c%predicted(:n)
+    next%p = c%predicted(n + 1)
+    fresh = .true.
+    before = 0.0_wp
     do k = 1, max_iterations
-      call curve%equations(next%x, next%p, c%r, c%matrix, c%slope_p, inside)
+      if (fresh) then
+        call curve%equations(next%x, next%p, c%r, c%matrix, c%slope_p, inside)
+      else
+        call curve%residual(next%x, next%p, c%r, inside)
+      end if
       c%outside = .not. inside
       if (.not. inside) return
-      c%matrix(:n, n + 1) = c%slope_p
-      c%matrix(n + 1, :n) = weight_x*here%slope_x
-      c%matrix(n + 1, n + 1) = weight_p*here%slope_p
+      if (fresh) then
+        call decompose(c, here, weight_x, weight_p, singular)
+        if (singular) return
+      end if
       c%right(:n) = c%r
-      c%right(n + 1) = weight_x*dot_product(here%slope_x, next%x - c%predicted) &
-                       + weight_p*here%slope_p*(next%p - predicted_p)
-      call factorize_blocks(n + 1, c%matrix, c%pivots, singular)
-      if (singular) return
-      call solve(n + 1, c%matrix, c%pivots, c%right)
-      next%x = next%x - c%right(:n)
+      c%right(n + 1) = weight_p*here%slope_p*(next%p - c%predicted(n + 1))
+      do i = 1, n
+        c%right(n + 1) = c%right(n + 1) + weight_x*c%weights(i)*here%slope_x(i) &
+                         *(next%x(i) - c%predicted(i))
+      end do
+      call solve_padded(c%rows, n + 1, c%matrix, c%pivots, c%right)
       next%p = next%p - c%right(n + 1)
-      next%iterations = k
-      change = sqrt(weight_x*sum(c%right(:n)**2) + weight_p*c%right(n + 1)**2)
+      change = weight_p*c%right(n + 1)**2
+      do i = 1, n
+        next%x(i) = next%x(i) - c%right(i)
+        change = change + weight_x*c%weights(i)*c%right(i)**2
+      end do
+      change = sqrt(change)
       if (.not. change <= 1.0e3_wp) return
-      if (change <= max(c%tolerance, 4.0_wp*epsilon(1.0_wp))) exit
+      if (change <= max(c%tolerance, rounding)) exit
+      if (.not. exact .and. k > 1) then
+        ! Corrections fall as a geometric series: what is left of it.
+        if (change < fast_enough*before) then
+          if (change**2 <= 0.1_wp*c%tolerance*(before - change)) exit
+          fresh = .false.
+        else
+          fresh = .not. fresh
+        end if
+      else
+        fresh = exact
+      end if
+      before = change
     end do
     if (k > max_iterations) return
     made = .true.
-    call determinant(c, n + 1, next)
+    next%iterations = k
+    call determinant(c, exact, next)
     ! The tangent: [J, R_p; tangent before] t = (0, 1), by the same factors.
     c%right = 0.0_wp
     c%right(n + 1) = 1.0_wp
-    call solve(n + 1, c%matrix, c%pivots, c%right)
-    next%slope_x = c%right(:n)
+    call solve_padded(c%rows, n + 1, c%matrix, c%pivots, c%right)
+    next%slope_x(:) = c%right(:n)
     next%slope_p = c%right(n + 1)
-    c%largest = max(c%largest, sum(next%x**2))
+    c%largest = max(c%largest, sum(c%weights*next%x**2))
     call normalize(c, next)
   end subroutine correct
 
-  !> Sign and logarithm of the determinant, from its factors.
-  pure subroutine determinant(c, n, point)
+  !> Border the derivatives by slope and tangent, and factorize.
+  subroutine decompose(c, here, weight_x, weight_p, singular)
+    type(corrector_type), intent(inout) :: c
+    type(curve_point), intent(in) :: here
+    real(wp), intent(in) :: weight_x, weight_p
+    logical, intent(out) :: singular
+    integer :: n
+    n = c%n
+    c%matrix(:n, n + 1) = c%slope_p
+    c%matrix(n + 1, :n) = weight_x*c%weights*here%slope_x
+    c%matrix(n + 1, n + 1) = weight_p*here%slope_p
+    if (n < small) then
+      call factorize_padded(c%rows, n + 1, c%matrix, c%pivots, singular)
+    else
+      call factorize_blocks(n + 1, c%matrix, c%pivots, singular)
+    end if
+  end subroutine decompose
+
+  !> Sign and, if wanted, logarithm of the determinant, from its factors.
+  pure subroutine determinant(c, wanted, point)
     type(corrector_type), intent(in) :: c
-    integer, intent(in) :: n
+    logical, intent(in) :: wanted
     type(curve_point), intent(inout) :: point
     integer :: k
     point%sign = 1
-    point%log_determinant = 0.0_wp
-    do k = 1, n
+    do k = 1, c%n + 1
       if (c%pivots(k) /= k) point%sign = -point%sign
       if (c%matrix(k, k) < 0.0_wp) point%sign = -point%sign
+    end do
+    point%log_determinant = 0.0_wp
+    if (.not. wanted) return
+    do k = 1, c%n + 1
       point%log_determinant = point%log_determinant + log(abs(c%matrix(k, k)))
     end do
   end subroutine determinant
@@ -115,7 +254,7 @@ contains
     type(curve_point), intent(inout) :: point
     real(wp) :: weight_x, weight_p, length
     call metric(c, point, weight_x, weight_p)
-    length = sqrt(weight_x*sum(point%slope_x**2) + weight_p*point%slope_p**2)
+    length = sqrt(weight_x*sum(c%weights*point%slope_x**2) + weight_p*point%slope_p**2)
     point%slope_x = point%slope_x/length
     point%slope_p = point%slope_p/length
   end subroutine normalize
@@ -133,7 +272,7 @@ contains
     type(curve_point), intent(in) :: point
     real(wp), intent(out) :: weight_x, weight_p
     real(wp) :: total
-    total = max(sum(point%x**2), 0.01_wp*c%largest)
+    total = max(sum(c%weights*point%x**2), 0.01_wp*c%largest)
     weight_x = 1.0_wp
     if (total > 0.0_wp) weight_x = 1.0_wp/total
     weight_p = 1.0_wp/max(abs(point%p), 0.1_wp*c%p_scale)**2
@@ -144,8 +283,8 @@ contains
     type(curve_point), intent(in) :: a, b
     real(wp) :: weight_x, weight_p, product, length
     call metric(c, b, weight_x, weight_p)
-    product = weight_x*dot_product(a%slope_x, b%slope_x) + weight_p*a%slope_p*b%slope_p
-    length = sqrt(weight_x*sum(a%slope_x**2) + weight_p*a%slope_p**2)
+    product = weight_x*sum(c%weights*a%slope_x*b%slope_x) + weight_p*a%slope_p*b%slope_p
+    length = sqrt(weight_x*sum(c%weights*a%slope_x**2) + weight_p*a%slope_p**2)
     angle = acos(max(-1.0_wp, min(1.0_wp, product/max(length, tiny(length)))))
   end function angle_between
 
@@ -154,7 +293,7 @@ contains
     type(curve_point), intent(in) :: a, b
     real(wp) :: weight_x, weight_p
     call metric(c, b, weight_x, weight_p)
-    distance = sqrt(weight_x*sum((a%x - b%x)**2) + weight_p*(a%p - b%p)**2)
+    distance = sqrt(weight_x*sum(c%weights*(a%x - b%x)**2) + weight_p*(a%p - b%p)**2)
   end function distance
 
   !> The direction across the branch: null vector of the bordered matrix, by inverse
@@ -173,18 +312,13 @@ contains
     call metric(c, here, weight_x, weight_p)
     call curve%equations(point%x, point%p, c%r, c%matrix, c%slope_p, inside)
     singular = .not. inside
-    if (inside) then
-      c%matrix(:n, n + 1) = c%slope_p
-      c%matrix(n + 1, :n) = weight_x*here%slope_x
-      c%matrix(n + 1, n + 1) = weight_p*here%slope_p
-      call factorize_blocks(n + 1, c%matrix, c%pivots, singular)
-    end if
+    if (inside) call decompose(c, here, weight_x, weight_p, singular)
     if (singular) then
       across = 0.0_wp
       return
     end if
     do k = 1, 4
-      call solve(n + 1, c%matrix, c%pivots, across)
+      call solve_padded(c%rows, n + 1, c%matrix, c%pivots, across)
       across = across/sqrt(sum(across**2))
     end do
   end subroutine null_vector

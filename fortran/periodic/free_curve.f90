@@ -19,18 +19,19 @@ module viscovib_free_curve
 
   public :: free_curve_type, new_free_curve
 
-  !> Unknowns are the cosines and the frequency as (nu/unit - 1) scale. What rounding does
-  !! to the frequency stays small against small cosines if the scale is of their size.
+  !> Unknowns are the cosines and the frequency, as a part of `unit`.
   type, extends(curve_type) :: free_curve_type
     type(torus_balance_type) :: motion
-    real(wp) :: unit = 1.0_wp, scale = 1.0_wp
+    real(wp) :: unit = 1.0_wp
     !> Which unknown is the amplitude; 0: the energy is the parameter.
     integer :: measured = 0
   contains
     procedure :: equations
+    procedure :: residual
     procedure :: at_rest
     procedure :: frequency
     procedure :: energy
+    procedure, private :: size_of
   end type free_curve_type
 
 contains
@@ -59,6 +60,9 @@ contains
     curve%unit = unit
     curve%n = curve%motion%n + 1
     curve%lowest = 0.0_wp
+    ! The frequency has no part in lengths.
+    allocate (curve%weights(curve%n), source=1.0_wp)
+    curve%weights(curve%n) = 0.0_wp
     if (dof == 0) return
     y = 0.0_wp
     y(2*order + 1, dof) = 1.0_wp
@@ -68,7 +72,7 @@ contains
   pure real(wp) function frequency(self, x)
     class(free_curve_type), intent(in) :: self
     real(wp), intent(in) :: x(:)
-    frequency = self%unit*(1.0_wp + x(self%n)/self%scale)
+    frequency = self%unit*x(self%n)
   end function frequency
 
   !> Where the motion begins, shape (n_dof).
@@ -100,20 +104,48 @@ contains
     call self%motion%equations(x(:n), self%frequency(x), r(:n), jacobian, slope(:n), inside)
     inside = inside .and. p > self%lowest
     if (.not. inside) return
-    jacobian(:n, n + 1) = self%unit/self%scale*slope(:n)
+    jacobian(:n, n + 1) = self%unit*slope(:n)
     slope(:n) = 0.0_wp
     slope(n + 1) = -1.0_wp
     jacobian(n + 1, :n + 1) = 0.0_wp
+    call self%size_of(x, value, force)
+    r(n + 1) = value - p
     if (self%measured > 0) then
-      value = x(self%measured)
       jacobian(n + 1, self%measured) = 1.0_wp
     else
-      call self%motion%system%potential(self%at_rest(x), value, force)
       ! Every cosine is 1 at the beginning.
       jacobian(n + 1, :n) = self%motion%reduced(reshape(spread(force, 1, self%motion%torus%n), &
                                                         [self%motion%torus%n*size(force)]))
     end if
-    r(n + 1) = value - p
   end subroutine equations
+
+  subroutine residual(self, x, p, r, inside)
+    class(free_curve_type), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: r(:)
+    logical, intent(out) :: inside
+    real(wp) :: value, force(self%motion%system%n_dof)
+    integer :: n
+
+    n = self%motion%n
+    call self%motion%residual(x(:n), self%frequency(x), r(:n), inside)
+    inside = inside .and. p > self%lowest
+    if (.not. inside) return
+    call self%size_of(x, value, force)
+    r(n + 1) = value - p
+  end subroutine residual
+
+  !> Amplitude, or energy and its derivative at the beginning.
+  pure subroutine size_of(self, x, value, force)
+    class(free_curve_type), intent(in) :: self
+    real(wp), intent(in) :: x(:)
+    real(wp), intent(out) :: value, force(:)
+    if (self%measured > 0) then
+      value = x(self%measured)
+      force = 0.0_wp
+    else
+      call self%motion%system%potential(self%at_rest(x), value, force)
+    end if
+  end subroutine size_of
 
 end module viscovib_free_curve

@@ -114,9 +114,8 @@ contains
   subroutine residual(self, system, x, r)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    !> Shape (2 n_orders, n_dof).
-    real(wp), intent(in) :: x(:, :)
-    real(wp), intent(out) :: r(:, :)
+    real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
+    real(wp), intent(out) :: r(2*size(self%set%orders), self%n_dof)
     complex(wp) :: z(size(self%set%orders), size(self%w, 2)), y(size(self%set%orders), size(x, 2))
     complex(wp) :: total(size(self%set%orders), size(x, 2))
     integer :: a, b, j, k
@@ -345,7 +344,7 @@ contains
   !> dR/ds, s the factor of the load.
   pure subroutine load_derivative(self, slope)
     class(balance_type), intent(in) :: self
-    real(wp), intent(out) :: slope(:, :)
+    real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
     integer :: k
     slope(1::2, :) = -real(self%load)
     slope(2::2, :) = -aimag(self%load)
@@ -361,8 +360,8 @@ contains
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    real(wp), intent(in) :: x(:, :)
-    real(wp), intent(out) :: slope(:, :)
+    real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
+    real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
     complex(wp) :: total(size(self%set%orders), size(x, 2)), y(size(self%set%orders), size(x, 2))
     complex(wp), dimension(size(self%set%orders), size(self%w, 2)) :: above, below
     real(wp) :: kept_w(size(self%w, 1), size(self%w, 2))
@@ -415,8 +414,8 @@ contains
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    real(wp), intent(in) :: x(:, :)
-    real(wp), intent(out) :: slope(:, :)
+    real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
+    real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
     real(wp) :: nu, above(size(x, 1), size(x, 2))
 
     nu = self%nu

@@ -1,12 +1,12 @@
 !> One periodic solution by Newton's method on the equations of harmonic balance.
 module viscovib_newton_point
-  use viscovib_branch, only: branch_completed, branch_options, branch_type, follow_branch, &
-    parameter_load
+  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_dense, only: factorize, solve
   use viscovib_harmonic_balance, only: balance_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_load
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_overflow, &
     outcome_singular, outcome_stalled
   implicit none
@@ -86,26 +86,26 @@ contains
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile, optional :: cancel
-    type(branch_type) :: branch
-    real(wp) :: wanted
+    type(oscillator_curve_type) :: curve
+    type(curve_branch_type) :: branch
     integer :: direct
 
-    wanted = balance%load_factor
     x = 0.0_wp
     call newton_point(balance, system, tolerance, x, outcome, iterations)
     direct = outcome
     if (outcome == outcome_converged .or. size(load%orders) == 0) return
-    x = 0.0_wp
-    call follow_branch(balance, system, load, parameter_load, &
-                       branch_options(0.0_wp, wanted, 1.0e-8_wp, max_load_points, 0.3_wp), x, &
-                       branch, cancel)
-    balance%load_factor = wanted
+    call new_oscillator_curve(curve, system, load, balance%set, vary_load)
+    call curve%balance%set_frequency(system, load, balance%nu)
+    call follow_curve(curve, curve_options(0.0_wp, balance%load_factor, 1.0e-8_wp, &
+                                           max_load_points, 0.3_wp), &
+                      spread(0.0_wp, 1, curve%n), branch, cancel=cancel)
     iterations = iterations + sum(branch%iterations(:branch%n_points))
-    if (branch%outcome /= branch_completed) then
+    if (branch%outcome /= curve_completed) then
       outcome = direct
+      x = 0.0_wp
       return
     end if
-    x = branch%x(:, :, branch%n_points)
+    x = reshape(branch%x(:, branch%n_points), shape(x))
     call newton_point(balance, system, tolerance, x, outcome, iterations)
   end subroutine point_from_rest
 

@@ -62,6 +62,7 @@ module viscovib_torus_balance
     complex(wp), allocatable, private :: a_moments(:, :, :), slope_moments(:, :, :)
   contains
     procedure :: equations
+    procedure :: residual
     procedure :: set_parameter
     procedure :: rate
     procedure :: expanded
@@ -179,7 +180,7 @@ contains
     factors(:, :, 3) = spread(cmplx(0.0_wp, w_slope, wp), 2, self%n_dof)
     y = spread(self%expanded(x), 3, 3)
     call self%torus%to_samples(3*self%n_dof, y, factors, self%motion)
-    call self%evaluate(inside)
+    call self%evaluate(inside, .true.)
     if (.not. inside) return
     call self%torus%moments(2*self%n_dof, self%a, self%a_moments)
     do a = 1, self%n_dof
@@ -197,6 +198,36 @@ contains
       end do
     end do
   end subroutine equations
+
+  !> Without derivatives: a third of the samples' passages and no sums over orders.
+  subroutine residual(self, x, p, r, inside)
+    class(torus_balance_type), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: r(:)
+    logical, intent(out) :: inside
+    complex(wp) :: factors(size(self%torus%orders, 2), self%n_dof, 2)
+    real(wp) :: w(size(self%torus%orders, 2))
+    real(wp) :: y(self%torus%n, self%n_dof, 2), part(self%torus%n, self%n_dof)
+    integer :: a
+
+    r = 0.0_wp
+    inside = p > self%lowest
+    if (.not. inside) return
+    call self%set_parameter(p)
+    w = self%torus%frequencies(self%omega)
+    factors(:, :, 1) = (1.0_wp, 0.0_wp)
+    factors(:, :, 2) = spread(cmplx(0.0_wp, w, wp), 2, self%n_dof)
+    y = spread(self%expanded(x), 3, 2)
+    call self%torus%to_samples(2*self%n_dof, y, factors, self%motion)
+    call self%evaluate(inside, .false.)
+    if (.not. inside) return
+    call self%torus%moments(self%n_dof, self%a, self%a_moments)
+    do a = 1, self%n_dof
+      call self%torus%to_unknowns(self%a_moments(:, a, 1), part(:, a))
+    end do
+    r = self%reduced(reshape(-spread(twice(w**2), 2, self%n_dof)*y(:, :, 1) - part, &
+                             [self%torus%n*self%n_dof]))
+  end subroutine residual
 
   !> What belongs to orders, for each of their unknowns.
   pure function twice(values) result(each)
@@ -225,11 +256,12 @@ contains
     x = y(self%from)
   end function reduced
 
-  !> Accelerations and all their derivatives at the samples, a block of lanes after
-  !! another.
-  subroutine evaluate(self, inside)
+  !> Accelerations at the samples, with all their derivatives if wanted, a block of lanes
+  !! after another.
+  subroutine evaluate(self, inside, derivatives)
     class(torus_balance_type), intent(inout) :: self
     logical, intent(out) :: inside
+    logical, intent(in) :: derivatives
     real(wp), dimension(n_lanes, self%n_dof) :: q, v, dq, dv, a, da, above
     real(wp), dimension(n_lanes, size(self%cosines, 2)) :: drive, raised
     integer :: first, last, m, d, j
@@ -252,6 +284,11 @@ contains
       inside = all(self%system%margin(q) > 0.0_wp) .and. all(abs(q) <= 1.0e6_wp) &
                .and. all(abs(v) <= 1.0e60_wp)
       if (.not. inside) return
+      if (.not. derivatives) then
+        call self%system%acceleration(q, v, drive, a)
+        self%a(first:last, :, 1) = a(:m, :)
+        cycle
+      end if
       do d = 1, self%n_dof
         dq = 0.0_wp
         dv = 0.0_wp

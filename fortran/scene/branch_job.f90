@@ -1,15 +1,15 @@
 !> The &branch group of a scene: a branch of periodic solutions in the frequency.
 module viscovib_branch_job
-  use viscovib_branch, only: branch_options, branch_type, follow_branch, parameter_frequency
   use viscovib_checks, only: check_positive
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes, follow_curve
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
-  use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_newton_point, only: point_from_rest
   use viscovib_number_text, only: exact
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_frequency
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_newton, response_plan_type
@@ -21,8 +21,6 @@ module viscovib_branch_job
   public :: branch_job, read_branch, plan_branch, run_branch, write_branch
 
   integer, parameter :: max_branch_points = 100000
-  character(len=*), parameter, public :: branch_names(0:4) = &
-    [character(len=10) :: 'completed', 'returned', 'step limit', 'stuck', 'overflow']
 
   type :: branch_job
     real(wp) :: nu_from = 0.0_wp, nu_to = 0.0_wp
@@ -75,11 +73,11 @@ contains
   subroutine run_branch(job, plan, system, load, branch, status)
     type(branch_job), intent(in) :: job
     type(response_plan_type), intent(in) :: plan
-    class(oscillator_type), intent(in) :: system
-    type(load_type), intent(in) :: load
-    type(branch_type), intent(out) :: branch
+    class(oscillator_type), intent(in), target :: system
+    type(load_type), intent(in), target :: load
+    type(curve_branch_type), intent(out) :: branch
     type(status_type), intent(out) :: status
-    type(balance_type) :: balance
+    type(oscillator_curve_type) :: curve
     real(wp) :: x(2*size(plan%set%orders), system%n_dof())
     integer :: outcome, iterations
 
@@ -88,33 +86,34 @@ contains
                 //'single curve: ask for &response')
       return
     end if
-    call new_balance(balance, system, plan%set)
-    call balance%set_frequency(system, load, job%nu_from)
+    call new_oscillator_curve(curve, system, load, plan%set, vary_frequency)
+    call curve%balance%set_frequency(system, load, job%nu_from)
     iterations = 0
-    call point_from_rest(balance, system, load, job%options%tolerance, x, outcome, iterations)
+    call point_from_rest(curve%balance, system, load, job%options%tolerance, x, outcome, iterations)
     if (outcome /= outcome_converged) then
       call fail(status, status_input_error, 'nu_from', 'nu_from = '//show(job%nu_from) &
                 //': no solution was found there, begin elsewhere')
       return
     end if
-    call follow_branch(balance, system, load, parameter_frequency, &
-                       branch_options(job%nu_from, job%nu_to, job%options%tolerance, &
-                                      job%max_points, job%max_step), x, branch)
+    call follow_curve(curve, curve_options(job%nu_from, job%nu_to, job%options%tolerance, &
+                                           job%max_points, job%max_step), &
+                      reshape(x, [size(x)]), branch)
     call add_base_motion()
 
   contains
 
     !> From coordinates relative to the base to absolute ones.
     subroutine add_base_motion()
-      integer :: i, j, d
+      integer :: i, j, d, k
       do j = 1, size(load%orders)
         do i = 1, size(plan%set%orders)
           if (plan%set%orders(i) /= load%orders(j)) cycle
           do d = 1, system%n_dof()
-            branch%x(2*i - 1, d, :branch%n_points) = branch%x(2*i - 1, d, :branch%n_points) &
-                                                     + system%base_direction(d)*real(load%base(j))
-            branch%x(2*i, d, :branch%n_points) = branch%x(2*i, d, :branch%n_points) &
-                                                 + system%base_direction(d)*aimag(load%base(j))
+            k = 2*(i + size(plan%set%orders)*(d - 1))
+            branch%x(k - 1, :branch%n_points) = branch%x(k - 1, :branch%n_points) &
+                                                + system%base_direction(d)*real(load%base(j))
+            branch%x(k, :branch%n_points) = branch%x(k, :branch%n_points) &
+                                            + system%base_direction(d)*aimag(load%base(j))
           end do
         end do
       end do
@@ -127,7 +126,7 @@ contains
   subroutine write_branch(folder, name, orders, branch, coordinates, units, header, status)
     character(len=*), intent(in) :: folder, name
     integer, intent(in) :: orders(:)
-    type(branch_type), intent(in) :: branch
+    type(curve_branch_type), intent(in) :: branch
     !> Names and units, one a coordinate.
     character(len=*), intent(in) :: coordinates(:), units(:)
     !> Lines for the top, separated by new-line characters.
@@ -141,9 +140,9 @@ contains
     call table%create(folder//'/'//name, status)
     if (status%failed()) return
     call table%add_comments(header)
-    row = '# branch '//trim(branch_names(branch%outcome))//'; folds at nu ='
-    do i = 1, branch%n_folds
-      row = row//' '//trim(exact(branch%fold(i)))
+    row = '# branch '//trim(curve_outcomes(branch%outcome))//'; folds at nu ='
+    do i = 1, branch%folds%n
+      row = row//' '//trim(exact(branch%folds%p(i)))
     end do
     call table%add_line(row)
     row = '# nu (rad/s); u = Im sum_k X_k exp(i k nu t)'
@@ -152,7 +151,7 @@ contains
     end do
     call table%add_line(row)
     row = 'nu'
-    do d = 1, size(branch%x, 2)
+    do d = 1, size(coordinates)
       do k = 1, size(orders)
         order = trim(coordinates(d))//'_'//show(orders(k))
         row = row//','//order//'_re,'//order//'_im'
@@ -161,10 +160,8 @@ contains
     call table%add_line(row)
     do i = 1, branch%n_points
       row = trim(exact(branch%parameter(i)))
-      do d = 1, size(branch%x, 2)
-        do k = 1, 2*size(orders)
-          row = row//','//trim(exact(branch%x(k, d, i)))
-        end do
+      do k = 1, size(branch%x, 1)
+        row = row//','//trim(exact(branch%x(k, i)))
       end do
       call table%add_line(row)
     end do

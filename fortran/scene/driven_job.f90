@@ -2,7 +2,8 @@
 !! frequency or an amplitude of its loads, and others that leave it.
 module viscovib_driven_job
   use viscovib_checks, only: check_positive
-  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
+  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
+    curve_outcomes, follow_curve
   use viscovib_drive_torus, only: default_bound, drive_torus_type, kept_by_symmetry, &
     largest_bound, lattice, n_drives, sort_drives, varied_names, varies_nu
   use viscovib_files, only: make_folder
@@ -22,9 +23,6 @@ module viscovib_driven_job
 
   public :: driven_job, driven_branch, read_driven, plan_driven, run_driven, write_driven
 
-  character(len=*), parameter, public :: driven_outcomes(0:6) = &
-    [character(len=10) :: 'completed', 'returned', 'step limit', 'stuck', 'overflow', &
-     'unphysical', 'closed']
   integer, parameter :: max_branch_points = 100000, max_switches = 20
 
   type :: driven_job
@@ -257,7 +255,7 @@ contains
     if (status%failed()) return
     call table%add_comments(header)
     call table%add_line('# parameter: '//trim(varied_names(job%parameter))//'; branch ' &
-                        //trim(driven_outcomes(branch%outcome)))
+                        //trim(curve_outcomes(branch%outcome)))
     call table%add_line('# folds at'//listed(branch%folds))
     call table%add_line('# branch points at'//listed(branch%branch_points))
     call table%add_line('# q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)')

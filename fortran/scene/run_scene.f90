@@ -1,10 +1,10 @@
 !> Doing what a scene asks for.
 module viscovib_run_scene
-  use viscovib_branch, only: branch_completed, branch_type
-  use viscovib_branch_job, only: branch_names, plan_branch, run_branch, write_branch
-  use viscovib_driven_job, only: driven_branch, driven_outcomes, plan_driven, run_driven, write_driven
+  use viscovib_branch_job, only: plan_branch, run_branch, write_branch
+  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_outcomes
   use viscovib_dense, only: factorize, solve
   use viscovib_files, only: stem
+  use viscovib_driven_job, only: driven_branch, plan_driven, run_driven, write_driven
   use viscovib_forced_response, only: forced_response
   use viscovib_hereditary_job, only: hereditary_methods, plan_hereditary, run_hereditary_job
   use viscovib_kinds, only: wp
@@ -131,7 +131,7 @@ contains
     type(scene_report), intent(out) :: report
     type(status_type), intent(out) :: status
     type(response_plan_type) :: plan
-    type(branch_type) :: branch
+    type(curve_branch_type) :: branch
 
     call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
                            scene%options, status)
@@ -145,9 +145,9 @@ contains
     call write_branch(folder, stem(scene%path)//'_branch.csv', plan%set%orders, branch, &
                       scene%coordinates, scene%units, header, status)
     if (status%failed()) return
-    report%complete = branch%outcome == branch_completed
-    report%summary = trim(branch_names(branch%outcome))//', '//show(branch%n_points) &
-                     //' points, '//show(branch%n_folds)//' folds'
+    report%complete = branch%outcome == curve_completed
+    report%summary = trim(curve_outcomes(branch%outcome))//', '//show(branch%n_points) &
+                     //' points, '//show(branch%folds%n)//' folds'
   end subroutine run_one_branch
 
   !> A table for the branch, NAME_branch.csv, and for those that leave it,
@@ -174,8 +174,8 @@ contains
       if (status%failed()) return
     end do
     associate (first => branches(1))
-      report%complete = first%outcome == branch_completed
-      report%summary = trim(driven_outcomes(first%outcome))//', '//show(size(first%parameter)) &
+      report%complete = first%outcome == curve_completed
+      report%summary = trim(curve_outcomes(first%outcome))//', '//show(size(first%parameter)) &
                        //' points, '//show(size(first%folds))//' folds, ' &
                        //show(size(first%branch_points))//' branch points'
     end associate

@@ -10,8 +10,8 @@ import xarray as xr
 
 from viscovib import __version__, bench, cli_sweep, explore
 from viscovib.branch import Branch
-from viscovib.driven_branch import DrivenBranch
 from viscovib.cli_sweep import run_sweep
+from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, ViscovibError
 from viscovib.pendulum import Pendulum
 from viscovib.plots import save_picture

@@ -25,8 +25,8 @@ class Torus:
     """The angles of a motion, and how those of the loads follow from them.
 
     ``names`` of the axes and their frequencies ``base``, shape (n_axes,); ``drive_orders``, shape
-    (3, n_axes): load j turns by drive_orders[j] times the angles. ``varying``: which axis (from 1) a
-    frequency that varies moves, and its multiple that the frequency is.
+    (3, n_axes): load j turns by drive_orders[j] times the angles. ``varying``: which axis (from 1)
+    a frequency that varies moves, and its multiple that the frequency is.
     """
 
     names: tuple[str, ...]

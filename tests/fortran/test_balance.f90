@@ -1,9 +1,8 @@
 !> Harmonic balance: derivatives against differences, and a branch through folds.
 module test_balance
   use testing, only: begin, check, check_close, check_ok
-  use viscovib_branch, only: branch_completed, branch_options, branch_type, follow_branch, &
-    parameter_frequency
   use viscovib_catalogue, only: kernel_rzhanitsyn, new_kernel
+  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
@@ -12,6 +11,7 @@ module test_balance
     mount_type, new_mount
   use viscovib_newton_point, only: point_from_rest
   use viscovib_oscillator, only: kernel_holder
+  use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_frequency
   use viscovib_outcomes, only: outcome_converged
   use viscovib_status, only: status_type
   implicit none
@@ -117,32 +117,46 @@ contains
   end subroutine compare_derivatives
 
   subroutine follow()
-    type(mount_type) :: mount
-    type(load_type) :: load
+    type(mount_type), target :: mount
+    type(load_type), target :: load
     type(harmonic_set_type) :: set
-    type(balance_type) :: balance
-    type(branch_type) :: branch
+    type(oscillator_curve_type) :: curve
+    type(curve_branch_type) :: branch
+    type(curve_options) :: options
     type(status_type) :: status
     real(wp) :: x(10, 2)
-    integer :: outcome, iterations
+    integer :: outcome, iterations, i
 
     call example(geometry_cubic, .false., 0.5_wp, mount, load)
     call new_load(load, 2, [1], reshape([(0.5_wp, 0.0_wp), (0.0_wp, 0.0_wp)], [2, 1]), &
                   [(0.0_wp, 0.0_wp)], status)
     call check_ok(status)
     call new_harmonic_set(set, 9, .true., mount%degree)
-    call new_balance(balance, mount, set)
-    call balance%set_frequency(mount, load, 0.5_wp)
+    call new_oscillator_curve(curve, mount, load, set, vary_frequency)
+    call curve%balance%set_frequency(mount, load, 0.5_wp)
     iterations = 0
-    call point_from_rest(balance, mount, load, 1.0e-10_wp, x, outcome, iterations)
+    call point_from_rest(curve%balance, mount, load, 1.0e-10_wp, x, outcome, iterations)
     call check(outcome == outcome_converged .and. iterations > 0, 'a first point')
-    call follow_branch(balance, mount, load, parameter_frequency, &
-                       branch_options(0.5_wp, 10.0_wp, 1.0e-10_wp, 500, 0.1_wp), x, branch)
-    call check(branch%outcome == branch_completed .and. branch%n_folds == 2, 'two folds')
+    options = curve_options(start=0.5_wp, finish=10.0_wp, max_points=500, &
+                            stops=[2.4_wp, 7.0_wp, 11.0_wp])
+    call follow_curve(curve, options, reshape(x, [20]), branch)
+    call check(branch%outcome == curve_completed .and. branch%folds%n == 2, 'two folds')
     ! Orders to 9 leave 5e-7.
-    call check_close(branch%fold(1), 2.593184316412_wp, 1.0e-6_wp, 'upper fold')
-    call check_close(branch%fold(2), 2.268892724956_wp, 1.0e-6_wp, 'lower fold')
+    call check_close(branch%folds%p(1), 2.593184316412_wp, 1.0e-6_wp, 'upper fold')
+    call check_close(branch%folds%p(2), 2.268892724956_wp, 1.0e-6_wp, 'lower fold')
     call check_close(branch%parameter(branch%n_points), 10.0_wp, 0.0_wp, 'the end')
+    ! Between the folds there are three motions at a load of 2.4.
+    call check(size(branch%stops) == 4, 'stops')
+    call check(all(branch%parameter(branch%stops) == [2.4_wp, 2.4_wp, 2.4_wp, 7.0_wp]), &
+               'their places')
+    do i = 1, 2
+      associate (k => branch%folds%before(i))
+        call check((branch%parameter(k) - branch%folds%p(i)) &
+                   *(branch%parameter(k) - branch%parameter(k - 1)) < 0.0_wp &
+                   .and. (branch%parameter(k + 1) - branch%folds%p(i)) &
+                   *(branch%parameter(k + 1) - branch%parameter(k + 2)) < 0.0_wp, 'before a fold')
+      end associate
+    end do
   end subroutine follow
 
 end module test_balance

@@ -2,9 +2,8 @@
 module test_hill
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use testing, only: begin, check, check_close, check_ok
-  use viscovib_branch, only: branch_options, branch_type, follow_branch, parameter_frequency
   use viscovib_catalogue, only: kernel_rzhanitsyn, new_kernel
-  use viscovib_harmonic_balance, only: balance_type, new_balance
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_hill, only: hill_type, new_hill
   use viscovib_hill_count, only: count_growing
@@ -13,6 +12,7 @@ module test_hill
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: geometry_cubic, geometry_exact, mount_parameters, mount_type, new_mount
   use viscovib_oscillator, only: kernel_holder
+  use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_frequency
   use viscovib_status, only: status_type
   implicit none
   private
@@ -52,29 +52,28 @@ contains
   !> The continuation knows where the branch runs backwards: there one exponent grows.
   subroutine follow(geometry)
     integer, intent(in) :: geometry
-    type(mount_type) :: mount
-    type(load_type) :: load
+    type(mount_type), target :: mount
+    type(load_type), target :: load
     type(harmonic_set_type) :: set
-    type(balance_type) :: balance
-    type(branch_type) :: branch
+    type(oscillator_curve_type) :: curve
+    type(curve_branch_type) :: branch
     type(hill_type) :: hill
-    real(wp) :: x(10, 2)
+    real(wp) :: x(20)
     complex(wp) :: exponents(8), near(8), value, beside
     integer :: i, n_growing, evaluations, backwards, found
 
     call example(geometry, 0.05_wp, mount, load)
     call new_harmonic_set(set, 9, .true., mount%degree)
-    call new_balance(balance, mount, set)
+    call new_oscillator_curve(curve, mount, load, set, vary_frequency)
     x = 0.0_wp
-    call follow_branch(balance, mount, load, parameter_frequency, &
-                       branch_options(1.0_wp, 3.0_wp, 1.0e-10_wp, 500, 0.1_wp), x, branch)
-    call check(branch%n_folds == 2, 'two folds')
+    call follow_curve(curve, curve_options(1.0_wp, 3.0_wp, 1.0e-10_wp, 500, 0.1_wp), x, branch)
+    call check(branch%folds%n == 2, 'two folds')
     call new_hill(hill, mount, set)
     backwards = 0
     ! Nothing known at first.
     near = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     do i = 1, branch%n_points
-      call hill%along(mount, branch%parameter(i), branch%x(:, :, i))
+      call hill%along(mount, branch%parameter(i), reshape(branch%x(:, i), [10, 2]))
       call count_growing(hill, mount, n_growing, evaluations)
       call check(n_growing == merge(1, 0, branch%direction(i) < 0.0_wp), 'one grows there')
       call find_exponents(hill, mount, n_growing, near, exponents)

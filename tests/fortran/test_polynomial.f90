@@ -1,9 +1,9 @@
 !> Polynomial systems: derivatives against differences, the mount as one of them.
 module test_polynomial
   use testing, only: begin, check, check_close, check_fails, check_ok
-  use viscovib_backbone, only: backbone_type, follow_backbone
-  use viscovib_branch, only: branch_completed, branch_options
+  use viscovib_backbone, only: follow_backbone
   use viscovib_catalogue, only: kernel_rzhanitsyn, new_kernel
+  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
@@ -234,14 +234,14 @@ contains
   !> u'' + u + u^3 = 0 from rest at A: nu = agm(sqrt(1 + A^2), sqrt(1 + A^2/2)), for
   !! 2 K(m)/pi = 1/agm(1, sqrt(1 - m)) with m = A^2/(2 (1 + A^2)).
   subroutine compare_backbone()
-    type(polynomial_type) :: system
+    type(polynomial_type), target :: system
     type(polynomial_parameters) :: p
     type(kernel_holder) :: none(0)
     type(harmonic_set_type) :: set
-    type(backbone_type) :: backbone
+    type(curve_branch_type) :: backbone
     type(status_type) :: status
     real(wp) :: a, b, c, largest
-    integer :: i, j
+    integer :: i, j, set_size
     integer, volatile :: cancel
 
     p%mass = reshape([1.0_wp], [1, 1])
@@ -256,15 +256,16 @@ contains
     call new_polynomial(system, p, none, status)
     call check_ok(status)
     call new_harmonic_set(set, 31, .true., 3)
+    set_size = 2*size(set%orders)
     cancel = 0
     call follow_backbone(system, set, 1.0_wp, [1.0_wp], 1, &
-                         branch_options(1.0e-3_wp, 2.0_wp, 1.0e-13_wp, 500, 0.1_wp), backbone, &
+                         curve_options(1.0e-3_wp, 2.0_wp, 1.0e-13_wp, 500, 0.1_wp), backbone, &
                          cancel)
-    call check(backbone%outcome == branch_completed, 'to its end')
-    largest = backbone%x(2, 1, backbone%n_points)
+    call check(backbone%outcome == curve_completed, 'to its end')
+    largest = backbone%x(2, backbone%n_points)
     call check_close(largest, 2.0_wp, 1.0e-11_wp, 'the last amplitude')
     do i = 1, backbone%n_points
-      c = sum(backbone%x(2::2, 1, i))
+      c = sum(backbone%x(2:set_size:2, i))
       a = sqrt(1.0_wp + c**2)
       b = sqrt(1.0_wp + 0.5_wp*c**2)
       do j = 1, 8
@@ -272,11 +273,11 @@ contains
         b = sqrt(a*b)
         a = c
       end do
-      call check_close(backbone%nu(i), a, 4.0e-15_wp, 'frequency')
+      call check_close(backbone%x(set_size + 1, i), a, 4.0e-15_wp, 'frequency')
     end do
     cancel = 1
     call follow_backbone(system, set, 1.0_wp, [1.0_wp], 1, &
-                         branch_options(1.0e-3_wp, 2.0_wp, 1.0e-13_wp, 500, 0.1_wp), backbone, &
+                         curve_options(1.0e-3_wp, 2.0_wp, 1.0e-13_wp, 500, 0.1_wp), backbone, &
                          cancel)
     call check(backbone%n_points == 1, 'given up at once')
   end subroutine compare_backbone
