@@ -26,6 +26,13 @@ module viscovib_torus_balance
   !! all of them.
   integer, parameter, public :: vary_frequency = 1, vary_amplitude = 2, vary_factor = 3
 
+  !> Places in the torus's list of orders; whether the first is the mean; which parts of
+  !! the others there are.
+  type :: order_list
+    integer, allocatable :: k(:)
+    logical :: mean = .false., sine = .true.
+  end type order_list
+
   type, extends(curve_type) :: torus_balance_type
     type(torus_type) :: torus
     !> Base frequencies, shape (n_axes).
@@ -39,9 +46,11 @@ module viscovib_torus_balance
     !> The drives' angles are drive_orders(:, j).theta, shape (n_axes, n_drives).
     integer, allocatable :: drive_orders(:, :)
     integer, private :: n_dof = 0
-    !> Where in x an order of a coordinate begins, 0 if it is left out, shape
-    !! (n_orders, n_dof).
-    integer, allocatable, private :: at(:, :)
+    !> Where among all unknowns, shape (torus%n, n_dof), those of x stand, and where in
+    !! x those of a coordinate begin, shape (n_dof + 1).
+    integer, allocatable, private :: from(:), first(:)
+    !> Orders of which a coordinate has any, shape (n_dof).
+    type(order_list), allocatable, private :: kept(:)
     !> cos of the drives' angles at the samples, shape (n_samples, n_drives).
     real(wp), allocatable, private :: cosines(:, :)
     !> At the samples coordinates, velocities and the derivative of these with respect
@@ -53,6 +62,7 @@ module viscovib_torus_balance
     complex(wp), allocatable, private :: a_moments(:, :, :), slope_moments(:, :, :)
   contains
     procedure :: equations
+    procedure :: residual
     procedure :: set_parameter
     procedure :: rate
     procedure :: expanded
@@ -63,7 +73,8 @@ module viscovib_torus_balance
 
 contains
 
-  subroutine new_torus_balance(balance, system, torus, drive_orders, omega, amplitude, kept)
+  subroutine new_torus_balance(balance, system, torus, drive_orders, omega, amplitude, kept, &
+                               even_in_time)
     type(torus_balance_type), intent(out) :: balance
     class(differentiable_system_type), intent(in), target :: system
     type(torus_type), intent(in) :: torus
@@ -72,8 +83,10 @@ contains
     !> Which orders of which coordinates are unknowns, shape (n_orders, n_dof); the
     !! others are 0, as a symmetry may have it. All, if absent.
     logical, intent(in), optional :: kept(:, :)
+    !> Cosines alone: motions that are the same backwards.
+    logical, intent(in), optional :: even_in_time
     real(wp) :: unit(3)
-    integer :: d, j, k, s, rest, place(3)
+    integer :: d, j, s, rest, place(3)
 
     balance%torus = torus
     balance%system => system
@@ -82,17 +95,7 @@ contains
     balance%amplitude = amplitude
     d = system%n_dof
     balance%n_dof = d
-    allocate (balance%at(size(torus%orders, 2), d), source=0)
-    balance%n = 0
-    do j = 1, d
-      do k = 1, size(torus%orders, 2)
-        if (present(kept)) then
-          if (.not. kept(k, j)) cycle
-        end if
-        balance%at(k, j) = balance%n + 1
-        balance%n = balance%n + merge(1, 2, k == 1)
-      end do
-    end do
+    call choose_unknowns(balance, kept, even_in_time)
     allocate (balance%cosines(torus%n_samples, size(drive_orders, 2)), source=0.0_wp)
     allocate (balance%motion(torus%n_samples, d, 3), balance%a(torus%n_samples, d, 2), &
               balance%slopes(torus%n_samples, d, 2*d), source=0.0_wp)
@@ -112,6 +115,32 @@ contains
       end do
     end do
   end subroutine new_torus_balance
+
+  !> Which unknowns there are, and where they stand.
+  pure subroutine choose_unknowns(balance, kept, even_in_time)
+    type(torus_balance_type), intent(inout) :: balance
+    logical, intent(in), optional :: kept(:, :), even_in_time
+    logical :: chosen(size(balance%torus%orders, 2), balance%n_dof), part(balance%torus%n)
+    integer :: d, i
+
+    chosen = .true.
+    if (present(kept)) chosen = kept
+    allocate (balance%kept(balance%n_dof), balance%first(balance%n_dof + 1), balance%from(0))
+    do d = 1, balance%n_dof
+      associate (list => balance%kept(d))
+        list%k = pack([(i, i=1, size(chosen, 1))], chosen(:, d))
+        list%mean = chosen(1, d)
+        if (present(even_in_time)) list%sine = .not. even_in_time
+        part(1::2) = chosen(:, d)
+        part(2::2) = chosen(2:, d) .and. list%sine
+      end associate
+      balance%first(d) = size(balance%from) + 1
+      balance%from = [balance%from, (d - 1)*balance%torus%n &
+                      + pack([(i, i=1, balance%torus%n)], part)]
+    end do
+    balance%n = size(balance%from)
+    balance%first(balance%n_dof + 1) = balance%n + 1
+  end subroutine choose_unknowns
 
   pure subroutine set_parameter(self, p)
     class(torus_balance_type), intent(inout) :: self
@@ -135,7 +164,7 @@ contains
     logical, intent(out) :: inside
     complex(wp) :: factors(size(self%torus%orders, 2), self%n_dof, 3)
     real(wp) :: w(size(self%torus%orders, 2)), w_slope(size(self%torus%orders, 2))
-    real(wp) :: y(self%torus%n, self%n_dof, 3), part(self%torus%n)
+    real(wp) :: y(self%torus%n, self%n_dof, 3), part(self%torus%n, self%n_dof, 2)
     integer :: a, b
 
     r = 0.0_wp
@@ -151,15 +180,17 @@ contains
     factors(:, :, 3) = spread(cmplx(0.0_wp, w_slope, wp), 2, self%n_dof)
     y = spread(self%expanded(x), 3, 3)
     call self%torus%to_samples(3*self%n_dof, y, factors, self%motion)
-    call self%evaluate(inside)
+    call self%evaluate(inside, .true.)
     if (.not. inside) return
     call self%torus%moments(2*self%n_dof, self%a, self%a_moments)
     do a = 1, self%n_dof
-      call self%torus%to_unknowns(self%a_moments(:, a, 1), part)
-      call put(self%at(:, a), w**2, y(:, a, 1), part, r)
-      call self%torus%to_unknowns(self%a_moments(:, a, 2), part)
-      call put(self%at(:, a), 2.0_wp*w*w_slope, y(:, a, 1), part, slope)
+      call self%torus%to_unknowns(self%a_moments(:, a, 1), part(:, a, 1))
+      call self%torus%to_unknowns(self%a_moments(:, a, 2), part(:, a, 2))
     end do
+    r = self%reduced(reshape(-spread(twice(w**2), 2, self%n_dof)*y(:, :, 1) - part(:, :, 1), &
+                             [self%torus%n*self%n_dof]))
+    slope = self%reduced(reshape(-spread(twice(2.0_wp*w*w_slope), 2, self%n_dof)*y(:, :, 1) &
+                                 - part(:, :, 2), [self%torus%n*self%n_dof]))
     call self%torus%moments(2*self%n_dof**2, self%slopes, self%slope_moments)
     do b = 1, self%n_dof
       do a = 1, self%n_dof
@@ -168,31 +199,52 @@ contains
     end do
   end subroutine equations
 
-  !> -factor_k X_k - A_k at the places of a coordinate.
-  pure subroutine put(at, factor, x, a, r)
-    integer, intent(in) :: at(:)
-    real(wp), intent(in) :: factor(:), x(:), a(:)
-    real(wp), intent(inout) :: r(:)
-    integer :: k
-    if (at(1) > 0) r(at(1)) = -factor(1)*x(1) - a(1)
-    do k = 2, size(at)
-      if (at(k) > 0) r(at(k):at(k) + 1) = -factor(k)*x(2*k - 2:2*k - 1) - a(2*k - 2:2*k - 1)
+  !> Without derivatives: a third of the samples' passages and no sums over orders.
+  subroutine residual(self, x, p, r, inside)
+    class(torus_balance_type), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: r(:)
+    logical, intent(out) :: inside
+    complex(wp) :: factors(size(self%torus%orders, 2), self%n_dof, 2)
+    real(wp) :: w(size(self%torus%orders, 2))
+    real(wp) :: y(self%torus%n, self%n_dof, 2), part(self%torus%n, self%n_dof)
+    integer :: a
+
+    r = 0.0_wp
+    inside = p > self%lowest
+    if (.not. inside) return
+    call self%set_parameter(p)
+    w = self%torus%frequencies(self%omega)
+    factors(:, :, 1) = (1.0_wp, 0.0_wp)
+    factors(:, :, 2) = spread(cmplx(0.0_wp, w, wp), 2, self%n_dof)
+    y = spread(self%expanded(x), 3, 2)
+    call self%torus%to_samples(2*self%n_dof, y, factors, self%motion)
+    call self%evaluate(inside, .false.)
+    if (.not. inside) return
+    call self%torus%moments(self%n_dof, self%a, self%a_moments)
+    do a = 1, self%n_dof
+      call self%torus%to_unknowns(self%a_moments(:, a, 1), part(:, a))
     end do
-  end subroutine put
+    r = self%reduced(reshape(-spread(twice(w**2), 2, self%n_dof)*y(:, :, 1) - part, &
+                             [self%torus%n*self%n_dof]))
+  end subroutine residual
+
+  !> What belongs to orders, for each of their unknowns.
+  pure function twice(values) result(each)
+    real(wp), intent(in) :: values(:)
+    real(wp) :: each(2*size(values) - 1)
+    each(1::2) = values
+    each(2::2) = values(2:)
+  end function twice
 
   !> The unknowns with those left out as 0, shape (torus%n, n_dof).
   pure function expanded(self, x) result(y)
     class(torus_balance_type), intent(in) :: self
     real(wp), intent(in) :: x(:)
-    real(wp) :: y(self%torus%n, self%n_dof)
-    integer :: d, k
-    y = 0.0_wp
-    do d = 1, self%n_dof
-      if (self%at(1, d) > 0) y(1, d) = x(self%at(1, d))
-      do k = 2, size(self%at, 1)
-        if (self%at(k, d) > 0) y(2*k - 2:2*k - 1, d) = x(self%at(k, d):self%at(k, d) + 1)
-      end do
-    end do
+    real(wp) :: y(self%torus%n, self%n_dof), all_of_them(self%torus%n*self%n_dof)
+    all_of_them = 0.0_wp
+    all_of_them(self%from) = x
+    y = reshape(all_of_them, shape(y))
   end function expanded
 
   !> The way back.
@@ -201,23 +253,15 @@ contains
     !> Shape (torus%n n_dof).
     real(wp), intent(in) :: y(:)
     real(wp) :: x(self%n)
-    integer :: d, k, from
-    do d = 1, self%n_dof
-      from = (d - 1)*self%torus%n
-      if (self%at(1, d) > 0) x(self%at(1, d)) = y(from + 1)
-      do k = 2, size(self%at, 1)
-        associate (i => self%at(k, d))
-          if (i > 0) x(i:i + 1) = y(from + 2*k - 2:from + 2*k - 1)
-        end associate
-      end do
-    end do
+    x = y(self%from)
   end function reduced
 
-  !> Accelerations and all their derivatives at the samples, a block of lanes after
-  !! another.
-  subroutine evaluate(self, inside)
+  !> Accelerations at the samples, with all their derivatives if wanted, a block of lanes
+  !! after another.
+  subroutine evaluate(self, inside, derivatives)
     class(torus_balance_type), intent(inout) :: self
     logical, intent(out) :: inside
+    logical, intent(in) :: derivatives
     real(wp), dimension(n_lanes, self%n_dof) :: q, v, dq, dv, a, da, above
     real(wp), dimension(n_lanes, size(self%cosines, 2)) :: drive, raised
     integer :: first, last, m, d, j
@@ -240,6 +284,11 @@ contains
       inside = all(self%system%margin(q) > 0.0_wp) .and. all(abs(q) <= 1.0e6_wp) &
                .and. all(abs(v) <= 1.0e60_wp)
       if (.not. inside) return
+      if (.not. derivatives) then
+        call self%system%acceleration(q, v, drive, a)
+        self%a(first:last, :, 1) = a(:m, :)
+        cycle
+      end if
       do d = 1, self%n_dof
         dq = 0.0_wp
         dv = 0.0_wp
@@ -280,56 +329,54 @@ contains
   end subroutine evaluate
 
   !> Derivatives of the equations of coordinate a by coordinate b, from the moments
-  !! of the slopes.
+  !! of the slopes. The mean is the imaginary part of an order of frequency 0, whose
+  !! equation is halved.
   pure subroutine add_block(self, w, a, b, jacobian)
     class(torus_balance_type), intent(in) :: self
     real(wp), intent(in) :: w(:)
     integer, intent(in) :: a, b
     real(wp), intent(inout) :: jacobian(:, :)
-    complex(wp) :: p, q, change
-    integer :: i, j, k, l
+    complex(wp), dimension(size(self%kept(a)%k)) :: p, q
+    integer :: j, k, l
 
-    associate (zero => self%torus%origin, place => self%torus%place, at => self%at, &
-               by_q => self%slope_moments(:, a, b), &
-               by_v => self%slope_moments(:, a, self%n_dof + b))
-      j = at(1, b)
-      if (j > 0) then
-        if (at(1, a) > 0) jacobian(at(1, a), j) = -real(by_q(zero))
-        do k = 2, size(w)
-          i = at(k, a)
-          if (i == 0) cycle
-          change = 2.0_wp*(0.0_wp, 1.0_wp)*by_q(zero + place(k))
-          jacobian(i, j) = -real(change)
-          jacobian(i + 1, j) = -aimag(change)
-        end do
-      end if
-      do l = 2, size(w)
-        j = at(l, b)
-        if (j == 0) cycle
-        if (at(1, a) > 0) then
-          p = by_q(zero - place(l)) + cmplx(0.0_wp, w(l), wp)*by_v(zero - place(l))
-          jacobian(at(1, a), j) = -aimag(p)
-          jacobian(at(1, a), j + 1) = -real(p)
+    associate (rows => self%torus%place(self%kept(a)%k), columns => self%kept(b), &
+               zero => self%torus%origin, by_q => self%slope_moments(:, a, b), &
+               by_v => self%slope_moments(:, a, self%n_dof + b), &
+               top => self%first(a), bottom => self%first(a + 1) - 1)
+      j = self%first(b) - 1
+      do l = 1, size(columns%k)
+        k = self%torus%place(columns%k(l))
+        associate (turn => cmplx(0.0_wp, w(columns%k(l)), wp))
+          p = by_q(zero + rows - k) + turn*by_v(zero + rows - k)
+          q = by_q(zero + rows + k) - turn*by_v(zero + rows + k)
+        end associate
+        if (columns%sine .and. .not. (columns%mean .and. l == 1)) then
+          j = j + 1
+          call fill(self%kept(a), q - p, jacobian(top:bottom, j))
+          if (a == b) jacobian(j, j) = jacobian(j, j) - w(columns%k(l))**2
         end if
-        do k = 2, size(w)
-          i = at(k, a)
-          if (i == 0) cycle
-          p = by_q(zero + place(k) - place(l)) &
-              + cmplx(0.0_wp, w(l), wp)*by_v(zero + place(k) - place(l))
-          q = by_q(zero + place(k) + place(l)) &
-              - cmplx(0.0_wp, w(l), wp)*by_v(zero + place(k) + place(l))
-          jacobian(i, j) = real(q) - real(p)
-          jacobian(i + 1, j) = aimag(q) - aimag(p)
-          jacobian(i, j + 1) = aimag(p) + aimag(q)
-          jacobian(i + 1, j + 1) = -real(p) - real(q)
-        end do
-        if (a == b) then
-          jacobian(j, j) = jacobian(j, j) - w(l)**2
-          jacobian(j + 1, j + 1) = jacobian(j + 1, j + 1) - w(l)**2
-        end if
+        j = j + 1
+        call fill(self%kept(a), (0.0_wp, -1.0_wp)*(p + q), jacobian(top:bottom, j))
+        if (a == b) jacobian(j, j) = jacobian(j, j) - w(columns%k(l))**2
       end do
     end associate
   end subroutine add_block
+
+  !> The parts of a row of orders that are unknowns.
+  pure subroutine fill(kept, column, parts)
+    type(order_list), intent(in) :: kept
+    complex(wp), intent(in) :: column(:)
+    real(wp), intent(inout) :: parts(:)
+    integer :: m
+    m = merge(1, 0, kept%mean)
+    if (kept%mean) parts(1) = 0.5_wp*aimag(column(1))
+    if (kept%sine) then
+      parts(m + 1::2) = real(column(m + 1:))
+      parts(m + 2::2) = aimag(column(m + 1:))
+    else
+      parts(m + 1:) = aimag(column(m + 1:))
+    end if
+  end subroutine fill
 
   !> An upper bound of how fast a disturbance of the motion seen last can turn or
   !! grow (rad a unit of time).

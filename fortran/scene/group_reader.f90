@@ -32,6 +32,7 @@ module viscovib_group_reader
     procedure :: read_text
     procedure :: read_reals
     procedure :: read_integers
+    procedure :: read_some_integers
     procedure :: read_words
     procedure :: read_path
     procedure :: echo_reals
@@ -283,6 +284,18 @@ contains
     end if
     self%echo = self%echo//new_line('a')
   end function read_integers
+
+  !> A list of any number of integers; empty, and not echoed, if absent.
+  function read_some_integers(self, key) result(values)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: key
+    integer, allocatable :: values(:)
+    integer :: i
+
+    allocate (values(0))
+    i = self%look_up(key, .true.)
+    if (i > 0) values = self%read_integers(key, size(self%group%entries(i)%values))
+  end function read_some_integers
 
   !> A list of quoted words of at most `length` letters.
   function read_words(self, key, length, default) result(words)

@@ -5,6 +5,7 @@ module viscovib_run_scene
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_outcomes
   use viscovib_dense, only: factorize, solve
   use viscovib_files, only: stem
+  use viscovib_driven_job, only: driven_branch, plan_driven, run_driven, write_driven
   use viscovib_forced_response, only: forced_response
   use viscovib_hereditary_job, only: hereditary_methods, plan_hereditary, run_hereditary_job
   use viscovib_kinds, only: wp
@@ -56,6 +57,9 @@ contains
     end if
     if (scene%wants_scales) then
       text = plan_scales(scene%scales)
+      return
+    else if (scene%is_pendulum .and. scene%wants_branch) then
+      text = plan_driven(scene%driven)
       return
     else if (scene%wants_motion) then
       if (scene%has_memory) then
@@ -131,6 +135,8 @@ contains
              //new_line('a')//plan
     if (scene%wants_scales) then
       call run_steady(scene, folder, header, report, status)
+    else if (scene%is_pendulum .and. scene%wants_branch) then
+      call run_branches(scene, folder, header, report, status)
     else if (scene%wants_motion) then
       call run_motion(scene, folder, header, report, status)
     else if (scene%wants_branch) then
@@ -198,6 +204,39 @@ contains
     report%summary = trim(curve_outcomes(branch%outcome))//', '//show(branch%n_points) &
                      //' points, '//show(branch%folds%n)//' folds'
   end subroutine run_one_branch
+
+  !> A table for the branch, NAME_branch.csv, and for those that leave it,
+  !! NAME_branch_1.csv and so on.
+  subroutine run_branches(scene, folder, header, report, status)
+    type(scene_type), intent(in) :: scene
+    character(len=*), intent(in) :: folder, header
+    type(scene_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(driven_branch), allocatable :: branches(:)
+    character(len=:), allocatable :: name
+    integer :: i
+
+    call run_driven(scene%driven, scene%pendulum, branches, status)
+    if (status%failed()) then
+      status%message = scene%path//': '//status%message
+      return
+    end if
+    report%path = folder//'/'//stem(scene%path)//'_branch.csv'
+    do i = 1, size(branches)
+      name = stem(scene%path)//'_branch.csv'
+      if (i > 1) name = stem(scene%path)//'_branch_'//show(i - 1)//'.csv'
+      call write_driven(folder, name, scene%driven, branches(i), header, status)
+      if (status%failed()) return
+    end do
+    associate (first => branches(1))
+      report%complete = first%outcome == curve_completed
+      report%summary = trim(curve_outcomes(first%outcome))//', '//show(size(first%parameter)) &
+                       //' points, '//show(size(first%folds))//' folds, ' &
+                       //show(size(first%branch_points))//' branch points'
+    end associate
+    if (size(branches) > 1) report%summary = report%summary//'; '//show(size(branches) - 1) &
+                                             //' branches that leave it'
+  end subroutine run_branches
 
   subroutine run_steady(scene, folder, header, report, status)
     type(scene_type), intent(in), target :: scene

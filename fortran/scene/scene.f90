@@ -1,6 +1,7 @@
 !> A scene: the system, its load and the results wanted, as one namelist file.
 module viscovib_scene
   use viscovib_branch_job, only: branch_job, read_branch
+  use viscovib_driven_job, only: driven_job, read_driven
   use viscovib_group_reader, only: group_reader
   use viscovib_kernel_groups, only: read_kernels
   use viscovib_hereditary_job, only: hereditary_job
@@ -41,6 +42,8 @@ module viscovib_scene
     !> Or its steady motions by multiple scales.
     logical :: wants_scales = .false.
     type(scales_job) :: scales
+    !> Or a branch of its driven motions.
+    type(driven_job) :: driven
     !> Or it is a mount or a polynomial system, its result a response, or of the latter a
     !! motion.
     logical :: is_polynomial = .false.
@@ -182,6 +185,13 @@ contains
       if (scene%wants_scales) then
         call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
         call read_pendulum_scales(reader, scene%scales)
+        call close_group(reader, scene, status)
+        return
+      end if
+      scene%wants_branch = place_of(file, 'branch') <= size(file%groups)
+      if (scene%wants_branch) then
+        call reader%start(file%path, file%groups(place_of(file, 'branch')))
+        call read_driven(reader, scene%pendulum, scene%driven)
         call close_group(reader, scene, status)
         return
       end if

@@ -53,7 +53,8 @@ contains
         n = n + 1
         if (n == 2 .and. .not. any(group_names(j) == repeatable)) then
           call refuse_group(i, 'a second &'//trim(group_names(j))//': must be given once')
-        else if (is_pendulum .and. any(mount_groups == group_names(j))) then
+        else if (is_pendulum .and. any(mount_groups == group_names(j)) &
+                 .and. group_names(j) /= 'branch') then
           call refuse_group(i, '&'//trim(group_names(j))//': belongs to a mount, and this scene ' &
                             //'has &pendulum')
         else if (is_polynomial .and. group_names(j) == 'mount') then
@@ -73,9 +74,9 @@ contains
       end do
       if (n > 0) cycle
       if (is_pendulum .and. group_names(j) == 'transient') then
-        if (place_of(file, 'multiple_scales') <= size(file%groups)) cycle
+        if (any(wanted(2:))) cycle
         call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
-                  //'a scene with &pendulum needs a wanted result (&transient or ' &
+                  //'a scene with &pendulum needs a wanted result (&transient, &branch or ' &
                   //'&multiple_scales)')
       else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load ']) &
                .and. .not. (is_polynomial .and. group_names(j) == 'mount') &
@@ -84,19 +85,18 @@ contains
       end if
       if (status%failed()) return
     end do
-    if (is_pendulum) then
-      n = place_of(file, 'multiple_scales')
-      if (n > size(file%groups)) return
+    if (is_pendulum .and. any(wanted)) then
+      n = place_of(file, trim(results(findloc(wanted, .true., 1, back=.true.))))
       if (place_of(file, 'transient') <= size(file%groups)) then
-        call refuse_group(n, '&multiple_scales: this scene has &transient already, give one of ' &
-                          //'them')
+        call refuse_group(n, '&'//file%groups(n)%name//': this scene has &transient already, ' &
+                          //'give one of them')
       else if (place_of(file, 'spectrum') <= size(file%groups)) then
         call refuse_group(place_of(file, 'spectrum'), '&spectrum: needs &transient')
       end if
-      return
+      if (status%failed()) return
     end if
     if (is_moving) return
-    if (count(wanted) == 0) call refuse_lack('response')
+    if (count(wanted) == 0 .and. .not. is_pendulum) call refuse_lack('response')
     if (count(wanted) < 2) return
     j = findloc(wanted, .true., 1)
     i = findloc(wanted, .true., 1, back=.true.)

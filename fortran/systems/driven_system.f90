@@ -29,6 +29,7 @@ module viscovib_driven_system
   type, extends(driven_system_type), abstract :: differentiable_system_type
   contains
     procedure(tangent_interface), deferred :: tangent
+    procedure(potential_interface), deferred :: potential
   end type differentiable_system_type
 
   abstract interface
@@ -53,6 +54,14 @@ module viscovib_driven_system
       real(wp), intent(in) :: dq(n_lanes, self%n_dof), dv(n_lanes, self%n_dof)
       real(wp), intent(out) :: a(n_lanes, self%n_dof), da(n_lanes, self%n_dof)
     end subroutine tangent_interface
+
+    !> Potential energy of a state, without the loads, and its derivatives.
+    pure subroutine potential_interface(self, q, value, slope)
+      import :: differentiable_system_type, wp
+      class(differentiable_system_type), intent(in) :: self
+      real(wp), intent(in) :: q(self%n_dof)
+      real(wp), intent(out) :: value, slope(self%n_dof)
+    end subroutine potential_interface
 
     !> Positive where the coordinates are within what the equations describe.
     pure function margin_interface(self, q) result(margin)

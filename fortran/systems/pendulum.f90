@@ -43,6 +43,7 @@ module viscovib_pendulum
     procedure :: margin
     procedure :: set_lane
     procedure :: energy
+    procedure :: potential
     procedure :: power
     procedure :: natural_modes
   end type pendulum_type
@@ -173,22 +174,59 @@ contains
     margin = 1.0_wp + q(:, 1)
   end function margin
 
-  !> Energy of the exact equations (over m L^2 omega_1^2); kept without loads
-  !! and damping.
+  !> Energy (over m L^2 omega_1^2); kept without loads and damping, except by the
+  !! printed equations, which keep none: theirs is that of the exact ones. The cubic
+  !! equations are Lagrange's for the energies to fourth degree.
   pure function energy(self, q, v) result(total)
     class(pendulum_type), intent(in) :: self
     !> Shape (3).
     real(wp), intent(in) :: q(3), v(3)
-    real(wp) :: total, length, d
-    associate (p => self%parameters, z => q(1))
-      length = 1.0_wp + z
+    real(wp) :: total, length, d, along, across, slope(3)
+    associate (p => self%parameters)
+      length = 1.0_wp + q(1)
       d = q(2) - q(3)
-      total = 0.5_wp*(v(1)**2 + length**2*v(2)**2 + p%e/self%r*v(3)**2) &
-              + p%e*v(3)*(sin(d)*v(1) + length*cos(d)*v(2)) &
-              + z**2*(0.5_wp*self%stiffness + self%z_r*p%alpha*z + 0.25_wp*p%alpha*z**2) &
-              + 2.0_wp*p%w2**2*(length*sin(0.5_wp*q(2))**2 + p%e*sin(0.5_wp*q(3))**2)
+      if (p%equations == equations_cubic) then
+        along = d
+        across = length - 0.5_wp*d**2
+      else
+        along = sin(d)
+        across = length*cos(d)
+      end if
+      call self%potential(q, total, slope)
+      total = total + 0.5_wp*(v(1)**2 + length**2*v(2)**2 + p%e/self%r*v(3)**2) &
+              + p%e*v(3)*(along*v(1) + across*v(2))
     end associate
   end function energy
+
+  !> Its part at rest.
+  pure subroutine potential(self, q, value, slope)
+    class(pendulum_type), intent(in) :: self
+    real(wp), intent(in) :: q(self%n_dof)
+    real(wp), intent(out) :: value, slope(self%n_dof)
+    real(wp) :: lift(2), lift_slope(2)
+    associate (p => self%parameters, z => q(1))
+      ! 1 - cos, without cancellation.
+      if (p%equations == equations_cubic) then
+        lift = 0.5_wp*q(2:3)**2*(1.0_wp - q(2:3)**2/12.0_wp)
+        lift_slope = q(2:3)*(1.0_wp - q(2:3)**2/6.0_wp)
+      else
+        lift = 2.0_wp*sin(0.5_wp*q(2:3))**2
+        lift_slope = sin(q(2:3))
+      end if
+      value = z**2*(0.5_wp*self%stiffness + self%z_r*p%alpha*z + 0.25_wp*p%alpha*z**2) &
+              + p%w2**2*(lift(1) + p%e*lift(2))
+      slope(1) = z*(self%stiffness + 3.0_wp*self%z_r*p%alpha*z + p%alpha*z**2)
+      slope(2:3) = p%w2**2*[lift_slope(1), p%e*lift_slope(2)]
+      if (p%equations == equations_cubic) then
+        ! z phi^2/2 is all there is to fourth degree.
+        value = value + 0.5_wp*p%w2**2*z*q(2)**2
+        slope(1:2) = slope(1:2) + p%w2**2*q(2)*[0.5_wp*q(2), z]
+      else
+        value = value + p%w2**2*z*lift(1)
+        slope(1:2) = slope(1:2) + p%w2**2*[lift(1), z*lift_slope(1)]
+      end if
+    end associate
+  end subroutine potential
 
   !> Rate of change of the energy: work of the loads less dissipation.
   pure function power(self, v, drive) result(rate)

@@ -2,7 +2,7 @@
 
 from importlib.metadata import version as _version
 
-from viscovib.backbone import Backbone, backbone
+from viscovib.backbone import Backbone, BackbonePoint
 from viscovib.branch import Branch, BranchPoint, Crossing
 from viscovib.characteristic import CharacteristicRoots
 from viscovib.cubic_system import CubicSystem
@@ -35,7 +35,7 @@ from viscovib.mount import Mount
 from viscovib.multiple_scales import MultipleScales
 from viscovib.past import Past
 from viscovib.pendulum import Pendulum
-from viscovib.periodic import forced_response, trace_response
+from viscovib.periodic import backbone, forced_response, trace_response
 from viscovib.plan import Plan
 from viscovib.plots import (
     plot_backbone,
@@ -67,6 +67,7 @@ __version__ = _version("viscovib")
 __all__ = [
     "AbelKernel",
     "Backbone",
+    "BackbonePoint",
     "Branch",
     "BranchPoint",
     "CharacteristicRoots",

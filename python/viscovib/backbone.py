@@ -1,7 +1,7 @@
 """Backbone curves: free periodic motions of systems without losses."""
 
 import csv
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,22 @@ from viscovib.response import _MAX_UNKNOWNS, _prepare
 
 
 @dataclass(frozen=True, eq=False)
+class BackbonePoint:
+    """Where another family of free motions leaves.
+
+    Value of what varies, frequency, X_k there, the last point before it; ``across`` is the
+    direction of the other family in X_k.
+    """
+
+    parameter: float
+    nu: float
+    coefficients: ComplexArray
+    before: int
+    across: ComplexArray
+    _direction: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Backbone:
     """A nonlinear normal mode u = Im sum_k X_k exp(i k nu t) = sum_k a_k cos(k nu t).
 
@@ -40,9 +56,23 @@ class Backbone:
         The linear mode it grew from, counted from 0.
     outcome : str
         "completed"; "step limit": max_points reached; "stuck": no smaller step helps;
-        "overflow".
+        "overflow"; of a pendulum also "returned": back at the beginning; "unphysical": the motion
+        reaches z = -1; "closed": back at the first point.
     plan : Plan
         What was computed, what was skipped and why.
+    varies : str
+        "amplitude" or "energy".
+    energy : ndarray, shape (n,), or None
+        Of a pendulum: `Pendulum.energy`.
+    folds : ndarray, shape (n_folds,)
+        Of a pendulum: values of what varies where it turns back.
+    branch_points : tuple of BackbonePoint
+        Of a pendulum: where other families leave; each may be given to `backbone` as ``leave``.
+    multipliers : complex ndarray, shape (n, 6), or None
+        Of a pendulum: Floquet multipliers over 2 pi/nu, largest first. Two are 1 whatever the
+        motion, but computed only to the root of rounding.
+    stable : ndarray of bool, shape (n,), or None
+        Whether no disturbance grows exponentially: no multiplier beyond 1 + 1e-6.
     """
 
     nu: FloatArray
@@ -53,6 +83,12 @@ class Backbone:
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
     plan: Plan
+    varies: str = "amplitude"
+    energy: FloatArray | None = None
+    folds: FloatArray = field(default_factory=lambda: np.empty(0))
+    branch_points: tuple[BackbonePoint, ...] = ()
+    multipliers: ComplexArray | None = None
+    stable: npt.NDArray[np.bool_] | None = None
 
     def amplitude(self, dof: str, harmonic: int = 1) -> FloatArray:
         """Size of a harmonic of a coordinate, shape (n,)."""
@@ -76,11 +112,17 @@ class Backbone:
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over the points."""
+        data: dict[str, Any] = {
+            "nu": ("point", self.nu, {"units": "rad/s"}),
+            "coefficients": (("point", "dof", "harmonic"), self.coefficients),
+        }
+        if self.energy is not None:
+            data["energy"] = ("point", self.energy)
+        if self.multipliers is not None:
+            data["stable"] = ("point", self.stable)
+            data["multipliers"] = (("point", "multiplier"), self.multipliers)
         return xr.Dataset(
-            {
-                "nu": ("point", self.nu, {"units": "rad/s"}),
-                "coefficients": (("point", "dof", "harmonic"), self.coefficients),
-            },
+            data,
             coords={
                 "dof": list(self.dof_names),
                 "unit": ("dof", list(self.dof_units)),
@@ -92,6 +134,10 @@ class Backbone:
     def to_csv(self, path: str | Path) -> None:
         """Write a table: one row a point."""
         columns: dict[str, Any] = {"nu": self.nu}
+        if self.energy is not None:
+            columns["energy"] = self.energy
+        if self.stable is not None:
+            columns["stable"] = self.stable.astype(int)
         for d, name in enumerate(self.dof_names):
             for j, k in enumerate(self.harmonics):
                 columns[f"{name}_{k}"] = self.coefficients[:, d, j].imag
@@ -102,10 +148,10 @@ class Backbone:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
             for row in zip(*columns.values(), strict=True):
-                writer.writerow([f"{value:.16e}" for value in row])
+                writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
 
 
-def backbone(
+def oscillator_backbone(
     system: Oscillator,
     mode: int,
     amplitude_range: tuple[float, float],

@@ -16,6 +16,7 @@ import numpy as np
 
 from viscovib import __version__, _native
 from viscovib.branch import Branch
+from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError, ViscovibError
 from viscovib.response import Response, forced_response
 from viscovib.scene import Scene, SceneResult, plan, run
@@ -136,7 +137,7 @@ def _timing(name: str, what: Callable[[], Any], limit: float, count: int | None)
 
 
 def _written(result: SceneResult, path: Path) -> None:
-    if isinstance(result.value, (Response, Branch, Trajectory)):
+    if isinstance(result.value, (Response, Branch, DrivenBranch, Trajectory)):
         result.to_csv(path)
 
 
@@ -145,6 +146,9 @@ def _size(result: SceneResult, best: float) -> str:
     if isinstance(value, Trajectory):
         n, what = value.stats["steps"], f"step of {value.method}"
         return f"{n} steps, {_time(best / n)} a {what}"
+    if isinstance(value, DrivenBranch):
+        n = value.parameter.size
+        return f"{n} points of {len(value.orders)} orders, {_time(best / n)} a point"
     if isinstance(value, (Response, Branch)):
         n = value.nu.size
         return f"{n} points of {value.harmonics.size} harmonics, {_time(best / n)} a point"
@@ -162,7 +166,7 @@ def _error(result: SceneResult) -> tuple[float | None, str]:
             return value.error, "of the states, by half the step"
         if isinstance(value, Response):
             return _response_error(scene, value)
-        if isinstance(value, Branch):
+        if isinstance(value, Branch) or (isinstance(value, DrivenBranch) and len(value.axes) == 1):
             return _branch_error(scene, value)
     except ViscovibError as error:
         return None, str(error)
@@ -186,14 +190,17 @@ def _response_error(scene: Scene, value: Response) -> tuple[float | None, str]:
     return worst, note
 
 
-def _branch_error(scene: Scene, value: Branch) -> tuple[float | None, str]:
+def _branch_error(scene: Scene, value: Branch | DrivenBranch) -> tuple[float | None, str]:
     more = min(2 * scene.groups["branch"]["harmonics"] + 1, _MAX_HARMONICS)
     better = run(scene.override({"branch.harmonics": more, "branch.tolerance": 1e-13})).branch
-    change = [
-        abs(value.peak(name).amplitude / better.peak(name).amplitude - 1)
-        for name in value.dof_names
-        if better.peak(name).amplitude > 0
-    ]
+    # The peaks of the lowest order that moves.
+    change = []
+    for d, name in enumerate(value.dof_names):
+        moves = np.abs(value.coefficients[:, d]).max(axis=0) > 0
+        orders = value.harmonics[moves & (value.harmonics > 0)]
+        if orders.size:
+            k = int(orders[0])
+            change.append(abs(value.peak(name, k).amplitude / better.peak(name, k).amplitude - 1))
     return max(change), f"relative, of the peaks, against {more} harmonics and tolerance 1e-13"
 
 

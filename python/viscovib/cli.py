@@ -11,6 +11,7 @@ import xarray as xr
 from viscovib import __version__, bench, cli_sweep, explore
 from viscovib.branch import Branch
 from viscovib.cli_sweep import run_sweep
+from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, ViscovibError
 from viscovib.pendulum import Pendulum
 from viscovib.plots import save_picture
@@ -78,6 +79,8 @@ def _run(options: argparse.Namespace) -> int:
     assert not isinstance(result.value, xr.Dataset)
     table = options.out / f"{options.scene.stem}_{result.kind}.csv"
     result.to_csv(table)
+    for i, other in enumerate(result.switched, 1):
+        other.to_csv(options.out / f"{options.scene.stem}_branch_{i}.csv")
     if result.spectrum is not None:
         result.spectrum.to_csv(options.out / f"{options.scene.stem}_spectrum.csv")
     _picture(options, result)
@@ -87,8 +90,19 @@ def _run(options: argparse.Namespace) -> int:
     return 0 if whole else _UNSOLVED
 
 
-def _summary(value: Response | Branch | Trajectory | ScalesResponse) -> tuple[list[str], bool]:
+def _summary(
+    value: Response | Branch | DrivenBranch | Trajectory | ScalesResponse,
+) -> tuple[list[str], bool]:
     """Lines about a result, and whether all of it was found."""
+    if isinstance(value, DrivenBranch):
+        name, points = value.varies, value.branch_points
+        lines = [
+            f"{value.outcome}, {value.parameter.size} points, {value.folds.size} folds, "
+            f"{len(points)} branch points"
+        ]
+        lines += [f"fold at {name} = {fold:.10g}" for fold in value.folds]
+        lines += [f"branch point at {name} = {point.parameter:.10g}" for point in points]
+        return lines, value.outcome == "completed"
     if isinstance(value, Branch):
         lines = [f"{value.outcome}, {value.nu.size} points, {value.folds.size} folds"]
         lines += [f"fold at nu = {fold:.10g}" for fold in value.folds]
@@ -137,9 +151,9 @@ def _compute(options: argparse.Namespace, scene: Scene) -> SceneResult:
 
 def _picture(options: argparse.Namespace, result: SceneResult) -> None:
     assert not isinstance(result.value, xr.Dataset)
-    pictures: list[tuple[str, Response | Branch | Trajectory | Spectrum | ScalesResponse]] = [
-        (result.kind, result.value)
-    ]
+    pictures: list[
+        tuple[str, Response | Branch | DrivenBranch | Trajectory | Spectrum | ScalesResponse]
+    ] = [(result.kind, result.value)]
     bases = None
     if isinstance(result.value, Trajectory) and isinstance(result.value.system, Pendulum):
         body = result.value.system
@@ -149,7 +163,7 @@ def _picture(options: argparse.Namespace, result: SceneResult) -> None:
         pictures.append(("spectrum", result.spectrum))
     for kind, shown in pictures:
         path = options.out / f"{options.scene.stem}_{kind}.png"
-        save_picture(shown, path, bases=bases)
+        save_picture(shown, path, bases=bases, others=result.switched)
         if not options.quiet:
             print(path)
 

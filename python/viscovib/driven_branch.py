@@ -241,7 +241,7 @@ def trace_pendulum(
         pend, varies, _native.integer("subharmonic", subharmonic, 1, 20), denominator
     )
     orders = torus.lattice(
-        bound_of(torus, _HARMONICS[torus.n_axes] if harmonics is None else harmonics)
+        bound_of(torus, core.lattice_default(torus.n_axes) if harmonics is None else harmonics)
     )
     n = 3 * (2 * len(orders) - 1)
     check_size("max_points", points, n)

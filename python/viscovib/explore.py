@@ -18,6 +18,7 @@ import numpy as np
 
 from viscovib._native import FloatArray
 from viscovib.branch import Branch
+from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import FileError, InputError, ViscovibError
 from viscovib.files import whole_file
 from viscovib.plots import _SYMBOLS, COLOURS, STYLES, _bare
@@ -60,16 +61,19 @@ def curves(result: SceneResult) -> list[Curve]:
         for d, name in enumerate(value.dof_names):
             label = f"${_SYMBOLS.get(name, name)}$"
             found.append(Curve(value.t, value.state[:, 2 * d], time, label, False))
-    elif isinstance(value, (Response, Branch)):
+    elif isinstance(value, (Response, Branch, DrivenBranch)):
+        if value.harmonics.ndim > 1:
+            raise InputError("explore: quasi-periodic motions have no single harmonic to draw")
         orders = value.harmonics[value.harmonics > 0]
         if not orders.size:
             raise InputError("explore: the response is a mean only, which has no curve")
         k = int(orders[0])
         for name, unit in zip(value.dof_names, value.dof_units, strict=True):
             label = f"$|{_SYMBOLS.get(name, name)}_{k}|$ ({unit})"
-            x = value.parameter if isinstance(value, Branch) else value.nu
+            x = value.nu if isinstance(value, Response) else value.parameter
+            x_label = value.varies if isinstance(value, DrivenBranch) else r"$\nu$ (rad/s)"
             log = isinstance(value, Response)
-            found.append(Curve(x, value.amplitude(name, k), r"$\nu$ (rad/s)", label, log))
+            found.append(Curve(x, value.amplitude(name, k), x_label, label, log))
     return found
 
 

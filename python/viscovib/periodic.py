@@ -4,6 +4,8 @@ from typing import Any, overload
 
 import numpy.typing as npt
 
+from viscovib.backbone import Backbone, BackbonePoint
+from viscovib.backbone import oscillator_backbone as _oscillator_backbone
 from viscovib.branch import Branch, BranchPoint
 from viscovib.branch import trace_response as _trace_mount
 from viscovib.driven import DrivenResponse, pendulum_response
@@ -11,6 +13,7 @@ from viscovib.driven_branch import DrivenBranch, trace_pendulum
 from viscovib.load import LoadLike
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
+from viscovib.pendulum_backbone import pendulum_backbone as _pendulum_backbone
 from viscovib.response import Response
 from viscovib.response import forced_response as _mount_response
 
@@ -114,7 +117,50 @@ def trace_response(*args: Any, **options: Any) -> Branch | DrivenBranch:
     return _trace_mount(*args, **options)
 
 
+@overload
+def backbone(
+    system: Oscillator,
+    mode: int,
+    amplitude_range: tuple[float, float],
+    *,
+    dof: str | None = None,
+    harmonics: int = 9,
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+) -> Backbone: ...
+@overload
+def backbone(
+    pend: Pendulum,
+    mode: int,
+    amplitude_range: tuple[float, float] | None = None,
+    *,
+    energy_range: tuple[float, float] | None = None,
+    dof: str | None = None,
+    harmonics: int = 15,
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    stability: bool = True,
+    symmetric: bool = False,
+    subharmonic: int = 1,
+    leave: BackbonePoint | None = None,
+    opposite: bool = False,
+) -> Backbone: ...
+def backbone(*args: Any, **options: Any) -> Backbone:
+    """Follow the free motions that grow from a linear mode: frequency against amplitude.
+
+    backbone(system, mode, amplitude_range, *, dof=None, harmonics=9, ...)
+    backbone(pend, mode, amplitude_range=None, *, energy_range=None, leave=None, ...)
+    """
+    if "pend" in options or (args and isinstance(args[0], Pendulum)):
+        return _pendulum_backbone(*args, **options)
+    return _oscillator_backbone(*args, **options)
+
+
 forced_response.__doc__ = f"{forced_response.__doc__}\nFor a mount: {_mount_response.__doc__}\n" \
     f"For a pendulum: {pendulum_response.__doc__}"  # fmt: skip
 trace_response.__doc__ = f"{trace_response.__doc__}\nFor a mount: {_trace_mount.__doc__}\n" \
     f"For a pendulum: {trace_pendulum.__doc__}"  # fmt: skip
+backbone.__doc__ = f"{backbone.__doc__}\nFor a mount or a polynomial system: " \
+    f"{_oscillator_backbone.__doc__}\nFor a pendulum: {_pendulum_backbone.__doc__}"  # fmt: skip

@@ -147,13 +147,14 @@ def plot_branch(
     branch: Branch | DrivenBranch,
     ax: "Axes | Sequence[Axes] | None" = None,
     *,
-    harmonic: int | tuple[int, ...] = 1,
+    harmonic: int | tuple[int, ...] | Mapping[str, int | tuple[int, ...]] = 1,
     log: bool = False,
 ) -> "Sequence[Axes]":
     """Draw amplitude along a branch, one panel a coordinate.
 
     Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey.
-    Folds, branch points and other changes of stability are marked.
+    Folds, branch points and other changes of stability are marked. ``harmonic`` may be a mapping from
+    coordinates.
     """
     _native.check_instance("branch", branch, Branch, DrivenBranch)
     names = branch.dof_names
@@ -166,7 +167,8 @@ def plot_branch(
     if len(axes) != len(names):
         raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
     for axis, name, unit in zip(axes, names, branch.dof_units, strict=True):
-        amplitude = branch.amplitude(name, harmonic)
+        order = harmonic[name] if isinstance(harmonic, Mapping) else harmonic
+        amplitude = branch.amplitude(name, order)
         if branch.stable is None:
             axis.plot(branch.parameter, amplitude, color="0.45", label="stability unknown")
         else:
@@ -190,7 +192,7 @@ def plot_branch(
                     marker=".",
                     label="stability unknown",
                 )
-        d, j = branch._place(name, harmonic)
+        d, j = branch._place(name, order)
         if branch.folds.size:
             axis.plot(
                 branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k",
@@ -204,12 +206,14 @@ def plot_branch(
                 [abs(point.coefficients[d, j]) for point in branch.branch_points],
                 "s", color="k", markersize=4, markerfacecolor="w", label="branch point",
             )  # fmt: skip
-        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|${_in(unit)}")
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, order)}|${_in(unit)}")
         if log:
             axis.set_yscale("log")
         _bare(axis)
     axes[-1].set_xlabel(branch.label)
-    axes[0].legend(frameon=False)
+    # Of several branches on the same axes each kind is named once.
+    named = dict(zip(*axes[0].get_legend_handles_labels()[::-1], strict=True))
+    axes[0].legend(named.values(), named.keys(), frameon=False)
     return axes
 
 
@@ -450,13 +454,24 @@ def _motion_axes(figure: "Figure", n: int) -> "Sequence[Axes]":
     return [axis for row in axes for axis in row]
 
 
+def _largest_order(branches: Sequence[DrivenBranch], d: int) -> int | tuple[int, ...]:
+    """Order, other than the mean, that a coordinate has most of."""
+    sizes = np.max([np.abs(branch.coefficients[:, d, 1:]).max(axis=0) for branch in branches], 0)
+    order = branches[0].orders[1 + int(sizes.argmax())]
+    return int(order[0]) if order.size == 1 else tuple(order.tolist())
+
+
 def save_picture(
-    result: Response | Branch | Trajectory | Spectrum | ScalesResponse,
+    result: Response | Branch | DrivenBranch | Trajectory | Spectrum | ScalesResponse,
     path: str | os.PathLike[str],
     *,
     bases: Mapping[str, float] | None = None,
+    others: Sequence[DrivenBranch] = (),
 ) -> None:
-    """Draw a result into a file, without a display; ``bases`` name the peaks of a spectrum."""
+    """Draw a result into a file, without a display.
+
+    ``bases`` name the peaks of a spectrum; ``others`` are branches that leave the one drawn.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -470,6 +485,14 @@ def save_picture(
         figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
         FigureCanvasAgg(figure)
         plot_branch(result, figure.subplots(len(names), 1, sharex=True))
+    elif isinstance(result, DrivenBranch):
+        figure = Figure(figsize=(7, 3 * len(result.dof_names)), layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.subplots(len(result.dof_names), 1, sharex=True)
+        branches = [result, *others]
+        orders = {name: _largest_order(branches, d) for d, name in enumerate(result.dof_names)}
+        for branch in branches:
+            plot_branch(branch, axes, harmonic=orders)
     elif isinstance(result, ScalesResponse):
         names = moving(result)
         figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")

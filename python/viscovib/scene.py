@@ -19,6 +19,7 @@ import xarray as xr
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.branch import Branch, trace_response
+from viscovib.driven_branch import DrivenBranch, trace_pendulum
 from viscovib.errors import FileError, InputError
 from viscovib.kernels import (
     AbelKernel,
@@ -52,6 +53,11 @@ _KERNELS: dict[str, type[Kernel]] = {
 _REPEATABLE = ("kernel", "load", "spring", "force", "sweep")
 _LISTS = ("weights", "rates", "times", "values")
 _MAX_PATH = 4096
+
+#: Keys of a pendulum's &branch that `trace_response` has under the same names.
+_DRIVEN = (
+    "harmonics", "tolerance", "max_points", "max_step", "subharmonic", "max_denominator",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,6 +278,27 @@ class Scene:
             )
         return system.response(group["parameter"], values)
 
+    def _driven(self) -> tuple[DrivenBranch, tuple[DrivenBranch, ...]]:
+        """Compute the branch of a pendulum, and those that leave it."""
+        group = self._group("branch")
+        same = {
+            "pend": self.pendulum(),
+            group["parameter"]: (group["from"], group["to"]),
+            "symmetric": group["symmetry"] == "kept",
+            **{key: group[key] for key in _DRIVEN},
+        }
+        first = trace_pendulum(**same)
+        others = []
+        for number in np.atleast_1d(group.get("switch", [])).tolist():
+            if abs(number) > len(first.branch_points):
+                raise InputError(
+                    f"{self.path}: switch = {number}: the branch has "
+                    f"{len(first.branch_points)} branch points"
+                )
+            leave = first.branch_points[abs(number) - 1]
+            others.append(trace_pendulum(**same, leave=leave, opposite=number < 0))
+        return first, tuple(others)
+
     def _branch(self) -> dict[str, Any]:
         group = self._group("branch")
         return {
@@ -299,13 +326,14 @@ class Scene:
 class SceneResult:
     """What a scene gave.
 
-    Response or branch of a mount; motion of a pendulum and its spectra; steady motions of either;
-    a table of a sweep.
+    Response or branch of a mount; motion of a pendulum and its spectra, or a branch of its motions
+    and those that leave it, ``switched``; steady motions of either; a table of a sweep.
     """
 
     scene: Scene
-    value: Response | Branch | Trajectory | ScalesResponse | xr.Dataset
+    value: Response | Branch | DrivenBranch | Trajectory | ScalesResponse | xr.Dataset
     spectrum: Spectrum | None = None
+    switched: tuple[DrivenBranch, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -314,7 +342,7 @@ class SceneResult:
             return "sweep"
         if isinstance(self.value, ScalesResponse):
             return "multiple_scales"
-        if isinstance(self.value, Branch):
+        if isinstance(self.value, (Branch, DrivenBranch)):
             return "branch"
         return "response" if isinstance(self.value, Response) else "transient"
 
@@ -341,9 +369,9 @@ class SceneResult:
         return self.value
 
     @property
-    def branch(self) -> Branch:
-        """The branch of a mount."""
-        if not isinstance(self.value, Branch):
+    def branch(self) -> Branch | DrivenBranch:
+        """The branch."""
+        if not isinstance(self.value, (Branch, DrivenBranch)):
             raise InputError("branch: this scene gave something else, see value")
         return self.value
 
@@ -382,6 +410,9 @@ def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> Sce
     if "transient" in read.groups:
         run = replace(simulate(**read._motion(), progress=progress), _planned=lambda: planned)
         return SceneResult(read, run, _spectrum(read, run))
+    if "branch" in read.groups and read.is_pendulum:
+        first, others = read._driven()
+        return SceneResult(read, first, switched=others)
     if "branch" in read.groups:
         return SceneResult(read, replace(trace_response(**read._branch()), plan=planned))
     response = forced_response(**read._job(), progress=progress)

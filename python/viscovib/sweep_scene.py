@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib.branch import Branch
+from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError
 from viscovib.fingerprint import describe
 from viscovib.response import Response
@@ -92,20 +93,20 @@ def summary(result: SceneResult) -> dict[str, Any]:
             found[f"max_{name}"] = np.abs(column).max()
             found[f"rms_{name}"] = np.sqrt(np.mean(column**2))
         return found | {"outcome": value.outcome}
-    if not isinstance(value, (Response, Branch)):
+    if not isinstance(value, (Response, Branch, DrivenBranch)):
         raise InputError("summary: must be that of a response, a branch or a motion")
     return _peaks(value)
 
 
-def _peaks(value: Response | Branch) -> dict[str, Any]:
+def _peaks(value: Response | Branch | DrivenBranch) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    orders = value.harmonics[value.harmonics > 0]
+    orders = value.harmonics[value.harmonics > 0] if value.harmonics.ndim == 1 else np.empty(0)
     for name in value.dof_names:
         at, size = np.nan, np.nan
         if orders.size and np.isfinite(value.amplitude(name, int(orders[0]))).any():
             at, size = value.peak(name, int(orders[0]))[:2]
         found |= {f"peak_{name}": size, f"nu_peak_{name}": at}
-    if isinstance(value, Branch):
+    if isinstance(value, (Branch, DrivenBranch)):
         return found | {"folds": value.folds.size, "outcome": value.outcome}
     return found | {"unsolved": 1 - value.converged.mean()}
 

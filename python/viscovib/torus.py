@@ -1,26 +1,21 @@
 """Base frequencies and lattices of orders of a pendulum under several loads."""
 
-import itertools
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray
+from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
 from viscovib.pendulum import Pendulum
 
 FREQUENCIES = ("p1", "p2", "p3")
 AMPLITUDES = ("f0", "m01", "m02")
-#: Unknowns at most: their matrix takes 130 MB, its factors some seconds.
-MAX_UNKNOWNS = 4000
-#: Two frequencies count as commensurate if a ratio of small numbers meets theirs so closely.
-_RATIO = 1e-12
+#: What may vary, in the order of the core, from 1.
+_VARIES = (*FREQUENCIES, *AMPLITUDES, "nu")
 
 IntArray = npt.NDArray[np.int32]
 
@@ -30,12 +25,14 @@ class Torus:
     """The angles of a motion, and how those of the loads follow from them.
 
     ``names`` of the axes and their frequencies ``base``, shape (n_axes,); ``drive_orders``, shape
-    (3, n_axes): load j turns by drive_orders[j] times the angles.
+    (3, n_axes): load j turns by drive_orders[j] times the angles. ``varying``: which axis (from 1)
+    a frequency that varies moves, and its multiple that the frequency is.
     """
 
     names: tuple[str, ...]
     base: FloatArray
     drive_orders: IntArray
+    varying: tuple[int, int]
 
     @property
     def n_axes(self) -> int:
@@ -44,28 +41,12 @@ class Torus:
 
     def lattice(self, bound: int) -> IntArray:
         """Half of the orders with |k1| + |k2| + ... <= bound, 0 first, shape (n, n_axes)."""
-        sides = [range(bound + 1)] + [range(-bound, bound + 1)] * (self.n_axes - 1)
-        orders = [
-            k
-            for k in itertools.product(*sides)
-            if sum(map(abs, k)) <= bound and next((i for i in k if i), 1) > 0
-        ]
-        orders.sort(key=lambda k: (sum(map(abs, k)), [-i for i in k]))
-        return np.array(orders, dtype=np.intc)
-
-    def count(self, bound: int) -> int:
-        """Unknowns with orders up to ``bound``: three times the points of the lattice."""
-        points: int = sum(
-            2**i * math.comb(self.n_axes, i) * math.comb(bound, i) for i in range(self.n_axes + 1)
-        )
-        return 3 * points
+        _, n = core.lattice_orders(self.n_axes, bound, 0)
+        return np.ascontiguousarray(core.lattice_orders(self.n_axes, bound, n)[0].T)
 
     def largest(self, share: float = 1.0) -> int:
-        """Largest bound that keeps a share of the unknowns within `MAX_UNKNOWNS`."""
-        bound = 1
-        while share * self.count(bound + 1) <= MAX_UNKNOWNS and bound < 199:
-            bound += 1
-        return bound
+        """Largest bound for which a share of the unknowns is not too many."""
+        return int(core.lattice_bound(self.n_axes, share))
 
 
 def check_pendulum(pend: object) -> None:
@@ -93,48 +74,22 @@ def make_torus(pend: Pendulum, varies: str | None, subharmonic: int, max_denomin
 
     A frequency that varies keeps an axis of its own; "nu" moves all of them together.
     """
-    acting = []
-    for j, (name, size) in enumerate(zip(FREQUENCIES, AMPLITUDES, strict=True)):
-        moves = varies == name
-        if moves and getattr(pend, size) == 0:
-            raise InputError(f"{name}: varies, but no load acts at it: {size} = 0")
-        if (getattr(pend, size) != 0 or varies == size) and (moves or getattr(pend, name) > 0):
-            acting.append(j)
-    if not acting:
-        raise InputError("f0, m01, m02: at least one load of a frequency > 0 must act")
-    groups: list[list[tuple[int, Fraction]]] = []
-    for j in acting:
-        value = getattr(pend, FREQUENCIES[j])
-        for group in groups:
-            first = getattr(pend, FREQUENCIES[group[0][0]])
-            if varies in (FREQUENCIES[j], FREQUENCIES[group[0][0]]):
-                continue
-            ratio = Fraction(value / first).limit_denominator(max_denominator)
-            if ratio.numerator <= max_denominator and abs(float(ratio) * first - value) <= (
-                _RATIO * value
-            ):
-                group.append((j, ratio))
-                break
-        else:
-            groups.append([(j, Fraction(1))])
-    if len(groups) > 1 and (subharmonic > 1 or varies == "nu"):
-        values = ", ".join(f"{getattr(pend, FREQUENCIES[g[0][0]]):g}" for g in groups)
-        what = f"subharmonic = {subharmonic}" if subharmonic > 1 else "nu"
-        raise InputError(f"{what}: needs a single base frequency, but those of the loads are "
-                         f"incommensurate ({values})")  # fmt: skip
-    names, base = [], []
-    drive_orders = np.zeros((3, len(groups)), dtype=np.intc)
-    for axis, group in enumerate(groups):
-        multiple = subharmonic * math.lcm(*(ratio.denominator for _, ratio in group))
-        first = FREQUENCIES[group[0][0]]
-        common = math.gcd(*(int(ratio * multiple) for _, ratio in group))
-        common = math.gcd(common, multiple) if subharmonic == 1 else 1
-        for j, ratio in group:
-            drive_orders[j, axis] = int(ratio * multiple) // common
-        multiple //= common
-        names.append(first if multiple == 1 and len(group) == 1 else "nu")
-        base.append(getattr(pend, first) / multiple)
-    return Torus(tuple(names), np.array(base), drive_orders)
+    sizes = [getattr(pend, name) for name in AMPLITUDES]
+    n_axes, base, drive_orders, named, axis, multiple = _native.call(
+        core.sort_torus, [getattr(pend, name) for name in FREQUENCIES], sizes, _code(varies),
+        subharmonic, max_denominator,
+    )  # fmt: skip
+    return Torus(
+        names=tuple("nu" if j == 0 else FREQUENCIES[j - 1] for j in named[:n_axes].tolist()),
+        base=base[:n_axes].copy(),
+        drive_orders=np.ascontiguousarray(drive_orders[:n_axes].T),
+        varying=(axis, multiple),
+    )
+
+
+def _code(varies: str | None) -> int:
+    """Name what varies as the core does."""
+    return 0 if varies is None else _VARIES.index(varies) + 1
 
 
 def core_job(
@@ -146,9 +101,7 @@ def core_job(
     flat[7:10] = 1
     kind, which, unit = 1, 1, 1.0
     if varies in FREQUENCIES:
-        j = FREQUENCIES.index(varies)
-        which = int(np.flatnonzero(torus.drive_orders[j])[0]) + 1
-        unit = float(torus.drive_orders[j, which - 1])
+        which, unit = torus.varying[0], float(torus.varying[1])
     elif varies in AMPLITUDES:
         kind, which = 2, AMPLITUDES.index(varies) + 1
     return (
@@ -165,20 +118,15 @@ def core_job(
 def kept_by_symmetry(
     pend: Pendulum, torus: Torus, orders: IntArray, varies: str | None
 ) -> IntArray:
-    """1 where an order of a coordinate is an unknown, shape (n_orders, 3).
+    """1 where an order of a coordinate is an unknown of the motion raised from rest.
 
-    Mirrored motions, (z, -phi, -psi), belong to mirrored moments m01, m02. If a shift of the
-    angles by half turns mirrors these and leaves f0 alone, the motion raised from rest is its own
-    mirror image, shifted: an order turned by an even number of half turns lacks in phi and psi,
-    any other one in z.
+    Shape (n_orders, 3): half of them where system and loads are symmetric.
     """
-    acts = [getattr(pend, name) != 0 or varies == name for name in AMPLITUDES]
-    for shift in itertools.product((0, 1), repeat=torus.n_axes):
-        turned = torus.drive_orders @ shift % 2
-        if all(t == (j > 0) for j, t in enumerate(turned) if acts[j]):
-            odd = (orders @ shift) % 2
-            return np.stack([1 - odd, odd, odd], axis=1).astype(np.intc)
-    return np.ones((len(orders), 3), dtype=np.intc)
+    sizes = [getattr(pend, name) for name in AMPLITUDES]
+    kept: IntArray = core.lattice_kept(
+        np.asfortranarray(torus.drive_orders.T), np.asfortranarray(orders.T), sizes, _code(varies)
+    )
+    return kept
 
 
 def bound_of(torus: Torus, harmonics: object, share: float = 1.0) -> int:

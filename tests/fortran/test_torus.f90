@@ -6,9 +6,10 @@ module test_torus
   use viscovib_curve, only: curve_type
   use viscovib_curve_branch, only: curve_branch_type, curve_closed, curve_completed, &
     curve_options, follow_curve
+  use viscovib_free_curve, only: free_curve_type, new_free_curve
   use viscovib_kinds, only: wp
-  use viscovib_pendulum, only: equations_exact, equations_printed, new_pendulum, &
-    pendulum_parameters, pendulum_type
+  use viscovib_pendulum, only: equations_cubic, equations_exact, equations_printed, &
+    new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_status, only: status_type
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_amplitude, &
@@ -38,6 +39,12 @@ contains
         do variant = equations_exact, equations_printed
           call compare_derivatives(axes, variant)
         end do
+      end do
+    end if
+    if (begin('derivatives of free motions are those of the residual')) then
+      do variant = equations_exact, equations_cubic
+        call compare_free(variant, 0)
+        call compare_free(variant, 2)
       end do
     end if
     if (begin('folds and branch points of a circle')) call around_a_circle()
@@ -141,6 +148,45 @@ contains
     call balance%equations(x, p, r, matrix, slope, inside)
     call check(.not. inside, 'out of range')
   end subroutine compare_derivatives
+
+  !> By amplitude of a coordinate, or energy.
+  subroutine compare_free(variant, dof)
+    integer, intent(in) :: variant, dof
+    type(pendulum_type), target :: system
+    type(torus_type) :: torus
+    type(free_curve_type) :: curve
+    type(status_type) :: status
+    real(wp), allocatable, dimension(:) :: x, r, above, below, slope, along, direction
+    real(wp), allocatable :: matrix(:, :)
+    real(wp), parameter :: h = 1.0e-5_wp
+    logical :: inside, kept(5, 3)
+    integer :: k
+
+    call new_pendulum(system, pendulum_parameters(e=0.1_wp, w2=0.4_wp, w3=0.8_wp, alpha=0.5_wp, &
+                                                  equations=variant), status)
+    call check_ok(status)
+    call new_torus(torus, lattice(1), status)
+    call check_ok(status)
+    kept = .true.
+    kept(2, 1) = .false.
+    call new_free_curve(curve, system, torus, kept, 0.4_wp, dof, 1)
+    call check(curve%n == 15, 'cosines kept, and the frequency')
+    allocate (matrix(curve%n, curve%n), r(curve%n), above(curve%n), below(curve%n))
+    allocate (slope(curve%n), along(curve%n))
+    x = [(0.1_wp*cos(3.0_wp*k), k=1, curve%n)]
+    direction = [(cos(2.0_wp*k + 1.0_wp), k=1, curve%n)]
+    call curve%equations(x + h*direction, 0.3_wp, above, matrix, slope, inside)
+    call curve%equations(x - h*direction, 0.3_wp, below, matrix, slope, inside)
+    along = (above - below)/(2.0_wp*h)
+    call curve%equations(x, 0.3_wp, r, matrix, slope, inside)
+    call check(inside, 'within range')
+    call check_close(maxval(abs(matmul(matrix, direction) - along)), 0.0_wp, 1.0e-8_wp, &
+                     'along a direction', floor=maxval(abs(along)))
+    call curve%equations(x, 0.3_wp + h, above, matrix, along, inside)
+    call curve%equations(x, 0.3_wp - h, below, matrix, along, inside)
+    call check_close(maxval(abs(slope - (above - below)/(2.0_wp*h))), 0.0_wp, 1.0e-8_wp, &
+                     'along the size', floor=1.0_wp)
+  end subroutine compare_free
 
   subroutine circle_equations(self, x, p, r, jacobian, slope, inside)
     class(circle_type), intent(inout) :: self

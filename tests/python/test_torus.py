@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
-from viscovib.torus import make_torus
+from viscovib.torus import Torus, make_torus
 
 BODY = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.1, "c2": 0.1, "c3": 0.1}
 TWO = vv.Pendulum(**BODY, f0=0.02, m01=0.005, p1=0.93, p2=0.37)
@@ -186,12 +186,26 @@ def test_frequencies_are_sorted(loads, axes, base, drives):
     assert torus.drive_orders.tolist() == drives
 
 
-def test_lattices_are_counted():
-    for n_loads in (1, 2, 3):
-        loads = dict(list({"f0": 1.0, "m01": 1.0, "m02": 1.0}.items())[:n_loads])
-        torus = make_torus(vv.Pendulum(**BODY, **loads, p1=1, p2=2**0.5, p3=3**0.5), None, 1, 12)
+def test_lattices_are_complete():
+    """Half of the points of a cross polytope, shell by shell, 0 first; as many as there is room."""
+    for n_axes in (1, 2, 3):
+        torus = Torus(("nu",) * n_axes, np.ones(n_axes), np.eye(3, n_axes, dtype=int), (1, 1))
         for bound in (1, 2, 5):
-            assert 3 * (2 * len(torus.lattice(bound)) - 1) == torus.count(bound)
+            orders = torus.lattice(bound)
+            sides = itertools.product(range(-bound, bound + 1), repeat=n_axes)
+            whole = {k for k in sides if sum(map(abs, k)) <= bound}
+            half = {tuple(k) for k in orders.tolist()}
+            assert half | {tuple(-i for i in k) for k in half} == whole
+            assert len(half) == len(orders) == (len(whole) + 1) // 2
+            shells = np.abs(orders).sum(axis=1)
+            assert shells[0] == 0
+            assert (np.diff(shells) >= 0).all()
+        for share in (1.0, 0.5):
+            largest = torus.largest(share)
+            size = 3 * (2 * len(torus.lattice(largest)) - 1)
+            more = 3 * (2 * len(torus.lattice(largest + 1)) - 1)
+            assert share * size <= 4000
+            assert share * more > 4000 or largest == 199
 
 
 def test_a_static_load_shifts_the_rest():

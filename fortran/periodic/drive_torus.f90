@@ -1,0 +1,256 @@
+!> The base frequencies of a driven system's loads, and the orders that its motion has:
+!! commensurate loads share an axis of the torus.
+module viscovib_drive_torus
+  use viscovib_kinds, only: wp
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: drive_torus_type, sort_drives, lattice, largest_bound, default_bound, kept_by_symmetry
+
+  integer, parameter, public :: n_drives = 3
+  character(len=*), parameter, public :: frequency_names(n_drives) = ['p1', 'p2', 'p3'], &
+                                         amplitude_names(n_drives) = &
+    [character(len=3) :: 'f0', 'm01', 'm02']
+  !> What may vary: a frequency, 1 to 3; an amplitude, 4 to 6; all frequencies together.
+  integer, parameter, public :: varies_nothing = 0, varies_nu = 7
+  character(len=*), parameter, public :: varied_names(7) = &
+    [character(len=3) :: frequency_names, amplitude_names, 'nu']
+  !> Unknowns at most: their matrix takes 130 MB, its factors some seconds.
+  integer, parameter, public :: max_unknowns = 4000
+  integer, parameter :: max_bound = 199
+  !> Two frequencies count as commensurate if a ratio of small numbers meets theirs so
+  !! closely.
+  real(wp), parameter :: closeness = 1.0e-12_wp
+
+  type :: drive_torus_type
+    integer :: n_axes = 0
+    !> Base frequencies, shape (n_axes); load j turns by orders(:, j) times their angles,
+    !! shape (n_axes, n_drives).
+    real(wp), allocatable :: base(:)
+    integer, allocatable :: orders(:, :)
+    !> Which load's frequency a base frequency is, 0: a part of several, shape (n_axes).
+    integer, allocatable :: named(:)
+    !> If a frequency varies, the axis that does, and its multiple that the frequency is.
+    integer :: axis = 1, multiple = 1
+  end type drive_torus_type
+
+contains
+
+  !> Sort the loads that act by frequency. A frequency that varies keeps an axis of its
+  !! own; "nu" moves all of them together.
+  subroutine sort_drives(torus, frequency, amplitude, varies, subharmonic, max_denominator, status)
+    type(drive_torus_type), intent(out) :: torus
+    real(wp), intent(in) :: frequency(n_drives), amplitude(n_drives)
+    !> One of `varied_names`, or `varies_nothing`.
+    integer, intent(in) :: varies
+    !> Period of the motion in periods of the loads.
+    integer, intent(in) :: subharmonic
+    !> Largest numbers in a ratio that counts as commensurate.
+    integer, intent(in) :: max_denominator
+    type(status_type), intent(out) :: status
+    integer :: first(n_drives), axis(n_drives), top(n_drives), bottom(n_drives)
+    integer :: i, j, multiple, common
+    logical :: acts
+
+    axis = 0
+    do j = 1, n_drives
+      acts = abs(amplitude(j)) > 0.0_wp
+      if (varies == j .and. .not. acts) then
+        call fail(status, status_input_error, 'parameter', frequency_names(j) &
+                  //': varies, but no load acts at it: '//trim(amplitude_names(j))//' = 0')
+        return
+      end if
+      acts = (acts .or. varies == n_drives + j) .and. (varies == j .or. frequency(j) > 0.0_wp)
+      if (acts) call place(j)
+    end do
+    if (torus%n_axes == 0) then
+      call fail(status, status_input_error, 'parameter', &
+                'f0, m01, m02: at least one load of a frequency > 0 must act')
+      return
+    end if
+    if (torus%n_axes > 1 .and. (subharmonic > 1 .or. varies == varies_nu)) then
+      call complain()
+      return
+    end if
+    allocate (torus%base(torus%n_axes), torus%orders(torus%n_axes, n_drives), &
+              torus%named(torus%n_axes))
+    torus%orders = 0
+    do i = 1, torus%n_axes
+      multiple = 1
+      do j = 1, n_drives
+        if (axis(j) == i) multiple = multiple/gcd(multiple, bottom(j))*bottom(j)
+      end do
+      multiple = multiple*subharmonic
+      common = multiple
+      do j = 1, n_drives
+        if (axis(j) == i) common = gcd(common, top(j)*(multiple/bottom(j)))
+      end do
+      if (subharmonic > 1) common = 1
+      do j = 1, n_drives
+        if (axis(j) == i) torus%orders(i, j) = top(j)*(multiple/bottom(j))/common
+      end do
+      multiple = multiple/common
+      torus%base(i) = frequency(first(i))/multiple
+      torus%named(i) = merge(first(i), 0, multiple == 1 .and. count(axis == i) == 1)
+    end do
+    if (varies >= 1 .and. varies <= n_drives) then
+      torus%axis = axis(varies)
+      torus%multiple = torus%orders(axis(varies), varies)
+    end if
+
+  contains
+
+    !> Load j on the first axis whose frequency is a ratio of small numbers to its own.
+    subroutine place(j)
+      integer, intent(in) :: j
+      integer :: i
+      do i = 1, torus%n_axes
+        if (varies == j .or. varies == first(i)) cycle
+        call find_ratio(frequency(j), frequency(first(i)), max_denominator, top(j), bottom(j))
+        if (bottom(j) == 0) cycle
+        axis(j) = i
+        return
+      end do
+      torus%n_axes = torus%n_axes + 1
+      axis(j) = torus%n_axes
+      first(torus%n_axes) = j
+      top(j) = 1
+      bottom(j) = 1
+    end subroutine place
+
+    subroutine complain()
+      character(len=:), allocatable :: values, what
+      integer :: i
+      values = show(frequency(first(1)))
+      do i = 2, torus%n_axes
+        values = values//', '//show(frequency(first(i)))
+      end do
+      what = 'nu'
+      if (subharmonic > 1) what = 'subharmonic = '//show(subharmonic)
+      call fail(status, status_input_error, merge('subharmonic', 'parameter  ', subharmonic > 1), &
+                what//': needs a single base frequency, but those of the loads are ' &
+                //'incommensurate ('//values//')')
+    end subroutine complain
+
+  end subroutine sort_drives
+
+  !> value = top/bottom of another, in numbers to `most`; bottom = 0 if there are none.
+  pure subroutine find_ratio(value, another, most, top, bottom)
+    real(wp), intent(in) :: value, another
+    integer, intent(in) :: most
+    integer, intent(out) :: top, bottom
+    real(wp) :: ratio
+    ratio = value/another
+    top = 0
+    do bottom = 1, most
+      if (.not. ratio*bottom < most + 0.5_wp) exit
+      top = nint(ratio*bottom)
+      if (top < 1 .or. top > most) cycle
+      if (abs(real(top, wp)/bottom*another - value) <= closeness*value) return
+    end do
+    bottom = 0
+  end subroutine find_ratio
+
+  pure integer function gcd(a, b)
+    integer, intent(in) :: a, b
+    integer :: rest, other
+    gcd = a
+    rest = b
+    do while (rest > 0)
+      other = modulo(gcd, rest)
+      gcd = rest
+      rest = other
+    end do
+  end function gcd
+
+  !> Half of the orders with |k_1| + |k_2| + ... <= bound, shell by shell, 0 first, shape
+  !! (n_axes, n).
+  pure function lattice(n_axes, bound) result(orders)
+    integer, intent(in) :: n_axes, bound
+    integer, allocatable :: orders(:, :)
+    integer :: s, i, j, k, n, second, third, pass
+    logical :: positive
+
+    do pass = 1, 2
+      n = 0
+      do s = 0, bound
+        do i = s, 0, -1
+          second = merge(s - i, 0, n_axes > 1)
+          do j = second, -second, -1
+            third = merge(s - i - abs(j), 0, n_axes > 2)
+            do k = third, -third, -1
+              if (i + abs(j) + abs(k) /= s) cycle
+              positive = i > 0 .or. (i == 0 .and. (j > 0 .or. (j == 0 .and. k >= 0)))
+              if (.not. positive) cycle
+              n = n + 1
+              if (pass == 2) orders(:, n) = [i, j, k]
+            end do
+          end do
+        end do
+      end do
+      if (pass == 1) allocate (orders(3, n))
+    end do
+    orders = orders(:n_axes, :)
+  end function lattice
+
+  !> Unknowns of three coordinates: three for each point of the whole lattice.
+  pure integer function n_unknowns(n_axes, bound)
+    integer, intent(in) :: n_axes, bound
+    select case (n_axes)
+    case (1)
+      n_unknowns = 3*(2*bound + 1)
+    case (2)
+      n_unknowns = 3*(2*bound*(bound + 1) + 1)
+    case default
+      n_unknowns = (2*bound + 1)*(2*bound*(bound + 1) + 3)
+    end select
+  end function n_unknowns
+
+  !> Largest bound that keeps a share of the unknowns within `max_unknowns`.
+  pure integer function largest_bound(n_axes, share) result(bound)
+    integer, intent(in) :: n_axes
+    real(wp), intent(in) :: share
+    bound = 1
+    do while (share*n_unknowns(n_axes, bound + 1) <= max_unknowns .and. bound < max_bound)
+      bound = bound + 1
+    end do
+  end function largest_bound
+
+  !> Highest orders kept on a branch by default.
+  pure integer function default_bound(n_axes)
+    integer, intent(in) :: n_axes
+    integer, parameter :: bounds(3) = [15, 6, 4]
+    default_bound = bounds(n_axes)
+  end function default_bound
+
+  !> Where an order of a coordinate (z, phi, psi) is an unknown, shape (n_orders, 3).
+  !!
+  !! Mirrored motions, (z, -phi, -psi), belong to mirrored moments m01, m02. If a shift of
+  !! the angles by half turns mirrors these and leaves f0 alone, the motion raised from
+  !! rest is its own mirror image, shifted: an order turned by an even number of half turns
+  !! lacks in phi and psi, any other one in z.
+  pure function kept_by_symmetry(torus, orders, amplitude, varies) result(kept)
+    type(drive_torus_type), intent(in) :: torus
+    integer, intent(in) :: orders(:, :)
+    real(wp), intent(in) :: amplitude(n_drives)
+    integer, intent(in) :: varies
+    logical :: kept(size(orders, 2), 3)
+    integer :: shift(torus%n_axes), mirrored(n_drives), i, j, code
+    logical :: acts(n_drives), odd(size(orders, 2))
+
+    mirrored = [0, 1, 1]
+    acts = [(abs(amplitude(j)) > 0.0_wp .or. varies == n_drives + j, j=1, n_drives)]
+    kept = .true.
+    do code = 0, 2**torus%n_axes - 1
+      shift = [(ibits(code, torus%n_axes - i, 1), i=1, torus%n_axes)]
+      if (any(acts .and. modulo(matmul(shift, torus%orders), 2) /= mirrored)) cycle
+      odd = modulo(matmul(shift, orders), 2) == 1
+      kept(:, 1) = .not. odd
+      kept(:, 2) = odd
+      kept(:, 3) = odd
+      return
+    end do
+  end function kept_by_symmetry
+
+end module viscovib_drive_torus

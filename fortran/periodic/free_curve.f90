@@ -1,0 +1,151 @@
+!> Free motions of a driven system without losses and loads, as a curve in their
+!! amplitude or energy (nonlinear normal modes).
+!!
+!! q'' = a(q, q') with a(q, -q') = a(q, q') keeps its form when time runs backwards, so
+!! a motion that begins at rest is even in time: q = sum_k a_k cos(k nu t). The equations
+!! of harmonic balance in these cosines are as many as they; the frequency is one more
+!! unknown, and the size of the motion, which is the parameter, one more equation.
+!! Where modes interact the size may turn back, and branches cross: both are as on any
+!! curve. Rosenberg, Adv. Appl. Mech. 9 (1966) 155; Kerschen et al., Mech. Syst. Signal
+!! Process. 23 (2009) 170.
+module viscovib_free_curve
+  use viscovib_curve, only: curve_type
+  use viscovib_driven_system, only: differentiable_system_type
+  use viscovib_kinds, only: wp
+  use viscovib_torus, only: torus_type
+  use viscovib_torus_balance, only: new_torus_balance, torus_balance_type
+  implicit none
+  private
+
+  public :: free_curve_type, new_free_curve
+
+  !> Unknowns are the cosines and the frequency, as a part of `unit`.
+  type, extends(curve_type) :: free_curve_type
+    type(torus_balance_type) :: motion
+    real(wp) :: unit = 1.0_wp
+    !> Which unknown is the amplitude; 0: the energy is the parameter.
+    integer :: measured = 0
+  contains
+    procedure :: equations
+    procedure :: residual
+    procedure :: at_rest
+    procedure :: frequency
+    procedure :: energy
+    procedure, private :: size_of
+  end type free_curve_type
+
+contains
+
+  subroutine new_free_curve(curve, system, torus, kept, unit, dof, order)
+    type(free_curve_type), intent(out) :: curve
+    !> Without damping; its loads are left out.
+    class(differentiable_system_type), intent(in), target :: system
+    !> Of one axis.
+    type(torus_type), intent(in) :: torus
+    !> Which orders of which coordinates are unknowns, shape (n_orders, n_dof).
+    logical, intent(in) :: kept(:, :)
+    !> Base frequency of small motions.
+    real(wp), intent(in) :: unit
+    !> The amplitude is that of an order of a coordinate, which is kept; dof = 0: by
+    !! energy.
+    integer, intent(in) :: dof, order
+    real(wp) :: y(torus%n, system%n_dof), nothing(size(system%drives))
+    integer :: silent(1, size(system%drives))
+
+    silent = 0
+    nothing = 0.0_wp
+    call new_torus_balance(curve%motion, system, torus, silent, [unit], nothing, kept, &
+                           even_in_time=.true.)
+    curve%motion%lowest = 0.0_wp
+    curve%unit = unit
+    curve%n = curve%motion%n + 1
+    curve%lowest = 0.0_wp
+    ! The frequency has no part in lengths.
+    allocate (curve%weights(curve%n), source=1.0_wp)
+    curve%weights(curve%n) = 0.0_wp
+    if (dof == 0) return
+    y = 0.0_wp
+    y(2*order + 1, dof) = 1.0_wp
+    curve%measured = findloc(curve%motion%reduced(reshape(y, [size(y)])) > 0.5_wp, .true., 1)
+  end subroutine new_free_curve
+
+  pure real(wp) function frequency(self, x)
+    class(free_curve_type), intent(in) :: self
+    real(wp), intent(in) :: x(:)
+    frequency = self%unit*x(self%n)
+  end function frequency
+
+  !> Where the motion begins, shape (n_dof).
+  pure function at_rest(self, x) result(q)
+    class(free_curve_type), intent(in) :: self
+    real(wp), intent(in) :: x(:)
+    real(wp) :: q(self%motion%system%n_dof)
+    q = sum(self%motion%expanded(x(:self%motion%n)), 1)
+  end function at_rest
+
+  pure real(wp) function energy(self, x)
+    class(free_curve_type), intent(in) :: self
+    real(wp), intent(in) :: x(:)
+    real(wp) :: slope(self%motion%system%n_dof)
+    call self%motion%system%potential(self%at_rest(x), energy, slope)
+  end function energy
+
+  subroutine equations(self, x, p, r, jacobian, slope, inside)
+    class(free_curve_type), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: r(:)
+    real(wp), intent(inout) :: jacobian(:, :)
+    real(wp), intent(out) :: slope(:)
+    logical, intent(out) :: inside
+    real(wp) :: value, force(self%motion%system%n_dof)
+    integer :: n
+
+    n = self%motion%n
+    call self%motion%equations(x(:n), self%frequency(x), r(:n), jacobian, slope(:n), inside)
+    inside = inside .and. p > self%lowest
+    if (.not. inside) return
+    jacobian(:n, n + 1) = self%unit*slope(:n)
+    slope(:n) = 0.0_wp
+    slope(n + 1) = -1.0_wp
+    jacobian(n + 1, :n + 1) = 0.0_wp
+    call self%size_of(x, value, force)
+    r(n + 1) = value - p
+    if (self%measured > 0) then
+      jacobian(n + 1, self%measured) = 1.0_wp
+    else
+      ! Every cosine is 1 at the beginning.
+      jacobian(n + 1, :n) = self%motion%reduced(reshape(spread(force, 1, self%motion%torus%n), &
+                                                        [self%motion%torus%n*size(force)]))
+    end if
+  end subroutine equations
+
+  subroutine residual(self, x, p, r, inside)
+    class(free_curve_type), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: r(:)
+    logical, intent(out) :: inside
+    real(wp) :: value, force(self%motion%system%n_dof)
+    integer :: n
+
+    n = self%motion%n
+    call self%motion%residual(x(:n), self%frequency(x), r(:n), inside)
+    inside = inside .and. p > self%lowest
+    if (.not. inside) return
+    call self%size_of(x, value, force)
+    r(n + 1) = value - p
+  end subroutine residual
+
+  !> Amplitude, or energy and its derivative at the beginning.
+  pure subroutine size_of(self, x, value, force)
+    class(free_curve_type), intent(in) :: self
+    real(wp), intent(in) :: x(:)
+    real(wp), intent(out) :: value, force(:)
+    if (self%measured > 0) then
+      value = x(self%measured)
+      force = 0.0_wp
+    else
+      call self%motion%system%potential(self%at_rest(x), value, force)
+    end if
+  end subroutine size_of
+
+end module viscovib_free_curve

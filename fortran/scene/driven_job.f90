@@ -1,0 +1,305 @@
+!> The &branch group of a scene with a pendulum: a branch of driven motions along a
+!! frequency or an amplitude of its loads, and others that leave it.
+module viscovib_driven_job
+  use viscovib_checks, only: check_positive
+  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
+    curve_outcomes, follow_curve
+  use viscovib_drive_torus, only: default_bound, drive_torus_type, kept_by_symmetry, &
+    largest_bound, lattice, n_drives, sort_drives, varied_names, varies_nu
+  use viscovib_files, only: make_folder
+  use viscovib_group_reader, only: group_reader
+  use viscovib_kinds, only: wp
+  use viscovib_number_text, only: exact
+  use viscovib_outcomes, only: outcome_converged
+  use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_text_file, only: text_writer
+  use viscovib_torus, only: new_torus, torus_type
+  use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_amplitude, &
+    vary_frequency
+  use viscovib_torus_response, only: solve_from_rest
+  implicit none
+  private
+
+  public :: driven_job, driven_branch, read_driven, plan_driven, run_driven, write_driven
+
+  integer, parameter :: max_branch_points = 100000, max_switches = 20
+
+  type :: driven_job
+    !> Place in `varied_names`.
+    integer :: parameter = 1
+    type(curve_options) :: options
+    integer :: harmonics = 0
+    !> Only motions that share the symmetry of system and loads.
+    logical :: symmetric = .false.
+    integer :: subharmonic = 1, max_denominator = 12
+    !> Branch points to leave at, counted from 1, negative: the other way.
+    integer, allocatable :: switch(:)
+    type(drive_torus_type) :: torus
+  end type driven_job
+
+  !> A branch, its values in units of the parameter.
+  type :: driven_branch
+    integer :: outcome = curve_completed
+    !> Shape (n); base frequencies, shape (n_axes, n); unknowns, those left out as 0, shape
+    !! (torus%n n_dof, n).
+    real(wp), allocatable :: parameter(:), base(:, :), x(:, :)
+    real(wp), allocatable :: folds(:), branch_points(:)
+  end type driven_branch
+
+contains
+
+  subroutine read_driven(reader, pendulum, job)
+    type(group_reader), intent(inout) :: reader
+    type(pendulum_type), intent(in) :: pendulum
+    type(driven_job), intent(out) :: job
+    type(status_type) :: status
+    character(len=:), allocatable :: word
+    real(wp) :: frequency(n_drives)
+    integer :: symmetry, most
+
+    word = reader%read_text('parameter', 'p1', varied_names, job%parameter)
+    job%options%start = reader%read_real('from')
+    job%options%finish = reader%read_real('to')
+    job%subharmonic = reader%read_integer('subharmonic', 1)
+    job%max_denominator = reader%read_integer('max_denominator', job%max_denominator)
+    if (reader%status%failed()) return
+    call in_range('subharmonic', job%subharmonic, 1, 20)
+    call in_range('max_denominator', job%max_denominator, 1, 99)
+    if (job%parameter <= n_drives .or. job%parameter == varies_nu) then
+      call check_positive('from', job%options%start, status)
+      call reader%place(status)
+      call check_positive('to', job%options%finish, status)
+      call reader%place(status)
+    end if
+    if (.not. abs(job%options%finish - job%options%start) > 0.0_wp) then
+      call reader%complain('to', 'to = '//show(job%options%finish)//': must differ from from')
+    end if
+    if (reader%status%failed()) return
+    frequency = pendulum%parameters%frequency
+    if (job%parameter <= n_drives) frequency(job%parameter) = job%options%start
+    call sort_drives(job%torus, frequency, pendulum%parameters%load, job%parameter, &
+                     job%subharmonic, job%max_denominator, status)
+    call reader%place(status)
+    if (reader%status%failed()) return
+    most = largest_bound(job%torus%n_axes, 1.0_wp)
+    job%harmonics = reader%read_integer('harmonics', default_bound(job%torus%n_axes))
+    call in_range('harmonics', job%harmonics, 1, most)
+    job%options%tolerance = reader%read_real('tolerance', job%options%tolerance)
+    job%options%max_points = reader%read_integer('max_points', job%options%max_points)
+    job%options%max_step = reader%read_real('max_step', job%options%max_step)
+    word = reader%read_text('symmetry', 'any', [character(len=4) :: 'any', 'kept'], symmetry)
+    job%symmetric = symmetry == 2
+    job%switch = reader%read_some_integers('switch')
+    if (reader%status%failed()) return
+    call in_range('max_points', job%options%max_points, 2, max_branch_points)
+    if (size(job%switch) > max_switches) then
+      call reader%complain('switch', 'switch: '//show(size(job%switch))//' of them, must be at ' &
+                           //'most '//show(max_switches))
+    end if
+    if (any(job%switch == 0)) call reader%complain('switch', 'switch = 0: must be the number of ' &
+                                                   //'a branch point, from 1, or its negative')
+    if (job%options%tolerance < 1.0e-14_wp .or. job%options%tolerance > 0.1_wp) then
+      call reader%complain('tolerance', 'tolerance = '//show(job%options%tolerance) &
+                           //': must be in [1e-14, 0.1]')
+    end if
+    if (job%options%max_step < 1.0e-4_wp .or. job%options%max_step > 1.0_wp) then
+      call reader%complain('max_step', 'max_step = '//show(job%options%max_step) &
+                           //': must be in [1e-4, 1]')
+    end if
+
+  contains
+
+    subroutine in_range(key, value, lowest, highest)
+      character(len=*), intent(in) :: key
+      integer, intent(in) :: value, lowest, highest
+      if (value < lowest .or. value > highest) then
+        call reader%complain(key, key//' = '//show(value)//': must be '//show(lowest)//' to ' &
+                             //show(highest))
+      end if
+    end subroutine in_range
+
+  end subroutine read_driven
+
+  function plan_driven(job) result(text)
+    type(driven_job), intent(in) :: job
+    character(len=:), allocatable :: text
+    integer, allocatable :: orders(:, :)
+    allocate (orders, source=lattice(job%torus%n_axes, job%harmonics))
+    text = 'computes: the branch from '//trim(varied_names(job%parameter))//' = ' &
+           //show(job%options%start)//' to '//show(job%options%finish)//', '
+    if (job%torus%n_axes == 1) then
+      text = text//'periodic motions'
+    else
+      text = text//'quasi-periodic motions of '//show(job%torus%n_axes)//' base frequencies'
+    end if
+    text = text//', '//show(size(orders, 2))//' orders a coordinate'//new_line('a')
+    if (size(job%switch) > 0) then
+      text = text//'computes: '//show(size(job%switch))//' branches that leave it' &
+             //new_line('a')
+    else
+      text = text//'skips: branches that leave it (no switch)'//new_line('a')
+    end if
+    if (job%symmetric) text = text//'skips: orders that the symmetry of system and loads rules ' &
+                              //'out'//new_line('a')
+  end function plan_driven
+
+  !> The branch, then those that leave it, in the order asked for.
+  subroutine run_driven(job, pendulum, branches, status)
+    type(driven_job), intent(in) :: job
+    type(pendulum_type), intent(in) :: pendulum
+    type(driven_branch), allocatable, intent(out) :: branches(:)
+    type(status_type), intent(out) :: status
+    type(pendulum_type), target :: system
+    type(pendulum_parameters) :: parameters
+    type(torus_type) :: torus
+    type(torus_balance_type) :: balance
+    type(curve_options) :: options
+    type(curve_branch_type) :: first, other
+    logical, allocatable :: kept(:, :)
+    real(wp), allocatable :: x(:)
+    real(wp) :: unit
+    integer :: outcome, iterations, i, n
+
+    allocate (branches(1 + size(job%switch)))
+    ! Loads of size 1, their amplitudes apart, as what varies may be one of them.
+    parameters = pendulum%parameters
+    parameters%load = 1.0_wp
+    call new_pendulum(system, parameters, status)
+    if (.not. status%failed()) then
+      call new_torus(torus, lattice(job%torus%n_axes, job%harmonics), status)
+    end if
+    if (status%failed()) return
+    allocate (kept(size(torus%orders, 2), 3), source=.true.)
+    if (job%symmetric) kept = kept_by_symmetry(job%torus, torus%orders, pendulum%parameters%load, &
+                                               job%parameter)
+    call new_torus_balance(balance, system, torus, job%torus%orders, job%torus%base, &
+                           pendulum%parameters%load, kept)
+    unit = 1.0_wp
+    if (job%parameter > n_drives .and. job%parameter < varies_nu) then
+      balance%vary = vary_amplitude
+      balance%which = job%parameter - n_drives
+    else
+      balance%vary = vary_frequency
+      balance%which = job%torus%axis
+      balance%lowest = 0.0_wp
+      unit = real(job%torus%multiple, wp)
+    end if
+    options = job%options
+    options%start = options%start/unit
+    options%finish = options%finish/unit
+    allocate (x(balance%n))
+    iterations = 0
+    call solve_from_rest(balance, options%start, options%tolerance, x, outcome, iterations)
+    if (outcome == outcome_converged) call follow_curve(balance, options, x, first)
+    if (first%n_points == 0) then
+      call fail(status, status_input_error, 'from', trim(varied_names(job%parameter)) &
+                //': no solution was found at its beginning '//show(job%options%start) &
+                //': begin elsewhere')
+      return
+    end if
+    call keep(first, branches(1))
+    do i = 1, size(job%switch)
+      n = abs(job%switch(i))
+      if (n > first%branch_points%n) then
+        call fail(status, status_input_error, 'switch', 'switch = '//show(job%switch(i)) &
+                  //': the branch has '//show(first%branch_points%n)//' branch points')
+        return
+      end if
+      associate (points => first%branch_points)
+        call follow_curve(balance, options, points%x(:, n), other, points%p(n)*unit/unit, &
+                          sign(1, job%switch(i))*points%across(:, n))
+      end associate
+      call keep(other, branches(i + 1))
+    end do
+
+  contains
+
+    subroutine keep(from, to)
+      type(curve_branch_type), intent(in) :: from
+      type(driven_branch), intent(out) :: to
+      integer :: k
+      to%outcome = from%outcome
+      to%parameter = from%parameter(:from%n_points)*unit
+      to%base = spread(job%torus%base, 2, from%n_points)
+      if (balance%vary == vary_frequency) to%base(balance%which, :) = from%parameter(:from%n_points)
+      allocate (to%x(torus%n*3, from%n_points))
+      do k = 1, from%n_points
+        to%x(:, k) = reshape(balance%expanded(from%x(:, k)), [torus%n*3])
+      end do
+      to%folds = from%folds%p*unit
+      to%branch_points = from%branch_points%p*unit
+    end subroutine keep
+
+  end subroutine run_driven
+
+  !> Write the table NAME in a folder, which is made if need be; the table is there
+  !! whole or not at all.
+  subroutine write_driven(folder, name, job, branch, header, status)
+    character(len=*), intent(in) :: folder, name
+    type(driven_job), intent(in) :: job
+    type(driven_branch), intent(in) :: branch
+    !> Lines for the top, separated by new-line characters.
+    character(len=*), intent(in) :: header
+    type(status_type), intent(out) :: status
+    character(len=*), parameter :: coordinates(3) = [character(len=3) :: 'z', 'phi', 'psi']
+    type(text_writer) :: table
+    integer, allocatable :: orders(:, :)
+    character(len=:), allocatable :: row, title, quote
+    integer :: i, j, d, k, n
+
+    allocate (orders, source=lattice(job%torus%n_axes, job%harmonics))
+    n = 2*size(orders, 2) - 1
+    call make_folder(folder)
+    call table%create(folder//'/'//name, status)
+    if (status%failed()) return
+    call table%add_comments(header)
+    call table%add_line('# parameter: '//trim(varied_names(job%parameter))//'; branch ' &
+                        //trim(curve_outcomes(branch%outcome)))
+    call table%add_line('# folds at'//listed(branch%folds))
+    call table%add_line('# branch points at'//listed(branch%branch_points))
+    call table%add_line('# q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)')
+    row = 'parameter'
+    do i = 1, job%torus%n_axes
+      row = row//',omega_'//show(i)
+    end do
+    quote = ''
+    if (job%torus%n_axes > 1) quote = '"'
+    do d = 1, 3
+      do k = 1, size(orders, 2)
+        title = quote//trim(coordinates(d))//'_'//show(orders(1, k))
+        do j = 2, size(orders, 1)
+          title = title//','//show(orders(j, k))
+        end do
+        row = row//','//title//'_re'//quote//','//title//'_im'//quote
+      end do
+    end do
+    call table%add_line(row)
+    do i = 1, size(branch%parameter)
+      row = trim(exact(branch%parameter(i)))
+      do j = 1, job%torus%n_axes
+        row = row//','//trim(exact(branch%base(j, i)))
+      end do
+      do d = 1, 3
+        ! The mean is Im X_0.
+        row = row//',0,'//trim(exact(branch%x((d - 1)*n + 1, i)))
+        do k = (d - 1)*n + 2, d*n
+          row = row//','//trim(exact(branch%x(k, i)))
+        end do
+      end do
+      call table%add_line(row)
+    end do
+    call table%finish(status)
+  end subroutine write_driven
+
+  pure function listed(values)
+    real(wp), intent(in) :: values(:)
+    character(len=:), allocatable :: listed
+    integer :: i
+    listed = ''
+    do i = 1, size(values)
+      listed = listed//' '//trim(exact(values(i)))
+    end do
+  end function listed
+
+end module viscovib_driven_job
