@@ -110,8 +110,8 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       call follow_curve(curve, options, begin, branch, begin_p, along, cancel(1))
     else
       if (parameter == vary_load) curve%balance%load_factor = start
-      call point_from_rest(curve%balance, curve%system, load, tolerance, x, found, iterations_made, &
-                           cancel(1))
+      call point_from_rest(curve%balance, curve%system, load, tolerance, x, found, &
+                           iterations_made, cancel(1))
       if (found == outcome_converged) then
         call follow_curve(curve, options, reshape(x, [size(x)]), branch, cancel=cancel(1))
       end if

@@ -351,9 +351,7 @@ def trace_response(
     start, finish = _range(given[0], ranges[given[0]])
     varies, entry = {"nu_range": "nu", "load_range": "load_factor"}.get(given[0], ""), 0
     if vary is not None:
-        varies, entry = _entry(mount, vary)
-        mount = replace(mount, **{varies: start})
-        replace(mount, **{varies: finish})
+        varies, entry, mount = _beginning(mount, vary, start, finish)
     if varies == "nu" and min(start, finish) <= 0:
         raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
     fixed = start if nu is None else _native.number("nu", nu)
@@ -465,12 +463,17 @@ def trace_response(
     )
 
 
-def _entry(mount: Oscillator, vary: object) -> tuple[str, int]:
-    """Name and place of a parameter."""
+def _beginning(
+    mount: Oscillator, vary: object, start: float, finish: float
+) -> tuple[str, int, Mount]:
+    """Name and place of a parameter, and the mount at its first value; both must make one."""
     if not isinstance(mount, Mount):
         raise InputError("vary: needs a mount; build polynomial systems one by one")
     name = _native.choice("vary", vary, tuple(_ENTRIES))
-    return name, _ENTRIES[name]
+    changes: dict[str, Any] = {name: finish}
+    replace(mount, **changes)
+    changes[name] = start
+    return name, _ENTRIES[name], replace(mount, **changes)
 
 
 def _plan(varies: str, start: float, finish: float, planned: Any, stability: bool) -> Plan:

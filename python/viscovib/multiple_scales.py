@@ -103,8 +103,8 @@ class MultipleScales:
         self.ordering = _native.choice("ordering", ordering, _ORDERINGS)
         if not isinstance(system, Pendulum | Oscillator | CubicSystem):
             raise InputError(
-                f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a PolynomialSystem "
-                "or a CubicSystem"
+                f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a "
+                "PolynomialSystem or a CubicSystem"
             )
         if not isinstance(system, Oscillator) and not (load is None and nu is None):
             raise InputError(
@@ -339,7 +339,7 @@ class MultipleScales:
         silent = n_loads - int(np.any(self._loads != 0, axis=0).sum())
         if silent:
             lines.append(f"skips: {silent} of {n_loads} loads (amplitude 0)")
-        if not isinstance(self.system, Mount) or not self.system._active_kernels:
+        if not isinstance(self.system, Oscillator) or not self.system._active_kernels:
             lines.append("skips: kernel transforms (no memory)")
         return Plan("\n".join(lines))
 

@@ -8,15 +8,14 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.backbone import Backbone, BackbonePoint
+from viscovib.branch import MAX_SPECIAL, OUTCOMES
 from viscovib.driven import check_size
-from viscovib.driven_branch import OUTCOMES
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.pendulum import Pendulum
+from viscovib.plan import Plan
 from viscovib.stability import floquet
 from viscovib.torus import IntArray, check_pendulum, tail
 
-#: Folds, or branch points, reported at most.
-_MAX_SPECIAL = 200
 #: Multipliers of free motions come in pairs about the circle; they are known to the root of
 #: rounding where two of them meet.
 _BEYOND = 1 + 1e-6
@@ -143,14 +142,14 @@ def pendulum_backbone(
         core.pendulum_backbone, cancel, free._flat, kept, unit,
         place + 1 if varies == "amplitude" else 0, multiple, start, finish, wanted, points, step,
         int(bool(stability)), int(leave is not None), begin.ravel(), begin_nu, begin_p, along,
-        _MAX_SPECIAL, cancel,
+        MAX_SPECIAL, cancel,
     )  # fmt: skip
     if not count:
         raise InputError(
             f"{varies}_range: no solution was found at its beginning {start:g}: begin lower"
         )
     coefficients = _coefficients(x[:, :count])
-    left_out = tail(coefficients, np.arange(highest + 1)[:, np.newaxis])
+    left_out = tail(coefficients, np.arange(highest + 1, dtype=np.int32)[:, np.newaxis])
     if left_out.max() > _COARSE:
         warnings.warn(
             f"harmonics = {highest // multiple}: leave an estimated relative error of "
@@ -186,6 +185,13 @@ def pendulum_backbone(
         ),
         multipliers=multipliers,
         stable=stable,
+        plan=Plan(
+            f"computes: free motions of mode {j} from {varies} {start:g} to {finish:g}, "
+            f"{int(kept.sum())} cosines\n"
+            "skips: damping and loads (free motions of the system without losses)\n"
+            "skips: sines (motions that begin at rest are even in time)\n"
+            + ("computes: Floquet multipliers" if stability else "skips: stability (not asked for)")
+        ),
     )
 
 
@@ -214,7 +220,8 @@ def _kept(pend: Pendulum, mode: int, highest: int, multiple: int, symmetric: boo
 
 def _coefficients(cosines: FloatArray) -> ComplexArray:
     """X_k from cosines, shape (3 n_orders, n) to (n, 3, n_orders)."""
-    return 1j * np.ascontiguousarray(cosines.T).reshape(cosines.shape[1], 3, -1)
+    whole = np.ascontiguousarray(cosines.T).reshape(cosines.shape[1], 3, -1)
+    return np.asarray(1j * whole, dtype=np.complex128)
 
 
 def _departure(leave: object, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:

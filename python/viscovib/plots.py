@@ -153,8 +153,8 @@ def plot_branch(
     """Draw amplitude along a branch, one panel a coordinate.
 
     Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey.
-    Folds, branch points and other changes of stability are marked. ``harmonic`` may be a mapping from
-    coordinates.
+    Folds, branch points and other changes of stability are marked. ``harmonic`` may be a mapping
+    from coordinates.
     """
     _native.check_instance("branch", branch, Branch, DrivenBranch)
     names = branch.dof_names
@@ -506,11 +506,11 @@ def save_picture(
     else:
         names = result.dof_names
         # Harmonic 1, or the lowest there is.
-        orders = result.harmonics[result.harmonics > 0]
-        if not orders.size:
+        there = result.harmonics[result.harmonics > 0]
+        if not there.size:
             raise InputError("response: holds a mean only, which has no amplitude curve")
         figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
         FigureCanvasAgg(figure)
-        plot_response(result, figure.subplots(len(names), 1, sharex=True), harmonic=int(orders[0]))
+        plot_response(result, figure.subplots(len(names), 1, sharex=True), harmonic=int(there[0]))
     with whole_file(path, "wb") as file:
         figure.savefig(file, dpi=200, format=Path(path).suffix.lstrip(".") or "png")

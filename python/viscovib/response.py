@@ -389,8 +389,8 @@ def _stability_of(
     parts: list[tuple[Any, ...]], solved: npt.NDArray[np.bool_]
 ) -> dict[str, npt.NDArray[Any]]:
     """Stability of all motions, of which some may not have been found."""
-    (part,) = parts
-    return Stability.of(*part[5:8], solved)._asdict()
+    ((stable, multipliers, exponents),) = (part[5:8] for part in parts)
+    return Stability.of(stable, multipliers, exponents, solved)._asdict()
 
 
 def _with_enough_harmonics(

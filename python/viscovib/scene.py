@@ -355,7 +355,7 @@ class SceneResult:
         """Write the table, of the coordinates that the scene wants."""
         if isinstance(self.value, xr.Dataset):
             raise InputError("to_csv: is for single results, a sweep has points")
-        if isinstance(self.value, ScalesResponse):
+        if isinstance(self.value, (ScalesResponse, DrivenBranch)):
             self.value.to_csv(os.fspath(path))
             return
         group = self.scene.groups[self.kind]

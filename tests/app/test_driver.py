@@ -60,7 +60,7 @@ def test_branches_of_driver_and_python_agree(solve, tmp_path):
     assert solve(silent, "--out", tmp_path).returncode == 0
     assert "stable" not in read_csv(tmp_path / "silent_branch.csv").dtype.names
     assert vv.run(silent).branch.stable is None
-    assert vv.plan(silent).splitlines() == solve(silent, "--plan").stdout.splitlines()
+    assert str(vv.plan(silent)).splitlines() == solve(silent, "--plan").stdout.splitlines()
 
 
 @pytest.mark.parametrize("memory", [False, True])
@@ -77,8 +77,8 @@ def test_stability_of_a_response_in_driver_and_python(solve, tmp_path, memory):
     assert done.returncode == 0, done.stderr
     table = read_csv(tmp_path / "judged_response.csv")
     r = vv.run(scene).response
-    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
-    assert "computes: stability of each motion" in vv.plan(scene)
+    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    assert "computes: stability of each motion" in str(vv.plan(scene))
     if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
         assert (table["stable"] == r.stable).all()
         assert {0, 1} <= set(table["stable"].tolist())
