@@ -14,6 +14,7 @@ import combined
 import kernel_transforms
 import memory
 import motion
+import orders
 import response_curve
 import steady
 from combined import draw_methods
@@ -21,7 +22,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from timing import machine, show_time, versions
 
-PARTS = ("kernels", "response", "branch", "steady", "motion", "memory")
+PARTS = ("kernels", "response", "orders", "branch", "steady", "motion", "memory")
 Row = dict[str, Any]
 
 
@@ -124,6 +125,24 @@ def of_response(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     ], {}
 
 
+def of_orders(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
+    """Orders chosen at each frequency."""
+    rows = orders.run()
+    write_csv(out / "orders.csv", rows)
+    lines = [
+        "",
+        "| Newton response of 500 frequencies | tolerance | error | orders, median and most "
+        "| a point | orders for all as accurate | a point | times ours |",
+        "| --- |" + " --- |" * 7,
+    ]
+    return lines + [
+        f"| {row['system']} | {row['tolerance']:.0e} | {row['error']:.1e} | {row['median']:g}, "
+        f"{row['most']} | {show_time(row['seconds_a_point'])} | {row['fixed']} | "
+        f"{show_time(row['fixed_seconds_a_point'])} | {row['ratio']:.1f} |"
+        for row in rows
+    ], {}
+
+
 def of_branch(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     """Branch of the mount through its folds, with the peers."""
     rows, others = branch.run()
@@ -221,7 +240,7 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     lines, problems = [machine(), "", versions()], {}
     print("\n".join(lines))
-    jobs = (of_kernels, of_response, of_branch, of_steady, of_motion, of_memory)
+    jobs = (of_kernels, of_response, of_orders, of_branch, of_steady, of_motion, of_memory)
     for name, job in zip(PARTS, jobs, strict=True):
         if name in options.only:
             more, found = job(out)

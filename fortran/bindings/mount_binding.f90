@@ -51,7 +51,7 @@ subroutine mount_dynamic_stiffness(mount, kind_x, data_x, n_x, kind_phi, data_ph
   call report(outcome, status, message)
 end subroutine mount_dynamic_stiffness
 
-!> What `mount_response` will do: the orders it keeps and the plan in words.
+!> What `mount_response` will do: the orders it keeps, or may keep, and the plan in words.
 subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                       series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
                       max_iterations, relaxation, keep_history, n_kept, kept, half_wave, &
@@ -76,6 +76,7 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   type(load_type) :: load
   type(response_plan_type) :: plan
   type(status_type) :: outcome
+  integer :: k
 
   n_kept = 0
   kept = 0
@@ -91,6 +92,8 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
                                         keep_history), outcome)
   end if
   if (.not. outcome%failed()) then
+    if (plan%chosen) plan%set%orders = [(k, k=merge(1, 0, plan%set%half_wave), plan%most, &
+                                         merge(2, 1, plan%set%half_wave))]
     n_kept = size(plan%set%orders)
     kept(:n_kept) = plan%set%orders
     half_wave = merge(1, 0, plan%set%half_wave)
@@ -105,8 +108,9 @@ end subroutine mount_plan
 !! `series` (forces on the coordinates, then motion of the base) belongs to orders(j).
 subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                           series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
-                          max_iterations, relaxation, n_history, n_kept, cancel, coefficients, &
-                          outcomes, iterations, rate, corrections, status, message)
+                          max_iterations, relaxation, n_history, coefficients, n_numbers, &
+                          cancel, n_kept, outcomes, iterations, rate, highest, truncation, &
+                          corrections, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_forced_response, only: forced_response
@@ -118,17 +122,19 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series, n
   integer(c_int), intent(in) :: orders(n_series), method, harmonics, max_iterations
-  !> Rows of `corrections` (0: history not kept) and orders kept, both as the
-  !! plan says.
-  integer(c_int), intent(in) :: n_history, n_kept
+  !> Rows of `corrections` (0: history not kept), as the plan says.
+  integer(c_int), intent(in) :: n_history
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu(n)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(in) :: tolerance, relaxation
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
-  complex(c_double_complex), intent(out) :: coefficients(n_kept, n_rows - 1, n)
-  integer(c_int), intent(out) :: outcomes(n), iterations(n)
-  real(c_double), intent(out) :: rate(n), corrections(n_history, n)
+  integer(c_int), intent(in) :: n_numbers
+  !> Room for all orders that the plan allows; an array of shape (n_kept, n_rows - 1, n)
+  !! on return, the rest left alone.
+  complex(c_double_complex), intent(inout) :: coefficients(n_numbers)
+  integer(c_int), intent(out) :: n_kept, outcomes(n), iterations(n), highest(n)
+  real(c_double), intent(out) :: rate(n), truncation(n), corrections(n_history, n)
   integer(c_int), intent(out) :: status
   character(len=512), intent(out) :: message
   !f2py threadsafe
@@ -137,7 +143,9 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   type(response_plan_type) :: plan
   type(response_type) :: response
   type(status_type) :: outcome
+  integer :: i, d, first
 
+  n_kept = 0
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
@@ -147,8 +155,20 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   end if
   if (.not. outcome%failed()) then
     call forced_response(plan, system, load, nu, response, cancel(1))
-    coefficients = response%coefficients
+  end if
+  ! Nobody waits for what was given up.
+  if (.not. outcome%failed() .and. cancel(1) == 0) then
+    n_kept = size(response%orders)
+    first = 1
+    do i = 1, n
+      do d = 1, n_rows - 1
+        coefficients(first:first + n_kept - 1) = response%coefficients(:, d, i)
+        first = first + n_kept
+      end do
+    end do
     outcomes = response%outcome
+    highest = response%highest
+    truncation = response%truncation
     iterations = response%iterations
     rate = response%rate
     if (size(response%corrections, 1) == n_history) corrections = response%corrections

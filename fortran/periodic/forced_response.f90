@@ -1,10 +1,13 @@
 !> Forced response of any oscillator, as planned.
 module viscovib_forced_response
+  use viscovib_balance_ladder, only: balance_ladder_type, lowest_order, new_ladder, one_rung
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
   use viscovib_linear_response, only: linear_response
   use viscovib_load, only: load_type
   use viscovib_newton_response, only: newton_response
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_type
   use viscovib_response_plan, only: method_newton, method_successive, response_plan_type
   use viscovib_successive, only: successive_response
@@ -12,6 +15,9 @@ module viscovib_forced_response
   private
 
   public :: forced_response
+
+  !> Highest order to begin with where all frequencies have the same.
+  integer, parameter :: first_harmonics = 9
 
 contains
 
@@ -28,15 +34,53 @@ contains
     !> May be set from elsewhere to give up; only Newton's method, which takes all
     !! frequencies in one piece, looks at it.
     integer, intent(inout), volatile, optional :: cancel
+    type(balance_ladder_type) :: ladder
 
     select case (plan%method)
     case (method_successive)
-      call successive_response(system, load, nu, plan%set, plan%options, response)
+      if (plan%chosen) then
+        call with_enough_harmonics(plan, system, load, nu, response)
+      else
+        call successive_response(system, load, nu, plan%set, plan%options, response)
+        call response%judge_by_decay()
+      end if
     case (method_newton)
-      call newton_response(system, load, nu, plan%set, plan%options, response, cancel)
+      if (plan%chosen) then
+        call new_ladder(ladder, system, load, plan%set%half_wave, plan%most)
+      else
+        call one_rung(ladder, system, plan%set)
+      end if
+      call newton_response(system, load, nu, ladder, plan%options, response, cancel)
     case default
       call linear_response(system, load, nu, response)
     end select
   end subroutine forced_response
+
+  !> Successive approximations, which take many frequencies at once: all have as many
+  !! harmonics as the one that needs most.
+  subroutine with_enough_harmonics(plan, system, load, nu, response)
+    type(response_plan_type), intent(in) :: plan
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu(:)
+    type(response_type), intent(out) :: response
+    type(harmonic_set_type) :: set
+    real(wp) :: worst, fall
+    integer :: highest
+
+    highest = max(first_harmonics, 2*lowest_order(load) + 1)
+    do
+      highest = min(highest, plan%most)
+      call new_harmonic_set(set, highest, plan%set%half_wave, system%degree)
+      call successive_response(system, load, nu, set, plan%options, response)
+      call response%judge_by_decay()
+      worst = maxval(response%truncation, mask=response%outcome == outcome_converged)
+      if (worst <= plan%options%tolerance .or. highest == plan%most) return
+      ! Orders fall off geometrically: go on as far as that suggests, and a little more.
+      fall = log(plan%options%tolerance)/log(max(min(worst, 0.5_wp), tiny(1.0_wp)))
+      highest = max(highest + 4, ceiling(1.1_wp*highest*min(fall, 2.0_wp)))
+      highest = ior(min(highest, 2*set%orders(size(set%orders)) + 1), 1)
+    end do
+  end subroutine with_enough_harmonics
 
 end module viscovib_forced_response

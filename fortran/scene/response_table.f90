@@ -46,14 +46,16 @@ contains
 
     call table%add_comments(header)
     call table%add_line('# nu: circular frequency of the load (rad/s); rate: factor between the ' &
-                        //'last corrections; u = Im sum_k X_k exp(i k nu t),')
+                        //'last corrections; highest: order kept; truncation: estimated relative ' &
+                        //'error of leaving out higher orders; ' &
+                        //'u = Im sum_k X_k exp(i k nu t),')
     names = '# '
     do d = 1, size(coordinates)
       order = trim(coordinates(d))
       names = names//order//'_k_re, '//order//'_k_im: X_k of '//order//' ('//trim(units(d))//'); '
     end do
     call table%add_line(names//'nan where no solution was found')
-    names = 'nu,outcome,iterations,rate'
+    names = 'nu,outcome,iterations,rate,highest,truncation'
     do d = 1, size(response%coefficients, 2)
       do k = 1, size(response%orders)
         order = trim(coordinates(d))//'_'//show(response%orders(k))
@@ -71,7 +73,8 @@ contains
     integer :: d, k
 
     row = number(response%nu(i))//','//trim(outcome_names(response%outcome(i)))//',' &
-          //show(response%iterations(i))//','//number(response%rate(i))
+          //show(response%iterations(i))//','//number(response%rate(i))//',' &
+          //show(response%highest(i))//','//number(response%truncation(i))
     do d = 1, size(response%coefficients, 2)
       do k = 1, size(response%orders)
         row = row//','//number(real(response%coefficients(k, d, i))) &

@@ -476,7 +476,8 @@ contains
 
     call reader%start(file%path, file%groups(place_of(file, 'response')))
     word = reader%read_text('method', 'successive', method_names, scene%method)
-    scene%options%harmonics = reader%read_integer('harmonics', scene%options%harmonics)
+    call reader%read_count('harmonics', scene%options%harmonics, 'auto', &
+                           scene%options%choose_harmonics)
     scene%options%tolerance = reader%read_real('tolerance', scene%options%tolerance)
     scene%options%max_iterations = reader%read_integer('max_iterations', &
                                                        scene%options%max_iterations)

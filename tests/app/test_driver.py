@@ -68,6 +68,35 @@ def test_driver_and_python_agree_to_the_last_bit(solve, tmp_path, name):
         assert read_csv(tmp_path / "python.csv").dtype.names == table.dtype.names
 
 
+@pytest.mark.parametrize("method", ["newton", "successive"])
+def test_orders_are_chosen_in_scenes(solve, tmp_path, method):
+    scene = tmp_path / "orders.nml"
+    scene.write_text(GOOD.replace("&response ", f"&response method='{method}', harmonics='auto', "))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert vv.plan(scene).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    table = read_csv(tmp_path / "orders_response.csv")
+    assert (table["truncation"] <= 1e-10).all()
+    if method == "newton":
+        assert table["highest"].min() < table["highest"].max()
+    r = vv.run(scene).response
+    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
+        assert (table["highest"] == r.highest).all()
+        assert (table["truncation"] == r.truncation).all()
+        assert (table["phi_3_re"] == r.coefficient("phi", 3).real).all()
+    r.to_csv(tmp_path / "python.csv")
+    assert read_csv(tmp_path / "python.csv").dtype.names == table.dtype.names
+    if method == "newton":
+        scene.write_text(
+            "&system coordinates='x', mass=1, stiffness=1, damping=0.05 /\n"
+            "&force law='x^3' /\n&load amplitude=30 /\n"
+            "&response method='newton', harmonics='auto', nu=0.002, tolerance=1e-12 /\n"
+        )
+        done = solve(scene, "--out", tmp_path)
+        assert done.returncode == 1
+        assert "1 of 1 frequencies solved, 1 with too few harmonics" in done.stdout
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -395,6 +424,11 @@ BAD_SCENES = {
     "grid without end": (GOOD.replace("count=8", "count=100000000"), 4, "must be 2 to 1000000"),
     "tolerance": (GOOD.replace("nu_count=8", "nu_count=8,\ntolerance=0"), 5, "tolerance = 0"),
     "harmonics": (GOOD.replace("nu_count=8", "nu_count=8,\nharmonics=200"), 5, "must be 1 to 199"),
+    "harmonics in words": (
+        GOOD.replace("nu_count=8", "nu_count=8,\nharmonics='many'"),
+        5,
+        "harmonics = 'many': must be one of 'auto'",
+    ),
     "iterations": (GOOD.replace("nu_count=8", "nu_count=8, max_iterations=0"), 4, "must be 1 to"),
     "relaxation": (GOOD.replace("nu_count=8", "nu_count=8, relaxation=2"), 4, "must be in (0, 1]"),
     "too few harmonics": (GOOD.replace("&load", "&load order=11,"), 4, "must be at least 11"),
