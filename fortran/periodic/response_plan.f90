@@ -155,8 +155,8 @@ contains
     n_kernels = count([(any(system%kernel_of == i), i=1, size(system%kernels))])
     if (plan%chosen) then
       call plan%say('computes: '//trim(method_names(plan%method))//' response at '//show(n_nu) &
-                    //' frequencies, harmonics up to '//show(plan%most)//' as the tolerance needs ' &
-                    //'them'//trim(merge(' at each', '        ', plan%method == method_newton)))
+                    //' frequencies, harmonics up to '//show(plan%most)//' as the tolerance ' &
+                    //'needs them'//trim(merge(' at each', '        ', plan%method == method_newton)))
     else
       call plan%say('computes: '//trim(method_names(plan%method))//' response at '//show(n_nu) &
                     //' frequencies, '//show(size(plan%set%orders))//' harmonics a coordinate')
