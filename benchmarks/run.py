@@ -18,6 +18,7 @@ import kernel_transforms
 import memory
 import motion
 import multiple_scales
+import orders
 import peaks
 import phases
 import response_curve
@@ -119,6 +120,24 @@ def of_response(out: Path) -> Part:
         f"| {row['job']} | {show_time(row['seconds'])} | "
         f"{show_time(row['target']) if row['target'] else ''} |"
         for row in jobs
+    ], {}
+
+
+def of_orders(out: Path) -> Part:
+    """Orders chosen at each frequency."""
+    rows = orders.run()
+    write_csv(out / "orders.csv", rows)
+    lines = [
+        "",
+        "| Newton response of 500 frequencies | tolerance | error | orders, median and most "
+        "| a point | orders for all as accurate | a point | times ours |",
+        "| --- |" + " --- |" * 7,
+    ]
+    return lines + [
+        f"| {row['system']} | {row['tolerance']:.0e} | {row['error']:.1e} | {row['median']:g}, "
+        f"{row['most']} | {show_time(row['seconds_a_point'])} | {row['fixed']} | "
+        f"{show_time(row['fixed_seconds_a_point'])} | {row['ratio']:.1f} |"
+        for row in rows
     ], {}
 
 
@@ -295,6 +314,7 @@ def of_skips(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
 PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "kernels": (of_kernels, 300),
     "response": (of_response, 600),
+    "orders": (of_orders, 600),
     "branch": (of_branch, 1200),
     "steady": (of_steady, 600),
     "motion": (of_motion, 1200),

@@ -136,12 +136,14 @@ contains
     call new_load(load, n, orders, series(:n, :), series(n + 1, :), status)
   end subroutine make_load
 
+  !> 0 harmonics: chosen on the way.
   pure function make_options(harmonics, tolerance, max_iterations, relaxation, keep_history) &
     result(options)
     integer, intent(in) :: harmonics, max_iterations, keep_history
     real(wp), intent(in) :: tolerance, relaxation
     type(response_options) :: options
     options%harmonics = harmonics
+    options%choose_harmonics = harmonics == 0
     options%tolerance = tolerance
     options%max_iterations = max_iterations
     options%relaxation = relaxation

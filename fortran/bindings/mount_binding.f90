@@ -51,7 +51,7 @@ subroutine mount_dynamic_stiffness(mount, kind_x, data_x, n_x, kind_phi, data_ph
   call report(outcome, status, message)
 end subroutine mount_dynamic_stiffness
 
-!> What `mount_response` will do: the orders it keeps and the plan in words.
+!> What `mount_response` will do: the orders it keeps, or may keep, and the plan in words.
 subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                       series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
                       max_iterations, relaxation, keep_history, with_stability, keep_idle, &
@@ -80,6 +80,7 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   type(response_plan_type) :: plan
   type(response_options) :: options
   type(status_type) :: outcome
+  integer :: k
 
   n_kept = 0
   kept = 0
@@ -97,6 +98,8 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
     call new_response_plan(plan, system, load, nu, method, options, outcome)
   end if
   if (.not. outcome%failed()) then
+    if (plan%chosen) plan%set%orders = [(k, k=merge(1, 0, plan%set%half_wave), plan%most, &
+                                         merge(2, 1, plan%set%half_wave))]
     n_kept = size(plan%set%orders)
     kept(:n_kept) = plan%set%orders
     half_wave = merge(1, 0, plan%set%half_wave)
@@ -112,9 +115,9 @@ end subroutine mount_plan
 !! `series` (forces on the coordinates, then motion of the base) belongs to orders(j).
 subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                           series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
-                          max_iterations, relaxation, n_history, n_kept, n_judged, cancel, &
-                          coefficients, outcomes, iterations, rate, corrections, stable, &
-                          multipliers, exponents, status, message)
+                          max_iterations, relaxation, n_history, n_judged, coefficients, &
+                          n_numbers, cancel, n_kept, outcomes, iterations, rate, highest, &
+                          truncation, corrections, stable, multipliers, exponents, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report
   use viscovib_forced_response, only: forced_response
@@ -126,9 +129,8 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series, n
   integer(c_int), intent(in) :: orders(n_series), method, harmonics, max_iterations
-  !> Rows of `corrections` (0: history not kept) and orders kept, both as the
-  !! plan says.
-  integer(c_int), intent(in) :: n_history, n_kept
+  !> Rows of `corrections` (0: history not kept), as the plan says.
+  integer(c_int), intent(in) :: n_history
   !> n: judge stability; 0: do not.
   integer(c_int), intent(in) :: n_judged
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu(n)
@@ -136,9 +138,12 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   real(c_double), intent(in) :: tolerance, relaxation
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
-  complex(c_double_complex), intent(out) :: coefficients(n_kept, n_rows - 1, n)
-  integer(c_int), intent(out) :: outcomes(n), iterations(n)
-  real(c_double), intent(out) :: rate(n), corrections(n_history, n)
+  integer(c_int), intent(in) :: n_numbers
+  !> Room for all orders that the plan allows; an array of shape (n_kept, n_rows - 1, n)
+  !! on return, the rest left alone.
+  complex(c_double_complex), intent(inout) :: coefficients(n_numbers)
+  integer(c_int), intent(out) :: n_kept, outcomes(n), iterations(n), highest(n)
+  real(c_double), intent(out) :: rate(n), truncation(n), corrections(n_history, n)
   !> As in `stability_type`, NaN where there are none.
   integer(c_int), intent(out) :: stable(n_judged)
   complex(c_double_complex), intent(out) :: multipliers(2*n_rows + 2, n_judged)
@@ -152,7 +157,9 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   type(response_options) :: options
   type(response_type) :: response
   type(status_type) :: outcome
+  integer :: i, d, first
 
+  n_kept = 0
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
@@ -162,8 +169,20 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   end if
   if (.not. outcome%failed()) then
     call forced_response(plan, system, load, nu, response, cancel(1))
-    coefficients = response%coefficients
+  end if
+  ! Nobody waits for what was given up.
+  if (.not. outcome%failed() .and. cancel(1) == 0) then
+    n_kept = size(response%orders)
+    first = 1
+    do i = 1, n
+      do d = 1, n_rows - 1
+        coefficients(first:first + n_kept - 1) = response%coefficients(:, d, i)
+        first = first + n_kept
+      end do
+    end do
     outcomes = response%outcome
+    highest = response%highest
+    truncation = response%truncation
     iterations = response%iterations
     rate = response%rate
     if (size(response%corrections, 1) == n_history) corrections = response%corrections

@@ -42,3 +42,15 @@ subroutine fit_sums(signal, n, lines, n_lines, mean, n_free, n_columns, matrix, 
   call line_sums(signal, lines(1, :), lines(2, :), lines(3, :), mean, n_free, matrix, right, &
                  total)
 end subroutine fit_sums
+
+!> What lines leave of a signal.
+subroutine fit_residual(signal, n, lines, n_lines, mean, residual)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_line_fit, only: line_residual
+  implicit none
+  integer(c_int), intent(in) :: n, n_lines
+  real(c_double), intent(in) :: signal(n), lines(3, n_lines), mean
+  real(c_double), intent(out) :: residual(n)
+  !f2py threadsafe
+  call line_residual(signal, lines(1, :), lines(2, :), lines(3, :), mean, residual)
+end subroutine fit_residual

@@ -1,11 +1,14 @@
 !> Forced response of any oscillator, as planned.
 module viscovib_forced_response
+  use viscovib_balance_ladder, only: balance_ladder_type, lowest_order, new_ladder, one_rung
   use viscovib_counters, only: count_up, counted_idle, counting
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
   use viscovib_linear_response, only: linear_response
   use viscovib_load, only: load_type
   use viscovib_newton_response, only: newton_response
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_outcomes, only: outcome_converged
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce
   use viscovib_response, only: response_type
@@ -15,6 +18,9 @@ module viscovib_forced_response
   private
 
   public :: forced_response
+
+  !> Highest order to begin with where all frequencies have the same.
+  integer, parameter :: first_harmonics = 9
 
 contains
 
@@ -53,17 +59,55 @@ contains
     real(wp), intent(in) :: nu(:)
     type(response_type), intent(out) :: response
     integer, intent(inout), volatile, optional :: cancel
+    type(balance_ladder_type) :: ladder
 
     if (counting) call count_up(counted_idle, size(plan%set%orders)*size(nu)*count( &
                                 .not. moved_coordinates(system, load%drives(system))))
     select case (plan%method)
     case (method_successive)
-      call successive_response(system, load, nu, plan%set, plan%options, response)
+      if (plan%chosen) then
+        call with_enough_harmonics(plan, system, load, nu, response)
+      else
+        call successive_response(system, load, nu, plan%set, plan%options, response)
+        call response%judge_by_decay()
+      end if
     case (method_newton)
-      call newton_response(system, load, nu, plan%set, plan%options, response, cancel)
+      if (plan%chosen) then
+        call new_ladder(ladder, system, load, plan%set%half_wave, plan%most)
+      else
+        call one_rung(ladder, system, plan%set)
+      end if
+      call newton_response(system, load, nu, ladder, plan%options, response, cancel)
     case default
       call linear_response(system, load, nu, response)
     end select
   end subroutine whole_response
+
+  !> Successive approximations, which take many frequencies at once: all have as many
+  !! harmonics as the one that needs most.
+  subroutine with_enough_harmonics(plan, system, load, nu, response)
+    type(response_plan_type), intent(in) :: plan
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu(:)
+    type(response_type), intent(out) :: response
+    type(harmonic_set_type) :: set
+    real(wp) :: worst, fall
+    integer :: highest
+
+    highest = max(first_harmonics, 2*lowest_order(load) + 1)
+    do
+      highest = min(highest, plan%most)
+      call new_harmonic_set(set, highest, plan%set%half_wave, system%degree)
+      call successive_response(system, load, nu, set, plan%options, response)
+      call response%judge_by_decay()
+      worst = maxval(response%truncation, mask=response%outcome == outcome_converged)
+      if (worst <= plan%options%tolerance .or. highest == plan%most) return
+      ! Orders fall off geometrically: go on as far as that suggests, and a little more.
+      fall = log(plan%options%tolerance)/log(max(min(worst, 0.5_wp), tiny(1.0_wp)))
+      highest = max(highest + 4, ceiling(1.1_wp*highest*min(fall, 2.0_wp)))
+      highest = ior(min(highest, 2*set%orders(size(set%orders)) + 1), 1)
+    end do
+  end subroutine with_enough_harmonics
 
 end module viscovib_forced_response

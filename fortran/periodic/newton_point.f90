@@ -13,7 +13,13 @@ module viscovib_newton_point
   implicit none
   private
 
-  public :: newton_point, point_from_rest, weighted_norm
+  public :: newton_factors, newton_point, point_from_rest, weighted_norm
+
+  !> Factors of the derivatives in the last iteration, as `factorize` leaves them.
+  type :: newton_factors
+    real(wp), allocatable :: lu(:, :)
+    integer, allocatable :: pivots(:)
+  end type newton_factors
 
   !> Newton either settles within a few iterations or not at all.
   integer, parameter :: max_iterations = 25
@@ -26,7 +32,7 @@ contains
 
   !> Solve at the frequency and load that `balance` is set to, from x on; x is left
   !! as it was found unless the outcome is converged.
-  subroutine newton_point(balance, system, tolerance, x, outcome, iterations)
+  subroutine newton_point(balance, system, tolerance, x, outcome, iterations, factors)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system
     !> Relative size of the last correction, in the norm of `weighted_norm`.
@@ -36,6 +42,8 @@ contains
     integer, intent(out) :: outcome
     !> Added to.
     integer, intent(inout) :: iterations
+    !> Left alone unless the outcome is converged.
+    type(newton_factors), intent(inout), optional :: factors
     real(wp) :: new(size(x, 1), size(x, 2)), step(size(x, 1), size(x, 2))
     real(wp) :: jacobian(size(x), size(x))
     real(wp) :: change, smallest, norm
@@ -66,6 +74,10 @@ contains
       if (change <= tolerance*norm) then
         outcome = outcome_converged
         x = new
+        if (present(factors)) then
+          factors%lu = jacobian
+          factors%pivots = pivots
+        end if
         return
       end if
       if (change > growth_limit*smallest) then
@@ -78,7 +90,8 @@ contains
 
   !> Solve from the linear response, or, where that is too far away, by following
   !! the branch from no load to the whole, through folds if need be.
-  subroutine point_from_rest(balance, system, load, tolerance, x, outcome, iterations, cancel)
+  subroutine point_from_rest(balance, system, load, tolerance, x, outcome, iterations, cancel, &
+                             factors)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -88,12 +101,13 @@ contains
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile, optional :: cancel
+    type(newton_factors), intent(inout), optional :: factors
     type(oscillator_curve_type) :: curve
     type(curve_branch_type) :: branch
     integer :: direct
 
     x = 0.0_wp
-    call newton_point(balance, system, tolerance, x, outcome, iterations)
+    call newton_point(balance, system, tolerance, x, outcome, iterations, factors)
     direct = outcome
     if (outcome == outcome_converged .or. size(load%orders) == 0) return
     call new_oscillator_curve(curve, system, load, balance%set, vary_load)
@@ -108,7 +122,7 @@ contains
       return
     end if
     x = reshape(branch%x(:, branch%n_points), shape(x))
-    call newton_point(balance, system, tolerance, x, outcome, iterations)
+    call newton_point(balance, system, tolerance, x, outcome, iterations, factors)
   end subroutine point_from_rest
 
   !> Largest of sqrt(M_dd) (|Re X| + |Im X|), so that metres and radians weigh by

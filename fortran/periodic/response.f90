@@ -13,8 +13,9 @@ module viscovib_response
   public :: response_options, response_type
 
   type :: response_options
-    !> Highest harmonic kept by a nonlinear response.
+    !> Highest harmonic kept by a nonlinear response; or as many as the tolerance needs.
     integer :: harmonics = 9
+    logical :: choose_harmonics = .false.
     !> Wanted relative error of the iteration, in the norm of `successive`.
     real(wp) :: tolerance = 1.0e-10_wp
     integer :: max_iterations = 200
@@ -42,6 +43,10 @@ module viscovib_response
     !! the last corrections shrank an iteration, shape (n).
     integer, allocatable :: outcome(:), iterations(:)
     real(wp), allocatable :: rate(:)
+    !> Highest order kept (0 where no solution was found; coefficients beyond it are 0),
+    !! and the estimated relative error of leaving out those above, shape (n).
+    integer, allocatable :: highest(:)
+    real(wp), allocatable :: truncation(:)
     !> Relative size of each correction, shape (0 or max_iterations, n); NaN
     !! past the last.
     real(wp), allocatable :: corrections(:, :)
@@ -50,6 +55,8 @@ module viscovib_response
   contains
     procedure :: allocate_for
     procedure :: discard
+    procedure :: widen
+    procedure :: judge_by_decay
     procedure :: add_base_motion
     procedure :: spread_out
   end type response_type
@@ -67,6 +74,8 @@ contains
     allocate (self%outcome(size(nu)), source=outcome_converged)
     allocate (self%iterations(size(nu)), source=0)
     allocate (self%rate(size(nu)), source=0.0_wp)
+    allocate (self%truncation(size(nu)), source=0.0_wp)
+    allocate (self%highest(size(nu)), source=max(0, maxval(orders)))
     allocate (self%corrections(n_history, size(nu)))
     self%corrections = ieee_value(0.0_wp, ieee_quiet_nan)
   end subroutine allocate_for
@@ -78,8 +87,52 @@ contains
     real(wp) :: nan
     nan = ieee_value(nan, ieee_quiet_nan)
     self%outcome(i) = outcome
+    self%highest(i) = 0
+    self%truncation(i) = nan
     self%coefficients(:, :, i) = cmplx(nan, nan, wp)
   end subroutine discard
+
+  !> Room for more orders, those here being the first of them.
+  subroutine widen(self, orders)
+    class(response_type), intent(inout) :: self
+    integer, intent(in) :: orders(:)
+    complex(wp), allocatable :: wider(:, :, :)
+    integer :: i, m
+
+    m = size(self%orders)
+    allocate (wider(size(orders), size(self%coefficients, 2), size(self%nu)), &
+              source=(0.0_wp, 0.0_wp))
+    wider(:m, :, :) = self%coefficients
+    do i = 1, size(self%nu)
+      ! No number where no solution is.
+      if (self%outcome(i) /= outcome_converged) wider(m + 1:, :, i) = self%coefficients(1, 1, i)
+    end do
+    call move_alloc(wider, self%coefficients)
+    self%orders = orders
+  end subroutine widen
+
+  !> The truncation as the largest of the two highest orders against the largest of all,
+  !! the worse of the coordinates; 0 if there are fewer than three.
+  subroutine judge_by_decay(self)
+    class(response_type), intent(inout) :: self
+    real(wp) :: sizes(size(self%orders)), largest(size(self%coefficients, 2))
+    integer :: i, d, m
+
+    m = size(self%orders)
+    if (m < 3) return
+    do i = 1, size(self%nu)
+      if (self%outcome(i) /= outcome_converged) cycle
+      do d = 1, size(largest)
+        largest(d) = maxval(abs(self%coefficients(:, d, i)))
+      end do
+      ! A coordinate that stands still but for rounding must not tell.
+      largest = max(largest, 1.0e-9_wp*maxval(largest), tiny(1.0_wp))
+      do d = 1, size(largest)
+        sizes = abs(self%coefficients(:, d, i))
+        self%truncation(i) = max(self%truncation(i), maxval(sizes(m - 1:))/largest(d))
+      end do
+    end do
+  end subroutine judge_by_decay
 
   !> From coordinates relative to the base to absolute ones.
   subroutine add_base_motion(self, system, load)

@@ -3,6 +3,7 @@
 !! The plan is made before any work and then followed: what it says is what
 !! runs. It also holds every check of the input that needs the whole job.
 module viscovib_response_plan
+  use viscovib_balance_ladder, only: lowest_order
   use viscovib_checks, only: check_finite, check_positive
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
@@ -31,9 +32,13 @@ module viscovib_response_plan
   type :: response_plan_type
     !> The method that will really run.
     integer :: method = method_linear
-    !> Harmonics kept; for a linear response just those of the load.
+    !> Harmonics kept; for a linear response just those of the load; if they are chosen
+    !! on the way the least that may be.
     type(harmonic_set_type) :: set
     type(response_options) :: options
+    !> Harmonics are chosen on the way, up to the order `most`.
+    logical :: chosen = .false.
+    integer :: most = 0
     !> Coordinates that are computed, shape (n_dof); the others stay at rest.
     logical, allocatable :: moved(:)
     !> Lines `computes: ...` and `skips: ...`, separated by new-line characters; and those
@@ -92,21 +97,22 @@ contains
     type(load_type), intent(in) :: load
     integer, intent(in) :: n_nu, method
     type(status_type), intent(inout) :: status
-    integer :: n
+    integer :: n, highest
 
     plan%method = merge(method_linear, method, system%is_linear())
     if (plan%method == method_linear) then
       plan%set%orders = load%orders
     else
-      if (size(load%orders) > 0) then
-        if (maxval(load%orders) > plan%options%harmonics) then
-          call fail(status, status_input_error, 'harmonics', 'harmonics = ' &
-                    //show(plan%options%harmonics)//': must be at least ' &
-                    //show(maxval(load%orders))//', the highest order of the load')
-          return
-        end if
+      plan%chosen = plan%options%choose_harmonics
+      highest = merge(lowest_order(load), plan%options%harmonics, plan%chosen)
+      plan%most = merge(max_harmonics, highest, plan%chosen)
+      if (lowest_order(load) > plan%most) then
+        call fail(status, status_input_error, 'harmonics', 'harmonics = '//show(plan%most) &
+                  //': must be at least '//show(lowest_order(load)) &
+                  //', the highest order of the load')
+        return
       end if
-      call new_harmonic_set(plan%set, plan%options%harmonics, plan%options%symmetric &
+      call new_harmonic_set(plan%set, highest, plan%options%symmetric &
                             .and. system%odd .and. load%is_odd(), system%degree)
     end if
     if (plan%options%stability .and. plan%method /= method_newton) then
@@ -119,6 +125,12 @@ contains
     call check_mean(plan, system, status)
     if (status%failed()) return
     n = 2*size(plan%set%orders)*system%n_dof()
+    if (plan%method == method_newton .and. plan%chosen) then
+      ! Orders below these fill the unknowns there may be.
+      highest = max_unknowns/(2*system%n_dof())
+      highest = merge(2*highest - 1, highest - 1, plan%set%half_wave)
+      plan%most = max(min(plan%most, highest), plan%set%orders(size(plan%set%orders)))
+    end if
     if (plan%method == method_newton .and. n > max_unknowns) then
       call fail(status, status_input_error, 'harmonics', 'harmonics = ' &
                 //show(plan%options%harmonics)//': makes '//show(n)//' unknowns with ' &
@@ -132,7 +144,8 @@ contains
     type(response_options), intent(in) :: options
     type(status_type), intent(out) :: status
 
-    if (options%harmonics < 1 .or. options%harmonics > max_harmonics) then
+    if ((options%harmonics < 1 .or. options%harmonics > max_harmonics) &
+        .and. .not. options%choose_harmonics) then
       call fail(status, status_input_error, 'harmonics', 'harmonics = '//show(options%harmonics) &
                 //': must be 1 to '//show(max_harmonics)//' (the highest order kept)')
       return
@@ -175,6 +188,7 @@ contains
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     integer, intent(in) :: n_nu, method
+    character(len=:), allocatable :: kept
     integer :: n_kernels, i
 
     plan%rest = ''
@@ -184,13 +198,12 @@ contains
       call plan%say('skips: harmonics that the load lacks (a linear system does not answer ' &
                     //'in them)')
     else
-      if (plan%set%half_wave) then
-        call plan%say('computes: '//show(plan%set%n_samples)//' samples of half a period')
-        call plan%say('skips: even harmonics and half of each period ' &
-                      //'(odd forces, load of odd harmonics)')
-      else
-        call plan%say('computes: '//show(plan%set%n_samples)//' samples of a period')
+      if (.not. plan%chosen) then
+        call plan%say('computes: '//show(plan%set%n_samples)//' samples of ' &
+                      //trim(merge('half a period', 'a period     ', plan%set%half_wave)))
       end if
+      if (plan%set%half_wave) call plan%say('skips: even harmonics and half of each period ' &
+                                            //'(odd forces, load of odd harmonics)')
       if (system%separable) call plan%say('skips: hereditary variables in time ' &
                                           //'(memory acts on each term as a whole)')
     end if
@@ -203,9 +216,11 @@ contains
     if (plan%options%stability) call plan%say('computes: stability of each motion (' &
                                               //trim(merge('exponents  ', 'multipliers', &
                                                            n_kernels > 0))//')')
+    kept = show(size(plan%set%orders))//' harmonics a coordinate'
+    if (plan%chosen) kept = 'harmonics up to '//show(plan%most)//' as the tolerance needs them' &
+                            //trim(merge(' at each', '        ', plan%method == method_newton))
     plan%text = 'computes: '//trim(method_names(plan%method))//' response at '//show(n_nu) &
-                //' frequencies, '//show(size(plan%set%orders))//' harmonics a coordinate' &
-                //new_line('a')//plan%rest
+                //' frequencies, '//kept//new_line('a')//plan%rest
     if (.not. plan%options%keep_history) plan%text = plan%text &
                                                      //'skips: history of corrections (not ' &
                                                      //'asked for)'//new_line('a')

@@ -29,6 +29,7 @@ module viscovib_group_reader
     procedure :: has
     procedure :: read_real
     procedure :: read_integer
+    procedure :: read_count
     procedure :: read_text
     procedure :: read_reals
     procedure :: read_integers
@@ -193,6 +194,26 @@ contains
     end if
     self%echo = self%echo//'  '//key//' = '//show(value)//new_line('a')
   end function read_integer
+
+  !> An integer, or a quoted word instead; then the default, and `other` is true.
+  subroutine read_count(self, key, value, word, other)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: key, word
+    !> Holds the default on entry.
+    integer, intent(inout) :: value
+    logical, intent(out) :: other
+    character(len=:), allocatable :: text
+    integer :: i
+
+    i = self%group%find(key)
+    other = .false.
+    if (i > 0) other = self%group%entries(i)%values(1)%quoted
+    if (other) then
+      text = self%read_text(key, allowed=[word])
+    else
+      value = self%read_integer(key, value)
+    end if
+  end subroutine read_count
 
   !> A quoted word; with `allowed`, its position there is `choice`.
   function read_text(self, key, default, allowed, choice) result(text)

@@ -48,7 +48,9 @@ contains
 
     call table%add_comments(header)
     call table%add_line('# nu: circular frequency of the load (rad/s); rate: factor between the ' &
-                        //'last corrections; u = Im sum_k X_k exp(i k nu t),')
+                        //'last corrections; highest: order kept; truncation: estimated relative ' &
+                        //'error of leaving out higher orders; ' &
+                        //'u = Im sum_k X_k exp(i k nu t),')
     if (allocated(response%stability%stable)) then
       call table%add_line('# stable: 1: stable, 0: not, -1: unknown')
     end if
@@ -58,7 +60,7 @@ contains
       names = names//order//'_k_re, '//order//'_k_im: X_k of '//order//' ('//trim(units(d))//'); '
     end do
     call table%add_line(names//'nan where no solution was found')
-    names = 'nu,outcome,iterations,rate'
+    names = 'nu,outcome,iterations,rate,highest,truncation'
     if (allocated(response%stability%stable)) names = names//',stable'
     do d = 1, size(response%coefficients, 2)
       do k = 1, size(response%orders)
@@ -77,7 +79,8 @@ contains
     integer :: d, k
 
     row = number(response%nu(i))//','//trim(outcome_names(response%outcome(i)))//',' &
-          //show(response%iterations(i))//','//number(response%rate(i))
+          //show(response%iterations(i))//','//number(response%rate(i))//',' &
+          //show(response%highest(i))//','//number(response%truncation(i))
     if (allocated(response%stability%stable)) row = row//','//show(response%stability%stable(i))
     do d = 1, size(response%coefficients, 2)
       do k = 1, size(response%orders)

@@ -153,7 +153,7 @@ contains
     type(status_type), intent(out) :: status
     type(response_plan_type) :: plan
     type(response_type) :: response
-    integer :: found
+    integer :: found, short
 
     call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
                            scene%options, status)
@@ -167,8 +167,11 @@ contains
     call write_response(folder, stem(scene%path)//'_response.csv', response, &
                         scene%coordinates(scene%wanted), scene%units(scene%wanted), header, status)
     if (status%failed()) return
-    report%complete = found == size(scene%nu)
+    short = 0
+    if (plan%chosen) short = count(response%truncation > plan%options%tolerance)
+    report%complete = found == size(scene%nu) .and. short == 0
     report%summary = show(found)//' of '//show(size(scene%nu))//' frequencies solved'
+    if (short > 0) report%summary = report%summary//', '//show(short)//' with too few harmonics'
   end subroutine run_response
 
   subroutine run_one_branch(scene, folder, header, report, status)

@@ -12,10 +12,12 @@ module viscovib_line_fit
   implicit none
   private
 
-  public :: line_sums
+  public :: line_residual, line_sums
 
   !> Samples taken at once.
   integer, parameter :: block = 256
+  !> Sums kept apart, a divisor of `block`.
+  integer, parameter :: lanes = 32
 
 contains
 
@@ -57,12 +59,15 @@ contains
                                               *(b(j)*columns(i, 2*j) - a(j)*columns(i, 2*j + 1))
         end do
       end do
-      total = total + sum(weights*residual**2)
+      weighted = weights*residual
+      total = total + dot(weighted, residual)
+      do j = 1, m
+        right(j) = right(j) + dot(weighted, columns(:, j))
+      end do
       do j = 1, m
         weighted = weights*columns(:, j)
-        right(j) = right(j) + sum(weighted*residual)
         do i = 1, j
-          matrix(i, j) = matrix(i, j) + sum(weighted*columns(:, i))
+          matrix(i, j) = matrix(i, j) + dot(weighted, columns(:, i))
         end do
       end do
     end do
@@ -70,6 +75,36 @@ contains
       matrix(j, :j) = matrix(:j, j)
     end do
   end subroutine line_sums
+
+  !> What the model leaves of the signal.
+  subroutine line_residual(signal, omega, a, b, mean, residual)
+    real(wp), intent(in) :: signal(:), omega(:), a(:), b(:), mean
+    real(wp), intent(out) :: residual(:)
+    real(wp) :: cosine(block), sine(block)
+    integer :: first, count, j
+
+    residual = signal - mean
+    do first = 0, size(signal) - 1, block
+      count = min(block, size(signal) - first)
+      do j = 1, size(omega)
+        call line_columns(omega(j), first - 0.5_wp*(size(signal) - 1), cosine, sine)
+        residual(first + 1:first + count) = residual(first + 1:first + count) &
+                                            - (a(j)*cosine(:count) + b(j)*sine(:count))
+      end do
+    end do
+  end subroutine line_residual
+
+  !> Sum of products, in as many parts as a vector unit adds at once.
+  pure real(wp) function dot(x, y)
+    real(wp), intent(in) :: x(block), y(block)
+    real(wp) :: parts(lanes)
+    integer :: i
+    parts = 0.0_wp
+    do i = 1, block, lanes
+      parts = parts + x(i:i + lanes - 1)*y(i:i + lanes - 1)
+    end do
+    dot = sum(parts)
+  end function dot
 
   !> cos and sin of omega s at s = start, start + 1, ...; the phase of the start is
   !! taken exactly, so that long records lose no digits.

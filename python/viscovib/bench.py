@@ -177,7 +177,7 @@ def _response_error(scene: Scene, value: Response) -> tuple[float | None, str]:
     job = scene._job()
     if value.method == "linear":
         return None, "linear: solved directly, no iteration and no truncation"
-    more = min(2 * job["harmonics"] + 1, _MAX_HARMONICS)
+    more = min(2 * int(value.harmonics.max(initial=0)) + 1, _MAX_HARMONICS)
     better = forced_response(**(job | {"harmonics": more, "tolerance": 1e-13}))
     kept = np.searchsorted(better.harmonics, value.harmonics)
     both = value.converged & better.converged

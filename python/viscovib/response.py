@@ -1,9 +1,8 @@
 """Steady forced response: amplitudes of every harmonic over a band of frequencies."""
 
 import csv
-import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
@@ -29,12 +28,14 @@ OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow"]
 #: Frequencies a native call takes at most: how often progress shows and Ctrl-C is heard.
 CHUNK = 4096
 
-_FIRST_HARMONICS, _MAX_HARMONICS = 9, 199
+_MAX_HARMONICS = 199
 _MAX_ITERATIONS = 100_000
 #: Unknowns of Newton's method, as in the core.
 _MAX_UNKNOWNS = 2000
 #: Frequencies times unknowns squared that Newton's method takes without a thread of its own.
 _LONG = 6400
+#: Orders that a frequency takes as a rule where they are chosen.
+_TYPICAL = 10
 
 
 class Peak(NamedTuple):
@@ -55,9 +56,9 @@ class Response:
     nu : ndarray, shape (n,)
         Circular frequencies of the load (rad/s).
     harmonics : ndarray of int, shape (m,)
-        Orders k kept.
+        Orders k kept, at any frequency.
     coefficients : ndarray, complex, shape (n, n_dof, m)
-        X_k (m, rad); NaN where no solution was found.
+        X_k (m, rad); NaN where no solution was found, 0 for orders not kept at this frequency.
     outcome : ndarray of str, shape (n,)
         "converged", "stalled", "diverged", "singular" (undamped resonance) or "overflow"
         (parameters so extreme that the solution leaves the range of numbers).
@@ -65,6 +66,13 @@ class Response:
         Iterations made.
     rate : ndarray, shape (n,)
         Factor by which the last corrections shrank in an iteration.
+    highest : ndarray of int, shape (n,)
+        Highest order kept at each frequency; 0 where no solution was found.
+    truncation : ndarray, shape (n,)
+        Estimated relative error of leaving out higher orders; 0 for a linear response, which
+        lacks none. Of harmonics that Newton's method chose: the largest change of any order, by
+        the residual of those left out, in the norm of ``tolerance``. Else the largest of the two
+        highest orders kept, against the largest of all, the worse of the coordinates.
     method : str
         The method that ran.
     plan : Plan
@@ -82,6 +90,8 @@ class Response:
     outcome: npt.NDArray[np.str_]
     iterations: npt.NDArray[np.int32]
     rate: FloatArray
+    highest: npt.NDArray[np.int32]
+    truncation: FloatArray
     method: str
     plan: Plan
     dof_names: tuple[str, ...]
@@ -95,21 +105,6 @@ class Response:
     def converged(self) -> npt.NDArray[np.bool_]:
         """Where a solution was found, shape (n,)."""
         return np.asarray(self.outcome == "converged")
-
-    @property
-    def truncation(self) -> FloatArray:
-        """Estimated relative error of leaving out higher orders, shape (n,).
-
-        The largest of the two highest orders kept, against the largest of all, the worse of the
-        coordinates; 0 for a linear response, which lacks none.
-        """
-        sizes = np.abs(self.coefficients)
-        if self.method == "linear" or sizes.shape[2] < 3:
-            return np.zeros(self.nu.size)
-        # A coordinate that stands still but for rounding must not tell.
-        largest = sizes.max(axis=2)
-        largest = np.maximum(largest, 1e-9 * largest.max(axis=1, keepdims=True) + 1e-300)
-        return np.asarray((sizes[:, :, -2:].max(axis=2) / largest).max(axis=1))
 
     @cached_property
     def corrections(self) -> FloatArray:
@@ -174,6 +169,8 @@ class Response:
                 "outcome": ("nu", self.outcome),
                 "iterations": ("nu", self.iterations),
                 "rate": ("nu", self.rate),
+                "highest": ("nu", self.highest, {"long_name": "highest order kept"}),
+                "truncation": ("nu", self.truncation),
             },
             coords={
                 "nu": ("nu", self.nu, {"units": "rad/s", "long_name": "circular frequency"}),
@@ -205,6 +202,8 @@ class Response:
             "outcome": self.outcome,
             "iterations": self.iterations,
             "rate": self.rate,
+            "highest": self.highest,
+            "truncation": self.truncation,
         }
         if self.stable is not None:
             columns["stable"] = codes_of(self.stable)
@@ -221,9 +220,9 @@ class Response:
         with whole_file(path) as file:
             file.write(f"# viscovib {version('viscovib')}\n{self.plan.comments()}")
             file.write("# nu: circular frequency of the load (rad/s); ")
-            file.write(
-                "rate: factor between the last corrections; u = Im sum_k X_k exp(i k nu t),\n"
-            )
+            file.write("rate: factor between the last corrections; highest: order kept; ")
+            file.write("truncation: estimated relative error of leaving out higher orders; ")
+            file.write("u = Im sum_k X_k exp(i k nu t),\n")
             if self.stable is not None:
                 file.write("# stable: 1: stable, 0: not, -1: unknown\n")
             file.write(f"# {units}; nan where no solution was found\n")
@@ -280,8 +279,9 @@ def forced_response(
         first frequency, the load is raised from nothing. `trace_response` gives all of a branch.
     harmonics : int or "auto"
         Highest order kept (1 to 199); even orders and the mean are dropped when the load has
-        none. "auto": as many as bring `Response.truncation` below ``tolerance`` at every
-        frequency that is solved.
+        none. "auto": as many as bring `Response.truncation` below ``tolerance``: with Newton's
+        method those that each frequency needs, which is also fastest; with successive
+        approximations the same at all of them, or at all of a part of a long list.
     tolerance : float
         Wanted relative error of the iteration, 1e-14 to 0.1.
     max_iterations : int
@@ -317,25 +317,16 @@ def forced_response(
     D(k nu) X_k = P_k - N_k(X) with the harmonics N_k of the nonlinear force from alias-free
     samples of a period.
     """
-    if _native.is_auto(harmonics):
-        return _with_enough_harmonics(
-            lambda highest: forced_response(
-                mount, nu, load=load, base=base, method=method, harmonics=highest,
-                tolerance=tolerance, max_iterations=max_iterations, relaxation=relaxation,
-                stability=stability, progress=progress,
-            ),
-            load, base, tolerance, len(mount.dof_names) if method == "newton" else 1,
-        )  # fmt: skip
-    if isinstance(harmonics, str):
-        raise InputError(f"harmonics = {_native.shown(harmonics)}: must be an integer or 'auto'")
     job, frequencies, options, planned = _prepare(
         mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
-        bool(stability),
+        bool(stability), may_choose=True,
     )  # fmt: skip
+    chosen = harmonics == "auto" and planned.method != "linear"
 
     n_dof = len(mount.dof_names)
     # A matrix of the unknowns is factorized a few times a frequency.
-    long = frequencies.size * (n_dof * planned.orders.size) ** 2 > _LONG
+    typical = _TYPICAL if chosen else planned.orders.size
+    long = frequencies.size * (n_dof * typical) ** 2 > _LONG
 
     def run(n_history: int, show: bool) -> list[tuple[Any, ...]]:
         # Newton's method follows its branch from frequency to frequency, all in one piece.
@@ -347,13 +338,16 @@ def forced_response(
             parts = []
             for start in starts:
                 chunk = frequencies[start : start + size]
+                # Memory that no order needs is never touched.
+                room = np.empty(chunk.size * n_dof * planned.orders.size, dtype=complex)
                 judged = chunk.size if stability else 0
-                given = (*job, chunk, *options, n_history, planned.orders.size, judged, cancel)
+                given = (*job, chunk, *options, n_history, judged, room, cancel)
                 if whole and (long or stability):
                     part = _native.call_interruptibly(core.mount_response, cancel, *given)
                 else:
                     part = _native.call(core.mount_response, *given)
-                parts.append(part)
+                kept = room[: chunk.size * n_dof * part[0]].reshape(chunk.size, n_dof, part[0])
+                parts.append((kept.copy(), *part[1:]))
                 bar.update(chunk.size)
         return parts
 
@@ -364,16 +358,19 @@ def forced_response(
         longest = int(iterations.max(initial=0))
         if not longest or planned.method == "newton":
             return np.empty((frequencies.size, 0))
-        columns = [part[4][:longest] for part in run(options[3], False)]
+        columns = [part[6][:longest] for part in run(options[3], False)]
         return np.concatenate(columns, axis=1).T
 
+    most = max(part[0].shape[2] for part in parts)
     response = Response(
         nu=frequencies,
-        harmonics=planned.orders,
-        coefficients=np.concatenate([part[0].T for part in parts]),
+        harmonics=planned.orders[:most],
+        coefficients=np.concatenate([_widened(part[0], most) for part in parts]),
         outcome=OUTCOMES[_joined(parts, 1)],
         iterations=iterations,
         rate=_joined(parts, 3),
+        highest=_joined(parts, 4),
+        truncation=_joined(parts, 5),
         method=planned.method,
         plan=planned.plan,
         dof_names=mount.dof_names,
@@ -382,6 +379,8 @@ def forced_response(
         **_stability_of(parts, _joined(parts, 1) == 0) if stability else {},
     )
     _warn_of_gaps(response)
+    if chosen:
+        _warn_of_few_orders(response, options[2])
     return response
 
 
@@ -389,37 +388,8 @@ def _stability_of(
     parts: list[tuple[Any, ...]], solved: npt.NDArray[np.bool_]
 ) -> dict[str, npt.NDArray[Any]]:
     """Stability of all motions, of which some may not have been found."""
-    ((stable, multipliers, exponents),) = (part[5:8] for part in parts)
+    ((stable, multipliers, exponents),) = (part[7:10] for part in parts)
     return Stability.of(stable, multipliers, exponents, solved)._asdict()
-
-
-def _with_enough_harmonics(
-    solve: Callable[[int], Response],
-    load: LoadLike | None,
-    base: LoadLike | None,
-    tolerance: float,
-    n_dof: int,
-) -> Response:
-    """Raise the highest order until what is left out does not count."""
-    wanted = _native.number("tolerance", tolerance)
-    given = [max(series, default=0) for series in (load, base) if isinstance(series, Mapping)]
-    highest = max([_FIRST_HARMONICS, *(2 * order + 1 for order in given)])
-    # The mean counts as an order, where there is one.
-    most = min(_MAX_HARMONICS, _MAX_UNKNOWNS // (2 * n_dof) - 1)
-    while True:
-        highest = min(highest, most)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            result = solve(highest)
-        worst = float(result.truncation[result.converged].max(initial=0.0))
-        if worst <= wanted or highest == most:
-            break
-        # Orders fall off geometrically: go on as far as that suggests, and a little more.
-        fall = math.log(wanted) / math.log(max(min(worst, 0.5), 1e-300))
-        highest = min(max(highest + 4, math.ceil(1.1 * highest * fall)), 2 * highest + 1) | 1
-    for warning in caught:
-        warnings.warn(str(warning.message), warning.category, stacklevel=3)
-    return result
 
 
 def plan_response(
@@ -429,7 +399,7 @@ def plan_response(
     load: LoadLike | None = None,
     base: LoadLike | None = None,
     method: str = "successive",
-    harmonics: int = 9,
+    harmonics: int | str = 9,
     tolerance: float = 1e-10,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
@@ -438,7 +408,7 @@ def plan_response(
     """Say what `forced_response` would compute and skip, and why; same arguments."""
     return _prepare(
         mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
-        bool(stability),
+        bool(stability), may_choose=True,
     )[3].plan  # fmt: skip
 
 
@@ -456,13 +426,14 @@ def _prepare(
     load: LoadLike | None,
     base: LoadLike | None,
     method: str,
-    harmonics: int,
+    harmonics: int | str,
     tolerance: float,
     max_iterations: int,
     relaxation: float | str,
     stability: bool = False,
     *,
     keep_idle: bool = False,
+    may_choose: bool = False,
 ) -> tuple[tuple[Any, ...], FloatArray, tuple[Any, ...], _Plan]:
     """Check everything and bring it into the form of the core.
 
@@ -482,6 +453,9 @@ def _prepare(
         fraction = _native.number("relaxation", relaxation)
         if not 0 < fraction <= 1:
             raise InputError(f"relaxation = {fraction:g}: must be in (0, 1], or 'auto'")
+    chosen = may_choose and isinstance(harmonics, str)
+    if chosen and harmonics != "auto":
+        raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
     job = (
         mount._flat,
         *mount._kernels,
@@ -489,7 +463,7 @@ def _prepare(
     )
     options = (
         METHODS.index(_native.choice("method", method, METHODS)) + 1,
-        _native.integer("harmonics", harmonics, 1, _MAX_HARMONICS),
+        0 if chosen else _native.integer("harmonics", harmonics, 1, _MAX_HARMONICS),
         _native.number("tolerance", tolerance),
         _native.integer("max_iterations", max_iterations, 1, _MAX_ITERATIONS),
         fraction,
@@ -499,6 +473,15 @@ def _prepare(
     )
     planned = _Plan(kept[:n_kept].copy(), METHODS[ran - 1], Plan(text.decode()), rest.decode())
     return job, frequencies, options, planned
+
+
+def _widened(coefficients: ComplexArray, n_orders: int) -> ComplexArray:
+    """Add orders that were not kept: 0, or NaN where there is no solution."""
+    lacking = n_orders - coefficients.shape[2]
+    if not lacking:
+        return coefficients
+    more = np.where(np.isnan(coefficients[:, :, :1]), coefficients[:, :, :1], 0)
+    return np.concatenate([coefficients, np.repeat(more, lacking, axis=2)], axis=2)
 
 
 def _joined(parts: list[tuple[Any, ...]], index: int) -> npt.NDArray[Any]:
@@ -515,6 +498,21 @@ def _warn_of_gaps(response: Response) -> None:
     warnings.warn(
         f"{lost.sum()} of {lost.size} frequencies have no solution ({kinds}), between nu = "
         f"{response.nu[lost].min():.6g} and {response.nu[lost].max():.6g}; they hold NaN",
+        ConvergenceWarning,
+        stacklevel=3,
+    )
+
+
+def _warn_of_few_orders(response: Response, tolerance: float) -> None:
+    few = response.truncation > tolerance
+    if not few.any():
+        return
+    worst = int(np.nanargmax(response.truncation))
+    warnings.warn(
+        f"at {few.sum()} of {few.size} frequencies the orders that may be kept do not reach the "
+        f"tolerance {tolerance:.1e}; worst at nu = {response.nu[worst]:.6g}, where those up to "
+        f"{response.highest[worst]} leave an estimated relative error of "
+        f"{response.truncation[worst]:.1e}",
         ConvergenceWarning,
         stacklevel=3,
     )

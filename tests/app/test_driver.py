@@ -33,6 +33,35 @@ def test_driver_and_python_agree_to_the_last_bit(solve, tmp_path, name):
         assert read_csv(tmp_path / "python.csv").dtype.names == table.dtype.names
 
 
+@pytest.mark.parametrize("method", ["newton", "successive"])
+def test_orders_are_chosen_in_scenes(solve, tmp_path, method):
+    scene = tmp_path / "orders.nml"
+    scene.write_text(GOOD.replace("&response ", f"&response method='{method}', harmonics='auto', "))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
+    table = read_csv(tmp_path / "orders_response.csv")
+    assert (table["truncation"] <= 1e-10).all()
+    if method == "newton":
+        assert table["highest"].min() < table["highest"].max()
+    r = vv.run(scene).response
+    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
+        assert (table["highest"] == r.highest).all()
+        assert (table["truncation"] == r.truncation).all()
+        assert (table["phi_3_re"] == r.coefficient("phi", 3).real).all()
+    r.to_csv(tmp_path / "python.csv")
+    assert read_csv(tmp_path / "python.csv").dtype.names == table.dtype.names
+    if method == "newton":
+        scene.write_text(
+            "&system coordinates='x', mass=1, stiffness=1, damping=0.05 /\n"
+            "&force law='x^3' /\n&load amplitude=30 /\n"
+            "&response method='newton', harmonics='auto', nu=0.002, tolerance=1e-12 /\n"
+        )
+        done = solve(scene, "--out", tmp_path)
+        assert done.returncode == 1
+        assert "1 of 1 frequencies solved, 1 with too few harmonics" in done.stdout
+
+
 def test_branches_of_driver_and_python_agree(solve, tmp_path):
     scene = SCENES / "mount_branch.nml"
     done = solve(scene, "--out", tmp_path)

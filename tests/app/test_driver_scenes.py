@@ -1,6 +1,6 @@
 """The standalone driver: every wrong scene a line; lists and tables in files."""
 
-import time
+import os
 
 import pytest
 import viscovib as vv
@@ -64,6 +64,11 @@ BAD_SCENES = {
     "grid without end": (GOOD.replace("count=8", "count=100000000"), 4, "must be 2 to 1000000"),
     "tolerance": (GOOD.replace("nu_count=8", "nu_count=8,\ntolerance=0"), 5, "tolerance = 0"),
     "harmonics": (GOOD.replace("nu_count=8", "nu_count=8,\nharmonics=200"), 5, "must be 1 to 199"),
+    "harmonics in words": (
+        GOOD.replace("nu_count=8", "nu_count=8,\nharmonics='many'"),
+        5,
+        "harmonics = 'many': must be one of 'auto'",
+    ),
     "iterations": (GOOD.replace("nu_count=8", "nu_count=8, max_iterations=0"), 4, "must be 1 to"),
     "relaxation": (GOOD.replace("nu_count=8", "nu_count=8, relaxation=2"), 4, "must be in (0, 1]"),
     "too few harmonics": (GOOD.replace("&load", "&load order=11,"), 4, "must be at least 11"),
@@ -166,11 +171,14 @@ def test_long_lists_are_read_at_once(solve, tmp_path):
     """Reading 200 000 numbers takes a fraction of a second; it once grew with their square."""
     scene = tmp_path / "scene.nml"
     scene.write_text(GOOD.replace(GRID, "nu=" + " ".join(str(i) for i in range(1, 200_001))))
-    begun = time.perf_counter()
+    begun = os.times()
     done = solve(scene, "--plan")
     assert done.returncode == 0, done.stderr
     assert "200000 frequencies" in done.stdout
-    assert time.perf_counter() - begun < 10
+    # Time of its own, whatever else this machine does.
+    ended = os.times()
+    spent = ended.children_user + ended.children_system
+    assert spent - begun.children_user - begun.children_system < 10
 
 
 def test_sweeps_are_left_to_python(solve, tmp_path):

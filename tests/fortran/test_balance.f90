@@ -1,6 +1,7 @@
 !> Harmonic balance: derivatives against differences, and a branch through folds.
 module test_balance
   use testing, only: begin, check, check_close, check_ok
+  use viscovib_balance_ladder, only: balance_ladder_type, new_ladder, probe_rungs
   use viscovib_catalogue, only: kernel_rzhanitsyn, new_kernel
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_harmonic_balance, only: balance_type, new_balance
@@ -9,10 +10,11 @@ module test_balance
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: geometry_cubic, geometry_exact, geometry_printed, mount_parameters, &
     mount_type, new_mount
-  use viscovib_newton_point, only: point_from_rest
+  use viscovib_newton_point, only: newton_factors, newton_point, point_from_rest
   use viscovib_oscillator, only: kernel_holder
   use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_frequency
   use viscovib_outcomes, only: outcome_converged
+  use viscovib_point_orders, only: choose_orders, order_choice
   use viscovib_status, only: status_type
   implicit none
   private
@@ -30,6 +32,15 @@ contains
       end do
     end if
     if (begin('a branch turns back twice')) call follow()
+    if (begin('rungs hold the orders that a load moves')) then
+      call climb([1], .true., [1, 3, 5, 7])
+      call climb([3], .true., [3, 9, 15, 21])
+      call climb([3, 5], .true., [5, 7, 9, 11])
+      call climb([0, 1], .false., [1, 3, 5, 7])
+      call climb([0, 4], .false., [4, 12, 20, 28])
+      call climb([integer ::], .true., [1, 3, 5, 7])
+    end if
+    if (begin('orders are added to a solution that lacks them')) call add_orders()
   end subroutine run_balance
 
   subroutine example(geometry, with_memory, load, mount, series)
@@ -116,6 +127,71 @@ contains
     call check_close(maxval(abs(above - below - slope)), 0.0_wp, 1.0e-14_wp, 'slope in the load', &
                      floor=1.0_wp)
   end subroutine compare_derivatives
+
+  subroutine climb(orders, half_wave, highest)
+    integer, intent(in) :: orders(:), highest(:)
+    logical, intent(in) :: half_wave
+    type(balance_ladder_type) :: ladder
+    type(mount_type) :: mount
+    type(load_type) :: unused, load
+    type(status_type) :: status
+    complex(wp) :: force(2, size(orders)), base(size(orders))
+    integer :: i
+
+    call example(geometry_cubic, .false., 0.5_wp, mount, unused)
+    force = (0.0_wp, 1.0_wp)
+    base = (0.0_wp, 0.0_wp)
+    call new_load(load, 2, orders, force, base, status)
+    call check_ok(status)
+    call new_ladder(ladder, mount, load, half_wave, highest(4) + 1)
+    call check(ladder%n_rungs == 4, 'as many rungs as fit')
+    do i = 1, 4
+      call check(ladder%highest(i) == highest(i), 'highest order')
+      call check(ladder%rung_of(highest(i)) == i, 'rung of an order')
+      call ladder%prepare(i, mount, load, 1.0_wp)
+      call check(size(ladder%rungs(i)%balance%set%orders) == ladder%n_orders(i), 'orders')
+    end do
+    call check(ladder%rung_of(highest(2) + 1) == 3, 'the next rung up')
+    call check(ladder%rung_of(1000) == 4, 'the highest rung')
+  end subroutine climb
+
+  !> From orders 0 and 1 alone, under another factor of the load than 1: the same as with
+  !! many orders at once.
+  subroutine add_orders()
+    type(mount_type) :: mount
+    type(load_type) :: load
+    type(balance_ladder_type) :: ladder
+    type(order_choice) :: choice
+    type(newton_factors) :: factors
+    real(wp), allocatable :: x(:, :), exact(:, :)
+    integer :: outcome, iterations, m
+
+    call example(geometry_exact, .true., 0.5_wp, mount, load)
+    call new_ladder(ladder, mount, load, .false., 41)
+    allocate (x(2*ladder%n_orders(ladder%n_rungs), 2), source=0.0_wp)
+    allocate (exact, source=x)
+    iterations = 0
+    call ladder%prepare(1, mount, load, 1.5_wp)
+    m = 2*ladder%n_orders(1)
+    ladder%rungs(1)%balance%load_factor = 0.8_wp
+    call point_from_rest(ladder%rungs(1)%balance, mount, load, 1.0e-11_wp, x(:m, :), outcome, &
+                         iterations, factors=factors)
+    call check(outcome == outcome_converged, 'found with few orders')
+    call choose_orders(ladder, mount, load, 1.5_wp, 1.0e-9_wp, x, factors, choice, outcome, &
+                       iterations)
+    call check(outcome == outcome_converged, 'found with more')
+    call check(choice%truncation <= 1.0e-9_wp, 'enough of them')
+    call check(choice%solved > 3 .and. choice%solved < ladder%n_rungs, 'and not too many')
+    exact = x
+    call ladder%prepare(ladder%n_rungs, mount, load, 1.5_wp)
+    ladder%rungs(ladder%n_rungs)%balance%load_factor = 0.8_wp
+    call newton_point(ladder%rungs(ladder%n_rungs)%balance, mount, 1.0e-13_wp, exact, outcome, &
+                      iterations)
+    call check(maxval(abs(x - exact)) < 2.0e-9_wp*maxval(abs(exact)), 'true error')
+    call check(.not. any(abs(x(2*ladder%n_orders(choice%solved) + 1:, :)) > 0.0_wp), 'nothing else')
+    call check(choice%rung <= choice%solved, 'the next point begins here or below')
+    call check(size(ladder%rungs) == ladder%n_rungs + probe_rungs, 'one to judge the highest')
+  end subroutine add_orders
 
   subroutine follow()
     type(mount_type), target :: mount

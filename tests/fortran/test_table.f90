@@ -34,12 +34,12 @@ contains
       call check_ok(status)
       text = read_scratch('table/a/t.csv')
       call check(index(text, '# first'//nl//'# second'//nl//'# nu: ') == 1, 'header')
-      call check(index(text, nl//'nu,outcome,iterations,rate,x_1_re,x_1_im,x_3_re,x_3_im,' &
-                       //'phi_1_re,') > 0, 'columns')
+      call check(index(text, nl//'nu,outcome,iterations,rate,highest,truncation,x_1_re,' &
+                       //'x_1_im,x_3_re,x_3_im,phi_1_re,') > 0, 'columns')
       call check(index(text, nl//'1.0000000000000001E-001,converged,0,') > 0, 'digits')
       call check(index(text, ',1.0000000000000000E+000,-2.9999999999999999E-001,') > 0, 'values')
-      call check(index(text, nl//'2.0000000000000000E+000,diverged,0,0.0000000000000000E+000' &
-                       //repeat(',nan', 8)//nl) > 0, 'no solution is nan')
+      call check(index(text, nl//'2.0000000000000000E+000,diverged,0,0.0000000000000000E+000,0' &
+                       //repeat(',nan', 9)//nl) > 0, 'no solution is nan')
       call check(read_scratch('table/a/t.csv.part') == '(none)', 'nothing left beside it')
     end if
 

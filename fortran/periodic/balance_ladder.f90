@@ -1,0 +1,178 @@
+!> Harmonic balances of one system with more and more orders, each made when it is
+!! first asked for and then kept.
+module viscovib_balance_ladder
+  use viscovib_dense, only: invert
+  use viscovib_harmonic_balance, only: balance_type, new_balance
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type
+  use viscovib_oscillator, only: oscillator_type
+  implicit none
+  private
+
+  public :: balance_ladder_type, lowest_order, new_ladder, one_rung, order_step
+
+  !> Rungs by which a balance that judges another is above it.
+  integer, parameter, public :: probe_rungs = 1
+
+  type :: rung_type
+    logical :: ready = .false.
+    !> Frequencies for which balance and compliance stand, 0 for none.
+    real(wp) :: balance_nu = 0.0_wp, compliance_nu = 0.0_wp
+    type(balance_type) :: balance
+    !> Inverse dynamic stiffness of the orders that the rung `probe_rungs` lower leaves
+    !! out, shape (n_dof, n_dof, n left out).
+    complex(wp), allocatable :: compliance(:, :, :)
+  end type rung_type
+
+  type :: balance_ladder_type
+    !> Rungs that may be solved on; above them are some for judging only.
+    integer :: n_rungs = 0
+    !> A choice is given at all.
+    logical :: adaptive = .false.
+    logical, private :: half_wave = .false.
+    integer, private :: degree = 0, lowest = 1, step = 1
+    type(rung_type), allocatable :: rungs(:)
+  contains
+    procedure :: highest
+    procedure :: n_orders
+    procedure :: rung_of
+    procedure :: prepare
+    procedure :: prepare_probe
+  end type balance_ladder_type
+
+contains
+
+  !> Highest order of the lowest rung: the load must fit in.
+  pure integer function lowest_order(load)
+    type(load_type), intent(in) :: load
+    lowest_order = 1
+    if (size(load%orders) > 0) lowest_order = max(1, maxval(load%orders))
+  end function lowest_order
+
+  !> Orders between rungs: an even and an odd one, or the odd one. A load whose orders are
+  !! multiples of g moves no others, as long as the symmetry lasts: then g times as many.
+  pure integer function order_step(load)
+    type(load_type), intent(in) :: load
+    integer :: j
+    order_step = 0
+    do j = 1, size(load%orders)
+      order_step = common_divisor(order_step, load%orders(j))
+    end do
+    order_step = 2*max(order_step, 1)
+  end function order_step
+
+  pure recursive integer function common_divisor(a, b) result(c)
+    integer, intent(in) :: a, b
+    c = a
+    if (b /= 0) c = common_divisor(b, modulo(a, b))
+  end function common_divisor
+
+  !> Every choice of orders up to a highest one.
+  subroutine new_ladder(ladder, system, load, half_wave, most)
+    type(balance_ladder_type), intent(out) :: ladder
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    !> Odd orders only.
+    logical, intent(in) :: half_wave
+    !> Highest order to solve with, at least `lowest_order`.
+    integer, intent(in) :: most
+
+    ladder%adaptive = .true.
+    ladder%half_wave = half_wave
+    ladder%degree = system%degree
+    ladder%lowest = lowest_order(load)
+    ladder%step = order_step(load)
+    ladder%n_rungs = 1 + max(0, most - ladder%lowest)/ladder%step
+    allocate (ladder%rungs(ladder%n_rungs + probe_rungs))
+  end subroutine new_ladder
+
+  !> No choice: the orders of a set.
+  subroutine one_rung(ladder, system, set)
+    type(balance_ladder_type), intent(out) :: ladder
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    ladder%n_rungs = 1
+    ladder%half_wave = set%half_wave
+    ladder%lowest = set%orders(size(set%orders))
+    allocate (ladder%rungs(1))
+    call new_balance(ladder%rungs(1)%balance, system, set)
+    ladder%rungs(1)%ready = .true.
+  end subroutine one_rung
+
+  !> Highest order of a rung.
+  pure integer function highest(self, rung)
+    class(balance_ladder_type), intent(in) :: self
+    integer, intent(in) :: rung
+    highest = self%lowest + self%step*(rung - 1)
+  end function highest
+
+  !> Orders of a rung.
+  pure integer function n_orders(self, rung)
+    class(balance_ladder_type), intent(in) :: self
+    integer, intent(in) :: rung
+    n_orders = self%highest(rung) + 1
+    if (self%half_wave) n_orders = n_orders/2
+  end function n_orders
+
+  !> The lowest rung with an order, or the highest there is.
+  pure integer function rung_of(self, order)
+    class(balance_ladder_type), intent(in) :: self
+    integer, intent(in) :: order
+    rung_of = 1 + max(0, order - self%lowest + self%step - 1)/self%step
+    rung_of = min(rung_of, self%n_rungs)
+  end function rung_of
+
+  !> Make a rung ready for a frequency.
+  subroutine prepare(self, rung, system, load, nu)
+    class(balance_ladder_type), intent(inout) :: self
+    integer, intent(in) :: rung
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu
+    type(harmonic_set_type) :: set
+
+    associate (here => self%rungs(rung))
+      if (.not. here%ready) then
+        call new_harmonic_set(set, self%highest(rung), self%half_wave, self%degree)
+        call new_balance(here%balance, system, set)
+        here%ready = .true.
+      end if
+      if (.not. abs(here%balance_nu - nu) > 0.0_wp) return
+      call here%balance%set_frequency(system, load, nu)
+      here%balance_nu = nu
+    end associate
+  end subroutine prepare
+
+  !> Make the rung ready that judges this one.
+  subroutine prepare_probe(self, rung, system, load, nu)
+    class(balance_ladder_type), intent(inout) :: self
+    integer, intent(in) :: rung
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu
+    complex(wp), allocatable :: stiffness(:, :, :), fraction(:, :)
+    integer :: k, d, n
+    logical :: singular
+
+    call self%prepare(rung + probe_rungs, system, load, nu)
+    associate (here => self%rungs(rung + probe_rungs))
+      if (.not. abs(here%compliance_nu - nu) > 0.0_wp) return
+      d = system%n_dof()
+      associate (orders => here%balance%set%orders(self%n_orders(rung) + 1:))
+        n = size(orders)
+        allocate (stiffness(d, d, n), fraction(n, system%n_memory()))
+        if (.not. allocated(here%compliance)) allocate (here%compliance(d, d, n))
+        call system%retained(orders*nu, fraction)
+        call system%dynamic_stiffness(orders*nu, fraction, stiffness)
+      end associate
+      do k = 1, n
+        call invert(stiffness(:, :, k), here%compliance(:, :, k), singular)
+        ! Undamped and in resonance: an order of any size may be missing.
+        if (singular) here%compliance(:, :, k) = huge(1.0_wp)**0.25_wp
+      end do
+      here%compliance_nu = nu
+    end associate
+  end subroutine prepare_probe
+
+end module viscovib_balance_ladder

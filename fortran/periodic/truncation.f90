@@ -1,0 +1,92 @@
+!> What the orders that a harmonic balance leaves out would change.
+!!
+!! At a solution x of the orders kept, the balance of a larger set has a residual in
+!! those left out, R_out(x): the forces there, from more samples. Each of these orders
+!! is near -D(k nu)^-1 R_k, for at high orders inertia outweighs all that is nonlinear.
+!! They act back on those kept, by -J^-1 R_kept(x + out) with the derivatives J that the
+!! solution has left behind, which includes what nearness to a fold makes of it and, if
+!! forces are no polynomials, the aliasing of the fewer samples. The residual left in the
+!! orders left out tells how much of them was found: fixed-point iterations of factor
+!! rho fall short by 1/(1 - rho).
+module viscovib_truncation
+  use viscovib_dense, only: solve
+  use viscovib_harmonic_balance, only: balance_type
+  use viscovib_kinds, only: wp
+  use viscovib_newton_point, only: newton_factors, weighted_norm
+  use viscovib_oscillator, only: oscillator_type
+  implicit none
+  private
+
+  public :: estimate_truncation
+
+  !> Largest factor between two turns that is believed.
+  real(wp), parameter :: slowest = 0.9_wp
+
+contains
+
+  !> The change of all orders that the larger set suggests, and its relative size in the
+  !! norm of `weighted_norm`.
+  subroutine estimate_truncation(probe, compliance, system, x, factors, change, whole, outside)
+    !> Balance of the larger set, at the same frequency and load.
+    type(balance_type), intent(inout) :: probe
+    !> Inverse dynamic stiffness of the orders left out, shape (n_dof, n_dof, n left out).
+    complex(wp), intent(in) :: compliance(:, :, :)
+    class(oscillator_type), intent(in) :: system
+    !> Solution, shape (2 n_orders, n_dof).
+    real(wp), intent(in) :: x(:, :)
+    !> Derivatives of the balance of the orders kept, at the solution.
+    type(newton_factors), intent(in) :: factors
+    !> Shape (2 n_orders of the larger set, n_dof).
+    real(wp), intent(out) :: change(:, :)
+    !> Relative sizes of the whole change and of its part in the orders left out.
+    real(wp), intent(out) :: whole, outside
+    real(wp), dimension(size(change, 1), size(change, 2)) :: y, r
+    real(wp) :: back(size(x, 1), size(x, 2)), norm, first, rest, rho
+    integer :: n
+
+    n = size(x, 1)
+    y(:n, :) = x
+    y(n + 1:, :) = 0.0_wp
+    call probe%residual(system, y, r)
+    change = 0.0_wp
+    call add_left_out(compliance, r(n + 1:, :), change(n + 1:, :))
+    y(n + 1:, :) = change(n + 1:, :)
+    call probe%residual(system, y, r)
+    back = r(:n, :)
+    call solve(size(back), factors%lu, factors%pivots, back)
+    change(:n, :) = -back
+    norm = weighted_norm(system, x)
+    first = weighted_norm(system, change(n + 1:, :))
+    call add_left_out(compliance, r(n + 1:, :), change(n + 1:, :))
+    rest = weighted_norm(system, change(n + 1:, :) - y(n + 1:, :))
+    rho = 0.0_wp
+    if (first > 0.0_wp) rho = min(rest/first, slowest)
+    outside = 0.0_wp
+    whole = 0.0_wp
+    if (.not. norm > 0.0_wp) return
+    outside = first/((1.0_wp - rho)*norm)
+    whole = max(outside, weighted_norm(system, back)/((1.0_wp - rho)*norm))
+  end subroutine estimate_truncation
+
+  !> Subtract -D^-1 r.
+  pure subroutine add_left_out(compliance, r, change)
+    complex(wp), intent(in) :: compliance(:, :, :)
+    !> Shape (2 n left out, n_dof).
+    real(wp), intent(in) :: r(:, :)
+    real(wp), intent(inout) :: change(:, :)
+    complex(wp) :: x
+    integer :: a, b, k
+
+    do k = 1, size(compliance, 3)
+      do a = 1, size(r, 2)
+        x = (0.0_wp, 0.0_wp)
+        do b = 1, size(r, 2)
+          x = x + compliance(a, b, k)*cmplx(r(2*k - 1, b), r(2*k, b), wp)
+        end do
+        change(2*k - 1, a) = change(2*k - 1, a) - real(x)
+        change(2*k, a) = change(2*k, a) - aimag(x)
+      end do
+    end do
+  end subroutine add_left_out
+
+end module viscovib_truncation
