@@ -99,7 +99,7 @@ def test_steady_motions_are_the_same_to_the_last_bit(solve, tmp_path, text, move
     # The build with all checks rounds in another order.
     rounding = 1e-9 if "debug" in os.environ.get("VISCOVIB_SOLVE", "") else 0
     largest = np.abs(steady.harmonics).max()
-    np.testing.assert_array_equal(table[steady.parameter], steady.at)
+    np.testing.assert_allclose(table[steady.parameter], steady.at, rtol=rounding)
     for d, name in enumerate(steady.dof_names):
         for part in ("re", "im"):
             ours = getattr(steady.harmonics[:, d], {"re": "real", "im": "imag"}[part])
