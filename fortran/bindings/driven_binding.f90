@@ -75,10 +75,10 @@ end subroutine pendulum_balance
 !! Stability and `kept` as above.
 subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
                            vary, which, start, finish, tolerance, max_points, max_step, &
-                           duration, leave, begin, begin_p, along, n_unknowns, max_special, &
-                           cancel, n_points, ended, p, iterations, x, matrices, n_folds, folds, &
-                           fold_x, fold_before, n_branch_points, branch_points, branch_point_x, &
-                           across, branch_before, status, message)
+                           stops, n_stops, duration, leave, begin, begin_p, along, n_unknowns, &
+                           max_special, cancel, n_points, ended, p, iterations, x, is_stop, &
+                           matrices, n_folds, folds, fold_x, fold_before, n_branch_points, &
+                           branch_points, branch_point_x, across, branch_before, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
@@ -91,15 +91,17 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   use viscovib_torus_growth, only: growth_rates
   use viscovib_torus_response, only: solve_from_rest
   implicit none
-  integer(c_int), intent(in) :: n_axes, n_orders, n_unknowns, max_points, max_special
+  integer(c_int), intent(in) :: n_axes, n_orders, n_unknowns, max_points, max_special, n_stops
   integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
   integer(c_int), intent(in) :: kept(n_orders, 3), leave
   real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), start, finish, tolerance
-  real(c_double), intent(in) :: duration, max_step
+  real(c_double), intent(in) :: duration, max_step, stops(n_stops)
   real(c_double), intent(in) :: begin(n_unknowns), begin_p, along(n_unknowns + 1)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   integer(c_int), intent(out) :: n_points, ended, iterations(max_points), n_folds
+  !> 1 where a point lies at one of the stops.
+  integer(c_int), intent(out) :: is_stop(max_points)
   real(c_double), intent(out) :: p(max_points), x(n_unknowns, max_points)
   real(c_double), intent(out) :: matrices(6, 6, max_points), folds(max_special)
   real(c_double), intent(out) :: fold_x(n_unknowns, max_special), branch_points(max_special)
@@ -127,6 +129,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   p = 0.0_c_double
   x = 0.0_c_double
   iterations = 0
+  is_stop = 0
   matrices = 0.0_c_double
   folds = 0.0_c_double
   fold_x = 0.0_c_double
@@ -142,7 +145,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
     balance%vary = vary
     balance%which = which
     if (vary == vary_frequency) balance%lowest = 0.0_c_double
-    options = curve_options(start, finish, tolerance, max_points, max_step)
+    options = curve_options(start, finish, tolerance, max_points, max_step, stops)
     found = outcome_converged
     allocate (at(balance%n))
     if (leave == 0) then
@@ -160,6 +163,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
       ended = branch%outcome
       p(:n_points) = branch%parameter(:n_points)
       iterations(:n_points) = branch%iterations(:n_points)
+      is_stop(branch%stops) = 1
       call expand(branch%x, n_points, x)
       n_folds = min(branch%folds%n, max_special)
       folds(:n_folds) = branch%folds%p(:n_folds)

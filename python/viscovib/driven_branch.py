@@ -72,6 +72,8 @@ class DrivenBranch(Curve):
     crossings : tuple of Crossing
         Changes of stability: "fold", "branch point" (as where a symmetry breaks), "period
         doubling" or "Neimark-Sacker".
+    stops : ndarray of int
+        Which points lie at the values asked for.
     outcome : str
         As in `Branch`, or "unphysical": the motion reaches z = -1; "closed": back at the first
         point.
@@ -92,6 +94,7 @@ class DrivenBranch(Curve):
     fold_coefficients: ComplexArray
     branch_points: tuple[BranchPoint, ...]
     crossings: tuple[Crossing, ...]
+    stops: npt.NDArray[np.intp]
     outcome: str
     iterations: IntArray
     plan: Plan
@@ -173,6 +176,7 @@ def trace_pendulum(
     m01: tuple[float, float] | None = None,
     m02: tuple[float, float] | None = None,
     nu: tuple[float, float] | None = None,
+    at: npt.ArrayLike = (),
     leave: BranchPoint | None = None,
     opposite: bool = False,
     harmonics: int | None = None,
@@ -194,6 +198,8 @@ def trace_pendulum(
         One of them: from which and to which value the branch is followed, up or down.
     nu : (float, float)
         Instead: the base frequency of loads whose ratios of frequencies stay.
+    at : array_like
+        Values at each of which a point shall lie, as often as the branch gets there.
     leave : BranchPoint
         Follow the branch that crosses another one here, which was traced with the same numbers of
         orders and the same ``subharmonic``; ``opposite``: the other way.
@@ -262,13 +268,14 @@ def trace_pendulum(
     span = 1.0 if stability and torus.n_axes == 1 else 0.0
     if duration is not None and torus.n_axes > 1:
         span = check_duration(duration)
+    stops = _native.real_array("at", at).reshape(-1)
     cancel = np.zeros(1, dtype=np.intc)
     (
-        n_points, ended, p, iterations, x, matrices, n_folds, folds, fold_x, fold_before,
+        n_points, ended, p, iterations, x, is_stop, matrices, n_folds, folds, fold_x, fold_before,
         n_branch, branch_p, branch_x, across, before,
     ) = _native.call_interruptibly(
         core.pendulum_branch, cancel, *job[:2], kept, *job[2:], start / unit, finish / unit,
-        wanted, points, step, span, int(leave is not None), begin, begin_p, along, MAX_SPECIAL,
+        wanted, points, step, stops / unit, span, int(leave is not None), begin, begin_p, along, MAX_SPECIAL,
         cancel,
     )  # fmt: skip
     if not n_points:
@@ -318,6 +325,7 @@ def trace_pendulum(
             for i in range(n_branch)
         ),
         crossings=crossings,
+        stops=np.flatnonzero(is_stop[:n_points]),
         outcome=OUTCOMES[ended],
         iterations=iterations[:n_points].copy(),
         plan=torus_plan(

@@ -94,6 +94,7 @@ def trace_response(
     m01: tuple[float, float] | None = None,
     m02: tuple[float, float] | None = None,
     nu: tuple[float, float] | None = None,
+    at: npt.ArrayLike = (),
     leave: BranchPoint | None = None,
     opposite: bool = False,
     harmonics: int | None = None,

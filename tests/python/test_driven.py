@@ -425,3 +425,16 @@ def test_bad_input_is_named(call, text):
     with pytest.raises(vv.InputError) as error:
         call()
     assert text in str(error.value)
+
+
+def test_a_branch_stops_where_told():
+    options = {"f0": (0.001, 0.02), "harmonics": 9, "stability": False}
+    values = [0.005, 0.0123]
+    branch = vv.trace_response(swung(), **options, at=values)
+    # To rounding in units of the core.
+    assert branch.parameter[branch.stops] == pytest.approx(values, rel=1e-14)
+    for i in branch.stops:
+        single = vv.forced_response(
+            swung(), f0=branch.parameter[i], harmonics=9, tolerance=1e-13, stability=False
+        )
+        assert branch.coefficients[i] == pytest.approx(single.coefficients[0], abs=1e-10)
