@@ -275,8 +275,8 @@ def trace_pendulum(
         n_branch, branch_p, branch_x, across, before,
     ) = _native.call_interruptibly(
         core.pendulum_branch, cancel, *job[:2], kept, *job[2:], start / unit, finish / unit,
-        wanted, points, step, stops / unit, span, int(leave is not None), begin, begin_p, along, MAX_SPECIAL,
-        cancel,
+        wanted, points, step, stops / unit, span, int(leave is not None), begin, begin_p, along,
+        MAX_SPECIAL, cancel,
     )  # fmt: skip
     if not n_points:
         raise InputError(
