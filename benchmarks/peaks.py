@@ -21,6 +21,7 @@ bare = mount(damping=0.02 * np.array([[10.0, -5.0], [-5.0, 4.5]]))
 remembering = mount(kernel=KERNEL)
 numbers = dict(e=0.1, w2=0.4, w3=0.8, alpha=0.5, f0=.005, p1=.93, p2=.37, p3=.71)
 pend = vv.Pendulum(**numbers, m01=.0025, m02=.005, c1=.01, c2=.01, c3=.01)
+one = vv.Pendulum(**numbers, c1=.01, c2=.01, c3=.01)
 damped = vv.Pendulum(**numbers, m01=.005, c1=.1, c2=.1, c3=.1)
 start = (0.05, 0, 0.3, 0, -0.2, 0)
 def peak():
@@ -52,7 +53,7 @@ JOBS: dict[str, tuple[str, tuple[int, int, int], bool, str]] = {
     ),
     "multiple scales": (
         "detunings", (10, 1000, 10_000), True,
-        "vv.MultipleScales(pend).response('p1', np.linspace(0.97, 1.08, n))",
+        "vv.MultipleScales(one).response('p1', np.linspace(0.97, 1.08, n))",
     ),
     "motion of the pendulum, last state": (
         "steps", (100, 100_000, 1_000_000), False,
