@@ -22,6 +22,8 @@ module viscovib_curve_corrector
   !> Unknowns up to which whole vectors pay more than blocks.
   integer, parameter :: small = 64, vector = 8
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
+  !> What is left then, against the tolerance: Newton steps would leave its square.
+  real(wp), parameter :: far_below = 1.0e-4_wp
 
   !> A point of the curve with its unit tangent and what its bordered determinant is.
   type :: curve_point
@@ -185,11 +187,11 @@ contains
       end do
       change = sqrt(change)
       if (.not. change <= 1.0e3_wp) return
-      if (change <= max(c%tolerance, rounding)) exit
+      if (change <= rounding .or. (fresh .and. change <= c%tolerance)) exit
       if (.not. exact .and. k > 1) then
         ! Corrections fall as a geometric series: what is left of it.
         if (change < fast_enough*before) then
-          if (change**2 <= 0.1_wp*c%tolerance*(before - change)) exit
+          if (change**2 <= max(far_below*c%tolerance, rounding)*(before - change)) exit
           fresh = .false.
         else
           fresh = .not. fresh
