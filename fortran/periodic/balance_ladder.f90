@@ -10,7 +10,7 @@ module viscovib_balance_ladder
   implicit none
   private
 
-  public :: balance_ladder_type, lowest_order, new_ladder, one_rung, order_step
+  public :: balance_ladder_type, lowest_order, new_ladder, one_rung
 
   !> Rungs by which a balance that judges another is above it.
   integer, parameter, public :: probe_rungs = 1

@@ -15,14 +15,18 @@ module viscovib_curve_events
   real(wp), parameter, public :: nowhere = huge(1.0_wp)
 
   integer, parameter :: max_turns = 60
-  !> Halvings before the determinant is interpolated, and points for that.
-  integer, parameter :: n_halvings = 3, n_nodes = 11
+  !> Points by which the determinant is interpolated, the least left of them, and rounds
+  !! in which they close in.
+  integer, parameter :: n_nodes = 15, enough = 6, max_rounds = 4
+  !> How far they go beyond a step at first, as a part of it; how much nearer the next
+  !! round's are; two zeros agree if they differ by no more than this part of a step.
+  real(wp), parameter :: beyond = 0.2_wp, narrower = 0.4_wp, agreed = 1.0e-12_wp
   !> Values in passing are a little off, so that a sign may change this part of a step
   !! before or behind it.
   real(wp), parameter :: margin = 0.1_wp
-  !> Nearer to the zero than this part of the largest determinant, equations are so
-  !! nearly singular that their solution may lie on the other branch.
-  real(wp), parameter :: too_near = 0.05_wp
+  !> Nearer to the zero than this part of the nodes' reach, equations are so nearly
+  !! singular that their solution may lie on the other branch.
+  real(wp), parameter :: too_near = 0.1_wp
 
   !> Points of one kind, in the order met.
   type :: special_points
@@ -138,7 +142,7 @@ contains
   end subroutine turn
 
   !> The determinant, and the curve, as polynomials in the step: at the zero itself
-  !! the equations cannot be solved.
+  !! the equations cannot be solved. Through ever narrower nodes, until two agree.
   subroutine cross(curve, c, here, step, found, at)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
@@ -149,8 +153,9 @@ contains
     type(curve_point) :: trial
     real(wp), allocatable :: x(:, :)
     real(wp), dimension(n_nodes) :: place, p, value, weight
-    real(wp) :: low, high, low_value, high_value, middle, middle_value, reference
-    logical :: made, keep_node(n_nodes)
+    real(wp) :: low, high, low_value, high_value, reference, reach
+    real(wp) :: zero, before, change, last_change
+    logical :: made
     integer :: k, n, j
 
     at = nowhere
@@ -170,59 +175,93 @@ contains
       if (low_value*high_value < 0.0_wp) exit
     end do
     if (.not. low_value*high_value < 0.0_wp) return
-    do k = 1, n_halvings
-      middle = 0.5_wp*(low + high)
-      call sample(middle, middle_value)
-      if (.not. made) exit
-      if (middle_value*low_value > 0.0_wp) then
-        low = middle
-      else
-        high = middle
-      end if
-    end do
-    n = 0
-    do k = 1, n_nodes
-      middle = 0.5_wp*(low + high) - 0.5_wp*(high - low)*cos(pi*(k - 1)/(n_nodes - 1))
-      call sample(middle, middle_value)
-      if (.not. made) cycle
-      n = n + 1
-      place(n) = middle
-      value(n) = middle_value
-      p(n) = trial%p
-      x(:, n) = trial%x
-    end do
-    keep_node(:n) = abs(value(:n)) > too_near*maxval(abs(value(:n)))
-    j = 0
-    do k = 1, n
-      if (.not. keep_node(k)) cycle
-      j = j + 1
-      place(j) = place(k)
-      value(j) = value(k)
-      p(j) = p(k)
-      x(:, j) = x(:, k)
-    end do
-    n = j
-    if (n < 2) return
-    do k = 1, n
-      weight(k) = 1.0_wp/product([((place(k) - place(j))/(high - low), j=1, k - 1), &
-                                  ((place(k) - place(j))/(high - low), j=k + 1, n)])
-    end do
-    low_value = value(1)
-    do k = 1, max_turns
-      middle = 0.5_wp*(low + high)
-      if (at_place(middle, value)*low_value > 0.0_wp) then
-        low = middle
-      else
-        high = middle
-      end if
-    end do
-    at = middle
-    found%p = at_place(at, p)
-    do k = 1, curve%n
-      found%x(k) = at_place(at, x(k, :))
+    reach = (0.5_wp + beyond)*(high - low)
+    before = nowhere
+    last_change = nowhere
+    do k = 0, max_rounds
+      ! From the second round on, the zero splits the nodes: none lies near it.
+      if (k == 0) call through_nodes(0.5_wp*(low + high), reach, nowhere, zero)
+      if (k > 0) call through_nodes(before, narrower**k*reach, before, zero)
+      change = abs(zero - before)
+      if (zero >= nowhere .or. (k > 1 .and. change > last_change)) exit
+      before = zero
+      last_change = change
+      at = zero
+      found%p = at_place(at, p)
+      do j = 1, curve%n
+        found%x(j) = at_place(at, x(j, :))
+      end do
+      if (change <= agreed*abs(step)) exit
     end do
 
   contains
+
+    !> The zero of the polynomial through nodes around `centre`; from those near
+    !! `avoid` (or near the change of sign) the other branch may have been met.
+    subroutine through_nodes(centre, reach, avoid, zero)
+      real(wp), intent(in) :: centre, reach, avoid
+      real(wp), intent(out) :: zero
+      real(wp) :: near, from, to, from_value
+      integer :: i
+
+      zero = nowhere
+      n = 0
+      do i = 1, n_nodes
+        near = centre - reach*cos(pi*(i - 1)/(n_nodes - 1))
+        if (abs(near - avoid) <= too_near*reach) cycle
+        call sample(near, from_value)
+        if (made) call put(near, from_value)
+      end do
+      near = avoid
+      if (near >= nowhere) then
+        i = findloc(value(:n - 1)*value(2:n) < 0.0_wp, .true., 1)
+        if (i == 0) return
+        near = place(i) + (place(i + 1) - place(i))*value(i)/(value(i) - value(i + 1))
+        call drop(abs(place(:n) - near) <= too_near*reach)
+      end if
+      if (n < enough) return
+      do i = 1, n
+        weight(i) = 1.0_wp/(product((place(i) - place(:i - 1))/reach) &
+                            *product((place(i) - place(i + 1:n))/reach))
+      end do
+      from = near - 2.0_wp*too_near*reach
+      to = near + 2.0_wp*too_near*reach
+      from_value = at_place(from, value)
+      if (.not. from_value*at_place(to, value) < 0.0_wp) return
+      do i = 1, max_turns
+        zero = 0.5_wp*(from + to)
+        if (at_place(zero, value)*from_value > 0.0_wp) then
+          from = zero
+        else
+          to = zero
+        end if
+      end do
+    end subroutine through_nodes
+
+    !> The last point sampled, among those the polynomials go through.
+    subroutine put(s, sampled)
+      real(wp), intent(in) :: s, sampled
+      n = n + 1
+      place(n) = s
+      value(n) = sampled
+      p(n) = trial%p
+      x(:, n) = trial%x
+    end subroutine put
+
+    subroutine drop(those)
+      logical, intent(in) :: those(:)
+      integer :: i, kept
+      kept = 0
+      do i = 1, size(those)
+        if (those(i)) cycle
+        kept = kept + 1
+        place(kept) = place(i)
+        value(kept) = value(i)
+        p(kept) = p(i)
+        x(:, kept) = x(:, i)
+      end do
+      n = kept
+    end subroutine drop
 
     subroutine sample(s, value)
       real(wp), intent(in) :: s

@@ -16,7 +16,7 @@ module viscovib_motion_stability
   implicit none
   private
 
-  public :: judge_type, stability_type, new_judge, stability_slots
+  public :: judge_type, stability_type, new_judge
 
   !> Multipliers this close to the unit circle count as on it.
   real(wp), parameter :: circle = 1.0e-9_wp

@@ -180,7 +180,7 @@ contains
     if (system%kernel_without_integral() == 0) return
     call fail(status, status_input_error, 'beta', 'a kernel has no finite integral (beta = 0), ' &
               //'which the mean of this response needs: give beta > 0, or a load of odd ' &
-              //'harmonics only and odd forces')
+              //'harmonics only and odd forces (and keep to their symmetry)')
   end subroutine check_mean
 
   subroutine describe(plan, system, load, n_nu, method)

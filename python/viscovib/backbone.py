@@ -174,7 +174,8 @@ def oscillator_backbone(
     amplitude_range : (float, float)
         First harmonic of a coordinate from which (small) and to which the curve is followed.
     dof : str, optional
-        That coordinate; default the one that moves most in the mode.
+        That coordinate; default the one that moves most in the mode, weighed by the root of its
+        inertia.
     harmonics : int
         Highest order kept.
     tolerance : float
@@ -202,10 +203,12 @@ def oscillator_backbone(
     if frequencies[j] <= 1e-7 * frequencies[-1]:
         raise InputError(f"mode = {j}: moves as a rigid body, its frequency is 0")
     shape = shapes[:, j]
-    place = int(np.abs(shape).argmax())
+    # By inertia, so that no choice of units decides.
+    moved = np.abs(shape) * np.sqrt(np.diag(conservative._mass_matrix))
+    place = int(moved.argmax())
     if dof is not None:
         place = names.index(_native.choice("dof", dof, names))
-    if abs(shape[place]) < 1e-6 * np.abs(shape).max():
+    if moved[place] < 1e-6 * moved.max():
         raise InputError(f"dof = {_native.shown(dof)}: stands still in mode {j}")
     ends = _native.real_array("amplitude_range", amplitude_range)
     if ends.shape != (2,) or not 0 < ends[0] < ends[1]:

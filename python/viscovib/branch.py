@@ -26,14 +26,10 @@ from viscovib.response import Peak, _prepare
 OUTCOMES: tuple[str, ...] = (
     "completed", "returned", "step limit", "stuck", "overflow", "unphysical", "closed",
 )  # fmt: skip
-#: Multipliers this close to the unit circle count as on it.
-_CIRCLE = 1e-9
 #: Numbers that all points together may hold.
 _MAX_NUMBERS = 4e8
 #: Folds, branch points and changes of stability that a branch keeps.
 MAX_SPECIAL = 200
-#: Entries of a monodromy matrix beyond this say nothing any more.
-_LARGEST = 1e100
 #: What varies, in the order of the core.
 _KINDS = {"nu": 1, "load_factor": 2}
 #: Where a parameter stands among the numbers of a mount.

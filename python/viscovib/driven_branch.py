@@ -40,9 +40,6 @@ from viscovib.torus import (
 )
 from viscovib.torus_plan import torus_plan
 
-#: Highest orders kept by default, for one, two and three base frequencies.
-_HARMONICS = {1: 15, 2: 6, 3: 4}
-
 
 @dataclass(frozen=True, eq=False)
 class DrivenBranch(Curve):

@@ -9,10 +9,14 @@ from scipy.optimize import brentq
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.branch import _CIRCLE, _LARGEST, Crossing
+from viscovib.branch import Crossing
 from viscovib.errors import InputError, StabilityWarning
 from viscovib.torus import IntArray
 
+#: Multipliers this close to the unit circle count as on it.
+_CIRCLE = 1e-9
+#: Entries of a monodromy matrix beyond this say nothing any more.
+_LARGEST = 1e100
 #: Rates of growth closer to 0 than this count as 0.
 STILL = 1e-7
 

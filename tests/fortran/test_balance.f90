@@ -222,6 +222,9 @@ contains
     call check_close(branch%folds%p(1), 2.593184316412_wp, 1.0e-6_wp, 'upper fold')
     call check_close(branch%folds%p(2), 2.268892724956_wp, 1.0e-6_wp, 'lower fold')
     call check_close(branch%parameter(branch%n_points), 10.0_wp, 0.0_wp, 'the end')
+    ! A good prediction, few corrections: 3.1 a point.
+    call check(branch%n_points <= 220, 'long steps')
+    call check(sum(branch%iterations(:branch%n_points)) <= 7*branch%n_points/2, 'few corrections')
     ! Between the folds there are three motions at a load of 2.4.
     call check(size(branch%stops) == 4, 'stops')
     call check(all(branch%parameter(branch%stops) == [2.4_wp, 2.4_wp, 2.4_wp, 7.0_wp]), &

@@ -14,6 +14,22 @@ BODY = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_
 STIFFNESS = np.array([[10.0, -5.0], [-5.0, 4.5]])
 
 
+def test_no_unit_decides_which_coordinate_counts():
+    curves = []
+    for length in (1e-9, 1.0, 1e9):
+        body = vv.Mount(
+            mass=1, inertia=0.1 * length**2, offset=0.5 * length, stiffness_x=10,
+            stiffness_phi=2 * length**2,
+        )  # fmt: skip
+        curves.append(vv.backbone(body, 0, (1e-3 * length, 0.4 * length), dof="x").nu)
+        # Refused before: it turns by little if lengths are large numbers.
+        vv.backbone(body, 0, (1e-3, 0.4), dof="phi")
+        by_default = vv.backbone(body, 0, (1e-3 * length, 0.4 * length)).nu
+        np.testing.assert_array_equal(by_default, curves[-1])
+    for curve in curves:
+        np.testing.assert_allclose(curve, curves[1], rtol=1e-12)
+
+
 def test_duffing_in_elliptic_functions():
     """From rest at A, x'' + x + c x^3 = 0 has omega = pi sqrt(1 + c A^2)/(2 K(m))."""
     for c, largest in ((1.0, 5.0), (-1.0, 0.8)):

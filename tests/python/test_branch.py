@@ -570,3 +570,28 @@ def test_what_may_not_vary_is_said():
         vv.trace_response(damped(), vary="mass", vary_range=(1, 2), load=0.5)
     with pytest.raises(vv.InputError, match="vary: needs a mount"):
         vv.trace_response(_duffing(), nu=1.0, vary="mass", vary_range=(1, 2), load=0.5)
+
+
+def test_points_in_passing_are_good_to_rounding():
+    """Those of a branch, at its default tolerance, against Newton's method to its end."""
+    branch = vv.trace_response(damped(), (0.5, 10), load=0.5, stability=False)
+    alone = (branch.nu < 2.2) | (branch.nu > 2.7)
+    for i in np.flatnonzero(alone)[::9]:
+        single = vv.forced_response(
+            damped(), branch.nu[i], load=0.5, method="newton", tolerance=1e-14
+        )
+        size = np.abs(single.coefficients).max()
+        assert np.abs(branch.coefficients[i] - single.coefficients[0]).max() < 1e-12 * size
+
+
+@pytest.mark.parametrize("max_step", [0.042, 0.058, 0.076, 0.092, 0.098])
+def test_a_branch_point_is_found_from_the_side_branch_too(max_step):
+    """There Newton's method falls onto the other branch where the two come close."""
+    options = {"load_range": (0.1, 30), "nu": 1, "load": 1, "harmonics": 21, "symmetric": False}
+    main = vv.trace_response(_duffing(), **options, stability=False)
+    side = vv.trace_response(
+        _duffing(), **options, stability=False, leave=main.branch_points[0], max_step=max_step
+    )
+    assert [point.parameter for point in side.branch_points] == pytest.approx(
+        [main.branch_points[1].parameter], rel=1e-9
+    )
