@@ -120,11 +120,14 @@ contains
         if (corrector%outside) branch%outcome = curve_unphysical
         return
       end if
+      next%p = here%p
       if (next%slope_p*sign_wanted < 0.0_wp) call reverse(next)
       ! Once more, so that the determinant belongs to the tangent.
       call copy_point(next, here)
       call correct(curve, corrector, here, 0.0_wp, next, made, .true.)
       if (.not. made) return
+      ! What that moved is rounding.
+      next%p = here%p
       call copy_point(next, here)
     end if
     call branch%add(here, any(abs(stops - here%p) <= 0.0_wp))
