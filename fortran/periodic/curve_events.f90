@@ -21,9 +21,9 @@ module viscovib_curve_events
   !> How far they go beyond a step at first, as a part of it; how much nearer the next
   !! round's are; two zeros agree if they differ by no more than this part of a step.
   real(wp), parameter :: beyond = 0.2_wp, narrower = 0.4_wp, agreed = 1.0e-12_wp
-  !> Values in passing are a little off, so that a sign may change this part of a step
+  !> Tangents in passing are a little off, so that a sign may change these parts of a step
   !! before or behind it.
-  real(wp), parameter :: margin = 0.1_wp
+  real(wp), parameter :: margins(0:3) = [0.0_wp, 0.1_wp, 0.3_wp, 0.9_wp]
   !> Nearer to the zero than this part of the nodes' reach, equations are so nearly
   !! singular that their solution may lie on the other branch.
   real(wp), parameter :: too_near = 0.1_wp
@@ -109,8 +109,8 @@ contains
     at = nowhere
     call new_point(trial, curve%n)
     call new_point(found, curve%n)
-    do k = 0, 1
-      low = -k*margin*step
+    do k = 0, 3
+      low = -margins(k)*step
       high = step - low
       call correct(curve, c, here, low, trial, made, .true.)
       if (.not. made) return
@@ -163,8 +163,8 @@ contains
     call new_point(found, curve%n)
     allocate (x(curve%n, n_nodes))
     reference = 0.0_wp
-    do k = 0, 1
-      low = -k*margin*step
+    do k = 0, 3
+      low = -margins(k)*step
       high = step - low
       call sample(low, low_value)
       if (.not. made) return
