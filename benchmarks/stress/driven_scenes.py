@@ -18,8 +18,16 @@ Tables = dict[str, np.ndarray]
 #: Columns that tell of the computation, not of the motion.
 NO_RESULTS = ("iterations", "rate", "nu_given")
 #: Keys whose numbers are counts or names of something.
-COUNTS = ("nu_count", "count", "harmonics", "order", "kernel", "max_iterations", "subharmonic",
-          "switch")
+COUNTS = (
+    "nu_count",
+    "count",
+    "harmonics",
+    "order",
+    "kernel",
+    "max_iterations",
+    "subharmonic",
+    "switch",
+)
 #: Columns of estimated errors, and those whose size rounding moves them by (none: they are
 #: relative to the motion).
 ESTIMATES = {"truncation": "", "error": "order"}

@@ -16,11 +16,11 @@ module viscovib_curve_corrector
   public :: curve_point, corrector_type, new_corrector, new_point, copy_point, aim, correct, &
             null_vector, normalize, reverse, angle_between, distance
 
-  integer, parameter :: max_iterations = 12
+  integer, parameter :: max_iterations = 12, longest = 8
   !> With the factors kept, corrections must shrink by this each time.
   real(wp), parameter :: fast_enough = 0.1_wp
   !> Errors of a tangent in passing, in units of the rate of convergence.
-  real(wp), parameter :: doubtful = 4.0_wp
+  real(wp), parameter :: doubtful = 40.0_wp
   !> Unknowns up to which whole vectors pay more than blocks.
   integer, parameter :: small = 64, vector = 8
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
@@ -190,6 +190,7 @@ contains
       change = sqrt(change)
       if (.not. change <= 1.0e3_wp) return
       if (change <= rounding .or. (fresh .and. change <= c%tolerance)) exit
+      if (.not. exact .and. k >= longest) return
       if (.not. exact .and. k > 1) then
         ! Corrections fall as a geometric series: what is left of it.
         if (change < fast_enough*before) then

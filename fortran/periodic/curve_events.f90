@@ -15,6 +15,8 @@ module viscovib_curve_events
   real(wp), parameter, public :: nowhere = huge(1.0_wp)
 
   integer, parameter :: max_turns = 60
+  !> Relative distance of parameters at folds that are one.
+  real(wp), parameter :: same = 1.0e-10_wp
   !> Points by which the determinant is interpolated, the least left of them, and rounds
   !! in which they close in.
   integer, parameter :: n_nodes = 15, enough = 6, max_rounds = 4
@@ -61,6 +63,12 @@ contains
     real(wp) :: nothing(curve%n + 1)
 
     call turn(curve, c, here, step, found, at)
+    if (at >= nowhere) return
+    if (folds%n > 0) then
+      ! Of two flips of a sign next to a fold the second finds it again.
+      if (abs(found%p - folds%p(folds%n)) <= same*abs(found%p) &
+          .and. norm2(found%x - folds%x(:, folds%n)) <= sqrt(same)*norm2(found%x)) at = nowhere
+    end if
     nothing = 0.0_wp
     if (at < nowhere) call keep(folds, found, nothing)
   end subroutine locate_fold

@@ -624,3 +624,38 @@ def test_a_crossing_with_memory_is_where_a_branch_leaves():
     crossed = [c.parameter for c in odd.crossings if c.kind == "symmetry breaking"]
     assert crossed == pytest.approx([p.parameter for p in full.branch_points], rel=1e-11)
     assert len(crossed) == 3
+
+
+def random_branches(seed, count):
+    """Branches of mounts with sharp resonances, some with memory."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        kernel = vv.RzhanitsynKernel(
+            amplitude=10 ** rng.uniform(-3, -2), alpha=rng.uniform(0.1, 0.9), beta=rng.uniform(0, 1)
+        )
+        body = vv.Mount(
+            mass=1, inertia=10 ** rng.uniform(-1.5, 0), offset=rng.uniform(0, 0.8), stiffness_x=10,
+            stiffness_phi=rng.uniform(1, 8), geometry=str(rng.choice(["cubic", "exact"])),
+            damping=10 ** rng.uniform(-3, -1) * STIFFNESS,
+            kernel=kernel if rng.random() < 0.6 else None,
+        )  # fmt: skip
+        yield vv.trace_response(
+            body, (0.5, 10), load=10 ** rng.uniform(-2, 0), harmonics=int(rng.choice([9, 15])),
+            stability=False,
+        )  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_folds_come_in_pairs_and_once_each():
+    """One in 50 of these had lost a fold or told one twice, one in 1000 met another branch."""
+    n_completed = 0
+    for branch in random_branches(5, 400):
+        if branch.outcome != "completed":
+            continue
+        n_completed += 1
+        assert branch.folds.size % 2 == 0
+        assert branch.branch_points == ()
+        turns = np.count_nonzero(np.diff(np.sign(np.diff(branch.nu))))
+        assert branch.folds.size >= turns
+        assert (np.diff(np.sort(branch.folds)) > 1e-9).all()
+    assert n_completed > 380
