@@ -1,43 +1,81 @@
 ! Flat routines over backbone curves, for f2py. The system is given as in mount_binding.
 
-!> The backbone of a mode (frequency omega, shape) from amplitude start to finish of
-!! coordinate dof, counted from 1; of the system, damping and kernels must be absent.
-!! Orders to `harmonics`, of which n_kept are kept: all, or the odd ones.
-subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
-                               omega, mode, n_dof, dof, start, finish, harmonics, tolerance, &
-                               max_points, max_step, n_kept, cancel, n_points, ended, nu, &
-                               coefficients, status, message)
-  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
-  use viscovib_backbone, only: follow_backbone
+!> What a backbone computes and skips, the coordinate whose amplitude counts and the orders
+!! kept. mode is counted from 0, dof from 1 (0: the one that moves most); name is that of dof.
+subroutine oscillator_backbone_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
+                                    mode, dof, name, start, finish, harmonics, tolerance, n_kept, &
+                                    kept, text, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
   use viscovib_binding_tools, only: make_system, report
-  use viscovib_curve_branch, only: curve_branch_type, curve_options
-  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: status_type
   implicit none
-  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_dof, dof, harmonics
-  integer(c_int), intent(in) :: max_points, n_kept
-  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), omega, mode(n_dof)
+  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, mode, dof, harmonics
+  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi)
+  real(c_double), intent(in) :: start, finish, tolerance
+  character(len=*), intent(in) :: name
+  integer(c_int), intent(out) :: n_kept, kept(200), status
+  character(len=2048), intent(out) :: text
+  character(len=512), intent(out) :: message
+  class(oscillator_type), allocatable :: system
+  type(backbone_plan_type) :: plan
+  type(status_type) :: outcome
+
+  n_kept = 0
+  kept = 0
+  text = ''
+  call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
+  if (.not. outcome%failed()) call new_backbone_plan(plan, system, mode, dof, name, harmonics, &
+                                                     tolerance, outcome)
+  if (.not. outcome%failed()) then
+    n_kept = size(plan%set%orders)
+    kept(:n_kept) = plan%set%orders
+    text = plan%text(start, finish)
+  end if
+  call report(outcome, status, message)
+end subroutine oscillator_backbone_plan
+
+!> The backbone of a mode, counted from 0, from amplitude start to finish of coordinate
+!! dof, counted from 1 (0: the one that moves most). n_kept as its plan says.
+subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
+                               mode, dof, start, finish, harmonics, tolerance, max_points, &
+                               max_step, n_kept, n_dof, max_special, cancel, n_points, ended, &
+                               nu, coefficients, n_folds, folds, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
+  use viscovib_backbone, only: follow_backbone
+  use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
+  use viscovib_binding_tools, only: make_system, report
+  use viscovib_curve_branch, only: curve_branch_type, curve_options
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, mode, dof, harmonics
+  integer(c_int), intent(in) :: max_points, n_kept, n_dof, max_special
+  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi)
   real(c_double), intent(in) :: start, finish, tolerance, max_step
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
-  integer(c_int), intent(out) :: n_points, ended, status
-  real(c_double), intent(out) :: nu(max_points)
+  integer(c_int), intent(out) :: n_points, ended, n_folds, status
+  !> Folds are amplitudes.
+  real(c_double), intent(out) :: nu(max_points), folds(max_special)
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_dof, max_points)
   character(len=512), intent(out) :: message
   !f2py threadsafe
-  class(oscillator_type), allocatable, target :: system
-  type(harmonic_set_type) :: set
+  class(oscillator_type), allocatable :: system
+  type(backbone_plan_type), target :: plan
   type(curve_branch_type) :: backbone
   type(status_type) :: outcome
   integer :: d, from
 
   n_points = 0
+  n_folds = 0
   ended = 0
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
+  if (.not. outcome%failed()) call new_backbone_plan(plan, system, mode, dof, '', harmonics, &
+                                                     tolerance, outcome)
   if (.not. outcome%failed()) then
-    call new_harmonic_set(set, harmonics, system%odd, system%degree)
-    call follow_backbone(system, set, omega, mode, dof, &
+    call follow_backbone(plan%system, plan%set, plan%omega, plan%shape, plan%dof, &
                          curve_options(start, finish, tolerance, max_points, max_step), &
                          backbone, cancel(1))
     n_points = backbone%n_points
@@ -49,6 +87,8 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
                                             backbone%x(from + 2:from + 2*n_kept:2, :n_points), &
                                             c_double)
     end do
+    n_folds = min(backbone%folds%n, max_special)
+    folds(:n_folds) = backbone%folds%p(:n_folds)
   end if
   call report(outcome, status, message)
 end subroutine oscillator_backbone
@@ -59,21 +99,20 @@ end subroutine oscillator_backbone
 !! unknown; unit the base frequency of small motions. With leave = 1 they begin at the
 !! cosines `begin`, frequency begin_nu and size begin_p in the direction `along`, else near
 !! the cosines `begin`, which are only scaled to size.
-!! Monodromy matrices if stability = 1.
+!! Floquet multipliers if stability = 1.
 subroutine pendulum_backbone(flat, n_orders, kept, unit, dof, order, start, finish, tolerance, &
                              max_points, max_step, stability, leave, begin, begin_nu, begin_p, &
                              along, n_unknowns, max_special, cancel, n_points, ended, nu, &
-                             energy, x, matrices, n_folds, folds, n_branch_points, &
+                             energy, x, multipliers, growing, n_folds, folds, n_branch_points, &
                              branch_points, branch_point_nu, branch_point_x, across, before, &
                              status, message)
-  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
-  use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
-  use viscovib_free_curve, only: free_curve_type, new_free_curve
-  use viscovib_orbit_floquet, only: orbit_floquet_type
+  use viscovib_curve_branch, only: curve_options
+  use viscovib_free_family, only: follow_family, free_circle, free_family_type, free_options
+  use viscovib_orbit_multipliers, only: count_larger
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
-  use viscovib_torus, only: new_torus, torus_type
   implicit none
   integer(c_int), intent(in) :: n_orders, n_unknowns, max_points, max_special, dof, order
   integer(c_int), intent(in) :: kept(n_orders, 3), stability, leave
@@ -84,8 +123,10 @@ subroutine pendulum_backbone(flat, n_orders, kept, unit, dof, order, start, fini
   integer(c_int), intent(out) :: n_points, ended, n_folds
   real(c_double), intent(out) :: nu(max_points), energy(max_points)
   !> Cosines: n_unknowns = 3 n_orders.
-  real(c_double), intent(out) :: x(n_unknowns, max_points)
-  real(c_double), intent(out) :: matrices(6, 6, max_points), folds(max_special)
+  real(c_double), intent(out) :: x(n_unknowns, max_points), folds(max_special)
+  !> Largest first, NaN where unknown; how many are outside the circle, -1: unknown.
+  complex(c_double_complex), intent(out) :: multipliers(6, max_points)
+  integer(c_int), intent(out) :: growing(max_points)
   real(c_double), intent(out) :: branch_points(max_special), branch_point_nu(max_special)
   real(c_double), intent(out) :: branch_point_x(n_unknowns, max_special)
   !> Direction in the cosines, the frequency and the size.
@@ -94,98 +135,50 @@ subroutine pendulum_backbone(flat, n_orders, kept, unit, dof, order, start, fini
   character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type), target :: system
-  type(torus_type) :: torus
-  type(free_curve_type) :: curve
-  type(curve_options) :: options
-  type(curve_branch_type) :: branch
-  type(orbit_floquet_type) :: floquet
+  type(free_options) :: options
+  type(free_family_type) :: family
   type(status_type) :: problem
-  real(c_double), allocatable :: at(:), r(:), slope(:), jacobian(:, :), direction(:)
-  logical :: inside
-  integer :: i
+  integer :: i, n
 
   n_points = 0
   n_folds = 0
   n_branch_points = 0
   ended = -1
-  before = 0
-  nu = 0.0_c_double
-  energy = 0.0_c_double
-  x = 0.0_c_double
-  matrices = 0.0_c_double
-  folds = 0.0_c_double
-  branch_points = 0.0_c_double
-  branch_point_nu = 0.0_c_double
-  branch_point_x = 0.0_c_double
-  across = 0.0_c_double
   call make_pendulum(system, flat, problem)
-  if (.not. problem%failed()) call new_torus(torus, reshape([(i, i=0, n_orders - 1)], &
-                                                            [1, n_orders]), problem)
   if (.not. problem%failed()) then
-    call new_free_curve(curve, system, torus, kept /= 0, unit, dof, order)
-    options = curve_options(start, finish, tolerance, max_points, max_step)
-    at = cosines_only(begin, begin_nu/unit)
+    options%kept = kept /= 0
+    options%unit = unit
+    options%dof = dof
+    options%order = order
+    options%curve = curve_options(start, finish, tolerance, max_points, max_step)
+    options%stability = stability /= 0
     if (leave == 0) then
-      associate (cosines => at(:curve%motion%n))
-        if (dof > 0) then
-          cosines = cosines*(start/cosines(curve%measured))
-        else
-          cosines = cosines*sqrt(start/curve%energy(at))
-        end if
-      end associate
-      call follow_curve(curve, options, at, branch, cancel=cancel(1))
+      call follow_family(family, system, options, begin, problem, cancel(1))
     else
-      direction = [cosines_only(along(:n_unknowns), along(n_unknowns + 1)), along(n_unknowns + 2)]
-      call follow_curve(curve, options, at, branch, begin_p, direction, cancel(1))
+      call follow_family(family, system, options, begin, problem, cancel(1), begin_nu, begin_p, &
+                         along)
     end if
-    n_points = branch%n_points
-    ended = branch%outcome
-    n_folds = min(branch%folds%n, max_special)
-    folds(:n_folds) = branch%folds%p(:n_folds)
-    n_branch_points = min(branch%branch_points%n, max_special)
-    do i = 1, n_branch_points
-      associate (points => branch%branch_points)
-        branch_points(i) = points%p(i)
-        branch_point_x(:, i) = cosines_of(points%x(:, i))
-        branch_point_nu(i) = curve%frequency(points%x(:, i))
-        across(:n_unknowns, i) = cosines_of(points%across(:, i))
-        across(n_unknowns + 1:, i) = points%across(curve%n:, i)
-        before(i) = points%before(i)
-      end associate
-    end do
-    allocate (r(curve%n), slope(curve%n), jacobian(curve%n, curve%n))
-    do i = 1, n_points
-      if (cancel(1) /= 0) exit
-      associate (point => branch%x(:, i))
-        x(:, i) = cosines_of(point)
-        nu(i) = curve%frequency(point)
-        energy(i) = curve%energy(point)
-        if (stability == 0) cycle
-        call curve%equations(point, branch%parameter(i), r, jacobian, slope, inside)
-        call floquet%monodromy(curve%motion, point(:curve%motion%n), matrices(:, :, i))
-      end associate
-    end do
+  end if
+  if (.not. problem%failed()) then
+    n = size(family%parameter)
+    n_points = n
+    ended = family%outcome
+    nu(:n) = family%nu
+    energy(:n) = family%energy
+    x(:, :n) = family%x
+    if (options%stability) then
+      multipliers(:, :n) = family%multipliers
+      growing(:n) = [(count_larger(family%multipliers(:, i), free_circle), i=1, n)]
+    end if
+    n_folds = min(size(family%folds), max_special)
+    folds(:n_folds) = family%folds(:n_folds)
+    n = min(size(family%branch_p), max_special)
+    n_branch_points = n
+    branch_points(:n) = family%branch_p(:n)
+    branch_point_nu(:n) = family%branch_nu(:n)
+    branch_point_x(:, :n) = family%branch_x(:, :n)
+    across(:, :n) = family%across(:, :n)
+    before(:n) = family%branch_before(:n)
   end if
   call report(problem, status, message)
-
-contains
-
-  !> Unknowns of the curve from cosines and the last one.
-  function cosines_only(values, last) result(unknowns)
-    real(c_double), intent(in) :: values(:), last
-    real(c_double), allocatable :: unknowns(:)
-    real(c_double) :: y(2*n_orders - 1, 3)
-    y = 0.0_c_double
-    y(1::2, :) = reshape(values, [n_orders, 3])
-    unknowns = [curve%motion%reduced(reshape(y, [size(y)])), last]
-  end function cosines_only
-
-  !> The way back.
-  function cosines_of(unknowns) result(values)
-    real(c_double), intent(in) :: unknowns(:)
-    real(c_double) :: values(n_unknowns), y(2*n_orders - 1, 3)
-    y = curve%motion%expanded(unknowns(:curve%motion%n))
-    values = reshape(y(1::2, :), [n_unknowns])
-  end function cosines_of
-
 end subroutine pendulum_backbone

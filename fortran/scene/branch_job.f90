@@ -4,6 +4,7 @@ module viscovib_branch_job
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_crossings, only: crossing_names, crossing_type, find_crossings, known_folds
   use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes, follow_curve
+  use viscovib_curve_groups, only: listed, read_curve, read_yes
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
@@ -23,13 +24,9 @@ module viscovib_branch_job
 
   public :: branch_job, read_branch, plan_branch, run_branch, write_branch
 
-  integer, parameter :: max_branch_points = 100000
-
   type :: branch_job
-    real(wp) :: nu_from = 0.0_wp, nu_to = 0.0_wp
     type(response_options) :: options
-    integer :: max_points = 2000
-    real(wp) :: max_step = 0.1_wp
+    type(curve_options) :: curve
     logical :: stability = .true.
   end type branch_job
 
@@ -39,34 +36,22 @@ contains
     type(group_reader), intent(inout) :: reader
     type(branch_job), intent(out) :: job
     type(status_type) :: status
-    character(len=:), allocatable :: word
-    integer :: judged
 
-    job%nu_from = reader%read_real('nu_from')
-    job%nu_to = reader%read_real('nu_to')
+    job%curve%start = reader%read_real('nu_from')
+    job%curve%finish = reader%read_real('nu_to')
     job%options%harmonics = reader%read_integer('harmonics', job%options%harmonics)
-    job%options%tolerance = reader%read_real('tolerance', job%options%tolerance)
     job%options%keep_idle = .true.
-    job%max_points = reader%read_integer('max_points', job%max_points)
-    job%max_step = reader%read_real('max_step', job%max_step)
-    judged = 1
-    word = reader%read_text('stability', 'yes', [character(len=3) :: 'yes', 'no'], judged)
-    job%stability = judged == 1
+    call read_curve(reader, job%curve)
+    job%options%tolerance = job%curve%tolerance
+    job%stability = read_yes(reader, 'stability')
     if (reader%status%failed()) return
-    call check_positive('nu_from', job%nu_from, status)
+    call check_positive('nu_from', job%curve%start, status)
     call reader%place(status)
-    call check_positive('nu_to', job%nu_to, status)
+    call check_positive('nu_to', job%curve%finish, status)
     call reader%place(status)
-    if (.not. abs(job%nu_to - job%nu_from) > 0.0_wp) then
-      call reader%complain('nu_to', 'nu_to = '//show(job%nu_to)//': must differ from nu_from')
-    end if
-    if (job%max_points < 2 .or. job%max_points > max_branch_points) then
-      call reader%complain('max_points', 'max_points = '//show(job%max_points)//': must be 2 to ' &
-                           //show(max_branch_points))
-    end if
-    if (job%max_step < 1.0e-4_wp .or. job%max_step > 1.0_wp) then
-      call reader%complain('max_step', 'max_step = '//show(job%max_step) &
-                           //': must be in [1e-4, 1]')
+    if (.not. abs(job%curve%finish - job%curve%start) > 0.0_wp) then
+      call reader%complain('nu_to', 'nu_to = '//show(job%curve%finish) &
+                           //': must differ from nu_from')
     end if
   end subroutine read_branch
 
@@ -108,24 +93,22 @@ contains
       return
     end if
     call new_oscillator_curve(curve, system, load, plan%set, vary_frequency)
-    call curve%balance%set_frequency(system, load, job%nu_from)
+    call curve%balance%set_frequency(system, load, job%curve%start)
     iterations = 0
     call point_from_rest(curve%balance, system, load, job%options%tolerance, x, outcome, iterations)
     if (outcome /= outcome_converged) then
-      call fail(status, status_input_error, 'nu_from', 'nu_from = '//show(job%nu_from) &
+      call fail(status, status_input_error, 'nu_from', 'nu_from = '//show(job%curve%start) &
                 //': no solution was found there, begin elsewhere')
       return
     end if
-    call follow_curve(curve, curve_options(job%nu_from, job%nu_to, job%options%tolerance, &
-                                           job%max_points, job%max_step), &
-                      reshape(x, [size(x)]), branch)
+    call follow_curve(curve, job%curve, reshape(x, [size(x)]), branch)
     allocate (crossings(0))
     if (job%stability) then
       associate (n => branch%n_points, folds => branch%folds)
         motions = reshape(branch%x(:, :n), [shape(x), n])
         call new_judge(judge, system, plan%set)
         call judge%judge(system, branch%parameter(:n), motions, stability)
-        call find_crossings(judge, curve%balance, system, load, .true., job%nu_from, &
+        call find_crossings(judge, curve%balance, system, load, .true., job%curve%start, &
                             branch%parameter(:n), motions, stability, &
                             known_folds(folds%p, reshape(folds%x, [shape(x), folds%n])), crossings)
       end associate
@@ -176,11 +159,8 @@ contains
     call table%create(folder//'/'//name, status)
     if (status%failed()) return
     call table%add_comments(header)
-    row = '# branch '//trim(curve_outcomes(branch%outcome))//'; folds at nu ='
-    do i = 1, branch%folds%n
-      row = row//' '//trim(exact(branch%folds%p(i)))
-    end do
-    call table%add_line(row)
+    call table%add_line('# branch '//trim(curve_outcomes(branch%outcome))//'; folds at nu =' &
+                        //listed(branch%folds%p(:branch%folds%n)))
     do i = 1, size(crossings)
       row = '# stability changes after point '//show(crossings(i)%before)//': ' &
             //trim(crossing_names(crossings(i)%kind))

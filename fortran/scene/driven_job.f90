@@ -4,6 +4,7 @@ module viscovib_driven_job
   use viscovib_checks, only: check_positive
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
     curve_outcomes, follow_curve
+  use viscovib_curve_groups, only: check_between, listed, read_curve, read_switch
   use viscovib_drive_torus, only: default_bound, drive_torus_type, kept_by_symmetry, &
     largest_bound, lattice, n_drives, sort_drives, varied_names, varies_nu
   use viscovib_files, only: make_folder
@@ -22,8 +23,6 @@ module viscovib_driven_job
   private
 
   public :: driven_job, driven_branch, read_driven, plan_driven, run_driven, write_driven
-
-  integer, parameter :: max_branch_points = 100000, max_switches = 20
 
   type :: driven_job
     !> Place in `varied_names`.
@@ -64,8 +63,8 @@ contains
     job%subharmonic = reader%read_integer('subharmonic', 1)
     job%max_denominator = reader%read_integer('max_denominator', job%max_denominator)
     if (reader%status%failed()) return
-    call in_range('subharmonic', job%subharmonic, 1, 20)
-    call in_range('max_denominator', job%max_denominator, 1, 99)
+    call check_between(reader, 'subharmonic', job%subharmonic, 1, 20)
+    call check_between(reader, 'max_denominator', job%max_denominator, 1, 99)
     if (job%parameter <= n_drives .or. job%parameter == varies_nu) then
       call check_positive('from', job%options%start, status)
       call reader%place(status)
@@ -84,41 +83,11 @@ contains
     if (reader%status%failed()) return
     most = largest_bound(job%torus%n_axes, 1.0_wp)
     job%harmonics = reader%read_integer('harmonics', default_bound(job%torus%n_axes))
-    call in_range('harmonics', job%harmonics, 1, most)
-    job%options%tolerance = reader%read_real('tolerance', job%options%tolerance)
-    job%options%max_points = reader%read_integer('max_points', job%options%max_points)
-    job%options%max_step = reader%read_real('max_step', job%options%max_step)
+    call check_between(reader, 'harmonics', job%harmonics, 1, most)
+    call read_curve(reader, job%options)
     word = reader%read_text('symmetry', 'any', [character(len=4) :: 'any', 'kept'], symmetry)
     job%symmetric = symmetry == 2
-    job%switch = reader%read_some_integers('switch')
-    if (reader%status%failed()) return
-    call in_range('max_points', job%options%max_points, 2, max_branch_points)
-    if (size(job%switch) > max_switches) then
-      call reader%complain('switch', 'switch: '//show(size(job%switch))//' of them, must be at ' &
-                           //'most '//show(max_switches))
-    end if
-    if (any(job%switch == 0)) call reader%complain('switch', 'switch = 0: must be the number of ' &
-                                                   //'a branch point, from 1, or its negative')
-    if (job%options%tolerance < 1.0e-14_wp .or. job%options%tolerance > 0.1_wp) then
-      call reader%complain('tolerance', 'tolerance = '//show(job%options%tolerance) &
-                           //': must be in [1e-14, 0.1]')
-    end if
-    if (job%options%max_step < 1.0e-4_wp .or. job%options%max_step > 1.0_wp) then
-      call reader%complain('max_step', 'max_step = '//show(job%options%max_step) &
-                           //': must be in [1e-4, 1]')
-    end if
-
-  contains
-
-    subroutine in_range(key, value, lowest, highest)
-      character(len=*), intent(in) :: key
-      integer, intent(in) :: value, lowest, highest
-      if (value < lowest .or. value > highest) then
-        call reader%complain(key, key//' = '//show(value)//': must be '//show(lowest)//' to ' &
-                             //show(highest))
-      end if
-    end subroutine in_range
-
+    call read_switch(reader, job%switch)
   end subroutine read_driven
 
   function plan_driven(job) result(text)
@@ -291,15 +260,5 @@ contains
     end do
     call table%finish(status)
   end subroutine write_driven
-
-  pure function listed(values)
-    real(wp), intent(in) :: values(:)
-    character(len=:), allocatable :: listed
-    integer :: i
-    listed = ''
-    do i = 1, size(values)
-      listed = listed//' '//trim(exact(values(i)))
-    end do
-  end function listed
 
 end module viscovib_driven_job

@@ -1,5 +1,8 @@
 !> Doing what a scene asks for.
 module viscovib_run_scene
+  use viscovib_backbone_job, only: backbone_parameters, plan_backbone, plan_free, run_backbone, &
+    run_free
+  use viscovib_backbone_table, only: write_backbone
   use viscovib_branch_job, only: plan_branch, run_branch, write_branch
   use viscovib_crossings, only: crossing_type
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_outcomes
@@ -7,6 +10,7 @@ module viscovib_run_scene
   use viscovib_files, only: stem
   use viscovib_driven_job, only: driven_branch, plan_driven, run_driven, write_driven
   use viscovib_forced_response, only: forced_response
+  use viscovib_free_family, only: free_family_type
   use viscovib_hereditary_job, only: hereditary_methods, plan_hereditary, run_hereditary_job
   use viscovib_kinds, only: wp
   use viscovib_method_catalogue, only: transient_methods
@@ -61,6 +65,14 @@ contains
     else if (scene%is_pendulum .and. scene%wants_branch) then
       text = plan_driven(scene%driven)
       return
+    else if (scene%wants_backbone) then
+      if (scene%is_pendulum) then
+        text = plan_free(scene%backbone, scene%pendulum)
+      else
+        call plan_backbone(scene%backbone, scene%oscillator(), text, status)
+      end if
+      text = text//plan_table(scene)
+      return
     else if (scene%wants_motion) then
       if (scene%has_memory) then
         text = plan_hereditary(scene%hereditary, scene%oscillator(), scene%load)
@@ -82,7 +94,8 @@ contains
     if (status%failed()) then
       status%message = scene%path//': '//status%message
     else if (scene%wants_branch) then
-      text = plan_branch('nu', scene%branch%nu_from, scene%branch%nu_to, size(plan%set%orders), &
+      text = plan_branch('nu', scene%branch%curve%start, scene%branch%curve%finish, &
+                         size(plan%set%orders), &
                          scene%branch%stability)//plan%rest//plan_table(scene)
     else
       text = plan%text//plan_table(scene)
@@ -137,6 +150,8 @@ contains
       call run_steady(scene, folder, header, report, status)
     else if (scene%is_pendulum .and. scene%wants_branch) then
       call run_branches(scene, folder, header, report, status)
+    else if (scene%wants_backbone) then
+      call run_backbones(scene, folder, header, report, status)
     else if (scene%wants_motion) then
       call run_motion(scene, folder, header, report, status)
     else if (scene%wants_branch) then
@@ -240,6 +255,48 @@ contains
     if (size(branches) > 1) report%summary = report%summary//'; '//show(size(branches) - 1) &
                                              //' branches that leave it'
   end subroutine run_branches
+
+  !> A table for the backbone, NAME_backbone.csv, and for the families that leave it,
+  !! NAME_backbone_1.csv and so on.
+  subroutine run_backbones(scene, folder, header, report, status)
+    type(scene_type), intent(in), target :: scene
+    character(len=*), intent(in) :: folder, header
+    type(scene_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(free_family_type), allocatable :: families(:)
+    integer, allocatable :: orders(:)
+    character(len=:), allocatable :: name
+    integer :: i
+
+    if (scene%is_pendulum) then
+      call run_free(scene%backbone, scene%pendulum, orders, families, status)
+    else
+      allocate (families(1))
+      call run_backbone(scene%backbone, scene%oscillator(), orders, families(1), status)
+    end if
+    if (status%failed()) then
+      status%message = scene%path//': '//status%message
+      return
+    end if
+    report%path = folder//'/'//stem(scene%path)//'_backbone.csv'
+    do i = 1, size(families)
+      name = stem(scene%path)//'_backbone.csv'
+      if (i > 1) name = stem(scene%path)//'_backbone_'//show(i - 1)//'.csv'
+      call write_backbone(folder, name, trim(backbone_parameters(scene%backbone%parameter)), &
+                          orders, families(i), scene%wanted, scene%coordinates, scene%units, &
+                          header, status)
+      if (status%failed()) return
+    end do
+    associate (first => families(1))
+      report%complete = first%outcome == curve_completed
+      report%summary = trim(curve_outcomes(first%outcome))//', '//show(size(first%nu)) &
+                       //' points, '//show(size(first%folds))//' folds'
+      if (scene%is_pendulum) report%summary = report%summary//', '//show(size(first%branch_p)) &
+                                              //' branch points'
+    end associate
+    if (size(families) > 1) report%summary = report%summary//'; tables of ' &
+                                             //show(size(families) - 1)//' more'
+  end subroutine run_backbones
 
   subroutine run_steady(scene, folder, header, report, status)
     type(scene_type), intent(in), target :: scene

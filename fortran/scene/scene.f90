@@ -1,5 +1,6 @@
 !> A scene: the system, its load and the results wanted, as one namelist file.
 module viscovib_scene
+  use viscovib_backbone_job, only: backbone_job, read_backbone, read_free
   use viscovib_branch_job, only: branch_job, read_branch
   use viscovib_driven_job, only: driven_job, read_driven
   use viscovib_group_reader, only: group_reader
@@ -44,6 +45,9 @@ module viscovib_scene
     type(scales_job) :: scales
     !> Or a branch of its driven motions.
     type(driven_job) :: driven
+    !> Or free motions of any system.
+    logical :: wants_backbone = .false.
+    type(backbone_job) :: backbone
     !> Or it is a mount or a polynomial system, its result a response, or of the latter a
     !! motion.
     logical :: is_polynomial = .false.
@@ -96,6 +100,7 @@ contains
     scene%wants_motion = place_of(file, 'transient') <= size(file%groups)
     if (scene%is_pendulum) then
       scene%coordinates = [character(len=name_length) :: 'z', 'phi', 'psi']
+      scene%units = [character(len=name_length) :: 'L', 'rad', 'rad']
       call read_motion(file, scene, status)
     else
       call read_oscillator(file, scene, status)
@@ -106,7 +111,7 @@ contains
   !> A mount or a polynomial system, its loads and what is wanted of it.
   subroutine read_oscillator(file, scene, status)
     type(namelist_type), intent(in) :: file
-    type(scene_type), intent(inout) :: scene
+    type(scene_type), intent(inout), target :: scene
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     type(kernel_holder) :: kernels(2)
@@ -140,6 +145,14 @@ contains
     if (scene%wants_scales) then
       call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
       call read_oscillator_scales(reader, scene%load, scene%scales)
+      call close_group(reader, scene, status)
+      return
+    end if
+    scene%wants_backbone = place_of(file, 'backbone') <= size(file%groups)
+    if (scene%wants_backbone) then
+      call reader%start(file%path, file%groups(place_of(file, 'backbone')))
+      call read_backbone(reader, scene%oscillator(), scene%coordinates, scene%backbone)
+      call read_wanted(reader, scene%coordinates, scene%wanted)
       call close_group(reader, scene, status)
       return
     end if
@@ -192,6 +205,14 @@ contains
       if (scene%wants_branch) then
         call reader%start(file%path, file%groups(place_of(file, 'branch')))
         call read_driven(reader, scene%pendulum, scene%driven)
+        call close_group(reader, scene, status)
+        return
+      end if
+      scene%wants_backbone = place_of(file, 'backbone') <= size(file%groups)
+      if (scene%wants_backbone) then
+        call reader%start(file%path, file%groups(place_of(file, 'backbone')))
+        call read_free(reader, scene%pendulum, scene%backbone)
+        call read_wanted(reader, scene%coordinates, scene%wanted)
         call close_group(reader, scene, status)
         return
       end if
@@ -278,7 +299,7 @@ contains
     call close_group(reader, scene, status)
     scene%method = method_newton
     scene%options = scene%branch%options
-    scene%nu = [scene%branch%nu_from]
+    scene%nu = [scene%branch%curve%start]
   end subroutine read_result
 
   !> Every &sweep is a parameter; no two may be the same.

@@ -7,9 +7,10 @@ module viscovib_scene_groups
 
   public :: check_groups, place_of
 
-  character(len=*), parameter :: group_names(14) = &
+  character(len=*), parameter :: group_names(15) = &
     [character(len=15) :: 'scene', 'mount', 'system', 'spring', 'force', 'kernel', 'load', &
-     'response', 'branch', 'pendulum', 'transient', 'spectrum', 'multiple_scales', 'sweep']
+     'response', 'branch', 'backbone', 'pendulum', 'transient', 'spectrum', &
+     'multiple_scales', 'sweep']
   !> What belongs to each system.
   character(len=*), parameter :: mount_groups(8) = &
     [character(len=15) :: 'mount', 'system', 'spring', 'force', 'kernel', 'load', 'response', &
@@ -26,16 +27,16 @@ contains
     type(namelist_type), intent(in) :: file
     logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
-    character(len=*), parameter :: results(3) = &
-      [character(len=15) :: 'response', 'branch', 'multiple_scales']
-    logical :: is_polynomial, is_moving, wanted(3)
+    character(len=*), parameter :: results(4) = &
+      [character(len=15) :: 'response', 'branch', 'backbone', 'multiple_scales']
+    logical :: is_polynomial, is_moving, wanted(4)
     integer :: i, j, n
 
     is_pendulum = .false.
     is_polynomial = place_of(file, 'system') <= size(file%groups)
     is_moving = place_of(file, 'transient') <= size(file%groups) &
                 .and. (is_polynomial .or. place_of(file, 'mount') <= size(file%groups))
-    wanted = [(place_of(file, trim(results(i))) <= size(file%groups), i=1, 3)]
+    wanted = [(place_of(file, trim(results(i))) <= size(file%groups), i=1, 4)]
     do i = 1, size(file%groups)
       associate (group => file%groups(i))
         if (.not. any(group_names == group%name)) then
@@ -76,11 +77,12 @@ contains
       if (is_pendulum .and. group_names(j) == 'transient') then
         if (any(wanted(2:))) cycle
         call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
-                  //'a scene with &pendulum needs a wanted result (&transient, &branch or ' &
-                  //'&multiple_scales)')
+                  //'a scene with &pendulum needs a wanted result (&transient, &branch, ' &
+                  //'&backbone or &multiple_scales)')
       else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load ']) &
                .and. .not. (is_polynomial .and. group_names(j) == 'mount') &
-               .and. .not. is_moving) then
+               .and. .not. is_moving &
+               .and. .not. (group_names(j) == 'load' .and. wanted(3))) then
         call refuse_lack(trim(group_names(j)))
       end if
       if (status%failed()) return
@@ -109,8 +111,8 @@ contains
       character(len=*), intent(in) :: name
       call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
                 //'needs &mount or &system, &load and a wanted result (&response, &branch or ' &
-                //'&multiple_scales), or ' &
-                //'&mount, &system or &pendulum and &transient')
+                //'&multiple_scales), or &mount, &system or &pendulum and &transient or ' &
+                //'&backbone')
     end subroutine refuse_lack
 
     subroutine refuse_group(i, why)

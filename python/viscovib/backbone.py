@@ -1,7 +1,8 @@
 """Backbone curves: free periodic motions of systems without losses."""
 
 import csv
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,13 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.branch import OUTCOMES
+from viscovib.branch import MAX_SPECIAL, OUTCOMES
 from viscovib.errors import InputError
 from viscovib.files import whole_file
-from viscovib.mount import Mount
+from viscovib.motion_stability import stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
-from viscovib.plan import Plan
-from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
-from viscovib.response import _MAX_UNKNOWNS, _prepare
+from viscovib.plan import Plan, wanted_places
+from viscovib.response import _MAX_HARMONICS, _MAX_UNKNOWNS
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Backbone:
     energy : ndarray, shape (n,), or None
         Of a pendulum: `Pendulum.energy`.
     folds : ndarray, shape (n_folds,)
-        Of a pendulum: values of what varies where it turns back.
+        Values of what varies where it turns back.
     branch_points : tuple of BackbonePoint
         Of a pendulum: where other families leave; each may be given to `backbone` as ``leave``.
     multipliers : complex ndarray, shape (n, 6), or None
@@ -73,6 +73,8 @@ class Backbone:
         motion, but computed only to the root of rounding.
     stable : ndarray of bool, shape (n,), or None
         Whether no disturbance grows exponentially: no multiplier beyond 1 + 1e-6.
+    growing : ndarray of int, shape (n,), or None
+        How many multipliers are beyond that; -1: unknown.
     """
 
     nu: FloatArray
@@ -89,6 +91,7 @@ class Backbone:
     branch_points: tuple[BackbonePoint, ...] = ()
     multipliers: ComplexArray | None = None
     stable: npt.NDArray[np.bool_] | None = None
+    growing: npt.NDArray[np.int32] | None = None
 
     def amplitude(self, dof: str, harmonic: int = 1) -> FloatArray:
         """Size of a harmonic of a coordinate, shape (n,)."""
@@ -120,6 +123,7 @@ class Backbone:
             data["energy"] = ("point", self.energy)
         if self.multipliers is not None:
             data["stable"] = ("point", self.stable)
+            data["growing"] = ("point", self.growing)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
         return xr.Dataset(
             data,
@@ -131,24 +135,35 @@ class Backbone:
             attrs={"outcome": self.outcome, "mode": self.mode, "plan": str(self.plan)},
         )
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write a table: one row a point."""
+    def to_csv(self, path: str | Path, *, coordinates: Sequence[str] | None = None) -> None:
+        """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1.
+
+        ``coordinates``: names of those wanted; all by default.
+        """
         columns: dict[str, Any] = {"nu": self.nu}
         if self.energy is not None:
             columns["energy"] = self.energy
-        if self.stable is not None:
-            columns["stable"] = self.stable.astype(int)
-        for d, name in enumerate(self.dof_names):
+        if self.growing is not None:
+            columns |= stability_columns(self.growing, self.multipliers)
+        for d in wanted_places(coordinates, self.dof_names):
             for j, k in enumerate(self.harmonics):
-                columns[f"{name}_{k}"] = self.coefficients[:, d, j].imag
+                columns[f"{self.dof_names[d]}_{k}"] = self.coefficients[:, d, j].imag
         with whole_file(path) as file:
             file.write(f"# viscovib {version('viscovib')}, backbone of mode {self.mode}\n")
             file.write(self.plan.comments())
-            file.write("# nu (rad/s); u = sum_k a_k cos(k nu t)\n")
+            file.write(f"# {self.outcome}; folds at {self.varies} = {_listed(self.folds)}\n")
+            if self.branch_points:
+                points = _listed([point.parameter for point in self.branch_points])
+                file.write(f"# branch points at {self.varies} = {points}\n")
+            file.write("# nu: circular frequency; u = sum_k a_k cos(k nu t)\n")
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
             for row in zip(*columns.values(), strict=True):
                 writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
+
+
+def _listed(values: Sequence[float] | FloatArray) -> str:
+    return ", ".join(f"{x:.15g}" for x in values)
 
 
 def oscillator_backbone(
@@ -196,20 +211,9 @@ def oscillator_backbone(
     pseudo-arclength continuation. Where modes interact the curve may turn back in amplitude.
     """
     check_oscillator(system, None)
-    conservative = _without_losses(system)
     names = system.dof_names
-    frequencies, shapes = conservative.natural_frequencies(), conservative.mode_shapes()
     j = _native.integer("mode", mode, 0, len(names) - 1)
-    if frequencies[j] <= 1e-7 * frequencies[-1]:
-        raise InputError(f"mode = {j}: moves as a rigid body, its frequency is 0")
-    shape = shapes[:, j]
-    # By inertia, so that no choice of units decides.
-    moved = np.abs(shape) * np.sqrt(np.diag(conservative._mass_matrix))
-    place = int(moved.argmax())
-    if dof is not None:
-        place = names.index(_native.choice("dof", dof, names))
-    if moved[place] < 1e-6 * moved.max():
-        raise InputError(f"dof = {_native.shown(dof)}: stands still in mode {j}")
+    place = 0 if dof is None else names.index(_native.choice("dof", dof, names)) + 1
     ends = _native.real_array("amplitude_range", amplitude_range)
     if ends.shape != (2,) or not 0 < ends[0] < ends[1]:
         raise InputError("amplitude_range: must be two numbers, 0 < from < to")
@@ -217,19 +221,20 @@ def oscillator_backbone(
     step = _native.number("max_step", max_step)
     if not 1e-4 <= step <= 1:
         raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
-    job, _, options, planned = _prepare(
-        conservative, [frequencies[j]], {1: 1.0}, None, "newton", harmonics, tolerance, 100, 1.0,
-        keep_idle=True,
-    )  # fmt: skip
-    if planned.method != "newton":
-        raise InputError("system: nothing is nonlinear, the frequency does not depend on amplitude")
-    most = 100 * _MAX_UNKNOWNS**2 // (planned.orders.size * len(names))
+    highest = _native.integer("harmonics", harmonics, 1, _MAX_HARMONICS)
+    wanted = _native.number("tolerance", tolerance)
+    job = (system._flat, *system._kernels, j, place)
+    n_kept, kept, text = _native.call(
+        core.oscillator_backbone_plan, *job, (dof or "").encode(), *ends, highest, wanted
+    )
+    orders = kept[:n_kept].copy()
+    most = 100 * _MAX_UNKNOWNS**2 // (n_kept * len(names))
     if points > most:
         raise InputError(f"max_points = {points}: must be at most {most} with these unknowns")
     cancel = np.zeros(1, dtype=np.intc)
-    n, ended, nu, coefficients = _native.call_interruptibly(
-        core.oscillator_backbone, cancel, *job[:5], frequencies[j], shape, place + 1, ends[0],
-        ends[1], options[1], options[2], points, step, planned.orders.size, cancel,
+    n, ended, nu, coefficients, n_folds, folds = _native.call_interruptibly(
+        core.oscillator_backbone, cancel, *job, *ends, highest, wanted, points, step, n_kept,
+        len(names), MAX_SPECIAL, cancel,
     )  # fmt: skip
     if n == 0:
         raise InputError(
@@ -237,35 +242,12 @@ def oscillator_backbone(
         )
     return Backbone(
         nu=nu[:n].copy(),
-        harmonics=planned.orders,
+        harmonics=orders,
         coefficients=np.ascontiguousarray(coefficients[:, :, :n].T),
         mode=j,
         outcome=OUTCOMES[ended],
+        folds=folds[:n_folds].copy(),
         dof_names=names,
         dof_units=system.dof_units,
-        plan=Plan(
-            f"computes: free motions of mode {j} from amplitude {ends[0]:g} to {ends[1]:g}, "
-            f"{planned.orders.size} harmonics a coordinate\n"
-            "skips: damping and memory (free motions of the system without losses)\n"
-            "skips: sines (motions that begin at rest are even in time)\n"
-            + "\n".join(line for line in planned.rest.splitlines() if "harmonics" in line)
-        ),
-    )
-
-
-def _without_losses(system: Oscillator) -> Oscillator:
-    if isinstance(system, Mount):
-        return replace(system, kernel=None, kernel_phi=False, damping=None)
-    springs = [
-        Springs(
-            stiffness=group.stiffness,
-            forces=[
-                Monomial(coefficient=c, powers=powers, on=on)
-                for (on, powers), c in group.forces.items()
-            ],
-        )
-        for group in system.groups
-    ]
-    return PolynomialSystem(
-        mass=system.mass, springs=springs, names=system.dof_names, units=system.dof_units
+        plan=Plan(text.decode()),
     )

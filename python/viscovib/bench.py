@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from viscovib import __version__, _native
+from viscovib.backbone import Backbone
 from viscovib.branch import Branch
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError, ViscovibError
@@ -137,7 +138,7 @@ def _timing(name: str, what: Callable[[], Any], limit: float, count: int | None)
 
 
 def _written(result: SceneResult, path: Path) -> None:
-    if isinstance(result.value, (Response, Branch, DrivenBranch, Trajectory)):
+    if isinstance(result.value, (Response, Branch, DrivenBranch, Backbone, Trajectory)):
         result.to_csv(path)
 
 
@@ -149,7 +150,7 @@ def _size(result: SceneResult, best: float) -> str:
     if isinstance(value, DrivenBranch):
         n = value.parameter.size
         return f"{n} points of {len(value.orders)} orders, {_time(best / n)} a point"
-    if isinstance(value, (Response, Branch)):
+    if isinstance(value, (Response, Branch, Backbone)):
         n = value.nu.size
         return f"{n} points of {value.harmonics.size} harmonics, {_time(best / n)} a point"
     raise InputError("bench: this scene gave nothing that can be timed")
@@ -168,6 +169,8 @@ def _error(result: SceneResult) -> tuple[float | None, str]:
             return _response_error(scene, value)
         if isinstance(value, Branch) or (isinstance(value, DrivenBranch) and len(value.axes) == 1):
             return _branch_error(scene, value)
+        if isinstance(value, Backbone):
+            return _backbone_error(scene, value)
     except ViscovibError as error:
         return None, str(error)
     return None, ""
@@ -202,6 +205,17 @@ def _branch_error(scene: Scene, value: Branch | DrivenBranch) -> tuple[float | N
             k = int(orders[0])
             change.append(abs(value.peak(name, k).amplitude / better.peak(name, k).amplitude - 1))
     return max(change), f"relative, of the peaks, against {more} harmonics and tolerance 1e-13"
+
+
+def _backbone_error(scene: Scene, value: Backbone) -> tuple[float | None, str]:
+    group = scene.groups["backbone"]
+    more = min(2 * group["harmonics"] + 1, _MAX_HARMONICS // group.get("subharmonic", 1))
+    finer = {"backbone.harmonics": more, "backbone.tolerance": 1e-13}
+    better = run(scene.override(finer)).backbone
+    if value.outcome != "completed" or better.outcome != "completed":
+        return None, "the curve does not reach its end"
+    note = f"relative, of the last frequency, against {more} harmonics and tolerance 1e-13"
+    return abs(float(value.nu[-1] / better.nu[-1]) - 1), note
 
 
 def _time(seconds: float) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from viscovib import __version__, bench, cli_sweep, explore
+from viscovib.backbone import Backbone
 from viscovib.branch import Branch
 from viscovib.cli_sweep import run_sweep
 from viscovib.driven_branch import DrivenBranch
@@ -79,8 +80,8 @@ def _run(options: argparse.Namespace) -> int:
     assert not isinstance(result.value, xr.Dataset)
     table = options.out / f"{options.scene.stem}_{result.kind}.csv"
     result.to_csv(table)
-    for i, other in enumerate(result.switched, 1):
-        other.to_csv(options.out / f"{options.scene.stem}_branch_{i}.csv")
+    for i in range(1, len(result.switched) + 1):
+        result.to_csv(options.out / f"{options.scene.stem}_{result.kind}_{i}.csv", i)
     if result.spectrum is not None:
         result.spectrum.to_csv(options.out / f"{options.scene.stem}_spectrum.csv")
     _picture(options, result)
@@ -91,14 +92,14 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _summary(
-    value: Response | Branch | DrivenBranch | Trajectory | ScalesResponse,
+    value: Response | Branch | DrivenBranch | Backbone | Trajectory | ScalesResponse,
 ) -> tuple[list[str], bool]:
     """Lines about a result, and whether all of it was found."""
-    if isinstance(value, DrivenBranch):
+    if isinstance(value, (DrivenBranch, Backbone)):
         name, points = value.varies, value.branch_points
+        size = len(value.coefficients)
         lines = [
-            f"{value.outcome}, {value.parameter.size} points, {value.folds.size} folds, "
-            f"{len(points)} branch points"
+            f"{value.outcome}, {size} points, {value.folds.size} folds, {len(points)} branch points"
         ]
         lines += [f"fold at {name} = {fold:.10g}" for fold in value.folds]
         lines += [f"branch point at {name} = {point.parameter:.10g}" for point in points]
@@ -152,7 +153,10 @@ def _compute(options: argparse.Namespace, scene: Scene) -> SceneResult:
 def _picture(options: argparse.Namespace, result: SceneResult) -> None:
     assert not isinstance(result.value, xr.Dataset)
     pictures: list[
-        tuple[str, Response | Branch | DrivenBranch | Trajectory | Spectrum | ScalesResponse]
+        tuple[
+            str,
+            Response | Branch | DrivenBranch | Backbone | Trajectory | Spectrum | ScalesResponse,
+        ]
     ] = [(result.kind, result.value)]
     bases = None
     if isinstance(result.value, Trajectory) and isinstance(result.value.system, Pendulum):

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from viscovib._native import FloatArray
+from viscovib.backbone import Backbone
 from viscovib.branch import Branch
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import FileError, InputError, ViscovibError
@@ -61,7 +62,7 @@ def curves(result: SceneResult) -> list[Curve]:
         for d, name in enumerate(value.dof_names):
             label = f"${_SYMBOLS.get(name, name)}$"
             found.append(Curve(value.t, value.state[:, 2 * d], time, label, False))
-    elif isinstance(value, (Response, Branch, DrivenBranch)):
+    elif isinstance(value, (Response, Branch, DrivenBranch, Backbone)):
         if value.harmonics.ndim > 1:
             raise InputError("explore: quasi-periodic motions have no single harmonic to draw")
         orders = value.harmonics[value.harmonics > 0]
@@ -70,7 +71,7 @@ def curves(result: SceneResult) -> list[Curve]:
         k = int(orders[0])
         for name, unit in zip(value.dof_names, value.dof_units, strict=True):
             label = f"$|{_SYMBOLS.get(name, name)}_{k}|$ ({unit})"
-            x = value.nu if isinstance(value, Response) else value.parameter
+            x = value.parameter if isinstance(value, (Branch, DrivenBranch)) else value.nu
             x_label = value.varies if isinstance(value, DrivenBranch) else r"$\nu$ (rad/s)"
             log = isinstance(value, Response)
             found.append(Curve(x, value.amplitude(name, k), x_label, label, log))

@@ -15,6 +15,20 @@ def codes_of(stable: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
     return np.array([-1 if s is None else int(s) for s in stable])
 
 
+def stability_columns(
+    growing: npt.NDArray[np.int32], multipliers: ComplexArray | None
+) -> dict[str, Any]:
+    """Columns of a table: stable, growing and the size of the largest multiplier."""
+    columns: dict[str, Any] = {
+        "stable": np.where(growing < 0, -1, growing == 0),
+        "growing": growing,
+    }
+    if multipliers is not None:
+        # Not abs, whose last bit is not that of the core.
+        columns["multiplier"] = np.hypot(multipliers[:, 0].real, multipliers[:, 0].imag)
+    return columns
+
+
 class Stability(NamedTuple):
     """Of n motions: stable or not, multipliers and exponents; see `Branch`."""
 

@@ -13,12 +13,9 @@ from viscovib.driven import check_size
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan
-from viscovib.stability import floquet
+from viscovib.stability import warn_of_unknown
 from viscovib.torus import IntArray, check_pendulum, tail
 
-#: Multipliers of free motions come in pairs about the circle; they are known to the root of
-#: rounding where two of them meet.
-_BEYOND = 1 + 1e-6
 #: Orders left out count as many from this relative size on.
 _COARSE = 1e-4
 
@@ -136,7 +133,7 @@ def pendulum_backbone(
         begin_nu, begin_p = leave.nu, leave.parameter
     cancel = np.zeros(1, dtype=np.intc)
     (
-        count, ended, nu, energy, x, matrices, n_folds, folds, n_branch, branch_p,
+        count, ended, nu, energy, x, multipliers, growing, n_folds, folds, n_branch, branch_p,
         branch_nu, branch_x, across, before,
     ) = _native.call_interruptibly(
         core.pendulum_backbone, cancel, free._flat, kept, unit,
@@ -157,10 +154,8 @@ def pendulum_backbone(
             ConvergenceWarning,
             stacklevel=3,
         )
-    multipliers, stable = None, None
     if stability:
-        multipliers, _ = floquet(matrices[:, :, :count], np.ones(count, dtype=bool))
-        stable = np.abs(multipliers[:, 0]) <= _BEYOND
+        warn_of_unknown(growing[:count] < 0)
     return Backbone(
         nu=nu[:count].copy(),
         harmonics=np.arange(highest + 1, dtype=np.intc),
@@ -183,8 +178,9 @@ def pendulum_backbone(
             )
             for i in range(n_branch)
         ),
-        multipliers=multipliers,
-        stable=stable,
+        multipliers=multipliers[:, :count].T.copy() if stability else None,
+        stable=growing[:count] == 0 if stability else None,
+        growing=growing[:count].copy() if stability else None,
         plan=Plan(
             f"computes: free motions of mode {j} from {varies} {start:g} to {finish:g}, "
             f"{int(kept.sum())} cosines\n"

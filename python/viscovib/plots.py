@@ -233,11 +233,13 @@ def plot_backbone(
     backbone: Backbone | Sequence[Backbone],
     ax: "Axes | Sequence[Axes] | None" = None,
     *,
-    harmonic: int = 1,
+    harmonic: int | Mapping[str, int] = 1,
 ) -> "Sequence[Axes]":
     """Draw amplitude against frequency of free motions, one panel a coordinate.
 
-    Axes of `plot_response` or `plot_branch` may be given, so that the curves lie together.
+    Motions known to be unstable are dotted, branch points are marked. ``harmonic`` may be a mapping
+    from coordinates. Axes of `plot_response` or `plot_branch` may be given, so that the curves lie
+    together.
     """
     curves = _native.several("backbone", backbone, Backbone)
     names = curves[0].dof_names
@@ -249,20 +251,48 @@ def plot_backbone(
     axes = list(np.atleast_1d(np.asarray(ax, dtype=object)))
     if len(axes) != len(names):
         raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
+    labels: list[str] = []
+    for curve in curves:
+        label = f"backbone, mode {curve.mode}"
+        again = sum(other.startswith(label) for other in labels)
+        labels.append(f"{label}, family {again + 1}" if again else label)
     for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
+        order = harmonic[name] if isinstance(harmonic, Mapping) else harmonic
         for i, curve in enumerate(curves):
+            amplitude = curve.amplitude(name, order)
+            shaky = np.zeros(curve.nu.size, dtype=bool)
+            if curve.growing is not None:
+                shaky = curve.growing > 0
+            style: dict[str, Any] = {"color": COLOURS[i % len(COLOURS)], "linewidth": 1.2}
             axis.plot(
                 curve.nu,
-                curve.amplitude(name, harmonic),
-                color=COLOURS[i % len(COLOURS)],
+                np.where(shaky, np.nan, amplitude),
                 linestyle=(0, (6, 1.5, 1, 1.5)),
-                linewidth=1.2,
-                label=f"backbone, mode {curve.mode}",
+                label=labels[i],
+                **style,
             )
-        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|${_in(unit)}")
+            if shaky.any():
+                axis.plot(
+                    curve.nu,
+                    np.where(_with_neighbours(shaky), amplitude, np.nan),
+                    linestyle=(0, (1, 1.5)),
+                    label="unstable",
+                    **style,
+                )
+            if curve.branch_points:
+                d = names.index(name)
+                where = int(np.flatnonzero(curve.harmonics == order)[0])
+                axis.plot(
+                    [point.nu for point in curve.branch_points],
+                    [abs(point.coefficients[d, where]) for point in curve.branch_points],
+                    "s", color="k", markersize=4, markerfacecolor="w", label="branch point",
+                )  # fmt: skip
+        axis.set_ylabel(rf"amplitude $|{_harmonic(name, order)}|${_in(unit)}")
         _bare(axis)
-    axes[-1].set_xlabel(r"circular frequency $\nu$ (rad/s)")
-    axes[0].legend(frameon=False)
+    unit = " (rad/s)" if curves[0].energy is None else ""
+    axes[-1].set_xlabel(rf"circular frequency $\nu${unit}")
+    named = dict(zip(*axes[0].get_legend_handles_labels()[::-1], strict=True))
+    axes[0].legend(named.values(), named.keys(), frameon=False)
     return axes
 
 
@@ -454,23 +484,28 @@ def _motion_axes(figure: "Figure", n: int) -> "Sequence[Axes]":
     return [axis for row in axes for axis in row]
 
 
+def _largest_place(curves: Sequence[DrivenBranch | Backbone], d: int) -> int:
+    """Place of the order, other than the mean, that a coordinate has most of."""
+    first = int(not np.any(curves[0].harmonics[0]))
+    sizes = np.max([np.abs(curve.coefficients[:, d, first:]).max(axis=0) for curve in curves], 0)
+    return first + int(sizes.argmax())
+
+
 def _largest_order(branches: Sequence[DrivenBranch], d: int) -> int | tuple[int, ...]:
-    """Order, other than the mean, that a coordinate has most of."""
-    sizes = np.max([np.abs(branch.coefficients[:, d, 1:]).max(axis=0) for branch in branches], 0)
-    order = branches[0].orders[1 + int(sizes.argmax())]
+    order = branches[0].orders[_largest_place(branches, d)]
     return int(order[0]) if order.size == 1 else tuple(order.tolist())
 
 
 def save_picture(
-    result: Response | Branch | DrivenBranch | Trajectory | Spectrum | ScalesResponse,
+    result: Response | Branch | DrivenBranch | Backbone | Trajectory | Spectrum | ScalesResponse,
     path: str | os.PathLike[str],
     *,
     bases: Mapping[str, float] | None = None,
-    others: Sequence[DrivenBranch] = (),
+    others: Sequence[DrivenBranch] | Sequence[Backbone] = (),
 ) -> None:
     """Draw a result into a file, without a display.
 
-    ``bases`` name the peaks of a spectrum; ``others`` are branches that leave the one drawn.
+    ``bases`` name the peaks of a spectrum; ``others`` are those that leave the one drawn.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -489,10 +524,19 @@ def save_picture(
         figure = Figure(figsize=(7, 3 * len(result.dof_names)), layout="constrained")
         FigureCanvasAgg(figure)
         axes = figure.subplots(len(result.dof_names), 1, sharex=True)
-        branches = [result, *others]
+        branches: list[DrivenBranch] = [result, *others]
         orders = {name: _largest_order(branches, d) for d, name in enumerate(result.dof_names)}
         for branch in branches:
             plot_branch(branch, axes, harmonic=orders)
+    elif isinstance(result, Backbone):
+        names = result.dof_names
+        figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
+        FigureCanvasAgg(figure)
+        curves: list[Backbone] = [result, *others]
+        most = {
+            name: int(result.harmonics[_largest_place(curves, d)]) for d, name in enumerate(names)
+        }
+        plot_backbone(curves, figure.subplots(len(names), 1, sharex=True), harmonic=most)
     elif isinstance(result, ScalesResponse):
         names = moving(result)
         figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")

@@ -7,7 +7,7 @@ back the scene with every default written out, which is what Python sees.
 import math
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
+from viscovib.backbone import Backbone
 from viscovib.branch import Branch, trace_response
 from viscovib.driven_branch import DrivenBranch, trace_pendulum
 from viscovib.errors import FileError, InputError
@@ -33,6 +34,7 @@ from viscovib.mount import Mount
 from viscovib.multiple_scales import MultipleScales
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
+from viscovib.periodic import backbone
 from viscovib.plan import Plan, wanted_places
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
 from viscovib.response import Response, forced_response
@@ -288,16 +290,42 @@ class Scene:
             **{key: group[key] for key in _DRIVEN},
         }
         first = trace_pendulum(**same)
-        others = []
-        for number in np.atleast_1d(group.get("switch", [])).tolist():
-            if abs(number) > len(first.branch_points):
+        return first, tuple(
+            trace_pendulum(**same, leave=leave, opposite=opposite)
+            for leave, opposite in self._departures("branch", first.branch_points)
+        )
+
+    def _backbones(self) -> tuple[Backbone, tuple[Backbone, ...]]:
+        """Compute the free motions of a mode, and the families that leave them."""
+        group = self._group("backbone")
+        ends = (group["from"], group["to"])
+        same = {
+            **{key: group[key] for key in ("mode", "harmonics", "tolerance")},
+            **{key: group[key] for key in ("max_points", "max_step", "dof") if key in group},
+        }
+        if not self.is_pendulum:
+            return backbone(self.oscillator(), amplitude_range=ends, **same), ()
+        same |= {
+            "pend": self.pendulum(),
+            f"{group['parameter']}_range": ends,
+            "stability": group["stability"] == "yes",
+            "symmetric": group["symmetry"] == "kept",
+            "subharmonic": group["subharmonic"],
+        }
+        first = backbone(**same)
+        return first, tuple(
+            backbone(**same, leave=leave, opposite=opposite)
+            for leave, opposite in self._departures("backbone", first.branch_points)
+        )
+
+    def _departures(self, name: str, points: Sequence[Any]) -> Iterator[tuple[Any, bool]]:
+        """Branch points that a group wants to be left, and whether the other way."""
+        for number in np.atleast_1d(self._group(name).get("switch", [])).tolist():
+            if abs(number) > len(points):
                 raise InputError(
-                    f"{self.path}: switch = {number}: the branch has "
-                    f"{len(first.branch_points)} branch points"
+                    f"{self.path}: switch = {number}: the {name} has {len(points)} branch points"
                 )
-            leave = first.branch_points[abs(number) - 1]
-            others.append(trace_pendulum(**same, leave=leave, opposite=number < 0))
-        return first, tuple(others)
+            yield points[abs(number) - 1], number < 0
 
     def _branch(self) -> dict[str, Any]:
         group = self._group("branch")
@@ -327,13 +355,14 @@ class SceneResult:
     """What a scene gave.
 
     Response or branch of a mount; motion of a pendulum and its spectra, or a branch of its motions
-    and those that leave it, ``switched``; steady motions of either; a table of a sweep.
+    and those that leave it, ``switched``; free motions (of a pendulum with families that leave
+    them) or steady motions of either; a table of a sweep.
     """
 
     scene: Scene
-    value: Response | Branch | DrivenBranch | Trajectory | ScalesResponse | xr.Dataset
+    value: Response | Branch | DrivenBranch | Backbone | Trajectory | ScalesResponse | xr.Dataset
     spectrum: Spectrum | None = None
-    switched: tuple[DrivenBranch, ...] = ()
+    switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -342,6 +371,8 @@ class SceneResult:
             return "sweep"
         if isinstance(self.value, ScalesResponse):
             return "multiple_scales"
+        if isinstance(self.value, Backbone):
+            return "backbone"
         if isinstance(self.value, (Branch, DrivenBranch)):
             return "branch"
         return "response" if isinstance(self.value, Response) else "transient"
@@ -351,15 +382,19 @@ class SceneResult:
         """What was computed, what was skipped and why."""
         return plan(self.scene)
 
-    def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the table, of the coordinates that the scene wants."""
-        if isinstance(self.value, xr.Dataset):
+    def to_csv(self, path: str | os.PathLike[str], which: int = 0) -> None:
+        """Write the table, of the coordinates that the scene wants.
+
+        ``which``: 0 the result itself, 1, 2, ... those that leave it, as in ``switched``.
+        """
+        value = self.switched[which - 1] if which else self.value
+        if isinstance(value, xr.Dataset):
             raise InputError("to_csv: is for single results, a sweep has points")
-        if isinstance(self.value, (ScalesResponse, DrivenBranch)):
-            self.value.to_csv(os.fspath(path))
+        if isinstance(value, (ScalesResponse, DrivenBranch)):
+            value.to_csv(os.fspath(path))
             return
         group = self.scene.groups[self.kind]
-        self.value.to_csv(os.fspath(path), coordinates=_texts(group["coordinates"]))
+        value.to_csv(os.fspath(path), coordinates=_texts(group["coordinates"]))
 
     @property
     def response(self) -> Response:
@@ -373,6 +408,13 @@ class SceneResult:
         """The branch."""
         if not isinstance(self.value, (Branch, DrivenBranch)):
             raise InputError("branch: this scene gave something else, see value")
+        return self.value
+
+    @property
+    def backbone(self) -> Backbone:
+        """The free motions of a mode."""
+        if not isinstance(self.value, Backbone):
+            raise InputError("backbone: this scene gave something else, see value")
         return self.value
 
     @property
@@ -410,6 +452,10 @@ def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> Sce
     if "transient" in read.groups:
         run = replace(simulate(**read._motion(), progress=progress), _planned=lambda: planned)
         return SceneResult(read, run, _spectrum(read, run))
+    if "backbone" in read.groups:
+        free, families = read._backbones()
+        told = tuple(replace(family, plan=planned) for family in families)
+        return SceneResult(read, replace(free, plan=planned), switched=told)
     if "branch" in read.groups and read.is_pendulum:
         first, others = read._driven()
         return SceneResult(read, first, switched=others)

@@ -40,14 +40,18 @@ def floquet(
     multipliers[good] = np.take_along_axis(roots, np.argsort(-np.abs(roots), axis=1), axis=1)
     stable = np.zeros(found.size, dtype=bool)
     stable[good] = np.abs(multipliers[good, 0]) <= 1 + _CIRCLE
-    if (found & ~good).any():
-        warnings.warn(
-            f"stability of {(found & ~good).sum()} motions is unknown: time scales are too far "
-            "apart",
-            StabilityWarning,
-            stacklevel=4,
-        )
+    warn_of_unknown(found & ~good, stacklevel=5)
     return multipliers, stable
+
+
+def warn_of_unknown(unknown: npt.NDArray[np.bool_], stacklevel: int = 4) -> None:
+    """Say of how many motions stability is unknown, if of any."""
+    if unknown.any():
+        warnings.warn(
+            f"stability of {unknown.sum()} motions is unknown: time scales are too far apart",
+            StabilityWarning,
+            stacklevel=stacklevel,
+        )
 
 
 def crossings_along(

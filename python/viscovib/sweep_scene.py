@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
+from viscovib.backbone import Backbone
 from viscovib.branch import Branch
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError
@@ -82,7 +83,8 @@ def summary(result: SceneResult) -> dict[str, Any]:
     Of a response: ``peak_x`` (m) and ``peak_phi`` (rad), the largest amplitudes of the lowest
     harmonic that moves; ``nu_peak_x`` and ``nu_peak_phi``, where they are (rad/s); ``unsolved``,
     the part of the frequencies without a solution. Of a branch: the same, ``folds`` and
-    ``outcome`` instead of ``unsolved``. Of a motion: ``max_z``, ``max_phi``, ``max_psi`` and
+    ``outcome`` instead of ``unsolved``. Of a backbone: ``nu_first`` and ``nu_last``, frequencies at
+    its ends, ``folds`` and ``outcome``. Of a motion: ``max_z``, ``max_phi``, ``max_psi`` and
     ``rms_z``, ... over its second half, and ``outcome``.
     """
     value = result.value
@@ -93,8 +95,11 @@ def summary(result: SceneResult) -> dict[str, Any]:
             found[f"max_{name}"] = np.abs(column).max()
             found[f"rms_{name}"] = np.sqrt(np.mean(column**2))
         return found | {"outcome": value.outcome}
+    if isinstance(value, Backbone):
+        ends = {"nu_first": value.nu[0], "nu_last": value.nu[-1]}
+        return ends | {"folds": value.folds.size, "outcome": value.outcome}
     if not isinstance(value, (Response, Branch, DrivenBranch)):
-        raise InputError("summary: must be that of a response, a branch or a motion")
+        raise InputError("summary: must be that of a response, a branch, a backbone or a motion")
     return _peaks(value)
 
 
@@ -112,6 +117,8 @@ def _peaks(value: Response | Branch | DrivenBranch) -> dict[str, Any]:
 
 
 def _with_units(found: dict[str, Any], value: Any) -> Numbers:
+    if isinstance(value, Backbone) and value.energy is None:
+        return Numbers(found, {"nu_first": "rad/s", "nu_last": "rad/s"})
     if not isinstance(value, (Response, Branch)):
         return Numbers(found, {})
     units = {f"nu_peak_{name}": "rad/s" for name in value.dof_names}

@@ -197,8 +197,8 @@ def test_ends_at_the_pivot():
 def test_tables_and_picture(tmp_path):
     b = vv.backbone(vv.Pendulum(**SET), 2, (1e-3, 0.3))
     b.to_csv(tmp_path / "b.csv")
-    lines = lines_without_plan(tmp_path / "b.csv")
-    assert lines[2].startswith("nu,energy,stable,z_0,z_1")
+    lines = lines_without_plan(tmp_path / "b.csv")[1:]
+    assert lines[2].startswith("nu,energy,stable,growing,multiplier,z_0,z_1")
     assert len(lines) == 3 + b.nu.size
     assert b.to_dataset().energy.shape == b.nu.shape
     assert len(vv.plot_backbone(b)) == 3

@@ -1,0 +1,129 @@
+!> What a backbone curve of an oscillator begins with: the system without losses, the
+!! linear mode, the coordinate whose amplitude counts, the harmonics.
+module viscovib_backbone_plan
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type, new_load
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_oscillator_modes, only: oscillator_modes
+  use viscovib_response, only: response_options
+  use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: backbone_plan_type, new_backbone_plan
+
+  !> Parts of the largest: a frequency that counts as 0, a coordinate that counts as at
+  !! rest, and sizes that count as equal.
+  real(wp), parameter :: rigid = 1.0e-7_wp, at_rest = 1.0e-6_wp, equal = 1.0e-9_wp
+
+  type :: backbone_plan_type
+    !> Without damping and memory.
+    class(oscillator_type), allocatable :: system
+    !> The linear mode, counted from 0: its frequency (rad/s) and shape (n_dof).
+    integer :: mode = 0
+    real(wp) :: omega = 0.0_wp
+    real(wp), allocatable :: shape(:)
+    !> The coordinate whose amplitude counts.
+    integer :: dof = 0
+    type(harmonic_set_type) :: set
+    !> Lines about harmonics that are left out.
+    character(len=:), allocatable :: rest
+  contains
+    procedure :: text
+  end type backbone_plan_type
+
+contains
+
+  subroutine new_backbone_plan(plan, system, mode, dof, name, harmonics, tolerance, status)
+    type(backbone_plan_type), intent(out) :: plan
+    class(oscillator_type), intent(in) :: system
+    !> Counted from 0; a coordinate counted from 1, or 0: the one that moves most in the
+    !! mode, weighed by the root of its inertia, so that no choice of units decides.
+    integer, intent(in) :: mode, dof
+    !> Of that coordinate, for messages.
+    character(len=*), intent(in) :: name
+    !> Highest order.
+    integer, intent(in) :: harmonics
+    real(wp), intent(in) :: tolerance
+    type(status_type), intent(out) :: status
+    type(response_plan_type) :: planned
+    type(response_options) :: options
+    type(load_type) :: load
+    real(wp) :: omega(system%n_dof()), shapes(system%n_dof(), system%n_dof())
+    real(wp) :: moved(system%n_dof())
+    complex(wp) :: unit(system%n_dof(), 1)
+    integer :: d, n
+
+    n = system%n_dof()
+    if (mode < 0 .or. mode > n - 1) then
+      call fail(status, status_input_error, 'mode', 'mode = '//show(mode)//': must be 0 to ' &
+                //show(n - 1))
+      return
+    end if
+    allocate (plan%system, source=system)
+    plan%system%damping = 0.0_wp
+    plan%system%kernel_of = 0
+    call oscillator_modes(plan%system, omega, shapes, status)
+    if (status%failed()) return
+    if (omega(mode + 1) <= rigid*omega(n)) then
+      call fail(status, status_input_error, 'mode', 'mode = '//show(mode)//': moves as a rigid ' &
+                //'body, its frequency is 0')
+      return
+    end if
+    plan%mode = mode
+    plan%omega = omega(mode + 1)
+    plan%shape = shapes(:, mode + 1)
+    moved = abs(plan%shape)*sqrt([(system%mass(d, d), d=1, n)])
+    plan%dof = dof
+    if (dof == 0) plan%dof = findloc(moved >= (1.0_wp - equal)*maxval(moved), .true., 1)
+    if (moved(plan%dof) < at_rest*maxval(moved)) then
+      call fail(status, status_input_error, 'dof', "dof = '"//trim(name)//"': stands still in " &
+                //'mode '//show(mode))
+      return
+    end if
+    ! Harmonics as under a load of the first order.
+    unit = (1.0_wp, 0.0_wp)
+    call new_load(load, n, [1], unit, [(0.0_wp, 0.0_wp)], status)
+    options%harmonics = harmonics
+    options%tolerance = tolerance
+    options%keep_idle = .true.
+    if (.not. status%failed()) call new_response_plan(planned, plan%system, load, [plan%omega], &
+                                                      method_newton, options, status)
+    if (status%failed()) return
+    if (planned%method /= method_newton) then
+      call fail(status, status_input_error, 'backbone', 'nothing is nonlinear, the frequency ' &
+                //'does not depend on amplitude')
+      return
+    end if
+    plan%set = planned%set
+    plan%rest = lines_with('harmonics', planned%rest)
+  end subroutine new_backbone_plan
+
+  !> What is computed from an amplitude to another, and what is skipped.
+  function text(self, from, to)
+    class(backbone_plan_type), intent(in) :: self
+    real(wp), intent(in) :: from, to
+    character(len=:), allocatable :: text
+    character(len=*), parameter :: nl = new_line('a')
+    text = 'computes: free motions of mode '//show(self%mode)//' from amplitude '//show(from) &
+           //' to '//show(to)//', '//show(size(self%set%orders))//' harmonics a coordinate'//nl &
+           //'skips: damping, memory and loads (free motions of the system without losses)'//nl &
+           //'skips: sines (motions that begin at rest are even in time)'//nl//self%rest
+  end function text
+
+  pure function lines_with(word, lines) result(kept)
+    character(len=*), intent(in) :: word, lines
+    character(len=:), allocatable :: kept
+    integer :: first, last
+    kept = ''
+    first = 1
+    do while (first <= len(lines))
+      last = first + index(lines(first:), new_line('a')) - 1
+      if (index(lines(first:last), word) > 0) kept = kept//lines(first:last)
+      first = last + 1
+    end do
+  end function lines_with
+
+end module viscovib_backbone_plan

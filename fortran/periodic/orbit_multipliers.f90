@@ -1,0 +1,33 @@
+!> Floquet multipliers from the matrix that takes a disturbance over a period.
+module viscovib_orbit_multipliers
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
+  use viscovib_eigenvalues, only: eigenvalues
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: multipliers_of, count_larger
+
+contains
+
+  !> Largest first; NaN where the matrix is not known.
+  pure subroutine multipliers_of(matrix, multipliers)
+    !> Shape (n, n), NaN if unknown.
+    real(wp), intent(in) :: matrix(:, :)
+    complex(wp), intent(out) :: multipliers(:)
+    logical :: found
+
+    found = .not. any(ieee_is_nan(matrix))
+    if (found) call eigenvalues(matrix, multipliers, found)
+    if (.not. found) multipliers = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
+  end subroutine multipliers_of
+
+  !> How many are larger than a circle; -1: unknown.
+  pure integer function count_larger(multipliers, circle) result(n)
+    complex(wp), intent(in) :: multipliers(:)
+    real(wp), intent(in) :: circle
+    n = -1
+    if (.not. any(ieee_is_nan(real(multipliers)))) n = count(abs(multipliers) > circle)
+  end function count_larger
+
+end module viscovib_orbit_multipliers

@@ -1,0 +1,93 @@
+!> Undamped modes of any oscillator about rest, without memory: K r = omega^2 M r, K = B W.
+module viscovib_oscillator_modes
+  use viscovib_dense, only: factorize, solve
+  use viscovib_eigenvalues, only: eigenvalues
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_symmetric_modes, only: find_symmetric_modes
+  implicit none
+  private
+
+  public :: oscillator_modes
+
+  !> Parts of the largest entry: asymmetry, imaginary parts and negative values that are
+  !! rounding.
+  real(wp), parameter :: asymmetric = 1.0e-12_wp, complex_part = 1.0e-9_wp, &
+                         negative = 1.0e-12_wp
+
+contains
+
+  !> All modes. K need not be symmetric (follower forces); its modes then are those of
+  !! M^-1 K, which must be real.
+  subroutine oscillator_modes(system, omega, shapes, status)
+    class(oscillator_type), intent(in) :: system
+    !> Circular frequencies (rad/s), ascending, shape (n_dof); a column each, shape
+    !! (n_dof, n_dof).
+    real(wp), intent(out) :: omega(:), shapes(:, :)
+    !> Subject 'stiffness' if rest flutters or is unstable.
+    type(status_type), intent(out) :: status
+    real(wp) :: stiffness(size(omega), size(omega))
+
+    call set_ok(status)
+    stiffness = matmul(system%spread, system%gather)
+    if (all(abs(stiffness - transpose(stiffness)) <= asymmetric*maxval(abs(stiffness)))) then
+      call find_symmetric_modes(system%mass, stiffness, omega, shapes)
+    else
+      call find_modes(system%mass, stiffness, omega, shapes, status)
+      if (status%failed()) return
+    end if
+    if (minval(omega) < -negative*maxval(abs(omega))) then
+      call fail(status, status_input_error, 'stiffness', 'stiffness: has an eigenvalue ' &
+                //show(minval(omega))//' < 0, rest is unstable and has no natural frequency there')
+      return
+    end if
+    omega = sqrt(max(omega, 0.0_wp))
+  end subroutine oscillator_modes
+
+  !> Eigenvalues of M^-1 K, ascending, and their vectors by inverse iteration.
+  subroutine find_modes(mass, stiffness, squares, shapes, status)
+    real(wp), intent(in) :: mass(:, :), stiffness(:, :)
+    real(wp), intent(out) :: squares(:), shapes(:, :)
+    type(status_type), intent(out) :: status
+    real(wp), dimension(size(squares), size(squares)) :: matrix, factors
+    complex(wp) :: values(size(squares))
+    real(wp) :: largest
+    integer :: pivots(size(squares)), i, j, n
+    logical :: singular, found
+
+    n = size(squares)
+    factors = mass
+    matrix = stiffness
+    call factorize(n, factors, pivots, singular)
+    do j = 1, n
+      call solve(n, factors, pivots, matrix(:, j))
+    end do
+    call eigenvalues(matrix, values, found)
+    largest = maxval(abs(values))
+    if (.not. found .or. any(abs(aimag(values)) > complex_part*largest)) then
+      call fail(status, status_input_error, 'stiffness', 'stiffness: has complex eigenvalues, ' &
+                //'rest flutters: no modes')
+      return
+    end if
+    squares = real(values)
+    do j = 1, n
+      i = minloc(squares(j:), 1) + j - 1
+      squares([i, j]) = squares([j, i])
+    end do
+    do j = 1, n
+      ! A little off the eigenvalue, so that it can be solved.
+      factors = matrix
+      do i = 1, n
+        factors(i, i) = factors(i, i) - squares(j) - 16.0_wp*epsilon(largest)*largest
+      end do
+      call factorize(n, factors, pivots, singular)
+      shapes(:, j) = [(1.0_wp/(1.0_wp + 0.3_wp*i), i=1, n)]
+      do i = 1, 3
+        call solve(n, factors, pivots, shapes(:, j))
+        shapes(:, j) = shapes(:, j)/maxval(abs(shapes(:, j)))
+      end do
+    end do
+  end subroutine find_modes
+
+end module viscovib_oscillator_modes
