@@ -78,7 +78,7 @@ contains
     allocate (x(torus%n), y(torus%n), u(torus%n_samples), c(torus%n_moments))
     allocate (one(size(torus%orders, 2)), source=(1.0_wp, 0.0_wp))
     x = [(cos(3.0_wp*k + 1.0_wp), k=1, torus%n)]
-    call torus%to_samples(1, x, one, u)
+    call torus%to_samples(x, one, u)
     s = torus%n_samples/3 + 2
     rest = s - 1
     do k = 1, 3
@@ -92,9 +92,15 @@ contains
       end associate
     end do
     call check_close(u(s), direct, 1.0e-13_wp, 'a sample', floor=1.0_wp)
-    call torus%moments(1, u, c)
-    call torus%to_unknowns(c, y)
+    call torus%harmonics(u, y)
     call check_close(maxval(abs(x - y)), 0.0_wp, 1.0e-13_wp, 'and back', floor=1.0_wp)
+    call torus%moments(u, c)
+    do k = 2, size(torus%orders, 2)
+      associate (one_of => c(torus%origin + torus%place(k)))
+        call check_close(abs(one_of - cmplx(0.5_wp*x(2*k - 1), -0.5_wp*x(2*k - 2), wp)), 0.0_wp, &
+                         1.0e-14_wp, 'a moment', floor=1.0_wp)
+      end associate
+    end do
     call check_close(maxval(abs(c - conjg(c(size(c):1:-1)))), 0.0_wp, 1.0e-14_wp, 'real', &
                      floor=1.0_wp)
   end subroutine there_and_back
