@@ -73,9 +73,9 @@ contains
     torus%orders = orders
     torus%n = 2*size(orders, 2) - 1
     torus%reach(:torus%n_axes) = max(1, maxval(abs(orders), 2))
-    ! Moments reach 2 K. More samples leave less aliasing of what is no polynomial.
+    ! With 3 K + 2 aliasing is as the square of what the orders beyond K amount to.
     do i = 1, torus%n_axes
-      torus%n_points(i) = quick_size(merge(6, 4, torus%n_axes == 1)*torus%reach(i) + 2)
+      torus%n_points(i) = quick_size(merge(6, 3, torus%n_axes == 1)*torus%reach(i) + 2)
     end do
     call find_plans(torus%n_points, torus%plans, status)
     if (status%failed()) return
@@ -156,13 +156,14 @@ contains
     end do
   end subroutine harmonics
 
-  !> Mean values of f exp(-i k.theta) for all orders of a box, twice as far as the lattice
-  !! reaches.
+  !> Mean values of f exp(-i k.theta) at the samples for all orders of a box, twice as far
+  !! as the lattice reaches.
   subroutine moments(self, f, c)
     class(torus_type), intent(inout) :: self
     real(wp), intent(in), contiguous :: f(:)
     complex(wp), intent(out) :: c(:)
-    integer :: i, j, k_2, k_3, top, side, first
+    complex(wp) :: value
+    integer :: i, k, k_2, k_3, top, side, first, other
 
     call from_grid(self%plans, f, self%box)
     top = 2*self%reach(1)
@@ -171,10 +172,17 @@ contains
     do k_3 = -2*self%reach(3), 2*self%reach(3)
       do k_2 = -2*self%reach(2), 2*self%reach(2)
         first = place_in_box(self, [0, k_2, k_3])
-        c(i + top + 1:i + side) = self%box(first:first + top)/self%n_samples
-        ! The other half by c_(-k) = conj c_k.
-        j = self%n_moments - i - side
-        c(j + top:j + 1:-1) = conjg(self%box(first + 1:first + top))/self%n_samples
+        other = place_in_box(self, [0, -k_2, -k_3])
+        do k = 0, top
+          ! c_k is that of k_1 - n_1, the conjugate of c_(-k).
+          if (k <= self%n_points(1)/2) then
+            value = self%box(first + k)/self%n_samples
+          else
+            value = conjg(self%box(other + self%n_points(1) - k))/self%n_samples
+          end if
+          c(i + top + 1 + k) = value
+          c(self%n_moments - i - top - k) = conjg(value)
+        end do
         i = i + side
       end do
     end do

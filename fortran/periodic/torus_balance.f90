@@ -12,11 +12,13 @@
 !!
 !!   Y_k = sum_l (Q_(k-l) + i w_l V_(k-l)) dX_l - (Q_(k+l) - i w_l V_(k+l)) conj dX_l.
 module viscovib_torus_balance
+  use viscovib_constants, only: pi
   use viscovib_curve, only: curve_type
   use viscovib_driven_system, only: differentiable_system_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_torus, only: torus_type
+  use viscovib_status, only: status_type
+  use viscovib_torus, only: new_torus, torus_type
   implicit none
   private
 
@@ -49,6 +51,9 @@ module viscovib_torus_balance
     !> Where among all unknowns, shape (torus%n, n_dof), those of x stand, and where in
     !! x those of a coordinate begin, shape (n_dof + 1).
     integer, allocatable, private :: from(:), first(:)
+    !> Which orders of which coordinates are unknowns, shape (n_orders, n_dof).
+    logical, allocatable, private :: chosen(:, :)
+    logical, private :: even_in_time = .false.
     !> Orders of which a coordinate has any, shape (n_dof).
     type(order_list), allocatable, private :: kept(:)
     !> cos of the drives' angles at the samples, shape (n_samples, n_drives).
@@ -68,6 +73,9 @@ module viscovib_torus_balance
     procedure :: expanded
     procedure :: reduced
     procedure :: visit
+    procedure :: mean_slopes
+    procedure :: n_unknowns
+    procedure :: first_orders
     procedure, private :: defects
     procedure, private :: evaluate
     procedure, private :: add_block
@@ -87,8 +95,7 @@ contains
     logical, intent(in), optional :: kept(:, :)
     !> Cosines alone: motions that are the same backwards.
     logical, intent(in), optional :: even_in_time
-    real(wp) :: unit(3)
-    integer :: d, j, s, rest, place(3)
+    integer :: d, j
 
     balance%torus = torus
     balance%system => system
@@ -99,38 +106,56 @@ contains
     balance%n_dof = d
     call choose_unknowns(balance, kept, even_in_time)
     allocate (balance%cosines(torus%n_samples, size(drive_orders, 2)), source=0.0_wp)
-    allocate (balance%motion(torus%n_samples, d, 3), balance%a(torus%n_samples, d, 2), &
-              source=0.0_wp)
-    unit = 2.0_wp*acos(-1.0_wp)/torus%n_points
-    do s = 1, torus%n_samples
-      rest = s - 1
-      do j = 1, 3
-        place(j) = modulo(rest, torus%n_points(j))
-        rest = rest/torus%n_points(j)
-      end do
-      do j = 1, size(drive_orders, 2)
-        balance%cosines(s, j) = cos(sum(modulo(drive_orders(:, j)*place(:torus%n_axes), &
-                                               torus%n_points(:torus%n_axes)) &
-                                        *unit(:torus%n_axes)))
-      end do
+    allocate (balance%motion(torus%n_samples, d, 3), balance%a(torus%n_samples, d, 2))
+    do j = 1, size(drive_orders, 2)
+      call drive_samples(torus, drive_orders(:, j), balance%cosines(:, j))
     end do
   end subroutine new_torus_balance
+
+  !> cos of the angle order.theta at the samples.
+  pure subroutine drive_samples(torus, order, cosine)
+    type(torus_type), intent(in) :: torus
+    integer, intent(in) :: order(:)
+    real(wp), intent(out) :: cosine(:)
+    complex(wp) :: wave(maxval(torus%n_points), 3), across
+    real(wp) :: angle
+    integer :: i, j, k, s
+
+    wave = (1.0_wp, 0.0_wp)
+    do i = 1, size(order)
+      do s = 1, torus%n_points(i)
+        angle = 2.0_wp*pi*modulo(order(i)*(s - 1), torus%n_points(i))/torus%n_points(i)
+        wave(s, i) = cmplx(cos(angle), sin(angle), wp)
+      end do
+    end do
+    s = 0
+    do k = 1, torus%n_points(3)
+      do j = 1, torus%n_points(2)
+        across = wave(j, 2)*wave(k, 3)
+        do i = 1, torus%n_points(1)
+          cosine(s + i) = real(wave(i, 1))*real(across) - aimag(wave(i, 1))*aimag(across)
+        end do
+        s = s + torus%n_points(1)
+      end do
+    end do
+  end subroutine drive_samples
 
   !> Which unknowns there are, and where they stand.
   pure subroutine choose_unknowns(balance, kept, even_in_time)
     type(torus_balance_type), intent(inout) :: balance
     logical, intent(in), optional :: kept(:, :), even_in_time
-    logical :: chosen(size(balance%torus%orders, 2), balance%n_dof), part(balance%torus%n)
+    logical :: part(balance%torus%n)
     integer :: d, i
 
-    chosen = .true.
-    if (present(kept)) chosen = kept
+    allocate (balance%chosen(size(balance%torus%orders, 2), balance%n_dof), source=.true.)
+    if (present(kept)) balance%chosen = kept
+    if (present(even_in_time)) balance%even_in_time = even_in_time
     allocate (balance%kept(balance%n_dof), balance%first(balance%n_dof + 1), balance%from(0))
     do d = 1, balance%n_dof
-      associate (list => balance%kept(d))
+      associate (list => balance%kept(d), chosen => balance%chosen)
         list%k = pack([(i, i=1, size(chosen, 1))], chosen(:, d))
         list%mean = chosen(1, d)
-        if (present(even_in_time)) list%sine = .not. even_in_time
+        list%sine = .not. balance%even_in_time
         part(1::2) = chosen(:, d)
         part(2::2) = chosen(2:, d) .and. list%sine
       end associate
@@ -250,6 +275,41 @@ contains
     end if
     call self%evaluate(inside, derivatives)
   end subroutine visit
+
+  !> Means of the derivatives of the accelerations by coordinates and by velocities,
+  !! shape (n_dof, n_dof), along the motion that was seen last with derivatives.
+  pure subroutine mean_slopes(self, by_q, by_v)
+    class(torus_balance_type), intent(in) :: self
+    real(wp), intent(out) :: by_q(:, :), by_v(:, :)
+    integer :: a, b
+    do b = 1, self%n_dof
+      do a = 1, self%n_dof
+        by_q(a, b) = sum(self%slopes(:, a, b))/self%torus%n_samples
+        by_v(a, b) = sum(self%slopes(:, a, self%n_dof + b))/self%torus%n_samples
+      end do
+    end do
+  end subroutine mean_slopes
+
+  !> Unknowns among the first m orders.
+  pure integer function n_unknowns(self, m)
+    class(torus_balance_type), intent(in) :: self
+    integer, intent(in) :: m
+    n_unknowns = count(self%chosen(:m, :))
+    if (.not. self%even_in_time) n_unknowns = n_unknowns + count(self%chosen(2:m, :))
+  end function n_unknowns
+
+  !> The balance of the first m orders alone, their unknowns chosen as here.
+  subroutine first_orders(self, m, few, status)
+    class(torus_balance_type), intent(in) :: self
+    integer, intent(in) :: m
+    type(torus_balance_type), intent(out) :: few
+    type(status_type), intent(out) :: status
+    type(torus_type) :: torus
+    call new_torus(torus, self%torus%orders(:, :m), status)
+    if (status%failed()) return
+    call new_torus_balance(few, self%system, torus, self%drive_orders, self%omega, &
+                           self%amplitude, self%chosen(:m, :), self%even_in_time)
+  end subroutine first_orders
 
   !> What belongs to orders, for each of their unknowns.
   pure function twice(values) result(each)

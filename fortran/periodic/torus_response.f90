@@ -6,6 +6,7 @@ module viscovib_torus_response
   use viscovib_kinds, only: wp
   use viscovib_outcomes, only: outcome_converged
   use viscovib_torus_balance, only: torus_balance_type, vary_factor
+  use viscovib_torus_levels, only: many, new_levels, solve_on_levels, torus_levels
   implicit none
   private
 
@@ -16,9 +17,35 @@ module viscovib_torus_response
 
 contains
 
-  !> Solve at p from rest, or, where that is too far away, by following the branch
-  !! from no load to the whole, through folds if need be.
+  !> Solve at p from rest: with many unknowns for those of the inner orders first.
   subroutine solve_from_rest(balance, p, tolerance, x, outcome, iterations, cancel)
+    type(torus_balance_type), intent(inout) :: balance
+    real(wp), intent(in) :: p, tolerance
+    real(wp), intent(out) :: x(:)
+    integer, intent(out) :: outcome
+    integer, intent(inout) :: iterations
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), volatile, optional :: cancel
+    type(torus_levels) :: levels
+    real(wp), allocatable :: inner(:)
+
+    if (balance%n > many) call new_levels(levels, balance)
+    if (levels%ready) then
+      allocate (inner(levels%inner%n))
+      call levels%match(balance)
+      call raise_loads(levels%inner, p, tolerance, inner, outcome, iterations, cancel)
+      if (outcome == outcome_converged) then
+        x = levels%beyond(balance, inner)
+        call solve_on_levels(levels, balance, p, tolerance, x, outcome, iterations, cancel)
+        if (outcome == outcome_converged) return
+      end if
+    end if
+    call raise_loads(balance, p, tolerance, x, outcome, iterations, cancel)
+  end subroutine solve_from_rest
+
+  !> From rest at once, or, where that is too far away, by following the branch
+  !! from no load to the whole, through folds if need be.
+  subroutine raise_loads(balance, p, tolerance, x, outcome, iterations, cancel)
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p, tolerance
     real(wp), intent(out) :: x(:)
@@ -49,7 +76,7 @@ contains
     if (branch%outcome /= curve_completed) return
     x = branch%x(:, branch%n_points)
     call solve_on_curve(balance, p, tolerance, x, outcome, iterations, cancel)
-  end subroutine solve_from_rest
+  end subroutine raise_loads
 
   !> Each value starts from the ones before, else from rest; the first may have
   !! a guess.
@@ -66,7 +93,9 @@ contains
     integer :: i, known
     real(wp) :: last_p, before_p
     real(wp), allocatable :: here(:), last(:), before(:)
+    type(torus_levels) :: levels
 
+    if (balance%n > many) call new_levels(levels, balance)
     known = 0
     iterations = 0
     outcome = -1
@@ -80,15 +109,15 @@ contains
       end if
       if (known >= 2) then
         here = last + (last - before)*((p(i) - last_p)/(last_p - before_p))
-        call solve_on_curve(balance, p(i), tolerance, here, outcome(i), iterations(i), cancel)
+        call solve_near(here, i)
       end if
       if (i == 1 .and. any(abs(guess) > 0.0_wp)) then
         here = balance%reduced(guess)
-        call solve_on_curve(balance, p(i), tolerance, here, outcome(i), iterations(i), cancel)
+        call solve_near(here, i)
       end if
       if (outcome(i) /= outcome_converged .and. known >= 1) then
         here = last
-        call solve_on_curve(balance, p(i), tolerance, here, outcome(i), iterations(i), cancel)
+        call solve_near(here, i)
       end if
       if (outcome(i) /= outcome_converged) then
         known = 0
@@ -104,6 +133,20 @@ contains
       last_p = p(i)
       known = known + 1
     end do
+
+  contains
+
+    subroutine solve_near(start, i)
+      real(wp), intent(inout) :: start(:)
+      integer, intent(in) :: i
+      if (levels%ready) then
+        call solve_on_levels(levels, balance, p(i), tolerance, start, outcome(i), iterations(i), &
+                             cancel)
+        if (outcome(i) == outcome_converged) return
+      end if
+      call solve_on_curve(balance, p(i), tolerance, start, outcome(i), iterations(i), cancel)
+    end subroutine solve_near
+
   end subroutine torus_responses
 
 end module viscovib_torus_response
