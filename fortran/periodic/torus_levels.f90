@@ -23,14 +23,15 @@ module viscovib_torus_levels
 
   public :: torus_levels, new_levels, solve_on_levels
 
-  !> Unknowns from which two levels pay, and of the inner one at most.
-  integer, parameter, public :: many = 140
-  integer, parameter :: few = 130
-  integer, parameter :: max_iterations = 40, memory = 12
+  !> Unknowns from which two levels pay, and of the inner one at most to begin with.
+  integer, parameter, public :: many = 140, few = 130
+  integer, parameter :: max_iterations = 90, memory = 30
   !> Corrections go on to this part of the tolerance, as they shrink by a factor only.
   real(wp), parameter :: below = 1.0e-3_wp
+  !> Corrections that may fail to halve before what is left is taken for rounding.
+  integer, parameter :: max_vain = 6
   !> A correction this much larger than the smallest so far leads away.
-  real(wp), parameter :: growth_limit = 30.0_wp
+  real(wp), parameter :: growth_limit = 1.0e3_wp
 
   type :: torus_levels
     !> Of the inner orders; without any if there is no room between few and all.
@@ -51,9 +52,11 @@ module viscovib_torus_levels
 contains
 
   !> The inner orders are the first ones of the balance.
-  subroutine new_levels(levels, balance)
+  subroutine new_levels(levels, balance, most)
     type(torus_levels), intent(out) :: levels
     type(torus_balance_type), intent(in) :: balance
+    !> Unknowns of the inner balance at most, if the loads' orders leave the choice.
+    integer, intent(in) :: most
     type(status_type) :: status
     integer :: shells(size(balance%torus%orders, 2)), bound, m, inside
 
@@ -62,7 +65,7 @@ contains
     do bound = maxval(sum(abs(balance%drive_orders), 1)), maxval(shells) - 1
       m = count(shells <= bound)
       if (any(shells(:m) > bound)) exit
-      if (inside > 0 .and. balance%n_unknowns(m) > few) exit
+      if (inside > 0 .and. balance%n_unknowns(m) > most) exit
       inside = m
     end do
     if (inside == 0) return
@@ -178,19 +181,21 @@ contains
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up, as stalled.
     integer, intent(inout), volatile, optional :: cancel
-    real(wp), dimension(balance%n) :: new, step, last_new, last_step
-    real(wp) :: moves(balance%n, memory), steps(balance%n, memory)
-    real(wp) :: change, before, smallest, norm
-    integer :: k, kept, at
+    real(wp), allocatable :: new(:), step(:), last_new(:), last_step(:)
+    !> What steps change by, made orthonormal, and with it the moves that do so.
+    real(wp), allocatable :: basis(:, :), moves(:, :)
+    real(wp) :: change, smallest, norm
+    integer :: k, kept, vain
     logical :: inside
 
     outcome = outcome_diverged
     call levels%prepare(balance, p, x, inside)
     if (.not. inside) return
-    new = x
+    allocate (new, source=x)
+    allocate (step(balance%n), basis(balance%n, memory), moves(balance%n, memory))
     kept = 0
-    smallest = huge(1.0_wp)
-    before = huge(1.0_wp)
+    smallest = sqrt(huge(1.0_wp))
+    vain = 0
     do k = 1, max_iterations
       if (present(cancel)) then
         if (cancel /= 0) exit
@@ -202,59 +207,73 @@ contains
       change = maxval(abs(step))
       norm = maxval(abs(new))
       if (.not. change <= growth_limit*smallest) return
+      vain = merge(0, vain + 1, change < 0.5_wp*smallest)
       if (change <= below*tolerance*norm &
-          .or. (change <= tolerance*norm .and. change > 0.5_wp*before)) then
+          .or. (change <= tolerance*norm .and. vain >= max_vain)) then
         x = new + step
         outcome = outcome_converged
         return
       end if
       smallest = min(smallest, change)
-      before = change
-      if (k > 1) then
-        at = mod(k - 2, memory) + 1
-        kept = min(kept + 1, memory)
-        moves(:, at) = new - last_new
-        steps(:, at) = step - last_step
-      end if
+      if (k > 1) call remember(kept, step - last_step, new - last_new, basis, moves)
       last_new = new
       last_step = step
-      call accelerate(kept, moves, steps, step)
+      call accelerate(kept, basis, moves, step)
       new = last_new + step
     end do
     outcome = outcome_stalled
   end subroutine solve_on_levels
 
-  !> step - (moves + steps) g, g making step - steps g smallest.
-  pure subroutine accelerate(m, moves, steps, step)
-    integer, intent(in) :: m
-    real(wp), intent(in) :: moves(:, :), steps(:, :)
-    real(wp), intent(inout) :: step(:)
-    !> Sums of squares below this part of their own are directions no longer new.
-    real(wp), parameter :: dependent = 1.0e-20_wp
-    real(wp) :: basis(size(step), m), images(size(step), m), rest(size(step))
-    real(wp) :: along, length, whole
-    integer :: i, j
+  !> Add a change of the steps and the move that made it. Where there is no more room, or
+  !! those remembered tell already what the change should have been, they are forgotten: they
+  !! are of other places.
+  pure subroutine remember(m, change, move, basis, moves)
+    integer, intent(inout) :: m
+    real(wp), intent(in) :: change(:), move(:)
+    real(wp), intent(inout) :: basis(:, :), moves(:, :)
+    !> Of a sum of squares: less than this part is left of a change that is not new.
+    real(wp), parameter :: dependent = 1.0e-8_wp
+    real(wp) :: along, length
+    integer :: i
 
-    rest = step
-    do j = 1, m
-      basis(:, j) = steps(:, j)
-      images(:, j) = moves(:, j) + steps(:, j)
-      whole = sum(basis(:, j)**2)
-      do i = 1, j - 1
-        along = sum(basis(:, i)*basis(:, j))
-        basis(:, j) = basis(:, j) - along*basis(:, i)
-        images(:, j) = images(:, j) - along*images(:, i)
-      end do
-      length = sum(basis(:, j)**2)
-      if (.not. length > dependent*whole) then
-        basis(:, j) = 0.0_wp
-        cycle
-      end if
-      basis(:, j) = basis(:, j)/sqrt(length)
-      images(:, j) = images(:, j)/sqrt(length)
-      along = sum(basis(:, j)*rest)
-      rest = rest - along*basis(:, j)
-      step = step - along*images(:, j)
+    if (m == size(basis, 2)) m = 0
+    m = m + 1
+    basis(:, m) = change
+    moves(:, m) = move
+    do i = 1, m - 1
+      along = sum(basis(:, i)*basis(:, m))
+      basis(:, m) = basis(:, m) - along*basis(:, i)
+      moves(:, m) = moves(:, m) - along*moves(:, i)
+    end do
+    length = sum(basis(:, m)**2)
+    if (.not. length > dependent*sum(change**2)) then
+      m = 1
+      basis(:, m) = change
+      moves(:, m) = move
+      length = sum(change**2)
+    end if
+    if (length > 0.0_wp) then
+      basis(:, m) = basis(:, m)/sqrt(length)
+      moves(:, m) = moves(:, m)/sqrt(length)
+    else
+      m = 0
+    end if
+  end subroutine remember
+
+  !> The step from where a move along those remembered would make it smallest, with that
+  !! move.
+  pure subroutine accelerate(m, basis, moves, step)
+    integer, intent(in) :: m
+    real(wp), intent(in) :: basis(:, :), moves(:, :)
+    real(wp), intent(inout) :: step(:)
+    real(wp) :: along(m)
+    integer :: i
+    do i = 1, m
+      along(i) = sum(basis(:, i)*step)
+      step = step - along(i)*basis(:, i)
+    end do
+    do i = 1, m
+      step = step - along(i)*moves(:, i)
     end do
   end subroutine accelerate
 

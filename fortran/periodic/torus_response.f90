@@ -4,9 +4,9 @@ module viscovib_torus_response
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_curve_newton, only: solve_on_curve
   use viscovib_kinds, only: wp
-  use viscovib_outcomes, only: outcome_converged
+  use viscovib_outcomes, only: outcome_converged, outcome_stalled
   use viscovib_torus_balance, only: torus_balance_type, vary_factor
-  use viscovib_torus_levels, only: many, new_levels, solve_on_levels, torus_levels
+  use viscovib_torus_levels, only: few, many, new_levels, solve_on_levels, torus_levels
   implicit none
   private
 
@@ -14,10 +14,13 @@ module viscovib_torus_response
 
   !> Points of a branch in the load where Newton fails at once.
   integer, parameter :: max_load_points = 300
+  !> Unknowns up to which a matrix of all of them is made; its factors take half a second.
+  integer, parameter :: most_dense = 2000
 
 contains
 
-  !> Solve at p from rest: with many unknowns for those of the inner orders first.
+  !> Solve at p from rest: with many unknowns for those of the inner orders first, and for
+  !! more of them if the outer ones then do not follow.
   subroutine solve_from_rest(balance, p, tolerance, x, outcome, iterations, cancel)
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p, tolerance
@@ -28,20 +31,41 @@ contains
     integer, intent(inout), volatile, optional :: cancel
     type(torus_levels) :: levels
     real(wp), allocatable :: inner(:)
+    integer :: most
 
-    if (balance%n > many) call new_levels(levels, balance)
-    if (levels%ready) then
-      allocate (inner(levels%inner%n))
+    most = few
+    x = 0.0_wp
+    outcome = outcome_stalled
+    do while (levels_pay(balance%n, most))
+      call new_levels(levels, balance, most)
+      if (.not. levels%ready) exit
       call levels%match(balance)
-      call raise_loads(levels%inner, p, tolerance, inner, outcome, iterations, cancel)
-      if (outcome == outcome_converged) then
-        x = levels%beyond(balance, inner)
-        call solve_on_levels(levels, balance, p, tolerance, x, outcome, iterations, cancel)
-        if (outcome == outcome_converged) return
+      inner = levels%within(balance, x)
+      outcome = outcome_stalled
+      if (most > few) call solve_on_curve(levels%inner, p, tolerance, inner, outcome, &
+                                          iterations, cancel)
+      if (outcome /= outcome_converged) then
+        call raise_loads(levels%inner, p, tolerance, inner, outcome, iterations, cancel)
       end if
+      if (outcome /= outcome_converged) exit
+      x = levels%beyond(balance, inner)
+      call solve_on_levels(levels, balance, p, tolerance, x, outcome, iterations, cancel)
+      if (outcome == outcome_converged) return
+      most = 3*most
+    end do
+    if (balance%n > most_dense) return
+    if (any(abs(x) > 0.0_wp)) then
+      call solve_on_curve(balance, p, tolerance, x, outcome, iterations, cancel)
+      if (outcome == outcome_converged) return
     end if
     call raise_loads(balance, p, tolerance, x, outcome, iterations, cancel)
   end subroutine solve_from_rest
+
+  !> Whether n unknowns are too many for what so many inner ones save.
+  pure logical function levels_pay(n, most)
+    integer, intent(in) :: n, most
+    levels_pay = n > many .and. most < most_dense .and. (most == few .or. n > 2*most)
+  end function levels_pay
 
   !> From rest at once, or, where that is too far away, by following the branch
   !! from no load to the whole, through folds if need be.
@@ -94,8 +118,9 @@ contains
     real(wp) :: last_p, before_p
     real(wp), allocatable :: here(:), last(:), before(:)
     type(torus_levels) :: levels
+    integer :: most
 
-    if (balance%n > many) call new_levels(levels, balance)
+    most = 0
     known = 0
     iterations = 0
     outcome = -1
@@ -136,14 +161,24 @@ contains
 
   contains
 
+    !> The inner orders that sufficed last, or more.
     subroutine solve_near(start, i)
       real(wp), intent(inout) :: start(:)
       integer, intent(in) :: i
-      if (levels%ready) then
+      do
+        if (.not. levels%ready) then
+          most = max(few, 3*most)
+          if (.not. levels_pay(balance%n, most)) exit
+          call new_levels(levels, balance, most)
+          if (.not. levels%ready) exit
+        end if
         call solve_on_levels(levels, balance, p(i), tolerance, start, outcome(i), iterations(i), &
                              cancel)
         if (outcome(i) == outcome_converged) return
-      end if
+        levels%ready = .false.
+      end do
+      most = 0
+      if (balance%n > most_dense) return
       call solve_on_curve(balance, p(i), tolerance, start, outcome(i), iterations(i), cancel)
     end subroutine solve_near
 
