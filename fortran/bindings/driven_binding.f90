@@ -37,7 +37,7 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   type(torus_balance_type) :: balance
   type(orbit_floquet_type) :: floquet
   type(status_type) :: problem
-  real(c_double), allocatable :: r(:), slope(:), jacobian(:, :), y(:)
+  real(c_double), allocatable :: y(:)
   logical :: inside
   integer :: i
 
@@ -54,11 +54,10 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
     if (vary == vary_frequency) balance%lowest = 0.0_c_double
     call torus_responses(balance, p, tolerance, guess, x, outcome, iterations, cancel(1))
     if (duration > 0.0_c_double) then
-      allocate (r(balance%n), slope(balance%n), jacobian(balance%n, balance%n))
       do i = 1, n_p
         if (outcome(i) /= outcome_converged .or. cancel(1) /= 0) cycle
         y = balance%reduced(x(:, i))
-        call balance%equations(y, p(i), r, jacobian, slope, inside)
+        call balance%visit(y, p(i), .true., inside)
         if (n_axes == 1) then
           call floquet%monodromy(balance, y, matrices(:, :, i))
         else
@@ -118,7 +117,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   type(curve_branch_type) :: branch
   type(orbit_floquet_type) :: floquet
   type(status_type) :: problem
-  real(c_double), allocatable :: at(:), r(:), slope(:), jacobian(:, :)
+  real(c_double), allocatable :: at(:)
   logical :: inside
   integer :: i, found, made
 
@@ -178,10 +177,9 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
       branch_before(:n_branch_points) = branch%branch_points%before(:n_branch_points)
     end if
     if (duration > 0.0_c_double) then
-      allocate (r(balance%n), slope(balance%n), jacobian(balance%n, balance%n))
       do i = 1, n_points
         if (cancel(1) /= 0) exit
-        call balance%equations(branch%x(:, i), p(i), r, jacobian, slope, inside)
+        call balance%visit(branch%x(:, i), p(i), .true., inside)
         if (n_axes == 1) then
           call floquet%monodromy(balance, branch%x(:, i), matrices(:, :, i))
         else

@@ -1,4 +1,5 @@
-!> One solution of the equations of a curve at a fixed parameter, by Newton's method.
+!> One solution of the equations of a curve at a fixed parameter, by Newton's method,
+!! which keeps its factors as long as corrections then shrink fast.
 module viscovib_curve_newton
   use viscovib_curve, only: curve_type
   use viscovib_dense, only: factorize_blocks, solve
@@ -12,8 +13,12 @@ module viscovib_curve_newton
 
   !> Newton either settles within a few iterations or not at all.
   integer, parameter :: max_iterations = 25
+  !> With the factors kept, corrections must shrink by this each time, and go on to this
+  !! part of the tolerance: Newton's leave their squares.
+  real(wp), parameter :: fast_enough = 0.1_wp, far_below = 1.0e-4_wp
   !> A correction this much larger than the smallest so far leads away.
   real(wp), parameter :: growth_limit = 1.0e4_wp
+  real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
 
 contains
 
@@ -33,27 +38,35 @@ contains
     integer, intent(inout), volatile, optional :: cancel
     real(wp), allocatable :: new(:), step(:), slope(:), jacobian(:, :)
     integer, allocatable :: pivots(:)
-    real(wp) :: change, smallest, norm
+    real(wp) :: change, before, smallest, norm
     integer :: k
-    logical :: singular, inside
+    logical :: singular, inside, fresh
 
     allocate (jacobian(curve%n, curve%n), step(curve%n), slope(curve%n), pivots(curve%n))
     allocate (new, source=x)
     smallest = sqrt(huge(1.0_wp))
+    before = 0.0_wp
+    fresh = .true.
     outcome = outcome_stalled
     do k = 1, max_iterations
       if (present(cancel)) then
         if (cancel /= 0) return
       end if
-      call curve%equations(new, p, step, jacobian, slope, inside)
+      if (fresh) then
+        call curve%equations(new, p, step, jacobian, slope, inside)
+      else
+        call curve%residual(new, p, step, inside)
+      end if
       if (.not. inside) then
         outcome = outcome_diverged
         return
       end if
-      call factorize_blocks(curve%n, jacobian, pivots, singular)
-      if (singular) then
-        outcome = outcome_singular
-        return
+      if (fresh) then
+        call factorize_blocks(curve%n, jacobian, pivots, singular)
+        if (singular) then
+          outcome = outcome_singular
+          return
+        end if
       end if
       call solve(curve%n, jacobian, pivots, step)
       new = new - step
@@ -64,7 +77,9 @@ contains
         outcome = outcome_overflow
         return
       end if
-      if (change <= tolerance*norm) then
+      ! With factors kept corrections fall as a geometric series: what is left of it.
+      if (fresh .and. change <= tolerance*norm &
+          .or. change**2 <= max(far_below*tolerance, rounding)*norm*(before - change)) then
         outcome = outcome_converged
         x = new
         return
@@ -74,6 +89,12 @@ contains
         return
       end if
       smallest = min(smallest, change)
+      if (change < fast_enough*before) then
+        fresh = .false.
+      else
+        fresh = k == 1 .or. .not. fresh
+      end if
+      before = change
     end do
   end subroutine solve_on_curve
 

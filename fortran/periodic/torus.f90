@@ -7,13 +7,11 @@
 !!
 !! a periodic function for one axis, a quasi-periodic one for more. Unknowns of a
 !! coordinate are its mean, then real and imaginary parts of the X_k by turns.
-!! Passages go axis by axis through tables, the first axis along the lanes, several
-!! functions at once; for the few dozen samples an axis takes that is a small part of
-!! what the linear algebra costs.
+!! Passages are discrete Fourier transforms over all axes at once, by FFTW, of
+!! c_k = X_k/(2i), c_(-k) = conj c_k, c_0 the mean.
 module viscovib_torus
-  use viscovib_constants, only: pi
+  use viscovib_grid_fourier, only: find_plans, from_grid, grid_plans, quick_size, to_grid
   use viscovib_kinds, only: wp
-  use viscovib_lanes, only: lane_product, n_lanes
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
@@ -35,16 +33,15 @@ module viscovib_torus
     integer, allocatable :: place(:)
     !> Highest order along each axis.
     integer, private :: reach(max_axes) = 0
-    !> exp(i k theta) at the samples of an axis, shape (n_points, -2 reach:2 reach).
-    complex(wp), allocatable, private :: wave_2(:, :), wave_3(:, :)
-    !> The first axis, blocks of lanes: sin and cos at the samples, shape (n_lanes,
-    !! 2 (reach + 1), blocks of samples); cos and -sin over the number of samples, shape
-    !! (n_lanes, n_points, blocks of 2 (2 reach + 1) moments).
-    real(wp), allocatable, private :: synthesis(:, :, :), analysis(:, :, :)
+    type(grid_plans), private :: plans
+    !> What FFTW works in, and where in it c_k and its conjugate at -k stand, 0: not
+    !! in this half, shape (n_orders).
+    complex(wp), allocatable, private :: box(:)
+    integer, allocatable, private :: spot(:), mirror(:)
   contains
     procedure :: to_samples
+    procedure :: harmonics
     procedure :: moments
-    procedure :: to_unknowns
     procedure :: frequencies
   end type torus_type
 
@@ -55,7 +52,7 @@ contains
     !> Shape (n_axes, n_orders).
     integer, intent(in) :: orders(:, :)
     type(status_type), intent(out) :: status
-    integer :: i, k, sides(max_axes)
+    integer :: i, k, sides(max_axes), whole(max_axes)
 
     torus%n_axes = size(orders, 1)
     if (torus%n_axes < 1 .or. torus%n_axes > max_axes) then
@@ -76,8 +73,12 @@ contains
     torus%orders = orders
     torus%n = 2*size(orders, 2) - 1
     torus%reach(:torus%n_axes) = max(1, maxval(abs(orders), 2))
-    ! Moments reach 2 K. More samples leave less aliasing of what is no polynomial.
-    torus%n_points(:torus%n_axes) = merge(6, 4, torus%n_axes == 1)*torus%reach(:torus%n_axes) + 2
+    ! With 3 K + 2 aliasing is as the square of what the orders beyond K amount to.
+    do i = 1, torus%n_axes
+      torus%n_points(i) = quick_size(merge(6, 3, torus%n_axes == 1)*torus%reach(i) + 2)
+    end do
+    call find_plans(torus%n_points, torus%plans, status)
+    if (status%failed()) return
     torus%n_samples = product(torus%n_points)
     sides = 4*torus%reach + 1
     torus%n_moments = product(sides)
@@ -86,166 +87,105 @@ contains
     do i = 1, torus%n_axes
       torus%place = torus%place + orders(i, :)*product(sides(:i - 1))
     end do
-    call first_axis(torus)
-    call waves(torus%n_points(2), torus%reach(2), torus%wave_2)
-    call waves(torus%n_points(3), torus%reach(3), torus%wave_3)
+    allocate (torus%spot(size(orders, 2)), torus%mirror(size(orders, 2)))
+    whole = 0
+    do k = 1, size(orders, 2)
+      whole(:torus%n_axes) = orders(:, k)
+      torus%spot(k) = place_in_box(torus, whole)
+      torus%mirror(k) = place_in_box(torus, -whole)
+    end do
+    associate (n => torus%n_points)
+      allocate (torus%box((n(1)/2 + 1)*n(2)*n(3)))
+    end associate
   end subroutine new_torus
 
-  pure subroutine first_axis(torus)
-    type(torus_type), intent(inout) :: torus
-    real(wp) :: angle
-    integer :: k, s, i, n, r
-
-    n = torus%n_points(1)
-    r = torus%reach(1)
-    allocate (torus%synthesis(n_lanes, 2*(r + 1), (n + n_lanes - 1)/n_lanes), source=0.0_wp)
-    allocate (torus%analysis(n_lanes, n, (2*(2*r + 1) + n_lanes - 1)/n_lanes), source=0.0_wp)
-    do s = 0, n - 1
-      do k = 0, 2*r
-        angle = 2.0_wp*pi*modulo(k*s, n)/n
-        if (k <= r) then
-          associate (block => torus%synthesis(:, :, s/n_lanes + 1), lane => mod(s, n_lanes) + 1)
-            block(lane, 2*k + 1) = sin(angle)
-            block(lane, 2*k + 2) = cos(angle)
-          end associate
-        end if
-        do i = 2*k, 2*k + 1
-          torus%analysis(mod(i, n_lanes) + 1, s + 1, i/n_lanes + 1) &
-            = merge(cos(angle), -sin(angle), i == 2*k)/torus%n_samples
-        end do
-      end do
-    end do
-  end subroutine first_axis
-
-  pure subroutine waves(n, reach, table)
-    integer, intent(in) :: n, reach
-    complex(wp), allocatable, intent(out) :: table(:, :)
-    real(wp) :: angle
-    integer :: k, s
-    allocate (table(n, -2*reach:2*reach))
-    do k = -2*reach, 2*reach
-      do s = 1, n
-        angle = 2.0_wp*pi*modulo(k*(s - 1), n)/n
-        table(s, k) = cmplx(cos(angle), sin(angle), wp)
-      end do
-    end do
-  end subroutine waves
+  !> Place of c_k in the box, counted through; 0 for k_1 < 0.
+  pure integer function place_in_box(torus, k) result(place)
+    type(torus_type), intent(in) :: torus
+    integer, intent(in) :: k(max_axes)
+    associate (n => torus%n_points)
+      place = 0
+      if (k(1) < 0) return
+      place = 1 + k(1) + (n(1)/2 + 1)*(modulo(k(2), n(2)) + n(2)*modulo(k(3), n(3)))
+    end associate
+  end function place_in_box
 
   !> k.omega for every order.
   pure function frequencies(self, omega) result(values)
     class(torus_type), intent(in) :: self
     real(wp), intent(in) :: omega(self%n_axes)
     real(wp) :: values(size(self%orders, 2))
-    values = matmul(omega, self%orders)
+    integer :: k
+    values = [(sum(omega*self%orders(:, k)), k=1, size(values))]
   end function frequencies
 
-  !> Samples of m functions Im sum_k factor_k X_k exp(i k.theta); factors i k.omega give
+  !> Samples of a function Im sum_k factor_k X_k exp(i k.theta); factors i k.omega give
   !! the derivative with respect to time.
-  pure subroutine to_samples(self, m, x, factor, u)
-    class(torus_type), intent(in) :: self
-    integer, intent(in) :: m
-    !> Unknowns, shape (n, m).
-    real(wp), intent(in) :: x(self%n, m)
-    complex(wp), intent(in) :: factor(size(self%orders, 2), m)
-    !> The first axis runs first.
-    real(wp), intent(out) :: u(self%n_points(1), self%n_samples/self%n_points(1), m)
-    complex(wp), allocatable :: box(:, :, :), along_3(:, :, :), along_2(:, :, :)
-    real(wp), allocatable :: columns(:, :, :), sums(:, :, :)
-    integer :: f, i, j, s, k(max_axes), last
+  subroutine to_samples(self, x, factor, u)
+    class(torus_type), intent(inout) :: self
+    !> Unknowns, shape (n); factors, shape (n_orders).
+    real(wp), intent(in) :: x(:)
+    complex(wp), intent(in) :: factor(:)
+    !> The first axis runs first, shape (n_samples).
+    real(wp), intent(out), contiguous :: u(:)
+    complex(wp) :: c
+    integer :: k
 
-    associate (r => self%reach, n => self%n_points)
-      allocate (columns(2*(r(1) + 1), n(2)*n(3), m), sums(n_lanes, n(2)*n(3), m))
-      allocate (box(0:r(1), -r(2):r(2), -r(3):r(3)))
-      allocate (along_3(r(1) + 1, 2*r(2) + 1, n(3)), along_2(r(1) + 1, n(2), n(3)))
-      do f = 1, m
-        box = (0.0_wp, 0.0_wp)
-        k = 0
-        box(0, 0, 0) = factor(1, f)*cmplx(0.0_wp, x(1, f), wp)
-        do i = 2, size(factor, 1)
-          k(:self%n_axes) = self%orders(:, i)
-          box(k(1), k(2), k(3)) = factor(i, f)*cmplx(x(2*i - 2, f), x(2*i - 1, f), wp)
-        end do
-        if (self%n_axes == 1) then
-          along_2(:, 1, 1) = box(:, 0, 0)
-        else
-          along_3(:, :, :) = reshape(matmul(reshape(box, [(r(1) + 1)*(2*r(2) + 1), 2*r(3) + 1]), &
-                                            transpose(self%wave_3(:, -r(3):r(3)))), shape(along_3))
-          do i = 1, n(3)
-            along_2(:, :, i) = matmul(along_3(:, :, i), transpose(self%wave_2(:, -r(2):r(2))))
-          end do
-        end if
-        do j = 1, n(2)*n(3)
-          associate (column => along_2(:, mod(j - 1, n(2)) + 1, (j - 1)/n(2) + 1))
-            columns(1::2, j, f) = real(column)
-            columns(2::2, j, f) = aimag(column)
-          end associate
-        end do
-      end do
-      do i = 1, size(self%synthesis, 3)
-        call lane_product(2*(r(1) + 1), m*n(2)*n(3), self%synthesis(:, :, i), columns, sums)
-        s = n_lanes*(i - 1)
-        last = min(n_lanes, n(1) - s)
-        u(s + 1:s + last, :, :) = sums(:last, :, :)
-      end do
-    end associate
+    self%box = (0.0_wp, 0.0_wp)
+    self%box(1) = real(factor(1))*x(1)
+    do k = 2, size(self%spot)
+      c = factor(k)*cmplx(0.5_wp*x(2*k - 1), -0.5_wp*x(2*k - 2), wp)
+      self%box(self%spot(k)) = c
+      if (self%mirror(k) > 0) self%box(self%mirror(k)) = conjg(c)
+    end do
+    call to_grid(self%plans, self%box, u)
   end subroutine to_samples
 
-  !> Mean values of f exp(-i k.theta) for m functions and all orders of the box, twice as
-  !! far as the lattice reaches.
-  pure subroutine moments(self, m, f, c)
-    class(torus_type), intent(in) :: self
-    integer, intent(in) :: m
-    real(wp), intent(in) :: f(self%n_samples, m)
-    complex(wp), intent(out) :: c(self%n_moments, m)
-    complex(wp), allocatable :: along_1(:, :, :), along_2(:, :, :), half(:, :)
-    real(wp), allocatable :: sums(:, :, :), parts(:, :, :)
-    integer :: g, i, j, last, top
-
-    associate (r => self%reach, n => self%n_points)
-      top = 2*r(1)
-      allocate (sums(n_lanes, n(2)*n(3), m), parts(2*(top + 1), n(2)*n(3), m))
-      do i = 1, size(self%analysis, 3)
-        call lane_product(n(1), m*n(2)*n(3), self%analysis(:, :, i), f, sums)
-        j = n_lanes*(i - 1)
-        last = min(n_lanes, size(parts, 1) - j)
-        parts(j + 1:j + last, :, :) = sums(:last, :, :)
-      end do
-      allocate (half(top + 1, (4*r(2) + 1)*(4*r(3) + 1)))
-      allocate (along_1(top + 1, n(2), n(3)), along_2(top + 1, 4*r(2) + 1, n(3)))
-      do g = 1, m
-        if (self%n_axes == 1) then
-          half(:, 1) = cmplx(parts(1::2, 1, g), parts(2::2, 1, g), wp)
-        else
-          along_1(:, :, :) = reshape(cmplx(parts(1::2, :, g), parts(2::2, :, g), wp), &
-                                     shape(along_1))
-          do i = 1, n(3)
-            along_2(:, :, i) = matmul(along_1(:, :, i), conjg(self%wave_2))
-          end do
-          half(:, :) = reshape(matmul(reshape(along_2, [(top + 1)*(4*r(2) + 1), n(3)]), &
-                                      conjg(self%wave_3)), shape(half))
-        end if
-        ! The other half by c_(-k) = conj c_k.
-        do j = 1, size(half, 2)
-          i = (j - 1)*(2*top + 1) + top
-          c(i + 1:i + top + 1, g) = half(:, j)
-          i = (size(half, 2) - j)*(2*top + 1) + top + 2
-          c(i - top - 1:i - 2, g) = conjg(half(top + 1:2:-1, j))
-        end do
-      end do
-    end associate
-  end subroutine moments
-
-  !> The unknowns of a function from its moments: X_k = 2 i c_k, the mean c_0.
-  pure subroutine to_unknowns(self, c, x)
-    class(torus_type), intent(in) :: self
-    complex(wp), intent(in) :: c(:)
+  !> The unknowns of a function from its samples.
+  subroutine harmonics(self, u, x)
+    class(torus_type), intent(inout) :: self
+    real(wp), intent(in), contiguous :: u(:)
     real(wp), intent(out) :: x(:)
     integer :: k
-    x(1) = real(c(self%origin))
-    do k = 2, size(self%place)
-      x(2*k - 2) = -2.0_wp*aimag(c(self%origin + self%place(k)))
-      x(2*k - 1) = 2.0_wp*real(c(self%origin + self%place(k)))
+
+    call from_grid(self%plans, u, self%box)
+    x(1) = real(self%box(1))/self%n_samples
+    do k = 2, size(self%spot)
+      x(2*k - 2) = -2.0_wp*aimag(self%box(self%spot(k)))/self%n_samples
+      x(2*k - 1) = 2.0_wp*real(self%box(self%spot(k)))/self%n_samples
     end do
-  end subroutine to_unknowns
+  end subroutine harmonics
+
+  !> Mean values of f exp(-i k.theta) at the samples for all orders of a box, twice as far
+  !! as the lattice reaches.
+  subroutine moments(self, f, c)
+    class(torus_type), intent(inout) :: self
+    real(wp), intent(in), contiguous :: f(:)
+    complex(wp), intent(out) :: c(:)
+    complex(wp) :: value
+    integer :: i, k, k_2, k_3, top, side, first, other
+
+    call from_grid(self%plans, f, self%box)
+    top = 2*self%reach(1)
+    side = 2*top + 1
+    i = 0
+    do k_3 = -2*self%reach(3), 2*self%reach(3)
+      do k_2 = -2*self%reach(2), 2*self%reach(2)
+        first = place_in_box(self, [0, k_2, k_3])
+        other = place_in_box(self, [0, -k_2, -k_3])
+        do k = 0, top
+          ! c_k is that of k_1 - n_1, the conjugate of c_(-k).
+          if (k <= self%n_points(1)/2) then
+            value = self%box(first + k)/self%n_samples
+          else
+            value = conjg(self%box(other + self%n_points(1) - k))/self%n_samples
+          end if
+          c(i + top + 1 + k) = value
+          c(self%n_moments - i - top - k) = conjg(value)
+        end do
+        i = i + side
+      end do
+    end do
+  end subroutine moments
 
 end module viscovib_torus

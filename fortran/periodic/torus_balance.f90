@@ -12,11 +12,13 @@
 !!
 !!   Y_k = sum_l (Q_(k-l) + i w_l V_(k-l)) dX_l - (Q_(k+l) - i w_l V_(k+l)) conj dX_l.
 module viscovib_torus_balance
+  use viscovib_constants, only: pi
   use viscovib_curve, only: curve_type
   use viscovib_driven_system, only: differentiable_system_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_torus, only: torus_type
+  use viscovib_status, only: status_type
+  use viscovib_torus, only: new_torus, torus_type
   implicit none
   private
 
@@ -49,6 +51,9 @@ module viscovib_torus_balance
     !> Where among all unknowns, shape (torus%n, n_dof), those of x stand, and where in
     !! x those of a coordinate begin, shape (n_dof + 1).
     integer, allocatable, private :: from(:), first(:)
+    !> Which orders of which coordinates are unknowns, shape (n_orders, n_dof).
+    logical, allocatable, private :: chosen(:, :)
+    logical, private :: even_in_time = .false.
     !> Orders of which a coordinate has any, shape (n_dof).
     type(order_list), allocatable, private :: kept(:)
     !> cos of the drives' angles at the samples, shape (n_samples, n_drives).
@@ -58,8 +63,8 @@ module viscovib_torus_balance
     !! shape (n_samples, n_dof, 2); da_i/dq_j and da_i/dq'_j, shape (n_samples, n_dof,
     !! 2 n_dof).
     real(wp), allocatable, private :: motion(:, :, :), a(:, :, :), slopes(:, :, :)
-    !> Moments of the latter two.
-    complex(wp), allocatable, private :: a_moments(:, :, :), slope_moments(:, :, :)
+    !> Moments of the latter, made when first wanted.
+    complex(wp), allocatable, private :: slope_moments(:, :, :)
   contains
     procedure :: equations
     procedure :: residual
@@ -67,6 +72,11 @@ module viscovib_torus_balance
     procedure :: rate
     procedure :: expanded
     procedure :: reduced
+    procedure :: visit
+    procedure :: mean_slopes
+    procedure :: n_unknowns
+    procedure :: first_orders
+    procedure, private :: defects
     procedure, private :: evaluate
     procedure, private :: add_block
   end type torus_balance_type
@@ -85,8 +95,7 @@ contains
     logical, intent(in), optional :: kept(:, :)
     !> Cosines alone: motions that are the same backwards.
     logical, intent(in), optional :: even_in_time
-    real(wp) :: unit(3)
-    integer :: d, j, s, rest, place(3)
+    integer :: d, j
 
     balance%torus = torus
     balance%system => system
@@ -97,40 +106,56 @@ contains
     balance%n_dof = d
     call choose_unknowns(balance, kept, even_in_time)
     allocate (balance%cosines(torus%n_samples, size(drive_orders, 2)), source=0.0_wp)
-    allocate (balance%motion(torus%n_samples, d, 3), balance%a(torus%n_samples, d, 2), &
-              balance%slopes(torus%n_samples, d, 2*d), source=0.0_wp)
-    allocate (balance%a_moments(torus%n_moments, d, 2), &
-              balance%slope_moments(torus%n_moments, d, 2*d), source=(0.0_wp, 0.0_wp))
-    unit = 2.0_wp*acos(-1.0_wp)/torus%n_points
-    do s = 1, torus%n_samples
-      rest = s - 1
-      do j = 1, 3
-        place(j) = modulo(rest, torus%n_points(j))
-        rest = rest/torus%n_points(j)
-      end do
-      do j = 1, size(drive_orders, 2)
-        balance%cosines(s, j) = cos(sum(modulo(drive_orders(:, j)*place(:torus%n_axes), &
-                                               torus%n_points(:torus%n_axes)) &
-                                        *unit(:torus%n_axes)))
-      end do
+    allocate (balance%motion(torus%n_samples, d, 3), balance%a(torus%n_samples, d, 2))
+    do j = 1, size(drive_orders, 2)
+      call drive_samples(torus, drive_orders(:, j), balance%cosines(:, j))
     end do
   end subroutine new_torus_balance
+
+  !> cos of the angle order.theta at the samples.
+  pure subroutine drive_samples(torus, order, cosine)
+    type(torus_type), intent(in) :: torus
+    integer, intent(in) :: order(:)
+    real(wp), intent(out) :: cosine(:)
+    complex(wp) :: wave(maxval(torus%n_points), 3), across
+    real(wp) :: angle
+    integer :: i, j, k, s
+
+    wave = (1.0_wp, 0.0_wp)
+    do i = 1, size(order)
+      do s = 1, torus%n_points(i)
+        angle = 2.0_wp*pi*modulo(order(i)*(s - 1), torus%n_points(i))/torus%n_points(i)
+        wave(s, i) = cmplx(cos(angle), sin(angle), wp)
+      end do
+    end do
+    s = 0
+    do k = 1, torus%n_points(3)
+      do j = 1, torus%n_points(2)
+        across = wave(j, 2)*wave(k, 3)
+        do i = 1, torus%n_points(1)
+          cosine(s + i) = real(wave(i, 1))*real(across) - aimag(wave(i, 1))*aimag(across)
+        end do
+        s = s + torus%n_points(1)
+      end do
+    end do
+  end subroutine drive_samples
 
   !> Which unknowns there are, and where they stand.
   pure subroutine choose_unknowns(balance, kept, even_in_time)
     type(torus_balance_type), intent(inout) :: balance
     logical, intent(in), optional :: kept(:, :), even_in_time
-    logical :: chosen(size(balance%torus%orders, 2), balance%n_dof), part(balance%torus%n)
+    logical :: part(balance%torus%n)
     integer :: d, i
 
-    chosen = .true.
-    if (present(kept)) chosen = kept
+    allocate (balance%chosen(size(balance%torus%orders, 2), balance%n_dof), source=.true.)
+    if (present(kept)) balance%chosen = kept
+    if (present(even_in_time)) balance%even_in_time = even_in_time
     allocate (balance%kept(balance%n_dof), balance%first(balance%n_dof + 1), balance%from(0))
     do d = 1, balance%n_dof
-      associate (list => balance%kept(d))
+      associate (list => balance%kept(d), chosen => balance%chosen)
         list%k = pack([(i, i=1, size(chosen, 1))], chosen(:, d))
         list%mean = chosen(1, d)
-        if (present(even_in_time)) list%sine = .not. even_in_time
+        list%sine = .not. balance%even_in_time
         part(1::2) = chosen(:, d)
         part(2::2) = chosen(2:, d) .and. list%sine
       end associate
@@ -162,36 +187,32 @@ contains
     real(wp), intent(inout) :: jacobian(:, :)
     real(wp), intent(out) :: slope(:)
     logical, intent(out) :: inside
-    complex(wp) :: factors(size(self%torus%orders, 2), self%n_dof, 3)
-    real(wp) :: w(size(self%torus%orders, 2)), w_slope(size(self%torus%orders, 2))
-    real(wp) :: y(self%torus%n, self%n_dof, 3), part(self%torus%n, self%n_dof, 2)
+    real(wp), dimension(size(self%torus%orders, 2)) :: w, w_slope
+    real(wp), dimension(self%torus%n, self%n_dof) :: y, part
     integer :: a, b
 
     r = 0.0_wp
     slope = 0.0_wp
-    inside = p > self%lowest
+    call self%visit(x, p, .true., inside)
     if (.not. inside) return
-    call self%set_parameter(p)
     w = self%torus%frequencies(self%omega)
     w_slope = 0.0_wp
     if (self%vary == vary_frequency) w_slope = self%torus%orders(self%which, :)
-    factors(:, :, 1) = (1.0_wp, 0.0_wp)
-    factors(:, :, 2) = spread(cmplx(0.0_wp, w, wp), 2, self%n_dof)
-    factors(:, :, 3) = spread(cmplx(0.0_wp, w_slope, wp), 2, self%n_dof)
-    y = spread(self%expanded(x), 3, 3)
-    call self%torus%to_samples(3*self%n_dof, y, factors, self%motion)
-    call self%evaluate(inside, .true.)
-    if (.not. inside) return
-    call self%torus%moments(2*self%n_dof, self%a, self%a_moments)
+    y = self%expanded(x)
+    call self%defects(w, y, r)
     do a = 1, self%n_dof
-      call self%torus%to_unknowns(self%a_moments(:, a, 1), part(:, a, 1))
-      call self%torus%to_unknowns(self%a_moments(:, a, 2), part(:, a, 2))
+      call self%torus%harmonics(self%a(:, a, 2), part(:, a))
+      part(:, a) = -twice(2.0_wp*w*w_slope)*y(:, a) - part(:, a)
     end do
-    r = self%reduced(reshape(-spread(twice(w**2), 2, self%n_dof)*y(:, :, 1) - part(:, :, 1), &
-                             [self%torus%n*self%n_dof]))
-    slope = self%reduced(reshape(-spread(twice(2.0_wp*w*w_slope), 2, self%n_dof)*y(:, :, 1) &
-                                 - part(:, :, 2), [self%torus%n*self%n_dof]))
-    call self%torus%moments(2*self%n_dof**2, self%slopes, self%slope_moments)
+    slope = self%reduced(reshape(part, [size(part)]))
+    if (.not. allocated(self%slope_moments)) then
+      allocate (self%slope_moments(self%torus%n_moments, self%n_dof, 2*self%n_dof))
+    end if
+    do b = 1, 2*self%n_dof
+      do a = 1, self%n_dof
+        call self%torus%moments(self%slopes(:, a, b), self%slope_moments(:, a, b))
+      end do
+    end do
     do b = 1, self%n_dof
       do a = 1, self%n_dof
         call self%add_block(w, a, b, jacobian)
@@ -205,29 +226,90 @@ contains
     real(wp), intent(in) :: x(:), p
     real(wp), intent(out) :: r(:)
     logical, intent(out) :: inside
-    complex(wp) :: factors(size(self%torus%orders, 2), self%n_dof, 2)
-    real(wp) :: w(size(self%torus%orders, 2))
-    real(wp) :: y(self%torus%n, self%n_dof, 2), part(self%torus%n, self%n_dof)
-    integer :: a
 
     r = 0.0_wp
+    call self%visit(x, p, .false., inside)
+    if (inside) call self%defects(self%torus%frequencies(self%omega), self%expanded(x), r)
+  end subroutine residual
+
+  !> -w^2 X - A of the motion seen last.
+  subroutine defects(self, w, y, r)
+    class(torus_balance_type), intent(inout) :: self
+    real(wp), intent(in) :: w(:), y(:, :)
+    real(wp), intent(out) :: r(:)
+    real(wp) :: part(self%torus%n, self%n_dof)
+    integer :: a
+    do a = 1, self%n_dof
+      call self%torus%harmonics(self%a(:, a, 1), part(:, a))
+      part(:, a) = -twice(w**2)*y(:, a) - part(:, a)
+    end do
+    r = self%reduced(reshape(part, [size(part)]))
+  end subroutine defects
+
+  !> Motion, accelerations and, if wanted, their derivatives at the samples.
+  subroutine visit(self, x, p, derivatives, inside)
+    class(torus_balance_type), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    logical, intent(in) :: derivatives
+    !> False, and nothing computed, where the equations describe nothing.
+    logical, intent(out) :: inside
+    complex(wp), dimension(size(self%torus%orders, 2)) :: turn, one, turn_slope
+    real(wp) :: y(self%torus%n, self%n_dof)
+    integer :: d
+
     inside = p > self%lowest
     if (.not. inside) return
     call self%set_parameter(p)
-    w = self%torus%frequencies(self%omega)
-    factors(:, :, 1) = (1.0_wp, 0.0_wp)
-    factors(:, :, 2) = spread(cmplx(0.0_wp, w, wp), 2, self%n_dof)
-    y = spread(self%expanded(x), 3, 2)
-    call self%torus%to_samples(2*self%n_dof, y, factors, self%motion)
-    call self%evaluate(inside, .false.)
-    if (.not. inside) return
-    call self%torus%moments(self%n_dof, self%a, self%a_moments)
-    do a = 1, self%n_dof
-      call self%torus%to_unknowns(self%a_moments(:, a, 1), part(:, a))
+    y = self%expanded(x)
+    one = (1.0_wp, 0.0_wp)
+    turn = cmplx(0.0_wp, self%torus%frequencies(self%omega), wp)
+    do d = 1, self%n_dof
+      call self%torus%to_samples(y(:, d), one, self%motion(:, d, 1))
+      call self%torus%to_samples(y(:, d), turn, self%motion(:, d, 2))
     end do
-    r = self%reduced(reshape(-spread(twice(w**2), 2, self%n_dof)*y(:, :, 1) - part, &
-                             [self%torus%n*self%n_dof]))
-  end subroutine residual
+    if (derivatives .and. self%vary == vary_frequency) then
+      turn_slope = cmplx(0.0_wp, self%torus%orders(self%which, :), wp)
+      do d = 1, self%n_dof
+        call self%torus%to_samples(y(:, d), turn_slope, self%motion(:, d, 3))
+      end do
+    end if
+    call self%evaluate(inside, derivatives)
+  end subroutine visit
+
+  !> Means of the derivatives of the accelerations by coordinates and by velocities,
+  !! shape (n_dof, n_dof), along the motion that was seen last with derivatives.
+  pure subroutine mean_slopes(self, by_q, by_v)
+    class(torus_balance_type), intent(in) :: self
+    real(wp), intent(out) :: by_q(:, :), by_v(:, :)
+    integer :: a, b
+    do b = 1, self%n_dof
+      do a = 1, self%n_dof
+        by_q(a, b) = sum(self%slopes(:, a, b))/self%torus%n_samples
+        by_v(a, b) = sum(self%slopes(:, a, self%n_dof + b))/self%torus%n_samples
+      end do
+    end do
+  end subroutine mean_slopes
+
+  !> Unknowns among the first m orders.
+  pure integer function n_unknowns(self, m)
+    class(torus_balance_type), intent(in) :: self
+    integer, intent(in) :: m
+    n_unknowns = count(self%chosen(:m, :))
+    if (.not. self%even_in_time) n_unknowns = n_unknowns + count(self%chosen(2:m, :))
+  end function n_unknowns
+
+  !> The balance of the first m orders alone, their unknowns chosen as here.
+  subroutine first_orders(self, m, few, status)
+    class(torus_balance_type), intent(in) :: self
+    integer, intent(in) :: m
+    type(torus_balance_type), intent(out) :: few
+    type(status_type), intent(out) :: status
+    type(torus_type) :: torus
+    call new_torus(torus, self%torus%orders(:, :m), status)
+    if (status%failed()) return
+    call new_torus_balance(few, self%system, torus, self%drive_orders, self%omega, &
+                           self%amplitude, self%chosen(:m, :), self%even_in_time)
+  end subroutine first_orders
 
   !> What belongs to orders, for each of their unknowns.
   pure function twice(values) result(each)
@@ -267,6 +349,9 @@ contains
     integer :: first, last, m, d, j
 
     inside = .true.
+    if (derivatives .and. .not. allocated(self%slopes)) then
+      allocate (self%slopes(self%torus%n_samples, self%n_dof, 2*self%n_dof))
+    end if
     do first = 1, self%torus%n_samples, n_lanes
       last = min(first + n_lanes - 1, self%torus%n_samples)
       m = last - first + 1
@@ -336,47 +421,50 @@ contains
     real(wp), intent(in) :: w(:)
     integer, intent(in) :: a, b
     real(wp), intent(inout) :: jacobian(:, :)
-    complex(wp), dimension(size(self%kept(a)%k)) :: p, q
-    integer :: j, k, l
+    complex(wp) :: by_sine, by_cosine, p, q
+    integer :: i, j, k, l, t, down, up
+    logical :: sine
 
-    associate (rows => self%torus%place(self%kept(a)%k), columns => self%kept(b), &
-               zero => self%torus%origin, by_q => self%slope_moments(:, a, b), &
-               by_v => self%slope_moments(:, a, self%n_dof + b), &
-               top => self%first(a), bottom => self%first(a + 1) - 1)
+    associate (rows => self%kept(a), columns => self%kept(b), place => self%torus%place, &
+               zero => self%torus%origin, first => self%first(a), d => self%n_dof)
       j = self%first(b) - 1
       do l = 1, size(columns%k)
-        k = self%torus%place(columns%k(l))
-        associate (turn => cmplx(0.0_wp, w(columns%k(l)), wp))
-          p = by_q(zero + rows - k) + turn*by_v(zero + rows - k)
-          q = by_q(zero + rows + k) - turn*by_v(zero + rows + k)
-        end associate
-        if (columns%sine .and. .not. (columns%mean .and. l == 1)) then
-          j = j + 1
-          call fill(self%kept(a), q - p, jacobian(top:bottom, j))
-          if (a == b) jacobian(j, j) = jacobian(j, j) - w(columns%k(l))**2
-        end if
-        j = j + 1
-        call fill(self%kept(a), (0.0_wp, -1.0_wp)*(p + q), jacobian(top:bottom, j))
-        if (a == b) jacobian(j, j) = jacobian(j, j) - w(columns%k(l))**2
+        k = place(columns%k(l))
+        sine = columns%sine .and. .not. (columns%mean .and. l == 1)
+        j = j + merge(2, 1, sine)
+        t = first
+        do i = 1, size(rows%k)
+          down = zero + place(rows%k(i)) - k
+          up = zero + place(rows%k(i)) + k
+          p = self%slope_moments(down, a, b) &
+              + cmplx(0.0_wp, w(columns%k(l)), wp)*self%slope_moments(down, a, d + b)
+          q = self%slope_moments(up, a, b) &
+              - cmplx(0.0_wp, w(columns%k(l)), wp)*self%slope_moments(up, a, d + b)
+          by_cosine = cmplx(aimag(p + q), -real(p + q), wp)
+          by_sine = q - p
+          if (rows%mean .and. i == 1) then
+            jacobian(t, j) = 0.5_wp*aimag(by_cosine)
+            if (sine) jacobian(t, j - 1) = 0.5_wp*aimag(by_sine)
+            t = t + 1
+          else if (rows%sine) then
+            jacobian(t, j) = real(by_cosine)
+            jacobian(t + 1, j) = aimag(by_cosine)
+            if (sine) then
+              jacobian(t, j - 1) = real(by_sine)
+              jacobian(t + 1, j - 1) = aimag(by_sine)
+            end if
+            t = t + 2
+          else
+            jacobian(t, j) = aimag(by_cosine)
+            t = t + 1
+          end if
+        end do
+        if (a /= b) cycle
+        jacobian(j, j) = jacobian(j, j) - w(columns%k(l))**2
+        if (sine) jacobian(j - 1, j - 1) = jacobian(j - 1, j - 1) - w(columns%k(l))**2
       end do
     end associate
   end subroutine add_block
-
-  !> The parts of a row of orders that are unknowns.
-  pure subroutine fill(kept, column, parts)
-    type(order_list), intent(in) :: kept
-    complex(wp), intent(in) :: column(:)
-    real(wp), intent(inout) :: parts(:)
-    integer :: m
-    m = merge(1, 0, kept%mean)
-    if (kept%mean) parts(1) = 0.5_wp*aimag(column(1))
-    if (kept%sine) then
-      parts(m + 1::2) = real(column(m + 1:))
-      parts(m + 2::2) = aimag(column(m + 1:))
-    else
-      parts(m + 1:) = aimag(column(m + 1:))
-    end if
-  end subroutine fill
 
   !> An upper bound of how fast a disturbance of the motion seen last can turn or
   !! grow (rad a unit of time).

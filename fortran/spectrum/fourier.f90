@@ -2,8 +2,9 @@
 !!
 !! Plans are made once per length and kept; they take any array of that length.
 !! Estimated plans are used, so that results do not vary from run to run.
-!! Making a plan is the one thing in FFTW that two threads must not do at once:
-!! `real_spectrum` is therefore called under Python's lock, or by one thread.
+!! Making a plan is the one thing in FFTW that two threads must not do at once, so that
+!! whoever does takes the lock. Plans here may be given up for others: `real_spectrum` is
+!! therefore called under Python's lock, or by one thread.
 module viscovib_fourier
   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_double_complex, c_int, &
     c_null_ptr, c_ptr
@@ -12,7 +13,7 @@ module viscovib_fourier
   implicit none
   private
 
-  public :: real_spectrum
+  public :: real_spectrum, lock_planner, unlock_planner
 
   !> FFTW_ESTIMATE, FFTW_UNALIGNED and FFTW_PRESERVE_INPUT of fftw3.h.
   integer(c_int), parameter :: estimate = 64_c_int, unaligned = 2_c_int, preserve_input = 16_c_int
@@ -41,6 +42,12 @@ module viscovib_fourier
       import :: c_ptr
       type(c_ptr), value :: plan
     end subroutine fftw_destroy_plan
+
+    subroutine lock_planner() bind(c, name='viscovib_lock_planner')
+    end subroutine lock_planner
+
+    subroutine unlock_planner() bind(c, name='viscovib_unlock_planner')
+    end subroutine unlock_planner
   end interface
 
 contains
@@ -60,9 +67,11 @@ contains
     if (i == 0) then
       i = oldest
       oldest = mod(oldest, max_plans) + 1
+      call lock_planner()
       if (c_associated(plans(i))) call fftw_destroy_plan(plans(i))
       plans(i) = fftw_plan_dft_r2c_1d(size(signal), copy, spectrum, &
                                       ior(estimate, ior(unaligned, preserve_input)))
+      call unlock_planner()
       lengths(i) = size(signal)
     end if
     call fftw_execute_dft_r2c(plans(i), copy, spectrum)

@@ -1,0 +1,152 @@
+!> Discrete Fourier transforms of real functions on a grid of one to three axes, by FFTW.
+!!
+!! With c_k for k_1 >= 0 in a box, 0 <= k_1 <= n_1/2 and the others modulo n_2, n_3,
+!!
+!!   u = sum_k c_k exp(i k.theta),   n c_k = sum u exp(-i k.theta),
+!!
+!! theta the angles of a sample and n the number of all. Plans are made once for a shape,
+!! estimated so that results do not vary, under a lock, and kept for good; many threads may
+!! then execute one. Grids whose plans are quick are left to `quick_size`.
+module viscovib_grid_fourier
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_intptr_t, c_loc, &
+    c_null_ptr, c_ptr
+  use viscovib_fourier, only: lock_planner, unlock_planner
+  use viscovib_kinds, only: wp
+  use viscovib_status, only: fail, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: grid_plans, find_plans, quick_size, to_grid, from_grid
+
+  !> FFTW_ESTIMATE of fftw3.h. Alignment, which then is supposed, is that of the plan's
+  !! arrays: 16 bytes, as all that is allocated has where no offset spoils it.
+  integer(c_int), parameter :: estimate = 64_c_int
+  integer(c_intptr_t), parameter :: alignment = 16_c_intptr_t
+  integer, parameter :: max_shapes = 1000
+
+  type :: grid_plans
+    integer :: n(3) = 0
+    type(c_ptr), private :: forward = c_null_ptr, backward = c_null_ptr
+  end type grid_plans
+
+  integer :: n_shapes = 0
+  type(grid_plans) :: known(max_shapes)
+
+  interface
+    type(c_ptr) function fftw_plan_dft_r2c_3d(n_3, n_2, n_1, u, c, flags) bind(c)
+      import :: c_double, c_double_complex, c_int, c_ptr
+      integer(c_int), value :: n_3, n_2, n_1, flags
+      real(c_double), intent(inout) :: u(*)
+      complex(c_double_complex), intent(inout) :: c(*)
+    end function fftw_plan_dft_r2c_3d
+
+    type(c_ptr) function fftw_plan_dft_c2r_3d(n_3, n_2, n_1, c, u, flags) bind(c)
+      import :: c_double, c_double_complex, c_int, c_ptr
+      integer(c_int), value :: n_3, n_2, n_1, flags
+      complex(c_double_complex), intent(inout) :: c(*)
+      real(c_double), intent(inout) :: u(*)
+    end function fftw_plan_dft_c2r_3d
+
+    subroutine fftw_execute_dft_r2c(plan, u, c) bind(c)
+      import :: c_double, c_double_complex, c_ptr
+      type(c_ptr), value :: plan
+      real(c_double), intent(in) :: u(*)
+      complex(c_double_complex), intent(out) :: c(*)
+    end subroutine fftw_execute_dft_r2c
+
+    subroutine fftw_execute_dft_c2r(plan, c, u) bind(c)
+      import :: c_double, c_double_complex, c_ptr
+      type(c_ptr), value :: plan
+      complex(c_double_complex), intent(inout) :: c(*)
+      real(c_double), intent(out) :: u(*)
+    end subroutine fftw_execute_dft_c2r
+  end interface
+
+contains
+
+  !> The next size whose plans are quick: per sample others take up to five times as long.
+  !! All are even, so that the columns of an array keep its alignment.
+  pure integer function quick_size(least) result(n)
+    integer, intent(in) :: least
+    integer, parameter :: short(12) = [4, 8, 12, 16, 20, 24, 32, 36, 40, 48, 56, 64]
+    integer, parameter :: factors(4) = [2, 3, 5, 7]
+    integer :: i, rest
+    n = short(findloc(short >= min(least, 64), .true., 1))
+    if (n >= least) return
+    n = 8*((least + 7)/8)
+    do
+      rest = n
+      do i = 1, size(factors)
+        do while (mod(rest, factors(i)) == 0)
+          rest = rest/factors(i)
+        end do
+      end do
+      if (rest == 1) return
+      n = n + 8
+    end do
+  end function quick_size
+
+  subroutine find_plans(n, plans, status)
+    !> Samples along each axis, 1 along those that there are not.
+    integer, intent(in) :: n(3)
+    type(grid_plans), intent(out) :: plans
+    type(status_type), intent(out) :: status
+    real(wp), allocatable :: u(:)
+    complex(wp), allocatable :: box(:)
+    integer :: i
+
+    call lock_planner()
+    do i = 1, n_shapes
+      if (all(known(i)%n == n)) plans = known(i)
+    end do
+    if (plans%n(1) == 0 .and. n_shapes < max_shapes) then
+      allocate (u(product(n)), box((n(1)/2 + 1)*n(2)*n(3)))
+      plans%forward = fftw_plan_dft_r2c_3d(n(3), n(2), n(1), u, box, estimate)
+      plans%backward = fftw_plan_dft_c2r_3d(n(3), n(2), n(1), box, u, estimate)
+      plans%n = n
+      n_shapes = n_shapes + 1
+      known(n_shapes) = plans
+    end if
+    call unlock_planner()
+    if (plans%n(1) == 0) then
+      call fail(status, status_input_error, 'orders', 'orders: '//show(max_shapes) &
+                //' shapes of grids have been used, must be no more')
+    end if
+  end subroutine find_plans
+
+  !> Samples from the box, which is lost.
+  subroutine to_grid(plans, box, u)
+    type(grid_plans), intent(in) :: plans
+    !> Allocated, shape ((n_1/2 + 1) n_2 n_3).
+    complex(wp), intent(inout), contiguous :: box(:)
+    !> Shape (product(n)).
+    real(wp), intent(out), target, contiguous :: u(:)
+    real(wp), allocatable :: copy(:)
+    if (aligned(c_loc(u))) then
+      call fftw_execute_dft_c2r(plans%backward, box, u)
+    else
+      allocate (copy(size(u)))
+      call fftw_execute_dft_c2r(plans%backward, box, copy)
+      u = copy
+    end if
+  end subroutine to_grid
+
+  subroutine from_grid(plans, u, box)
+    type(grid_plans), intent(in) :: plans
+    real(wp), intent(in), target, contiguous :: u(:)
+    complex(wp), intent(out), contiguous :: box(:)
+    real(wp), allocatable :: copy(:)
+    if (aligned(c_loc(u))) then
+      call fftw_execute_dft_r2c(plans%forward, u, box)
+    else
+      allocate (copy, source=u)
+      call fftw_execute_dft_r2c(plans%forward, copy, box)
+    end if
+  end subroutine from_grid
+
+  logical function aligned(at)
+    type(c_ptr), intent(in) :: at
+    aligned = mod(transfer(at, 0_c_intptr_t), alignment) == 0
+  end function aligned
+
+end module viscovib_grid_fourier
