@@ -3,15 +3,16 @@
 
 !> A branch from p = start to p = finish, p being the frequency (parameter = 1) or, at
 !! the frequency nu, the factor of the load (2) or number `entry` of `flat` (3; changes of
-!! stability other than folds and branch points are not located then). n_kept as the plan says; with
-!! symmetric = 0 the mean and even orders are kept though odd ones would do. With
+!! stability other than folds and branch points are not located then). n_kept as the plan says, of
+!! which n_used are used if orders are chosen at each point (harmonics = 0); with symmetric = 0 the mean and even orders are kept though odd ones would do. With
 !! leave = 1 it begins at the point (begin, begin_p) in the direction `along`, with 0 at
 !! a solution found at p = start. Stability is judged if n_judged is max_points, not 0.
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                         series, n_rows, n_series, parameter, entry, nu, start, finish, harmonics, &
                         symmetric, tolerance, max_points, max_step, stops, n_stops, leave, &
                         begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
-                        cancel, n_points, ended, p, iterations, coefficients, is_stop, n_folds, &
+                        cancel, n_points, ended, n_used, p, iterations, kept, truncation, &
+                        coefficients, is_stop, n_folds, &
                         folds, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
                         across, branch_before, stable, multipliers, exponents, n_crossings, &
                         kinds, before, crossings, crossing_coefficients, status, message)
@@ -21,15 +22,17 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
     to_complex
   use viscovib_crossings, only: crossing_branch_point, crossing_fold, crossing_kind, &
     crossing_type, find_crossings, known_folds
-  use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
+  use viscovib_curve_branch, only: curve_branch_type, curve_options
+  use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_load, only: load_type
   use viscovib_motion_stability, only: judge_type, new_judge, stability_type
-  use viscovib_newton_point, only: point_from_rest
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency, vary_load
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_options
+  use viscovib_response_branch, only: departure_type, follow_response
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
+  use viscovib_sized_curve, only: refitted
   use viscovib_status, only: status_type
   use viscovib_vector_curve, only: new_plain_curve, new_vector_curve
   implicit none
@@ -42,9 +45,13 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
-  integer(c_int), intent(out) :: n_points, ended, n_folds, n_branch_points, status
+  integer(c_int), intent(out) :: n_points, ended, n_used, n_folds, n_branch_points, status
   real(c_double), intent(out) :: p(max_points)
   integer(c_int), intent(out) :: iterations(max_points), is_stop(max_points)
+  !> If orders are chosen: how many each point keeps, and the relative error of leaving out
+  !! the others.
+  integer(c_int), intent(out) :: kept(max_points)
+  real(c_double), intent(out) :: truncation(max_points)
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_rows - 1, max_points)
   !> Of special points, at most max_special of a kind.
   real(c_double), intent(out) :: folds(max_special), branch_points(max_special)
@@ -75,12 +82,13 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   type(stability_type) :: stability
   type(crossing_type), allocatable :: found_crossings(:)
   type(status_type) :: outcome
-  real(c_double) :: x(2*n_kept, n_rows - 1)
+  type(harmonic_set_type) :: set
   real(c_double), allocatable :: motions(:, :, :)
-  integer :: growing(max(n_judged, 1)), i, j, found, iterations_made
+  integer :: growing(max(n_judged, 1)), i, j, found, shape_x(2)
   logical :: inside
 
   n_points = 0
+  n_used = 0
   n_folds = 0
   n_branch_points = 0
   n_crossings = 0
@@ -94,6 +102,8 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
     call new_response_plan(plan, system, load, [nu], method_newton, wanted, outcome)
   end if
   if (.not. outcome%failed()) then
+    ! The orders there is room for.
+    if (plan%chosen) plan%most = min(plan%most, merge(2, 1, plan%set%half_wave)*n_kept - 1)
     if (entry == 0) then
       call new_plain_curve(curve, system, load, plan%set, parameter, nu)
     else
@@ -103,48 +113,52 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   end if
   if (.not. outcome%failed()) then
     options = curve_options(start, finish, tolerance, max_points, max_step, stops)
-    x = 0.0_c_double
-    found = outcome_converged
-    iterations_made = 0
     if (leave /= 0) then
-      call follow_curve(curve, options, begin, branch, begin_p, along, cancel(1))
+      call follow_response(curve, plan, options, branch, set, found, &
+                           departure_type(begin, along, begin_p), cancel(1))
     else
       if (parameter == vary_load) curve%balance%load_factor = start
-      call point_from_rest(curve%balance, curve%system, load, tolerance, x, found, &
-                           iterations_made, cancel(1))
-      if (found == outcome_converged) then
-        call follow_curve(curve, options, reshape(x, [size(x)]), branch, cancel=cancel(1))
-      end if
+      call follow_response(curve, plan, options, branch, set, found, cancel=cancel(1))
     end if
+    n_used = size(set%orders)
+    shape_x = [2*n_used, n_rows - 1]
     if (found == outcome_converged) then
       n_points = branch%n_points
+      if (allocated(branch%kept)) then
+        kept(:n_points) = branch%kept(:n_points)/(2*(n_rows - 1))
+        truncation(:n_points) = branch%truncation(:n_points)
+      end if
       ended = branch%outcome
       p(:n_points) = branch%parameter(:n_points)
       iterations(:n_points) = branch%iterations(:n_points)
-      call to_complex(branch%x(:, :n_points), coefficients(:, :, :n_points))
+      call to_complex(branch%x(:, :n_points), coefficients(:n_used, :, :n_points))
       is_stop = 0
       is_stop(branch%stops) = 1
       n_folds = min(branch%folds%n, max_special)
       folds(:n_folds) = branch%folds%p(:n_folds)
-      call to_complex(branch%folds%x(:, :n_folds), fold_coefficients(:, :, :n_folds))
+      call to_complex(branch%folds%x(:, :n_folds), fold_coefficients(:n_used, :, :n_folds))
       n_branch_points = min(branch%branch_points%n, max_special)
       associate (n => n_branch_points)
         branch_points(:n) = branch%branch_points%p(:n)
-        branch_point_x(:, :n) = branch%branch_points%x(:, :n)
-        across(:, :n) = branch%branch_points%across(:, :n)
+        do i = 1, n
+          j = size(branch%branch_points%x, 1)
+          branch_point_x(:, i) = refitted(curve%blocks, branch%branch_points%x(:, i), n_unknowns)
+          across(:, i) = [refitted(curve%blocks, branch%branch_points%across(:j, i), n_unknowns), &
+                          branch%branch_points%across(j + 1, i)]
+        end do
         branch_before(:n) = branch%branch_points%before(:n)
       end associate
     end if
     if (n_judged > 0 .and. n_points > 0 .and. entry == 0) then
-      call new_judge(judge, system, plan%set)
-      motions = reshape(branch%x(:, :n_points), [shape(x), n_points])
+      call new_judge(judge, system, set)
+      motions = reshape(branch%x(:, :n_points), [shape_x, n_points])
       call judge%judge(system, [(merge(p(i), nu, parameter == vary_frequency), i=1, n_points)], &
                        motions, stability, cancel(1))
       call fill_stability(stability, stable, multipliers, exponents)
       call find_crossings(judge, curve%balance, system, load, parameter == vary_frequency, nu, &
                           p(:n_points), motions, stability, &
                           known_folds(branch%folds%p, reshape(branch%folds%x, &
-                                                              [shape(x), branch%folds%n])), &
+                                                              [shape_x, branch%folds%n])), &
                           found_crossings, cancel(1))
       n_crossings = size(found_crossings)
       do i = 1, min(n_crossings, max_special)
@@ -162,7 +176,8 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
             cycle
           end if
           crossings(i) = crossing%p
-          crossing_coefficients(:, :, i) = cmplx(crossing%x(1::2, :), crossing%x(2::2, :), c_double)
+          crossing_coefficients(:n_used, :, i) = cmplx(crossing%x(1::2, :), crossing%x(2::2, :), &
+                                                       c_double)
         end associate
       end do
     end if
@@ -170,8 +185,8 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       do i = 1, n_points
         if (cancel(1) /= 0) exit
         call curve%set(p(i), inside)
-        call new_judge(judge, curve%system, plan%set)
-        call judge%judge(curve%system, [nu], reshape(branch%x(:, i), [shape(x), 1]), stability)
+        call new_judge(judge, curve%system, set)
+        call judge%judge(curve%system, [nu], reshape(branch%x(:, i), [shape_x, 1]), stability)
         call fill_stability(stability, stable(i:i), multipliers(:, i:i), exponents(:, i:i))
         growing(i) = stability%n_growing(1)
         if (i == 1 .or. n_crossings == max_special) cycle

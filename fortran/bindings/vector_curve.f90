@@ -30,6 +30,7 @@ module viscovib_vector_curve
   contains
     procedure :: equations
     procedure :: set
+    procedure :: left_out
     final :: discard
   end type vector_curve_type
 
@@ -93,6 +94,7 @@ contains
     if (.not. inside) return
     self%system => self%own%system
     call self%balance%set_frequency(self%system, self%load, self%nu)
+    if (self%adaptive) call self%ladder%forget()
   end subroutine set
 
   subroutine equations(self, x, p, r, jacobian, slope, inside)
@@ -115,6 +117,15 @@ contains
     inside = inside .and. beside
     if (inside) call self%balance%derivatives(self%system, jacobian)
   end subroutine equations
+
+  subroutine left_out(self, x, p, pushed, own)
+    class(vector_curve_type), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: pushed(:), own
+    logical :: inside
+    call self%set(p, inside)
+    call self%oscillator_curve_type%left_out(x, 1.0_wp, pushed, own)
+  end subroutine left_out
 
   subroutine discard(self)
     type(vector_curve_type), intent(inout) :: self

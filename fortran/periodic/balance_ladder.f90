@@ -39,6 +39,7 @@ module viscovib_balance_ladder
     procedure :: rung_of
     procedure :: prepare
     procedure :: prepare_probe
+    procedure :: forget
   end type balance_ladder_type
 
 contains
@@ -174,5 +175,12 @@ contains
       here%compliance_nu = nu
     end associate
   end subroutine prepare_probe
+
+  !> The system has changed: nothing is ready for any frequency.
+  pure subroutine forget(self)
+    class(balance_ladder_type), intent(inout) :: self
+    self%rungs%balance_nu = 0.0_wp
+    self%rungs%compliance_nu = 0.0_wp
+  end subroutine forget
 
 end module viscovib_balance_ladder

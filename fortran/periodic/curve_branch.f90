@@ -8,10 +8,11 @@
 module viscovib_curve_branch
   use viscovib_curve, only: curve_type
   use viscovib_curve_corrector, only: aim, angle_between, copy_point, correct, corrector_type, &
-    curve_point, distance, new_corrector, new_point, normalize, reverse
+    curve_point, distance, new_corrector, new_point, normalize, respond, reverse
   use viscovib_curve_events, only: empty, locate_branch_point, locate_fold, locate_value, nowhere, &
     special_points
   use viscovib_kinds, only: wp
+  use viscovib_sized_curve, only: refitted, sized_curve_type
   implicit none
   private
 
@@ -50,10 +51,16 @@ module viscovib_curve_branch
 
   type :: curve_branch_type
     integer :: n_points = 0, outcome = curve_completed
+    !> Blocks of unknowns.
+    integer :: blocks = 1
     !> p, its part of the unit tangent and iterations, shape (max_points); x, shape
-    !! (n_unknowns, max_points).
+    !! (n_unknowns at most, max_points).
     real(wp), allocatable :: parameter(:), direction(:), x(:, :)
     integer, allocatable :: iterations(:)
+    !> Where the number of unknowns is chosen: how many were kept, and what leaving out others
+    !! changes, relative to x, shape (max_points).
+    integer, allocatable :: kept(:)
+    real(wp), allocatable :: truncation(:)
     type(special_points) :: folds, branch_points
     !> Which points are stops.
     integer, allocatable :: stops(:)
@@ -66,7 +73,7 @@ contains
   !> Follow the branch on from a solution x at p = options%start, or, with `along`,
   !! leave the point (x, p) in that direction.
   subroutine follow_curve(curve, options, x, branch, p, along, cancel)
-    class(curve_type), intent(inout) :: curve
+    class(curve_type), intent(inout), target :: curve
     type(curve_options), intent(in) :: options
     !> Shape (n).
     real(wp), intent(in) :: x(:)
@@ -83,18 +90,22 @@ contains
     type(curve_point) :: stop_point
     !> Wanted values, and the steps to those met since `here`.
     real(wp), allocatable :: stops(:), places(:)
-    real(wp) :: step, angle, sign_wanted, apart
+    !> The curve, if the number of unknowns is chosen.
+    class(sized_curve_type), pointer :: sized
+    real(wp) :: step, angle, sign_wanted, apart, truncation
     integer :: n, k
-    logical :: made, away
+    logical :: made, away, again
 
+    sized => null()
+    select type (curve)
+    class is (sized_curve_type)
+      if (curve%adaptive) sized => curve
+    end select
     n = curve%n
-    allocate (branch%parameter(options%max_points), branch%direction(options%max_points), &
-              branch%iterations(options%max_points))
-    allocate (branch%x(n, options%max_points))
-    allocate (branch%stops(0), stops(0), places(0))
+    truncation = 0.0_wp
+    call allocate_branch()
+    allocate (stops(0), places(0))
     if (allocated(options%stops)) stops = options%stops
-    call empty(branch%folds, n)
-    call empty(branch%branch_points, n)
     call new_corrector(corrector, curve, options%tolerance, &
                        max(abs(options%start), abs(options%finish)), x)
     do k = 1, size(points)
@@ -123,6 +134,14 @@ contains
         return
       end if
       next%p = here%p
+      do while (associated(sized))
+        call examine(next, again)
+        if (.not. again) exit
+        call change_size()
+        call correct(curve, corrector, here, 0.0_wp, next, made, .true.)
+        if (.not. made) return
+        next%p = here%p
+      end do
       if (next%slope_p*sign_wanted < 0.0_wp) call reverse(next)
       ! Once more, so that the determinant belongs to the tangent.
       call copy_point(next, here)
@@ -132,7 +151,7 @@ contains
       next%p = here%p
       call copy_point(next, here)
     end if
-    call branch%add(here, any(abs(stops - here%p) <= 0.0_wp))
+    call branch%add(here, any(abs(stops - here%p) <= 0.0_wp), truncation)
     branch%outcome = curve_step_limit
     call copy_point(here, points(4))
     away = .false.
@@ -147,6 +166,13 @@ contains
         if (angle > 4.0_wp*wanted_angle .and. step > 1.0e3_wp*smallest_step) made = .false.
         ! A long step may have met another branch, which the determinant tells.
         if (sign_changes() .and. step > careful_step) made = .false.
+      end if
+      if (made .and. associated(sized)) then
+        call examine(next, again)
+        if (again) then
+          call change_size()
+          cycle
+        end if
       end if
       if (.not. made) then
         step = 0.4_wp*step
@@ -174,7 +200,7 @@ contains
       if (branch%n_points == options%max_points) return
       apart = distance(corrector, points(4), next)
       if (apart > 3.0_wp*max(step, first_step)) away = .true.
-      call branch%add(next, any(abs(stops - next%p) <= 0.0_wp))
+      call branch%add(next, any(abs(stops - next%p) <= 0.0_wp), truncation)
       if (away .and. apart < step) then
         branch%outcome = curve_closed
         return
@@ -183,6 +209,7 @@ contains
       before => here
       here => next
       next => spare
+      if (associated(sized)) call change_size()
       call aim(corrector, before, here)
       step = step*min(2.0_wp, max(0.5_wp, wanted_angle/max(angle, 1.0e-12_wp)))
       if (here%iterations > 6) step = 0.6_wp*step
@@ -190,6 +217,53 @@ contains
     end do
 
   contains
+
+    subroutine allocate_branch()
+      integer :: most
+      most = n
+      if (associated(sized)) then
+        most = sized%n_most
+        branch%blocks = sized%blocks
+        allocate (branch%kept(options%max_points), branch%truncation(options%max_points))
+      end if
+      allocate (branch%parameter(options%max_points), branch%direction(options%max_points), &
+                branch%iterations(options%max_points), branch%x(most, options%max_points), &
+                branch%stops(0))
+      call empty(branch%folds, most, branch%blocks)
+      call empty(branch%branch_points, most, branch%blocks)
+    end subroutine allocate_branch
+
+    !> Whether a point needs more unknowns.
+    subroutine examine(point, again)
+      type(curve_point), intent(in) :: point
+      logical, intent(out) :: again
+      real(wp) :: pushed(n), own, moved
+      call sized%left_out(point%x, point%p, pushed, own)
+      call respond(corrector, point, pushed, moved)
+      truncation = max(own, moved)
+      call sized%choose_size(point%x, truncation, own, again)
+    end subroutine examine
+
+    !> Go on with the number of unknowns chosen.
+    subroutine change_size()
+      type(curve_point) :: old
+      real(wp) :: largest
+      integer :: i
+      call sized%resize()
+      if (curve%n == n) return
+      n = curve%n
+      largest = corrector%largest
+      call new_corrector(corrector, curve, options%tolerance, corrector%p_scale, here%x)
+      corrector%largest = largest
+      do i = 1, size(points)
+        old = points(i)
+        points(i)%x = refitted(sized%blocks, old%x, n)
+        points(i)%slope_x = refitted(sized%blocks, old%slope_x, n)
+      end do
+      stop_point%x = here%x
+      stop_point%slope_x = here%slope_x
+      if (branch%n_points > 1) call aim(corrector, before, here)
+    end subroutine change_size
 
     !> The first step off a branch point has nothing to compare with.
     logical function leaving()
@@ -254,7 +328,7 @@ contains
         call locate_value(curve, corrector, here, from, to, last, stop_point, at, made)
         if (.not. made) return
         places = [places, at]
-        call branch%add(stop_point, .true.)
+        call branch%add(stop_point, .true., truncation)
       end do
     end subroutine pass
 
@@ -268,7 +342,7 @@ contains
       if (.not. made) return
       call note(at)
       if (branch%n_points < options%max_points) then
-        call branch%add(next, any(abs(stops - next%p) <= 0.0_wp))
+        call branch%add(next, any(abs(stops - next%p) <= 0.0_wp), truncation)
       else
         branch%outcome = curve_step_limit
       end if
@@ -276,15 +350,22 @@ contains
 
   end subroutine follow_curve
 
-  subroutine add(self, point, stop)
+  subroutine add(self, point, stop, truncation)
     class(curve_branch_type), intent(inout) :: self
     type(curve_point), intent(in) :: point
     logical, intent(in) :: stop
+    !> Not yet known at the first point off another branch, which has that of the next.
+    real(wp), intent(in) :: truncation
     self%n_points = self%n_points + 1
     self%parameter(self%n_points) = point%p
     self%direction(self%n_points) = point%slope_p
     self%iterations(self%n_points) = point%iterations
-    self%x(:, self%n_points) = point%x
+    self%x(:, self%n_points) = refitted(self%blocks, point%x, size(self%x, 1))
+    if (allocated(self%kept)) then
+      self%kept(self%n_points) = size(point%x)
+      self%truncation(self%n_points) = truncation
+      if (self%n_points == 2 .and. .not. self%truncation(1) > 0.0_wp) self%truncation(1) = truncation
+    end if
     if (stop) self%stops = [self%stops, self%n_points]
   end subroutine add
 

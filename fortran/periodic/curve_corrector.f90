@@ -14,7 +14,7 @@ module viscovib_curve_corrector
   private
 
   public :: curve_point, corrector_type, new_corrector, new_point, copy_point, aim, correct, &
-            null_vector, normalize, reverse, angle_between, distance
+            null_vector, normalize, respond, reverse, angle_between, distance
 
   integer, parameter :: max_iterations = 12, longest = 8
   !> With the factors kept, corrections must shrink by this each time.
@@ -236,6 +236,21 @@ contains
     point%slope_x(:) = c%right(:c%n)
     point%slope_p = c%right(c%n + 1)
   end subroutine find_tangent
+
+  !> How far a point moves on the plane of the last correction, relative to its size, if
+  !! the equations are pushed by these residuals.
+  subroutine respond(c, point, pushed, moved)
+    type(corrector_type), intent(inout) :: c
+    type(curve_point), intent(in) :: point
+    real(wp), intent(in) :: pushed(:)
+    real(wp), intent(out) :: moved
+    real(wp) :: weight_x, weight_p
+    c%right(:c%n) = pushed
+    c%right(c%n + 1) = 0.0_wp
+    call solve_padded(c%rows, c%n + 1, c%matrix, c%pivots, c%right)
+    call metric(c, point, weight_x, weight_p)
+    moved = sqrt(weight_x*sum(c%weights*c%right(:c%n)**2) + weight_p*c%right(c%n + 1)**2)
+  end subroutine respond
 
   !> Border the derivatives by slope and tangent, and factorize.
   subroutine decompose(c, here, weight_x, weight_p, singular)

@@ -6,6 +6,7 @@ module viscovib_curve_events
   use viscovib_curve_corrector, only: copy_point, correct, corrector_type, curve_point, new_point, &
     null_vector
   use viscovib_kinds, only: wp
+  use viscovib_sized_curve, only: refitted
   implicit none
   private
 
@@ -30,9 +31,9 @@ module viscovib_curve_events
   !! singular that their solution may lie on the other branch.
   real(wp), parameter :: too_near = 0.1_wp
 
-  !> Points of one kind, in the order met.
+  !> Points of one kind, in the order met, all unknowns there may be.
   type :: special_points
-    integer :: n = 0
+    integer :: n = 0, blocks = 1
     !> p, shape (n), and x, shape (n_unknowns, n).
     real(wp), allocatable :: p(:), x(:, :)
     !> Null vectors (x, p) at branch points, shape (n_unknowns + 1, n).
@@ -43,9 +44,11 @@ module viscovib_curve_events
 
 contains
 
-  subroutine empty(points, n)
+  subroutine empty(points, n, blocks)
     type(special_points), intent(out) :: points
-    integer, intent(in) :: n
+    !> Unknowns at most, and blocks they come in.
+    integer, intent(in) :: n, blocks
+    points%blocks = blocks
     allocate (points%p(0), points%x(n, 0), points%across(n + 1, 0), points%before(0))
   end subroutine empty
 
@@ -67,7 +70,8 @@ contains
     if (folds%n > 0) then
       ! Of two flips of a sign next to a fold the second finds it again.
       if (abs(found%p - folds%p(folds%n)) <= same*abs(found%p) &
-          .and. norm2(found%x - folds%x(:, folds%n)) <= sqrt(same)*norm2(found%x)) at = nowhere
+          .and. norm2(found%x - refitted(folds%blocks, folds%x(:, folds%n), curve%n)) &
+          <= sqrt(same)*norm2(found%x)) at = nowhere
     end if
     nothing = 0.0_wp
     if (at < nowhere) call keep(folds, found, nothing)
@@ -94,10 +98,14 @@ contains
     type(special_points), intent(inout) :: points
     type(curve_point), intent(in) :: found
     real(wp), intent(in) :: across(:)
+    integer :: most, n
+    most = size(points%x, 1)
+    n = size(found%x)
     points%n = points%n + 1
     points%p = [points%p, found%p]
-    points%x = reshape([points%x, found%x], [size(found%x), points%n])
-    points%across = reshape([points%across, across], [size(across), points%n])
+    points%x = reshape([points%x, refitted(points%blocks, found%x, most)], [most, points%n])
+    points%across = reshape([points%across, refitted(points%blocks, across(:n), most), &
+                             across(n + 1)], [most + 1, points%n])
     points%before = [points%before, 0]
   end subroutine keep
 

@@ -6,6 +6,7 @@ module viscovib_newton_point
   use viscovib_harmonic_balance, only: balance_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_motion_norm, only: newton_factors, weighted_norm
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_load
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_overflow, &
@@ -13,13 +14,7 @@ module viscovib_newton_point
   implicit none
   private
 
-  public :: newton_factors, newton_point, point_from_rest, weighted_norm
-
-  !> Factors of the derivatives in the last iteration, as `factorize` leaves them.
-  type :: newton_factors
-    real(wp), allocatable :: lu(:, :)
-    integer, allocatable :: pivots(:)
-  end type newton_factors
+  public :: newton_point, point_from_rest
 
   !> Newton either settles within a few iterations or not at all.
   integer, parameter :: max_iterations = 25
@@ -124,19 +119,5 @@ contains
     x = reshape(branch%x(:, branch%n_points), shape(x))
     call newton_point(balance, system, tolerance, x, outcome, iterations, factors)
   end subroutine point_from_rest
-
-  !> Largest of sqrt(M_dd) (|Re X| + |Im X|), so that metres and radians weigh by
-  !! inertia.
-  pure real(wp) function weighted_norm(system, x) result(norm)
-    class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: x(:, :)
-    integer :: d, k
-    norm = 0.0_wp
-    do d = 1, size(x, 2)
-      do k = 1, size(x, 1), 2
-        norm = max(norm, sqrt(system%mass(d, d))*(abs(x(k, d)) + abs(x(k + 1, d))))
-      end do
-    end do
-  end function weighted_norm
 
 end module viscovib_newton_point

@@ -6,8 +6,9 @@ module viscovib_newton_response
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_motion_norm, only: newton_factors
   use viscovib_motion_stability, only: judge_type, new_judge
-  use viscovib_newton_point, only: newton_factors, newton_point, point_from_rest
+  use viscovib_newton_point, only: newton_point, point_from_rest
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged, outcome_singular
   use viscovib_point_orders, only: choose_orders, order_choice

@@ -1,12 +1,15 @@
 !> Periodic motions of an oscillator as a curve: the harmonics over the frequency or
 !! the factor of the load.
 module viscovib_oscillator_curve
-  use viscovib_curve, only: curve_type
+  use viscovib_balance_ladder, only: balance_ladder_type, probe_rungs
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_order_rules, only: better_rung, max_vain, rung_for_next
+  use viscovib_sized_curve, only: sized_curve_type
+  use viscovib_truncation, only: find_left_out
   implicit none
   private
 
@@ -15,15 +18,27 @@ module viscovib_oscillator_curve
   !> What the parameter is.
   integer, parameter, public :: vary_frequency = 1, vary_load = 2
 
-  type, extends(curve_type) :: oscillator_curve_type
+  type, extends(sized_curve_type) :: oscillator_curve_type
     type(balance_type) :: balance
     class(oscillator_type), pointer :: system => null()
     type(load_type), pointer :: load => null()
     integer :: vary = vary_frequency
+    !> The orders to choose from, if they are chosen, those kept and those to go on with.
+    type(balance_ladder_type), allocatable :: ladder
+    integer :: rung = 1
+    integer, private :: next_rung = 1
+    !> Of the truncation; what it was with fewer orders, and additions in vain.
+    real(wp), private :: tolerance = 0.0_wp, previous = huge(1.0_wp)
+    integer, private :: vain = 0
   contains
     procedure :: equations
     procedure :: residual
     procedure :: set
+    procedure :: choose_from
+    procedure :: stay_with
+    procedure :: left_out
+    procedure :: choose_size
+    procedure :: resize
   end type oscillator_curve_type
 
 contains
@@ -35,21 +50,55 @@ contains
     type(load_type), intent(in), target :: load
     type(harmonic_set_type), intent(in) :: set
     integer, intent(in) :: vary
-    integer :: d, rows
 
     call new_balance(curve%balance, system, set)
     curve%system => system
     curve%load => load
     curve%vary = vary
-    curve%n = curve%balance%n
     curve%largest = system%largest_amplitude()
     if (vary == vary_frequency) curve%lowest = 0.0_wp
-    rows = 2*size(set%orders)
-    allocate (curve%weights(curve%n))
-    do d = 1, system%n_dof()
-      curve%weights((d - 1)*rows + 1:d*rows) = system%mass(d, d)
-    end do
+    curve%blocks = system%n_dof()
+    call measure(curve)
+    curve%n_most = curve%n
   end subroutine new_oscillator_curve
+
+  subroutine measure(curve)
+    class(oscillator_curve_type), intent(inout) :: curve
+    integer :: d, rows
+    curve%n = curve%balance%n
+    rows = curve%n/curve%blocks
+    curve%weights = [(spread(curve%system%mass(d, d), 1, rows), d=1, curve%blocks)]
+  end subroutine measure
+
+  !> Choose the orders at each point, beginning on a rung.
+  subroutine choose_from(self, ladder, rung, tolerance)
+    class(oscillator_curve_type), intent(inout) :: self
+    type(balance_ladder_type), intent(in) :: ladder
+    integer, intent(in) :: rung
+    !> Of what leaving out orders changes, relative to the motion.
+    real(wp), intent(in) :: tolerance
+    self%ladder = ladder
+    self%adaptive = .true.
+    self%n_most = 2*ladder%n_orders(ladder%n_rungs)*self%blocks
+    self%tolerance = tolerance
+    self%rung = 0
+    self%next_rung = rung
+    call self%resize()
+  end subroutine choose_from
+
+  !> Go on with n unknowns and choose no more.
+  subroutine stay_with(self, n)
+    class(oscillator_curve_type), intent(inout) :: self
+    integer, intent(in) :: n
+    do while (2*self%ladder%n_orders(self%next_rung)*self%blocks > n)
+      self%next_rung = self%next_rung - 1
+    end do
+    do while (2*self%ladder%n_orders(self%next_rung)*self%blocks < n)
+      self%next_rung = self%next_rung + 1
+    end do
+    call self%resize()
+    self%adaptive = .false.
+  end subroutine stay_with
 
   !> Set the balance to a value of the parameter, unless that is out of range.
   subroutine set(self, p, inside)
@@ -90,5 +139,60 @@ contains
     end if
     call self%balance%derivatives(self%system, jacobian)
   end subroutine equations
+
+  subroutine left_out(self, x, p, pushed, own)
+    class(oscillator_curve_type), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: pushed(:), own
+    real(wp) :: motion(self%n/self%blocks, self%blocks), push(self%n/self%blocks, self%blocks)
+    real(wp) :: change(2*self%ladder%n_orders(self%rung + probe_rungs), self%blocks), short
+
+    associate (by_frequency => self%vary == vary_frequency, &
+               probe => self%ladder%rungs(self%rung + probe_rungs))
+      call self%ladder%prepare_probe(self%rung, self%system, self%load, &
+                                     merge(p, self%balance%nu, by_frequency))
+      probe%balance%load_factor = merge(self%balance%load_factor, p, by_frequency)
+      motion = reshape(x, shape(motion))
+      call find_left_out(probe%balance, probe%compliance, self%system, motion, change, push, own, &
+                         short)
+    end associate
+    pushed = short*reshape(push, [self%n])
+  end subroutine left_out
+
+  !> As `choose_orders` does at one frequency.
+  subroutine choose_size(self, x, truncation, own, again)
+    class(oscillator_curve_type), intent(inout) :: self
+    real(wp), intent(in) :: x(:), truncation, own
+    logical, intent(out) :: again
+
+    again = .false.
+    if (truncation > self%tolerance .and. self%rung < self%ladder%n_rungs) then
+      if (truncation > 0.5_wp*self%previous .and. own <= self%tolerance) self%vain = self%vain + 1
+      again = self%vain < max_vain
+    end if
+    if (again) then
+      self%previous = truncation
+      self%next_rung = better_rung(self%ladder, self%rung, truncation, self%tolerance)
+    else
+      self%previous = huge(1.0_wp)
+      self%vain = 0
+      self%next_rung = rung_for_next(self%ladder, self%system, &
+                                     reshape(x, [self%n/self%blocks, self%blocks]), truncation, &
+                                     own, self%tolerance, self%rung)
+    end if
+  end subroutine choose_size
+
+  subroutine resize(self)
+    class(oscillator_curve_type), intent(inout) :: self
+    real(wp) :: nu, factor
+    if (self%next_rung == self%rung) return
+    self%rung = self%next_rung
+    nu = self%balance%nu
+    factor = self%balance%load_factor
+    call self%ladder%prepare(self%rung, self%system, self%load, nu)
+    self%balance = self%ladder%rungs(self%rung)%balance
+    self%balance%load_factor = factor
+    call measure(self)
+  end subroutine resize
 
 end module viscovib_oscillator_curve

@@ -12,12 +12,12 @@ module viscovib_truncation
   use viscovib_dense, only: solve
   use viscovib_harmonic_balance, only: balance_type
   use viscovib_kinds, only: wp
-  use viscovib_newton_point, only: newton_factors, weighted_norm
+  use viscovib_motion_norm, only: newton_factors, weighted_norm
   use viscovib_oscillator, only: oscillator_type
   implicit none
   private
 
-  public :: estimate_truncation
+  public :: estimate_truncation, find_left_out
 
   !> Largest factor between two turns that is believed.
   real(wp), parameter :: slowest = 0.9_wp
@@ -40,8 +40,30 @@ contains
     real(wp), intent(out) :: change(:, :)
     !> Relative sizes of the whole change and of its part in the orders left out.
     real(wp), intent(out) :: whole, outside
+    real(wp) :: back(size(x, 1), size(x, 2)), norm, short
+    integer :: n
+
+    n = size(x, 1)
+    call find_left_out(probe, compliance, system, x, change, back, outside, short)
+    call solve(size(back), factors%lu, factors%pivots, back)
+    change(:n, :) = -back
+    norm = weighted_norm(system, x)
+    whole = 0.0_wp
+    if (norm > 0.0_wp) whole = max(outside, weighted_norm(system, back)*short/norm)
+  end subroutine estimate_truncation
+
+  !> The orders left out, and what they do to the equations of those kept.
+  subroutine find_left_out(probe, compliance, system, x, change, pushed, outside, short)
+    type(balance_type), intent(inout) :: probe
+    complex(wp), intent(in) :: compliance(:, :, :)
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: x(:, :)
+    !> Of all orders, that of those kept being 0, and residuals of those kept.
+    real(wp), intent(out) :: change(:, :), pushed(:, :)
+    !> Relative size of the orders left out, and by what factor this falls short of all.
+    real(wp), intent(out) :: outside, short
     real(wp), dimension(size(change, 1), size(change, 2)) :: y, r
-    real(wp) :: back(size(x, 1), size(x, 2)), norm, first, rest, rho
+    real(wp) :: norm, first, rest
     integer :: n
 
     n = size(x, 1)
@@ -52,21 +74,16 @@ contains
     call add_left_out(compliance, r(n + 1:, :), change(n + 1:, :))
     y(n + 1:, :) = change(n + 1:, :)
     call probe%residual(system, y, r)
-    back = r(:n, :)
-    call solve(size(back), factors%lu, factors%pivots, back)
-    change(:n, :) = -back
+    pushed = r(:n, :)
     norm = weighted_norm(system, x)
     first = weighted_norm(system, change(n + 1:, :))
     call add_left_out(compliance, r(n + 1:, :), change(n + 1:, :))
     rest = weighted_norm(system, change(n + 1:, :) - y(n + 1:, :))
-    rho = 0.0_wp
-    if (first > 0.0_wp) rho = min(rest/first, slowest)
+    short = 1.0_wp
+    if (first > 0.0_wp) short = 1.0_wp/(1.0_wp - min(rest/first, slowest))
     outside = 0.0_wp
-    whole = 0.0_wp
-    if (.not. norm > 0.0_wp) return
-    outside = first/((1.0_wp - rho)*norm)
-    whole = max(outside, weighted_norm(system, back)/((1.0_wp - rho)*norm))
-  end subroutine estimate_truncation
+    if (norm > 0.0_wp) outside = first*short/norm
+  end subroutine find_left_out
 
   !> Subtract -D^-1 r.
   pure subroutine add_left_out(compliance, r, change)

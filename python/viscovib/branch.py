@@ -32,6 +32,8 @@ _MAX_NUMBERS = 4e8
 MAX_SPECIAL = 200
 #: What varies, in the order of the core.
 _KINDS = {"nu": 1, "load_factor": 2}
+#: Highest order that ``harmonics="auto"`` goes to, unless the load does.
+_MOST_CHOSEN = 63
 #: Where a parameter stands among the numbers of a mount.
 _ENTRIES = {
     "mass": 1, "inertia": 2, "offset": 3, "stiffness_x": 4, "stiffness_phi": 5, "cubic_scale": 10,
@@ -184,6 +186,10 @@ class Branch(Curve):
         "nu", "load_factor" or a parameter of the mount.
     parameter : ndarray, shape (n,)
         Its values.
+    highest : ndarray of int, shape (n,)
+        Highest order kept at each point.
+    truncation : ndarray, shape (n,), or None
+        With ``harmonics="auto"``: estimated relative change of the motion if all orders were kept.
     plan : Plan
         What was computed, what was skipped and why.
     """
@@ -204,6 +210,8 @@ class Branch(Curve):
     iterations: npt.NDArray[np.int32]
     varies: str
     parameter: FloatArray
+    highest: npt.NDArray[np.int32]
+    truncation: FloatArray | None
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
     plan: Plan
@@ -282,7 +290,7 @@ def trace_response(
     leave: BranchPoint | None = None,
     opposite: bool = False,
     symmetric: bool = True,
-    harmonics: int = 9,
+    harmonics: int | str = 9,
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
@@ -313,10 +321,11 @@ def trace_response(
         Keep to motions that share the symmetry of forces and load about half a period, where there
         is one: faster, but blind to branch points where it breaks. For period doublings give the
         load as order 2 and half its frequency.
-    harmonics : int
-        Highest order kept.
+    harmonics : int or "auto"
+        Highest order kept; "auto": at each point as many as bring `Branch.truncation` below
+        ``tolerance``, up to 63.
     tolerance : float
-        Relative size of the last correction.
+        Relative size of the last correction, and of what leaving out orders may change.
     max_points : int
         Points at most, 2 to 100000.
     max_step : float
@@ -359,15 +368,19 @@ def trace_response(
     if not 1e-4 <= step <= 1:
         raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
     job, _, options, planned = _prepare(
-        mount, [fixed], load, base, "newton", harmonics, tolerance, 100, 1.0, keep_idle=True
-    )
+        mount, [fixed], load, base, "newton", harmonics, tolerance, 100, 1.0, keep_idle=True,
+        may_choose=True,
+    )  # fmt: skip
+    chosen = _native.is_auto(harmonics)
     if planned.method != "newton":
         raise InputError(
             "mount: nothing is nonlinear, its response is a single curve: see forced_response"
         )
     orders = planned.orders
     if not keeps:
-        orders = np.arange(options[1] + 1, dtype=np.int32)
+        orders = np.arange((planned.orders[-1] if chosen else options[1]) + 1, dtype=np.int32)
+    if chosen:
+        orders = orders[orders <= max(_MOST_CHOSEN, *job[-2])]
     n_dof, m = len(mount.dof_names), orders.size
     most = int(_MAX_NUMBERS / (8 * m * n_dof + 8 * n_dof + 16))
     if points > most:
@@ -383,7 +396,8 @@ def trace_response(
         begin_p = leave.parameter
     cancel = np.zeros(1, dtype=np.intc)
     (
-        n, ended, p, iterations, coefficients, is_stop, n_folds, folds, fold_coefficients,
+        n, ended, n_used, p, iterations, kept, truncation, coefficients, is_stop, n_folds, folds,
+        fold_coefficients,
         n_branch, branch_p, branch_x, across, branch_before, judged, multipliers, exponents,
         n_crossings, kinds, before, where, crossing_coefficients,
     ) = _native.call_interruptibly(
@@ -413,7 +427,8 @@ def trace_response(
             stacklevel=2,
         )
         n_crossings = MAX_SPECIAL
-    crossed = absolute(crossing_coefficients[:, :, :n_crossings], where[:n_crossings])
+    orders, allowed = orders[:n_used], m
+    crossed = absolute(crossing_coefficients[:n_used, :, :n_crossings], where[:n_crossings])
     crossings = tuple(
         Crossing(CROSSINGS[kind - 1], int(i) - 1)
         if np.isnan(value)
@@ -424,18 +439,20 @@ def trace_response(
     )
     values = p[:n].copy()
     same = np.ones(n)
-    points_off = absolute(_complex(branch_x[:, :n_branch], n_dof, m), branch_p[:n_branch])
-    directions = _complex(across[:-1, :n_branch], n_dof, m).T
+    points_off = absolute(
+        _complex(branch_x[:, :n_branch], n_dof, allowed)[:n_used], branch_p[:n_branch]
+    )
+    directions = _complex(across[:-1, :n_branch], n_dof, allowed)[:n_used].T
     return Branch(
         nu=values if varies == "nu" else fixed * same,
         load_factor=values if varies == "load_factor" else same,
         harmonics=orders,
-        coefficients=absolute(coefficients[:, :, :n], values),
+        coefficients=absolute(coefficients[:n_used, :, :n], values),
         stable=found.stable if found else None,
         multipliers=found.multipliers if found else None,
         exponents=found.exponents if found else None,
         folds=folds[:n_folds].copy(),
-        fold_coefficients=absolute(fold_coefficients[:, :, :n_folds], folds[:n_folds]),
+        fold_coefficients=absolute(fold_coefficients[:n_used, :, :n_folds], folds[:n_folds]),
         branch_points=tuple(
             BranchPoint(
                 float(branch_p[i]),
@@ -453,6 +470,8 @@ def trace_response(
         iterations=iterations[:n].copy(),
         varies=varies,
         parameter=values,
+        highest=orders[kept[:n] - 1] if chosen else np.repeat(orders[-1:], n),
+        truncation=truncation[:n].copy() if chosen else None,
         dof_names=mount.dof_names,
         dof_units=mount.dof_units,
         plan=_plan(varies, start, finish, planned, judged_too),

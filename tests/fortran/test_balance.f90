@@ -10,7 +10,8 @@ module test_balance
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: geometry_cubic, geometry_exact, geometry_printed, mount_parameters, &
     mount_type, new_mount
-  use viscovib_newton_point, only: newton_factors, newton_point, point_from_rest
+  use viscovib_motion_norm, only: newton_factors
+  use viscovib_newton_point, only: newton_point, point_from_rest
   use viscovib_oscillator, only: kernel_holder
   use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_frequency
   use viscovib_outcomes, only: outcome_converged

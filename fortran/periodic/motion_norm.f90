@@ -1,0 +1,33 @@
+!> What one periodic solution leaves for the next: its size, and the factors of its
+!! derivatives.
+module viscovib_motion_norm
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
+  implicit none
+  private
+
+  public :: newton_factors, weighted_norm
+
+  !> Factors of the derivatives in the last iteration, as `factorize` leaves them.
+  type :: newton_factors
+    real(wp), allocatable :: lu(:, :)
+    integer, allocatable :: pivots(:)
+  end type newton_factors
+
+contains
+
+  !> Largest of sqrt(M_dd) (|Re X| + |Im X|), so that metres and radians weigh by
+  !! inertia.
+  pure real(wp) function weighted_norm(system, x) result(norm)
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: x(:, :)
+    integer :: d, k
+    norm = 0.0_wp
+    do d = 1, size(x, 2)
+      do k = 1, size(x, 1), 2
+        norm = max(norm, sqrt(system%mass(d, d))*(abs(x(k, d)) + abs(x(k + 1, d))))
+      end do
+    end do
+  end function weighted_norm
+
+end module viscovib_motion_norm

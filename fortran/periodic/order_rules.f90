@@ -1,0 +1,57 @@
+!> How many orders to add to a periodic solution that lacks some, and how many will do for
+!! the next one.
+module viscovib_order_rules
+  use viscovib_balance_ladder, only: balance_ladder_type
+  use viscovib_kinds, only: wp
+  use viscovib_motion_norm, only: weighted_norm
+  use viscovib_oscillator, only: oscillator_type
+  implicit none
+  private
+
+  public :: better_rung, rung_for_next
+
+  !> Orders are idle below this part of the tolerance: what is dropped here and missed at
+  !! the next point costs another solution.
+  real(wp), parameter :: idle = 0.1_wp
+  !> Additions that may fail to halve the estimate before it is taken for rounding.
+  integer, parameter, public :: max_vain = 2
+
+contains
+
+  !> Orders fall off geometrically: go on as far as that suggests, at most to twice as
+  !! many.
+  pure integer function better_rung(ladder, rung, truncation, tolerance) result(next)
+    type(balance_ladder_type), intent(in) :: ladder
+    integer, intent(in) :: rung
+    real(wp), intent(in) :: truncation, tolerance
+    real(wp) :: fall
+    integer :: k
+    fall = log(tolerance)/log(max(min(truncation, 0.5_wp), tiny(1.0_wp)))
+    k = ladder%highest(rung)
+    next = ladder%rung_of(min(ceiling(k*min(fall, 2.0_wp)), 2*k + 1))
+    next = min(max(next, rung + 1), ladder%n_rungs)
+  end function better_rung
+
+  !> The lowest rung that would still do here: with the share of the change that the orders
+  !! left out have in it, the largest order beyond stays well below the tolerance.
+  pure integer function rung_for_next(ladder, system, x, truncation, outside, tolerance, rung) &
+    result(next)
+    type(balance_ladder_type), intent(in) :: ladder
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: x(:, :), truncation, outside, tolerance
+    integer, intent(in) :: rung
+    real(wp) :: limit
+    integer :: m
+
+    next = rung
+    if (truncation > idle*tolerance) return
+    limit = idle*tolerance*weighted_norm(system, x)
+    if (outside > 0.0_wp) limit = limit*min(1.0_wp, outside/truncation)
+    do while (next > 1)
+      m = 2*ladder%n_orders(next - 1)
+      if (weighted_norm(system, x(m + 1:2*ladder%n_orders(next), :)) > limit) exit
+      next = next - 1
+    end do
+  end function rung_for_next
+
+end module viscovib_order_rules

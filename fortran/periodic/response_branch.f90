@@ -1,0 +1,124 @@
+!> A branch of periodic motions of an oscillator, from a frequency, a factor of the load or
+!! a parameter on, with the orders given or as many as each point needs.
+module viscovib_response_branch
+  use viscovib_balance_ladder, only: balance_ladder_type, new_ladder
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
+  use viscovib_curve_events, only: special_points
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_kinds, only: wp
+  use viscovib_newton_point, only: point_from_rest
+  use viscovib_oscillator_curve, only: oscillator_curve_type
+  use viscovib_outcomes, only: outcome_converged
+  use viscovib_response_plan, only: response_plan_type
+  use viscovib_sized_curve, only: refitted
+  implicit none
+  private
+
+  public :: departure_type, follow_response
+
+  !> Orders with which a motion is sought from rest: enough not to be led astray.
+  integer, parameter :: orders_from_rest = 9
+
+  !> Where to leave another branch: unknowns of all orders the plan allows, shape (n), what
+  !! varies, and the direction, shape (n + 1).
+  type :: departure_type
+    real(wp), allocatable :: x(:), along(:)
+    real(wp) :: p = 0.0_wp
+  end type departure_type
+
+contains
+
+  !> From a motion found at options%start, or from a departure.
+  subroutine follow_response(curve, plan, options, branch, set, outcome, departure, cancel)
+    !> Made for the orders of the plan and set to its beginning; left with the orders of `set`.
+    class(oscillator_curve_type), intent(inout) :: curve
+    type(response_plan_type), intent(in) :: plan
+    type(curve_options), intent(in) :: options
+    !> Unknowns are those of `set`, of which each point may keep fewer.
+    type(curve_branch_type), intent(out) :: branch
+    type(harmonic_set_type), intent(out) :: set
+    !> Of the search for the first motion; unless converged there is no branch.
+    integer, intent(out) :: outcome
+    type(departure_type), intent(in), optional :: departure
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), volatile, optional :: cancel
+    type(balance_ladder_type) :: ladder
+    real(wp), allocatable :: x(:, :)
+    integer :: iterations, rung
+
+    outcome = outcome_converged
+    if (plan%chosen) then
+      call new_ladder(ladder, curve%system, curve%load, plan%set%half_wave, plan%most)
+      rung = ladder%rung_of(orders_from_rest)
+      if (present(departure)) rung = rung_with(ladder, departure, curve%blocks)
+      call ladder%prepare(rung, curve%system, curve%load, curve%balance%nu)
+      call curve%choose_from(ladder, rung, options%tolerance)
+    end if
+    if (present(departure)) then
+      associate (m => size(departure%x))
+        call follow_curve(curve, options, refitted(curve%blocks, departure%x, curve%n), branch, &
+                          departure%p, [refitted(curve%blocks, departure%along(:m), curve%n), &
+                                        departure%along(m + 1)], cancel)
+      end associate
+    else
+      allocate (x(curve%n/curve%blocks, curve%blocks))
+      iterations = 0
+      call point_from_rest(curve%balance, curve%system, curve%load, options%tolerance, x, outcome, &
+                           iterations, cancel)
+      if (outcome == outcome_converged) then
+        call follow_curve(curve, options, reshape(x, [curve%n]), branch, cancel=cancel)
+      end if
+    end if
+    if (outcome == outcome_converged .and. plan%chosen) call keep_used(curve, branch)
+    set = curve%balance%set
+  end subroutine follow_response
+
+  !> The lowest rung that holds everything a departure has.
+  pure integer function rung_with(ladder, departure, blocks) result(rung)
+    type(balance_ladder_type), intent(in) :: ladder
+    type(departure_type), intent(in) :: departure
+    integer, intent(in) :: blocks
+    real(wp) :: sizes(size(departure%x)/blocks)
+    integer :: last
+    associate (m => size(departure%x))
+      sizes = sum(reshape(abs(departure%x) + abs(departure%along(:m)), [m/blocks, blocks]), 2)
+    end associate
+    last = findloc(sizes > 0.0_wp, .true., 1, back=.true.)
+    do rung = 1, ladder%n_rungs - 1
+      if (2*ladder%n_orders(rung) >= last) exit
+    end do
+  end function rung_with
+
+  !> Unknowns of the highest orders that any point has kept.
+  subroutine keep_used(curve, branch)
+    class(oscillator_curve_type), intent(inout) :: curve
+    type(curve_branch_type), intent(inout) :: branch
+    real(wp), allocatable :: x(:, :)
+    integer :: i, n
+
+    n = maxval(branch%kept(:branch%n_points))
+    call curve%stay_with(n)
+    allocate (x(curve%n, branch%n_points))
+    do i = 1, branch%n_points
+      x(:, i) = refitted(curve%blocks, branch%x(:, i), curve%n)
+    end do
+    call move_alloc(x, branch%x)
+    call cut(branch%folds)
+    call cut(branch%branch_points)
+
+  contains
+
+    subroutine cut(points)
+      type(special_points), intent(inout) :: points
+      integer :: old
+      old = size(points%x, 1)
+      points%across = reshape([(refitted(curve%blocks, points%across(:old, i), curve%n), &
+                                points%across(old + 1, i), i=1, points%n)], &
+                              [curve%n + 1, points%n])
+      points%x = reshape([(refitted(curve%blocks, points%x(:, i), curve%n), i=1, points%n)], &
+                         [curve%n, points%n])
+    end subroutine cut
+
+  end subroutine keep_used
+
+end module viscovib_response_branch
