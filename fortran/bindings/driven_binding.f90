@@ -2,16 +2,20 @@
 ! Orders, unknowns and drives as in torus and torus_balance.
 
 !> Solutions at the values p of what varies (vary: 1 a base frequency, 2 an
-!! amplitude; which: of which axis or drive). With a duration > 0 for stability: monodromy
-!! matrices if there is one axis, else in their first columns rates of growth.
+!! amplitude; which: of which axis or drive). With a duration > 0 for stability: Floquet
+!! multipliers, NaN where unknown, and how many are outside the unit circle (-1: unknown) if there
+!! is one axis, else rates of growth.
 !! kept is 1 where an order of a coordinate is an unknown. The first row starts from the
 !! guess, if that is not 0.
 subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
                             vary, which, p, n_p, tolerance, duration, guess, cancel, x, &
-                            outcome, iterations, matrices, n_unknowns, status, message)
-  use, intrinsic :: iso_c_binding, only: c_double, c_int
+                            outcome, iterations, multipliers, growing, rates, n_unknowns, status, &
+                            message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_orbit_floquet, only: orbit_floquet_type
+  use viscovib_orbit_multipliers, only: count_larger
+  use viscovib_orbit_stability, only: judge_orbits, orbit_circle
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
@@ -28,8 +32,9 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   !> As guess: n_unknowns = 3 (2 n_orders - 1).
-  real(c_double), intent(out) :: x(n_unknowns, n_p), matrices(6, 6, n_p)
-  integer(c_int), intent(out) :: outcome(n_p), iterations(n_p), status
+  real(c_double), intent(out) :: x(n_unknowns, n_p), rates(6, n_p)
+  complex(c_double_complex), intent(out) :: multipliers(6, n_p)
+  integer(c_int), intent(out) :: outcome(n_p), iterations(n_p), growing(n_p), status
   character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type), target :: system
@@ -42,7 +47,9 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   integer :: i
 
   x = 0.0_c_double
-  matrices = 0.0_c_double
+  multipliers = (0.0_c_double, 0.0_c_double)
+  growing = -1
+  rates = 0.0_c_double
   outcome = -1
   iterations = 0
   call make_pendulum(system, flat, problem)
@@ -57,11 +64,12 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
       do i = 1, n_p
         if (outcome(i) /= outcome_converged .or. cancel(1) /= 0) cycle
         y = balance%reduced(x(:, i))
-        call balance%visit(y, p(i), .true., inside)
         if (n_axes == 1) then
-          call floquet%monodromy(balance, y, matrices(:, :, i))
+          call judge_orbits(floquet, balance, p(i:i), reshape(y, [size(y), 1]), multipliers(:, i:i))
+          growing(i) = count_larger(multipliers(:, i), orbit_circle)
         else
-          call growth_rates(balance, y, duration, matrices(:, 1, i), cancel(1))
+          call balance%visit(y, p(i), .true., inside)
+          call growth_rates(balance, y, duration, rates(:, i), cancel(1))
         end if
       end do
     end if
@@ -76,12 +84,17 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
                            vary, which, start, finish, tolerance, max_points, max_step, &
                            stops, n_stops, duration, leave, begin, begin_p, along, n_unknowns, &
                            max_special, cancel, n_points, ended, p, iterations, x, is_stop, &
-                           matrices, n_folds, folds, fold_x, fold_before, n_branch_points, &
-                           branch_points, branch_point_x, across, branch_before, status, message)
-  use, intrinsic :: iso_c_binding, only: c_double, c_int
+                           multipliers, growing, rates, n_folds, folds, fold_x, n_branch_points, &
+                           branch_points, branch_point_x, across, branch_before, n_crossings, &
+                           kinds, before, crossings, crossing_x, status, message)
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_crossings, only: crossing_type
   use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
   use viscovib_orbit_floquet, only: orbit_floquet_type
+  use viscovib_orbit_multipliers, only: count_larger
+  use viscovib_orbit_stability, only: find_orbit_crossings, judge_orbits, orbit_circle
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
@@ -102,12 +115,17 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   !> 1 where a point lies at one of the stops.
   integer(c_int), intent(out) :: is_stop(max_points)
   real(c_double), intent(out) :: p(max_points), x(n_unknowns, max_points)
-  real(c_double), intent(out) :: matrices(6, 6, max_points), folds(max_special)
+  complex(c_double_complex), intent(out) :: multipliers(6, max_points)
+  integer(c_int), intent(out) :: growing(max_points)
+  real(c_double), intent(out) :: rates(6, max_points), folds(max_special)
   real(c_double), intent(out) :: fold_x(n_unknowns, max_special), branch_points(max_special)
   real(c_double), intent(out) :: branch_point_x(n_unknowns, max_special)
   real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
-  integer(c_int), intent(out) :: fold_before(max_special), branch_before(max_special)
-  integer(c_int), intent(out) :: n_branch_points, status
+  integer(c_int), intent(out) :: branch_before(max_special), n_branch_points
+  !> Changes of stability, of which the first max_special are given: kinds of
+  !! `viscovib_crossings`, points before (from 1), and where: NaN if not located.
+  integer(c_int), intent(out) :: n_crossings, kinds(max_special), before(max_special), status
+  real(c_double), intent(out) :: crossings(max_special), crossing_x(n_unknowns, max_special)
   character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type), target :: system
@@ -116,6 +134,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   type(curve_options) :: options
   type(curve_branch_type) :: branch
   type(orbit_floquet_type) :: floquet
+  type(crossing_type), allocatable :: changes(:)
   type(status_type) :: problem
   real(c_double), allocatable :: at(:)
   logical :: inside
@@ -129,13 +148,15 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   x = 0.0_c_double
   iterations = 0
   is_stop = 0
-  matrices = 0.0_c_double
+  multipliers = (0.0_c_double, 0.0_c_double)
+  growing = -1
+  rates = 0.0_c_double
+  n_crossings = 0
   folds = 0.0_c_double
   fold_x = 0.0_c_double
   branch_points = 0.0_c_double
   branch_point_x = 0.0_c_double
   across = 0.0_c_double
-  fold_before = 0
   branch_before = 0
   call make_pendulum(system, flat, problem)
   if (.not. problem%failed()) call new_torus(torus, orders, problem)
@@ -167,7 +188,6 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
       n_folds = min(branch%folds%n, max_special)
       folds(:n_folds) = branch%folds%p(:n_folds)
       call expand(branch%folds%x, n_folds, fold_x)
-      fold_before(:n_folds) = branch%folds%before(:n_folds)
       n_branch_points = min(branch%branch_points%n, max_special)
       branch_points(:n_branch_points) = branch%branch_points%p(:n_branch_points)
       call expand(branch%branch_points%x, n_branch_points, branch_point_x)
@@ -176,15 +196,27 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
         = branch%branch_points%across(balance%n + 1, :n_branch_points)
       branch_before(:n_branch_points) = branch%branch_points%before(:n_branch_points)
     end if
-    if (duration > 0.0_c_double) then
+    if (duration > 0.0_c_double .and. n_axes == 1) then
+      call judge_orbits(floquet, balance, p(:n_points), branch%x(:, :n_points), &
+                        multipliers(:, :n_points), cancel(1))
+      growing(:n_points) = [(count_larger(multipliers(:, i), orbit_circle), i=1, n_points)]
+      call find_orbit_crossings(floquet, balance, tolerance, p(:n_points), &
+                                branch%x(:, :n_points), multipliers(:, :n_points), branch%folds, &
+                                branch%branch_points, changes, cancel(1))
+      n_crossings = size(changes)
+      do i = 1, min(n_crossings, max_special)
+        kinds(i) = changes(i)%kind
+        before(i) = changes(i)%before
+        crossings(i) = ieee_value(0.0_c_double, ieee_quiet_nan)
+        if (.not. changes(i)%located) cycle
+        crossings(i) = changes(i)%p
+        crossing_x(:, i) = reshape(changes(i)%x, [n_unknowns])
+      end do
+    else if (duration > 0.0_c_double) then
       do i = 1, n_points
         if (cancel(1) /= 0) exit
         call balance%visit(branch%x(:, i), p(i), .true., inside)
-        if (n_axes == 1) then
-          call floquet%monodromy(balance, branch%x(:, i), matrices(:, :, i))
-        else
-          call growth_rates(balance, branch%x(:, i), duration, matrices(:, 1, i), cancel(1))
-        end if
+        call growth_rates(balance, branch%x(:, i), duration, rates(:, i), cancel(1))
       end do
     end if
   end if

@@ -2,9 +2,9 @@
 module viscovib_branch_job
   use viscovib_checks, only: check_positive
   use viscovib_counters, only: count_up, counted_columns, counting
-  use viscovib_crossings, only: crossing_names, crossing_type, find_crossings, known_folds
+  use viscovib_crossings, only: crossing_type, find_crossings, known_folds
   use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes, follow_curve
-  use viscovib_curve_groups, only: listed, read_curve, read_yes
+  use viscovib_curve_groups, only: listed, read_curve, read_yes, write_crossings
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
@@ -161,12 +161,7 @@ contains
     call table%add_comments(header)
     call table%add_line('# branch '//trim(curve_outcomes(branch%outcome))//'; folds at nu =' &
                         //listed(branch%folds%p(:branch%folds%n)))
-    do i = 1, size(crossings)
-      row = '# stability changes after point '//show(crossings(i)%before)//': ' &
-            //trim(crossing_names(crossings(i)%kind))
-      if (crossings(i)%located) row = row//' at nu = '//trim(exact(crossings(i)%p))
-      call table%add_line(row)
-    end do
+    call write_crossings(table, crossings, 'nu')
     row = '# nu (rad/s); u = Im sum_k X_k exp(i k nu t)'
     if (allocated(stability%stable)) row = row//'; stable: 1, not: 0, unknown: -1'
     do d = 1, size(coordinates)

@@ -1,16 +1,19 @@
 !> What groups about curves share: keys that say how they are followed and where others
 !! leave, columns about stability.
 module viscovib_curve_groups
+  use viscovib_crossings, only: crossing_names, crossing_type
   use viscovib_curve_branch, only: curve_options
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
   use viscovib_orbit_multipliers, only: count_larger
   use viscovib_status, only: show
+  use viscovib_text_file, only: text_writer
   implicit none
   private
 
-  public :: read_curve, read_switch, read_yes, check_between, listed, stability_text
+  public :: read_curve, read_switch, read_yes, check_between, listed, stability_text, &
+            write_crossings
 
   !> Columns about stability, and what they are.
   character(len=*), parameter, public :: stability_names = ',stable,growing,multiplier', &
@@ -75,6 +78,22 @@ contains
                            //show(highest))
     end if
   end subroutine check_between
+
+  !> A line for each change of stability.
+  subroutine write_crossings(table, crossings, varies)
+    type(text_writer), intent(inout) :: table
+    type(crossing_type), intent(in) :: crossings(:)
+    !> What varies along the branch.
+    character(len=*), intent(in) :: varies
+    character(len=:), allocatable :: row
+    integer :: i
+    do i = 1, size(crossings)
+      row = '# stability changes after point '//show(crossings(i)%before)//': ' &
+            //trim(crossing_names(crossings(i)%kind))
+      if (crossings(i)%located) row = row//' at '//varies//' = '//trim(exact(crossings(i)%p))
+      call table%add_line(row)
+    end do
+  end subroutine write_crossings
 
   !> Numbers in a line, each after a space.
   pure function listed(values)

@@ -4,13 +4,17 @@ module viscovib_driven_job
   use viscovib_checks, only: check_positive
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
     curve_outcomes, follow_curve
-  use viscovib_curve_groups, only: check_between, listed, read_curve, read_switch
+  use viscovib_crossings, only: crossing_type
+  use viscovib_curve_groups, only: check_between, listed, read_curve, read_switch, read_yes, &
+    stability_names, stability_note, stability_text, write_crossings
   use viscovib_drive_torus, only: default_bound, drive_torus_type, kept_by_symmetry, &
     largest_bound, lattice, n_drives, sort_drives, varied_names, varies_nu
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
+  use viscovib_orbit_floquet, only: orbit_floquet_type
+  use viscovib_orbit_stability, only: find_orbit_crossings, judge_orbits, orbit_circle
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_status, only: fail, show, status_input_error, status_type
@@ -29,6 +33,7 @@ module viscovib_driven_job
     integer :: parameter = 1
     type(curve_options) :: options
     integer :: harmonics = 0
+    logical :: stability = .true.
     !> Only motions that share the symmetry of system and loads.
     logical :: symmetric = .false.
     integer :: subharmonic = 1, max_denominator = 12
@@ -44,6 +49,10 @@ module viscovib_driven_job
     !! (torus%n n_dof, n).
     real(wp), allocatable :: parameter(:), base(:, :), x(:, :)
     real(wp), allocatable :: folds(:), branch_points(:)
+    !> Largest first, NaN where unknown, shape (6, n), and changes of stability; left without
+    !! arrays where not wanted, or with several base frequencies.
+    complex(wp), allocatable :: multipliers(:, :)
+    type(crossing_type), allocatable :: crossings(:)
   end type driven_branch
 
 contains
@@ -85,6 +94,7 @@ contains
     job%harmonics = reader%read_integer('harmonics', default_bound(job%torus%n_axes))
     call check_between(reader, 'harmonics', job%harmonics, 1, most)
     call read_curve(reader, job%options)
+    job%stability = read_yes(reader, 'stability')
     word = reader%read_text('symmetry', 'any', [character(len=4) :: 'any', 'kept'], symmetry)
     job%symmetric = symmetry == 2
     call read_switch(reader, job%switch)
@@ -108,6 +118,14 @@ contains
              //new_line('a')
     else
       text = text//'skips: branches that leave it (no switch)'//new_line('a')
+    end if
+    if (.not. job%stability) then
+      text = text//'skips: stability (not wanted)'//new_line('a')
+    else if (job%torus%n_axes == 1) then
+      text = text//'computes: stability of each motion, and where it changes'//new_line('a')
+    else
+      text = text//'skips: stability (of quasi-periodic motions, only over a duration, in ' &
+             //'Python)'//new_line('a')
     end if
     if (job%symmetric) text = text//'skips: orders that the symmetry of system and loads rules ' &
                               //'out'//new_line('a')
@@ -187,6 +205,8 @@ contains
     subroutine keep(from, to)
       type(curve_branch_type), intent(in) :: from
       type(driven_branch), intent(out) :: to
+      ! Its steps are those of the branch, whatever was computed before.
+      type(orbit_floquet_type) :: floquet
       integer :: k
       to%outcome = from%outcome
       to%parameter = from%parameter(:from%n_points)*unit
@@ -198,6 +218,14 @@ contains
       end do
       to%folds = from%folds%p*unit
       to%branch_points = from%branch_points%p*unit
+      if (.not. job%stability .or. job%torus%n_axes > 1) return
+      allocate (to%multipliers(6, from%n_points))
+      associate (p => from%parameter(:from%n_points), points => from%x(:, :from%n_points))
+        call judge_orbits(floquet, balance, p, points, to%multipliers)
+        call find_orbit_crossings(floquet, balance, options%tolerance, p, points, &
+                                  to%multipliers, from%folds, from%branch_points, to%crossings)
+      end associate
+      to%crossings%p = to%crossings%p*unit
     end subroutine keep
 
   end subroutine run_driven
@@ -214,7 +242,7 @@ contains
     character(len=*), parameter :: coordinates(3) = [character(len=3) :: 'z', 'phi', 'psi']
     type(text_writer) :: table
     integer, allocatable :: orders(:, :)
-    character(len=:), allocatable :: row, title, quote
+    character(len=:), allocatable :: row, title, quote, note
     integer :: i, j, d, k, n
 
     allocate (orders, source=lattice(job%torus%n_axes, job%harmonics))
@@ -227,11 +255,17 @@ contains
                         //trim(curve_outcomes(branch%outcome)))
     call table%add_line('# folds at'//listed(branch%folds))
     call table%add_line('# branch points at'//listed(branch%branch_points))
-    call table%add_line('# q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)')
+    note = '# q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)'
     row = 'parameter'
     do i = 1, job%torus%n_axes
       row = row//',omega_'//show(i)
     end do
+    if (allocated(branch%multipliers)) then
+      call write_crossings(table, branch%crossings, trim(varied_names(job%parameter)))
+      row = row//stability_names
+      note = note//stability_note
+    end if
+    call table%add_line(note)
     quote = ''
     if (job%torus%n_axes > 1) quote = '"'
     do d = 1, 3
@@ -249,6 +283,9 @@ contains
       do j = 1, job%torus%n_axes
         row = row//','//trim(exact(branch%base(j, i)))
       end do
+      if (allocated(branch%multipliers)) then
+        row = row//','//stability_text(branch%multipliers(:, i), orbit_circle)
+      end if
       do d = 1, 3
         ! The mean is Im X_0.
         row = row//',0,'//trim(exact(branch%x((d - 1)*n + 1, i)))

@@ -58,6 +58,11 @@ class Crossing:
     parameter: float | None = None
     coefficients: ComplexArray | None = field(default=None, compare=False, repr=False)
 
+    def __str__(self) -> str:
+        """Say what changes where, with points counted from 1."""
+        place = "" if self.parameter is None else f" at {self.parameter:.15g}"
+        return f"stability changes after point {self.before + 1}: {self.kind}{place}"
+
 
 @dataclass(frozen=True, eq=False)
 class BranchPoint:
@@ -420,22 +425,10 @@ def trace_response(
             factors = np.ones(factors.size)
         return _absolute(relative.T, mount._base_direction, job, orders, factors)
 
-    if n_crossings > MAX_SPECIAL:
-        warnings.warn(
-            f"stability changes {n_crossings} times: the first {MAX_SPECIAL} changes are given",
-            StabilityWarning,
-            stacklevel=2,
-        )
-        n_crossings = MAX_SPECIAL
     orders, allowed = orders[:n_used], m
-    crossed = absolute(crossing_coefficients[:n_used, :, :n_crossings], where[:n_crossings])
-    crossings = tuple(
-        Crossing(CROSSINGS[kind - 1], int(i) - 1)
-        if np.isnan(value)
-        else Crossing(CROSSINGS[kind - 1], int(i) - 1, float(value), motion)
-        for kind, i, value, motion in zip(
-            kinds[:n_crossings], before[:n_crossings], where[:n_crossings], crossed, strict=True
-        )
+    crossings = located_crossings(
+        (n_crossings, kinds, before, where),
+        absolute(crossing_coefficients[:n_used, :, :n_crossings], where[:n_crossings]),
     )
     values = p[:n].copy()
     same = np.ones(n)
@@ -498,6 +491,29 @@ def _plan(varies: str, start: float, finish: float, planned: Any, stability: boo
     if varies not in _KINDS:
         first = first.replace("the parameter", varies)
     return Plan(f"{first.strip()}\n{planned.rest.strip()}")
+
+
+def located_crossings(
+    found: tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32], FloatArray],
+    motions: ComplexArray,
+) -> tuple[Crossing, ...]:
+    """Changes of stability: their number, kinds, points before (from 1) and places, NaN if none.
+
+    ``motions``: X_k there, shape (at least as many as are given, n_dof, m).
+    """
+    n, kinds, before, where = found
+    if n > MAX_SPECIAL:
+        warnings.warn(
+            f"stability changes {n} times: the first {MAX_SPECIAL} changes are given",
+            StabilityWarning,
+            stacklevel=4,
+        )
+    return tuple(
+        Crossing(CROSSINGS[kinds[i] - 1], int(before[i]) - 1)
+        if np.isnan(where[i])
+        else Crossing(CROSSINGS[kinds[i] - 1], int(before[i]) - 1, float(where[i]), motions[i])
+        for i in range(min(n, len(motions)))
+    )
 
 
 def check_departure(leave: object) -> None:

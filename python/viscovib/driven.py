@@ -19,7 +19,7 @@ from viscovib.files import whole_file
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan
 from viscovib.response import OUTCOMES
-from viscovib.stability import STILL, check_duration, floquet
+from viscovib.stability import STILL, check_duration, warn_of_unknown
 from viscovib.torus import (
     FREQUENCIES,
     IntArray,
@@ -369,7 +369,7 @@ def _solve(
     job, unit = core_job(pend, torus, orders, varies)
     kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
     cancel = np.zeros(1, dtype=np.intc)
-    x, codes, iterations, matrices = _native.call_interruptibly(
+    x, codes, iterations, multipliers_found, growing, rates = _native.call_interruptibly(
         core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, duration,
         _carried(start, orders), cancel,
     )  # fmt: skip
@@ -381,10 +381,12 @@ def _solve(
         base[:, job[6] - 1] = rows / unit  # type: ignore[operator]
     multipliers, stable, growth = None, None, None
     if duration and torus.n_axes == 1:
-        multipliers, stable = floquet(matrices, found)
+        multipliers, stable = multipliers_found.T.copy(), growing == 0
+        multipliers[~found] = np.nan
+        warn_of_unknown(found & (growing < 0))
         growth = np.log(np.abs(multipliers)) * base / (2 * np.pi)
     elif duration:
-        growth = np.where(found, matrices[:, 0], np.nan).T
+        growth = np.where(found, rates, np.nan).T
         stable = growth[:, 0] < -STILL
     return DrivenResponse(
         varies=varies,

@@ -1,6 +1,6 @@
 """Branches of driven motions of the pendulum: folds, branch points, stability."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,14 @@ from viscovib.branch import (
     Curve,
     _range,
     check_departure,
+    located_crossings,
 )
 from viscovib.driven import check_size, write_table
 from viscovib.errors import InputError
+from viscovib.motion_stability import stability_columns
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan
-from viscovib.stability import STILL, check_duration, crossings_along, floquet
+from viscovib.stability import STILL, check_duration, warn_of_unknown
 from viscovib.torus import (
     FREQUENCIES,
     IntArray,
@@ -59,6 +61,8 @@ class DrivenBranch(Curve):
         False too where multipliers or rates are unknown (time scales too far apart).
     multipliers : complex ndarray, shape (n, 6), or None
         Floquet multipliers over a period of the base frequency, largest first; NaN where unknown.
+    growing : ndarray of int, shape (n,), or None
+        How many of them are outside the unit circle; -1: unknown.
     growth : ndarray, shape (n, 6), or None
         With several base frequencies: as in `DrivenResponse`.
     folds : ndarray, shape (n_folds,)
@@ -86,6 +90,7 @@ class DrivenBranch(Curve):
     coefficients: ComplexArray
     stable: npt.NDArray[np.bool_] | None
     multipliers: ComplexArray | None
+    growing: IntArray | None
     growth: FloatArray | None
     folds: FloatArray
     fold_coefficients: ComplexArray
@@ -133,6 +138,7 @@ class DrivenBranch(Curve):
         if self.stable is not None:
             data["stable"] = ("point", self.stable)
         if self.multipliers is not None:
+            data["growing"] = ("point", self.growing)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
         if self.growth is not None:
             data["growth"] = (("point", "multiplier"), self.growth)
@@ -149,17 +155,19 @@ class DrivenBranch(Curve):
         )
 
     def to_csv(self, path: str | Path) -> None:
-        """Write a table: one row a point."""
+        """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1."""
         columns: dict[str, Any] = {"parameter": self.parameter}
         columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
-        if self.stable is not None:
+        if self.growing is not None:
+            columns |= stability_columns(self.growing, self.multipliers)
+        elif self.stable is not None:
             columns["stable"] = self.stable.astype(int)
         folds = ", ".join(f"{x:.15g}" for x in self.folds)
         points = ", ".join(f"{point.parameter:.15g}" for point in self.branch_points)
         write_table(
             path, columns, self.coefficients, self.orders, self.plan,
             f"parameter: {self.varies}; branch {self.outcome}", f"folds at {folds}",
-            f"branch points at {points}",
+            f"branch points at {points}", *(str(crossing) for crossing in self.crossings),
         )  # fmt: skip
 
 
@@ -268,8 +276,9 @@ def trace_pendulum(
     stops = _native.real_array("at", at).reshape(-1)
     cancel = np.zeros(1, dtype=np.intc)
     (
-        n_points, ended, p, iterations, x, is_stop, matrices, n_folds, folds, fold_x, fold_before,
-        n_branch, branch_p, branch_x, across, before,
+        n_points, ended, p, iterations, x, is_stop, multipliers_found, found, rates, n_folds, folds,
+        fold_x, n_branch, branch_p, branch_x, across, before, n_crossings, kinds, crossed_after,
+        crossed_at, crossed_x,
     ) = _native.call_interruptibly(
         core.pendulum_branch, cancel, *job[:2], kept, *job[2:], start / unit, finish / unit,
         wanted, points, step, stops / unit, span, int(leave is not None), begin, begin_p, along,
@@ -279,20 +288,18 @@ def trace_pendulum(
         raise InputError(
             f"{varies}: no solution was found at its beginning {start:g}: begin elsewhere"
         )
-    multipliers, stable, growth = None, None, None
-    crossings: tuple[Crossing, ...] = ()
+    multipliers, stable, growing, growth = None, None, None, None
     if span and torus.n_axes > 1:
-        growth = matrices[:, 0, :n_points].T.copy()
+        growth = rates[:, :n_points].T.copy()
         stable = growth[:, 0] < -STILL
     elif span:
-        multipliers, stable = floquet(matrices[:, :, :n_points], np.ones(n_points, dtype=bool))
-        crossings = tuple(
-            replace(c, parameter=c.parameter * unit) if c.parameter else c
-            for c in crossings_along(
-                job, orders, wanted, (p[:n_points], x[:, :n_points], multipliers),
-                (fold_before[:n_folds] - 1, folds[:n_folds]),
-            )
-        )  # fmt: skip
+        multipliers, growing = multipliers_found[:, :n_points].T.copy(), found[:n_points].copy()
+        stable = growing == 0
+        warn_of_unknown(growing < 0)
+    crossings = located_crossings(
+        (n_crossings, kinds, crossed_after, crossed_at * unit),
+        complex_coefficients(crossed_x[:, :n_crossings]),
+    )
     base = np.tile(torus.base, (n_points, 1))
     if job[5] == 1:
         base[:, job[6] - 1] = p[:n_points]  # type: ignore[operator]
@@ -307,6 +314,7 @@ def trace_pendulum(
         coefficients=complex_coefficients(x[:, :n_points]),
         stable=stable,
         multipliers=multipliers,
+        growing=growing,
         growth=growth,
         folds=folds[:n_folds] * unit,
         fold_coefficients=complex_coefficients(fold_x[:, :n_folds]),

@@ -198,8 +198,7 @@ def plot_branch(
                 branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k",
                 markersize=4, markerfacecolor="w", label="fold",
             )  # fmt: skip
-        if isinstance(branch, Branch):
-            _mark_crossings(axis, branch, d, j)
+        _mark_crossings(axis, branch, d, j)
         if isinstance(branch, DrivenBranch) and branch.branch_points:
             axis.plot(
                 [point.parameter for point in branch.branch_points],
@@ -217,9 +216,12 @@ def plot_branch(
     return axes
 
 
-def _mark_crossings(axis: "Axes", branch: Branch, d: int, j: int) -> None:
+def _mark_crossings(axis: "Axes", branch: Branch | DrivenBranch, d: int, j: int) -> None:
     """Mark changes of stability other than folds, a sign for each kind."""
     for kind, marker in _CROSSING_MARKERS.items():
+        if isinstance(branch, DrivenBranch) and kind == "branch point":
+            # Those are marked whether stability changes there or not.
+            continue
         here = [c for c in branch.crossings if c.kind == kind and c.coefficients is not None]
         if here:
             axis.plot(

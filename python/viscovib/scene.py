@@ -286,6 +286,7 @@ class Scene:
         same = {
             "pend": self.pendulum(),
             group["parameter"]: (group["from"], group["to"]),
+            "stability": group["stability"] == "yes",
             "symmetric": group["symmetry"] == "kept",
             **{key: group[key] for key in _DRIVEN},
         }

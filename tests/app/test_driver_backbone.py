@@ -29,7 +29,7 @@ BAD_BACKBONES = {
     "backwards": (FREE.replace("to=0.3", "to=0.0005"), 2, "to = 0.0005: must be greater than from"),
     "no way": (FREE.replace("to=0.3", "to=0.001"), 2, "must be greater than from"),
     "from rest": (FREE.replace("0.001", "0"), 2, "from = 0: must be greater than 0"),
-    "nan": (FREE.replace("0.001", "nan"), 2, "from"),
+    "nan": (FREE.replace("0.001", "nan"), 2, "from = nan: must be a finite number"),
     "mode": (FREE.replace("from", "mode=2, from"), 2, "mode = 2: must be 0 to 1"),
     "mode half": (FREE.replace("from", "mode=0.5, from"), 2, "mode = 0.5: must be an integer"),
     "mode of three": (SWING.replace("mode=1", "mode=-1"), 2, "mode = -1: must be 0 to 2"),

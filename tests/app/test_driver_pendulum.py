@@ -34,6 +34,12 @@ BAD_BRANCHES = {
     "switch": (PENDULUM_BRANCH.replace("to=1", "to=1, switch=0"), 2, "switch = 0: must be"),
     "switch half": (PENDULUM_BRANCH.replace("to=1", "to=1, switch=0.5"), 2, "must be integers"),
     "symmetry": (PENDULUM_BRANCH.replace("to=1", "to=1, symmetry='no'"), 2, "must be one of 'any'"),
+    "stability": (PENDULUM_BRANCH.replace("to=1", "to=1, stability='maybe'"), 2, "must be one of"),
+    "nan": (
+        PENDULUM_BRANCH.replace("from=0.9", "from=nan"),
+        2,
+        "from = nan: must be a finite number",
+    ),
     "subharmonic": (PENDULUM_BRANCH.replace("to=1", "to=1, subharmonic=0"), 2, "must be 1 to 20"),
 }
 
@@ -56,10 +62,22 @@ def test_branches_of_a_pendulum_agree(solve, tmp_path):
         points = [float(x) for x in re.search("# branch points at(.*)", text)[1].split()]
         assert folds == pytest.approx(branch.folds, rel=1e-9)
         assert points == pytest.approx([p.parameter for p in branch.branch_points], rel=1e-9)
+        changes = re.findall(r"# stability changes after point (\d+): (.*) at p1 = (\S+)", text)
+        assert [kind for _, kind, _ in changes] == [c.kind for c in branch.crossings]
+        where = [c.parameter for c in branch.crossings]
+        assert [float(at) for _, _, at in changes] == pytest.approx(where, rel=1e-9)
+        outside = (np.abs(branch.multipliers) > 1 + 1e-9).sum(axis=1)
+        assert (table["stable"] == (table["growing"] == 0)).all()
         if "debug" in os.environ.get("VISCOVIB_SOLVE", ""):
             continue
         assert folds == branch.folds.tolist()
         assert (table["parameter"] == branch.parameter).all()
+        assert [int(before) for before, _, _ in changes] == [1 + c.before for c in branch.crossings]
+        assert [float(at) for _, _, at in changes] == where
+        assert (table["growing"] == outside).all()
+        assert (table["stable"] == branch.stable).all()
+        largest = branch.multipliers[:, 0]
+        assert (table["multiplier"] == np.hypot(largest.real, largest.imag)).all()
         for d, dof in enumerate(branch.dof_names):
             for j, k in enumerate(branch.harmonics):
                 assert (table[f"{dof}_{k}_re"] == branch.coefficients[:, d, j].real).all()
@@ -67,6 +85,16 @@ def test_branches_of_a_pendulum_agree(solve, tmp_path):
     # Swings at half the pace of the load.
     assert result.switched[0].amplitude("phi", 1).max() > 0.3
     assert result.branch.amplitude("phi", 1).max() == 0
+
+
+def test_stability_may_be_left_out(solve, tmp_path):
+    scene = tmp_path / "s.nml"
+    scene.write_text(PENDULUM_BRANCH.replace("to=1", "to=1, stability='no'"))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "stable" not in read_csv(tmp_path / "s_branch.csv").dtype.names
+    assert "skips: stability (not wanted)" in solve(scene, "--plan").stdout
+    assert vv.run(scene).branch.stable is None
 
 
 def test_quasi_periodic_branch_of_a_scene(solve, tmp_path):

@@ -217,6 +217,9 @@ def test_parametric_resonance_is_found_and_followed():
     unstable = ((p > points[0]) & (p < points[1])) | (p > points[2])
     assert np.array_equal(branch.stable, ~unstable)
     assert [crossing.kind for crossing in branch.crossings] == 4 * ["branch point"]
+    sizes = np.abs(branch.multipliers)
+    assert np.array_equal(branch.growing, (sizes > 1 + 1e-9).sum(axis=1))
+    assert (np.diff(sizes, axis=1) <= 1e-12).all()
     at = [crossing.before for crossing in branch.crossings]
     assert at == [point.before for point in branch.branch_points]
     # The determinant and the multipliers see the same.
@@ -240,6 +243,8 @@ def test_neimark_sacker_against_integration():
         vv.Pendulum(**PARAMETRIC), p1=(0.5, 1.0), subharmonic=2, harmonics=24, leave=point
     )
     crossing = next(c for c in swing.crossings if c.kind == "Neimark-Sacker")
+    near = swing.coefficients[crossing.before]
+    assert np.abs(crossing.coefficients - near).max() < 0.1 * np.abs(near).max()
     pend = vv.Pendulum(**(PARAMETRIC | {"p1": crossing.parameter}))
     i = crossing.before
     waves = 1j * swing.harmonics * swing.nu[i]
@@ -353,8 +358,11 @@ def test_table_dataset_and_picture(tmp_path):
     branch.to_csv(tmp_path / "branch.csv")
     lines = lines_without_plan(tmp_path / "branch.csv")
     assert lines[2].startswith("# folds at 0.")
-    assert lines[5].startswith("parameter,omega_1,stable,z_0_re")
-    assert len(lines) == 6 + branch.parameter.size
+    first = branch.crossings[0]
+    place = f"{first.before + 1}: fold at {first.parameter:.15g}"
+    assert lines[4] == f"# stability changes after point {place}"
+    assert lines[7].startswith("parameter,omega_1,stable,growing,multiplier,z_0_re")
+    assert len(lines) == 8 + branch.parameter.size
     assert branch.to_dataset().coefficients.shape == branch.coefficients.shape
     axes = vv.plot_branch(branch)
     assert axes[1].get_ylabel().startswith("amplitude")
