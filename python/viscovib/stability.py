@@ -100,9 +100,10 @@ class _Between:
         part = (value - self.p[0]) / (self.p[1] - self.p[0])
         guess = self.x[:, 0] + part * (self.x[:, 1] - self.x[:, 0])
         kept = np.ones((len(self.orders), 3), dtype=np.intc, order="F")
-        _, codes, _, matrices = _native.call(
+        bound = int(np.abs(self.orders).sum(axis=1).max())
+        _, codes, *_, matrices = _native.call(
             core.pendulum_balance, *self.job[:2], kept, *self.job[2:], np.array([value]),
-            self.tolerance, 1.0, guess, np.zeros(1, dtype=np.intc),
+            self.tolerance, 1.0, bound, bound, 0, guess, np.zeros(1, dtype=np.intc),
         )  # fmt: skip
         multipliers: ComplexArray = floquet(matrices, codes == 0)[0][0]
         return multipliers
