@@ -188,7 +188,7 @@ contains
     real(wp), allocatable :: basis(:, :), moves(:, :)
     real(wp) :: change, smallest, norm
     integer :: k, kept, vain
-    logical :: inside, close
+    logical :: inside, near_enough
 
     outcome = outcome_diverged
     call levels%prepare(balance, p, x, inside)
@@ -198,7 +198,7 @@ contains
     kept = 0
     smallest = sqrt(huge(1.0_wp))
     vain = 0
-    close = .false.
+    near_enough = .false.
     do k = 1, max_iterations
       if (present(cancel)) then
         if (cancel /= 0) exit
@@ -211,10 +211,10 @@ contains
       norm = maxval(abs(new))
       if (.not. change <= growth_limit*smallest) return
       if (present(part)) then
-        close = change <= part*maxval(abs(new - x))
+        near_enough = change <= part*maxval(abs(new - x))
       end if
       vain = merge(0, vain + 1, change < 0.5_wp*smallest)
-      if (close .or. change <= below*tolerance*norm &
+      if (near_enough .or. change <= below*tolerance*norm &
           .or. (change <= tolerance*norm .and. vain >= max_vain)) then
         x = new + step
         outcome = outcome_converged

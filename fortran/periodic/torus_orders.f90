@@ -134,8 +134,8 @@ contains
   end function padded
 
   !> Each value starts from the ones before, else from rest; the first may have a guess.
-  subroutine torus_responses(ladder, p, tolerance, guess, x, outcome, iterations, highest, truncation, &
-                             status, cancel)
+  subroutine torus_responses(ladder, p, tolerance, guess, x, outcome, iterations, highest, &
+                             truncation, status, cancel)
     type(torus_ladder), intent(inout) :: ladder
     !> Tolerance of the iteration, and of the truncation if there is a choice of orders.
     real(wp), intent(in) :: p(:), tolerance
