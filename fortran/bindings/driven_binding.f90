@@ -2,15 +2,16 @@
 ! Orders, unknowns and drives as in torus and torus_balance.
 
 !> Solutions at the values p of what varies (vary: 1 a base frequency, 2 an
-!! amplitude; which: of which axis or drive). With a duration > 0 for stability: Floquet
-!! multipliers, NaN where unknown, and how many are outside the unit circle (-1: unknown) if there
-!! is one axis, else rates of growth.
-!! kept is 1 where an order of a coordinate is an unknown. The first row starts from the
-!! guess, if that is not 0.
+!! amplitude; which: of which axis or drive), with orders to |k_1| + ... = first, or to as
+!! many as the tolerance needs, to `last`; `step` more shells, whose orders are given too,
+!! judge them (0: no judgement). With a duration > 0 for stability: Floquet multipliers, NaN
+!! where unknown, and how many are outside the unit circle (-1: unknown) if there is one axis,
+!! else rates of growth. kept is 1 where an order of a coordinate is an unknown. x is laid out
+!! for the n_unknowns of the bound `last`.
 subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
-                            vary, which, p, n_p, tolerance, duration, guess, cancel, x, &
-                            outcome, iterations, multipliers, growing, rates, n_unknowns, status, &
-                            message)
+                            vary, which, p, n_p, tolerance, duration, first, last, step, guess, &
+                            cancel, n_unknowns, x, outcome, iterations, highest, truncation, &
+                            multipliers, growing, rates, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_orbit_floquet, only: orbit_floquet_type
@@ -19,32 +20,29 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
-  use viscovib_torus, only: new_torus, torus_type
-  use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
   use viscovib_torus_growth, only: growth_rates
-  use viscovib_torus_response, only: torus_responses
+  use viscovib_torus_orders, only: new_ladder, torus_ladder, torus_responses
   implicit none
-  integer(c_int), intent(in) :: n_axes, n_orders, n_p, n_unknowns
+  integer(c_int), intent(in) :: n_axes, n_orders, n_p, n_unknowns, first, last, step
   integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
   integer(c_int), intent(in) :: kept(n_orders, 3)
   real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), p(n_p), tolerance, duration
+  !> Where the first row starts, as x; from rest if 0.
   real(c_double), intent(in) :: guess(n_unknowns)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
-  !> As guess: n_unknowns = 3 (2 n_orders - 1).
-  real(c_double), intent(out) :: x(n_unknowns, n_p), rates(6, n_p)
+  real(c_double), intent(out) :: x(n_unknowns, n_p), truncation(n_p), rates(6, n_p)
   complex(c_double_complex), intent(out) :: multipliers(6, n_p)
-  integer(c_int), intent(out) :: outcome(n_p), iterations(n_p), growing(n_p), status
+  integer(c_int), intent(out) :: outcome(n_p), iterations(n_p), highest(n_p), growing(n_p), status
   character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type), target :: system
-  type(torus_type) :: torus
-  type(torus_balance_type) :: balance
+  type(torus_ladder) :: ladder
   type(orbit_floquet_type) :: floquet
   type(status_type) :: problem
   real(c_double), allocatable :: y(:)
   logical :: inside
-  integer :: i
+  integer :: i, top
 
   x = 0.0_c_double
   multipliers = (0.0_c_double, 0.0_c_double)
@@ -52,18 +50,21 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   rates = 0.0_c_double
   outcome = -1
   iterations = 0
+  highest = 0
+  truncation = 0.0_c_double
   call make_pendulum(system, flat, problem)
-  if (.not. problem%failed()) call new_torus(torus, orders, problem)
   if (.not. problem%failed()) then
-    call new_torus_balance(balance, system, torus, drive_orders, omega, amplitude, kept /= 0)
-    balance%vary = vary
-    balance%which = which
-    if (vary == vary_frequency) balance%lowest = 0.0_c_double
-    call torus_responses(balance, p, tolerance, guess, x, outcome, iterations, cancel(1))
-    if (duration > 0.0_c_double) then
+    call new_ladder(ladder, system, orders, kept /= 0, drive_orders, omega, amplitude, vary, &
+                    which, first, last, step)
+    call torus_responses(ladder, p, tolerance, guess, x, outcome, iterations, highest, truncation, &
+                         problem, cancel(1))
+  end if
+  top = maxval(highest)
+  if (duration > 0.0_c_double .and. top > 0) then
+    associate (balance => ladder%rungs(top)%balance)
       do i = 1, n_p
         if (outcome(i) /= outcome_converged .or. cancel(1) /= 0) cycle
-        y = balance%reduced(x(:, i))
+        y = ladder%cropped(top, x(:, i))
         if (n_axes == 1) then
           call judge_orbits(floquet, balance, p(i:i), reshape(y, [size(y), 1]), multipliers(:, i:i))
           growing(i) = count_larger(multipliers(:, i), orbit_circle)
@@ -72,7 +73,7 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
           call growth_rates(balance, y, duration, rates(:, i), cancel(1))
         end if
       end do
-    end if
+    end associate
   end if
   call report(problem, status, message)
 end subroutine pendulum_balance

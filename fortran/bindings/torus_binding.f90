@@ -33,15 +33,16 @@ subroutine sort_torus(frequency, amplitude, varies, subharmonic, max_denominator
   call report(problem, status, message)
 end subroutine sort_torus
 
-!> Largest bound of a lattice of orders, if a share of its unknowns is kept.
-subroutine lattice_bound(n_axes, share, bound)
+!> Largest bound of a lattice of orders, if a share of its unknowns is kept and they need a
+!! matrix or not (0).
+subroutine lattice_bound(n_axes, share, matrix, bound)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use viscovib_drive_torus, only: largest_bound
+  use viscovib_drive_torus, only: largest_bound, max_unknowns, max_without_matrix
   implicit none
-  integer(c_int), intent(in) :: n_axes
+  integer(c_int), intent(in) :: n_axes, matrix
   real(c_double), intent(in) :: share
   integer(c_int), intent(out) :: bound
-  bound = largest_bound(n_axes, share)
+  bound = largest_bound(n_axes, share, merge(max_unknowns, max_without_matrix, matrix /= 0))
 end subroutine lattice_bound
 
 !> Highest orders kept on a branch by default.

@@ -16,8 +16,9 @@ module viscovib_drive_torus
   integer, parameter, public :: varies_nothing = 0, varies_nu = 7
   character(len=*), parameter, public :: varied_names(7) = &
     [character(len=3) :: frequency_names, amplitude_names, 'nu']
-  !> Unknowns at most: their matrix takes 130 MB, its factors some seconds.
-  integer, parameter, public :: max_unknowns = 4000
+  !> Unknowns at most: where they need a matrix, which takes 130 MB then and its factors some
+  !! seconds, and where residuals do.
+  integer, parameter, public :: max_unknowns = 4000, max_without_matrix = 12000
   integer, parameter :: max_bound = 199
   !> Two frequencies count as commensurate if a ratio of small numbers meets theirs so
   !! closely.
@@ -207,12 +208,12 @@ contains
     end select
   end function n_unknowns
 
-  !> Largest bound that keeps a share of the unknowns within `max_unknowns`.
-  pure integer function largest_bound(n_axes, share) result(bound)
-    integer, intent(in) :: n_axes
+  !> Largest bound that keeps a share of the unknowns within `most`.
+  pure integer function largest_bound(n_axes, share, most) result(bound)
+    integer, intent(in) :: n_axes, most
     real(wp), intent(in) :: share
     bound = 1
-    do while (share*n_unknowns(n_axes, bound + 1) <= max_unknowns .and. bound < max_bound)
+    do while (share*n_unknowns(n_axes, bound + 1) <= most .and. bound < max_bound)
       bound = bound + 1
     end do
   end function largest_bound

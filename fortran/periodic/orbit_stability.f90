@@ -38,7 +38,6 @@ contains
     complex(wp), intent(out) :: multipliers(:, :)
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile, optional :: cancel
-    real(wp) :: r(balance%n), slope(balance%n), jacobian(balance%n, balance%n)
     real(wp) :: matrix(size(multipliers, 1), size(multipliers, 1))
     logical :: inside
     integer :: i
@@ -48,7 +47,7 @@ contains
       if (present(cancel)) then
         if (cancel /= 0) return
       end if
-      call balance%equations(x(:, i), p(i), r, jacobian, slope, inside)
+      call balance%visit(x(:, i), p(i), .true., inside)
       call floquet%monodromy(balance, x(:, i), matrix)
       call multipliers_of(matrix, multipliers(:, i))
     end do

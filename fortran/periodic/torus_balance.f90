@@ -344,74 +344,138 @@ contains
     class(torus_balance_type), intent(inout) :: self
     logical, intent(out) :: inside
     logical, intent(in) :: derivatives
-    real(wp), dimension(n_lanes, self%n_dof) :: q, v, dq, dv, a, da, above
+    real(wp), dimension(n_lanes, self%n_dof) :: q, v, dq, dv, a, da
     real(wp), dimension(n_lanes, size(self%cosines, 2)) :: drive, raised
-    integer :: first, last, m, d, j
+    real(wp) :: scale(size(self%cosines, 2))
+    integer :: first, m, d, j
 
     inside = .true.
     if (derivatives .and. .not. allocated(self%slopes)) then
       allocate (self%slopes(self%torus%n_samples, self%n_dof, 2*self%n_dof))
     end if
+    scale = self%factor*self%amplitude
+    dq = 0.0_wp
+    dv = 0.0_wp
     do first = 1, self%torus%n_samples, n_lanes
-      last = min(first + n_lanes - 1, self%torus%n_samples)
-      m = last - first + 1
+      m = min(n_lanes, self%torus%n_samples - first + 1)
       do d = 1, self%n_dof
-        q(:m, d) = self%motion(first:last, d, 1)
-        v(:m, d) = self%motion(first:last, d, 2)
-        q(m + 1:, d) = self%motion(last, d, 1)
-        v(m + 1:, d) = self%motion(last, d, 2)
+        call load(m, self%motion(first:first + m - 1, d, 1), q(:, d))
+        call load(m, self%motion(first:first + m - 1, d, 2), v(:, d))
       end do
       do j = 1, size(drive, 2)
-        raised(:m, j) = self%cosines(first:last, j)
-        raised(m + 1:, j) = self%cosines(last, j)
-        drive(:, j) = self%factor*self%amplitude(j)*raised(:, j)
+        call load(m, self%cosines(first:first + m - 1, j), raised(:, j))
+        drive(:, j) = scale(j)*raised(:, j)
       end do
-      inside = all(self%system%margin(q) > 0.0_wp) .and. all(abs(q) <= 1.0e6_wp) &
-               .and. all(abs(v) <= 1.0e60_wp)
+      inside = within_range(self%n_dof, self%system%margin(q), q, v)
       if (.not. inside) return
       if (.not. derivatives) then
         call self%system%acceleration(q, v, drive, a)
-        self%a(first:last, :, 1) = a(:m, :)
+        call store(self, first, m, a, self%a(:, :, 1))
         cycle
       end if
       do d = 1, self%n_dof
-        dq = 0.0_wp
-        dv = 0.0_wp
         dq(:, d) = 1.0_wp
         call self%system%tangent(q, v, drive, dq, dv, a, da)
-        self%slopes(first:last, :, d) = da(:m, :)
+        call store(self, first, m, da, self%slopes(:, :, d))
         dq(:, d) = 0.0_wp
         dv(:, d) = 1.0_wp
         call self%system%tangent(q, v, drive, dq, dv, a, da)
-        self%slopes(first:last, :, self%n_dof + d) = da(:m, :)
+        call store(self, first, m, da, self%slopes(:, :, self%n_dof + d))
+        dv(:, d) = 0.0_wp
       end do
-      self%a(first:last, :, 1) = a(:m, :)
-      if (self%vary == vary_frequency) then
-        da = 0.0_wp
-        do d = 1, self%n_dof
-          do j = 1, self%n_dof
-            da(:m, j) = da(:m, j) + self%slopes(first:last, j, self%n_dof + d) &
-                        *self%motion(first:last, d, 3)
-          end do
-        end do
-      else
-        ! Loads enter linearly, so that a difference is no approximation.
-        if (self%vary == vary_factor) then
-          do j = 1, size(drive, 2)
-            raised(:, j) = self%amplitude(j)*raised(:, j)
-          end do
-        else
-          do j = 1, size(drive, 2)
-            raised(:, j) = merge(self%factor*raised(:, j), 0.0_wp*drive(:, j), j == self%which)
-          end do
-        end if
-        call self%system%acceleration(q, v, drive + 0.5_wp*raised, above)
-        call self%system%acceleration(q, v, drive - 0.5_wp*raised, da)
-        da = above - da
-      end if
-      self%a(first:last, :, 2) = da(:m, :)
+      call store(self, first, m, a, self%a(:, :, 1))
+      call along_parameter(self, first, m, q, v, drive, raised, da)
+      call store(self, first, m, da, self%a(:, :, 2))
     end do
   end subroutine evaluate
+
+  !> A block of lanes, the last value repeated where there are fewer.
+  pure subroutine load(m, values, lanes)
+    integer, intent(in) :: m
+    real(wp), intent(in) :: values(m)
+    real(wp), intent(out) :: lanes(n_lanes)
+    integer :: l
+    if (m == n_lanes) then
+      do l = 1, n_lanes
+        lanes(l) = values(l)
+      end do
+    else
+      lanes(:m) = values
+      lanes(m + 1:) = values(m)
+    end if
+  end subroutine load
+
+  !> Lanes into their rows of an array of samples.
+  pure subroutine store(self, first, m, lanes, samples)
+    class(torus_balance_type), intent(in) :: self
+    integer, intent(in) :: first, m
+    real(wp), intent(in) :: lanes(n_lanes, self%n_dof)
+    real(wp), intent(inout) :: samples(self%torus%n_samples, self%n_dof)
+    integer :: d, l
+    do d = 1, self%n_dof
+      if (m == n_lanes) then
+        do l = 1, n_lanes
+          samples(first - 1 + l, d) = lanes(l, d)
+        end do
+      else
+        samples(first:first + m - 1, d) = lanes(:m, d)
+      end if
+    end do
+  end subroutine store
+
+  !> Within what the equations describe, and far from the end of all numbers.
+  pure logical function within_range(n, margin, q, v)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: margin(n_lanes), q(n_lanes, n), v(n_lanes, n)
+    real(wp) :: outside(n_lanes)
+    integer :: d, l
+    do l = 1, n_lanes
+      outside(l) = merge(0.0_wp, 1.0_wp, margin(l) > 0.0_wp)
+    end do
+    do d = 1, n
+      do l = 1, n_lanes
+        ! What is not a number is not within either.
+        outside(l) = outside(l) + merge(0.0_wp, 1.0_wp, abs(q(l, d)) <= 1.0e6_wp &
+                                        .and. abs(v(l, d)) <= 1.0e60_wp)
+      end do
+    end do
+    within_range = maxval(outside) < 0.5_wp
+  end function within_range
+
+  !> Change of the accelerations with the parameter, the motion's orders fixed.
+  pure subroutine along_parameter(self, first, m, q, v, drive, raised, change)
+    class(torus_balance_type), intent(in) :: self
+    integer, intent(in) :: first, m
+    real(wp), intent(in), dimension(n_lanes, self%n_dof) :: q, v
+    real(wp), intent(in), dimension(n_lanes, size(self%cosines, 2)) :: drive, raised
+    real(wp), intent(out) :: change(n_lanes, self%n_dof)
+    real(wp), dimension(n_lanes, self%n_dof) :: above, below
+    real(wp) :: more(n_lanes, size(self%cosines, 2))
+    integer :: d, j, last
+
+    if (self%vary == vary_frequency) then
+      last = first + m - 1
+      change = 0.0_wp
+      do d = 1, self%n_dof
+        do j = 1, self%n_dof
+          change(:m, j) = change(:m, j) + self%slopes(first:last, j, self%n_dof + d) &
+                          *self%motion(first:last, d, 3)
+        end do
+      end do
+    else
+      ! Loads enter linearly, so that a difference is no approximation.
+      do j = 1, size(more, 2)
+        if (self%vary == vary_factor) then
+          more(:, j) = self%amplitude(j)*raised(:, j)
+        else
+          more(:, j) = merge(self%factor*raised(:, j), 0.0_wp*drive(:, j), j == self%which)
+        end if
+      end do
+      call self%system%acceleration(q, v, drive + 0.5_wp*more, above)
+      call self%system%acceleration(q, v, drive - 0.5_wp*more, below)
+      change = above - below
+    end if
+  end subroutine along_parameter
 
   !> Derivatives of the equations of coordinate a by coordinate b, from the moments
   !! of the slopes. The mean is the imaginary part of an order of frequency 0, whose

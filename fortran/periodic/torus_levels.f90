@@ -169,7 +169,7 @@ contains
   end subroutine correction
 
   !> From x on, near a solution; x is left as it was found unless the outcome is converged.
-  subroutine solve_on_levels(levels, balance, p, tolerance, x, outcome, iterations, cancel)
+  subroutine solve_on_levels(levels, balance, p, tolerance, x, outcome, iterations, cancel, part)
     type(torus_levels), intent(inout) :: levels
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p
@@ -181,12 +181,14 @@ contains
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up, as stalled.
     integer, intent(inout), volatile, optional :: cancel
+    !> End also where a correction is less than this part of the whole way from x.
+    real(wp), intent(in), optional :: part
     real(wp), allocatable :: new(:), step(:), last_new(:), last_step(:)
     !> What steps change by, made orthonormal, and with it the moves that do so.
     real(wp), allocatable :: basis(:, :), moves(:, :)
     real(wp) :: change, smallest, norm
     integer :: k, kept, vain
-    logical :: inside
+    logical :: inside, near_enough
 
     outcome = outcome_diverged
     call levels%prepare(balance, p, x, inside)
@@ -196,6 +198,7 @@ contains
     kept = 0
     smallest = sqrt(huge(1.0_wp))
     vain = 0
+    near_enough = .false.
     do k = 1, max_iterations
       if (present(cancel)) then
         if (cancel /= 0) exit
@@ -207,8 +210,11 @@ contains
       change = maxval(abs(step))
       norm = maxval(abs(new))
       if (.not. change <= growth_limit*smallest) return
+      if (present(part)) then
+        near_enough = change <= part*maxval(abs(new - x))
+      end if
       vain = merge(0, vain + 1, change < 0.5_wp*smallest)
-      if (change <= below*tolerance*norm &
+      if (near_enough .or. change <= below*tolerance*norm &
           .or. (change <= tolerance*norm .and. vain >= max_vain)) then
         x = new + step
         outcome = outcome_converged

@@ -1,5 +1,4 @@
-!> Solutions of harmonic balance on a torus from nothing but the system, and at a row
-!! of values of a parameter.
+!> Solutions of harmonic balance on a torus from nothing but the system, and near others.
 module viscovib_torus_response
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_curve_newton, only: solve_on_curve
@@ -10,12 +9,18 @@ module viscovib_torus_response
   implicit none
   private
 
-  public :: solve_from_rest, torus_responses
+  public :: near_levels, solve_from_rest, solve_near
 
   !> Points of a branch in the load where Newton fails at once.
   integer, parameter :: max_load_points = 300
   !> Unknowns up to which a matrix of all of them is made; its factors take half a second.
   integer, parameter :: most_dense = 2000
+
+  !> Two levels for solutions nearby; unknowns of the inner one at most.
+  type :: near_levels
+    type(torus_levels) :: levels
+    integer :: most = few
+  end type near_levels
 
 contains
 
@@ -102,86 +107,29 @@ contains
     call solve_on_curve(balance, p, tolerance, x, outcome, iterations, cancel)
   end subroutine raise_loads
 
-  !> Each value starts from the ones before, else from rest; the first may have
-  !! a guess.
-  subroutine torus_responses(balance, p, tolerance, guess, x, outcome, iterations, cancel)
+  !> From x on, near a solution, with the inner orders that sufficed last, or more.
+  subroutine solve_near(balance, near, p, tolerance, x, outcome, iterations, cancel)
     type(torus_balance_type), intent(inout) :: balance
-    real(wp), intent(in) :: p(:), tolerance
-    !> Where the first value starts, laid out as x; from rest if 0.
-    real(wp), intent(in) :: guess(:)
-    !> Unknowns, those left out as 0, shape (torus%n n_dof, size(p)); 0 where no
-    !! solution was found.
-    real(wp), intent(out) :: x(:, :)
-    integer, intent(out) :: outcome(:), iterations(:)
+    !> Of this balance, or new.
+    type(near_levels), intent(inout) :: near
+    real(wp), intent(in) :: p, tolerance
+    real(wp), intent(inout) :: x(:)
+    integer, intent(out) :: outcome
+    integer, intent(inout) :: iterations
     integer, intent(inout), volatile, optional :: cancel
-    integer :: i, known
-    real(wp) :: last_p, before_p
-    real(wp), allocatable :: here(:), last(:), before(:)
-    type(torus_levels) :: levels
-    integer :: most
 
-    most = 0
-    known = 0
-    iterations = 0
-    outcome = -1
-    x = 0.0_wp
-    last_p = 0.0_wp
-    before_p = 0.0_wp
-    allocate (here(balance%n), last(balance%n), before(balance%n), source=0.0_wp)
-    do i = 1, size(p)
-      if (present(cancel)) then
-        if (cancel /= 0) return
-      end if
-      if (known >= 2) then
-        here = last + (last - before)*((p(i) - last_p)/(last_p - before_p))
-        call solve_near(here, i)
-      end if
-      if (i == 1 .and. any(abs(guess) > 0.0_wp)) then
-        here = balance%reduced(guess)
-        call solve_near(here, i)
-      end if
-      if (outcome(i) /= outcome_converged .and. known >= 1) then
-        here = last
-        call solve_near(here, i)
-      end if
-      if (outcome(i) /= outcome_converged) then
-        known = 0
-        call solve_from_rest(balance, p(i), tolerance, here, outcome(i), iterations(i), cancel)
-      end if
-      if (outcome(i) /= outcome_converged) cycle
-      x(:, i) = reshape(balance%expanded(here), [size(x, 1)])
-      ! Equal values give no direction.
-      if (known > 0 .and. .not. abs(p(i) - last_p) > 0.0_wp) known = 0
-      before = last
-      before_p = last_p
-      last = here
-      last_p = p(i)
-      known = known + 1
+    outcome = outcome_stalled
+    do while (levels_pay(balance%n, near%most))
+      if (.not. near%levels%ready) call new_levels(near%levels, balance, near%most)
+      if (.not. near%levels%ready) exit
+      call solve_on_levels(near%levels, balance, p, tolerance, x, outcome, iterations, cancel)
+      if (outcome == outcome_converged) return
+      near%levels%ready = .false.
+      near%most = 3*near%most
     end do
-
-  contains
-
-    !> The inner orders that sufficed last, or more.
-    subroutine solve_near(start, i)
-      real(wp), intent(inout) :: start(:)
-      integer, intent(in) :: i
-      do
-        if (.not. levels%ready) then
-          most = max(few, 3*most)
-          if (.not. levels_pay(balance%n, most)) exit
-          call new_levels(levels, balance, most)
-          if (.not. levels%ready) exit
-        end if
-        call solve_on_levels(levels, balance, p(i), tolerance, start, outcome(i), iterations(i), &
-                             cancel)
-        if (outcome(i) == outcome_converged) return
-        levels%ready = .false.
-      end do
-      most = 0
-      if (balance%n > most_dense) return
-      call solve_on_curve(balance, p(i), tolerance, start, outcome(i), iterations(i), cancel)
-    end subroutine solve_near
-
-  end subroutine torus_responses
+    near%most = few
+    if (balance%n > most_dense) return
+    call solve_on_curve(balance, p, tolerance, x, outcome, iterations, cancel)
+  end subroutine solve_near
 
 end module viscovib_torus_response

@@ -1,7 +1,6 @@
 """Periodic and quasi-periodic motions of the pendulum under its loads, by harmonic balance."""
 
 import csv
-import math
 import warnings
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -24,7 +23,6 @@ from viscovib.torus import (
     FREQUENCIES,
     IntArray,
     Torus,
-    bound_of,
     check_pendulum,
     chosen,
     complex_coefficients,
@@ -34,8 +32,6 @@ from viscovib.torus import (
     moved,
     order_name,
     place_of,
-    tail,
-    unknowns,
 )
 from viscovib.torus_plan import torus_plan
 
@@ -71,6 +67,12 @@ class DrivenResponse:
         "converged", "stalled", "diverged" (also: out of the physical range z > -1), "singular" or
         "overflow".
     iterations : ndarray of int, shape (n,)
+    highest : ndarray of int, shape (n,)
+        Highest order kept, with several base frequencies highest |k1| + |k2| + ... ; 0 where no
+        solution was found.
+    truncation : ndarray, shape (n,)
+        Estimated relative error of leaving out higher orders: what the next two shells of them
+        would change, against the largest of all; NaN where no solution was found.
     multipliers : complex ndarray, shape (n, 6), or None
         Floquet multipliers over a period of the base frequency, largest first; None with several
         base frequencies, or if not asked for. NaN where unknown.
@@ -91,6 +93,8 @@ class DrivenResponse:
     coefficients: ComplexArray
     outcome: npt.NDArray[np.str_]
     iterations: IntArray
+    highest: IntArray
+    truncation: FloatArray
     multipliers: ComplexArray | None
     growth: FloatArray | None
     stable: npt.NDArray[np.bool_] | None
@@ -112,14 +116,6 @@ class DrivenResponse:
     def converged(self) -> npt.NDArray[np.bool_]:
         """Where a solution was found, shape (n,)."""
         return np.asarray(self.outcome == "converged")
-
-    @property
-    def truncation(self) -> FloatArray:
-        """Estimated relative error of leaving out higher orders, shape (n,).
-
-        The largest of the two outermost shells of orders against the largest of all.
-        """
-        return tail(self.coefficients, self.orders)
 
     def frequencies(self, i: int = 0) -> FloatArray:
         """k.omega of all orders in row i, shape (m,); some may be negative."""
@@ -169,6 +165,8 @@ class DrivenResponse:
             "coefficients": (("point", "dof", "order"), self.coefficients),
             "outcome": ("point", self.outcome),
             "iterations": ("point", self.iterations),
+            "highest": ("point", self.highest),
+            "truncation": ("point", self.truncation),
         }
         if self.multipliers is not None:
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
@@ -186,6 +184,7 @@ class DrivenResponse:
         columns: dict[str, Any] = {"parameter": self.parameter}
         columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
         columns |= {"outcome": self.outcome, "iterations": self.iterations}
+        columns |= {"highest": self.highest, "truncation": self.truncation}
         if self.stable is not None:
             columns["stable"] = self.stable.astype(int)
         write_table(
@@ -305,13 +304,24 @@ def pendulum_response(
     rows = rows.reshape(-1)
     if (varies in FREQUENCIES or varies == "nu") and rows.min() <= 0:
         raise InputError(f"{varies} = {rows.min():g}: must be greater than 0")
-    if not _native.is_auto(harmonics):
-        result = _solve(
-            pend, torus, varies, rows, bound_of(torus, harmonics, _share(pend, torus, varies)),
-            wanted, span,
-        )  # fmt: skip
+    share = float(kept_by_symmetry(pend, torus, torus.lattice(3), varies).mean())
+    limit = torus.largest(share, matrix=False)
+    auto = _native.is_auto(harmonics)
+    if auto:
+        first = min(max(_FIRST[torus.n_axes], 2 * int(torus.drive_orders.max()) + 1), limit)
+        while limit > first and not _fits(rows.size, torus, limit):
+            limit -= 1
     else:
-        result = _with_enough_orders(pend, torus, varies, rows, wanted, span)
+        first = limit = _native.integer("harmonics", harmonics, 1, limit)
+    result = _solve(pend, torus, varies, rows, (first, limit), wanted, span)
+    if auto and result.truncation[result.converged].max(initial=0.0) > wanted:
+        worst = int(np.nanargmax(result.truncation))
+        warnings.warn(
+            f"{result.highest[worst]} orders leave an estimated relative error of "
+            f"{result.truncation[worst]:.1e}, more than the tolerance {wanted:.1e}",
+            ConvergenceWarning,
+            stacklevel=2,
+        )
     lost = ~result.converged
     if lost.any():
         warnings.warn(
@@ -323,35 +333,10 @@ def pendulum_response(
     return result
 
 
-def _share(pend: Pendulum, torus: Torus, varies: str | None) -> float:
-    """Part of the unknowns that symmetry leaves."""
-    return float(kept_by_symmetry(pend, torus, torus.lattice(3), varies).mean())
-
-
-def _with_enough_orders(
-    pend: Pendulum, torus: Torus, varies: str | None, rows: FloatArray, wanted: float, span: float
-) -> DrivenResponse:
-    """Raise the highest order until what is left out does not count."""
-    limit = torus.largest(_share(pend, torus, varies))
-    bound = min(max(_FIRST[torus.n_axes], 2 * int(torus.drive_orders.max()) + 1), limit)
-    result = None
-    while True:
-        result = _solve(pend, torus, varies, rows, bound, wanted, 0.0, result)
-        found = result.converged
-        worst = float(result.truncation[found].max(initial=0.0))
-        if worst <= wanted or bound == limit:
-            break
-        # Orders fall off geometrically: go on as far as that suggests, and a little more.
-        fall = math.log(wanted) / math.log(max(min(worst, 0.5), 1e-300))
-        bound = min(max(bound + 2, math.ceil(1.1 * bound * fall)), 2 * bound + 1, limit)
-    if worst > wanted:
-        warnings.warn(
-            f"{bound} orders leave an estimated relative error of {worst:.1e}, more than the "
-            f"tolerance {wanted:.1e}",
-            ConvergenceWarning,
-            stacklevel=3,
-        )
-    return _solve(pend, torus, varies, rows, bound, wanted, span, result) if span else result
+def _fits(points: int, torus: Torus, bound: int) -> bool:
+    """Tell whether all unknowns, most of which may not be needed, fit in some of the memory."""
+    _, n = core.lattice_orders(torus.n_axes, bound, 0)
+    return points * 3 * (2 * int(n) - 1) <= _MAX_NUMBERS // 4
 
 
 def _solve(
@@ -359,23 +344,31 @@ def _solve(
     torus: Torus,
     varies: str | None,
     rows: FloatArray,
-    bound: int,
+    bounds: tuple[int, int],
     tolerance: float,
     duration: float,
-    start: DrivenResponse | None = None,
 ) -> DrivenResponse:
-    orders = torus.lattice(bound)
-    check_size(varies or "nu", rows.size, 3 * (2 * len(orders) - 1))
+    """Solve with orders to the first bound, or to as many up to the last as the tolerance needs."""
+    _, n = core.lattice_orders(torus.n_axes, bounds[1], 0)
+    n = 3 * (2 * int(n) - 1)
+    check_size(varies or "nu", rows.size, n)
+    # Those that judge the solution come with the others.
+    orders = torus.lattice(bounds[1] + torus.shells)
     job, unit = core_job(pend, torus, orders, varies)
     kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
     cancel = np.zeros(1, dtype=np.intc)
-    x, codes, iterations, multipliers_found, growing, rates = _native.call_interruptibly(
+    (
+        x, codes, iterations, highest, truncation, multipliers_found, growing, rates,
+    ) = _native.call_interruptibly(
         core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, duration,
-        _carried(start, orders), cancel,
+        *bounds, torus.shells, np.zeros(n), cancel,
     )  # fmt: skip
+    used = np.abs(orders).sum(axis=1) <= max(int(highest.max()), bounds[0])
+    orders, kept = orders[used], kept[used]
     found = codes == 0
-    coefficients = complex_coefficients(x)
+    coefficients = complex_coefficients(x)[:, :, : len(orders)]
     coefficients[~found] = np.nan
+    truncation[~found] = np.nan
     base = np.tile(torus.base, (rows.size, 1))
     if job[5] == 1:
         base[:, job[6] - 1] = rows / unit  # type: ignore[operator]
@@ -397,6 +390,8 @@ def _solve(
         coefficients=coefficients,
         outcome=OUTCOMES[codes],
         iterations=iterations,
+        highest=highest,
+        truncation=truncation,
         multipliers=multipliers,
         stable=stable,
         growth=growth,
@@ -413,13 +408,3 @@ def check_size(name: str, points: int, unknowns_each: int) -> None:
     most = _MAX_NUMBERS // unknowns_each
     if points > most:
         raise InputError(f"{name}: {points} points, must be at most {most} with so many orders")
-
-
-def _carried(start: DrivenResponse | None, orders: IntArray) -> FloatArray:
-    """Unknowns of a first row from one with fewer orders; 0 if there is none."""
-    coefficients = np.zeros((3, len(orders)), dtype=complex)
-    if start is not None and start.converged[0]:
-        index = {tuple(k): j for j, k in enumerate(orders.tolist())}
-        places = [index[tuple(k)] for k in start.orders.tolist()]
-        coefficients[:, places] = start.coefficients[0]
-    return unknowns(coefficients)

@@ -1,5 +1,6 @@
 """Base frequencies and lattices of orders of a pendulum under several loads."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -44,9 +45,14 @@ class Torus:
         _, n = core.lattice_orders(self.n_axes, bound, 0)
         return np.ascontiguousarray(core.lattice_orders(self.n_axes, bound, n)[0].T)
 
-    def largest(self, share: float = 1.0) -> int:
-        """Largest bound for which a share of the unknowns is not too many."""
-        return int(core.lattice_bound(self.n_axes, share))
+    def largest(self, share: float = 1.0, *, matrix: bool = True) -> int:
+        """Largest bound for which a share of the unknowns is not too many, for a matrix of them."""
+        return int(core.lattice_bound(self.n_axes, share, int(matrix)))
+
+    @property
+    def shells(self) -> int:
+        """How many shells beyond a bound judge it: loads may leave out all but multiples."""
+        return 2 * math.gcd(*self.drive_orders.ravel().tolist()) if self.n_axes == 1 else 2
 
 
 def check_pendulum(pend: object) -> None:
@@ -129,9 +135,9 @@ def kept_by_symmetry(
     return kept
 
 
-def bound_of(torus: Torus, harmonics: object, share: float = 1.0) -> int:
-    """Check the highest order."""
-    return _native.integer("harmonics", harmonics, 1, torus.largest(share))
+def bound_of(torus: Torus, harmonics: object) -> int:
+    """Check the highest order of a branch."""
+    return _native.integer("harmonics", harmonics, 1, torus.largest())
 
 
 def complex_coefficients(x: FloatArray) -> ComplexArray:
@@ -141,15 +147,6 @@ def complex_coefficients(x: FloatArray) -> ComplexArray:
     result[:, :, 0] = 1j * parts[:, :, 0]
     result[:, :, 1:] = parts[:, :, 1::2] + 1j * parts[:, :, 2::2]
     return result
-
-
-def unknowns(coefficients: ComplexArray) -> FloatArray:
-    """Invert `complex_coefficients` for one point, shape (3, n_orders)."""
-    parts = np.empty((3, 2 * coefficients.shape[1] - 1))
-    parts[:, 0] = coefficients[:, 0].imag
-    parts[:, 1::2] = coefficients[:, 1:].real
-    parts[:, 2::2] = coefficients[:, 1:].imag
-    return parts.ravel()
 
 
 def place_of(orders: IntArray, harmonic: object) -> int:

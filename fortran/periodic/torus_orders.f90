@@ -1,0 +1,317 @@
+!> Solutions of harmonic balance on a torus at a row of values of a parameter, each with as
+!! many orders as it needs.
+!!
+!! What a lattice |k_1| + |k_2| + ... <= K leaves out is judged by what the solution becomes
+!! with the next shells of orders: as far as an iteration on two levels gets in a few
+!! residuals, a tenth of the change itself. Where that is too much, orders are added as far
+!! as their fall suggests; where the outermost shells lie idle, the next value begins with
+!! fewer.
+module viscovib_torus_orders
+  use viscovib_driven_system, only: differentiable_system_type
+  use viscovib_kinds, only: wp
+  use viscovib_outcomes, only: outcome_converged
+  use viscovib_status, only: status_type
+  use viscovib_torus, only: new_torus, torus_type
+  use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
+  use viscovib_torus_levels, only: few, new_levels, solve_on_levels
+  use viscovib_torus_response, only: near_levels, solve_from_rest, solve_near
+  implicit none
+  private
+
+  public :: torus_ladder, new_ladder, torus_responses
+
+  !> Part of a change to which it is found, to judge by it.
+  real(wp), parameter :: judged = 0.1_wp
+  !> Orders are idle below this part of the tolerance: what is dropped here and missed for
+  !! the next value costs another solution.
+  real(wp), parameter :: idle = 0.1_wp
+  !> Additions that may fail to halve the estimate before it is taken for rounding.
+  integer, parameter :: max_vain = 2
+
+  type :: torus_rung
+    logical :: ready = .false.
+    type(torus_balance_type) :: balance
+    type(near_levels) :: near
+  end type torus_rung
+
+  !> Balances of more and more shells, each made when it is first wanted.
+  type :: torus_ladder
+    !> Bounds of the lattice to begin and to end with; shells that judge a solution, 0: it
+    !! is not judged.
+    integer :: first = 1, last = 1, step = 2
+    class(differentiable_system_type), pointer, private :: system => null()
+    !> Orders shell by shell, to last + step; which are unknowns; theirs in each bound,
+    !! shape (0:last + step).
+    integer, allocatable, private :: orders(:, :), n_orders(:)
+    logical, allocatable, private :: kept(:, :)
+    integer, allocatable, private :: drive_orders(:, :)
+    real(wp), allocatable, private :: omega(:), amplitude(:)
+    integer, private :: vary = vary_frequency, which = 1
+    type(torus_rung), allocatable :: rungs(:)
+  contains
+    procedure :: prepare
+    procedure :: cropped
+    procedure :: padded
+    procedure, private :: judge
+    procedure, private :: enough
+    procedure, private :: next_bound
+  end type torus_ladder
+
+contains
+
+  !> As for `new_torus_balance`, with orders to last + step.
+  subroutine new_ladder(ladder, system, orders, kept, drive_orders, omega, amplitude, vary, which, &
+                        first, last, step)
+    type(torus_ladder), intent(out) :: ladder
+    class(differentiable_system_type), intent(in), target :: system
+    integer, intent(in) :: orders(:, :), drive_orders(:, :), vary, which, first, last, step
+    logical, intent(in) :: kept(:, :)
+    real(wp), intent(in) :: omega(:), amplitude(:)
+    integer :: bound
+
+    ladder%system => system
+    ladder%orders = orders
+    ladder%kept = kept
+    ladder%drive_orders = drive_orders
+    ladder%omega = omega
+    ladder%amplitude = amplitude
+    ladder%vary = vary
+    ladder%which = which
+    ladder%first = first
+    ladder%last = last
+    ladder%step = step
+    allocate (ladder%rungs(last + step), ladder%n_orders(0:last + step))
+    ladder%n_orders = [(count(sum(abs(orders), 1) <= bound), bound=0, last + step)]
+  end subroutine new_ladder
+
+  subroutine prepare(self, bound, status)
+    class(torus_ladder), intent(inout) :: self
+    integer, intent(in) :: bound
+    type(status_type), intent(out) :: status
+    type(torus_type) :: torus
+
+    associate (rung => self%rungs(bound), n => self%n_orders(bound))
+      if (rung%ready) return
+      call new_torus(torus, self%orders(:, :n), status)
+      if (status%failed()) return
+      call new_torus_balance(rung%balance, self%system, torus, self%drive_orders, self%omega, &
+                             self%amplitude, self%kept(:n, :))
+      rung%balance%vary = self%vary
+      rung%balance%which = self%which
+      if (self%vary == vary_frequency) rung%balance%lowest = 0.0_wp
+      rung%ready = .true.
+    end associate
+  end subroutine prepare
+
+  !> Unknowns of a rung from those of the last one in full, shape (torus%n n_dof), and back.
+  pure function cropped(self, bound, y) result(x)
+    class(torus_ladder), intent(in) :: self
+    integer, intent(in) :: bound
+    real(wp), intent(in) :: y(:)
+    real(wp) :: x(self%rungs(bound)%balance%n)
+    real(wp), allocatable :: whole(:, :)
+    associate (balance => self%rungs(bound)%balance, d => self%system%n_dof)
+      whole = reshape(y, [size(y)/d, d])
+      x = balance%reduced(reshape(whole(:balance%torus%n, :), [balance%torus%n*d]))
+    end associate
+  end function cropped
+
+  pure function padded(self, bound, x, n) result(y)
+    class(torus_ladder), intent(in) :: self
+    integer, intent(in) :: bound, n
+    real(wp), intent(in) :: x(:)
+    real(wp) :: y(n)
+    real(wp), allocatable :: whole(:, :)
+    integer :: m
+    associate (balance => self%rungs(bound)%balance, d => self%system%n_dof)
+      allocate (whole(n/d, d), source=0.0_wp)
+      m = min(balance%torus%n, n/d)
+      associate (inner => balance%expanded(x))
+        whole(:m, :) = inner(:m, :)
+      end associate
+      y = reshape(whole, [n])
+    end associate
+  end function padded
+
+  !> Each value starts from the ones before, else from rest; the first may have a guess.
+  subroutine torus_responses(ladder, p, tolerance, guess, x, outcome, iterations, highest, &
+                             truncation, status, cancel)
+    type(torus_ladder), intent(inout) :: ladder
+    !> Tolerance of the iteration, and of the truncation if there is a choice of orders.
+    real(wp), intent(in) :: p(:), tolerance
+    !> Where the first value starts, laid out as x; from rest if 0.
+    real(wp), intent(in) :: guess(:)
+    !> Unknowns of the last rung, those left out as 0, shape (torus%n n_dof, size(p)); 0
+    !! where no solution was found.
+    real(wp), intent(out) :: x(:, :)
+    !> `highest`: bound of the orders that were kept, 0 where no solution was found;
+    !! `truncation`: estimated size of what more orders would change, against the largest.
+    integer, intent(out) :: outcome(:), iterations(:), highest(:)
+    real(wp), intent(out) :: truncation(:)
+    type(status_type), intent(out) :: status
+    integer, intent(inout), volatile, optional :: cancel
+    integer :: i, known, bound
+    real(wp) :: last_p, before_p
+    real(wp), allocatable :: here(:), last(:), before(:)
+
+    known = 0
+    iterations = 0
+    outcome = -1
+    highest = 0
+    truncation = 0.0_wp
+    x = 0.0_wp
+    last_p = 0.0_wp
+    before_p = 0.0_wp
+    allocate (last(size(x, 1)), before(size(x, 1)), source=0.0_wp)
+    bound = ladder%first
+    do i = 1, size(p)
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
+      call ladder%prepare(bound, status)
+      if (status%failed()) return
+      associate (rung => ladder%rungs(bound))
+        if (known >= 2) then
+          here = ladder%cropped(bound, last + (last - before)*((p(i) - last_p) &
+                                                               /(last_p - before_p)))
+          call solve_near(rung%balance, rung%near, p(i), tolerance, here, outcome(i), &
+                          iterations(i), cancel)
+        end if
+        if (i == 1 .and. any(abs(guess) > 0.0_wp)) then
+          here = ladder%cropped(bound, guess)
+          call solve_near(rung%balance, rung%near, p(i), tolerance, here, outcome(i), &
+                          iterations(i), cancel)
+        end if
+        if (outcome(i) /= outcome_converged .and. known >= 1) then
+          here = ladder%cropped(bound, last)
+          call solve_near(rung%balance, rung%near, p(i), tolerance, here, outcome(i), &
+                          iterations(i), cancel)
+        end if
+        if (outcome(i) /= outcome_converged) then
+          known = 0
+          if (allocated(here)) deallocate (here)
+          allocate (here(rung%balance%n))
+          call solve_from_rest(rung%balance, p(i), tolerance, here, outcome(i), iterations(i), &
+                               cancel)
+        end if
+      end associate
+      if (outcome(i) /= outcome_converged) cycle
+      call ladder%enough(p(i), tolerance, bound, here, iterations(i), truncation(i), status, cancel)
+      if (status%failed()) return
+      highest(i) = bound
+      x(:, i) = ladder%padded(bound, here, size(x, 1))
+      ! Equal values give no direction.
+      if (known > 0 .and. .not. abs(p(i) - last_p) > 0.0_wp) known = 0
+      before = last
+      before_p = last_p
+      last = x(:, i)
+      last_p = p(i)
+      known = known + 1
+      bound = ladder%next_bound(bound, last, truncation(i), tolerance)
+    end do
+  end subroutine torus_responses
+
+  !> Add orders to a solution until the estimate meets the tolerance or they end.
+  subroutine enough(self, p, tolerance, bound, x, iterations, truncation, status, cancel)
+    class(torus_ladder), intent(inout) :: self
+    real(wp), intent(in) :: p, tolerance
+    integer, intent(inout) :: bound
+    real(wp), allocatable, intent(inout) :: x(:)
+    integer, intent(inout) :: iterations
+    real(wp), intent(out) :: truncation
+    type(status_type), intent(out) :: status
+    integer, intent(inout), volatile, optional :: cancel
+    real(wp), allocatable :: y(:), new(:)
+    real(wp) :: previous
+    integer :: next, outcome, vain
+
+    previous = huge(1.0_wp)
+    vain = 0
+    do
+      call self%judge(p, tolerance, bound, x, y, truncation, status, cancel)
+      if (status%failed() .or. truncation <= tolerance .or. bound == self%last) return
+      if (truncation > 0.5_wp*previous) vain = vain + 1
+      if (vain >= max_vain) return
+      previous = truncation
+      next = better_bound(bound, truncation, tolerance, self%step, self%last)
+      call self%prepare(next, status)
+      if (status%failed()) return
+      new = self%cropped(next, y)
+      associate (rung => self%rungs(next))
+        call solve_near(rung%balance, rung%near, p, tolerance, new, outcome, iterations, cancel)
+      end associate
+      if (outcome /= outcome_converged) return
+      call move_alloc(new, x)
+      bound = next
+    end do
+  end subroutine enough
+
+  !> What the next shells make of the solution x; y as long as the longest unknowns.
+  subroutine judge(self, p, tolerance, bound, x, y, truncation, status, cancel)
+    class(torus_ladder), intent(inout) :: self
+    real(wp), intent(in) :: p, tolerance, x(:)
+    integer, intent(in) :: bound
+    real(wp), allocatable, intent(inout) :: y(:)
+    real(wp), intent(out) :: truncation
+    type(status_type), intent(out) :: status
+    integer, intent(inout), volatile, optional :: cancel
+    real(wp), allocatable :: new(:)
+    real(wp) :: largest
+    integer :: outcome, iterations, n
+
+    truncation = 0.0_wp
+    if (self%step == 0) return
+    call self%prepare(bound + self%step, status)
+    if (status%failed()) return
+    n = (2*self%n_orders(self%last + self%step) - 1)*self%system%n_dof
+    y = self%padded(bound, x, n)
+    iterations = 0
+    associate (rung => self%rungs(bound + self%step))
+      allocate (new(rung%balance%n))
+      new(:) = self%cropped(bound + self%step, y)
+      largest = maxval(abs(new))
+      if (.not. rung%near%levels%ready) call new_levels(rung%near%levels, rung%balance, few)
+      call solve_on_levels(rung%near%levels, rung%balance, p, tolerance, new, outcome, &
+                           iterations, cancel, judged)
+      if (outcome /= outcome_converged) then
+        call solve_near(rung%balance, rung%near, p, tolerance, new, outcome, iterations, cancel)
+      end if
+      ! The worst to be said of orders that do not let themselves be added.
+      truncation = 1.0_wp
+      if (outcome /= outcome_converged) return
+      truncation = min(1.0_wp, maxval(abs(new - self%cropped(bound + self%step, y))) &
+                       /max(largest, tiny(1.0_wp)))
+      y = self%padded(bound + self%step, new, n)
+    end associate
+  end subroutine judge
+
+  !> Orders fall off geometrically: go on as far as that suggests, and a little more, at most
+  !! to twice as far.
+  pure integer function better_bound(bound, truncation, tolerance, step, last) result(next)
+    integer, intent(in) :: bound, step, last
+    real(wp), intent(in) :: truncation, tolerance
+    real(wp) :: fall
+    fall = log(tolerance)/log(max(min(truncation, 0.5_wp), tiny(1.0_wp)))
+    next = min(max(bound + step, ceiling(1.05_wp*bound*fall)), 2*bound + 1, last)
+  end function better_bound
+
+  !> The lowest bound that would still do here: all that lies beyond is idle.
+  pure integer function next_bound(self, bound, y, truncation, tolerance) result(next)
+    class(torus_ladder), intent(in) :: self
+    integer, intent(in) :: bound
+    real(wp), intent(in) :: y(:), truncation, tolerance
+    real(wp) :: whole(size(y)/self%system%n_dof, self%system%n_dof), limit
+    integer :: k
+
+    next = bound
+    if (truncation > idle*tolerance) return
+    whole = reshape(y, shape(whole))
+    limit = idle*tolerance*maxval(abs(y))
+    k = 2*self%n_orders(bound) - 1
+    do while (next > self%first)
+      if (any(abs(whole(2*self%n_orders(next - 1):k, :)) > limit)) exit
+      next = next - 1
+    end do
+  end function next_bound
+
+end module viscovib_torus_orders
