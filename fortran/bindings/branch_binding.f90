@@ -3,10 +3,11 @@
 
 !> A branch from p = start to p = finish, p being the frequency (parameter = 1) or, at
 !! the frequency nu, the factor of the load (2) or number `entry` of `flat` (3; changes of
-!! stability other than folds and branch points are not located then). n_kept as the plan says, of
-!! which n_used are used if orders are chosen at each point (harmonics = 0); with symmetric = 0 the mean and even orders are kept though odd ones would do. With
-!! leave = 1 it begins at the point (begin, begin_p) in the direction `along`, with 0 at
-!! a solution found at p = start. Stability is judged if n_judged is max_points, not 0.
+!! stability other than folds and branch points are not located then). n_kept as the plan
+!! says, of which n_used are used if orders are chosen at each point (harmonics = 0); with
+!! symmetric = 0 the mean and even orders are kept though odd ones would do. With leave = 1
+!! it begins at the point (begin, begin_p) in the direction `along`, with 0 at a solution
+!! found at p = start. Stability is judged if n_judged is max_points, not 0.
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                         series, n_rows, n_series, parameter, entry, nu, start, finish, harmonics, &
                         symmetric, tolerance, max_points, max_step, stops, n_stops, leave, &
@@ -102,8 +103,6 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
     call new_response_plan(plan, system, load, [nu], method_newton, wanted, outcome)
   end if
   if (.not. outcome%failed()) then
-    ! The orders there is room for.
-    if (plan%chosen) plan%most = min(plan%most, merge(2, 1, plan%set%half_wave)*n_kept - 1)
     if (entry == 0) then
       call new_plain_curve(curve, system, load, plan%set, parameter, nu)
     else

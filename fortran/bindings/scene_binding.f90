@@ -104,7 +104,8 @@ subroutine frequency_grid(lowest, highest, logarithmic, n, grid)
 end subroutine frequency_grid
 
 !> What a branch would compute, but for what a single response does too. parameter:
-!! 1 the frequency, 2 the factor of the load, 3 one of the system.
+!! 1 the frequency, 2 the factor of the load, 3 one of the system. n_orders is 0 if they are
+!! chosen at each point.
 subroutine branch_plan(parameter, from, to, n_orders, with_stability, text)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_branch_job, only: plan_branch

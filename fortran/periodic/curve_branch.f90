@@ -252,9 +252,6 @@ contains
       call sized%resize()
       if (curve%n == n) return
       n = curve%n
-      largest = corrector%largest
-      call new_corrector(corrector, curve, options%tolerance, corrector%p_scale, here%x)
-      corrector%largest = largest
       do i = 1, size(points)
         old = points(i)
         points(i)%x = refitted(sized%blocks, old%x, n)
@@ -262,6 +259,9 @@ contains
       end do
       stop_point%x = here%x
       stop_point%slope_x = here%slope_x
+      largest = corrector%largest
+      call new_corrector(corrector, curve, options%tolerance, corrector%p_scale, here%x)
+      corrector%largest = largest
       if (branch%n_points > 1) call aim(corrector, before, here)
     end subroutine change_size
 
@@ -364,7 +364,9 @@ contains
     if (allocated(self%kept)) then
       self%kept(self%n_points) = size(point%x)
       self%truncation(self%n_points) = truncation
-      if (self%n_points == 2 .and. .not. self%truncation(1) > 0.0_wp) self%truncation(1) = truncation
+      if (self%n_points == 2 .and. .not. self%truncation(1) > 0.0_wp) then
+        self%truncation(1) = truncation
+      end if
     end if
     if (stop) self%stops = [self%stops, self%n_points]
   end subroutine add

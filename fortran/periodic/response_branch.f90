@@ -1,7 +1,7 @@
 !> A branch of periodic motions of an oscillator, from a frequency, a factor of the load or
 !! a parameter on, with the orders given or as many as each point needs.
 module viscovib_response_branch
-  use viscovib_balance_ladder, only: balance_ladder_type, new_ladder
+  use viscovib_balance_ladder, only: balance_ladder_type, lowest_order, new_ladder
   use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
   use viscovib_curve_events, only: special_points
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -18,6 +18,8 @@ module viscovib_response_branch
 
   !> Orders with which a motion is sought from rest: enough not to be led astray.
   integer, parameter :: orders_from_rest = 9
+  !> Highest order that is chosen, unless the load has higher ones.
+  integer, parameter, public :: highest_chosen = 63
 
   !> Where to leave another branch: unknowns of all orders the plan allows, shape (n), what
   !! varies, and the direction, shape (n + 1).
@@ -48,7 +50,8 @@ contains
 
     outcome = outcome_converged
     if (plan%chosen) then
-      call new_ladder(ladder, curve%system, curve%load, plan%set%half_wave, plan%most)
+      call new_ladder(ladder, curve%system, curve%load, plan%set%half_wave, &
+                      min(plan%most, max(highest_chosen, lowest_order(curve%load))))
       rung = ladder%rung_of(orders_from_rest)
       if (present(departure)) rung = rung_with(ladder, departure, curve%blocks)
       call ladder%prepare(rung, curve%system, curve%load, curve%balance%nu)

@@ -3,19 +3,20 @@ module viscovib_branch_job
   use viscovib_checks, only: check_positive
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_crossings, only: crossing_type, find_crossings, known_folds
-  use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes, follow_curve
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes
   use viscovib_curve_groups, only: listed, read_curve, read_yes, write_crossings
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
+  use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_motion_stability, only: judge_type, new_judge, stability_type
-  use viscovib_newton_point, only: point_from_rest
   use viscovib_number_text, only: exact
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_frequency
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_options
+  use viscovib_response_branch, only: follow_response, highest_chosen
   use viscovib_response_plan, only: method_newton, response_plan_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_text_file, only: text_writer
@@ -39,7 +40,8 @@ contains
 
     job%curve%start = reader%read_real('nu_from')
     job%curve%finish = reader%read_real('nu_to')
-    job%options%harmonics = reader%read_integer('harmonics', job%options%harmonics)
+    call reader%read_count('harmonics', job%options%harmonics, 'auto', &
+                           job%options%choose_harmonics)
     job%options%keep_idle = .true.
     call read_curve(reader, job%curve)
     job%options%tolerance = job%curve%tolerance
@@ -60,32 +62,39 @@ contains
     !> 'nu' or 'load factor'.
     character(len=*), intent(in) :: varies
     real(wp), intent(in) :: from, to
+    !> 0: chosen at each point.
     integer, intent(in) :: n_orders
     logical, intent(in) :: stability
     character(len=:), allocatable :: text
+    text = show(n_orders)//' harmonics a coordinate'
+    if (n_orders == 0) text = 'harmonics up to '//show(highest_chosen) &
+                              //' as the tolerance needs them at each point'
     text = 'computes: the branch from '//varies//' = '//show(from)//' to '//show(to)//', ' &
-           //show(n_orders)//' harmonics a coordinate'//new_line('a') &
+           //text//new_line('a') &
            //trim(merge('computes: stability of each point, and where it changes', &
                         'skips: stability (not wanted)                          ', stability)) &
            //new_line('a')
   end function plan_branch
 
   !> Follow the branch as planned.
-  subroutine run_branch(job, plan, system, load, branch, stability, crossings, status)
+  subroutine run_branch(job, plan, system, load, branch, orders, highest, stability, crossings, &
+                        status)
     type(branch_job), intent(in) :: job
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in), target :: system
     type(load_type), intent(in), target :: load
     type(curve_branch_type), intent(out) :: branch
+    !> Orders kept at any point; if they are chosen, the highest at each.
+    integer, allocatable, intent(out) :: orders(:), highest(:)
     !> Left without arrays where it is not wanted.
     type(stability_type), intent(out) :: stability
     type(crossing_type), allocatable, intent(out) :: crossings(:)
     type(status_type), intent(out) :: status
     type(oscillator_curve_type) :: curve
     type(judge_type) :: judge
+    type(harmonic_set_type) :: set
     real(wp), allocatable :: motions(:, :, :)
-    real(wp) :: x(2*size(plan%set%orders), system%n_dof())
-    integer :: outcome, iterations
+    integer :: outcome, shape_x(2)
 
     if (plan%method /= method_newton) then
       call fail(status, status_input_error, 'branch', 'nothing is nonlinear, the response is a ' &
@@ -94,23 +103,24 @@ contains
     end if
     call new_oscillator_curve(curve, system, load, plan%set, vary_frequency)
     call curve%balance%set_frequency(system, load, job%curve%start)
-    iterations = 0
-    call point_from_rest(curve%balance, system, load, job%options%tolerance, x, outcome, iterations)
+    call follow_response(curve, plan, job%curve, branch, set, outcome)
     if (outcome /= outcome_converged) then
       call fail(status, status_input_error, 'nu_from', 'nu_from = '//show(job%curve%start) &
                 //': no solution was found there, begin elsewhere')
       return
     end if
-    call follow_curve(curve, job%curve, reshape(x, [size(x)]), branch)
+    orders = set%orders
+    shape_x = [2*size(orders), system%n_dof()]
+    if (plan%chosen) highest = orders(branch%kept(:branch%n_points)/(2*system%n_dof()))
     allocate (crossings(0))
     if (job%stability) then
       associate (n => branch%n_points, folds => branch%folds)
-        motions = reshape(branch%x(:, :n), [shape(x), n])
-        call new_judge(judge, system, plan%set)
+        motions = reshape(branch%x(:, :n), [shape_x, n])
+        call new_judge(judge, system, set)
         call judge%judge(system, branch%parameter(:n), motions, stability)
         call find_crossings(judge, curve%balance, system, load, .true., job%curve%start, &
                             branch%parameter(:n), motions, stability, &
-                            known_folds(folds%p, reshape(folds%x, [shape(x), folds%n])), crossings)
+                            known_folds(folds%p, reshape(folds%x, [shape_x, folds%n])), crossings)
       end associate
     end if
     call add_base_motion()
@@ -121,10 +131,10 @@ contains
     subroutine add_base_motion()
       integer :: i, j, d, k
       do j = 1, size(load%orders)
-        do i = 1, size(plan%set%orders)
-          if (plan%set%orders(i) /= load%orders(j)) cycle
+        do i = 1, size(orders)
+          if (orders(i) /= load%orders(j)) cycle
           do d = 1, system%n_dof()
-            k = 2*(i + size(plan%set%orders)*(d - 1))
+            k = 2*(i + size(orders)*(d - 1))
             branch%x(k - 1, :branch%n_points) = branch%x(k - 1, :branch%n_points) &
                                                 + system%base_direction(d)*real(load%base(j))
             branch%x(k, :branch%n_points) = branch%x(k, :branch%n_points) &
@@ -138,10 +148,12 @@ contains
 
   !> Write the table NAME in a folder, which is made if need be; the table is there
   !! whole or not at all.
-  subroutine write_branch(folder, name, orders, branch, stability, crossings, coordinates, &
-                          units, header, status)
+  subroutine write_branch(folder, name, orders, highest, branch, stability, crossings, &
+                          coordinates, units, header, status)
     character(len=*), intent(in) :: folder, name
     integer, intent(in) :: orders(:)
+    !> Left out if not allocated.
+    integer, allocatable, intent(in) :: highest(:)
     type(curve_branch_type), intent(in) :: branch
     type(stability_type), intent(in) :: stability
     type(crossing_type), intent(in) :: crossings(:)
@@ -164,12 +176,15 @@ contains
     call write_crossings(table, crossings, 'nu')
     row = '# nu (rad/s); u = Im sum_k X_k exp(i k nu t)'
     if (allocated(stability%stable)) row = row//'; stable: 1, not: 0, unknown: -1'
+    if (allocated(highest)) row = row//'; highest: order kept; truncation: estimated relative ' &
+                                  //'error of leaving out higher orders'
     do d = 1, size(coordinates)
       row = row//', '//trim(coordinates(d))//' in '//trim(units(d))
     end do
     call table%add_line(row)
     row = 'nu'
     if (allocated(stability%stable)) row = row//',stable'
+    if (allocated(highest)) row = row//',highest,truncation'
     do d = 1, size(coordinates)
       do k = 1, size(orders)
         order = trim(coordinates(d))//'_'//show(orders(k))
@@ -180,6 +195,8 @@ contains
     do i = 1, branch%n_points
       row = trim(exact(branch%parameter(i)))
       if (allocated(stability%stable)) row = row//','//show(stability%stable(i))
+      if (allocated(highest)) row = row//','//show(highest(i))//',' &
+                                    //trim(exact(branch%truncation(i)))
       do k = 1, size(branch%x, 1)
         row = row//','//trim(exact(branch%x(k, i)))
       end do

@@ -95,7 +95,7 @@ contains
       status%message = scene%path//': '//status%message
     else if (scene%wants_branch) then
       text = plan_branch('nu', scene%branch%curve%start, scene%branch%curve%finish, &
-                         size(plan%set%orders), &
+                         merge(0, size(plan%set%orders), plan%chosen), &
                          scene%branch%stability)//plan%rest//plan_table(scene)
     else
       text = plan%text//plan_table(scene)
@@ -198,29 +198,35 @@ contains
     type(curve_branch_type) :: branch
     type(stability_type) :: stability
     type(crossing_type), allocatable :: crossings(:)
-    integer :: i, j, n
+    integer, allocatable :: orders(:), highest(:)
+    integer :: i, j, n, short
 
     call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, scene%method, &
                            scene%options, status)
     if (status%failed()) return
-    call run_branch(scene%branch, plan, scene%oscillator(), scene%load, branch, stability, &
-                    crossings, status)
+    call run_branch(scene%branch, plan, scene%oscillator(), scene%load, branch, orders, highest, &
+                    stability, crossings, status)
     if (status%failed()) then
       status%message = scene%path//': '//status%message
       return
     end if
     report%path = folder//'/'//stem(scene%path)//'_branch.csv'
     if (size(scene%wanted) < size(scene%coordinates)) then
-      n = 2*size(plan%set%orders)
+      n = 2*size(orders)
       branch%x = branch%x([((n*(scene%wanted(j) - 1) + i, i=1, n), j=1, size(scene%wanted))], :)
     end if
-    call write_branch(folder, stem(scene%path)//'_branch.csv', plan%set%orders, branch, &
+    call write_branch(folder, stem(scene%path)//'_branch.csv', orders, highest, branch, &
                       stability, crossings, scene%coordinates(scene%wanted), &
                       scene%units(scene%wanted), header, status)
     if (status%failed()) return
-    report%complete = branch%outcome == curve_completed
+    short = 0
+    if (plan%chosen) then
+      short = count(branch%truncation(:branch%n_points) > scene%branch%options%tolerance)
+    end if
+    report%complete = branch%outcome == curve_completed .and. short == 0
     report%summary = trim(curve_outcomes(branch%outcome))//', '//show(branch%n_points) &
                      //' points, '//show(branch%folds%n)//' folds'
+    if (short > 0) report%summary = report%summary//', '//show(short)//' with too few harmonics'
   end subroutine run_one_branch
 
   !> A table for the branch, NAME_branch.csv, and for those that leave it,

@@ -14,7 +14,7 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.errors import InputError, StabilityWarning
+from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning
 from viscovib.files import whole_file
 from viscovib.load import LoadLike
 from viscovib.motion_stability import Stability, codes_of
@@ -245,7 +245,10 @@ class Branch(Curve):
             "nu": ("point", self.nu, {"units": "rad/s"}),
             "load_factor": ("point", self.load_factor),
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),
+            "highest": ("point", self.highest),
         }
+        if self.truncation is not None:
+            data["truncation"] = ("point", self.truncation)
         if self.stable is not None and self.multipliers is not None:
             whole = self.stable.dtype == bool
             data["stable"] = ("point", self.stable if whole else codes_of(self.stable))
@@ -265,6 +268,8 @@ class Branch(Curve):
         columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
         if self.stable is not None:
             columns["stable"] = codes_of(self.stable)
+        if self.truncation is not None:
+            columns |= {"highest": self.highest, "truncation": self.truncation}
         for d in wanted_places(coordinates, self.dof_names):
             name = self.dof_names[d]
             for j, k in enumerate(self.harmonics):
@@ -425,17 +430,24 @@ def trace_response(
             factors = np.ones(factors.size)
         return _absolute(relative.T, mount._base_direction, job, orders, factors)
 
-    orders, allowed = orders[:n_used], m
+    orders = orders[:n_used]
     crossings = located_crossings(
         (n_crossings, kinds, before, where),
         absolute(crossing_coefficients[:n_used, :, :n_crossings], where[:n_crossings]),
     )
     values = p[:n].copy()
     same = np.ones(n)
-    points_off = absolute(
-        _complex(branch_x[:, :n_branch], n_dof, allowed)[:n_used], branch_p[:n_branch]
-    )
-    directions = _complex(across[:-1, :n_branch], n_dof, allowed)[:n_used].T
+    few = truncation[:n] > tolerance
+    if chosen and few.any():
+        warnings.warn(
+            f"at {few.sum()} of {n} points harmonics up to {orders[-1]} do not reach the tolerance "
+            f"{tolerance:.1e}; worst at {varies} = {p[truncation[:n].argmax()]:.6g}, with an "
+            f"estimated relative error of {truncation[:n].max():.1e}",
+            ConvergenceWarning,
+            stacklevel=2,
+        )
+    points_off = absolute(_complex(branch_x[:, :n_branch], n_dof, m)[:n_used], branch_p[:n_branch])
+    directions = _complex(across[:-1, :n_branch], n_dof, m)[:n_used].T
     return Branch(
         nu=values if varies == "nu" else fixed * same,
         load_factor=values if varies == "load_factor" else same,
@@ -467,7 +479,7 @@ def trace_response(
         truncation=truncation[:n].copy() if chosen else None,
         dof_names=mount.dof_names,
         dof_units=mount.dof_units,
-        plan=_plan(varies, start, finish, planned, judged_too),
+        plan=_plan(varies, start, finish, 0 if chosen else m, planned, judged_too),
     )
 
 
@@ -484,9 +496,11 @@ def _beginning(
     return name, _ENTRIES[name], replace(mount, **changes)
 
 
-def _plan(varies: str, start: float, finish: float, planned: Any, stability: bool) -> Plan:
+def _plan(
+    varies: str, start: float, finish: float, n_orders: int, planned: Any, stability: bool
+) -> Plan:
     first = core.branch_plan(
-        _KINDS.get(varies, 3), start, finish, planned.orders.size, int(stability)
+        _KINDS.get(varies, 3), start, finish, n_orders, int(stability)
     ).decode()
     if varies not in _KINDS:
         first = first.replace("the parameter", varies)

@@ -62,8 +62,11 @@ def test_orders_are_chosen_in_scenes(solve, tmp_path, method):
         assert "1 of 1 frequencies solved, 1 with too few harmonics" in done.stdout
 
 
-def test_branches_of_driver_and_python_agree(solve, tmp_path):
-    scene = SCENES / "mount_branch.nml"
+@pytest.mark.parametrize("harmonics", ["15", "'auto', tolerance = 1e-8"], ids=["15", "auto"])
+def test_branches_of_driver_and_python_agree(solve, tmp_path, harmonics):
+    scene = tmp_path / "mount_branch.nml"
+    text = (SCENES / "mount_branch.nml").read_text()
+    scene.write_text(text.replace("harmonics = 15", f"harmonics = {harmonics}"))
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "completed, " in done.stdout
@@ -73,6 +76,9 @@ def test_branches_of_driver_and_python_agree(solve, tmp_path):
     assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
     if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
         assert (table["nu"] == branch.nu).all()
+        if "auto" in harmonics:
+            assert (table["highest"] == branch.highest).all()
+            assert (table["truncation"] == branch.truncation).all()
         for d, dof in enumerate(branch.dof_names):
             for j, k in enumerate(branch.harmonics):
                 assert (table[f"{dof}_{k}_re"] == branch.coefficients[:, d, j].real).all()

@@ -659,3 +659,73 @@ def test_folds_come_in_pairs_and_once_each():
         assert branch.folds.size >= turns
         assert (np.diff(np.sort(branch.folds)) > 1e-9).all()
     assert n_completed > 380
+
+
+def nearest(branch, nu, motion):
+    """How far a motion is from the branch's at the same frequency, in its size."""
+    rows = branch.coefficients[np.abs(branch.nu - nu) <= 1e-13 * nu]
+    both = min(rows.shape[2], motion.shape[1])
+    gaps = rows.copy()
+    gaps[:, :, :both] -= motion[:, :both]
+    sizes = np.sqrt((np.abs(gaps) ** 2).sum(axis=(1, 2)))
+    return sizes.min() / np.linalg.norm(motion)
+
+
+@pytest.mark.parametrize("geometry", ["cubic", "exact"])
+@pytest.mark.parametrize("kernel", [None, WEAK_MEMORY], ids=["no memory", "memory"])
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-9])
+def test_orders_chosen_point_by_point_keep_the_tolerance(geometry, kernel, tolerance):
+    body = damped(geometry=geometry, kernel=kernel)
+    branch = vv.trace_response(
+        body, (0.5, 10), load=0.5, harmonics="auto", tolerance=tolerance, stability=False
+    )
+    assert branch.outcome == "completed"
+    assert branch.truncation.max() <= tolerance
+    assert branch.highest.max() == branch.harmonics[-1] > 2 * branch.highest.min()
+    for row, highest in zip(branch.coefficients, branch.highest, strict=True):
+        assert not row[:, branch.harmonics > highest].any()
+    some = np.arange(0, branch.nu.size, 7)
+    exact = vv.trace_response(
+        body, (0.5, 10), load=0.5, harmonics=45, tolerance=1e-13, stability=False,
+        at=branch.nu[some],
+    )  # fmt: skip
+    errors = np.array([nearest(exact, branch.nu[i], branch.coefficients[i]) for i in some])
+    # At folds errors along the branch, which the estimate leaves aside, grow beyond all bounds.
+    off = np.abs(branch.nu[some][:, np.newaxis] - exact.folds).min(axis=1, initial=1) > 1e-3
+    assert (errors[off] < 6 * tolerance).all()
+    assert np.median(errors[off]) > 1e-4 * tolerance
+    assert branch.folds == pytest.approx(exact.folds, rel=10 * tolerance)
+
+
+def test_chosen_orders_find_what_many_find():
+    """Branch points, side branches, stability, any parameter, with a mean and even orders."""
+    body = _duffing()
+    options = dict(load_range=(0.1, 30), nu=1, load=1, symmetric=False)
+    auto = vv.trace_response(body, **options, harmonics="auto")
+    many = vv.trace_response(body, **options, harmonics=41)
+    places = [p.parameter for p in many.branch_points]
+    assert [p.parameter for p in auto.branch_points] == pytest.approx(places, rel=1e-8)
+    kinds = [c.kind for c in many.crossings]
+    assert [c.kind for c in auto.crossings] == kinds
+    side = vv.trace_response(body, **options, harmonics="auto", leave=auto.branch_points[0])
+    assert np.abs(side.coefficients[-5:, 0, 0]).min() > 1e-3
+    back = [p.parameter for p in side.branch_points]
+    assert min(abs(p - places[1]) for p in back) < 1e-7
+    mount = damped()
+    some = vv.trace_response(
+        mount, nu=2, load=0.5, vary="stiffness_phi", vary_range=(2, 4), harmonics="auto"
+    )
+    fixed = vv.trace_response(
+        mount, nu=2, load=0.5, vary="stiffness_phi", vary_range=(2, 4), harmonics=31
+    )
+    assert some.coefficients[-1, :, 0] == pytest.approx(fixed.coefficients[-1, :, 0], rel=1e-8)
+    assert some.truncation.max() <= 1e-10
+
+
+def test_too_few_orders_are_told():
+    """Slow and strong: more orders than may be chosen."""
+    with pytest.warns(vv.ConvergenceWarning, match="harmonics up to 63 do not reach"):
+        vv.trace_response(
+            vv.PolynomialSystem(mass=1, stiffness=1, damping=0.01, forces={"x": "x^3"}),
+            (0.02, 0.03), load=3, harmonics="auto", stability=False, tolerance=1e-12,
+        )  # fmt: skip
