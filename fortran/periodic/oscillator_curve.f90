@@ -20,6 +20,8 @@ module viscovib_oscillator_curve
     class(oscillator_type), pointer :: system => null()
     type(load_type), pointer :: load => null()
     integer :: vary = vary_frequency
+    !> `set` makes another system.
+    logical :: changes_system = .false.
   contains
     procedure :: equations
     procedure :: residual
