@@ -9,12 +9,13 @@
 !! a solution found at p = start. Stability is judged if n_judged is max_points, not 0.
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                         series, n_rows, n_series, parameter, direction, nu, start, finish, &
-                        harmonics, symmetric, tolerance, max_points, max_step, stops, n_stops, leave, &
-                        begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
+                        harmonics, symmetric, tolerance, max_points, max_step, stops, n_stops, &
+                        leave, begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
                         cancel, n_points, ended, p, iterations, coefficients, is_stop, n_folds, &
                         folds, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
                         across, branch_before, stable, growing, multipliers, exponents, &
-                        n_crossings, kinds, before, crossings, crossing_coefficients, status, message)
+                        n_crossings, kinds, before, crossings, crossing_coefficients, status, &
+                        message)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report, &
