@@ -2,27 +2,28 @@
 ! are given as in mount_binding.
 
 !> A branch from p = start to p = finish, p being the frequency (parameter = 1) or, at
-!! the frequency nu, the factor of the load (2) or number `entry` of `flat` (3; changes of
-!! stability other than folds and branch points are not located then). n_kept as the plan
-!! says, of which n_used are used if orders are chosen at each point (harmonics = 0); with
-!! symmetric = 0 the mean and even orders are kept though odd ones would do. With leave = 1
-!! it begins at the point (begin, begin_p) in the direction `along`, with 0 at a solution
-!! found at p = start. Stability is judged if n_judged is max_points, not 0.
+!! the frequency nu, the factor of the load (2) or the number by which the system's are flat +
+!! p direction (3; else `direction` does nothing). n_kept as the plan says, of which n_used
+!! are used if orders are chosen at each point (harmonics = 0); with symmetric = 0 the mean
+!! and even orders are kept though odd ones would do. With leave = 1 it begins at the point
+!! (begin, begin_p) in the direction `along`, with 0 at a solution found at p = start.
+!! Stability is judged if n_judged is max_points, not 0.
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
-                        series, n_rows, n_series, parameter, entry, nu, start, finish, harmonics, &
-                        symmetric, tolerance, max_points, max_step, stops, n_stops, leave, &
-                        begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
+                        series, n_rows, n_series, parameter, direction, nu, start, finish, &
+                        harmonics, symmetric, tolerance, max_points, max_step, stops, n_stops, &
+                        leave, begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
                         cancel, n_points, ended, n_used, p, iterations, kept, truncation, &
                         coefficients, is_stop, n_folds, &
                         folds, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
-                        across, branch_before, stable, multipliers, exponents, n_crossings, &
-                        kinds, before, crossings, crossing_coefficients, status, message)
+                        across, branch_before, stable, growing, multipliers, exponents, &
+                        n_crossings, kinds, before, crossings, crossing_coefficients, status, &
+                        message)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report, &
     to_complex
-  use viscovib_crossings, only: crossing_branch_point, crossing_fold, crossing_kind, &
-    crossing_type, find_crossings, known_folds
+  use viscovib_crossings, only: crossing_branch_point, crossing_fold, crossing_type, &
+    find_crossings, known_folds
   use viscovib_curve_branch, only: curve_branch_type, curve_options
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_load, only: load_type
@@ -35,13 +36,13 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
   use viscovib_sized_curve, only: refitted
   use viscovib_status, only: status_type
-  use viscovib_vector_curve, only: new_plain_curve, new_vector_curve
+  use viscovib_vector_curve, only: judge_systems, new_plain_curve, new_vector_curve, vector_at
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series
-  integer(c_int), intent(in) :: parameter, entry, harmonics, symmetric, n_stops, leave, n_unknowns
+  integer(c_int), intent(in) :: parameter, harmonics, symmetric, n_stops, leave, n_unknowns
   integer(c_int), intent(in) :: orders(n_series), max_points, n_judged, n_kept, max_special
-  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu, start, finish
-  real(c_double), intent(in) :: tolerance, max_step, stops(n_stops)
+  real(c_double), intent(in) :: flat(n_flat), direction(n_flat), data_x(n_x), data_phi(n_phi)
+  real(c_double), intent(in) :: nu, start, finish, tolerance, max_step, stops(n_stops)
   real(c_double), intent(in) :: begin(n_unknowns), begin_p, along(n_unknowns + 1)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
@@ -61,7 +62,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
   integer(c_int), intent(out) :: branch_before(max_special)
   !> As in `stability_type`, NaN where there are none.
-  integer(c_int), intent(out) :: stable(n_judged)
+  integer(c_int), intent(out) :: stable(n_judged), growing(n_judged)
   complex(c_double_complex), intent(out) :: multipliers(2*n_rows + 2, n_judged)
   complex(c_double_complex), intent(out) :: exponents(2*n_rows + 2, n_judged)
   !> How many there are, of which the first max_special are given: kinds of
@@ -85,8 +86,9 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   type(status_type) :: outcome
   type(harmonic_set_type) :: set
   real(c_double), allocatable :: motions(:, :, :)
-  integer :: growing(max(n_judged, 1)), i, j, found, shape_x(2)
-  logical :: inside
+  real(c_double), allocatable :: vector(:)
+  integer :: i, j, found, shape_x(2)
+  logical :: varied
 
   n_points = 0
   n_used = 0
@@ -94,7 +96,10 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   n_branch_points = 0
   n_crossings = 0
   ended = -1
-  call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
+  varied = parameter > vary_load
+  vector = flat
+  if (varied) vector = vector_at(flat, direction, start)
+  call make_system(system, vector, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
     wanted = make_options(harmonics, tolerance, 100, 1.0_c_double, 0)
@@ -103,10 +108,10 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
     call new_response_plan(plan, system, load, [nu], method_newton, wanted, outcome)
   end if
   if (.not. outcome%failed()) then
-    if (entry == 0) then
+    if (.not. varied) then
       call new_plain_curve(curve, system, load, plan%set, parameter, nu)
     else
-      call new_vector_curve(curve, flat, kind_x, data_x, kind_phi, data_phi, entry, start, &
+      call new_vector_curve(curve, flat, direction, kind_x, data_x, kind_phi, data_phi, start, &
                             max(abs(start), abs(finish)), load, plan%set, nu, outcome)
     end if
   end if
@@ -148,14 +153,18 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
         branch_before(:n) = branch%branch_points%before(:n)
       end associate
     end if
-    if (n_judged > 0 .and. n_points > 0 .and. entry == 0) then
+    if (n_judged > 0 .and. n_points > 0) then
       call new_judge(judge, system, set)
       motions = reshape(branch%x(:, :n_points), [shape_x, n_points])
-      call judge%judge(system, [(merge(p(i), nu, parameter == vary_frequency), i=1, n_points)], &
-                       motions, stability, cancel(1))
+      if (varied) then
+        call judge_systems(judge, curve, nu, p(:n_points), motions, stability, cancel(1))
+      else
+        call judge%judge(system, [(merge(p(i), nu, parameter == vary_frequency), i=1, n_points)], &
+                         motions, stability, cancel(1))
+      end if
       call fill_stability(stability, stable, multipliers, exponents)
-      call find_crossings(judge, curve%balance, system, load, parameter == vary_frequency, nu, &
-                          p(:n_points), motions, stability, &
+      growing(:n_points) = stability%n_growing
+      call find_crossings(judge, curve, nu, p(:n_points), motions, stability, &
                           known_folds(branch%folds%p, reshape(branch%folds%x, &
                                                               [shape_x, branch%folds%n])), &
                           found_crossings, cancel(1))
@@ -178,36 +187,6 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
           crossing_coefficients(:n_used, :, i) = cmplx(crossing%x(1::2, :), crossing%x(2::2, :), &
                                                        c_double)
         end associate
-      end do
-    end if
-    if (n_judged > 0 .and. entry > 0) then
-      do i = 1, n_points
-        if (cancel(1) /= 0) exit
-        call curve%set(p(i), inside)
-        call new_judge(judge, curve%system, set)
-        call judge%judge(curve%system, [nu], reshape(branch%x(:, i), [shape_x, 1]), stability)
-        call fill_stability(stability, stable(i:i), multipliers(:, i:i), exponents(:, i:i))
-        growing(i) = stability%n_growing(1)
-        if (i == 1 .or. n_crossings == max_special) cycle
-        if (min(growing(i), growing(i - 1)) < 0 .or. growing(i) == growing(i - 1)) cycle
-        j = merge(i, i - 1, growing(i) > growing(i - 1))
-        n_crossings = n_crossings + 1
-        before(n_crossings) = i - 1
-        kinds(n_crossings) = crossing_kind(exponents(growing(j), j), &
-                                           nu*merge(2, 1, plan%set%half_wave), plan%set%half_wave)
-        crossings(n_crossings) = ieee_value(0.0_c_double, ieee_quiet_nan)
-        if (kinds(n_crossings) /= crossing_fold) cycle
-        j = findloc(branch%folds%before(:n_folds), i - 1, 1)
-        if (j > 0) then
-          crossings(n_crossings) = folds(j)
-          crossing_coefficients(:, :, n_crossings) = fold_coefficients(:, :, j)
-        end if
-        j = findloc(branch_before(:n_branch_points), i - 1, 1)
-        if (j == 0) cycle
-        kinds(n_crossings) = crossing_branch_point
-        crossings(n_crossings) = branch_points(j)
-        call to_complex(branch_point_x(:, j:j), &
-                        crossing_coefficients(:, :, n_crossings:n_crossings))
       end do
     end if
   end if

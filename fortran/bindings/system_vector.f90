@@ -1,13 +1,14 @@
 !> A polynomial system and its kernels as one vector of numbers, as the flat
 !! routines take it:
 !!
-!!   n, n_springs, n_monomials, n_kernels; M (n^2); C (n^2); base direction (n);
-!!   of each spring: kernel, K (n^2); of each monomial: coefficient, equation, kernel,
+!!   n, n_springs, n_monomials, n_kernels, factor of all kernels; M (n^2); C (n^2); base
+!!   direction (n); of each spring: kernel, K (n^2); of each monomial: coefficient, equation, kernel,
 !!   powers (n); of each kernel: kind, number of data, data.
 !!
 !! Matrices are column by column.
 module viscovib_system_vector
   use viscovib_catalogue, only: new_kernel
+  use viscovib_checks, only: check_finite
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
@@ -27,7 +28,7 @@ contains
     type(kernel_holder), allocatable :: kernels(:)
     integer :: at, i, n, n_springs, n_monomials, n_kernels, kind, n_data
 
-    if (size(vector) < 4) then
+    if (size(vector) < 5) then
       call fail(status, status_input_error, 'system', 'system: not a polynomial system')
       return
     end if
@@ -35,7 +36,7 @@ contains
     n_springs = nint(vector(2))
     n_monomials = nint(vector(3))
     n_kernels = nint(vector(4))
-    at = 4
+    at = 5
     p%mass = reshape(next(n*n), [n, n])
     p%damping = reshape(next(n*n), [n, n])
     p%base_direction = next(n)
@@ -60,7 +61,10 @@ contains
       call new_kernel(kernels(i)%kernel, kind, next(n_data), status)
       if (status%failed()) return
     end do
+    call check_finite('memory_scale', vector(5:5), status)
+    if (status%failed()) return
     call new_polynomial(system, p, kernels, status)
+    system%memory_scale = vector(5)
 
   contains
 

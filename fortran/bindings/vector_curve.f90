@@ -1,29 +1,33 @@
-!> Periodic motions as a curve over one of the numbers that make the system, at a
-!! frequency and a load that stay: the system is built anew at each value.
+!> Periodic motions as a curve over a number p by which some of those that make the system
+!! grow, at a frequency and a load that stay: the system is built anew at each value.
 module viscovib_vector_curve
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_binding_tools, only: make_system
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_motion_stability, only: judge_type, new_judge, stability_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_load
   use viscovib_status, only: status_type
   implicit none
   private
 
-  public :: new_plain_curve, new_vector_curve
+  public :: new_plain_curve, new_vector_curve, vector_at, judge_systems
 
   !> Step of a central difference, as a part of the size of the parameter.
   real(wp), parameter :: part = 1.0e-6_wp
+  !> Stands for p = 0, where terms would be left out that other values have.
+  real(wp), parameter :: nearly_nothing = 1.0e-200_wp
 
   type :: system_holder
     class(oscillator_type), allocatable :: system
   end type system_holder
 
   type, extends(oscillator_curve_type) :: vector_curve_type
-    !> The system as in mount_binding, and which number of `flat` varies.
-    real(wp), allocatable :: flat(:), data_x(:), data_phi(:)
-    integer :: kind_x = 0, kind_phi = 0, entry = 0
+    !> The system as in mount_binding: its numbers are flat + p direction.
+    real(wp), allocatable :: flat(:), direction(:), data_x(:), data_phi(:)
+    integer :: kind_x = 0, kind_phi = 0
     !> Frequency of the load (rad/s), and what counts as a small parameter.
     real(wp) :: nu = 0.0_wp, p_scale = 1.0_wp
     type(system_holder), pointer, private :: own => null()
@@ -49,12 +53,19 @@ contains
     call curve%balance%set_frequency(system, load, nu)
   end subroutine new_plain_curve
 
-  !> The curve over number `entry` of `flat`, beginning at p.
-  subroutine new_vector_curve(curve, flat, kind_x, data_x, kind_phi, data_phi, entry, p, p_scale, &
-                              load, set, nu, status)
+  !> The numbers at p.
+  pure function vector_at(flat, direction, p) result(vector)
+    real(wp), intent(in) :: flat(:), direction(:), p
+    real(wp) :: vector(size(flat))
+    vector = flat + merge(p, nearly_nothing, abs(p) > 0.0_wp)*direction
+  end function vector_at
+
+  !> The curve over p, beginning at p.
+  subroutine new_vector_curve(curve, flat, direction, kind_x, data_x, kind_phi, data_phi, p, &
+                              p_scale, load, set, nu, status)
     class(oscillator_curve_type), allocatable, intent(out) :: curve
-    real(wp), intent(in) :: flat(:), data_x(:), data_phi(:), p, p_scale, nu
-    integer, intent(in) :: kind_x, kind_phi, entry
+    real(wp), intent(in) :: flat(:), direction(:), data_x(:), data_phi(:), p, p_scale, nu
+    integer, intent(in) :: kind_x, kind_phi
     type(load_type), intent(in), target :: load
     type(harmonic_set_type), intent(in) :: set
     type(status_type), intent(out) :: status
@@ -66,15 +77,16 @@ contains
     family%data_phi = data_phi
     family%kind_x = kind_x
     family%kind_phi = kind_phi
-    family%entry = entry
+    family%direction = direction
     family%nu = nu
     family%p_scale = p_scale
-    family%flat(entry) = p
     allocate (family%own)
-    call make_system(family%own%system, family%flat, kind_x, data_x, kind_phi, data_phi, status)
+    call make_system(family%own%system, vector_at(flat, direction, p), kind_x, &
+                     data_x, kind_phi, data_phi, status)
     if (.not. status%failed()) then
       call new_oscillator_curve(family%oscillator_curve_type, family%own%system, load, set, &
                                 vary_load)
+      family%changes_system = .true.
       call family%balance%set_frequency(family%system, load, nu)
     end if
     call move_alloc(family, curve)
@@ -87,15 +99,47 @@ contains
     logical, intent(out) :: inside
     type(status_type) :: status
 
-    self%flat(self%entry) = p
-    call make_system(self%own%system, self%flat, self%kind_x, self%data_x, self%kind_phi, &
-                     self%data_phi, status)
+    call make_system(self%own%system, vector_at(self%flat, self%direction, p), self%kind_x, &
+                     self%data_x, self%kind_phi, self%data_phi, status)
     inside = .not. status%failed()
     if (.not. inside) return
     self%system => self%own%system
     call self%balance%set_frequency(self%system, self%load, self%nu)
     if (self%adaptive) call self%ladder%forget()
   end subroutine set
+
+  !> Stability of each motion, of the system at its p.
+  subroutine judge_systems(judge, curve, nu, p, x, stability, cancel)
+    type(judge_type), intent(inout) :: judge
+    class(oscillator_curve_type), intent(inout) :: curve
+    !> The frequency (rad/s); points of the curve, shapes (n) and (2 n_orders, n_dof, n).
+    real(wp), intent(in) :: nu, p(:), x(:, :, :)
+    type(stability_type), intent(out) :: stability
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), volatile, optional :: cancel
+    type(stability_type) :: one
+    logical :: inside
+    integer :: i, n
+
+    n = size(p)
+    allocate (stability%stable(n), stability%n_growing(n), source=-1)
+    allocate (stability%exponents(judge%n_slots, n), stability%multipliers(judge%n_slots, n), &
+              source=cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp))
+    do i = 1, n
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
+      call curve%set(p(i), inside)
+      if (.not. inside) cycle
+      call new_judge(judge, curve%system, curve%balance%set)
+      call judge%judge(curve%system, [nu], x(:, :, i:i), one, cancel, &
+                       stability%exponents(:, max(i - 1, 1)))
+      stability%stable(i) = one%stable(1)
+      stability%n_growing(i) = one%n_growing(1)
+      stability%exponents(:, i) = one%exponents(:, 1)
+      stability%multipliers(:, i) = one%multipliers(:, 1)
+    end do
+  end subroutine judge_systems
 
   subroutine equations(self, x, p, r, jacobian, slope, inside)
     class(vector_curve_type), intent(inout) :: self

@@ -7,13 +7,12 @@
 module viscovib_crossings
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use viscovib_dense, only: factorize, solve
-  use viscovib_harmonic_balance, only: balance_type
   use viscovib_hill_count, only: count_growing
   use viscovib_hill_roots, only: follow_exponent
   use viscovib_kinds, only: wp
-  use viscovib_load, only: load_type
-  use viscovib_motion_stability, only: judge_type, stability_type
+  use viscovib_motion_stability, only: judge_type, new_judge, stability_type
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency
   implicit none
   private
 
@@ -77,15 +76,11 @@ module viscovib_crossings
 contains
 
   !> All changes of stability between neighbours whose stability is known.
-  subroutine find_crossings(judge, balance, system, load, in_frequency, nu, p, x, stability, &
-                            folds, crossings, cancel)
+  subroutine find_crossings(judge, curve, nu, p, x, stability, folds, crossings, cancel)
     type(judge_type), intent(inout) :: judge
-    !> Made for the same harmonics; left as it was found but for its frequency and load.
-    type(balance_type), intent(inout) :: balance
-    class(oscillator_type), intent(in) :: system
-    type(load_type), intent(in) :: load
-    !> Whether p is the frequency (rad/s), or the factor of the load at the frequency nu.
-    logical, intent(in) :: in_frequency
+    !> The branch is a part of it; left as it was found but for its frequency and system.
+    class(oscillator_curve_type), intent(inout) :: curve
+    !> The frequency where that does not vary (rad/s).
     real(wp), intent(in) :: nu
     !> Points of the branch, shapes (n) and (2 n_orders, n_dof, n), and their stability.
     real(wp), intent(in) :: p(:), x(:, :, :)
@@ -101,7 +96,7 @@ contains
     integer :: fewer, i, k, place, inner, outer
 
     allocate (crossings(0))
-    load_factor = balance%load_factor
+    load_factor = curve%balance%load_factor
     do i = 1, size(p) - 1
       if (present(cancel)) then
         if (cancel /= 0) exit
@@ -114,8 +109,9 @@ contains
       end associate
       inner = 2*i + 1 - outer
       if (ieee_is_nan(real(stability%exponents(place, outer)))) cycle
-      call new_chord(chord, system, in_frequency, nu, p(i:i + 1), x(:, :, i:i + 1))
-      d = chord%frequency(outer - i)*merge(2, 1, balance%set%half_wave)
+      call new_chord(chord, curve%system, curve%vary == vary_frequency, nu, p(i:i + 1), &
+                     x(:, :, i:i + 1))
+      d = chord%frequency(outer - i)*merge(2, 1, curve%balance%set%half_wave)
       associate (exponents => stability%exponents(:, outer))
         call find_those_that_stay(stability%exponents(:fewer, inner), exponents(:place), d, &
                                   stays(:place))
@@ -124,10 +120,10 @@ contains
           if (stays(k)) cycle
           crossing%before = i
           crossing%located = .false.
-          crossing%kind = crossing_kind(exponents(k), d, balance%set%half_wave)
+          crossing%kind = crossing_kind(exponents(k), d, curve%balance%set%half_wave)
           if (crossing%kind == crossing_fold) call take_fold(chord, folds, crossing)
           if (.not. crossing%located) then
-            call locate(chord, judge, balance, system, load, &
+            call locate(chord, judge, curve, &
                         merge(stability%exponents(place, i:i + 1), exponents(k), &
                               .not. judge%remembers), &
                         stability%n_growing(i:i + 1), outer - i, place, crossing, cancel)
@@ -140,7 +136,7 @@ contains
         end do
       end associate
     end do
-    balance%load_factor = load_factor
+    curve%balance%load_factor = load_factor
   end subroutine find_crossings
 
   !> Which of the exponents at one end go on growing at the other: there they are nearest to
@@ -235,18 +231,16 @@ contains
   end subroutine take_fold
 
   !> The point of the branch on the plane sigma, by Newton's method.
-  subroutine go_to(chord, balance, system, load, sigma, made)
+  subroutine go_to(chord, curve, sigma, made)
     type(chord_type), intent(inout) :: chord
-    type(balance_type), intent(inout) :: balance
-    class(oscillator_type), intent(in) :: system
-    type(load_type), intent(in) :: load
+    class(oscillator_curve_type), intent(inout) :: curve
     real(wp), intent(in) :: sigma
     logical, intent(out) :: made
     real(wp) :: matrix(size(chord%x) + 1, size(chord%x) + 1), right(size(chord%x) + 1)
-    real(wp), dimension(size(chord%x, 1), size(chord%x, 2)) :: r, by_p, change
+    real(wp) :: change(size(chord%x, 1), size(chord%x, 2)), r(size(chord%x)), by_p(size(chord%x))
     real(wp) :: size_x, last
     integer :: pivots(size(chord%x) + 1), n, k
-    logical :: singular
+    logical :: singular, inside
 
     n = size(chord%x)
     chord%x = chord%x_ends(:, :, 1) + sigma*(chord%x_ends(:, :, 2) - chord%x_ends(:, :, 1))
@@ -254,23 +248,12 @@ contains
     made = .false.
     last = huge(last)
     do k = 1, max_corrections
-      if (chord%in_frequency) then
-        call balance%set_frequency(system, load, chord%p)
-      else
-        balance%load_factor = chord%p
-        call balance%set_frequency(system, load, chord%nu)
-      end if
-      call balance%residual(system, chord%x, r)
-      if (chord%in_frequency) then
-        call balance%frequency_derivative(system, load, chord%x, by_p)
-      else
-        call balance%load_derivative(by_p)
-      end if
-      call balance%derivatives(system, matrix)
-      matrix(:n, n + 1) = reshape(by_p, [n])
+      call curve%equations(reshape(chord%x, [n]), chord%p, r, matrix, by_p, inside)
+      if (.not. inside) return
+      matrix(:n, n + 1) = by_p
       matrix(n + 1, :n) = reshape(chord%normal_x, [n])
       matrix(n + 1, n + 1) = chord%normal_p
-      right(:n) = reshape(r, [n])
+      right(:n) = r
       right(n + 1) = sum(chord%normal_x*(chord%x - chord%x_ends(:, :, 1))) &
                      + chord%normal_p*(chord%p - chord%ends(1)) - sigma*chord%length
       call factorize(n + 1, matrix, pivots, singular)
@@ -280,7 +263,6 @@ contains
       chord%x = chord%x - change
       chord%p = chord%p - right(n + 1)
       size_x = norm2(chord%x)
-      if (chord%in_frequency .and. .not. chord%p > 0.0_wp) return
       if (.not. norm2(change) <= size_x) return
       ! To rounding, or as far as rounding lets it come.
       made = norm2(change) <= correction_tolerance*size_x .and. abs(right(n + 1)) &
@@ -297,13 +279,10 @@ contains
   end subroutine go_to
 
   !> Where the real part of an exponent vanishes.
-  subroutine locate(chord, judge, balance, system, load, exponents, n_growing, outer, place, &
-                    crossing, cancel)
+  subroutine locate(chord, judge, curve, exponents, n_growing, outer, place, crossing, cancel)
     type(chord_type), intent(inout) :: chord
     type(judge_type), intent(inout) :: judge
-    type(balance_type), intent(inout) :: balance
-    class(oscillator_type), intent(in) :: system
-    type(load_type), intent(in) :: load
+    class(oscillator_curve_type), intent(inout) :: curve
     !> The exponents of this place, by size, at both ends; with memory the one at the end where
     !! it grows. How many grow at both, and the end where more do.
     complex(wp), intent(in) :: exponents(0:1)
@@ -350,12 +329,13 @@ contains
     crossing%x = chord%x
     if (.not. judge%remembers) then
       crossing%kind = crossing_kind(found, merge(chord%p, chord%nu, chord%in_frequency) &
-                              *merge(2, 1, balance%set%half_wave), balance%set%half_wave)
+                              *merge(2, 1, curve%balance%set%half_wave), &
+                                    curve%balance%set%half_wave)
     end if
     if (crossing%kind == crossing_fold) then
       last = chord%slope
       do k = 0, 1
-        call go_to(chord, balance, system, load, real(k, wp), made)
+        call go_to(chord, curve, real(k, wp), made)
         if (.not. made) return
         slopes(k) = chord%slope
       end do
@@ -382,15 +362,16 @@ contains
       complex(wp) :: start
       real(wp) :: nu
 
-      call go_to(chord, balance, system, load, at_sigma, made)
+      call go_to(chord, curve, at_sigma, made)
       if (.not. made) return
       nu = merge(chord%p, chord%nu, chord%in_frequency)
+      if (curve%changes_system) call new_judge(judge, curve%system, curve%balance%set)
       if (judge%remembers) then
-        call judge%hill%along(system, nu, chord%x)
+        call judge%hill%along(curve%system, nu, chord%x)
         start = exponent
-        call follow_exponent(judge%hill, system, start, exponent, made)
+        call follow_exponent(judge%hill, curve%system, start, exponent, made)
       else
-        call judge%judge(system, [nu], reshape(chord%x, [shape(chord%x), 1]), stability)
+        call judge%judge(curve%system, [nu], reshape(chord%x, [shape(chord%x), 1]), stability)
         exponent = stability%exponents(place, 1)
         made = .not. ieee_is_nan(real(exponent))
       end if
@@ -407,10 +388,11 @@ contains
       counted = at_end
       if (at_sigma <= 0.0_wp .or. at_sigma >= 1.0_wp) return
       counted = -1
-      call go_to(chord, balance, system, load, at_sigma, found_there)
+      call go_to(chord, curve, at_sigma, found_there)
       if (.not. found_there) return
-      call judge%hill%along(system, merge(chord%p, chord%nu, chord%in_frequency), chord%x)
-      call count_growing(judge%hill, system, counted, evaluations)
+      if (curve%changes_system) call new_judge(judge, curve%system, curve%balance%set)
+      call judge%hill%along(curve%system, merge(chord%p, chord%nu, chord%in_frequency), chord%x)
+      call count_growing(judge%hill, curve%system, counted, evaluations)
     end subroutine count_at
 
   end subroutine locate

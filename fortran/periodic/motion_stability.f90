@@ -71,7 +71,7 @@ contains
     end if
   end subroutine new_judge
 
-  subroutine judge(self, system, nu, x, stability, cancel)
+  subroutine judge(self, system, nu, x, stability, cancel, near)
     class(judge_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     !> Frequencies (rad/s), shape (n).
@@ -81,12 +81,15 @@ contains
     type(stability_type), intent(out) :: stability
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile, optional :: cancel
+    !> Exponents of a neighbour of the first solution, NaN for none; with memory they speed
+    !! the search up.
+    complex(wp), intent(in), optional :: near(:)
 
     allocate (stability%stable(size(nu)), stability%n_growing(size(nu)), source=-1)
     allocate (stability%exponents(self%n_slots, size(nu)), &
               stability%multipliers(self%n_slots, size(nu)), source=not_a_number())
     if (self%remembers) then
-      call self%by_hill(system, nu, x, stability, cancel)
+      call self%by_hill(system, nu, x, stability, cancel, near)
     else
       call self%by_floquet(system, nu, x, stability, cancel)
     end if
@@ -138,16 +141,18 @@ contains
   end function logarithm
 
   !> Exponents that grow are counted by the argument principle and must all be found.
-  subroutine by_hill(self, system, nu, x, stability, cancel)
+  subroutine by_hill(self, system, nu, x, stability, cancel, beside)
     class(judge_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
     integer, intent(inout), volatile, optional :: cancel
+    complex(wp), intent(in), optional :: beside(:)
     complex(wp) :: near(self%n_slots)
     integer :: evaluations, found, i
 
     near = not_a_number()
+    if (present(beside)) near = beside
     do i = 1, size(nu)
       if (present(cancel)) then
         if (cancel /= 0) return

@@ -23,6 +23,8 @@ module viscovib_oscillator_curve
     class(oscillator_type), pointer :: system => null()
     type(load_type), pointer :: load => null()
     integer :: vary = vary_frequency
+    !> `set` makes another system.
+    logical :: changes_system = .false.
     !> The orders to choose from, if they are chosen, those kept and those to go on with.
     type(balance_ladder_type), allocatable :: ladder
     integer :: rung = 1

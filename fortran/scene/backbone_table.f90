@@ -7,6 +7,7 @@ module viscovib_backbone_table
   use viscovib_free_family, only: free_circle, free_family_type
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
+  use viscovib_orbit_multipliers, only: count_larger
   use viscovib_status, only: show, status_type
   use viscovib_text_file, only: text_writer
   implicit none
@@ -63,9 +64,11 @@ contains
     do i = 1, size(family%nu)
       row = trim(exact(family%nu(i)))
       if (allocated(family%energy)) row = row//','//trim(exact(family%energy(i)))
-      if (allocated(family%multipliers)) row = row//',' &
-                                                 //stability_text(family%multipliers(:, i), &
-                                                                  free_circle)
+      if (allocated(family%multipliers)) then
+        associate (multipliers => family%multipliers(:, i))
+          row = row//','//stability_text(count_larger(multipliers, free_circle), multipliers(1))
+        end associate
+      end if
       do j = 1, size(wanted)
         do k = 1, m
           row = row//','//trim(exact(family%x((wanted(j) - 1)*m + k, i)))

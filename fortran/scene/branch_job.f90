@@ -4,7 +4,8 @@ module viscovib_branch_job
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_crossings, only: crossing_type, find_crossings, known_folds
   use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes
-  use viscovib_curve_groups, only: listed, read_curve, read_yes, write_crossings
+  use viscovib_curve_groups, only: listed, read_curve, read_yes, stability_names, &
+    stability_note, stability_text, write_crossings
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -118,9 +119,10 @@ contains
         motions = reshape(branch%x(:, :n), [shape_x, n])
         call new_judge(judge, system, set)
         call judge%judge(system, branch%parameter(:n), motions, stability)
-        call find_crossings(judge, curve%balance, system, load, .true., job%curve%start, &
-                            branch%parameter(:n), motions, stability, &
-                            known_folds(folds%p, reshape(folds%x, [shape_x, folds%n])), crossings)
+        call find_crossings(judge, curve, job%curve%start, branch%parameter(:n), motions, &
+                            stability, &
+                            known_folds(folds%p, reshape(folds%x, [shape_x, folds%n])), &
+                            crossings)
       end associate
     end if
     call add_base_motion()
@@ -175,7 +177,7 @@ contains
                         //listed(branch%folds%p(:branch%folds%n)))
     call write_crossings(table, crossings, 'nu')
     row = '# nu (rad/s); u = Im sum_k X_k exp(i k nu t)'
-    if (allocated(stability%stable)) row = row//'; stable: 1, not: 0, unknown: -1'
+    if (allocated(stability%stable)) row = row//stability_note
     if (allocated(highest)) row = row//'; highest: order kept; truncation: estimated relative ' &
                                   //'error of leaving out higher orders'
     do d = 1, size(coordinates)
@@ -183,7 +185,7 @@ contains
     end do
     call table%add_line(row)
     row = 'nu'
-    if (allocated(stability%stable)) row = row//',stable'
+    if (allocated(stability%stable)) row = row//stability_names
     if (allocated(highest)) row = row//',highest,truncation'
     do d = 1, size(coordinates)
       do k = 1, size(orders)
@@ -194,7 +196,9 @@ contains
     call table%add_line(row)
     do i = 1, branch%n_points
       row = trim(exact(branch%parameter(i)))
-      if (allocated(stability%stable)) row = row//','//show(stability%stable(i))
+      if (allocated(stability%stable)) then
+        row = row//','//stability_text(stability%n_growing(i), stability%multipliers(1, i))
+      end if
       if (allocated(highest)) row = row//','//show(highest(i))//',' &
                                     //trim(exact(branch%truncation(i)))
       do k = 1, size(branch%x, 1)

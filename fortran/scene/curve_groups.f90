@@ -1,12 +1,12 @@
 !> What groups about curves share: keys that say how they are followed and where others
 !! leave, columns about stability.
 module viscovib_curve_groups
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use viscovib_crossings, only: crossing_names, crossing_type
   use viscovib_curve_branch, only: curve_options
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
-  use viscovib_orbit_multipliers, only: count_larger
   use viscovib_status, only: show
   use viscovib_text_file, only: text_writer
   implicit none
@@ -106,21 +106,18 @@ contains
     end do
   end function listed
 
-  !> The columns `stability_names` of a motion.
-  pure function stability_text(multipliers, circle) result(text)
-    !> Largest first, NaN where unknown.
-    complex(wp), intent(in) :: multipliers(:)
-    !> What is larger than this grows.
-    real(wp), intent(in) :: circle
+  !> The columns `stability_names` of a motion: how many multipliers are outside the unit
+  !! circle, -1: unknown, and the largest of all, NaN: unknown.
+  pure function stability_text(growing, largest) result(text)
+    integer, intent(in) :: growing
+    complex(wp), intent(in) :: largest
     character(len=:), allocatable :: text
-    integer :: growing
 
-    growing = count_larger(multipliers, circle)
     text = show(merge(growing, merge(1, 0, growing == 0), growing < 0))//','//show(growing)//','
-    if (growing < 0) then
+    if (ieee_is_nan(real(largest))) then
       text = text//'nan'
     else
-      text = text//trim(exact(hypot(real(multipliers(1)), aimag(multipliers(1)))))
+      text = text//trim(exact(hypot(real(largest), aimag(largest))))
     end if
   end function stability_text
 

@@ -14,6 +14,7 @@ module viscovib_driven_job
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
   use viscovib_orbit_floquet, only: orbit_floquet_type
+  use viscovib_orbit_multipliers, only: count_larger
   use viscovib_orbit_stability, only: find_orbit_crossings, judge_orbits, orbit_circle
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
@@ -284,7 +285,9 @@ contains
         row = row//','//trim(exact(branch%base(j, i)))
       end do
       if (allocated(branch%multipliers)) then
-        row = row//','//stability_text(branch%multipliers(:, i), orbit_circle)
+        associate (multipliers => branch%multipliers(:, i))
+          row = row//','//stability_text(count_larger(multipliers, orbit_circle), multipliers(1))
+        end associate
       end if
       do d = 1, 3
         ! The mean is Im X_0.

@@ -3,7 +3,7 @@
 import csv
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,11 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning
 from viscovib.files import whole_file
 from viscovib.load import LoadLike
-from viscovib.motion_stability import Stability, codes_of
-from viscovib.mount import Mount
-from viscovib.oscillators import Oscillator
+from viscovib.motion_stability import Stability, codes_of, stability_columns
+from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.plan import Plan, wanted_places
 from viscovib.response import Peak, _prepare
+from viscovib.varying import varied
 
 OUTCOMES: tuple[str, ...] = (
     "completed", "returned", "step limit", "stuck", "overflow", "unphysical", "closed",
@@ -34,11 +34,6 @@ MAX_SPECIAL = 200
 _KINDS = {"nu": 1, "load_factor": 2}
 #: Highest order that ``harmonics="auto"`` goes to, unless the load does.
 _MOST_CHOSEN = 63
-#: Where a parameter stands among the numbers of a mount.
-_ENTRIES = {
-    "mass": 1, "inertia": 2, "offset": 3, "stiffness_x": 4, "stiffness_phi": 5, "cubic_scale": 10,
-    "memory_scale": 11,
-}  # fmt: skip
 #: What may be crossed, in the order of the core.
 CROSSINGS = ("fold", "branch point", "symmetry breaking", "period doubling", "Neimark-Sacker")
 
@@ -167,6 +162,8 @@ class Branch(Curve):
     stable : ndarray of bool, shape (n,), or None
         None: unknown (time scales too far apart) or not asked for. If it is unknown of some motions
         only, the array holds objects, True, False and None.
+    growing : ndarray of int, shape (n,), or None
+        How many disturbances grow; -1: unknown.
     multipliers : complex ndarray, shape (n, 2 n_dof), or None
         Floquet multipliers, largest first, NaN where unknown; with memory exp(2 pi exponents/nu).
     exponents : complex ndarray, shape (n, m), or None
@@ -186,9 +183,9 @@ class Branch(Curve):
     outcome : str
         "completed"; "returned": back at the beginning, another branch leads on; "step limit":
         max_points reached; "stuck": no smaller step helps; "overflow"; "closed": back at the first
-        point; "unphysical": at the end of the values that make a mount.
+        point; "unphysical": at the end of the values that make a system.
     varies : str
-        "nu", "load_factor" or a parameter of the mount.
+        "nu", "load_factor" or a parameter of the system.
     parameter : ndarray, shape (n,)
         Its values.
     highest : ndarray of int, shape (n,)
@@ -204,6 +201,7 @@ class Branch(Curve):
     harmonics: npt.NDArray[np.int32]
     coefficients: ComplexArray
     stable: npt.NDArray[Any] | None
+    growing: npt.NDArray[np.int32] | None
     multipliers: ComplexArray | None
     exponents: ComplexArray | None
     folds: FloatArray
@@ -252,6 +250,7 @@ class Branch(Curve):
         if self.stable is not None and self.multipliers is not None:
             whole = self.stable.dtype == bool
             data["stable"] = ("point", self.stable if whole else codes_of(self.stable))
+            data["growing"] = ("point", self.growing)
             data["exponents"] = (("point", "multiplier"), self.exponents)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
         return xr.Dataset(
@@ -266,8 +265,8 @@ class Branch(Curve):
         ``coordinates``: names of those wanted; all by default.
         """
         columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
-        if self.stable is not None:
-            columns["stable"] = codes_of(self.stable)
+        if self.growing is not None:
+            columns |= stability_columns(self.growing, self.multipliers)
         if self.truncation is not None:
             columns |= {"highest": self.highest, "truncation": self.truncation}
         for d in wanted_places(coordinates, self.dof_names):
@@ -279,6 +278,7 @@ class Branch(Curve):
             file.write(f"# viscovib {version('viscovib')}, branch {self.outcome}\n")
             file.write(self.plan.comments())
             file.write(f"# folds at {self.varies} = {', '.join(f'{x:.15g}' for x in self.folds)}\n")
+            file.writelines(f"# {crossing}\n" for crossing in self.crossings)
             file.write("# nu (rad/s); u = Im sum_k X_k exp(i k nu t)\n")
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
@@ -319,9 +319,13 @@ def trace_response(
     load_range : (float, float)
         Factors of the load from which and to which the branch is followed.
     vary, vary_range : str, (float, float)
-        Parameter of a mount ("mass", "inertia", "offset", "stiffness_x", "stiffness_phi",
-        "cubic_scale", "memory_scale") and values from which and to which the branch is followed.
-        Of changes of stability, folds and branch points are located.
+        Parameter of the system and values from which and to which the branch is followed. Of a
+        mount "mass", "inertia", "offset", "stiffness_x", "stiffness_phi", "cubic_scale" or
+        "memory_scale". Of a `PolynomialSystem` an entry, "stiffness[x1,x2]" (for one coordinate
+        "stiffness"), also of mass or damping, with its mirror image if that has the same value; a
+        coefficient of the forces, "forces[x1,x1^2*x2]" ("forces[x^3]"); or a factor of the whole,
+        "mass_scale", "damping_scale", "stiffness_scale", "forces_scale", "memory_scale" (of all
+        kernels). "springs[0]." before it means those springs.
     at : array_like
         Values of what varies at each of which a point shall lie, as often as the branch gets there.
     leave : BranchPoint
@@ -364,9 +368,13 @@ def trace_response(
     if (given[0] == "vary_range") != (vary is not None):
         raise InputError("vary: must be given with vary_range, and only then")
     start, finish = _range(given[0], ranges[given[0]])
-    varies, entry = {"nu_range": "nu", "load_range": "load_factor"}.get(given[0], ""), 0
+    varies = {"nu_range": "nu", "load_range": "load_factor"}.get(given[0], "")
+    check_oscillator(mount, base)
+    flat, direction, first = mount._flat, np.zeros(mount._flat.size), None
     if vary is not None:
-        varies, entry, mount = _beginning(mount, vary, start, finish)
+        numbers = varied(mount, vary, start, finish)
+        varies, flat, direction = numbers
+        first = numbers.at(start)
     if varies == "nu" and min(start, finish) <= 0:
         raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
     fixed = start if nu is None else _native.number("nu", nu)
@@ -379,7 +387,7 @@ def trace_response(
         raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
     job, _, options, planned = _prepare(
         mount, [fixed], load, base, "newton", harmonics, tolerance, 100, 1.0, keep_idle=True,
-        may_choose=True,
+        flat=first, may_choose=True,
     )  # fmt: skip
     chosen = _native.is_auto(harmonics)
     if planned.method != "newton":
@@ -407,11 +415,11 @@ def trace_response(
     cancel = np.zeros(1, dtype=np.intc)
     (
         n, ended, n_used, p, iterations, kept, truncation, coefficients, is_stop, n_folds, folds,
-        fold_coefficients,
-        n_branch, branch_p, branch_x, across, branch_before, judged, multipliers, exponents,
-        n_crossings, kinds, before, where, crossing_coefficients,
+        fold_coefficients, n_branch, branch_p, branch_x, across, branch_before, judged, growing,
+        multipliers, exponents, n_crossings, kinds, before, where, crossing_coefficients,
     ) = _native.call_interruptibly(
-        core.mount_branch, cancel, *job, _KINDS.get(varies, 3), entry, fixed, start, finish,
+        core.mount_branch, cancel, flat, *job[1:], _KINDS.get(varies, 3), direction, fixed, start,
+        finish,
         options[1], int(keeps), options[2], points, step, stops, int(leave is not None),
         begin, begin_p, along, points if judged_too else 0, m, min(points, MAX_SPECIAL), cancel,
     )  # fmt: skip
@@ -454,6 +462,7 @@ def trace_response(
         harmonics=orders,
         coefficients=absolute(coefficients[:n_used, :, :n], values),
         stable=found.stable if found else None,
+        growing=growing[:n].copy() if found else None,
         multipliers=found.multipliers if found else None,
         exponents=found.exponents if found else None,
         folds=folds[:n_folds].copy(),
@@ -481,19 +490,6 @@ def trace_response(
         dof_units=mount.dof_units,
         plan=_plan(varies, start, finish, 0 if chosen else m, planned, judged_too),
     )
-
-
-def _beginning(
-    mount: Oscillator, vary: object, start: float, finish: float
-) -> tuple[str, int, Mount]:
-    """Name and place of a parameter, and the mount at its first value; both must make one."""
-    if not isinstance(mount, Mount):
-        raise InputError("vary: needs a mount; build polynomial systems one by one")
-    name = _native.choice("vary", vary, tuple(_ENTRIES))
-    changes: dict[str, Any] = {name: finish}
-    replace(mount, **changes)
-    changes[name] = start
-    return name, _ENTRIES[name], replace(mount, **changes)
 
 
 def _plan(

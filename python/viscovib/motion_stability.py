@@ -23,9 +23,11 @@ def stability_columns(
         "stable": np.where(growing < 0, -1, growing == 0),
         "growing": growing,
     }
-    if multipliers is not None:
-        # Not abs, whose last bit is not that of the core.
-        columns["multiplier"] = np.hypot(multipliers[:, 0].real, multipliers[:, 0].imag)
+    largest = np.full(growing.size, np.nan + 0j)
+    if multipliers is not None and multipliers.size:
+        largest = multipliers[:, 0]
+    # Not abs, whose last bit is not that of the core.
+    columns["multiplier"] = np.hypot(largest.real, largest.imag)
     return columns
 
 

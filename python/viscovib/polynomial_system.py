@@ -300,7 +300,7 @@ class PolynomialSystem:
         for kernel in kernels:
             data += [[kernel._kind, kernel._data.size], kernel._data]
         parts: list[Any] = [
-            [n, len(self.groups), len(monomials), len(kernels)],
+            [n, len(self.groups), len(monomials), len(kernels), 1.0],
             self._mass_matrix.ravel(order="F"), self._damping.ravel(order="F"),
             direction, *springs, *monomials, *data,
         ]  # fmt: skip

@@ -434,10 +434,12 @@ def _prepare(
     *,
     keep_idle: bool = False,
     may_choose: bool = False,
+    flat: FloatArray | None = None,
 ) -> tuple[tuple[Any, ...], FloatArray, tuple[Any, ...], _Plan]:
     """Check everything and bring it into the form of the core.
 
-    ``keep_idle``: take along coordinates that nothing moves.
+    ``keep_idle``: take along coordinates that nothing moves; ``flat``: instead of the system's
+    own numbers.
     """
     check_oscillator(mount, base)
     frequencies = _native.real_array("nu", nu)
@@ -457,7 +459,7 @@ def _prepare(
     if chosen and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
     job = (
-        mount._flat,
+        mount._flat if flat is None else flat,
         *mount._kernels,
         *load_series(load, base, len(mount.dof_names)),
     )
