@@ -15,8 +15,18 @@ module viscovib_vector_curve
 
   public :: new_plain_curve, new_vector_curve, vector_at, judge_systems
 
-  !> Step of a central difference, as a part of the size of the parameter.
-  real(wp), parameter :: part = 1.0e-6_wp
+  !> Step of a difference of fourth order, as a part of the size of the parameter; its places
+  !! in steps and factors: about the point, from it on, and before it.
+  real(wp), parameter :: part = 1.0e-3_wp
+  real(wp), parameter :: places(5, 3) = reshape([ &
+                                                -2.0_wp, -1.0_wp, 1.0_wp, 2.0_wp, 0.0_wp, &
+                                                0.0_wp, 1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp, &
+                                                0.0_wp, -1.0_wp, -2.0_wp, -3.0_wp, -4.0_wp], [5, 3])
+  real(wp), parameter :: factors(5, 3) = reshape([ &
+                                                 1.0_wp, -8.0_wp, 8.0_wp, -1.0_wp, 0.0_wp, &
+                                                 -25.0_wp, 48.0_wp, -36.0_wp, 16.0_wp, -3.0_wp, &
+                                                 25.0_wp, -48.0_wp, 36.0_wp, -16.0_wp, 3.0_wp], &
+                                                 [5, 3])/12.0_wp
   !> Stands for p = 0, where terms would be left out that other values have.
   real(wp), parameter :: nearly_nothing = 1.0e-200_wp
 
@@ -148,17 +158,24 @@ contains
     real(wp), intent(inout) :: jacobian(:, :)
     real(wp), intent(out) :: slope(:)
     logical, intent(out) :: inside
-    real(wp) :: below(size(r)), h
-    logical :: beside
+    real(wp) :: beside(size(r)), h
+    integer :: k, side
+    logical :: made
 
     h = part*max(abs(p), self%p_scale)
-    call self%residual(x, p + h, slope, beside)
-    inside = beside
-    call self%residual(x, p - h, below, beside)
-    inside = inside .and. beside
-    slope = (slope - below)/(2.0_wp*h)
-    call self%residual(x, p, r, beside)
-    inside = inside .and. beside
+    ! Sideways where the values of p end.
+    do side = 1, size(places, 2)
+      slope = 0.0_wp
+      do k = 1, size(places, 1)
+        call self%residual(x, p + places(k, side)*h, beside, made)
+        if (.not. made) exit
+        slope = slope + factors(k, side)/h*beside
+      end do
+      if (made) exit
+    end do
+    inside = made
+    call self%residual(x, p, r, made)
+    inside = inside .and. made
     if (inside) call self%balance%derivatives(self%system, jacobian)
   end subroutine equations
 

@@ -178,6 +178,7 @@ contains
         step = 0.4_wp*step
         if (corrector%outside .and. step < edge_step) then
           branch%outcome = curve_unphysical
+          if (abs(options%finish - here%p) < 10.0_wp*edge_step*corrector%p_scale) call end_at_edge()
           return
         end if
         if (step > smallest_step) cycle
@@ -247,7 +248,7 @@ contains
     !> Go on with the number of unknowns chosen.
     subroutine change_size()
       type(curve_point) :: old
-      real(wp) :: largest
+      real(wp) :: largest, p_scale
       integer :: i
       call sized%resize()
       if (curve%n == n) return
@@ -260,7 +261,8 @@ contains
       stop_point%x = here%x
       stop_point%slope_x = here%slope_x
       largest = corrector%largest
-      call new_corrector(corrector, curve, options%tolerance, corrector%p_scale, here%x)
+      p_scale = corrector%p_scale
+      call new_corrector(corrector, curve, options%tolerance, p_scale, here%x)
       corrector%largest = largest
       if (branch%n_points > 1) call aim(corrector, before, here)
     end subroutine change_size
@@ -347,6 +349,24 @@ contains
         branch%outcome = curve_step_limit
       end if
     end subroutine finish_at
+
+    !> Where the values of p end at the finish nothing lies beyond it: the last point at fixed p.
+    subroutine end_at_edge()
+      type(curve_point) :: upright
+      call new_point(upright, n)
+      call copy_point(here, upright)
+      upright%p = options%finish
+      upright%slope_x = 0.0_wp
+      upright%slope_p = sign_wanted
+      call correct(curve, corrector, upright, 0.0_wp, next, made, .true.)
+      if (.not. made) return
+      branch%outcome = curve_completed
+      next%p = options%finish
+      if (next%slope_p*sign_wanted < 0.0_wp) call reverse(next)
+      if (branch%n_points < options%max_points) then
+        call branch%add(next, any(abs(stops - next%p) <= 0.0_wp), truncation)
+      end if
+    end subroutine end_at_edge
 
   end subroutine follow_curve
 

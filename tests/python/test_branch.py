@@ -730,3 +730,21 @@ def test_too_few_orders_are_told():
             vv.PolynomialSystem(mass=1, stiffness=1, damping=0.01, forces={"x": "x^3"}),
             (0.02, 0.03), load=3, harmonics="auto", stability=False, tolerance=1e-12,
         )  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+@pytest.mark.parametrize("harmonics", [9, "auto"])
+def test_parameters_vary_to_the_ends_of_their_values(harmonics):
+    """No memory at all, no offset: nothing lies beyond."""
+    body = vv.Mount(**M0, kernel=vv.RzhanitsynKernel(amplitude=0.03, alpha=0.1, beta=0.05))
+    options = dict(nu=2.3, load=0.3, harmonics=harmonics)
+    up = vv.trace_response(body, **options, vary="memory_scale", vary_range=(0, 1))
+    down = vv.trace_response(body, **options, vary="memory_scale", vary_range=(1, 0))
+    assert up.outcome == down.outcome == "completed"
+    assert (up.parameter[0], up.parameter[-1]) == (0, 1)
+    assert (down.parameter[0], down.parameter[-1]) == (1, 0)
+    both = up.coefficients[[0, -1], :, :3], down.coefficients[[-1, 0], :, :3]
+    assert both[0] == pytest.approx(both[1], rel=1e-8, abs=1e-9)
+    away = vv.trace_response(body, **options, vary="offset", vary_range=(0, 0.5))
+    assert away.outcome == "completed"
+    assert away.coefficients[-1, :, :3] == pytest.approx(up.coefficients[-1, :, :3], rel=1e-8)
