@@ -1,9 +1,10 @@
 !> A polynomial system and its kernels as one vector of numbers, as the flat
 !! routines take it:
 !!
-!!   n, n_springs, n_monomials, n_kernels, factor of all kernels; M (n^2); C (n^2); base
-!!   direction (n); of each spring: kernel, K (n^2); of each monomial: coefficient, equation, kernel,
-!!   powers (n); of each kernel: kind, number of data, data.
+!!   n, n_springs, n_monomials, n_kernels, factor of all kernels; M (n^2); C (n^2);
+!!   base direction (n); of each spring: kernel, K (n^2); of each monomial:
+!!   coefficient, equation, kernel, powers (n); of each kernel: kind, number of data,
+!!   data.
 !!
 !! Matrices are column by column.
 module viscovib_system_vector

@@ -121,7 +121,16 @@ contains
     value = abs(multipliers(place, :)) - 1.0_wp
     ! Where it is outside, it is the smallest there.
     crossing%kind = kind_of(multipliers(place:place, maxloc(value, 1) - 1))
-    if (.not. value(0)*value(1) < 0.0_wp) return
+    if (.not. value(0)*value(1) < 0.0_wp) then
+      ! The end that counts as on the circle is where it crosses, as at the first point of
+      ! a branch that leaves another.
+      side = minloc(abs(value), 1) - 1
+      crossing%located = abs(value(side)) <= orbit_circle - 1.0_wp
+      if (.not. crossing%located) return
+      crossing%p = p(side)
+      crossing%x = balance%expanded(x(:, side))
+      return
+    end if
     sigma = [0.0_wp, 1.0_wp]
     last = huge(last)
     before = -1

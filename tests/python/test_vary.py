@@ -29,7 +29,8 @@ def test_a_cubic_coefficient_is_the_square_of_a_load():
     assert by_force.folds == pytest.approx(by_load.folds**2, rel=1e-12)
     for mine, other in zip(by_force.crossings, by_load.crossings, strict=True):
         scaled = mine.coefficients * np.sqrt(mine.parameter)
-        assert scaled == pytest.approx(other.coefficients, rel=1e-8, abs=1e-8)
+        # Near a fold as good as the root of rounding.
+        assert scaled == pytest.approx(other.coefficients, rel=1e-6, abs=1e-6)
 
 
 def test_a_period_doubles_along_a_quadratic_coefficient():
