@@ -85,7 +85,7 @@ def test_two_levels_of_orders_and_a_run_in_time():
 
 
 def test_strong_motions_need_more_than_few_orders_inside():
-    """z to 0.9 of where the spring reaches the pivot: inner orders are added until all follow."""
+    """Z to 0.9 of where the spring reaches the pivot: inner orders are added until all follow."""
     strong = replace(TWO, f0=0.2, m01=0.01, p1=1.02, p2=0.41)
     r = vv.forced_response(strong, harmonics=14, stability=False)
     assert r.converged[0]
