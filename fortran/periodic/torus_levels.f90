@@ -24,7 +24,7 @@ module viscovib_torus_levels
   public :: torus_levels, new_levels, solve_on_levels
 
   !> Unknowns from which two levels pay, and of the inner one at most to begin with.
-  integer, parameter, public :: many = 140, few = 130
+  integer, parameter, public :: many = 100, few = 70
   integer, parameter :: max_iterations = 150, memory = 60
   !> In so many iterations corrections must shrink by a factor of ten, or they never will.
   integer, parameter :: patience = 40
