@@ -12,13 +12,13 @@
 !!
 !!   Y_k = sum_l (Q_(k-l) + i w_l V_(k-l)) dX_l - (Q_(k+l) - i w_l V_(k+l)) conj dX_l.
 module viscovib_torus_balance
-  use viscovib_constants, only: pi
   use viscovib_curve, only: curve_type
   use viscovib_driven_system, only: differentiable_system_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_status, only: status_type
   use viscovib_torus, only: new_torus, torus_type
+  use viscovib_torus_samples, only: drive_samples, load, store, within_range
   implicit none
   private
 
@@ -111,34 +111,6 @@ contains
       call drive_samples(torus, drive_orders(:, j), balance%cosines(:, j))
     end do
   end subroutine new_torus_balance
-
-  !> cos of the angle order.theta at the samples.
-  pure subroutine drive_samples(torus, order, cosine)
-    type(torus_type), intent(in) :: torus
-    integer, intent(in) :: order(:)
-    real(wp), intent(out) :: cosine(:)
-    complex(wp) :: wave(maxval(torus%n_points), 3), across
-    real(wp) :: angle
-    integer :: i, j, k, s
-
-    wave = (1.0_wp, 0.0_wp)
-    do i = 1, size(order)
-      do s = 1, torus%n_points(i)
-        angle = 2.0_wp*pi*modulo(order(i)*(s - 1), torus%n_points(i))/torus%n_points(i)
-        wave(s, i) = cmplx(cos(angle), sin(angle), wp)
-      end do
-    end do
-    s = 0
-    do k = 1, torus%n_points(3)
-      do j = 1, torus%n_points(2)
-        across = wave(j, 2)*wave(k, 3)
-        do i = 1, torus%n_points(1)
-          cosine(s + i) = real(wave(i, 1))*real(across) - aimag(wave(i, 1))*aimag(across)
-        end do
-        s = s + torus%n_points(1)
-      end do
-    end do
-  end subroutine drive_samples
 
   !> Which unknowns there are, and where they stand.
   pure subroutine choose_unknowns(balance, kept, even_in_time)
@@ -370,77 +342,24 @@ contains
       if (.not. inside) return
       if (.not. derivatives) then
         call self%system%acceleration(q, v, drive, a)
-        call store(self, first, m, a, self%a(:, :, 1))
+        call store(first, m, a, self%a(:, :, 1))
         cycle
       end if
       do d = 1, self%n_dof
         dq(:, d) = 1.0_wp
         call self%system%tangent(q, v, drive, dq, dv, a, da)
-        call store(self, first, m, da, self%slopes(:, :, d))
+        call store(first, m, da, self%slopes(:, :, d))
         dq(:, d) = 0.0_wp
         dv(:, d) = 1.0_wp
         call self%system%tangent(q, v, drive, dq, dv, a, da)
-        call store(self, first, m, da, self%slopes(:, :, self%n_dof + d))
+        call store(first, m, da, self%slopes(:, :, self%n_dof + d))
         dv(:, d) = 0.0_wp
       end do
-      call store(self, first, m, a, self%a(:, :, 1))
+      call store(first, m, a, self%a(:, :, 1))
       call along_parameter(self, first, m, q, v, drive, raised, da)
-      call store(self, first, m, da, self%a(:, :, 2))
+      call store(first, m, da, self%a(:, :, 2))
     end do
   end subroutine evaluate
-
-  !> A block of lanes, the last value repeated where there are fewer.
-  pure subroutine load(m, values, lanes)
-    integer, intent(in) :: m
-    real(wp), intent(in) :: values(m)
-    real(wp), intent(out) :: lanes(n_lanes)
-    integer :: l
-    if (m == n_lanes) then
-      do l = 1, n_lanes
-        lanes(l) = values(l)
-      end do
-    else
-      lanes(:m) = values
-      lanes(m + 1:) = values(m)
-    end if
-  end subroutine load
-
-  !> Lanes into their rows of an array of samples.
-  pure subroutine store(self, first, m, lanes, samples)
-    class(torus_balance_type), intent(in) :: self
-    integer, intent(in) :: first, m
-    real(wp), intent(in) :: lanes(n_lanes, self%n_dof)
-    real(wp), intent(inout) :: samples(self%torus%n_samples, self%n_dof)
-    integer :: d, l
-    do d = 1, self%n_dof
-      if (m == n_lanes) then
-        do l = 1, n_lanes
-          samples(first - 1 + l, d) = lanes(l, d)
-        end do
-      else
-        samples(first:first + m - 1, d) = lanes(:m, d)
-      end if
-    end do
-  end subroutine store
-
-  !> Within what the equations describe, and far from the end of all numbers.
-  pure logical function within_range(n, margin, q, v)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: margin(n_lanes), q(n_lanes, n), v(n_lanes, n)
-    real(wp) :: outside(n_lanes)
-    integer :: d, l
-    do l = 1, n_lanes
-      outside(l) = merge(0.0_wp, 1.0_wp, margin(l) > 0.0_wp)
-    end do
-    do d = 1, n
-      do l = 1, n_lanes
-        ! What is not a number is not within either.
-        outside(l) = outside(l) + merge(0.0_wp, 1.0_wp, abs(q(l, d)) <= 1.0e6_wp &
-                                        .and. abs(v(l, d)) <= 1.0e60_wp)
-      end do
-    end do
-    within_range = maxval(outside) < 0.5_wp
-  end function within_range
 
   !> Change of the accelerations with the parameter, the motion's orders fixed.
   pure subroutine along_parameter(self, first, m, q, v, drive, raised, change)

@@ -24,8 +24,10 @@ module viscovib_torus_levels
   public :: torus_levels, new_levels, solve_on_levels
 
   !> Unknowns from which two levels pay, and of the inner one at most to begin with.
-  integer, parameter, public :: many = 140, few = 130
-  integer, parameter :: max_iterations = 90, memory = 30
+  integer, parameter, public :: many = 100, few = 70
+  integer, parameter :: max_iterations = 150, memory = 60
+  !> In so many iterations corrections must shrink by a factor of ten, or they never will.
+  integer, parameter :: patience = 40
   !> Corrections go on to this part of the tolerance, as they shrink by a factor only.
   real(wp), parameter :: below = 1.0e-3_wp
   !> Corrections that may fail to halve before what is left is taken for rounding.
@@ -186,7 +188,7 @@ contains
     real(wp), allocatable :: new(:), step(:), last_new(:), last_step(:)
     !> What steps change by, made orthonormal, and with it the moves that do so.
     real(wp), allocatable :: basis(:, :), moves(:, :)
-    real(wp) :: change, smallest, norm
+    real(wp) :: change, smallest, norm, aim
     integer :: k, kept, vain
     logical :: inside, near_enough
 
@@ -197,6 +199,7 @@ contains
     allocate (step(balance%n), basis(balance%n, memory), moves(balance%n, memory))
     kept = 0
     smallest = sqrt(huge(1.0_wp))
+    aim = smallest
     vain = 0
     near_enough = .false.
     do k = 1, max_iterations
@@ -221,6 +224,10 @@ contains
         return
       end if
       smallest = min(smallest, change)
+      if (mod(k, patience) == 1) then
+        if (smallest > aim) exit
+        aim = 0.1_wp*smallest
+      end if
       if (k > 1) call remember(kept, step - last_step, new - last_new, basis, moves)
       last_new = new
       last_step = step

@@ -13,7 +13,6 @@ module viscovib_torus_orders
   use viscovib_status, only: status_type
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
-  use viscovib_torus_levels, only: few, new_levels, solve_on_levels
   use viscovib_torus_response, only: near_levels, solve_from_rest, solve_near
   implicit none
   private
@@ -192,7 +191,7 @@ contains
           if (allocated(here)) deallocate (here)
           allocate (here(rung%balance%n))
           call solve_from_rest(rung%balance, p(i), tolerance, here, outcome(i), iterations(i), &
-                               cancel)
+                               cancel, rung%near)
         end if
       end associate
       if (outcome(i) /= outcome_converged) cycle
@@ -238,6 +237,7 @@ contains
       if (status%failed()) return
       new = self%cropped(next, y)
       associate (rung => self%rungs(next))
+        rung%near%most = max(rung%near%most, self%rungs(bound)%near%most)
         call solve_near(rung%balance, rung%near, p, tolerance, new, outcome, iterations, cancel)
       end associate
       if (outcome /= outcome_converged) return
@@ -270,20 +270,30 @@ contains
       allocate (new(rung%balance%n))
       new(:) = self%cropped(bound + self%step, y)
       largest = maxval(abs(new))
-      if (.not. rung%near%levels%ready) call new_levels(rung%near%levels, rung%balance, few)
-      call solve_on_levels(rung%near%levels, rung%balance, p, tolerance, new, outcome, &
-                           iterations, cancel, judged)
+      rung%near%most = max(rung%near%most, self%rungs(bound)%near%most)
+      call solve_near(rung%balance, rung%near, p, tolerance, new, outcome, iterations, cancel, &
+                      judged)
       if (outcome /= outcome_converged) then
-        call solve_near(rung%balance, rung%near, p, tolerance, new, outcome, iterations, cancel)
+        ! Of orders that do not let themselves be added: about as large as the last ones.
+        truncation = outer_part(self, bound, y)
+        return
       end if
-      ! The worst to be said of orders that do not let themselves be added.
-      truncation = 1.0_wp
-      if (outcome /= outcome_converged) return
       truncation = min(1.0_wp, maxval(abs(new - self%cropped(bound + self%step, y))) &
                        /max(largest, tiny(1.0_wp)))
       y = self%padded(bound + self%step, new, n)
     end associate
   end subroutine judge
+
+  !> The largest of the outermost shells against the largest of all.
+  pure real(wp) function outer_part(self, bound, y)
+    class(torus_ladder), intent(in) :: self
+    integer, intent(in) :: bound
+    real(wp), intent(in) :: y(:)
+    real(wp) :: whole(size(y)/self%system%n_dof, self%system%n_dof)
+    whole = reshape(y, shape(whole))
+    outer_part = maxval(abs(whole(2*self%n_orders(max(0, bound - self%step)):, :))) &
+                 /max(maxval(abs(whole)), tiny(1.0_wp))
+  end function outer_part
 
   !> Orders fall off geometrically: go on as far as that suggests, and a little more, at most
   !! to twice as far.

@@ -26,7 +26,7 @@ contains
 
   !> Solve at p from rest: with many unknowns for those of the inner orders first, and for
   !! more of them if the outer ones then do not follow.
-  subroutine solve_from_rest(balance, p, tolerance, x, outcome, iterations, cancel)
+  subroutine solve_from_rest(balance, p, tolerance, x, outcome, iterations, cancel, near)
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p, tolerance
     real(wp), intent(out) :: x(:)
@@ -34,6 +34,8 @@ contains
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile, optional :: cancel
+    !> Told how many inner orders sufficed.
+    type(near_levels), intent(inout), optional :: near
     type(torus_levels) :: levels
     real(wp), allocatable :: inner(:)
     integer :: most
@@ -55,7 +57,10 @@ contains
       if (outcome /= outcome_converged) exit
       x = levels%beyond(balance, inner)
       call solve_on_levels(levels, balance, p, tolerance, x, outcome, iterations, cancel)
-      if (outcome == outcome_converged) return
+      if (outcome == outcome_converged) then
+        if (present(near)) near%most = most
+        return
+      end if
       most = 3*most
     end do
     if (balance%n > most_dense) return
@@ -108,7 +113,7 @@ contains
   end subroutine raise_loads
 
   !> From x on, near a solution, with the inner orders that sufficed last, or more.
-  subroutine solve_near(balance, near, p, tolerance, x, outcome, iterations, cancel)
+  subroutine solve_near(balance, near, p, tolerance, x, outcome, iterations, cancel, part)
     type(torus_balance_type), intent(inout) :: balance
     !> Of this balance, or new.
     type(near_levels), intent(inout) :: near
@@ -117,12 +122,14 @@ contains
     integer, intent(out) :: outcome
     integer, intent(inout) :: iterations
     integer, intent(inout), volatile, optional :: cancel
+    !> As for `solve_on_levels`; two levels then pay for few unknowns too.
+    real(wp), intent(in), optional :: part
 
     outcome = outcome_stalled
-    do while (levels_pay(balance%n, near%most))
+    do while (levels_pay(balance%n, near%most) .or. (present(part) .and. near%most == few))
       if (.not. near%levels%ready) call new_levels(near%levels, balance, near%most)
       if (.not. near%levels%ready) exit
-      call solve_on_levels(near%levels, balance, p, tolerance, x, outcome, iterations, cancel)
+      call solve_on_levels(near%levels, balance, p, tolerance, x, outcome, iterations, cancel, part)
       if (outcome == outcome_converged) return
       near%levels%ready = .false.
       near%most = 3*near%most

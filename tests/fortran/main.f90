@@ -19,6 +19,7 @@ program tester
   use test_skips, only: run_skips
   use test_table, only: run_table
   use test_torus, only: run_torus
+  use test_torus_orders, only: run_torus_orders
   use test_transient, only: run_transient
   implicit none
 
@@ -47,6 +48,7 @@ program tester
   if (wants('skips')) call run_skips()
   if (wants('table')) call run_table()
   if (wants('torus')) call run_torus()
+  if (wants('torus_orders')) call run_torus_orders()
   if (wants('transient')) call run_transient()
 
   if (.not. known) then
