@@ -94,20 +94,23 @@ contains
     type(defect_type), intent(in) :: defect
     real(wp), intent(inout) :: y(:, :, 0:)
     complex(wp) :: root(0:size(y, 1) - 1), s, u
+    real(wp) :: cosine(size(y, 1)), sine(size(y, 1))
     integer :: points, turn, i, k, d, row
 
     points = size(y, 1)
     root = [(exp(cmplx(0.0_wp, two_pi*k/points, wp)), k=0, points - 1)]
     do i = 1, defect%n
       turn = modulo(sum(orders(:angles%n, i)*step(:angles%n)), points)
+      if (.not. any(abs(defect%u(:, i)) > 0.0_wp)) cycle
       s = exponent_of(angles, orders, defect, i)
+      do k = 1, points
+        cosine(k) = real(root(modulo((k - 1)*turn, points)))
+        sine(k) = aimag(root(modulo((k - 1)*turn, points)))
+      end do
       do d = 0, 2
         do row = 1, size(y, 2)
           u = 2.0_wp*defect%u(row, i)*s**d
-          if (.not. abs(u) > 0.0_wp) cycle
-          do k = 1, points
-            y(k, row, d) = y(k, row, d) + real(u*root(modulo((k - 1)*turn, points)))
-          end do
+          y(:, row, d) = y(:, row, d) + (real(u)*cosine - aimag(u)*sine)
         end do
       end do
     end do
@@ -120,8 +123,8 @@ contains
     real(wp), intent(in), contiguous :: y(:, :, 0:), load(:, :)
     real(wp), intent(out), contiguous :: e(:, :)
     real(wp), allocatable :: own(:, :, :)
-    complex(wp) :: x(scales%form%n_arguments)
-    integer :: i, k
+    real(wp) :: x(size(y, 1), scales%form%n_arguments)
+    integer :: i
 
     associate (form => scales%form)
       if (present(full)) then
@@ -135,15 +138,25 @@ contains
         end do
         return
       end if
-      do k = 1, size(y, 1)
-        do i = 1, form%n_arguments
-          x(i) = y(k, form%source(i), form%derivative(i))
-        end do
-        e(k, :) = matmul(form%hereditary, y(k, :, 0)) &
-                  + real(form%quadratic_at(x, x) + form%cubic_at(x, x, x))
-        where (form%kernel_of == 0) e(k, :) = e(k, :) + matmul(form%linear(:, :, 0), y(k, :, 0)) &
-          + matmul(form%linear(:, :, 1), y(k, :, 1)) + matmul(form%linear(:, :, 2), y(k, :, 2)) &
-          - matmul(form%load, load(k, :))
+      do i = 1, form%n_arguments
+        x(:, i) = y(:, form%source(i), form%derivative(i))
+      end do
+      e = matmul(y(:, :, 0), transpose(form%hereditary))
+      do i = 1, size(form%quadratic)
+        associate (t => form%quadratic(i))
+          e(:, t%row) = e(:, t%row) + t%coefficient*x(:, t%at(1))*x(:, t%at(2))
+        end associate
+      end do
+      do i = 1, size(form%cubic)
+        associate (t => form%cubic(i))
+          e(:, t%row) = e(:, t%row) + t%coefficient*x(:, t%at(1))*x(:, t%at(2))*x(:, t%at(3))
+        end associate
+      end do
+      do i = 1, form%n
+        if (form%kernel_of(i) > 0) cycle
+        e(:, i) = e(:, i) + matmul(y(:, :, 0), form%linear(i, :, 0)) &
+                  + matmul(y(:, :, 1), form%linear(i, :, 1)) &
+                  + matmul(y(:, :, 2), form%linear(i, :, 2)) - matmul(load, form%load(i, :))
       end do
     end associate
   end subroutine evaluate_sides
