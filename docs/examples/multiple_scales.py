@@ -18,6 +18,7 @@ import viscovib as vv
 matplotlib.use("Agg")
 
 BODY = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5}
+_DARK, _WARM = "#0b1d51", "#c8452e"
 DAMPED = {**BODY, "c1": 0.005, "c2": 0.005, "c3": 0.005}
 
 
@@ -61,14 +62,16 @@ def _free_motion(folder):
     powers = np.log2(np.array(errors[:-1]) / errors[1:])
     print("error falls by the powers", powers.round(2), "of the amplitude: 4 is the theory")
     figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
-    axis.loglog(sizes, errors, "o-", color="#0b1d51", label="error of the motion, t to 60")
-    axis.loglog(sizes, estimates, "s--", color="#c8452e", label="own estimate")
+    axis.loglog(sizes, errors, "o-", color=_DARK, label="against integration, to t = 60")
+    axis.loglog(sizes, estimates, "s--", color=_WARM, ms=4, label="own estimate")
     axis.loglog(
         sizes, errors[-1] * (sizes / sizes[-1]) ** 4, ":", color="0.4", label="amplitude$^4$"
     )
     axis.set_xlabel("size of the motion")
+    axis.set_ylabel("largest error of a coordinate")
+    axis.spines[["top", "right"]].set_visible(False)
     axis.legend(frameon=False)
-    figure.savefig(folder / "error.png", dpi=100)
+    figure.savefig(folder / "error.png", dpi=110)
 
 
 def _integrated(pend, state, periods=150):
@@ -80,7 +83,7 @@ def _integrated(pend, state, periods=150):
 
 
 def _one_resonance(folder):
-    _section("4. Steady motion near p1 ~ w1: all branches, stability")
+    _section("4. Steady motion near p1 ~ w1: all branches, stability, two judges")
     pend = vv.Pendulum(**DAMPED, f0=0.002, p1=1.02)
     ms = vv.MultipleScales(pend)
     values = np.linspace(1.0, 1.05, 1000)
@@ -88,7 +91,10 @@ def _one_resonance(folder):
     response = ms.response("p1", values)
     print(f"{response.index.size} motions at 1000 values in {time.perf_counter() - start:.4f} s")
     print("Routh's column of the first:", response.routh_hurwitz(0).round(4))
-    axes = vv.plot_scales_response(response)
+    figure, axis = plt.subplots(figsize=(7, 4.2), layout="constrained")
+    branch = vv.trace_response(pend, p1=(1.0, 1.05), harmonics=9, stability=False)
+    axis.plot(branch.parameter, branch.amplitude("z"), color="0.75", lw=4, label="harmonic balance")
+    vv.plot_scales_response(response, axis)
     points = []
     for p1 in np.linspace(1.0, 1.04, 9):
         here = vv.Pendulum(**DAMPED, f0=0.002, p1=p1)
@@ -100,9 +106,13 @@ def _one_resonance(folder):
     points = np.array(points)
     error = abs(points[:, 2] / points[:, 1] - 1)
     print(f"against direct integration: {len(points)} stable motions differ by {error.max():.2%}")
-    axes[0].plot(points[:, 0], points[:, 1], "o", mfc="none", color="0.3", label="integrated")
-    axes[0].legend(frameon=False)
-    axes[0].figure.savefig(folder / "response.png", dpi=100)
+    print(f"folds of the balance at {branch.folds.round(4)}")
+    axis.plot(points[:, 0], points[:, 1], "o", mfc="none", mec="black", ms=9, label="integrated")
+    lines, labels = axis.get_legend_handles_labels()
+    labels = [f"multiple scales, {t}" if t.endswith("stable") else t for t in labels]
+    axis.legend(lines, labels, frameon=False, loc="upper left")
+    axis.set_ylim(bottom=0)
+    figure.savefig(folder / "response.png", dpi=110)
 
 
 def _mount_response(folder):
@@ -110,19 +120,23 @@ def _mount_response(folder):
     kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
     body = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
     mount = vv.Mount(**body, kernel=kernel)
-    nu = np.linspace(1.3, 1.75, 46)
+    nu = np.linspace(1.3, 1.75, 136)
     figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
-    for load, style in ((0.05, "-"), (0.1, "--"), (0.15, ":")):
+    for load, colour in ((0.05, "#7fa7d9"), (0.1, "#3566ab"), (0.15, _DARK)):
         steady = vv.MultipleScales(mount, load=load, nu=1.5).response("nu", nu)
         exact = vv.forced_response(mount, nu, load=load, method="newton", harmonics=7)
-        axis.plot(steady.at, steady.amplitude("x"), style, color="#0b1d51", label=f"P = {load} N")
-        axis.plot(nu[::3], exact.amplitude("x")[::3], "o", mfc="none", color="#c8452e")
-        error = abs(steady.amplitude("x") / exact.amplitude("x") - 1).max()
-        print(f"load {load}: differs by at most {error:.2%}")
+        axis.plot(steady.at, steady.amplitude("x"), color=colour, label=f"{load} N")
+        last = axis.plot(nu[::9], exact.amplitude("x")[::9], "o", mfc="none", color=_WARM, ms=5)
+        error = abs(steady.harmonics - exact.coefficients[:, :, 0])[:, 0] / steady.amplitude("x")
+        told = steady.harmonic_errors[:, 0] / steady.amplitude("x")
+        print(f"load {load}: differs by at most {error.max():.2%}, own estimate {told.max():.2%}")
+    last[0].set_label("harmonic balance")
     axis.set_xlabel(r"$\nu$ (rad/s)")
-    axis.set_ylabel(r"$|x_1|$ (m); circles: harmonic balance")
+    axis.set_ylabel(r"amplitude $|x_1|$ (m)")
+    axis.set_ylim(bottom=0)
+    axis.spines[["top", "right"]].set_visible(False)
     axis.legend(frameon=False)
-    figure.savefig(folder / "mount.png", dpi=100)
+    figure.savefig(folder / "mount.png", dpi=110)
 
 
 def _three_resonances():
@@ -137,7 +151,7 @@ def _three_resonances():
 
 def _transient(folder):
     _section("7. Non-steady motion at w1 ~ 2 w2: exchange of energy")
-    pend = vv.Pendulum(e=0.05, w2=0.51, w3=0.9, alpha=0.1, c1=0.001, c2=0.001, c3=0.001)
+    pend = vv.Pendulum(e=0.05, w2=0.525, w3=0.75, alpha=0.1, c1=0.001, c2=0.001, c3=0.001)
     initial = [0.04, 0, 0.01, 0, 0, 0]
     t = np.linspace(0, 600, 6001)
     motion = vv.MultipleScales(pend).motion(t, initial)
@@ -147,6 +161,7 @@ def _transient(folder):
     alone = vv.simulate(pend, 600, initial=initial, tolerance=1e-8, keep="last")
     print(f"{end.steps} steps of the modulation equations, {alone.stats['steps']} of the motion")
     axes = vv.plot_modulation(motion, exact)
+    axes[-1].set_xlabel(r"$\tau = \omega_1 t$")
     axes[0].figure.savefig(folder / "modulation.png", dpi=100)
 
 

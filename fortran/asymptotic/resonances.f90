@@ -13,9 +13,8 @@ module viscovib_resonances
   implicit none
   private
 
-  public :: list_resonances, max_resonances
+  public :: list_resonances
 
-  integer, parameter :: max_resonances = 5000
   integer, parameter :: highest_order = 3
 
 contains
@@ -24,10 +23,11 @@ contains
   subroutine list_resonances(natural, drives, coefficients, orders, divisors, n)
     !> Circular frequencies, all > 0.
     real(wp), intent(in) :: natural(:), drives(:)
-    !> Shape (n_natural + n_drives, max_resonances): c; columns beyond n are 0.
+    !> Shape (n_natural + n_drives, room): c; columns beyond n are 0.
     integer, intent(out) :: coefficients(:, :), orders(:)
     !> |sum c_i f_i|/max(f_i with c_i /= 0).
     real(wp), intent(out) :: divisors(:)
+    !> How many there are; those beyond the room are counted only.
     integer, intent(out) :: n
     real(wp) :: frequencies(size(natural) + size(drives))
     integer :: c(size(natural) + size(drives)), total
@@ -66,8 +66,9 @@ contains
       used = c /= 0
       if (.not. any(used(:size(natural)))) return
       ! All of one sign is never 0; twice a condition is no other.
-      if (all(c >= 0) .or. all(modulo(c, 2) == 0) .or. n == size(orders)) return
+      if (all(c >= 0) .or. all(modulo(c, 2) == 0)) return
       n = n + 1
+      if (n > size(orders)) return
       coefficients(:, n) = c
       orders(n) = total - 1
       divisors(n) = abs(sum(c*frequencies))/maxval(frequencies, mask=used)

@@ -10,6 +10,7 @@ module viscovib_scales_error
   use viscovib_motion_defect, only: defect_type, find_defect
   use viscovib_multiple_scales, only: multiple_scales_type
   use viscovib_polynomial_form, only: full_system_type
+  use viscovib_scales_motion, only: harmonic_of
   implicit none
   private
 
@@ -28,8 +29,9 @@ contains
     !> Of the harmonic of p, and of the sum over all frequencies, each coordinate, shape (n_dof).
     real(wp), intent(out) :: of_harmonic(:), of_motion(:)
     type(defect_type) :: defect
-    complex(wp) :: rho(size(a)), change(size(a)), harmonic(size(of_harmonic))
-    real(wp) :: margin
+    complex(wp) :: rho(size(a)), change(size(a))
+    complex(wp), dimension(size(of_harmonic)) :: harmonic, before, after
+    real(wp) :: margin, sizes(3)
     integer :: d, i, j
     logical :: singular
 
@@ -63,12 +65,12 @@ contains
       end do
       do j = 1, size(a)
         of_motion = of_motion + 2.0_wp*abs(normal%right(:d, j)*change(j))
-        if (abs(frame(j) - p) <= margin*p) then
-          harmonic = harmonic + 2.0_wp*normal%right(:d, j)*change(j)
-        end if
       end do
     end associate
-    of_harmonic = scales%columns(:d)*abs(harmonic)
+    ! Products change with the amplitudes too.
+    call harmonic_of(scales, a, p, before, sizes)
+    call harmonic_of(scales, a + change, p, after, sizes)
+    of_harmonic = abs(scales%columns(:d)*harmonic + (after - before))
     of_motion = scales%columns(:d)*of_motion
   end subroutine steady_error
 

@@ -86,7 +86,8 @@ contains
       if (.not. scales%flow%autonomous) then
         call fail(status, status_input_error, 'values', 'values (value '//show(i)//') = ' &
                   //show(values(i))//': the loads and the resonances have frequencies that no ' &
-                  //'steady motion joins: see modulation')
+                  //'steady motion joins: see modulation, or count fewer as resonant by a ' &
+                  //'smaller tolerance')
         return
       end if
       if (.not. ready) call new_steady_solver(solver, scales%flow, status, cancel)

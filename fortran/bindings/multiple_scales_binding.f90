@@ -69,7 +69,7 @@ subroutine oscillator_form(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi
   call report(outcome, status, message)
 end subroutine oscillator_form
 
-!> Modes, interaction and the terms of the modulation equations.
+!> Modes, interaction and the terms of the modulation equations; n_terms may exceed the room.
 subroutine scales_form(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind_phi, &
                        data_phi, n_phi, &
                        tolerance, n_modes, n_unknowns, max_terms, exponents, shapes, &
@@ -113,8 +113,8 @@ subroutine scales_form(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind
     interaction = scales%interaction()
     frame = scales%flow%frame
     autonomous = merge(1, 0, scales%flow%autonomous)
-    n_terms = min(size(scales%flow%terms), max_terms)
-    do i = 1, n_terms
+    n_terms = size(scales%flow%terms)
+    do i = 1, min(n_terms, max_terms)
       associate (t => scales%flow%terms(i))
         terms(:, i) = [t%row, t%at, t%loads]
         coefficients(i) = scales%coefficient(i)
@@ -281,7 +281,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
   call report(outcome, status, message)
 end subroutine scales_response
 
-!> All conditions of resonance up to third order.
+!> All conditions of resonance up to third order; n may exceed the room.
 subroutine scales_resonances(natural, n_natural, drives, n_drives, max_found, coefficients, &
                              orders, divisors, n)
   use, intrinsic :: iso_c_binding, only: c_double, c_int

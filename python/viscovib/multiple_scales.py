@@ -24,12 +24,13 @@ from viscovib.scales_results import (
     falling,
 )
 
-_MAX_TERMS = 4000
+#: Room for terms and conditions at first; where there are more the call is repeated.
+_ROOM = 500
 _MAX_FORM = 20_000
-_MAX_RESONANCES = 5000
 _ORDERINGS = ("general", "weak_coupling")
-#: Points at which the error of a motion is computed; between them it is read off.
-_KNOTS = 65
+#: Points at which the error of a motion is computed; between them it is read off. At least and
+#: at most so many, and one in so many steps: amplitudes are taken as cubic between them.
+_KNOTS, _MOST_KNOTS, _STEPS_A_KNOT = 65, 1025, 5
 _OUTCOMES = ("complete", "overflow", "step limit", "cancelled")
 
 
@@ -136,12 +137,15 @@ class MultipleScales:
         #: The system as every flat routine takes it.
         self._system = (self._packed, flat, *kernels)
         self._n_dof, self._n = int(self._packed[1]), int(self._packed[3])
-        (
-            exponents, shapes, interaction, frame, autonomous, n_terms, terms, coefficients,
-        ) = _native.call(
-            core.scales_form, *self._system, self.tolerance, self._n,
-            int(self._packed[0]), _MAX_TERMS,
-        )  # fmt: skip
+        room = n_terms = _ROOM
+        while n_terms >= room:
+            room = n_terms + 1
+            (
+                exponents, shapes, interaction, frame, autonomous, n_terms, terms, coefficients,
+            ) = _native.call(
+                core.scales_form, *self._system, self.tolerance, self._n,
+                int(self._packed[0]), room,
+            )  # fmt: skip
         self.exponents: ComplexArray = exponents
         self.frequencies: FloatArray = exponents.imag.copy()
         self.decay: FloatArray = -exponents.real
@@ -177,9 +181,12 @@ class MultipleScales:
         loads = [load for load, _ in self._load_names.values()]
         drives = self._drives[: max(loads, default=0)]
         acting = np.flatnonzero(np.any(self._loads[:, : drives.size] != 0, axis=0))
-        coefficients, orders, divisors, n = core.scales_resonances(
-            self.frequencies, drives[acting], _MAX_RESONANCES
-        )
+        room = n = _ROOM
+        while n >= room:
+            room = n + 1
+            coefficients, orders, divisors, n = core.scales_resonances(
+                self.frequencies, drives[acting], room
+            )
         names = (*(f"w{j + 1}" for j in range(self._n)), *(f"p{k + 1}" for k in acting))
         order = np.argsort(divisors[:n], kind="stable")
         columns = (
@@ -247,7 +254,8 @@ class MultipleScales:
     def _motion_errors(self, modulation: Modulation) -> FloatArray:
         """Estimated error of each coordinate at the times of a motion, shape (n, n_dof)."""
         t = modulation.t
-        knots = np.unique(np.concatenate([[0.0], np.linspace(0, t[-1], _KNOTS)]))
+        n_knots = min(max(_KNOTS, modulation.steps // _STEPS_A_KNOT), _MOST_KNOTS)
+        knots = np.unique(np.concatenate([[0.0], np.linspace(0, t[-1], n_knots)]))
         if knots.size == 1:
             knots = np.array([0.0, 1e-9 / self.frequencies.max()])
         start = modulation.initial

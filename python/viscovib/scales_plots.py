@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 _DARK, _WARM = "#0b1d51", "#c8452e"
 _LABELS = {"z": "z", "x": "x", "phi": r"\varphi", "psi": r"\psi"}
+#: Loads of systems with units; those of others are dimensionless.
+_PARAMETERS = {"nu": r"$\nu$ (rad/s)", "load": "load"}
 
 
 def _axes(ax: Any, n: int) -> list["Axes"]:
@@ -67,8 +69,9 @@ def plot_scales_response(
             )
         axis.set_ylabel(rf"amplitude $|{_LABELS.get(name, name)}_1|$")
         axis.spines[["top", "right"]].set_visible(False)
-    axes[-1].set_xlabel(response.parameter)
-    axes[0].legend(frameon=False)
+    name = response.parameter
+    axes[-1].set_xlabel(_PARAMETERS.get(name, f"${name[0]}_{{{name[1:]}}}$"))
+    axes[0].legend(frameon=False, markerscale=2.5)
     return axes
 
 
@@ -96,5 +99,6 @@ def plot_modulation(
         axis.set_ylabel(rf"${_LABELS.get(name, name)}$")
         axis.spines[["top", "right"]].set_visible(False)
     axes[-1].set_xlabel("t")
-    axes[0].legend(frameon=False, ncols=3, loc="upper right")
+    # Above the first panel: the motion fills it.
+    axes[0].legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1, 1))
     return axes

@@ -9,7 +9,7 @@ module test_scales
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_pendulum_form, only: new_pendulum_form, ordering_general
   use viscovib_polynomial_form, only: polynomial_form_type, term_type
-  use viscovib_resonances, only: list_resonances, max_resonances
+  use viscovib_resonances, only: list_resonances
   use viscovib_scales_response, only: response_along, steady_points_type, vary_frequency
   use viscovib_status, only: status_type
   implicit none
@@ -134,14 +134,14 @@ contains
   end subroutine pendulum
 
   subroutine count_of_resonances()
-    integer :: coefficients(2, max_resonances), orders(max_resonances), n
-    real(wp) :: divisors(max_resonances)
+    integer :: coefficients(2, 4), orders(4), n
+    real(wp) :: divisors(4)
     if (.not. begin('conditions of one mode and one load')) return
     call list_resonances([1.0_wp], [1.9_wp], coefficients, orders, divisors, n)
     ! p ~ w; p ~ 2 w, 2 p ~ w; p ~ 3 w, 3 p ~ w (2 p ~ 2 w is no other).
-    call check(n == 5, 'five')
-    call check(count(orders(:n) == 2) == 2, 'two of second order')
-    call check_close(minval(divisors(:n)), 0.1_wp/1.9_wp, 1.0e-14_wp, 'p ~ 2 w')
+    call check(n == 5, 'five, whatever the room')
+    call check(count(orders == 2) == 2, 'two of second order')
+    call check_close(minval(divisors), 0.1_wp/1.9_wp, 1.0e-14_wp, 'p ~ 2 w')
   end subroutine count_of_resonances
 
 end module test_scales

@@ -3,6 +3,7 @@
 import itertools
 import warnings
 from fractions import Fraction
+from math import comb
 
 import numpy as np
 import pytest
@@ -238,6 +239,38 @@ def test_resonances_are_all_there():
             r.divisor, divisor / max(values[k] for k in r.coefficients), atol=1e-14
         )
     assert [r.near for r in found] == [r.divisor <= 0.05 for r in found]
+
+
+def test_resonances_of_many_frequencies_are_counted():
+    """Six modes and six loads: as many as combinatorics says."""
+
+    def vectors(n):
+        """Integer vectors of n entries with sum of moduli 2 to 4, both signs, +- c one."""
+        total = 0
+        for k in (2, 3, 4):
+            signed = sum(2**j * comb(n, j) * comb(k - 1, j - 1) for j in range(1, k + 1))
+            total += (signed - 2 * comb(n + k - 1, k)) // 2
+        # 2 e_i - 2 e_j is e_i - e_j.
+        return total - comb(n, 2)
+
+    frequencies = np.arange(1, 7) ** 1.03
+    system = vv.CubicSystem(
+        mass=np.eye(6), stiffness=np.diag(frequencies**2), load=np.eye(6),
+        drives=np.linspace(0.7, 3, 6),
+    )  # fmt: skip
+    found = vv.MultipleScales(system).resonances()
+    # Those of the loads alone are none.
+    assert len(found) == vectors(12) - vectors(6)
+    assert len({r.multiples for r in found}) == len(found)
+
+
+def test_terms_are_all_there():
+    """Six equal oscillators: each pair, and each third conjugate, in each equation."""
+    terms = vv.MultipleScales(
+        vv.CubicSystem(mass=np.eye(6), stiffness=np.eye(6), cubic=np.ones((6, 6, 6, 6)))
+    ).terms
+    assert len(terms) == 6 * comb(7, 2) * 6
+    assert len({(t.mode, t.factors) for t in terms}) == len(terms)
 
 
 def test_labels():

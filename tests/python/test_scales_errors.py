@@ -70,6 +70,17 @@ def test_of_motions_of_pendulums_against_integration():
     assert np.mean((ratios > 1 / 3) & (ratios < 3)) > 0.8
 
 
+def test_of_a_long_motion_against_integration():
+    """Forty exchanges of energy: the amplitudes are followed as closely as they change."""
+    pend = vv.Pendulum(e=0.05, w2=0.51, w3=0.9, alpha=0.1, c1=1e-5, c2=1e-5, c3=1e-5)
+    initial = np.array([0.012, 0, 0.003, 0, 0, 0])
+    t = np.linspace(0, 10000, 2001)
+    motion = vv.MultipleScales(pend).motion(t, initial)
+    exact = vv.simulate(pend, t[-1], times=t, initial=initial, tolerance=1e-12).state
+    error = abs(motion.state - exact)[:, ::2].max()
+    assert 0.9 < motion.error_estimate.max() / error < 1.1
+
+
 def test_what_is_exact_has_no_error():
     """A linear system: nothing is left over but rounding."""
     system = vv.CubicSystem(

@@ -1,0 +1,236 @@
+!> The motion of third order as a function of the angles of its generators, at the points of a
+!! lattice over them: amplitudes kept, each generator turns with its own angle. Derivatives in
+!! time by the modulation equations.
+module viscovib_motion_lattice
+  use viscovib_kinds, only: wp
+  use viscovib_multiple_scales, only: multiple_scales_type
+  implicit none
+  private
+
+  public :: angles_type, find_angles, lattice_of, list_orders, sample_motion
+
+  integer, parameter, public :: max_angles = 6, highest_order = 4
+  !> Points k (1, g, g^2, ...)/n turns, k = 0, ..., n - 1, for each number of angles: the fewest
+  !! for which waves of orders |h| <= 4 are told apart (those of 1 from all up to 7), by search.
+  integer, parameter :: lattice_points(0:max_angles) = [1, 20, 41, 147, 435, 1023, 2285], &
+                        lattice_steps(0:max_angles) = [1, 1, 9, 19, 41, 29, 787]
+  real(wp), parameter :: two_pi = 6.283185307179586_wp, same = 1.0e-9_wp
+
+  !> Angles of the generators: their number, frequencies, growth of what turns with them, and
+  !! whose they are; 0: does not turn.
+  type :: angles_type
+    integer :: n = 0
+    real(wp) :: frequency(12) = 0.0_wp, growth(12) = 0.0_wp
+    integer, allocatable :: of_mode(:), of_load(:)
+  end type angles_type
+
+contains
+
+  !> Points, and how far each angle steps from one to the next, in parts 1/points of a turn.
+  pure subroutine lattice_of(n_angles, points, step)
+    integer, intent(in) :: n_angles
+    integer, intent(out) :: points, step(max_angles)
+    integer :: i
+    points = lattice_points(n_angles)
+    step(1) = 1
+    do i = 2, max_angles
+      step(i) = modulo(step(i - 1)*lattice_steps(n_angles), points)
+    end do
+  end subroutine lattice_of
+
+  !> A load that turns with a mode shares its angle, and all that have one frequency do.
+  subroutine find_angles(scales, a, angles)
+    type(multiple_scales_type), intent(in) :: scales
+    complex(wp), intent(in) :: a(:)
+    type(angles_type), intent(out) :: angles
+    integer :: j, k
+
+    associate (form => scales%form, frame => scales%flow%frame)
+      allocate (angles%of_mode(size(a)), angles%of_load(size(form%drives)), source=0)
+      do j = 1, size(a)
+        if (.not. abs(a(j)) > 0.0_wp) cycle
+        angles%of_mode(j) = angle_of(frame(j))
+        if (.not. scales%normal%steady) then
+          angles%growth(angles%of_mode(j)) = real(scales%flow%s(j))
+        end if
+      end do
+      do k = 1, size(form%drives)
+        if (any(abs(form%load(:, k)) > 0.0_wp)) angles%of_load(k) = angle_of(form%drives(k))
+      end do
+    end associate
+
+  contains
+
+    integer function angle_of(frequency)
+      real(wp), intent(in) :: frequency
+      angle_of = 0
+      if (.not. frequency > 0.0_wp) return
+      do angle_of = 1, angles%n
+        if (abs(angles%frequency(angle_of) - frequency) <= same*frequency) return
+      end do
+      angles%n = angles%n + 1
+      angles%frequency(angles%n) = frequency
+    end function angle_of
+
+  end subroutine find_angles
+
+  !> All unknowns and two derivatives at the points of the lattice.
+  subroutine sample_motion(scales, angles, step, a, y, load)
+    type(multiple_scales_type), intent(in) :: scales
+    type(angles_type), intent(in) :: angles
+    integer, intent(in) :: step(:)
+    complex(wp), intent(in) :: a(:)
+    real(wp), intent(out) :: y(:, :, 0:), load(:, :)
+    complex(wp) :: g(2*scales%normal%n_generators, 0:2), wave(size(load, 2), 0:2), p(0:2)
+    complex(wp) :: turn(max_angles)
+    integer :: k, i, d, points
+    integer, allocatable :: pairs(:), triples(:)
+
+    points = size(y, 1)
+    associate (normal => scales%normal)
+      call find_worthwhile(normal%u_pair, normal%pair, pairs)
+      call find_worthwhile(normal%u_triple, normal%triple, triples)
+      do k = 1, points
+        do i = 1, angles%n
+          turn(i) = exp(cmplx(0.0_wp, two_pi*modulo((k - 1)*step(i), points)/points, wp))
+        end do
+        call generators_at(scales, angles, turn, a, g, wave)
+        load(k, :) = real(wave(:, 0))
+        y(k, :, :) = 0.0_wp
+        do i = 1, normal%n_generators
+          do d = 0, 2
+            y(k, :, d) = y(k, :, d) + 2.0_wp*real(normal%right(:, i)*g(i, d))
+          end do
+        end do
+        do i = 1, size(normal%weak)
+          do d = 0, 2
+            y(k, :, d) = y(k, :, d) + 2.0_wp*real(normal%u_load(:, normal%weak(i)) &
+                                                  *wave(normal%weak(i), d))
+          end do
+        end do
+        do i = 1, size(pairs)
+          p = product_of(g(normal%pair(1, pairs(i)), :), g(normal%pair(2, pairs(i)), :))
+          do d = 0, 2
+            y(k, :, d) = y(k, :, d) + real(normal%u_pair(:, pairs(i))*p(d))
+          end do
+        end do
+        do i = 1, size(triples)
+          associate (f => normal%triple(:, triples(i)))
+            p = product_of(product_of(g(f(1), :), g(f(2), :)), g(f(3), :))
+          end associate
+          do d = 0, 2
+            y(k, :, d) = y(k, :, d) + real(normal%u_triple(:, triples(i))*p(d))
+          end do
+        end do
+      end do
+    end associate
+
+  contains
+
+    !> Products that are there at all, of modes that move.
+    subroutine find_worthwhile(u, factors, which)
+      complex(wp), intent(in) :: u(:, :)
+      integer, intent(in) :: factors(:, :)
+      integer, allocatable, intent(out) :: which(:)
+      logical :: wanted(size(u, 2)), moves(2*scales%normal%n_generators)
+      integer :: q
+      moves = .true.
+      associate (n => size(a), m => scales%normal%n_generators)
+        moves(:n) = abs(a) > 0.0_wp
+        moves(m + 1:m + n) = moves(:n)
+      end associate
+      do q = 1, size(u, 2)
+        wanted(q) = all(moves(factors(:, q))) .and. any(abs(u(:, q)) > 0.0_wp)
+      end do
+      which = pack([(q, q=1, size(u, 2))], wanted)
+    end subroutine find_worthwhile
+
+  end subroutine sample_motion
+
+  !> Product of two, and its derivatives (Leibniz).
+  pure function product_of(f, g) result(p)
+    complex(wp), intent(in) :: f(0:), g(0:)
+    complex(wp) :: p(0:2)
+    p = [f(0)*g(0), f(1)*g(0) + f(0)*g(1), f(2)*g(0) + 2.0_wp*f(1)*g(1) + f(0)*g(2)]
+  end function product_of
+
+  !> Generators, waves of the loads, and their first two derivatives by the modulation
+  !! equations Y_j' = s_j Y_j + sum g_jM Y_M + ...
+  pure subroutine generators_at(scales, angles, turn, a, g, wave)
+    type(multiple_scales_type), intent(in) :: scales
+    type(angles_type), intent(in) :: angles
+    complex(wp), intent(in) :: turn(:), a(:)
+    complex(wp), intent(out) :: g(:, 0:), wave(:, 0:)
+    complex(wp) :: factor(0:2)
+    integer :: d, i, j, k, m, n, q
+
+    n = size(a)
+    m = scales%normal%n_generators
+    associate (form => scales%form)
+      do k = 1, size(wave, 1)
+        wave(k, 0) = (1.0_wp, 0.0_wp)
+        if (angles%of_load(k) > 0) wave(k, 0) = turn(angles%of_load(k))
+        wave(k, 1) = cmplx(0.0_wp, form%drives(k), wp)*wave(k, 0)
+        wave(k, 2) = cmplx(0.0_wp, form%drives(k), wp)*wave(k, 1)
+      end do
+    end associate
+    g = (0.0_wp, 0.0_wp)
+    do j = 1, n
+      if (angles%of_mode(j) > 0) g(j, 0) = a(j)*turn(angles%of_mode(j))
+    end do
+    g(n + 1:m, :) = wave(scales%normal%hard, :)
+    ! Each derivative from the one before.
+    do d = 1, 2
+      g(:n, d) = scales%flow%s*g(:n, d - 1)
+      do i = 1, size(scales%flow%terms)
+        associate (t => scales%flow%terms(i))
+          factor = [t%coefficient, (0.0_wp, 0.0_wp), (0.0_wp, 0.0_wp)]
+          do q = 1, 3
+            if (t%at(q) > 0) factor = product_of(factor, g(t%at(q), :))
+            if (t%at(q) < 0) factor = product_of(factor, conjg(g(-t%at(q), :)))
+            if (t%loads(q) > 0) factor = product_of(factor, wave(t%loads(q), :))
+            if (t%loads(q) < 0) factor = product_of(factor, conjg(wave(-t%loads(q), :)))
+          end do
+          g(t%row, d) = g(t%row, d) + factor(d - 1)
+        end associate
+      end do
+    end do
+    g(m + 1:, :) = conjg(g(:m, :))
+  end subroutine generators_at
+
+  !> h with |h| <= 4, of each pair h, -h one.
+  subroutine list_orders(m, orders)
+    integer, intent(in) :: m
+    integer, allocatable, intent(out) :: orders(:, :)
+    integer :: h(max_angles), n, pass
+
+    h = 0
+    ! Counted first.
+    do pass = 1, 2
+      n = 0
+      call place(1, highest_order)
+      if (pass == 1) allocate (orders(max_angles, n))
+    end do
+
+  contains
+
+    recursive subroutine place(i, left)
+      integer, intent(in) :: i, left
+      integer :: value
+      if (i > m) then
+        n = n + 1
+        if (pass == 2) orders(:, n) = h
+        return
+      end if
+      do value = -left, left
+        ! The first that is not 0 is positive.
+        if (value < 0 .and. all(h(:i - 1) == 0)) cycle
+        h(i) = value
+        call place(i + 1, left - abs(value))
+      end do
+      h(i) = 0
+    end subroutine place
+
+  end subroutine list_orders
+
+end module viscovib_motion_lattice

@@ -1,0 +1,124 @@
+"""Multiple scales on random systems of two to four modes against harmonic balance."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from balance_reference import random_system, steady_motion
+
+pytestmark = pytest.mark.filterwarnings("ignore::viscovib.RangeWarning")
+
+#: Natural frequencies and what is resonant among them.
+MODES = {
+    "none": [1.0, 1.73, 2.93],
+    "w2 ~ 2 w1": [1.0, 2.0, 2.7],
+    "w2 ~ 3 w1": [1.0, 3.0, 1.75],
+    "w2 ~ w1": [1.0, 1.0, 2.6],
+    "w3 ~ w1 + w2": [1.0, 1.5, 2.5],
+    "four": [1.0, 1.62, 2.37, 3.71],
+}
+
+
+def steady(system, loads, drives, tolerance, values):
+    ms = vv.MultipleScales(vv.CubicSystem(**system, load=loads, drives=drives), tolerance=tolerance)
+    return ms, ms.response("p1", values)
+
+
+def errors_and_estimates(system, loads, drives, tolerance, values, highest):
+    """Relative errors of the harmonic of p1 and estimates over errors, of motions in range."""
+    ms, response = steady(system, loads, drives, tolerance, values)
+    assert np.isfinite(response.harmonics).all()
+    assert np.isfinite(response.eigenvalues).all()
+    found = []
+    for i in np.flatnonzero(response.in_range):
+        exact = steady_motion(system, ms, response, i, loads, drives, highest)
+        if exact is None:
+            continue
+        error = abs(response.harmonics[i] - exact).max()
+        found.append((error / abs(exact).max(), response.error_estimate[i] / error))
+    return np.array(found).reshape(-1, 2)
+
+
+@pytest.mark.parametrize("derivatives", [False, True])
+@pytest.mark.parametrize("near", [True, False])
+@pytest.mark.parametrize("modes", MODES)
+def test_estimate_tends_to_the_error(modes, near, derivatives):
+    """To leading order they are the same: one load, at the second mode or away from the modes."""
+    w = np.array(MODES[modes])
+    ratios, force = [], 0.2 if derivatives else 0.6
+    for x in (0.06, 0.02):
+        rng = np.random.default_rng(len(modes))
+        system = random_system(rng, w, 0.02 * x, derivatives=derivatives)
+        p = w[1] * (1 + 0.01 * x) if near else 0.71
+        loads = rng.normal(size=(w.size, 1)) * (0.02 * x**2 if near else force * x)
+        found = errors_and_estimates(system, loads, [p], 0.015, [p], 9)
+        kept = found[(found[:, 0] > 1e-11) & (found[:, 0] < 0.1), 1]
+        assert kept.size
+        ratios.append(abs(kept - 1).max())
+    assert ratios[0] < 0.25
+    assert ratios[1] < 0.05
+
+
+def test_random_systems():
+    """One or two loads near modes or not, with and without damping: never far off."""
+    ratios, refused = [], 0
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        w = np.array(list(MODES.values())[seed % len(MODES)])
+        x = 10 ** rng.uniform(-2, -0.8)
+        w *= 1 + 0.02 * x * rng.normal(size=w.size)
+        system = random_system(
+            rng, w, rng.choice([0, 0.01, 0.05]) * x,
+            quadratic=rng.uniform() < 0.7, derivatives=rng.uniform() < 0.3,
+        )  # fmt: skip
+        drives, sizes = [], []
+        for k in range(rng.choice([1, 1, 2])):
+            near = rng.uniform() < 0.6
+            drives.append(w[k] * (1 + 0.03 * x) if near else rng.uniform(0.4, 5))
+            sizes.append(0.03 * x**2 if near else 0.3 * x)
+        loads = rng.normal(size=(w.size, len(drives))) * sizes
+        try:
+            found = errors_and_estimates(
+                system, loads, drives, 0.012, drives[:1], [7, 4][len(drives) - 1]
+            )
+        except vv.InputError:
+            # More modes in resonance than are solved for, or frequencies that nothing joins.
+            refused += 1
+            continue
+        ratios.extend(found[(found[:, 0] > 1e-9) & (found[:, 0] < 0.1), 1])
+    ratios = np.array(ratios)
+    assert ratios.size > 20
+    assert refused < 5
+    assert ((ratios > 0.4) & (ratios < 2.5)).all()
+    assert np.mean((ratios > 0.9) & (ratios < 1.1)) > 0.8
+
+
+def test_three_loads_at_once():
+    """Each near its mode, motions of all modes and what they make of each other."""
+    w = np.array(MODES["none"])
+    ratios = []
+    for x in (0.06, 0.03, 0.015):
+        rng = np.random.default_rng(8)
+        system = random_system(rng, w, 0.3 * x**2)
+        loads = np.linalg.inv(np.linalg.eigh(system["stiffness"])[1]).T * 0.3 * x**3
+        drives = w * (1 + np.array([0.3, -0.2, 0.4]) * x**2)
+        found = errors_and_estimates(system, loads, drives, 0.012, drives[:1], 3)
+        ratios.append(abs(found[0, 1] - 1))
+    assert ratios[0] < 0.2
+    assert ratios[-1] < 0.02
+
+
+@pytest.mark.parametrize(("modes", "step", "power"), [("none", 2, 1.9), ("w2 ~ 2 w1", 1, 0.9)])
+def test_error_falls_as_it_should(modes, step, power):
+    """Damping and detuning as amplitude^step, the load as their product with the amplitude."""
+    w, relative = np.array(MODES[modes]), []
+    for k in range(4):
+        x = 0.2 * 0.5**k
+        rng = np.random.default_rng(3)
+        system = random_system(rng, w, 0.1 * x**step)
+        p = w[0] * (1 + 0.1 * x**step)
+        loads = rng.normal(size=(w.size, 1)) * 0.05 * x ** (step + 1)
+        found = errors_and_estimates(system, loads, [p], 0.06, [p], 9)
+        relative.append(found[0, 0])
+    powers = np.log2(np.array(relative[:-1]) / relative[1:])
+    assert powers[-1] > power
+    assert powers[-1] < power + 0.6
