@@ -146,9 +146,9 @@ contains
     logical, intent(out) :: made
     !> Take derivatives anew each time, for a point and tangent to rounding.
     logical, intent(in) :: exact
-    real(wp) :: weight_x, weight_p, change, before
+    real(wp) :: weight_x, weight_p, change, before, rate
     integer :: n, k, i
-    logical :: fresh, inside, singular
+    logical :: fresh, was_fresh, inside, singular
 
     n = c%n
     made = .false.
@@ -161,7 +161,9 @@ contains
     next%x(:) = c%predicted(:n)
     next%p = c%predicted(n + 1)
     fresh = .true.
+    was_fresh = .false.
     before = 0.0_wp
+    rate = 0.0_wp
     do k = 1, max_iterations
       if (fresh) then
         call curve%equations(next%x, next%p, c%r, c%matrix, c%slope_p, inside)
@@ -189,6 +191,8 @@ contains
       end do
       change = sqrt(change)
       if (.not. change <= 1.0e3_wp) return
+      if (was_fresh) rate = change/before
+      was_fresh = fresh
       if (change <= rounding .or. (fresh .and. change <= c%tolerance)) exit
       if (.not. exact .and. k >= longest) return
       if (.not. exact .and. k > 1) then
@@ -211,10 +215,10 @@ contains
     c%largest = max(c%largest, sum(c%weights*next%x**2))
     call normalize(c, next)
     if (exact .or. k == 1) return
-    ! Factors from elsewhere make the last correction this part of the one before it, and
-    ! the tangent wrong by as much: enough for the next prediction, but is this a fold?
+    ! Factors from elsewhere make the second correction this part of the first, and the
+    ! tangent wrong by as much: enough for the next prediction, but is this a fold?
     call metric(c, next, weight_x, weight_p)
-    if (sqrt(weight_p)*abs(next%slope_p)*before > doubtful*change) return
+    if (sqrt(weight_p)*abs(next%slope_p) > doubtful*rate) return
     call metric(c, here, weight_x, weight_p)
     call curve%equations(next%x, next%p, c%r, c%matrix, c%slope_p, inside)
     call decompose(c, here, weight_x, weight_p, singular)

@@ -335,8 +335,12 @@ contains
         high_p = found%p
       end if
     end do
-    if (.not. made) return
-    found%p = merge(value, found%p, abs(found%p - value) <= 1.0e-12_wp*c%p_scale)
+    if (.not. made .or. abs(found%p - value) > 1.0e-12_wp*c%p_scale) return
+    ! The rest along the tangent.
+    if (abs(found%p - value) <= 1.0e-8_wp*abs(found%slope_p)) then
+      found%x = found%x + found%slope_x*((value - found%p)/found%slope_p)
+    end if
+    found%p = value
   end subroutine locate_value
 
 end module viscovib_curve_events
