@@ -254,6 +254,7 @@ class Branch(Curve):
         ``coordinates``: names of those wanted; all by default.
         """
         columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
+        columns[self.varies] = self.parameter
         if self.growing is not None:
             columns |= stability_columns(self.growing, self.multipliers)
         for d in wanted_places(coordinates, self.dof_names):
