@@ -25,6 +25,8 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   use viscovib_crossings, only: crossing_branch_point, crossing_fold, crossing_type, &
     find_crossings, known_folds
   use viscovib_curve_branch, only: curve_branch_type, curve_options
+  use viscovib_family_curve, only: judge_systems, new_family_curve, new_plain_curve, &
+    system_builder
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_load, only: load_type
   use viscovib_motion_stability, only: judge_type, new_judge, stability_type
@@ -36,7 +38,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
   use viscovib_sized_curve, only: refitted
   use viscovib_status, only: status_type
-  use viscovib_vector_curve, only: judge_systems, new_plain_curve, new_vector_curve, vector_at
+  use viscovib_vector_builder, only: vector_at, vector_builder
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series
   integer(c_int), intent(in) :: parameter, harmonics, symmetric, n_stops, leave, n_unknowns
@@ -78,6 +80,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   type(response_options) :: wanted
   type(response_plan_type) :: plan
   class(oscillator_curve_type), allocatable :: curve
+  class(system_builder), allocatable :: builder
   type(curve_options) :: options
   type(curve_branch_type) :: branch
   type(judge_type) :: judge
@@ -111,8 +114,9 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
     if (.not. varied) then
       call new_plain_curve(curve, system, load, plan%set, parameter, nu)
     else
-      call new_vector_curve(curve, flat, direction, kind_x, data_x, kind_phi, data_phi, start, &
-                            max(abs(start), abs(finish)), load, plan%set, nu, outcome)
+      allocate (builder, source=vector_builder(flat, direction, data_x, data_phi, kind_x, kind_phi))
+      call new_family_curve(curve, builder, start, max(abs(start), abs(finish)), load, plan%set, &
+                            nu, outcome)
     end if
   end if
   if (.not. outcome%failed()) then

@@ -1,4 +1,5 @@
-!> The &branch group of a scene: a branch of periodic solutions in the frequency.
+!> The &branch group of a scene with a mount or a polynomial system: a branch of periodic
+!! solutions in the frequency, the load or a parameter of the mount.
 module viscovib_branch_job
   use viscovib_checks, only: check_positive
   use viscovib_counters, only: count_up, counted_columns, counting
@@ -6,15 +7,19 @@ module viscovib_branch_job
   use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes
   use viscovib_curve_groups, only: listed, read_curve, read_yes, stability_names, &
     stability_note, stability_text, write_crossings
+  use viscovib_family_curve, only: judge_systems, nearly_nothing, new_family_curve, &
+    new_plain_curve, system_builder
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_motion_stability, only: judge_type, new_judge, stability_type
+  use viscovib_mount, only: mount_type
+  use viscovib_mount_builder, only: change_mount, mount_numbers, new_mount_builder
   use viscovib_number_text, only: exact
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_frequency
+  use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency, vary_load
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_options
   use viscovib_response_branch, only: follow_response, highest_chosen
@@ -24,9 +29,14 @@ module viscovib_branch_job
   implicit none
   private
 
-  public :: branch_job, read_branch, plan_branch, run_branch, write_branch
+  public :: branch_job, read_branch, begin_mount, plan_branch, run_branch, write_branch
 
   type :: branch_job
+    !> What varies: 'nu', 'load_factor' or one of `mount_numbers`, whose place is `number`.
+    character(len=:), allocatable :: varies
+    integer :: number = 0
+    !> The frequency, that at the beginning if it varies (rad/s).
+    real(wp) :: nu = 0.0_wp
     type(response_options) :: options
     type(curve_options) :: curve
     logical :: stability = .true.
@@ -34,13 +44,26 @@ module viscovib_branch_job
 
 contains
 
-  subroutine read_branch(reader, job)
+  subroutine read_branch(reader, job, is_mount)
     type(group_reader), intent(inout) :: reader
     type(branch_job), intent(out) :: job
+    !> Else of a system, which has no parameters by name.
+    logical, intent(in) :: is_mount
+    character(len=*), parameter :: names(9) = [character(len=13) :: 'nu', 'load_factor', &
+                                               mount_numbers]
     type(status_type) :: status
+    character(len=:), allocatable :: word, before
+    integer :: choice
 
-    job%curve%start = reader%read_real('nu_from')
-    job%curve%finish = reader%read_real('nu_to')
+    word = reader%read_text('vary', 'nu', names(:merge(9, 2, is_mount)), choice)
+    if (reader%status%failed()) return
+    job%varies = trim(names(choice))
+    job%number = max(choice - 2, 0)
+    before = merge('nu_', '   ', choice == 1)
+    job%curve%start = reader%read_real(trim(before)//'from')
+    job%curve%finish = reader%read_real(trim(before)//'to')
+    job%nu = job%curve%start
+    if (choice > 1) job%nu = reader%read_real('nu')
     call reader%read_count('harmonics', job%options%harmonics, 'auto', &
                            job%options%choose_harmonics)
     job%options%keep_idle = .true.
@@ -48,19 +71,43 @@ contains
     job%options%tolerance = job%curve%tolerance
     job%stability = read_yes(reader, 'stability')
     if (reader%status%failed()) return
-    call check_positive('nu_from', job%curve%start, status)
-    call reader%place(status)
-    call check_positive('nu_to', job%curve%finish, status)
-    call reader%place(status)
+    if (choice > 1) then
+      call check_positive('nu', job%nu, status)
+      call reader%place(status)
+    else
+      call check_positive('nu_from', job%curve%start, status)
+      call reader%place(status)
+      call check_positive('nu_to', job%curve%finish, status)
+      call reader%place(status)
+    end if
     if (.not. abs(job%curve%finish - job%curve%start) > 0.0_wp) then
-      call reader%complain('nu_to', 'nu_to = '//show(job%curve%finish) &
-                           //': must differ from nu_from')
+      word = trim(before)//'to'
+      call reader%complain(word, word//' = '//show(job%curve%finish)//': must differ from ' &
+                           //trim(before)//'from')
     end if
   end subroutine read_branch
 
+  !> The mount at the beginning of a branch along one of its parameters, which must make
+  !! one at both ends.
+  subroutine begin_mount(reader, job, mount)
+    type(group_reader), intent(inout) :: reader
+    type(branch_job), intent(in) :: job
+    type(mount_type), intent(inout) :: mount
+    type(status_type) :: status
+
+    if (reader%status%failed() .or. job%number == 0) return
+    call change_mount(mount, job%number, job%curve%finish, status)
+    if (status%failed()) call reader%complain('to', status%message)
+    call change_mount(mount, job%number, job%curve%start, status)
+    if (status%failed()) call reader%complain('from', status%message)
+    if (abs(job%curve%start) > 0.0_wp .or. reader%status%failed()) return
+    ! With the terms that other values have.
+    call change_mount(mount, job%number, nearly_nothing, status)
+  end subroutine begin_mount
+
   !> What will be computed; the rest of the plan is that of a single response.
   function plan_branch(varies, from, to, n_orders, stability) result(text)
-    !> 'nu' or 'load factor'.
+    !> 'nu', 'load factor' or a parameter.
     character(len=*), intent(in) :: varies
     real(wp), intent(in) :: from, to
     !> 0: chosen at each point.
@@ -91,10 +138,12 @@ contains
     type(stability_type), intent(out) :: stability
     type(crossing_type), allocatable, intent(out) :: crossings(:)
     type(status_type), intent(out) :: status
-    type(oscillator_curve_type) :: curve
+    class(oscillator_curve_type), allocatable :: curve
+    class(system_builder), allocatable :: builder
     type(judge_type) :: judge
     type(harmonic_set_type) :: set
     real(wp), allocatable :: motions(:, :, :)
+    character(len=:), allocatable :: word
     integer :: outcome, shape_x(2)
 
     if (plan%method /= method_newton) then
@@ -102,11 +151,25 @@ contains
                 //'single curve: ask for &response')
       return
     end if
-    call new_oscillator_curve(curve, system, load, plan%set, vary_frequency)
-    call curve%balance%set_frequency(system, load, job%curve%start)
+    select type (system)
+    type is (mount_type)
+      if (job%number > 0) then
+        call new_mount_builder(builder, system, job%number)
+        call new_family_curve(curve, builder, job%curve%start, &
+                              maxval(abs([job%curve%start, job%curve%finish])), load, plan%set, &
+                              job%nu, status)
+        if (status%failed()) return
+      end if
+    end select
+    if (.not. allocated(curve)) call new_plain_curve(curve, system, load, plan%set, &
+                                                     merge(vary_frequency, vary_load, &
+                                                           job%varies == 'nu'), job%nu)
+    if (curve%vary == vary_load .and. job%number == 0) curve%balance%load_factor = job%curve%start
     call follow_response(curve, plan, job%curve, branch, set, outcome)
     if (outcome /= outcome_converged) then
-      call fail(status, status_input_error, 'nu_from', 'nu_from = '//show(job%curve%start) &
+      word = 'from'
+      if (job%varies == 'nu') word = 'nu_from'
+      call fail(status, status_input_error, word, word//' = '//show(job%curve%start) &
                 //': no solution was found there, begin elsewhere')
       return
     end if
@@ -118,8 +181,13 @@ contains
       associate (n => branch%n_points, folds => branch%folds)
         motions = reshape(branch%x(:, :n), [shape_x, n])
         call new_judge(judge, system, set)
-        call judge%judge(system, branch%parameter(:n), motions, stability)
-        call find_crossings(judge, curve, job%curve%start, branch%parameter(:n), motions, &
+        if (job%number > 0) then
+          call judge_systems(judge, curve, job%nu, branch%parameter(:n), motions, stability)
+        else
+          call judge%judge(system, merge(branch%parameter(:n), job%nu, job%varies == 'nu'), &
+                           motions, stability)
+        end if
+        call find_crossings(judge, curve, job%nu, branch%parameter(:n), motions, &
                             stability, &
                             known_folds(folds%p, reshape(folds%x, [shape_x, folds%n])), &
                             crossings)
@@ -131,16 +199,20 @@ contains
 
     !> From coordinates relative to the base to absolute ones.
     subroutine add_base_motion()
+      real(wp), allocatable :: factor(:)
+      complex(wp), allocatable :: moved(:)
       integer :: i, j, d, k
+      allocate (factor(branch%n_points), source=1.0_wp)
+      if (job%varies == 'load_factor') factor = branch%parameter(:branch%n_points)
       do j = 1, size(load%orders)
         do i = 1, size(orders)
           if (orders(i) /= load%orders(j)) cycle
           do d = 1, system%n_dof()
             k = 2*(i + size(orders)*(d - 1))
-            branch%x(k - 1, :branch%n_points) = branch%x(k - 1, :branch%n_points) &
-                                                + system%base_direction(d)*real(load%base(j))
-            branch%x(k, :branch%n_points) = branch%x(k, :branch%n_points) &
-                                            + system%base_direction(d)*aimag(load%base(j))
+            ! On their own, so that sums are rounded as elsewhere.
+            moved = factor*(system%base_direction(d)*load%base(j))
+            branch%x(k - 1, :branch%n_points) = branch%x(k - 1, :branch%n_points) + real(moved)
+            branch%x(k, :branch%n_points) = branch%x(k, :branch%n_points) + aimag(moved)
           end do
         end do
       end do
@@ -150,9 +222,10 @@ contains
 
   !> Write the table NAME in a folder, which is made if need be; the table is there
   !! whole or not at all.
-  subroutine write_branch(folder, name, orders, highest, branch, stability, crossings, &
+  subroutine write_branch(folder, name, varies, orders, highest, branch, stability, crossings, &
                           coordinates, units, header, status)
-    character(len=*), intent(in) :: folder, name
+    !> What varies, the first column.
+    character(len=*), intent(in) :: folder, name, varies
     integer, intent(in) :: orders(:)
     !> Left out if not allocated.
     integer, allocatable, intent(in) :: highest(:)
@@ -173,10 +246,11 @@ contains
     call table%create(folder//'/'//name, status)
     if (status%failed()) return
     call table%add_comments(header)
-    call table%add_line('# branch '//trim(curve_outcomes(branch%outcome))//'; folds at nu =' &
+    call table%add_line('# branch '//trim(curve_outcomes(branch%outcome))//'; folds at ' &
+                        //varies//' =' &
                         //listed(branch%folds%p(:branch%folds%n)))
-    call write_crossings(table, crossings, 'nu')
-    row = '# nu (rad/s); u = Im sum_k X_k exp(i k nu t)'
+    call write_crossings(table, crossings, varies)
+    row = '# nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)'
     if (allocated(stability%stable)) row = row//stability_note
     if (allocated(highest)) row = row//'; highest: order kept; truncation: estimated relative ' &
                                   //'error of leaving out higher orders'
@@ -184,7 +258,7 @@ contains
       row = row//', '//trim(coordinates(d))//' in '//trim(units(d))
     end do
     call table%add_line(row)
-    row = 'nu'
+    row = varies
     if (allocated(stability%stable)) row = row//stability_names
     if (allocated(highest)) row = row//',highest,truncation'
     do d = 1, size(coordinates)

@@ -94,13 +94,22 @@ contains
     if (status%failed()) then
       status%message = scene%path//': '//status%message
     else if (scene%wants_branch) then
-      text = plan_branch('nu', scene%branch%curve%start, scene%branch%curve%finish, &
+      text = plan_branch(varied(scene%branch%varies), scene%branch%curve%start, &
+                         scene%branch%curve%finish, &
                          merge(0, size(plan%set%orders), plan%chosen), &
                          scene%branch%stability)//plan%rest//plan_table(scene)
     else
       text = plan%text//plan_table(scene)
     end if
   end subroutine plan_scene
+
+  !> What varies along a branch, in words.
+  function varied(name)
+    character(len=*), intent(in) :: name
+    character(len=:), allocatable :: varied
+    varied = name
+    if (name == 'load_factor') varied = 'load factor'
+  end function varied
 
   !> The lines about a motion without memory.
   function plan_own_motion(scene) result(text)
@@ -215,8 +224,8 @@ contains
       n = 2*size(orders)
       branch%x = branch%x([((n*(scene%wanted(j) - 1) + i, i=1, n), j=1, size(scene%wanted))], :)
     end if
-    call write_branch(folder, stem(scene%path)//'_branch.csv', orders, highest, branch, &
-                      stability, crossings, scene%coordinates(scene%wanted), &
+    call write_branch(folder, stem(scene%path)//'_branch.csv', scene%branch%varies, orders, highest, &
+                      branch, stability, crossings, scene%coordinates(scene%wanted), &
                       scene%units(scene%wanted), header, status)
     if (status%failed()) return
     short = 0

@@ -1,7 +1,7 @@
 !> A scene: the system, its load and the results wanted, as one namelist file.
 module viscovib_scene
   use viscovib_backbone_job, only: backbone_job, read_backbone, read_free
-  use viscovib_branch_job, only: branch_job, read_branch
+  use viscovib_branch_job, only: begin_mount, branch_job, read_branch
   use viscovib_driven_job, only: driven_job, read_driven
   use viscovib_group_reader, only: group_reader
   use viscovib_kernel_groups, only: read_kernels
@@ -294,12 +294,13 @@ contains
       return
     end if
     call reader%start(file%path, file%groups(place_of(file, 'branch')))
-    call read_branch(reader, scene%branch)
+    call read_branch(reader, scene%branch, .not. scene%is_polynomial)
+    call begin_mount(reader, scene%branch, scene%mount)
     call read_wanted(reader, scene%coordinates, scene%wanted)
     call close_group(reader, scene, status)
     scene%method = method_newton
     scene%options = scene%branch%options
-    scene%nu = [scene%branch%curve%start]
+    scene%nu = [scene%branch%nu]
   end subroutine read_result
 
   !> Every &sweep is a parameter; no two may be the same.

@@ -265,6 +265,7 @@ class Branch(Curve):
         ``coordinates``: names of those wanted; all by default.
         """
         columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
+        columns[self.varies] = self.parameter
         if self.growing is not None:
             columns |= stability_columns(self.growing, self.multipliers)
         if self.truncation is not None:

@@ -106,7 +106,7 @@ def _summary(
         return lines, value.outcome == "completed"
     if isinstance(value, Branch):
         lines = [f"{value.outcome}, {value.nu.size} points, {value.folds.size} folds"]
-        lines += [f"fold at nu = {fold:.10g}" for fold in value.folds]
+        lines += [f"fold at {value.varies} = {fold:.10g}" for fold in value.folds]
         return lines, value.outcome == "completed"
     if isinstance(value, ScalesResponse):
         lines = [

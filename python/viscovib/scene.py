@@ -330,9 +330,18 @@ class Scene:
 
     def _branch(self) -> dict[str, Any]:
         group = self._group("branch")
+        where: dict[str, Any] = {}
+        if group["vary"] == "nu":
+            where["nu_range"] = (group["nu_from"], group["nu_to"])
+        else:
+            where["nu"], ends = group["nu"], (group["from"], group["to"])
+            if group["vary"] == "load_factor":
+                where["load_range"] = ends
+            else:
+                where |= {"vary": group["vary"], "vary_range": ends}
         return {
             "mount": self.oscillator(),
-            "nu_range": (group["nu_from"], group["nu_to"]),
+            **where,
             **self.loads(),
             **{key: group[key] for key in ("harmonics", "tolerance", "max_points", "max_step")},
             "stability": group["stability"] == "yes",

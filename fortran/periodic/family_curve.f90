@@ -1,8 +1,7 @@
-!> Periodic motions as a curve over a number p by which some of those that make the system
-!! grow, at a frequency and a load that stay: the system is built anew at each value.
-module viscovib_vector_curve
+!> Periodic motions as a curve over a number p of the system, at a frequency and a load that
+!! stay: the system is built anew at each value.
+module viscovib_family_curve
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use viscovib_binding_tools, only: make_system
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
@@ -13,7 +12,7 @@ module viscovib_vector_curve
   implicit none
   private
 
-  public :: new_plain_curve, new_vector_curve, vector_at, judge_systems
+  public :: system_builder, new_plain_curve, new_family_curve, judge_systems
 
   !> Step of a difference of fourth order, as a part of the size of the parameter; its places
   !! in steps and factors: about the point, from it on, and before it.
@@ -28,16 +27,31 @@ module viscovib_vector_curve
                                                  25.0_wp, -48.0_wp, 36.0_wp, -16.0_wp, 3.0_wp], &
                                                  [5, 3])/12.0_wp
   !> Stands for p = 0, where terms would be left out that other values have.
-  real(wp), parameter :: nearly_nothing = 1.0e-200_wp
+  real(wp), parameter, public :: nearly_nothing = 1.0e-200_wp
+
+  !> Makes the systems, all with the same terms.
+  type, abstract :: system_builder
+  contains
+    procedure(build_interface), deferred :: build
+  end type system_builder
+
+  abstract interface
+    !> The system at p, which is not 0; fails where there is none.
+    subroutine build_interface(self, p, system, status)
+      import :: oscillator_type, status_type, system_builder, wp
+      class(system_builder), intent(in) :: self
+      real(wp), intent(in) :: p
+      class(oscillator_type), allocatable, intent(out) :: system
+      type(status_type), intent(out) :: status
+    end subroutine build_interface
+  end interface
 
   type :: system_holder
     class(oscillator_type), allocatable :: system
   end type system_holder
 
-  type, extends(oscillator_curve_type) :: vector_curve_type
-    !> The system as in mount_binding: its numbers are flat + p direction.
-    real(wp), allocatable :: flat(:), direction(:), data_x(:), data_phi(:)
-    integer :: kind_x = 0, kind_phi = 0
+  type, extends(oscillator_curve_type) :: family_curve_type
+    class(system_builder), allocatable :: builder
     !> Frequency of the load (rad/s), and what counts as a small parameter.
     real(wp) :: nu = 0.0_wp, p_scale = 1.0_wp
     type(system_holder), pointer, private :: own => null()
@@ -45,8 +59,9 @@ module viscovib_vector_curve
     procedure :: equations
     procedure :: set
     procedure :: left_out
+    procedure, private :: make
     final :: discard
-  end type vector_curve_type
+  end type family_curve_type
 
 contains
 
@@ -63,36 +78,23 @@ contains
     call curve%balance%set_frequency(system, load, nu)
   end subroutine new_plain_curve
 
-  !> The numbers at p.
-  pure function vector_at(flat, direction, p) result(vector)
-    real(wp), intent(in) :: flat(:), direction(:), p
-    real(wp) :: vector(size(flat))
-    vector = flat + merge(p, nearly_nothing, abs(p) > 0.0_wp)*direction
-  end function vector_at
-
   !> The curve over p, beginning at p.
-  subroutine new_vector_curve(curve, flat, direction, kind_x, data_x, kind_phi, data_phi, p, &
-                              p_scale, load, set, nu, status)
+  subroutine new_family_curve(curve, builder, p, p_scale, load, set, nu, status)
     class(oscillator_curve_type), allocatable, intent(out) :: curve
-    real(wp), intent(in) :: flat(:), direction(:), data_x(:), data_phi(:), p, p_scale, nu
-    integer, intent(in) :: kind_x, kind_phi
+    !> Moves into the curve.
+    class(system_builder), allocatable, intent(inout) :: builder
+    real(wp), intent(in) :: p, p_scale, nu
     type(load_type), intent(in), target :: load
     type(harmonic_set_type), intent(in) :: set
     type(status_type), intent(out) :: status
-    type(vector_curve_type), allocatable :: family
+    type(family_curve_type), allocatable :: family
 
     allocate (family)
-    family%flat = flat
-    family%data_x = data_x
-    family%data_phi = data_phi
-    family%kind_x = kind_x
-    family%kind_phi = kind_phi
-    family%direction = direction
+    call move_alloc(builder, family%builder)
     family%nu = nu
     family%p_scale = p_scale
     allocate (family%own)
-    call make_system(family%own%system, vector_at(flat, direction, p), kind_x, &
-                     data_x, kind_phi, data_phi, status)
+    call family%make(p, status)
     if (.not. status%failed()) then
       call new_oscillator_curve(family%oscillator_curve_type, family%own%system, load, set, &
                                 vary_load)
@@ -100,17 +102,23 @@ contains
       call family%balance%set_frequency(family%system, load, nu)
     end if
     call move_alloc(family, curve)
-  end subroutine new_vector_curve
+  end subroutine new_family_curve
+
+  subroutine make(self, p, status)
+    class(family_curve_type), intent(inout) :: self
+    real(wp), intent(in) :: p
+    type(status_type), intent(out) :: status
+    call self%builder%build(merge(p, nearly_nothing, abs(p) > 0.0_wp), self%own%system, status)
+  end subroutine make
 
   !> Values that make no system lie outside the curve.
   subroutine set(self, p, inside)
-    class(vector_curve_type), intent(inout) :: self
+    class(family_curve_type), intent(inout) :: self
     real(wp), intent(in) :: p
     logical, intent(out) :: inside
     type(status_type) :: status
 
-    call make_system(self%own%system, vector_at(self%flat, self%direction, p), self%kind_x, &
-                     self%data_x, self%kind_phi, self%data_phi, status)
+    call self%make(p, status)
     inside = .not. status%failed()
     if (.not. inside) return
     self%system => self%own%system
@@ -152,7 +160,7 @@ contains
   end subroutine judge_systems
 
   subroutine equations(self, x, p, r, jacobian, slope, inside)
-    class(vector_curve_type), intent(inout) :: self
+    class(family_curve_type), intent(inout) :: self
     real(wp), intent(in) :: x(:), p
     real(wp), intent(out) :: r(:)
     real(wp), intent(inout) :: jacobian(:, :)
@@ -180,7 +188,7 @@ contains
   end subroutine equations
 
   subroutine left_out(self, x, p, pushed, own)
-    class(vector_curve_type), intent(inout) :: self
+    class(family_curve_type), intent(inout) :: self
     real(wp), intent(in) :: x(:), p
     real(wp), intent(out) :: pushed(:), own
     logical :: inside
@@ -189,8 +197,8 @@ contains
   end subroutine left_out
 
   subroutine discard(self)
-    type(vector_curve_type), intent(inout) :: self
+    type(family_curve_type), intent(inout) :: self
     if (associated(self%own)) deallocate (self%own)
   end subroutine discard
 
-end module viscovib_vector_curve
+end module viscovib_family_curve

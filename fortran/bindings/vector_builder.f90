@@ -1,0 +1,39 @@
+!> Systems whose numbers grow with p: flat + p direction.
+module viscovib_vector_builder
+  use viscovib_binding_tools, only: make_system
+  use viscovib_family_curve, only: nearly_nothing, system_builder
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_status, only: status_type
+  implicit none
+  private
+
+  public :: vector_builder, vector_at
+
+  type, extends(system_builder) :: vector_builder
+    !> As in mount_binding.
+    real(wp), allocatable :: flat(:), direction(:), data_x(:), data_phi(:)
+    integer :: kind_x = 0, kind_phi = 0
+  contains
+    procedure :: build
+  end type vector_builder
+
+contains
+
+  !> The numbers at p.
+  pure function vector_at(flat, direction, p) result(vector)
+    real(wp), intent(in) :: flat(:), direction(:), p
+    real(wp) :: vector(size(flat))
+    vector = flat + merge(p, nearly_nothing, abs(p) > 0.0_wp)*direction
+  end function vector_at
+
+  subroutine build(self, p, system, status)
+    class(vector_builder), intent(in) :: self
+    real(wp), intent(in) :: p
+    class(oscillator_type), allocatable, intent(out) :: system
+    type(status_type), intent(out) :: status
+    call make_system(system, vector_at(self%flat, self%direction, p), self%kind_x, self%data_x, &
+                     self%kind_phi, self%data_phi, status)
+  end subroutine build
+
+end module viscovib_vector_builder
