@@ -117,6 +117,46 @@ def test_plans_made_by_many_threads():
         assert (r.coefficients == alone.coefficients).all()
 
 
+def test_branches_choose_their_orders():
+    """Folds as with many more; the estimate is that of the worst point."""
+    job = {"p2": (0.25, 0.6), "stability": False}
+    strong = replace(LIGHT, m01=0.005)
+    fine = vv.trace_response(strong, **job, harmonics=41, tolerance=1e-12)
+    used = []
+    for tolerance in (1e-6, 1e-10):
+        branch = vv.trace_response(strong, **job, harmonics="auto", tolerance=tolerance)
+        assert branch.outcome == "completed"
+        assert branch.folds == pytest.approx(fine.folds, abs=tolerance)
+        used.append(int(branch.harmonics.max()))
+        peak = int(np.argmax(branch.truncation))
+        p2 = branch.parameter[peak]
+        with_more = vv.trace_response(strong, **job, harmonics=41, at=[p2])
+        errors = []
+        for point in with_more.stops:
+            rest = with_more.coefficients[point].copy()
+            rest[:, : len(branch.orders)] -= branch.coefficients[peak]
+            errors.append(np.abs(rest).max() / np.abs(branch.coefficients[peak]).max())
+        assert min(errors) < 3 * tolerance
+    assert used[0] < used[1]
+
+
+def test_orders_of_a_branch_that_cannot_be_chosen():
+    rest = vv.trace_response(TWO, m01=(0, 0.001), harmonics=3)
+    point = vv.BranchPoint(
+        0.0, rest.coefficients[0], 0, rest.coefficients[0], np.zeros(1), np.ones(1)
+    )
+    with pytest.raises(vv.InputError, match="harmonics = 'auto': must be the orders of the branch"):
+        vv.trace_response(TWO, m01=(0, 0.001), harmonics="auto", leave=point)
+    with pytest.raises(vv.InputError, match="harmonics = 'some'"):
+        vv.trace_response(TWO, m01=(0, 0.001), harmonics="some")
+    heavy = replace(TWO, f0=0.1, p1=1.02, p2=0.41)
+    with pytest.warns(vv.ConvergenceWarning, match="17 orders leave an estimated relative error"):
+        vv.trace_response(
+            heavy, m01=(0.008, 0.01), harmonics="auto", tolerance=1e-14, max_points=2,
+            symmetric=True,
+        )  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
