@@ -5,7 +5,7 @@ module viscovib_driven_job
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
     curve_outcomes, follow_curve
   use viscovib_drive_torus, only: default_bound, drive_torus_type, kept_by_symmetry, &
-    largest_bound, lattice, max_unknowns, n_drives, sort_drives, varied_names, varies_nu
+    largest_bound, lattice, lowest_bound, max_unknowns, n_drives, sort_drives, varied_names, varies_nu
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
@@ -83,8 +83,8 @@ contains
     call reader%place(status)
     if (reader%status%failed()) return
     most = largest_bound(job%torus%n_axes, 1.0_wp, max_unknowns)
-    job%harmonics = reader%read_integer('harmonics', default_bound(job%torus%n_axes))
-    call in_range('harmonics', job%harmonics, 1, most)
+    job%harmonics = reader%read_integer('harmonics', default_bound(job%torus))
+    call in_range('harmonics', job%harmonics, lowest_bound(job%torus), most)
     job%options%tolerance = reader%read_real('tolerance', job%options%tolerance)
     job%options%max_points = reader%read_integer('max_points', job%options%max_points)
     job%options%max_step = reader%read_real('max_step', job%options%max_step)

@@ -263,8 +263,10 @@ def trace_pendulum(
     auto = _native.is_auto(harmonics)
     if auto and leave is not None:
         raise InputError("harmonics = 'auto': must be the orders of the branch that is left")
-    chosen_bound = core.lattice_default(torus.n_axes) if auto or harmonics is None else harmonics
-    bound, vain, last = bound_of(torus, chosen_bound), 0, np.inf
+    bound = bound_of(
+        torus, torus.usual if auto or harmonics is None else harmonics, torus.largest()
+    )
+    vain, last = 0, np.inf
     span = 1.0 if stability and torus.n_axes == 1 else 0.0
     if duration is not None and torus.n_axes > 1:
         span = check_duration(duration)
