@@ -5,7 +5,8 @@ module viscovib_driven_job
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
     curve_outcomes, follow_curve
   use viscovib_drive_torus, only: default_bound, drive_torus_type, kept_by_symmetry, &
-    largest_bound, lattice, lowest_bound, max_unknowns, n_drives, sort_drives, varied_names, varies_nu
+    largest_bound, lattice, lowest_bound, max_unknowns, n_drives, sort_drives, varied_names, &
+    varies_nu
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
