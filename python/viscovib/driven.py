@@ -395,7 +395,8 @@ def _solve(
         stable=stable,
         growth=growth,
         plan=torus_plan(
-            f"computes: steady motions at {rows.size} values of {varies or torus.names[0]}",
+            f"computes: steady motions at {rows.size} values of {varies or torus.names[0]}"
+            + (", each with the orders it needs" if bounds[0] < bounds[1] else ""),
             pend, torus, kept, varies,
             "not asked for" if not duration else "multipliers" if torus.n_axes == 1 else "rates",
         ),
