@@ -78,6 +78,44 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   call report(problem, status, message)
 end subroutine pendulum_balance
 
+!> Estimated truncation of the points (x, p) of a branch, the worst of them, found with orders
+!! to `bound`, and the bound (to `most`) that would bring it below the tolerance. Arguments as
+!! above.
+subroutine pendulum_truncation(flat, orders, n_axes, n_orders, kept, drive_orders, omega, &
+                               amplitude, vary, which, p, n_p, x, n_unknowns, tolerance, bound, &
+                               step, most, cancel, truncation, next, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_status, only: status_type
+  use viscovib_torus_orders, only: better_bound, branch_truncation, new_ladder, torus_ladder
+  implicit none
+  integer(c_int), intent(in) :: n_axes, n_orders, n_p, n_unknowns, bound, step, most
+  integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
+  integer(c_int), intent(in) :: kept(n_orders, 3)
+  real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), p(n_p), tolerance
+  real(c_double), intent(in) :: x(n_unknowns, n_p)
+  integer(c_int), intent(inout) :: cancel(1)
+  real(c_double), intent(out) :: truncation
+  integer(c_int), intent(out) :: next, status
+  character(len=512), intent(out) :: message
+  !f2py threadsafe
+  type(pendulum_type), target :: system
+  type(torus_ladder) :: ladder
+  type(status_type) :: problem
+
+  truncation = 0.0_c_double
+  next = bound
+  call make_pendulum(system, flat, problem)
+  if (.not. problem%failed()) then
+    call new_ladder(ladder, system, orders, kept /= 0, drive_orders, omega, amplitude, vary, &
+                    which, bound, bound, step)
+    call branch_truncation(ladder, p, x, tolerance, truncation, problem, cancel(1))
+    if (truncation > tolerance) next = better_bound(bound, truncation, tolerance, step, most)
+  end if
+  call report(problem, status, message)
+end subroutine pendulum_truncation
+
 !> A branch from p = start to p = finish. With leave = 1 it begins at the point
 !! (begin, begin_p) in the direction `along`, with 0 at a solution found at p = start.
 !! Stability and `kept` as above.

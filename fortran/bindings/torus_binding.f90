@@ -45,14 +45,19 @@ subroutine lattice_bound(n_axes, share, matrix, bound)
   bound = largest_bound(n_axes, share, merge(max_unknowns, max_without_matrix, matrix /= 0))
 end subroutine lattice_bound
 
-!> Highest orders kept on a branch by default.
-subroutine lattice_default(n_axes, bound)
+!> Highest orders that a branch must keep for its loads, and does by default.
+subroutine lattice_default(drive_orders, n_axes, lowest, bound)
   use, intrinsic :: iso_c_binding, only: c_int
-  use viscovib_drive_torus, only: default_bound
+  use viscovib_drive_torus, only: default_bound, drive_torus_type, lowest_bound
   implicit none
   integer(c_int), intent(in) :: n_axes
-  integer(c_int), intent(out) :: bound
-  bound = default_bound(n_axes)
+  integer(c_int), intent(in) :: drive_orders(n_axes, 3)
+  integer(c_int), intent(out) :: lowest, bound
+  type(drive_torus_type) :: torus
+  torus%n_axes = n_axes
+  torus%orders = drive_orders
+  lowest = lowest_bound(torus)
+  bound = default_bound(torus)
 end subroutine lattice_default
 
 !> Half of the orders of a lattice, 0 first; if there is no room for them, their number alone.

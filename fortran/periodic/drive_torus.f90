@@ -6,7 +6,8 @@ module viscovib_drive_torus
   implicit none
   private
 
-  public :: drive_torus_type, sort_drives, lattice, largest_bound, default_bound, kept_by_symmetry
+  public :: drive_torus_type, sort_drives, lattice, largest_bound, lowest_bound, default_bound, &
+            kept_by_symmetry
 
   integer, parameter, public :: n_drives = 3
   character(len=*), parameter, public :: frequency_names(n_drives) = ['p1', 'p2', 'p3'], &
@@ -52,9 +53,11 @@ contains
     type(status_type), intent(out) :: status
     integer :: first(n_drives), axis(n_drives), top(n_drives), bottom(n_drives)
     integer :: i, j, multiple, common
-    logical :: acts
+    logical :: acts, single
 
     axis = 0
+    ! All together, however far below them their base frequency is.
+    single = subharmonic > 1 .or. varies == varies_nu
     do j = 1, n_drives
       acts = abs(amplitude(j)) > 0.0_wp
       if (varies == j .and. .not. acts) then
@@ -70,7 +73,7 @@ contains
                 'f0, m01, m02: at least one load of a frequency > 0 must act')
       return
     end if
-    if (torus%n_axes > 1 .and. (subharmonic > 1 .or. varies == varies_nu)) then
+    if (torus%n_axes > 1 .and. single) then
       call complain()
       return
     end if
@@ -95,6 +98,12 @@ contains
       torus%base(i) = frequency(first(i))/multiple
       torus%named(i) = merge(first(i), 0, multiple == 1 .and. count(axis == i) == 1)
     end do
+    if (lowest_bound(torus) > max_bound) then
+      call fail(status, status_input_error, 'max_denominator', 'max_denominator = ' &
+                //show(max_denominator)//': the loads are up to '//show(lowest_bound(torus)) &
+                //' times their base frequency, must be at most '//show(max_bound))
+      return
+    end if
     if (varies >= 1 .and. varies <= n_drives) then
       torus%axis = axis(varies)
       torus%multiple = torus%orders(axis(varies), varies)
@@ -102,7 +111,8 @@ contains
 
   contains
 
-    !> Load j on the first axis whose frequency is a ratio of small numbers to its own.
+    !> Load j on the first axis whose frequency is a ratio of small numbers to its own; of
+    !! small numbers with all that are there.
     subroutine place(j)
       integer, intent(in) :: j
       integer :: i
@@ -111,7 +121,7 @@ contains
         call find_ratio(frequency(j), frequency(first(i)), max_denominator, top(j), bottom(j))
         if (bottom(j) == 0) cycle
         axis(j) = i
-        return
+        if (single .or. largest_multiple(i) <= max_denominator) return
       end do
       torus%n_axes = torus%n_axes + 1
       axis(j) = torus%n_axes
@@ -119,6 +129,20 @@ contains
       top(j) = 1
       bottom(j) = 1
     end subroutine place
+
+    !> The largest number of which the loads on an axis are multiples of their base frequency.
+    pure integer function largest_multiple(i)
+      integer, intent(in) :: i
+      integer :: k, whole
+      whole = 1
+      do k = 1, n_drives
+        if (axis(k) == i) whole = whole/gcd(whole, bottom(k))*bottom(k)
+      end do
+      largest_multiple = 0
+      do k = 1, n_drives
+        if (axis(k) == i) largest_multiple = max(largest_multiple, top(k)*(whole/bottom(k)))
+      end do
+    end function largest_multiple
 
     subroutine complain()
       character(len=:), allocatable :: values, what
@@ -164,6 +188,12 @@ contains
       rest = other
     end do
   end function gcd
+
+  !> The lowest bound of a lattice that holds all loads.
+  pure integer function lowest_bound(torus)
+    type(drive_torus_type), intent(in) :: torus
+    lowest_bound = max(1, maxval(sum(abs(torus%orders), 1)))
+  end function lowest_bound
 
   !> Half of the orders with |k_1| + |k_2| + ... <= bound, shell by shell, 0 first, shape
   !! (n_axes, n).
@@ -218,11 +248,12 @@ contains
     end do
   end function largest_bound
 
-  !> Highest orders kept on a branch by default.
-  pure integer function default_bound(n_axes)
-    integer, intent(in) :: n_axes
+  !> Highest orders kept on a branch by default: some beyond the loads'.
+  pure integer function default_bound(torus)
+    type(drive_torus_type), intent(in) :: torus
     integer, parameter :: bounds(3) = [15, 6, 4]
-    default_bound = bounds(n_axes)
+    default_bound = min(max(bounds(torus%n_axes), 2*lowest_bound(torus) + 1), &
+                        max(lowest_bound(torus), largest_bound(torus%n_axes, 1.0_wp, max_unknowns)))
   end function default_bound
 
   !> Where an order of a coordinate (z, phi, psi) is an unknown, shape (n_orders, 3).

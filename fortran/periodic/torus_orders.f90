@@ -17,8 +17,10 @@ module viscovib_torus_orders
   implicit none
   private
 
-  public :: torus_ladder, new_ladder, torus_responses
+  public :: torus_ladder, new_ladder, torus_responses, branch_truncation, better_bound
 
+  !> Points of a branch that are judged.
+  integer, parameter :: max_judged = 5
   !> Part of a change to which it is found, to judge by it.
   real(wp), parameter :: judged = 0.1_wp
   !> Orders are idle below this part of the tolerance: what is dropped here and missed for
@@ -283,6 +285,35 @@ contains
       y = self%padded(bound + self%step, new, n)
     end associate
   end subroutine judge
+
+  !> Largest truncation of the points of a branch, found with the orders of the last rung: of
+  !! those points whose outermost shells are the largest.
+  subroutine branch_truncation(ladder, p, x, tolerance, truncation, status, cancel)
+    type(torus_ladder), intent(inout) :: ladder
+    !> Of the points, and their unknowns in full, shape (torus%n n_dof, size(p)).
+    real(wp), intent(in) :: p(:), x(:, :), tolerance
+    real(wp), intent(out) :: truncation
+    type(status_type), intent(out) :: status
+    integer, intent(inout), volatile, optional :: cancel
+    real(wp) :: outer(size(p)), one
+    real(wp), allocatable :: y(:)
+    integer :: i, j
+
+    truncation = 0.0_wp
+    call ladder%prepare(ladder%last, status)
+    outer = [(outer_part(ladder, ladder%last, x(:, i)), i=1, size(p))]
+    do j = 1, min(max_judged, size(p))
+      if (status%failed()) return
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
+      i = maxloc(outer, 1)
+      outer(i) = -1.0_wp
+      call ladder%judge(p(i), tolerance, ladder%last, ladder%cropped(ladder%last, x(:, i)), y, &
+                        one, status, cancel)
+      truncation = max(truncation, one)
+    end do
+  end subroutine branch_truncation
 
   !> The largest of the outermost shells against the largest of all.
   pure real(wp) function outer_part(self, bound, y)

@@ -8,7 +8,8 @@ module viscovib_driven_job
   use viscovib_curve_groups, only: check_between, listed, read_curve, read_switch, read_yes, &
     stability_names, stability_note, stability_text, write_crossings
   use viscovib_drive_torus, only: default_bound, drive_torus_type, kept_by_symmetry, &
-    largest_bound, lattice, max_unknowns, n_drives, sort_drives, varied_names, varies_nu
+    largest_bound, lattice, lowest_bound, max_unknowns, n_drives, sort_drives, varied_names, &
+    varies_nu
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
@@ -92,8 +93,8 @@ contains
     call reader%place(status)
     if (reader%status%failed()) return
     most = largest_bound(job%torus%n_axes, 1.0_wp, max_unknowns)
-    job%harmonics = reader%read_integer('harmonics', default_bound(job%torus%n_axes))
-    call check_between(reader, 'harmonics', job%harmonics, 1, most)
+    job%harmonics = reader%read_integer('harmonics', default_bound(job%torus))
+    call check_between(reader, 'harmonics', job%harmonics, lowest_bound(job%torus), most)
     call read_curve(reader, job%options)
     job%stability = read_yes(reader, 'stability')
     word = reader%read_text('symmetry', 'any', [character(len=4) :: 'any', 'kept'], symmetry)

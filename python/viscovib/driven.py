@@ -23,6 +23,7 @@ from viscovib.torus import (
     FREQUENCIES,
     IntArray,
     Torus,
+    bound_of,
     check_pendulum,
     chosen,
     complex_coefficients,
@@ -262,7 +263,8 @@ def pendulum_response(
     subharmonic : int
         Period of the motion in periods of the loads: 2 finds what period doubling leads to.
     max_denominator : int
-        Largest numbers in a ratio of frequencies that counts as commensurate, 1 to 99.
+        Loads share a base frequency of which they are multiples up to this, 1 to 99; those of
+        "nu" or a subharmonic share one if this is so for each pair.
 
     Returns
     -------
@@ -308,11 +310,12 @@ def pendulum_response(
     limit = torus.largest(share, matrix=False)
     auto = _native.is_auto(harmonics)
     if auto:
-        first = min(max(_FIRST[torus.n_axes], 2 * int(torus.drive_orders.max()) + 1), limit)
+        wanted_first = max(_FIRST[torus.n_axes], 2 * torus.lowest + 1)
+        first = bound_of(torus, max(torus.lowest, min(wanted_first, limit)), limit)
         while limit > first and not _fits(rows.size, torus, limit):
             limit -= 1
     else:
-        first = limit = _native.integer("harmonics", harmonics, 1, limit)
+        first = limit = bound_of(torus, harmonics, limit)
     result = _solve(pend, torus, varies, rows, (first, limit), wanted, span)
     if auto and result.truncation[result.converged].max(initial=0.0) > wanted:
         worst = int(np.nanargmax(result.truncation))
@@ -396,7 +399,8 @@ def _solve(
         stable=stable,
         growth=growth,
         plan=torus_plan(
-            f"computes: steady motions at {rows.size} values of {varies or torus.names[0]}",
+            f"computes: steady motions at {rows.size} values of {varies or torus.names[0]}"
+            + (", each with the orders it needs" if bounds[0] < bounds[1] else ""),
             pend, torus, kept, varies,
             "not asked for" if not duration else "multipliers" if torus.n_axes == 1 else "rates",
         ),

@@ -1,6 +1,7 @@
 """Branches of driven motions of the pendulum: folds, branch points, stability."""
 
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from viscovib.branch import (
     located_crossings,
 )
 from viscovib.driven import check_size, write_table
-from viscovib.errors import InputError
+from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.motion_stability import stability_columns
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan
@@ -29,6 +30,7 @@ from viscovib.stability import STILL, check_duration, warn_of_unknown
 from viscovib.torus import (
     FREQUENCIES,
     IntArray,
+    Torus,
     bound_of,
     check_pendulum,
     chosen,
@@ -41,6 +43,10 @@ from viscovib.torus import (
     tail,
 )
 from viscovib.torus_plan import torus_plan
+
+#: "auto" stops at half of the unknowns that may be asked for, and once so many additions failed to
+#: halve the estimate.
+_FEWER, _MAX_VAIN = 2.0, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +177,15 @@ class DrivenBranch(Curve):
         )  # fmt: skip
 
 
+def _kept(
+    pend: Pendulum, torus: Torus, orders: IntArray, varies: str, *, symmetric: bool
+) -> IntArray:
+    """All orders, or what the symmetry of system and loads leaves of them."""
+    if symmetric:
+        return np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
+    return np.ones((len(orders), 3), dtype=np.intc, order="F")
+
+
 def trace_pendulum(
     pend: Pendulum,
     *,
@@ -184,7 +199,7 @@ def trace_pendulum(
     at: npt.ArrayLike = (),
     leave: BranchPoint | None = None,
     opposite: bool = False,
-    harmonics: int | None = None,
+    harmonics: int | str | None = None,
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
@@ -208,8 +223,10 @@ def trace_pendulum(
     leave : BranchPoint
         Follow the branch that crosses another one here, which was traced with the same numbers of
         orders and the same ``subharmonic``; ``opposite``: the other way.
-    harmonics : int
-        Highest order kept (default 15; with several base frequencies 6 or 4 in all).
+    harmonics : int or "auto"
+        Highest order kept (default 15; with several base frequencies 6 or 4 in all). "auto": the
+        branch is followed again with more until the estimated error of leaving out others, where
+        its outermost orders are the largest, is below ``tolerance``, or there is no more room.
     tolerance, max_points, max_step, stability : as for a mount
     duration : float
         For quasi-periodic motions: compute rates of growth, averaged over this time, 1 to 1e6.
@@ -251,39 +268,68 @@ def trace_pendulum(
     torus = make_torus(
         pend, varies, _native.integer("subharmonic", subharmonic, 1, 20), denominator
     )
-    orders = torus.lattice(
-        bound_of(torus, core.lattice_default(torus.n_axes) if harmonics is None else harmonics)
+    auto = _native.is_auto(harmonics)
+    if auto and leave is not None:
+        raise InputError("harmonics = 'auto': must be the orders of the branch that is left")
+    bound = bound_of(
+        torus, torus.usual if auto or harmonics is None else harmonics, torus.largest()
     )
-    n = 3 * (2 * len(orders) - 1)
-    check_size("max_points", points, n)
-    begin, begin_p, along = np.zeros(n), 0.0, np.zeros(n + 1)
-    job, unit = core_job(pend, torus, orders, varies)
-    kept = np.ones((len(orders), 3), dtype=np.intc, order="F")
-    if symmetric:
-        kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
-    if leave is not None:
-        check_departure(leave)
-        begin, along = leave.departure(n, opposite)
-        lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
-        if lost > 1e-6 * np.abs(leave.across).max():
-            raise InputError(
-                "leave: leads to motions that do not share the symmetry, must have symmetric=False"
-            )
-        begin_p = leave.parameter / unit
+    vain, last = 0, np.inf
     span = 1.0 if stability and torus.n_axes == 1 else 0.0
     if duration is not None and torus.n_axes > 1:
         span = check_duration(duration)
     stops = _native.real_array("at", at).reshape(-1)
     cancel = np.zeros(1, dtype=np.intc)
-    (
-        n_points, ended, p, iterations, x, is_stop, multipliers_found, found, rates, n_folds, folds,
-        fold_x, n_branch, branch_p, branch_x, across, before, n_crossings, kinds, crossed_after,
-        crossed_at, crossed_x,
-    ) = _native.call_interruptibly(
-        core.pendulum_branch, cancel, *job[:2], kept, *job[2:], start / unit, finish / unit,
-        wanted, points, step, stops / unit, span, int(leave is not None), begin, begin_p, along,
-        MAX_SPECIAL, cancel,
-    )  # fmt: skip
+    while True:
+        orders = torus.lattice(bound)
+        n = 3 * (2 * len(orders) - 1)
+        check_size("max_points", points, n)
+        begin, begin_p, along = np.zeros(n), 0.0, np.zeros(n + 1)
+        job, unit = core_job(pend, torus, orders, varies)
+        kept = _kept(pend, torus, orders, varies, symmetric=symmetric)
+        if leave is not None:
+            check_departure(leave)
+            begin, along = leave.departure(n, opposite)
+            lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
+            if lost > 1e-6 * np.abs(leave.across).max():
+                raise InputError(
+                    "leave: leads to motions that do not share the symmetry, "
+                    "must have symmetric=False"
+                )
+            begin_p = leave.parameter / unit
+        (
+            n_points, ended, p, iterations, x, is_stop, multipliers_found, found, rates, n_folds,
+            folds, fold_x, n_branch, branch_p, branch_x, across, before, n_crossings, kinds,
+            crossed_after, crossed_at, crossed_x,
+        ) = _native.call_interruptibly(
+            core.pendulum_branch, cancel, *job[:2], kept, *job[2:], start / unit, finish / unit,
+            wanted, points, step, stops / unit, span, int(leave is not None), begin, begin_p,
+            along, MAX_SPECIAL, cancel,
+        )  # fmt: skip
+        if not auto or not n_points:
+            break
+        # call_interruptibly leaves it set.
+        cancel[0] = 0
+        more = torus.lattice(bound + torus.shells)
+        judged, _ = core_job(pend, torus, more, varies)
+        worst, next_bound = _native.call_interruptibly(
+            core.pendulum_truncation, cancel, *judged[:2],
+            _kept(pend, torus, more, varies, symmetric=symmetric), *judged[2:], p[:n_points],
+            np.asfortranarray(x[:, :n_points]), wanted, bound, torus.shells,
+            torus.largest(_FEWER), cancel,
+        )  # fmt: skip
+        cancel[0] = 0
+        vain += worst > 0.5 * last
+        if next_bound <= bound or vain >= _MAX_VAIN:
+            break
+        bound, last = next_bound, worst
+    if auto and n_points and worst > wanted:
+        warnings.warn(
+            f"{bound} orders leave an estimated relative error of {worst:.1e}, more than the "
+            f"tolerance {wanted:.1e}",
+            ConvergenceWarning,
+            stacklevel=2,
+        )
     if not n_points:
         raise InputError(
             f"{varies}: no solution was found at its beginning {start:g}: begin elsewhere"

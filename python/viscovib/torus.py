@@ -50,6 +50,20 @@ class Torus:
         return int(core.lattice_bound(self.n_axes, share, int(matrix)))
 
     @property
+    def lowest(self) -> int:
+        """Lowest bound of a lattice that holds all loads."""
+        return int(self._bounds()[0])
+
+    @property
+    def usual(self) -> int:
+        """Bound of the lattice that a branch has by default."""
+        return int(self._bounds()[1])
+
+    def _bounds(self) -> tuple[int, int]:
+        lowest, usual = core.lattice_default(np.asfortranarray(self.drive_orders.T))
+        return lowest, usual
+
+    @property
     def shells(self) -> int:
         """How many shells beyond a bound judge it: loads may leave out all but multiples."""
         return 2 * math.gcd(*self.drive_orders.ravel().tolist()) if self.n_axes == 1 else 2
@@ -135,9 +149,14 @@ def kept_by_symmetry(
     return kept
 
 
-def bound_of(torus: Torus, harmonics: object) -> int:
-    """Check the highest order of a branch."""
-    return _native.integer("harmonics", harmonics, 1, torus.largest())
+def bound_of(torus: Torus, harmonics: object, largest: int) -> int:
+    """Check a highest order: the loads must fit in."""
+    if torus.lowest > largest:
+        raise InputError(
+            f"max_denominator: the loads are up to {torus.lowest} times their base frequencies, "
+            f"must be at most {largest}"
+        )
+    return _native.integer("harmonics", harmonics, torus.lowest, largest)
 
 
 def complex_coefficients(x: FloatArray) -> ComplexArray:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import viscovib as vv
+from viscovib.torus import make_torus
 
 BODY = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.1, "c2": 0.1, "c3": 0.1}
 ONE = vv.Pendulum(**BODY, f0=0.01, m01=0.02, p1=0.74, p2=0.37)
@@ -65,6 +66,7 @@ def test_orders_come_and_go_along_a_row():
         # What a row does without stands as 0.
         beyond = r.orders[:, 0] > r.highest[row]
         assert np.abs(r.coefficients[row][:, beyond]).max(initial=0) == 0
+    assert "each with the orders it needs" in str(r.plan)
     table = r.to_dataset()
     assert table.highest.values.tolist() == r.highest.tolist()
 
@@ -117,6 +119,46 @@ def test_plans_made_by_many_threads():
         assert (r.coefficients == alone.coefficients).all()
 
 
+def test_branches_choose_their_orders():
+    """Folds as with many more; the estimate is that of the worst point."""
+    job = {"p2": (0.25, 0.6), "stability": False}
+    strong = replace(LIGHT, m01=0.005)
+    fine = vv.trace_response(strong, **job, harmonics=41, tolerance=1e-12)
+    used = []
+    for tolerance in (1e-6, 1e-10):
+        branch = vv.trace_response(strong, **job, harmonics="auto", tolerance=tolerance)
+        assert branch.outcome == "completed"
+        assert branch.folds == pytest.approx(fine.folds, abs=tolerance)
+        used.append(int(branch.harmonics.max()))
+        peak = int(np.argmax(branch.truncation))
+        p2 = branch.parameter[peak]
+        with_more = vv.trace_response(strong, **job, harmonics=41, at=[p2])
+        errors = []
+        for point in with_more.stops:
+            rest = with_more.coefficients[point].copy()
+            rest[:, : len(branch.orders)] -= branch.coefficients[peak]
+            errors.append(np.abs(rest).max() / np.abs(branch.coefficients[peak]).max())
+        assert min(errors) < 3 * tolerance
+    assert used[0] < used[1]
+
+
+def test_orders_of_a_branch_that_cannot_be_chosen():
+    rest = vv.trace_response(TWO, m01=(0, 0.001), harmonics=3)
+    point = vv.BranchPoint(
+        0.0, rest.coefficients[0], 0, rest.coefficients[0], np.zeros(1), np.ones(1)
+    )
+    with pytest.raises(vv.InputError, match="harmonics = 'auto': must be the orders of the branch"):
+        vv.trace_response(TWO, m01=(0, 0.001), harmonics="auto", leave=point)
+    with pytest.raises(vv.InputError, match="harmonics = 'some'"):
+        vv.trace_response(TWO, m01=(0, 0.001), harmonics="some")
+    heavy = replace(TWO, f0=0.1, p1=1.02, p2=0.41)
+    with pytest.warns(vv.ConvergenceWarning, match="17 orders leave an estimated relative error"):
+        vv.trace_response(
+            heavy, m01=(0.008, 0.01), harmonics="auto", tolerance=1e-14, max_points=2,
+            symmetric=True,
+        )  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -156,6 +198,35 @@ def test_equal_and_nearly_equal_frequencies():
     assert one.truncation[0] <= 1e-10
     t = np.linspace(0, 100, 50)
     assert two.state(0, t) == pytest.approx(one.state(0, t), abs=1e-9)
+
+
+def test_loads_must_fit_in_their_orders():
+    """Loads of 12 and 11 times a base frequency are nothing to a balance of five orders."""
+    close = replace(TWO, p1=0.37 * 12 / 11)
+    with pytest.raises(vv.InputError, match=r"harmonics = 11: must be 12 to 199"):
+        vv.forced_response(close, harmonics=11)
+    with pytest.raises(vv.InputError, match=r"harmonics = 5: must be 12 to 199"):
+        vv.trace_response(close, f0=(0.01, 0.02), harmonics=5)
+    branch = vv.trace_response(close, f0=(0.01, 0.02), stability=False)
+    assert branch.harmonics.max() == 25
+    assert branch.outcome == "completed"
+
+
+def test_a_small_common_base_is_no_axis_of_three_loads():
+    """12 : 11 and 11 : 12 of one make 144 and 121 of their base: two axes, unless asked for."""
+    three = replace(THREE, p1=0.4, p2=0.4 * 12 / 11, p3=0.4 * 11 / 12)
+    torus = make_torus(three, None, 1, 12)
+    assert torus.names == ("nu", "p3")
+    assert torus.drive_orders.tolist() == [[11, 0], [12, 0], [0, 1]]
+    together = make_torus(three, "nu", 1, 12)
+    assert together.names == ("nu",)
+    assert together.drive_orders.ravel().tolist() == [132, 144, 121]
+    far = replace(THREE, p1=0.4, p2=0.4 * 97 / 96, p3=0.4 * 89 / 91)
+    with pytest.raises(vv.InputError, match=r"max_denominator = 99: the loads are up to 8827 times "
+                       r"their base frequency, must be at most 199"):  # fmt: skip
+        vv.forced_response(far, nu=[1e-4], max_denominator=99)
+    with pytest.raises(vv.InputError, match=r"max_denominator: the loads are up to 97 times"):
+        vv.forced_response(far, max_denominator=99)
 
 
 def test_a_load_that_throws_the_spring_to_its_pivot():
