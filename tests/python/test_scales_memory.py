@@ -171,6 +171,9 @@ def test_units_move_results_by_rounding(what, unit):
             (ms.interaction / phi**2 * time).ravel(), (steady.harmonics / scale).ravel(),
             steady.eigenvalues.ravel() * time, (motion.state / units).ravel(),
             (steady.harmonics.real + steady.harmonic_errors).ravel() / np.tile(scale, 3),
+            # In the unit of the coordinate that moves most, which may be another.
+            steady.order_sizes[:, 2] / steady.order_sizes[:, 0], motion.in_range * 1.0,
+            motion.order_sizes[:, 2] / motion.order_sizes[:, 0],
         ]  # fmt: skip
 
     changed = dict.fromkeys(("mass", "length", "time"), 1.0) | {what: unit}
