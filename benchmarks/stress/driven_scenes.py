@@ -18,7 +18,19 @@ Tables = dict[str, np.ndarray]
 #: Columns that tell of the computation, not of the motion.
 NO_RESULTS = ("iterations", "rate", "nu_given")
 #: Keys whose numbers are counts or names of something.
-COUNTS = ("nu_count", "count", "harmonics", "order", "kernel", "max_iterations")
+COUNTS = (
+    "nu_count",
+    "count",
+    "harmonics",
+    "order",
+    "kernel",
+    "max_iterations",
+    "subharmonic",
+    "switch",
+)
+#: Columns of estimated errors, and those whose size rounding moves them by (none: they are
+#: relative to the motion).
+ESTIMATES = {"truncation": "", "error": "order"}
 
 
 def driver_of(build: Path) -> Path:
@@ -80,14 +92,19 @@ def moved(new: Tables, old: Tables) -> tuple[float, str]:
         return math.inf, f"{', '.join(sorted(new.keys() ^ old.keys()))}: in one only"
     worst, where = 0.0, ""
     for name, was in old.items():
-        change = movement(new[name], was)
+        table, _, column = name.rpartition(" ")
+        size = None
+        if column in ESTIMATES:
+            motion = old.get(f"{table} {ESTIMATES[column]}", np.ones(1))
+            size = float(np.nanmax(np.abs(motion)))
+        change = movement(new[name], was, size)
         if change > worst or not where:
             worst, where = change, name
     return worst, where
 
 
-def movement(new: np.ndarray, old: np.ndarray) -> float:
-    """Largest change over the largest number; infinite if shapes, texts or NaN differ."""
+def movement(new: np.ndarray, old: np.ndarray, size: float | None = None) -> float:
+    """Largest change over `size`, the largest number; infinite if shapes, texts or NaN differ."""
     if new.shape != old.shape or new.dtype.kind != old.dtype.kind:
         return math.inf
     if new.dtype.kind == "U":
@@ -99,7 +116,8 @@ def movement(new: np.ndarray, old: np.ndarray) -> float:
         return 0.0
     # Equal infinities have not moved.
     gap = np.where(new == old, 0.0, np.abs(new - old))[~lost].max()
-    size = float(np.abs(old[~lost]).max())
+    if size is None:
+        size = float(np.abs(old[~lost]).max())
     return float(gap / size) if size > 0 else float(gap)
 
 

@@ -10,6 +10,8 @@ from steps import Job
 from tally import Row, Tally
 
 TINY = float(np.finfo(float).tiny)
+#: Steps in which nothing has faded yet.
+ALIVE = 4000
 
 
 def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
@@ -22,22 +24,23 @@ def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
         yield "fading, mount", lambda m=memory: of_mount(m, n // 2)
 
 
-def _row(what: str, n: int, run: Callable[[float], np.ndarray]) -> Row:
-    """Time with a coordinate that fades over that with one that never moved."""
+def _row(what: str, n: int, run: Callable[[int], np.ndarray]) -> Row:
+    """Time of a step where a coordinate has faded over that of one before."""
     tally = Tally(
         "fading", what, f"{n} steps, phi from 1e-2 to below 1e-308", 1.5,
-        "processor time over that of the same motion with phi = 0",
+        f"processor time of a step over that in the first {ALIVE}",
     )  # fmt: skip
 
-    def seconds(amplitude: float) -> float:
+    def seconds(n_steps: int, times: int) -> float:
         begun = time.process_time()
-        states = tally.trial(f"phi = {amplitude:g}", lambda: run(amplitude))
+        for _ in range(times):
+            states = tally.trial(f"{n_steps} steps", lambda: run(n_steps))
         spent = time.process_time() - begun
         sizes = np.abs(np.asarray(states))
         tally.check("states", not ((sizes > 0) & (sizes < TINY)).any(), "subnormal numbers")
-        return spent
+        return spent / (n_steps * times)
 
-    ratios = [seconds(0.01) / seconds(0.0) for _ in range(3)]
+    ratios = [seconds(n, 1) / seconds(ALIVE, n // (10 * ALIVE)) for _ in range(3)]
     tally.measure(f"median of 3, {min(ratios):.2f} ... {max(ratios):.2f}", float(np.median(ratios)))
     return tally.row()
 
@@ -52,9 +55,9 @@ def of_pendulum(method: str, n: int) -> Row:
     return _row(
         f"pendulum, {method}",
         n,
-        lambda a: vv.simulate(
-            body, 0.25 * n, dt=0.25, initial=(0, 0, a, 0, -a, 0), method=method,
-            save_every=n // 1000,
+        lambda steps: vv.simulate(
+            body, 0.25 * steps, dt=0.25, initial=(0, 0, 0.01, 0, -0.01, 0), method=method,
+            save_every=steps // 1000,
         ).state,
     )  # fmt: skip
 
@@ -65,8 +68,8 @@ def of_ensemble(n: int) -> Row:
     return _row(
         "ensemble of 8 pendulums, rk4",
         n,
-        lambda a: vv.simulate_ensemble(
-            body, initial=np.tile((0, 0, a, 0, -a, 0), (8, 1)), t_end=0.25 * n, dt=0.25,
+        lambda steps: vv.simulate_ensemble(
+            body, initial=np.tile((0, 0, 0.01, 0, -0.01, 0), (8, 1)), t_end=0.25 * steps, dt=0.25,
             method="rk4", n_threads=1,
         ).state,
     )  # fmt: skip
@@ -82,8 +85,8 @@ def of_mount(memory: bool, n: int) -> Row:
     return _row(
         f"oscillators, gauss4, {'memory' if memory else 'no memory'}",
         n,
-        lambda a: vv.simulate(
-            body, 0.25 * n, dt=0.25, initial=[0, 0, a, 0], load=(0.1, 0), nu=0.9,
-            method="gauss4", save_every=n // 1000,
+        lambda steps: vv.simulate(
+            body, 0.25 * steps, dt=0.25, initial=[0, 0, 0.01, 0], load=(0.1, 0), nu=0.9,
+            method="gauss4", save_every=steps // 1000,
         ).state,
     )  # fmt: skip

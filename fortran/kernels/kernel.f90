@@ -19,6 +19,8 @@ module viscovib_kernel
   contains
     !> R_c(mu) = integral_0^inf R(t) cos(mu t) dt and R_s(mu) with the sine.
     procedure(transform_interface), deferred :: transform
+    !> dRhat/dmu, Rhat = R_c - i R_s.
+    procedure(slope_interface), deferred :: transform_slope
     !> R(s) = integral_0^inf R(t) exp(-s t) dt, continued analytically.
     procedure(laplace_interface), deferred :: laplace
     !> R(t), t > 0.
@@ -52,6 +54,17 @@ module viscovib_kernel
       !> R_c, R_s (dimensionless), same shape as mu.
       real(wp), intent(out) :: cosine(:), sine(:)
     end subroutine transform_interface
+
+    subroutine slope_interface(self, mu, transform, slope)
+      import :: kernel_type, wp
+      class(kernel_type), intent(in) :: self
+      !> Circular frequencies (rad/s), not 0.
+      real(wp), intent(in) :: mu(:)
+      !> R_c - i R_s there, same shape.
+      complex(wp), intent(in) :: transform(:)
+      !> Derivative by mu (s), same shape.
+      complex(wp), intent(out) :: slope(:)
+    end subroutine slope_interface
 
     subroutine laplace_interface(self, s, transform)
       import :: kernel_type, wp

@@ -16,6 +16,7 @@ module viscovib_prony
     real(wp), allocatable :: weights(:), rates(:)
   contains
     procedure :: transform
+    procedure :: transform_slope
     procedure :: laplace
     procedure :: value
     procedure :: integral
@@ -65,6 +66,20 @@ contains
       end do
     end do
   end subroutine transform
+
+  !> -i sum_j w_j/(r_j + i mu)^2.
+  subroutine transform_slope(self, mu, transform, slope)
+    class(prony_kernel), intent(in) :: self
+    real(wp), intent(in) :: mu(:)
+    complex(wp), intent(in) :: transform(:)
+    complex(wp), intent(out) :: slope(:)
+    integer :: i
+    do i = 1, size(transform)
+      associate (over => 1.0_wp/cmplx(self%rates, mu(i), wp))
+        slope(i) = cmplx(0.0_wp, -1.0_wp, wp)*sum(self%weights*over**2)
+      end associate
+    end do
+  end subroutine transform_slope
 
   !> sum_j w_j/(r_j + s), poles at -r_j.
   subroutine laplace(self, s, transform)

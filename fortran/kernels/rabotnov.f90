@@ -30,6 +30,7 @@ module viscovib_rabotnov
     real(wp) :: beta = 0.0_wp
   contains
     procedure :: transform
+    procedure :: transform_slope
     procedure :: laplace
     procedure :: value
     procedure :: integral
@@ -85,6 +86,20 @@ contains
       sine(i) = sign(self%amplitude*(im/modulus)/modulus, mu(i))
     end do
   end subroutine transform
+
+  !> -(alpha/mu) Rhat (i mu)^alpha/((i mu)^alpha + beta).
+  subroutine transform_slope(self, mu, transform, slope)
+    class(rabotnov_kernel), intent(in) :: self
+    real(wp), intent(in) :: mu(:)
+    complex(wp), intent(in) :: transform(:)
+    complex(wp), intent(out) :: slope(:)
+    complex(wp) :: power
+    integer :: i
+    do i = 1, size(mu)
+      power = principal_power(cmplx(0.0_wp, mu(i), wp), self%alpha)
+      slope(i) = -(self%alpha/mu(i))*transform(i)*(power/(power + self%beta))
+    end do
+  end subroutine transform_slope
 
   !> A/(s^alpha + beta), cut along the negative axis.
   subroutine laplace(self, s, transform)

@@ -28,6 +28,7 @@ module viscovib_rzhanitsyn
     real(wp), private :: factor = 0.0_wp
   contains
     procedure :: transform
+    procedure :: transform_slope
     procedure :: laplace
     procedure :: value
     procedure :: integral
@@ -70,6 +71,15 @@ contains
     call power_of_quadrant(self%factor, self%alpha, self%beta, abs(mu), cosine, sine)
     sine = sign(sine, mu)
   end subroutine transform
+
+  !> -i alpha Rhat/(beta + i mu).
+  subroutine transform_slope(self, mu, transform, slope)
+    class(rzhanitsyn_kernel), intent(in) :: self
+    real(wp), intent(in) :: mu(:)
+    complex(wp), intent(in) :: transform(:)
+    complex(wp), intent(out) :: slope(:)
+    slope = transform*cmplx(0.0_wp, -self%alpha, wp)/cmplx(self%beta, mu, wp)
+  end subroutine transform_slope
 
   !> A Gamma(alpha) (beta + s)^(-alpha), cut along s <= -beta.
   subroutine laplace(self, s, transform)

@@ -11,6 +11,7 @@
 module viscovib_tabulated
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_finite, check_increasing, check_not_negative
+  use viscovib_constants, only: pi
   use viscovib_gauss_points, only: points_16, weights_16
   use viscovib_kernel, only: kernel_type, vanished
   use viscovib_kinds, only: wp
@@ -30,6 +31,7 @@ module viscovib_tabulated
     real(wp), allocatable, private :: slopes(:)
   contains
     procedure :: transform
+    procedure :: transform_slope
     procedure :: laplace
     procedure :: value
     procedure :: integral
@@ -110,6 +112,29 @@ contains
       sine(i) = -aimag(z)
     end do
   end subroutine transform
+
+  !> By Cauchy's integral over a circle, where the transform of a table is smooth: the
+  !! trapezoidal rule of n points leaves its Taylor term of order n.
+  subroutine transform_slope(self, mu, transform, slope)
+    class(tabulated_kernel), intent(in) :: self
+    real(wp), intent(in) :: mu(:)
+    complex(wp), intent(in) :: transform(:)
+    complex(wp), intent(out) :: slope(:)
+    integer, parameter :: n = 16
+    complex(wp) :: ray
+    real(wp) :: radius
+    integer :: i, k
+    slope = (0.0_wp, 0.0_wp)
+    do i = 1, size(mu)
+      radius = min(0.1_wp*abs(mu(i)), 0.3_wp/self%times(size(self%times)))
+      do k = 1, n
+        ray = exp(cmplx(0.0_wp, 2.0_wp*pi*k/n, wp))
+        slope(i) = slope(i) + (self%laplace_at(cmplx(0.0_wp, mu(i), wp) + radius*ray) &
+                               - transform(i))/(n*radius*ray)
+      end do
+    end do
+    slope = slope*(0.0_wp, 1.0_wp)
+  end subroutine transform_slope
 
   subroutine laplace(self, s, transform)
     class(tabulated_kernel), intent(in) :: self

@@ -30,6 +30,8 @@ module viscovib_curve_branch
   !> Steps in units of the present point, at first and at least; where the equations
   !! end, steps this short are enough.
   real(wp), parameter :: first_step = 0.01_wp, smallest_step = 1.0e-9_wp, edge_step = 1.0e-5_wp
+  !> The determinant may change its sign over a step this long.
+  real(wp), parameter :: careful_step = 0.01_wp
   !> Wanted angle between successive tangents.
   real(wp), parameter :: wanted_angle = 0.12_wp
 
@@ -120,11 +122,14 @@ contains
         if (corrector%outside) branch%outcome = curve_unphysical
         return
       end if
+      next%p = here%p
       if (next%slope_p*sign_wanted < 0.0_wp) call reverse(next)
       ! Once more, so that the determinant belongs to the tangent.
       call copy_point(next, here)
       call correct(curve, corrector, here, 0.0_wp, next, made, .true.)
       if (.not. made) return
+      ! What that moved is rounding.
+      next%p = here%p
       call copy_point(next, here)
     end if
     call branch%add(here, any(abs(stops - here%p) <= 0.0_wp))
@@ -140,6 +145,8 @@ contains
         corrector%outside = .false.
         angle = angle_between(corrector, here, next)
         if (angle > 4.0_wp*wanted_angle .and. step > 1.0e3_wp*smallest_step) made = .false.
+        ! A long step may have met another branch, which the determinant tells.
+        if (sign_changes() .and. step > careful_step) made = .false.
       end if
       if (.not. made) then
         step = 0.4_wp*step
@@ -184,6 +191,15 @@ contains
 
   contains
 
+    !> The first step off a branch point has nothing to compare with.
+    logical function leaving()
+      leaving = present(along) .and. branch%n_points == 1
+    end function leaving
+
+    logical function sign_changes()
+      sign_changes = here%sign*next%sign < 0 .and. .not. leaving()
+    end function sign_changes
+
     !> Folds, branch points and stops between `here` and `next`, which lies a step
     !! `ahead`.
     subroutine note(ahead)
@@ -192,15 +208,12 @@ contains
       integer :: n_before
       at_fold = nowhere
       at_branch_point = nowhere
-      ! The first step off a branch point has nothing to compare with.
-      if (.not. (present(along) .and. branch%n_points == 1)) then
-        if (here%slope_p*next%slope_p < 0.0_wp) then
-          call locate_fold(curve, corrector, here, ahead, branch%folds, at_fold)
-        end if
-        if (here%sign*next%sign < 0) then
-          call locate_branch_point(curve, corrector, here, ahead, branch%branch_points, &
-                                   at_branch_point)
-        end if
+      if (here%slope_p*next%slope_p < 0.0_wp .and. .not. leaving()) then
+        call locate_fold(curve, corrector, here, ahead, branch%folds, at_fold)
+      end if
+      if (sign_changes()) then
+        call locate_branch_point(curve, corrector, here, ahead, branch%branch_points, &
+                                 at_branch_point)
       end if
       n_before = branch%n_points
       places = [real(wp) ::]

@@ -16,9 +16,11 @@ module viscovib_curve_corrector
   public :: curve_point, corrector_type, new_corrector, new_point, copy_point, aim, correct, &
             null_vector, normalize, reverse, angle_between, distance
 
-  integer, parameter :: max_iterations = 12
+  integer, parameter :: max_iterations = 12, longest = 8
   !> With the factors kept, corrections must shrink by this each time.
   real(wp), parameter :: fast_enough = 0.1_wp
+  !> Errors of a tangent in passing, in units of the rate of convergence.
+  real(wp), parameter :: doubtful = 40.0_wp
   !> Unknowns up to which whole vectors pay more than blocks.
   integer, parameter :: small = 64, vector = 8
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
@@ -188,6 +190,7 @@ contains
       change = sqrt(change)
       if (.not. change <= 1.0e3_wp) return
       if (change <= rounding .or. (fresh .and. change <= c%tolerance)) exit
+      if (.not. exact .and. k >= longest) return
       if (.not. exact .and. k > 1) then
         ! Corrections fall as a geometric series: what is left of it.
         if (change < fast_enough*before) then
@@ -204,16 +207,35 @@ contains
     if (k > max_iterations) return
     made = .true.
     next%iterations = k
-    call determinant(c, exact, next)
-    ! The tangent: [J, R_p; tangent before] t = (0, 1), by the same factors.
-    c%right = 0.0_wp
-    c%right(n + 1) = 1.0_wp
-    call solve_padded(c%rows, n + 1, c%matrix, c%pivots, c%right)
-    next%slope_x(:) = c%right(:n)
-    next%slope_p = c%right(n + 1)
+    call find_tangent(c, exact, next)
     c%largest = max(c%largest, sum(c%weights*next%x**2))
     call normalize(c, next)
+    if (exact .or. k == 1) return
+    ! Factors from elsewhere make the last correction this part of the one before it, and
+    ! the tangent wrong by as much: enough for the next prediction, but is this a fold?
+    call metric(c, next, weight_x, weight_p)
+    if (sqrt(weight_p)*abs(next%slope_p)*before > doubtful*change) return
+    call metric(c, here, weight_x, weight_p)
+    call curve%equations(next%x, next%p, c%r, c%matrix, c%slope_p, inside)
+    call decompose(c, here, weight_x, weight_p, singular)
+    made = inside .and. .not. singular
+    if (.not. made) return
+    call find_tangent(c, exact, next)
+    call normalize(c, next)
   end subroutine correct
+
+  !> [J, R_p; tangent before] t = (0, 1), by the factors there are; with their determinant.
+  subroutine find_tangent(c, exact, point)
+    type(corrector_type), intent(inout) :: c
+    logical, intent(in) :: exact
+    type(curve_point), intent(inout) :: point
+    call determinant(c, exact, point)
+    c%right = 0.0_wp
+    c%right(c%n + 1) = 1.0_wp
+    call solve_padded(c%rows, c%n + 1, c%matrix, c%pivots, c%right)
+    point%slope_x(:) = c%right(:c%n)
+    point%slope_p = c%right(c%n + 1)
+  end subroutine find_tangent
 
   !> Border the derivatives by slope and tangent, and factorize.
   subroutine decompose(c, here, weight_x, weight_p, singular)

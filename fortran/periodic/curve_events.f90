@@ -15,15 +15,17 @@ module viscovib_curve_events
   real(wp), parameter, public :: nowhere = huge(1.0_wp)
 
   integer, parameter :: max_turns = 60
+  !> Relative distance of parameters at folds that are one.
+  real(wp), parameter :: same = 1.0e-10_wp
   !> Points by which the determinant is interpolated, the least left of them, and rounds
   !! in which they close in.
   integer, parameter :: n_nodes = 15, enough = 6, max_rounds = 4
   !> How far they go beyond a step at first, as a part of it; how much nearer the next
   !! round's are; two zeros agree if they differ by no more than this part of a step.
   real(wp), parameter :: beyond = 0.2_wp, narrower = 0.4_wp, agreed = 1.0e-12_wp
-  !> Values in passing are a little off, so that a sign may change this part of a step
+  !> Tangents in passing are a little off, so that a sign may change these parts of a step
   !! before or behind it.
-  real(wp), parameter :: margin = 0.1_wp
+  real(wp), parameter :: margins(0:3) = [0.0_wp, 0.1_wp, 0.3_wp, 0.9_wp]
   !> Nearer to the zero than this part of the nodes' reach, equations are so nearly
   !! singular that their solution may lie on the other branch.
   real(wp), parameter :: too_near = 0.1_wp
@@ -61,6 +63,12 @@ contains
     real(wp) :: nothing(curve%n + 1)
 
     call turn(curve, c, here, step, found, at)
+    if (at >= nowhere) return
+    if (folds%n > 0) then
+      ! Of two flips of a sign next to a fold the second finds it again.
+      if (abs(found%p - folds%p(folds%n)) <= same*abs(found%p) &
+          .and. norm2(found%x - folds%x(:, folds%n)) <= sqrt(same)*norm2(found%x)) at = nowhere
+    end if
     nothing = 0.0_wp
     if (at < nowhere) call keep(folds, found, nothing)
   end subroutine locate_fold
@@ -109,8 +117,8 @@ contains
     at = nowhere
     call new_point(trial, curve%n)
     call new_point(found, curve%n)
-    do k = 0, 1
-      low = -k*margin*step
+    do k = 0, 3
+      low = -margins(k)*step
       high = step - low
       call correct(curve, c, here, low, trial, made, .true.)
       if (.not. made) return
@@ -163,8 +171,8 @@ contains
     call new_point(found, curve%n)
     allocate (x(curve%n, n_nodes))
     reference = 0.0_wp
-    do k = 0, 1
-      low = -k*margin*step
+    do k = 0, 3
+      low = -margins(k)*step
       high = step - low
       call sample(low, low_value)
       if (.not. made) return

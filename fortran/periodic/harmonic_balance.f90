@@ -21,9 +21,6 @@ module viscovib_harmonic_balance
 
   public :: balance_type, new_balance
 
-  !> Relative step of a difference in the frequency.
-  real(wp), parameter :: part = 1.0e-7_wp
-
   type :: balance_type
     type(harmonic_set_type) :: set
     !> Unknowns of all coordinates.
@@ -346,9 +343,7 @@ contains
     end do
   end subroutine load_derivative
 
-  !> dR/dnu at the motion x that `residual` saw last. What memory retains is
-  !! differentiated by a difference, for kernels give no derivative: the slope only
-  !! steers the steps of a continuation.
+  !> dR/dnu at the motion x that `residual` saw last.
   subroutine frequency_derivative(self, system, load, x, slope)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -356,13 +351,8 @@ contains
     real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
     real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
     complex(wp) :: total(size(self%set%orders), size(x, 2)), y(size(self%set%orders), size(x, 2))
-    complex(wp) :: above(size(self%set%orders), size(self%w, 2))
-    integer :: a, b, j, k
+    integer :: a, b, k
 
-    if (any(system%kernel_of > 0) .and. .not. system%separable) then
-      call slope_by_difference(self, system, load, x, slope)
-      return
-    end if
     total = (0.0_wp, 0.0_wp)
     do b = 1, self%n_dof
       y(:, b) = cmplx(x(1::2, b), x(2::2, b), wp)
@@ -377,43 +367,47 @@ contains
     if (load%moves_base()) then
       total = total - self%load_factor*(self%load - self%force)*(2.0_wp/self%nu)
     end if
-    if (any(system%kernel_of > 0)) then
-      call system%retained(self%set%orders*self%nu*(1.0_wp + part), above)
-      do j = 1, self%n_memory
-        if (system%kernel_of(j) == 0) cycle
-        above(:, j) = (above(:, j) - self%fraction(:, j))/(part*self%nu) &
-                      *(cmplx(self%bent(1::2, j), self%bent(2::2, j), wp) &
-                        + matmul(y, system%gather(j, :)))
-        do a = 1, self%n_dof
-          total(:, a) = total(:, a) + system%spread(a, j)*above(:, j)
-        end do
-      end do
-    end if
-    do k = 1, size(self%set%orders)
-      if (self%set%orders(k) == 0) total(k, :) = (0.0_wp, 0.0_wp)
-    end do
     do a = 1, self%n_dof
       slope(1::2, a) = real(total(:, a))
       slope(2::2, a) = aimag(total(:, a))
     end do
+    if (any(system%kernel_of > 0)) call add_memory_slope(self, system, y, slope)
+    do k = 1, size(self%set%orders)
+      if (self%set%orders(k) == 0) slope(2*k - 1, :) = 0.0_wp
+    end do
     if (self%even_in_time) slope(1::2, :) = 0.0_wp
   end subroutine frequency_derivative
 
-  !> The same where memory enters F(u, v) in time.
-  subroutine slope_by_difference(self, system, load, x, slope)
+  !> What memory adds: dv_k/dnu = k f'(k nu) W_k, into B v and through F(u, v) - B v at the
+  !! samples.
+  subroutine add_memory_slope(self, system, y, slope)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    type(load_type), intent(in) :: load
-    real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
-    real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
-    real(wp) :: nu, here(size(x, 1), size(x, 2))
+    complex(wp), intent(in) :: y(size(self%set%orders), self%n_dof)
+    real(wp), intent(inout) :: slope(2*size(self%set%orders), self%n_dof)
+    complex(wp) :: by_nu(size(self%set%orders), self%n_memory), v(size(self%set%orders))
+    real(wp) :: samples(size(self%u, 1))
+    integer :: a, j
 
-    nu = self%nu
-    call self%set_frequency(system, load, nu*(1.0_wp + part))
-    call self%residual(system, x, slope)
-    call self%set_frequency(system, load, nu)
-    call self%residual(system, x, here)
-    slope = (slope - here)/(part*nu)
-  end subroutine slope_by_difference
+    call system%retained_slope(self%set%orders*self%nu, self%fraction, by_nu)
+    if (.not. system%separable) call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
+    do j = 1, self%n_memory
+      if (system%kernel_of(j) == 0) cycle
+      v = self%set%orders*by_nu(:, j)*(cmplx(self%bent(1::2, j), self%bent(2::2, j), wp) &
+                                       + matmul(y, system%gather(j, :)))
+      self%kept(1::2) = real(v)
+      self%kept(2::2) = aimag(v)
+      do a = 1, self%n_dof
+        slope(:, a) = slope(:, a) + system%spread(a, j)*self%kept
+      end do
+      if (system%separable) cycle
+      call self%tables%to_samples(self%kept, samples)
+      do a = 1, self%n_dof
+        if (.not. any(abs(self%by_v(:, a, j)) > 0.0_wp)) cycle
+        call self%tables%to_parts(self%by_v(:, a, j)*samples, self%f_parts)
+        slope(:, a) = slope(:, a) + self%f_parts
+      end do
+    end do
+  end subroutine add_memory_slope
 
 end module viscovib_harmonic_balance

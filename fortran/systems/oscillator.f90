@@ -59,6 +59,7 @@ module viscovib_oscillator
     procedure :: linear_coupling
     procedure :: largest_amplitude
     procedure :: retained
+    procedure :: retained_slope
     procedure :: dynamic_stiffness
     procedure :: kernel_without_integral
   end type oscillator_type
@@ -204,6 +205,32 @@ contains
       end do
     end do
   end subroutine retained
+
+  !> What `retained` gave, differentiated by mu.
+  subroutine retained_slope(self, mu, fraction, slope)
+    class(oscillator_type), intent(in) :: self
+    !> Circular frequencies (rad/s), shape (n); at 0 the slope is given as 0.
+    real(wp), intent(in) :: mu(:)
+    !> From `retained`, and its derivative (s), shape (n, n_memory).
+    complex(wp), intent(in) :: fraction(:, :)
+    complex(wp), intent(out) :: slope(:, :)
+    complex(wp) :: transform(size(mu)), by_mu(size(mu))
+    integer :: i, j, first
+
+    slope = (0.0_wp, 0.0_wp)
+    if (.not. abs(self%memory_scale) > 0.0_wp) return
+    do i = 1, size(self%kernels)
+      first = findloc(self%kernel_of, i, 1)
+      if (first == 0) cycle
+      transform = (1.0_wp - fraction(:, first))/self%memory_scale
+      call self%kernels(i)%kernel%transform_slope(merge(mu, 1.0_wp, abs(mu) > 0.0_wp), &
+                                                  transform, by_mu)
+      where (.not. abs(mu) > 0.0_wp) by_mu = (0.0_wp, 0.0_wp)
+      do j = first, self%n_memory()
+        if (self%kernel_of(j) == i) slope(:, j) = -self%memory_scale*by_mu
+      end do
+    end do
+  end subroutine retained_slope
 
   !> D(mu) = sum_j B(:,j) W(j,:) (1 - Rhat_j(mu)) + i mu C - mu^2 M for
   !! u = Im(X exp(i mu t)).

@@ -173,7 +173,7 @@ contains
     call balance%residual(system, x, above)
     call balance%set_frequency(system, load, 1.3_wp - h)
     call balance%residual(system, x, below)
-    call check_close(maxval(abs((above - below)/(2.0_wp*h) - slope)), 0.0_wp, 1.0e-8_wp, &
+    call check_close(maxval(abs((above - below)/(2.0_wp*h) - slope)), 0.0_wp, 1.0e-9_wp, &
                      'slope in the frequency', floor=maxval(abs(slope)))
     call balance%set_frequency(system, load, 1.3_wp)
     call balance%load_derivative(slope)
