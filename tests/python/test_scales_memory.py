@@ -1,5 +1,7 @@
 """Quadratic resonance with memory by multiple scales; polynomial systems; units."""
 
+import warnings
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -52,6 +54,27 @@ def test_motion_at_two_to_one_with_memory_against_integration():
         errors.append(error / abs(run.state[start:]).max())
     powers = np.log2(np.array(errors[:-1]) / errors[1:])
     assert (powers > 2.9).all()
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.1])
+def test_a_kernel_without_integral_is_a_limit(damping):
+    """Abel's kernel as that of Rzhanitsyn whose beta vanishes: the mean relaxes wholly."""
+    forces = {"x1": "0.3*x1^2 + 0.1*x1*x2", "x2": "0.2*x1*x2 + 0.1*x2^3"}
+    found = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.StabilityWarning)
+        for kernel in (
+            vv.AbelKernel(amplitude=0.01, alpha=0.4),
+            vv.RzhanitsynKernel(amplitude=0.01, alpha=0.4, beta=1e-12),
+        ):
+            system = vv.PolynomialSystem(
+                mass=[1, 1], stiffness=[1, 3], kernel=kernel, forces=forces,
+                damping=[damping, damping],
+            )  # fmt: skip
+            ms = vv.MultipleScales(system, load=[0.001, 0], nu=1.0)
+            steady = ms.response("nu", [0.99])
+            found.append([*ms.interaction.ravel(), *steady.harmonics[:, 0]])
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
 
 
 def test_exact_resonance_with_memory_divides_by_nothing():
