@@ -25,6 +25,8 @@ module viscovib_multiple_scales
     !! shape (n_modes).
     real(wp), allocatable :: rows(:), columns(:)
     complex(wp), allocatable :: amplitude_units(:)
+    !> What motions of unlike unknowns are compared in, shape (n): a length, an angle, ...
+    real(wp), allocatable :: units(:)
   contains
     procedure :: interaction
     procedure :: shapes
@@ -45,7 +47,7 @@ contains
     integer :: j
 
     call form%copy_to(scales%form)
-    call to_natural_units(scales%form, scales%rows, scales%columns)
+    call to_natural_units(scales%form, scales%rows, scales%columns, scales%units)
     call new_normal_form(scales%normal, scales%form, tolerance, steady, status)
     if (status%failed()) return
     call new_slow_flow(scales%flow, scales%normal, scales%form)

@@ -16,13 +16,16 @@ module viscovib_natural_units
 
 contains
 
-  subroutine to_natural_units(form, rows, columns)
+  subroutine to_natural_units(form, rows, columns, units)
     type(polynomial_form_type), intent(inout) :: form
     !> Factors of equations and units of unknowns, shape (n).
     real(wp), allocatable, intent(out) :: rows(:), columns(:)
+    !> The units of unknowns before they are made powers of two, shape (n).
+    real(wp), allocatable, intent(out) :: units(:)
     integer :: i, j, k
 
-    columns = units_of_unknowns(form)
+    units = units_of_unknowns(form)
+    columns = power_of_two(units)
     rows = factors_of_equations(form, columns)
     do k = 0, 2
       form%linear(:, :, k) = in_units(form%linear(:, :, k))
@@ -61,20 +64,19 @@ contains
 
   end subroutine to_natural_units
 
-  pure function units_of_unknowns(form) result(columns)
+  pure function units_of_unknowns(form) result(units)
     type(polynomial_form_type), intent(in) :: form
-    real(wp), allocatable :: columns(:)
+    real(wp), allocatable :: units(:)
     real(wp) :: mass
     integer :: j
 
-    allocate (columns(form%n), source=0.0_wp)
+    allocate (units(form%n), source=0.0_wp)
     do j = 1, form%n_modes()
       mass = abs(sum(form%left(:, j)*matmul(form%linear(:, :, 2), form%right(:, j))))
-      if (mass > 0.0_wp) columns = hypot(columns, form%right(:, j)/sqrt(mass))
+      if (mass > 0.0_wp) units = hypot(units, form%right(:, j)/sqrt(mass))
     end do
     ! What no mode moves has no unit of its own.
-    where (.not. columns > 0.0_wp) columns = 1.0_wp
-    columns = power_of_two(columns)
+    where (.not. units > 0.0_wp) units = 1.0_wp
   end function units_of_unknowns
 
   pure function factors_of_equations(form, columns) result(rows)

@@ -10,7 +10,7 @@ module viscovib_scales_error
   use viscovib_motion_defect, only: defect_type, find_defect
   use viscovib_multiple_scales, only: multiple_scales_type
   use viscovib_polynomial_form, only: full_system_type
-  use viscovib_scales_motion, only: harmonic_of
+  use viscovib_scales_motion, only: harmonic_of, n_sizes
   implicit none
   private
 
@@ -31,7 +31,7 @@ contains
     type(defect_type) :: defect
     complex(wp) :: rho(size(a)), change(size(a))
     complex(wp), dimension(size(of_harmonic)) :: harmonic, before, after
-    real(wp) :: margin, sizes(3)
+    real(wp) :: margin, sizes(n_sizes)
     integer :: d, i, j
     logical :: singular
 

@@ -9,6 +9,8 @@ module viscovib_scales_motion
 
   public :: motion_at, harmonic_of, amplitudes_of_state
 
+  !> Sizes of three orders, and the unit they are in.
+  integer, parameter, public :: n_sizes = 4
   integer, parameter :: max_rounds = 200
 
 contains
@@ -21,8 +23,8 @@ contains
     complex(wp), intent(in) :: a(:)
     !> In the caller's units, shape (n_dof).
     real(wp), intent(out) :: q(:), v(:)
-    !> What the terms of each order can add up to, in the coordinate where that is most.
-    real(wp), intent(out) :: sizes(3)
+    !> What the terms of each order can add up to, as of `sizes_of`.
+    real(wp), intent(out) :: sizes(n_sizes)
     complex(wp) :: y(2*scales%normal%n_generators), dy(2*scales%normal%n_generators)
     complex(wp) :: da(size(a)), wave, product, change
     real(wp) :: bounds(scales%form%n_dof, 3)
@@ -84,12 +86,17 @@ contains
     end associate
   end subroutine motion_at
 
-  !> In the caller's units, in the coordinate where they are largest.
+  !> Each order in the coordinate where it is largest, coordinates compared in units of their
+  !! own, and given in that of the first order, which comes last.
   pure function sizes_of(scales, bounds) result(sizes)
     type(multiple_scales_type), intent(in) :: scales
     real(wp), intent(in) :: bounds(:, :)
-    real(wp) :: sizes(3)
-    sizes = maxval(spread(scales%columns(:size(bounds, 1)), 2, 3)*bounds, 1)
+    real(wp) :: sizes(n_sizes), relative(size(bounds, 1), 3), unit
+    integer :: d
+    d = size(bounds, 1)
+    relative = bounds*spread(scales%columns(:d)/scales%units(:d), 2, 3)
+    unit = scales%units(maxloc(relative(:, 1), 1))
+    sizes = [maxval(relative, 1)*unit, unit]
   end function sizes_of
 
   !> Of a steady motion, u = Re(X exp(i p t)) + other frequencies; and the sizes of the orders.
@@ -100,7 +107,7 @@ contains
     real(wp), intent(in) :: p
     !> In the caller's units, shape (n_dof).
     complex(wp), intent(out) :: x(:)
-    real(wp), intent(out) :: sizes(3)
+    real(wp), intent(out) :: sizes(n_sizes)
     complex(wp) :: y(2*scales%normal%n_generators)
     real(wp) :: turn(2*scales%normal%n_generators), bounds(scales%form%n_dof, 3), margin, modulus
     real(wp) :: moduli(2*scales%normal%n_generators)
@@ -168,7 +175,7 @@ contains
     complex(wp), intent(out) :: a(:)
     type(status_type), intent(out) :: status
     real(wp) :: matrix(2*size(q), 2*size(q)), x(2*size(q)), units(2*size(q))
-    real(wp) :: q_now(size(q)), v_now(size(q)), sizes(3), error, best, whole
+    real(wp) :: q_now(size(q)), v_now(size(q)), sizes(n_sizes), error, best, whole
     integer :: pivots(2*size(q)), n, j, round
     logical :: singular
 

@@ -6,7 +6,7 @@ module viscovib_scales_response
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_scales_error, only: steady_error
-  use viscovib_scales_motion, only: harmonic_of
+  use viscovib_scales_motion, only: harmonic_of, n_sizes
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_steady_states, only: max_steady, new_steady_solver, steady_solver_type
   implicit none
@@ -18,7 +18,7 @@ module viscovib_scales_response
 
   !> Steady motions, a column each: which value they belong to, amplitudes and frequencies
   !! of the modes, eigenvalues, first harmonic of the load's frequency in each coordinate,
-  !! u = Re X exp(i p t), and what the terms of each order can add up to.
+  !! u = Re X exp(i p t), and what the terms of each order can add up to, shape (n_sizes).
   type :: steady_points_type
     integer :: n = 0
     integer, allocatable :: value(:)
@@ -166,7 +166,7 @@ contains
     integer, intent(in) :: n_modes, n_dof, room
     type(steady_points_type) :: more
     allocate (more%value(room), more%a(n_modes, room), more%eigenvalues(2*n_modes, room), &
-              more%harmonic(n_dof, room), more%frame(n_modes, room), more%sizes(3, room), &
+              more%harmonic(n_dof, room), more%frame(n_modes, room), more%sizes(n_sizes, room), &
               more%harmonic_errors(n_dof, room), more%motion_errors(n_dof, room))
     more%n = points%n
     if (points%n > 0) then

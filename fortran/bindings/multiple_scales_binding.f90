@@ -73,8 +73,8 @@ end subroutine oscillator_form
 subroutine scales_form(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind_phi, &
                        data_phi, n_phi, &
                        tolerance, n_modes, n_unknowns, max_terms, exponents, shapes, &
-                       interaction, frame, autonomous, n_terms, terms, coefficients, status, &
-                       message)
+                       interaction, frame, units, autonomous, n_terms, terms, coefficients, &
+                       status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
@@ -88,7 +88,7 @@ subroutine scales_form(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind
   real(c_double), intent(in) :: data_x(n_x), data_phi(n_phi), tolerance
   complex(c_double_complex), intent(out) :: exponents(n_modes), shapes(n_unknowns, n_modes)
   complex(c_double_complex), intent(out) :: interaction(n_modes, n_modes), coefficients(max_terms)
-  real(c_double), intent(out) :: frame(n_modes)
+  real(c_double), intent(out) :: frame(n_modes), units(n_unknowns)
   integer(c_int), intent(out) :: autonomous, n_terms, terms(7, max_terms), status
   character(len=512), intent(out) :: message
   !f2py threadsafe
@@ -102,6 +102,7 @@ subroutine scales_form(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind
   interaction = (0.0_c_double, 0.0_c_double)
   coefficients = (0.0_c_double, 0.0_c_double)
   frame = 0.0_c_double
+  units = 0.0_c_double
   autonomous = 0
   n_terms = 0
   terms = 0
@@ -112,6 +113,7 @@ subroutine scales_form(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind
     shapes = scales%shapes()
     interaction = scales%interaction()
     frame = scales%flow%frame
+    units = scales%units
     autonomous = merge(1, 0, scales%flow%autonomous)
     n_terms = size(scales%flow%terms)
     do i = 1, min(n_terms, max_terms)
@@ -149,7 +151,7 @@ subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   complex(c_double_complex), intent(out) :: amplitudes(n_modes, n), first(n_modes)
-  real(c_double), intent(out) :: motion(n_modes, 2, n), sizes(3, n), frame(n_modes)
+  real(c_double), intent(out) :: motion(n_modes, 2, n), sizes(4, n), frame(n_modes)
   integer(c_int), intent(out) :: n_reached, n_steps, outcome_of, status
   character(len=512), intent(out) :: message
   !f2py threadsafe
@@ -248,7 +250,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
   complex(c_double_complex), intent(out) :: amplitudes(n_modes, max_points)
   complex(c_double_complex), intent(out) :: eigenvalues(2*n_modes, max_points)
   complex(c_double_complex), intent(out) :: harmonics(n_dof, max_points)
-  real(c_double), intent(out) :: frames(n_modes, max_points), sizes(3, max_points)
+  real(c_double), intent(out) :: frames(n_modes, max_points), sizes(4, max_points)
   real(c_double), intent(out) :: harmonic_errors(n_dof, max_points), &
                                  motion_errors(n_dof, max_points)
   character(len=512), intent(out) :: message

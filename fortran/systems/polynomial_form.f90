@@ -113,16 +113,25 @@ contains
     has_memory = any(self%kernel_of > 0)
   end function has_memory
 
-  !> 1 - R(s) of each equation, R the Laplace transform.
+  !> 1 - R(s) of each equation, R the Laplace transform. What decays and hardly turns, the mean of
+  !! a decaying motion, was larger the longer ago: memory takes it as one that does not decay. A
+  !! kernel without integral relaxes wholly under what stands still, up to rounding.
   function retained(self, s) result(fraction)
     class(polynomial_form_type), intent(in) :: self
     complex(wp), intent(in) :: s
-    complex(wp) :: fraction(self%n), transform(1)
+    complex(wp) :: fraction(self%n), transform(1), place
     integer :: i
+    real(wp), parameter :: wholly = 1.0e12_wp
+    place = s
+    if (real(s) < 0.0_wp .and. abs(aimag(s)) <= abs(real(s))) place = cmplx(0.0_wp, aimag(s), wp)
     fraction = (1.0_wp, 0.0_wp)
     do i = 1, size(self%kernels)
       if (.not. any(self%kernel_of == i)) cycle
-      call self%kernels(i)%kernel%laplace([s], transform)
+      if (abs(place) > 0.0_wp) then
+        call self%kernels(i)%kernel%laplace([place], transform)
+      else
+        transform = cmplx(min(self%kernels(i)%kernel%integral(), wholly), 0.0_wp, wp)
+      end if
       where (self%kernel_of == i) fraction = 1.0_wp - self%memory_scale*transform(1)
     end do
   end function retained
@@ -174,6 +183,12 @@ contains
     real(wp), parameter :: two_pi = 6.283185307179586_wp
 
     middle = sum(s)/size(s)
+    if (.not. any(abs(s) > 0.0_wp)) then
+      ! All at rest: by points that turn slowly to either side.
+      middle = cmplx(0.0_wp, 1.0e-5_wp*minval(self%omega), wp)
+      slope = self%retained_between(s + middle*[(i - 0.5_wp*(size(s) + 1), i=1, size(s))])
+      return
+    end if
     width = maxval(abs(s - middle))/abs(middle)
     if (width > 0.1_wp) then
       call most_distant(s, first, last)

@@ -141,7 +141,8 @@ class MultipleScales:
         while n_terms >= room:
             room = n_terms + 1
             (
-                exponents, shapes, interaction, frame, autonomous, n_terms, terms, coefficients,
+                exponents, shapes, interaction, frame, units, autonomous, n_terms, terms,
+                coefficients,
             ) = _native.call(
                 core.scales_form, *self._system, self.tolerance, self._n,
                 int(self._packed[0]), room,
@@ -154,6 +155,8 @@ class MultipleScales:
         self.interaction: FloatArray = np.ascontiguousarray(interaction.imag)
         self.nonlinear_decay: FloatArray = np.ascontiguousarray(-interaction.real)
         self.frame: FloatArray = frame
+        #: What unlike coordinates are compared in.
+        self._units: FloatArray = units[: self._n_dof].copy()
         self.autonomous = bool(autonomous)
         self.terms = tuple(
             FlowTerm(int(terms[0, i]) - 1, _factors(terms[1:, i]), complex(coefficients[i]))
@@ -234,7 +237,8 @@ class MultipleScales:
             t=modulation.t,
             state=state,
             modulation=modulation,
-            order_sizes=sizes,
+            order_sizes=sizes[:, :3].copy(),
+            _units=self._units / sizes[:, 3:],
             mode_shapes=self.mode_shapes,
             dof_names=self._names,
             _errors=partial(self._motion_errors, modulation),
@@ -301,7 +305,8 @@ class MultipleScales:
             frequencies=frames.T[kept].copy(),
             eigenvalues=eigenvalues.T[kept].copy(),
             harmonics=harmonics.T[kept].copy(),
-            order_sizes=sizes.T[kept].copy(),
+            order_sizes=sizes.T[kept, :3].copy(),
+            _units=self._units / sizes.T[kept, 3:],
             dof_names=self._names,
             _errors=partial(self._steady_errors, load, vary, where),
             plan=self._plan(

@@ -117,7 +117,9 @@ class ScalesMotion:
         (q1, q1', q2, q2', ...).
     modulation : Modulation
     order_sizes : ndarray, shape (n, 3)
-        What the terms of first, second and third order can add up to.
+        What the terms of first, second and third order can add up to, each in the coordinate
+        where that is most, coordinates compared in units of their own (from the modes' masses)
+        and given in that of the first order.
     mode_shapes : ndarray, shape (n_dof, n_modes)
         As of `MultipleScales`.
     plan : Plan
@@ -132,6 +134,8 @@ class ScalesMotion:
     dof_names: tuple[str, ...]
     plan: Plan
     _errors: Callable[[], FloatArray] = field(repr=False)
+    #: Units of the coordinates over that of the sizes, shape (n, n_dof).
+    _units: FloatArray = field(repr=False)
 
     @cached_property
     def coordinate_errors(self) -> FloatArray:
@@ -152,7 +156,8 @@ class ScalesMotion:
         """Whether orders fall off and the error is small against the motion so far, shape (n,)."""
         largest = np.maximum.accumulate(self.order_sizes[:, 0])
         fall = falling(self.order_sizes) <= LEAST_FALL
-        return np.asarray(fall & (self.error_estimate <= LEAST_FALL * largest))
+        error = (self.coordinate_errors / self._units).max(axis=1)
+        return np.asarray(fall & (error <= LEAST_FALL * largest))
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over t."""
@@ -190,7 +195,7 @@ class ScalesResponse:
         Harmonic of the varied load's frequency in each coordinate, u = Re X exp(i p t), terms of
         third order included.
     order_sizes : ndarray, shape (n, 3)
-        What the terms of each order can add up to.
+        What the terms of each order can add up to; as of `ScalesMotion`.
     plan : Plan
         What was computed, what was skipped and why.
     """
@@ -206,6 +211,8 @@ class ScalesResponse:
     dof_names: tuple[str, ...]
     plan: Plan
     _errors: Callable[[], tuple[FloatArray, FloatArray]] = field(repr=False)
+    #: As of `ScalesMotion`.
+    _units: FloatArray = field(repr=False)
 
     @cached_property
     def _both_errors(self) -> tuple[FloatArray, FloatArray]:
@@ -233,7 +240,7 @@ class ScalesResponse:
     @property
     def in_range(self) -> npt.NDArray[np.bool_]:
         """Whether orders fall off and the error is small against the motion, shape (n,)."""
-        error = self.motion_errors.max(axis=1)
+        error = (self.motion_errors / self._units).max(axis=1)
         return np.asarray(
             (falling(self.order_sizes) <= LEAST_FALL)
             & (error <= LEAST_FALL * self.order_sizes[:, 0])

@@ -1,5 +1,6 @@
 """Multiple scales against symbolic derivations, known formulas and direct integration."""
 
+import dataclasses
 import itertools
 import warnings
 from fractions import Fraction
@@ -362,6 +363,46 @@ def test_steady_motions_are_all_found(case):
         np.testing.assert_allclose(growth, roots.real.max(), atol=1e-7)
         signs = response.routh_hurwitz(i)
         assert response.stable[i] == bool((signs > 0).all())
+
+
+def test_eigenvalues_of_many_modes_in_one():
+    """Three equal undamped oscillators under one load: roots that nearly coincide keep digits."""
+    rng = np.random.default_rng(0)
+    potential = rng.normal(size=(3,) * 4)
+    orders = itertools.permutations(range(4))
+    system = vv.CubicSystem(
+        mass=np.eye(3), stiffness=np.eye(3), load=[[1e-4], [0], [0]], drives=[1.01],
+        cubic=sum(potential.transpose(p) for p in orders) / 24,
+    )  # fmt: skip
+    ms = vv.MultipleScales(system)
+    response = ms.response("p1", [1.01])
+    rates = flow_of(ms)
+    assert response.index.size > 1
+    for a, found in zip(response.amplitudes / 2, response.eigenvalues, strict=True):
+        # The flow is of third degree: differences of two widths have its derivative exactly.
+        columns = []
+        for d in [*np.eye(3), *(1j * np.eye(3))]:
+            one, two = ((rates(a + h * d) - rates(a - h * d)) / (2 * h) for h in (0.01, 0.02))
+            columns.append((4 * one - two) / 3)
+        matrix = np.array(columns).T
+        roots = np.linalg.eigvals(np.vstack([matrix.real, matrix.imag]))
+        apart = [abs(roots - value).min() for value in found]
+        assert max(apart) < 1e-12 * abs(roots).max()
+
+
+def test_routh_table_of_a_known_polynomial():
+    """s^4 + 2 s^3 + 3 s^2 + 4 s + 5: column 1, 2, 1, -6, 5, two roots on the right."""
+    pend = vv.Pendulum(**FREE, c1=0.005, f0=0.001, p1=1.04)
+    response = vv.MultipleScales(pend).response("p1", [1.04])
+    roots = np.roots([1, 2, 3, 4, 5])
+    known = dataclasses.replace(response, eigenvalues=roots[np.newaxis])
+    scale = abs(roots).max() ** np.arange(5)
+    np.testing.assert_allclose(known.routh_hurwitz(0) * scale, [1, 2, 1, -6, 5], rtol=1e-12)
+    # A zero ends it: s^3 + s^2 + s + 1.
+    ended = dataclasses.replace(response, eigenvalues=np.roots([1, 1, 1, 1])[np.newaxis])
+    column = ended.routh_hurwitz(0)
+    np.testing.assert_allclose(column[:3], [1, 1, 0], atol=1e-14)
+    assert np.isnan(column[3])
 
 
 def test_response_against_direct_integration():

@@ -70,6 +70,28 @@ def test_of_motions_of_pendulums_against_integration():
     assert np.mean((ratios > 1 / 3) & (ratios < 3)) > 0.8
 
 
+@pytest.mark.parametrize(
+    ("mode", "load", "frequency", "size"),
+    [(0, "f0", "p1", 2e-4), (1, "m01", "p2", 1e-4), (2, "m02", "p3", 5e-4)],
+)
+def test_of_the_pendulum_under_one_load(mode, load, frequency, size):
+    """The seed paper's set P1, a load near each mode in turn, against harmonic balance."""
+    body = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.005, "c2": 0.005, "c3": 0.005}
+    # Frequencies of z, of phi and of psi.
+    w = vv.MultipleScales(vv.Pendulum(**body)).frequencies[mode]
+    for offset in (-0.01, 0.004):
+        p = w * (1 + offset)
+        pend = vv.Pendulum(**body, **{load: size, frequency: p})
+        steady = vv.MultipleScales(pend).response(frequency, [p])
+        exact = vv.forced_response(pend, harmonics=9, stability=False)
+        # Im there, Re here.
+        wanted = np.array([-1j * exact.coefficient(dof, 1)[0] for dof in ("z", "phi", "psi")])
+        error = abs(steady.harmonics[0] - wanted).max()
+        assert steady.index.size == 1
+        assert error < 0.01 * abs(wanted).max()
+        np.testing.assert_allclose(steady.error_estimate, error, rtol=0.1)
+
+
 def test_of_a_long_motion_against_integration():
     """Forty exchanges of energy: the amplitudes are followed as closely as they change."""
     pend = vv.Pendulum(e=0.05, w2=0.51, w3=0.9, alpha=0.1, c1=1e-5, c2=1e-5, c3=1e-5)
@@ -100,6 +122,29 @@ def test_linear_memory_has_little():
     )
     motion = vv.MultipleScales(system).motion(np.linspace(0, 50, 51), [0.1, 0, 0, 0.2])
     assert motion.error_estimate.max() < 1e-11
+
+
+def test_of_a_short_motion_counts_its_start():
+    """Within half a swing: the state is exact at the start, which the amplitudes make up for."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.5*x^2 + 0.3*x^3")
+    t = np.linspace(0, 3, 61)
+    for velocity in (0.1, 0.05):
+        motion = vv.MultipleScales(system).motion(t, [0, velocity])
+        exact = vv.simulate(system, 3, dt=0.02, times=t, initial=[0, velocity]).state[:, 0]
+        error = abs(motion.state[:, 0] - exact).max()
+        assert 0.6 < motion.error_estimate.max() / error < 1.2
+
+
+def test_large_errors_are_out_of_range():
+    """Orders fall off, but a term of the fifth degree makes the error as large as the motion."""
+    for factor, inside in ((1, True), (3000, False)):
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=0.02, forces=f"0.1*x^3 + {factor}*x^5"
+        )
+        ms = vv.MultipleScales(system, load=0.002, nu=1.0)
+        assert ms.response("nu", [1.0]).in_range.all() == inside
+        free = vv.MultipleScales(system)
+        assert free.motion(np.linspace(0, 60, 7), [0.1, 0]).in_range.all() == inside
 
 
 def test_leaving_the_range_shows():

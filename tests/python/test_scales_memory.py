@@ -1,5 +1,7 @@
 """Quadratic resonance with memory by multiple scales; polynomial systems; units."""
 
+import warnings
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -52,6 +54,27 @@ def test_motion_at_two_to_one_with_memory_against_integration():
         errors.append(error / abs(run.state[start:]).max())
     powers = np.log2(np.array(errors[:-1]) / errors[1:])
     assert (powers > 2.9).all()
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.1])
+def test_a_kernel_without_integral_is_a_limit(damping):
+    """Abel's kernel as that of Rzhanitsyn whose beta vanishes: the mean relaxes wholly."""
+    forces = {"x1": "0.3*x1^2 + 0.1*x1*x2", "x2": "0.2*x1*x2 + 0.1*x2^3"}
+    found = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.StabilityWarning)
+        for kernel in (
+            vv.AbelKernel(amplitude=0.01, alpha=0.4),
+            vv.RzhanitsynKernel(amplitude=0.01, alpha=0.4, beta=1e-12),
+        ):
+            system = vv.PolynomialSystem(
+                mass=[1, 1], stiffness=[1, 3], kernel=kernel, forces=forces,
+                damping=[damping, damping],
+            )  # fmt: skip
+            ms = vv.MultipleScales(system, load=[0.001, 0], nu=1.0)
+            steady = ms.response("nu", [0.99])
+            found.append([*ms.interaction.ravel(), *steady.harmonics[:, 0]])
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
 
 
 def test_exact_resonance_with_memory_divides_by_nothing():
@@ -171,8 +194,46 @@ def test_units_move_results_by_rounding(what, unit):
             (ms.interaction / phi**2 * time).ravel(), (steady.harmonics / scale).ravel(),
             steady.eigenvalues.ravel() * time, (motion.state / units).ravel(),
             (steady.harmonics.real + steady.harmonic_errors).ravel() / np.tile(scale, 3),
+            # In the unit of the coordinate that moves most, which may be another.
+            steady.order_sizes[:, 2] / steady.order_sizes[:, 0], motion.in_range * 1.0,
+            motion.order_sizes[:, 2] / motion.order_sizes[:, 0],
         ]  # fmt: skip
 
     changed = dict.fromkeys(("mass", "length", "time"), 1.0) | {what: unit}
     for one, other in zip(results(1, 1, 1), results(**changed), strict=True):
         assert abs(one - other).max() < 3e-13 * abs(one).max()
+
+
+def test_of_random_systems_with_memory_against_harmonic_balance():
+    """Two or three modes, resonant or not, quadratic and cubic terms: the estimate is the error."""
+    ratios = []
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        modes = [[1, 1.73], [1, 2], [1, 1.02], [1, 1.5, 2.5]]
+        w = np.array(modes[seed % 4])
+        n, x = w.size, 10 ** rng.uniform(-2, -0.9)
+        shapes = np.linalg.qr(rng.normal(size=(n, n)))[0]
+        names = [f"x{i + 1}" for i in range(n)]
+        products = [f"{a}*{b}" for i, a in enumerate(names) for b in names[i:]]
+        terms = [*products, *(f"{a}^3" for a in names)]
+        system = vv.PolynomialSystem(
+            mass=[1] * n, stiffness=shapes @ np.diag(w**2) @ shapes.T, damping=[0.02 * x] * n,
+            kernel=[
+                vv.RzhanitsynKernel(amplitude=0.1 * x, alpha=rng.uniform(0.2, 0.9), beta=0.2),
+                vv.PronyKernel(weights=[0.1 * x], rates=[0.8]),
+            ][rng.integers(2)],
+            forces={i: " + ".join(f"({0.3 * rng.normal():.4f})*{t}" for t in terms) for i in names},
+        )  # fmt: skip
+        near = rng.uniform() < 0.6
+        nu = np.array([rng.choice(w) * (1 + 0.02 * x) if near else 0.71])
+        load = rng.normal(size=n) * (0.05 * x**2 if near else 0.2 * x)
+        steady = vv.MultipleScales(system, load=load, nu=nu[0], tolerance=0.02).response("nu", nu)
+        if steady.index.size != 1 or not steady.in_range[0]:
+            continue
+        exact = vv.forced_response(system, nu, load=load, method="newton", harmonics=9)
+        wanted = exact.coefficients[0, :, list(exact.harmonics).index(1)]
+        error = abs(steady.harmonics[0] - wanted).max()
+        if 1e-9 < error / abs(wanted).max() < 0.1:
+            ratios.append(steady.error_estimate[0] / error)
+    assert len(ratios) > 10
+    np.testing.assert_allclose(ratios, 1, atol=0.1)

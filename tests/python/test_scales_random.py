@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.integrate
 import viscovib as vv
 from balance_reference import random_system, steady_motion
 
@@ -122,3 +123,34 @@ def test_error_falls_as_it_should(modes, step, power):
     powers = np.log2(np.array(relative[:-1]) / relative[1:])
     assert powers[-1] > power
     assert powers[-1] < power + 0.6
+
+
+@pytest.mark.parametrize("damping", [-0.02, 0.0, 0.02])
+@pytest.mark.parametrize("modes", ["none", "w2 ~ 2 w1", "w2 ~ w1", "four"])
+def test_motions_against_integration(modes, damping):
+    """Two loads, one of them near a mode; modes that grow, stay or decay."""
+    rng = np.random.default_rng(len(modes))
+    w, x = np.array(MODES[modes]), 0.1
+    system = random_system(rng, w, damping * x)
+    drives = np.array([w[0] * 1.003, 0.55])
+    loads = rng.normal(size=(w.size, 2)) * [0.02 * x**2, 0.1 * x]
+    initial = 0.3 * x * rng.normal(size=2 * w.size)
+    t = np.linspace(0, 40, 121)
+
+    def rhs(t, y):
+        q, v = y[::2], y[1::2]
+        force = loads @ np.cos(drives * t) - system["damping"] @ v - system["stiffness"] @ q
+        force -= np.einsum("ijk,j,k->i", system["quadratic"], q, q)
+        force -= np.einsum("ijkl,j,k,l->i", system["cubic"], q, q, q)
+        return np.column_stack([v, force]).ravel()
+
+    motion = vv.MultipleScales(
+        vv.CubicSystem(**system, load=loads, drives=drives), tolerance=0.015
+    ).motion(t, initial)
+    run = scipy.integrate.solve_ivp(
+        rhs, (0, 40), initial, t_eval=t, rtol=1e-10, atol=1e-13, method="DOP853"
+    )
+    error = abs(motion.state.T - run.y)[::2].max()
+    assert motion.in_range.all()
+    assert error < 0.02 * abs(run.y[::2]).max()
+    assert 0.4 < motion.error_estimate.max() / error < 2.5

@@ -1,0 +1,66 @@
+!> A cubic equation in one real unknown.
+module viscovib_real_cubic
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: cubic_roots
+
+contains
+
+  !> Real solutions of c1 x^3 + c2 x^2 + c3 x + c4 = 0, polished by Newton's method.
+  pure subroutine cubic_roots(c, x, n)
+    real(wp), intent(in) :: c(4)
+    real(wp), intent(out) :: x(3)
+    integer, intent(out) :: n
+    real(wp) :: unit, p(4), a, q, r, angle, root, value, slope, step, room
+    real(wp), parameter :: third_turn = 2.0943951023931953_wp
+    integer :: i, k, round
+
+    x = 0.0_wp
+    n = 1
+    ! x in a unit that makes the outer coefficients alike.
+    if (.not. c(1) > 0.0_wp) then
+      n = merge(1, 0, c(3) > 0.0_wp)
+      if (n == 1) x(1) = -c(4)/c(3)
+      return
+    end if
+    unit = max((abs(c(4))/c(1))**(1.0_wp/3.0_wp), sqrt(c(3)/c(1)))
+    if (.not. unit > 0.0_wp) return
+    p = [1.0_wp, c(2)/c(1)/unit, c(3)/c(1)/unit**2, c(4)/c(1)/unit**3]
+    a = p(2)/3.0_wp
+    q = (p(2)**2 - 3.0_wp*p(3))/9.0_wp
+    r = (2.0_wp*p(2)**3 - 9.0_wp*p(2)*p(3) + 27.0_wp*p(4))/54.0_wp
+    if (r**2 < q**3) then
+      n = 3
+      angle = acos(max(-1.0_wp, min(1.0_wp, r/sqrt(q**3))))
+      do i = 1, 3
+        x(i) = -2.0_wp*sqrt(q)*cos(angle/3.0_wp + third_turn*(i - 2)) - a
+      end do
+    else
+      root = -sign((abs(r) + sqrt(max(r**2 - q**3, 0.0_wp)))**(1.0_wp/3.0_wp), r)
+      x(1) = root - a
+      if (abs(root) > 0.0_wp) x(1) = x(1) + q/root
+    end if
+    ! Small roots come out with the absolute error of large ones: they are polished as long as
+    ! that helps, and never past half the way to another.
+    do i = 1, n
+      room = 1.0_wp
+      do k = 1, n
+        if (k /= i) room = min(room, 0.5_wp*abs(x(i) - x(k)))
+      end do
+      do round = 1, 8
+        value = p(4) + x(i)*(p(3) + x(i)*(p(2) + x(i)))
+        slope = p(3) + x(i)*(2.0_wp*p(2) + 3.0_wp*x(i))
+        if (.not. abs(slope) > 0.0_wp) exit
+        step = value/slope
+        if (.not. abs(step) <= room) exit
+        room = 0.5_wp*room
+        x(i) = x(i) - step
+        if (abs(step) <= epsilon(step)*abs(x(i))) exit
+      end do
+    end do
+    x = x*unit
+  end subroutine cubic_roots
+
+end module viscovib_real_cubic

@@ -1,0 +1,260 @@
+!> The conditions of steady motion of a slow flow as systems of polynomials for the modes that
+!! move, amplitudes in a unit of their own.
+module viscovib_steady_equations
+  use viscovib_kinds, only: wp
+  use viscovib_slow_flow, only: flow_term_type, slow_flow_type
+  implicit none
+  private
+
+  public :: find_moving, natural_unit, shifts, square_terms, general_terms
+
+contains
+
+  !> Which modes can move at all, and whether all that their terms do is to shift exponents.
+  pure subroutine find_moving(flow, active, shifts_only)
+    type(slow_flow_type), intent(in) :: flow
+    integer, allocatable, intent(out) :: active(:)
+    logical, intent(out) :: shifts_only
+    logical :: moves(flow%n_modes)
+    integer :: i, round
+
+    moves = .false.
+    do round = 1, flow%n_modes + 1
+      do i = 1, size(flow%terms)
+        call spread_motion(flow%terms(i), moves)
+      end do
+    end do
+    active = pack([(i, i=1, flow%n_modes)], moves)
+    shifts_only = .true.
+    do i = 1, size(flow%terms)
+      associate (t => flow%terms(i))
+        if (.not. moves(t%row)) cycle
+        shifts_only = shifts_only .and. (is_shift(t) .or. all(t%at == 0))
+      end associate
+    end do
+  end subroutine find_moving
+
+  !> row, times squares of moduli and loads against themselves: a shift of the exponent.
+  pure logical function is_shift(t)
+    type(flow_term_type), intent(in) :: t
+    integer :: net(3), q
+    net = t%at
+    is_shift = .false.
+    do q = 1, 3
+      if (net(q) /= t%row) cycle
+      net(q) = 0
+      exit
+    end do
+    if (q > 3) return
+    is_shift = sum(net) == 0 .and. sum(t%loads) == 0 .and. count(net > 0) == count(net < 0) &
+               .and. count(t%loads > 0) == count(t%loads < 0)
+  end function is_shift
+
+  !> A mode moves if a load acts on it, or if a term other than a shift ties it to one that
+  !! moves or to a load.
+  pure subroutine spread_motion(t, moves)
+    type(flow_term_type), intent(in) :: t
+    logical, intent(inout) :: moves(:)
+    logical :: alive
+    integer :: q
+    if (is_shift(t)) return
+    alive = moves(t%row) .or. any(t%loads /= 0)
+    do q = 1, 3
+      if (t%at(q) /= 0) alive = alive .or. moves(abs(t%at(q)))
+    end do
+    if (.not. alive) return
+    moves(t%row) = .true.
+    do q = 1, 3
+      if (t%at(q) /= 0) moves(abs(t%at(q))) = .true.
+    end do
+  end subroutine spread_motion
+
+  !> The amplitude at which nonlinear terms weigh as much as the loads or the detuning.
+  pure real(wp) function natural_unit(flow, active) result(unit)
+    type(slow_flow_type), intent(in) :: flow
+    !> Modes that move, as their numbers.
+    integer, intent(in) :: active(:)
+    real(wp) :: load, linear, quadratic, cubic
+    integer :: i, j
+
+    load = 0.0_wp
+    linear = 0.0_wp
+    quadratic = 0.0_wp
+    cubic = 0.0_wp
+    do i = 1, size(active)
+      j = active(i)
+      linear = max(linear, abs(flow%s(j) - cmplx(0.0_wp, flow%frame(j), wp)))
+    end do
+    do i = 1, size(flow%terms)
+      associate (t => flow%terms(i))
+        if (.not. any(active == t%row)) cycle
+        select case (count(t%at /= 0))
+        case (0)
+          load = max(load, abs(t%coefficient))
+        case (1)
+          linear = max(linear, abs(t%coefficient))
+        case (2)
+          quadratic = max(quadratic, abs(t%coefficient))
+        case default
+          cubic = max(cubic, abs(t%coefficient))
+        end select
+      end associate
+    end do
+    unit = 0.0_wp
+    if (quadratic > 0.0_wp) unit = max(sqrt(load/quadratic), linear/quadratic)
+    if (cubic > 0.0_wp .and. .not. unit > 0.0_wp) then
+      unit = max((load/cubic)**(1.0_wp/3.0_wp), sqrt(linear/cubic))
+    end if
+    if (.not. unit > 0.0_wp) unit = 1.0_wp
+    if (.not. (quadratic > 0.0_wp .or. cubic > 0.0_wp) .and. linear > 0.0_wp) unit = load/linear
+    if (.not. unit > 0.0_wp) unit = 1.0_wp
+  end function natural_unit
+
+  !> x_j |sigma_j + sum_k gamma_jk x_k|^2 - |g_j|^2 = 0 for the squares in units.
+  subroutine square_terms(flow, active, unit, row, at, coefficients)
+    type(slow_flow_type), intent(in) :: flow
+    !> Modes that move, as their numbers.
+    integer, intent(in) :: active(:)
+    !> Of amplitudes.
+    real(wp), intent(in) :: unit
+    integer, allocatable, intent(out) :: row(:), at(:, :)
+    complex(wp), allocatable, intent(out) :: coefficients(:)
+    complex(wp) :: sigma(size(active)), gamma(size(active), size(active))
+    complex(wp) :: load(size(active))
+    real(wp) :: scale
+    integer :: j, k, l, n, m
+
+    call shifts(flow, active, unit, sigma, gamma, load)
+    n = size(active)
+    allocate (row(n*(2 + n + n*(n + 1)/2)), at(3, n*(2 + n + n*(n + 1)/2)))
+    allocate (coefficients(size(row)))
+    m = 0
+    do j = 1, n
+      scale = max(abs(sigma(j))**2, maxval(abs(gamma(j, :)))**2, abs(load(j))**2)
+      call add(j, [0, 0, 0], -abs(load(j))**2/scale)
+      call add(j, [j, 0, 0], abs(sigma(j))**2/scale)
+      do k = 1, n
+        call add(j, [j, k, 0], 2.0_wp*real(conjg(sigma(j))*gamma(j, k))/scale)
+        do l = k, n
+          call add(j, [j, k, l], real(gamma(j, k)*conjg(gamma(j, l)))*merge(1, 2, k == l)/scale)
+        end do
+      end do
+    end do
+
+  contains
+
+    subroutine add(equation, places, value)
+      integer, intent(in) :: equation, places(3)
+      real(wp), intent(in) :: value
+      m = m + 1
+      row(m) = equation
+      at(:, m) = places
+      coefficients(m) = cmplx(value, 0.0_wp, wp)
+    end subroutine add
+
+  end subroutine square_terms
+
+  !> sigma_j a_j + sum_k gamma_jk |a_k|^2 a_j + g_j = 0, amplitudes in units.
+  pure subroutine shifts(flow, active, unit, sigma, gamma, load)
+    type(slow_flow_type), intent(in) :: flow
+    !> Modes that move, as their numbers.
+    integer, intent(in) :: active(:)
+    !> Of amplitudes.
+    real(wp), intent(in) :: unit
+    complex(wp), intent(out) :: sigma(:), gamma(:, :), load(:)
+    integer :: i, j, k, q, n
+
+    n = size(active)
+    gamma = (0.0_wp, 0.0_wp)
+    load = (0.0_wp, 0.0_wp)
+    do j = 1, n
+      k = active(j)
+      sigma(j) = flow%s(k) - cmplx(0.0_wp, flow%frame(k), wp)
+    end do
+    do i = 1, size(flow%terms)
+      associate (t => flow%terms(i))
+        j = findloc(active, t%row, 1)
+        if (j == 0) cycle
+        select case (count(t%at /= 0))
+        case (0)
+          load(j) = load(j) + t%coefficient/unit
+        case (1)
+          sigma(j) = sigma(j) + t%coefficient
+        case default
+          do q = 1, 3
+            if (t%at(q) >= 0) cycle
+            k = findloc(active, -t%at(q), 1)
+            if (k > 0) gamma(j, k) = gamma(j, k) + t%coefficient*unit**2
+          end do
+        end select
+      end associate
+    end do
+  end subroutine shifts
+
+  !> The flow of the active modes, unknowns a_1..a_n, conjugates after them.
+  subroutine general_terms(flow, active, unit, row, at, coefficients)
+    type(slow_flow_type), intent(in) :: flow
+    !> Modes that move, as their numbers.
+    integer, intent(in) :: active(:)
+    !> Of amplitudes.
+    real(wp), intent(in) :: unit
+    integer, allocatable, intent(out) :: row(:), at(:, :)
+    complex(wp), allocatable, intent(out) :: coefficients(:)
+    complex(wp) :: value
+    real(wp) :: scale(2*size(active))
+    integer :: i, j, k, n, m, q, places(3), mirrored(3)
+    logical :: inside
+
+    n = size(active)
+    allocate (row(2*(n + size(flow%terms))), at(3, 2*(n + size(flow%terms))))
+    allocate (coefficients(size(row)))
+    m = 0
+    do j = 1, n
+      k = active(j)
+      value = flow%s(k) - cmplx(0.0_wp, flow%frame(k), wp)
+      call add(j, [j, 0, 0], value)
+      call add(j + n, [j + n, 0, 0], conjg(value))
+    end do
+    do i = 1, size(flow%terms)
+      associate (t => flow%terms(i))
+        j = findloc(active, t%row, 1)
+        if (j == 0) cycle
+        places = 0
+        mirrored = 0
+        inside = .true.
+        do q = 1, 3
+          if (t%at(q) == 0) cycle
+          k = findloc(active, abs(t%at(q)), 1)
+          inside = inside .and. k > 0
+          places(q) = merge(k, k + n, t%at(q) > 0)
+          mirrored(q) = merge(k + n, k, t%at(q) > 0)
+        end do
+        if (.not. inside) cycle
+        value = t%coefficient*unit**(count(t%at /= 0) - 1)
+        call add(j, places, value)
+        call add(j + n, mirrored, conjg(value))
+      end associate
+    end do
+    row = row(:m)
+    at = at(:, :m)
+    coefficients = coefficients(:m)
+    scale = 0.0_wp
+    do i = 1, m
+      scale(row(i)) = max(scale(row(i)), abs(coefficients(i)))
+    end do
+    coefficients = coefficients/scale(row)
+
+  contains
+
+    subroutine add(equation, which, term)
+      integer, intent(in) :: equation, which(3)
+      complex(wp), intent(in) :: term
+      m = m + 1
+      row(m) = equation
+      at(:, m) = which
+      coefficients(m) = term
+    end subroutine add
+
+  end subroutine general_terms
+
+end module viscovib_steady_equations
