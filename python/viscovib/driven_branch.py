@@ -1,7 +1,7 @@
 """Branches of driven motions of the pendulum: folds, branch points, stability."""
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
