@@ -98,9 +98,9 @@ def _summary(
     if isinstance(value, (DrivenBranch, Backbone)):
         name, points = value.varies, value.branch_points
         size = len(value.coefficients)
-        lines = [
-            f"{value.outcome}, {size} points, {value.folds.size} folds, {len(points)} branch points"
-        ]
+        lines = [f"{value.outcome}, {size} points, {value.folds.size} folds"]
+        if isinstance(value, DrivenBranch) or value.energy is not None:
+            lines[0] += f", {len(points)} branch points"
         lines += [f"fold at {name} = {fold:.10g}" for fold in value.folds]
         lines += [f"branch point at {name} = {point.parameter:.10g}" for point in points]
         return lines, value.outcome == "completed"

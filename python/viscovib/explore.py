@@ -22,7 +22,7 @@ from viscovib.branch import Branch
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import FileError, InputError, ViscovibError
 from viscovib.files import whole_file
-from viscovib.plots import _SYMBOLS, COLOURS, STYLES, _bare
+from viscovib.plots import _SYMBOLS, COLOURS, STYLES, _bare, _largest_place
 from viscovib.response import Response
 from viscovib.scene import Scene, SceneResult, run
 from viscovib.sweep_points import quiet
@@ -69,10 +69,15 @@ def curves(result: SceneResult) -> list[Curve]:
         if not orders.size:
             raise InputError("explore: the response is a mean only, which has no curve")
         k = int(orders[0])
-        for name, unit in zip(value.dof_names, value.dof_units, strict=True):
-            label = f"$|{_SYMBOLS.get(name, name)}_{k}|$ ({unit})"
+        for d, (name, unit) in enumerate(zip(value.dof_names, value.dof_units, strict=True)):
+            if isinstance(value, (DrivenBranch, Backbone)):
+                # The lowest may be idle where the base frequency is a part of the motion's.
+                k = int(value.harmonics[_largest_place([value], d)])
+            label = f"$|{_SYMBOLS.get(name, name)}_{{{k}}}|$ ({unit})"
             x = value.parameter if isinstance(value, (Branch, DrivenBranch)) else value.nu
             x_label = value.varies if isinstance(value, DrivenBranch) else r"$\nu$ (rad/s)"
+            if isinstance(value, Backbone) and value.energy is not None:
+                x_label = r"$\nu$"
             log = isinstance(value, Response)
             found.append(Curve(x, value.amplitude(name, k), x_label, label, log))
     return found

@@ -49,7 +49,7 @@ def varied(system: Oscillator, name: object, start: float, finish: float) -> Var
     assert isinstance(system, PolynomialSystem)
     found = _of_polynomial(system, name)
     for value in (finish, start):
-        _native.call(core.polynomial_check, found.at(value))
+        _native.call(core.polynomial_check, found.rest + value * found.direction)
     return found
 
 

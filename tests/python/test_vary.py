@@ -204,6 +204,8 @@ def test_ends_must_make_a_system():
         vv.trace_response(two(), **options, vary="mass[a,b]", vary_range=(0, 2))
     with pytest.raises(vv.InputError, match="mass: must be symmetric and positive definite"):
         vv.trace_response(two(), **options, vary="mass[a,b]", vary_range=(2, 0))
+    with pytest.raises(vv.InputError, match="mass: must be symmetric and positive definite"):
+        vv.trace_response(_duffing(), nu=1.0, load=0.1, vary="mass", vary_range=(1, 0))
     with pytest.raises(vv.InputError, match="the system has no kernel"):
         vv.trace_response(two(kernel=None), **options, vary="memory_scale", vary_range=(1, 2))
     plain = vv.PolynomialSystem(mass=[1, 1], stiffness=[1, 2], forces={"x1": "x1^3"})
