@@ -224,8 +224,8 @@ contains
       n = 2*size(orders)
       branch%x = branch%x([((n*(scene%wanted(j) - 1) + i, i=1, n), j=1, size(scene%wanted))], :)
     end if
-    call write_branch(folder, stem(scene%path)//'_branch.csv', scene%branch%varies, orders, highest, &
-                      branch, stability, crossings, scene%coordinates(scene%wanted), &
+    call write_branch(folder, stem(scene%path)//'_branch.csv', scene%branch%varies, orders, &
+                      highest, branch, stability, crossings, scene%coordinates(scene%wanted), &
                       scene%units(scene%wanted), header, status)
     if (status%failed()) return
     short = 0
