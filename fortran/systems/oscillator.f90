@@ -242,13 +242,17 @@ contains
     complex(wp), intent(in) :: fraction(:, :)
     !> D, shape (n_dof, n_dof, n).
     complex(wp), intent(out) :: stiffness(:, :, :)
-    integer :: i, a, b
+    real(wp) :: elastic, part
+    integer :: a, b, j
 
-    do i = 1, size(mu)
-      do b = 1, self%n_dof()
-        do a = 1, self%n_dof()
-          stiffness(a, b, i) = sum(self%spread(a, :)*self%gather(:, b)*fraction(i, :)) &
-                               + cmplx(-mu(i)**2*self%mass(a, b), mu(i)*self%damping(a, b), wp)
+    do b = 1, self%n_dof()
+      do a = 1, self%n_dof()
+        elastic = sum(self%spread(a, :)*self%gather(:, b), self%kernel_of == 0)
+        stiffness(a, b, :) = cmplx(elastic - mu**2*self%mass(a, b), mu*self%damping(a, b), wp)
+        do j = 1, self%n_memory()
+          if (self%kernel_of(j) == 0) cycle
+          part = self%spread(a, j)*self%gather(j, b)
+          if (abs(part) > 0.0_wp) stiffness(a, b, :) = stiffness(a, b, :) + part*fraction(:, j)
         end do
       end do
     end do
