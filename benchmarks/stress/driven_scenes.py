@@ -28,6 +28,9 @@ COUNTS = (
     "subharmonic",
     "switch",
 )
+#: Sizes of largest multipliers this near to 1 belong to two that meet (of free motions always,
+#: else where branches do): rounding moves these by its square root.
+MET = 0.1
 #: Columns of estimated errors, and those whose size rounding moves them by (none: they are
 #: relative to the motion).
 ESTIMATES = {"truncation": "", "error": "order"}
@@ -97,7 +100,11 @@ def moved(new: Tables, old: Tables) -> tuple[float, str]:
         if column in ESTIMATES:
             motion = old.get(f"{table} {ESTIMATES[column]}", np.ones(1))
             size = float(np.nanmax(np.abs(motion)))
-        change = movement(new[name], was, size)
+        now = new[name]
+        if column == "multiplier" and now.shape == was.shape:
+            met = np.maximum(np.abs(now - 1), np.abs(was - 1)) < MET
+            now, was = np.where(met, 1, now), np.where(met, 1, was)
+        change = movement(now, was, size)
         if change > worst or not where:
             worst, where = change, name
     return worst, where

@@ -382,6 +382,7 @@ contains
       real(wp), intent(in) :: at_sigma
       integer, intent(in) :: at_end
       integer, intent(out) :: counted
+      complex(wp) :: none(0)
       integer :: evaluations
       logical :: found_there
 
@@ -392,7 +393,7 @@ contains
       if (.not. found_there) return
       if (curve%changes_system) call new_judge(judge, curve%system, curve%balance%set)
       call judge%hill%along(curve%system, merge(chord%p, chord%nu, chord%in_frequency), chord%x)
-      call count_growing(judge%hill, curve%system, counted, evaluations)
+      call count_growing(judge%hill, curve%system, none, counted, evaluations)
     end subroutine count_at
 
   end subroutine locate

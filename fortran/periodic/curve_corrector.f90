@@ -24,6 +24,8 @@ module viscovib_curve_corrector
   !> Unknowns up to which whole vectors pay more than blocks.
   integer, parameter :: small = 64, vector = 8
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
+  !> A last correction that changes determinant and tangent no more than rounding does.
+  real(wp), parameter :: nearly_rounding = 1.0e-13_wp
   !> What is left then, against the tolerance: Newton steps would leave its square.
   real(wp), parameter :: far_below = 1.0e-4_wp
 
@@ -193,7 +195,11 @@ contains
       if (.not. change <= 1.0e3_wp) return
       if (was_fresh) rate = change/before
       was_fresh = fresh
-      if (change <= rounding .or. (fresh .and. change <= c%tolerance)) exit
+      if (change <= rounding) exit
+      ! Determinant and tangent are those of the point before the last correction.
+      if (fresh .and. change <= c%tolerance .and. (.not. exact .or. change <= nearly_rounding &
+                                                   .or. (k > 1 .and. change &
+                                                         > fast_enough*before))) exit
       if (.not. exact .and. k >= longest) return
       if (.not. exact .and. k > 1) then
         ! Corrections fall as a geometric series: what is left of it.

@@ -20,10 +20,12 @@ module viscovib_curve_events
   real(wp), parameter :: same = 1.0e-10_wp
   !> Points by which the determinant is interpolated, the least left of them, and rounds
   !! in which they close in.
-  integer, parameter :: n_nodes = 15, enough = 6, max_rounds = 4
+  integer, parameter :: n_nodes = 15, enough = 6, max_rounds = 5
   !> How far they go beyond a step at first, as a part of it; how much nearer the next
   !! round's are; two zeros agree if they differ by no more than this part of a step.
   real(wp), parameter :: beyond = 0.2_wp, narrower = 0.4_wp, agreed = 1.0e-12_wp
+  !> How far they reach at least: near the zero solutions are less exact.
+  real(wp), parameter :: widest = 0.05_wp
   !> Tangents in passing are a little off, so that a sign may change these parts of a step
   !! before or behind it.
   real(wp), parameter :: margins(0:3) = [0.0_wp, 0.1_wp, 0.3_wp, 0.9_wp]
@@ -170,7 +172,7 @@ contains
     real(wp), allocatable :: x(:, :)
     real(wp), dimension(n_nodes) :: place, p, value, weight
     real(wp) :: low, high, low_value, high_value, reference, reach
-    real(wp) :: zero, before, change, last_change
+    real(wp) :: zero, first, span, before, change, last_change
     logical :: made
     integer :: k, n, j
 
@@ -191,26 +193,39 @@ contains
       if (low_value*high_value < 0.0_wp) exit
     end do
     if (.not. low_value*high_value < 0.0_wp) return
-    reach = (0.5_wp + beyond)*(high - low)
+    span = high - low
+    reach = (0.5_wp + beyond)*span
+    call through_nodes(0.5_wp*(low + high), reach, nowhere, zero)
+    if (zero >= nowhere) return
+    call take()
+    first = zero
     before = nowhere
+    reach = max(narrower*reach, widest)
     last_change = nowhere
-    do k = 0, max_rounds
-      ! From the second round on, the zero splits the nodes: none lies near it.
-      if (k == 0) call through_nodes(0.5_wp*(low + high), reach, nowhere, zero)
-      if (k > 0) call through_nodes(before, narrower**k*reach, before, zero)
-      change = abs(zero - before)
-      if (zero >= nowhere .or. (k > 1 .and. change > last_change)) exit
-      before = zero
-      last_change = change
+    do k = 1, max_rounds
+      ! The zero splits the nodes: none lies near it.
+      call through_nodes(first, reach, first, zero)
+      if (abs(zero - first) <= span) then
+        change = abs(zero - before)
+        ! Wider ones err by what polynomials leave out, narrower ones by rounding.
+        if (change < last_change .and. before < nowhere) call take()
+        if (before < nowhere) last_change = min(change, last_change)
+        if (change <= agreed*reach) exit
+        before = zero
+      end if
+      reach = narrower*reach
+    end do
+
+  contains
+
+    !> What the last polynomials say.
+    subroutine take()
       at = zero
       found%p = at_place(at, p)
       do j = 1, curve%n
         found%x(j) = at_place(at, x(j, :))
       end do
-      if (change <= agreed*abs(step)) exit
-    end do
-
-  contains
+    end subroutine take
 
     !> The zero of the polynomial through nodes around `centre`; from those near
     !! `avoid` (or near the change of sign) the other branch may have been met.
@@ -230,7 +245,9 @@ contains
       end do
       near = avoid
       if (near >= nowhere) then
-        i = findloc(value(:n - 1)*value(2:n) < 0.0_wp, .true., 1)
+        ! The change of sign nearest to the middle.
+        i = minloc(abs(place(:n - 1) + place(2:n) - 2.0_wp*centre), 1, &
+                   value(:n - 1)*value(2:n) < 0.0_wp)
         if (i == 0) return
         near = place(i) + (place(i + 1) - place(i))*value(i)/(value(i) - value(i + 1))
         call drop(abs(place(:n) - near) <= too_near*reach)

@@ -6,7 +6,13 @@
 !! is periodic cancel, and
 !!
 !!   number of zeros = -[arg D(i d/2) - arg D(0)]/pi.
+!!
+!! Zeros that are known are divided out, D/(1 - exp(2 pi (lambda_k - lambda)/d)), which has all
+!! of these properties: what is left turns slowly, also where zeros lie next to the axis. Those
+!! with positive real part count on their own; were one of them no zero, it would count as a
+!! pole of what is left, so that the sum is right whatever is thought to be known.
 module viscovib_hill_count
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
   use viscovib_kinds, only: wp
@@ -20,9 +26,11 @@ module viscovib_hill_count
   !! logarithm of the modulus change by that, so that no whole turn is missed.
   real(wp), parameter :: largest_turn = 0.9_wp, largest_ratio = 1.3_wp
   !> Pairs of intervals at first, determinants at most, halvings at most.
-  integer, parameter :: n_pairs = 4, max_evaluations = 1000, max_depth = 44
+  integer, parameter :: n_pairs = 2, max_evaluations = 1000, max_depth = 44
   !> A count must be this near to an integer.
   real(wp), parameter :: margin = 0.2_wp
+  !> Real parts that count as 0, in d.
+  real(wp), parameter :: on_axis = 1.0e-13_wp
   !> Where a kernel has no integral: a small circle around the branch point, in d.
   real(wp), parameter :: radius = 1.0e-12_wp
   integer, parameter :: n_arc = 8
@@ -30,20 +38,26 @@ module viscovib_hill_count
 contains
 
   !> Exponents with positive real part in the strip |Im lambda| <= d/2; -1: unknown.
-  subroutine count_growing(hill, system, n_growing, evaluations)
+  subroutine count_growing(hill, system, known, n_growing, evaluations)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
+    !> Exponents found, both of conjugate pairs; NaN is passed over.
+    complex(wp), intent(in) :: known(:)
     integer, intent(out) :: n_growing
     !> Determinants that it took.
     integer, intent(out) :: evaluations
     complex(wp) :: left, middle, right, stack(2, max_depth), before
     real(wp) :: total, low, high, here, next, ends(max_depth), counted
+    complex(wp), allocatable :: there(:)
     integer :: depths(max_depth), depth, top, i
     logical :: singular
 
     n_growing = -1
     evaluations = 0
     if (.not. hill%ready) return
+    there = pack(known,.not. ieee_is_nan(real(known)))
+    ! On the axis to rounding: who could tell.
+    if (any(abs(real(there)) <= on_axis*hill%period)) return
     total = 0.0_wp
     low = 0.0_wp
     high = 0.5_wp*hill%period
@@ -92,8 +106,8 @@ contains
     end do
     counted = -(total + hill%tail(high) - hill%tail(low))/pi
     if (.not. abs(counted - nint(counted)) <= margin) return
-    if (nint(counted) < 0) return
-    n_growing = nint(counted)
+    i = nint(counted) + count(real(there) > 0.0_wp)
+    if (i >= 0) n_growing = i
 
   contains
 
@@ -101,6 +115,7 @@ contains
       complex(wp), intent(in) :: lambda
       complex(wp), intent(out) :: value
       call hill%determinant(system, lambda, value)
+      value = value/product(1.0_wp - exp(2.0_wp*pi/hill%period*(there - lambda)))
       evaluations = evaluations + 1
     end subroutine value_at
 

@@ -13,7 +13,7 @@ module viscovib_hill_roots
   implicit none
   private
 
-  public :: find_exponents, follow_exponent
+  public :: find_exponents, follow_exponent, follow_exponents, n_known
 
   integer, parameter :: max_iterations = 30
   !> In units of d: the range of Re lambda, longest step, last step wanted and least, distance
@@ -30,93 +30,134 @@ module viscovib_hill_roots
 
 contains
 
-  !> Exponents, largest real part first, both of conjugate pairs, with
-  !! -d/2 < Im lambda <= d/2; NaN behind the last found. All of those with positive
-  !! real part, and others down to -1.5 d; `n_growing` of `count_growing` tells
-  !! whether all were found. Those with negative real part may lack some.
-  subroutine find_exponents(hill, system, n_growing, near, exponents)
+  !> Those exponents that are found from the ones of a solution nearby: largest real part first,
+  !! both of conjugate pairs, with -d/2 < Im lambda <= d/2; NaN behind the last.
+  subroutine follow_exponents(hill, system, near, exponents)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
-    integer, intent(in) :: n_growing
-    !> Exponents of a solution nearby; NaN where there is none.
+    !> NaN where there is none.
     complex(wp), intent(in) :: near(:)
     !> As many as may be kept, at least 2 n_dof.
     complex(wp), intent(out) :: exponents(:)
-    integer :: n, n_near, i, j, pass
+    integer :: n, i, pass
 
-    n_near = count(.not. ieee_is_nan(real(near)))
     exponents = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     n = 0
     if (.not. hill%ready) return
     ! Twice, for two may come of one where a pair of them meets.
     do pass = 1, 2
       do i = 1, size(near)
-        if (complete()) exit
+        if (n >= min(n_known(near), size(exponents) - 1)) exit
         if (ieee_is_nan(real(near(i)))) cycle
-        if (aimag(near(i)) >= 0.0_wp) call try(near(i))
+        if (aimag(near(i)) >= 0.0_wp) call try(hill, system, near(i), exponents, n)
       end do
     end do
-    do i = 1, size(grid_re)
-      do j = 0, grid_im
-        if (complete()) exit
-        call try(hill%period*cmplx(grid_re(i), 0.5_wp*j/grid_im, wp))
+    call sort(exponents(:n))
+  end subroutine follow_exponents
+
+  !> More exponents beside those found: all of those with positive real part, and others down
+  !! to -1.5 d; `n_growing` of `count_growing` tells whether all were found. Those with negative
+  !! real part may lack some.
+  subroutine find_exponents(hill, system, n_growing, n_near, turn, exponents)
+    type(hill_type), intent(in) :: hill
+    class(oscillator_type), intent(in) :: system
+    !> How many grow, and how many a solution nearby has, 0 if there is none.
+    integer, intent(in) :: n_growing, n_near
+    !> Number of the solution among its neighbours: as long as those that grow are found, and
+    !! as many as nearby, a single start of the grid in turn looks for others.
+    integer, intent(in) :: turn
+    complex(wp), intent(inout) :: exponents(:)
+    integer :: n, i, j
+
+    if (.not. hill%ready) return
+    n = n_known(exponents)
+    if (n_near > 0 .and. .not. complete() .and. as_nearby()) then
+      i = modulo(turn, size(grid_re)*(grid_im + 1))
+      call try_grid(1 + i/(grid_im + 1), modulo(i, grid_im + 1))
+    else
+      do i = 1, size(grid_re)
+        do j = 0, grid_im
+          if (complete()) exit
+          call try_grid(i, j)
+        end do
       end do
-    end do
+    end if
     call sort(exponents(:n))
 
   contains
 
     logical function complete()
       ! Without any known nearby the whole grid is tried.
-      complete = n_near > 0 .and. n >= max(2*hill%n_dof, n_near) &
-                 .and. count(real(exponents(:n)) > 0.0_wp) >= n_growing
+      complete = as_nearby() .and. n_near > 0 .and. n >= 2*hill%n_dof
       complete = complete .or. n >= size(exponents) - 1
     end function complete
 
-    subroutine try(start)
-      complex(wp), intent(in) :: start
-      complex(wp) :: root
-      logical :: made
+    logical function as_nearby()
+      as_nearby = n >= n_near .and. count(real(exponents(:n)) > 0.0_wp) >= n_growing
+    end function as_nearby
 
-      call secant(hill, system, exponents(:n), start, root, made)
-      if (.not. made) return
-      if (abs(aimag(root)) > (0.5_wp + near_line)*hill%period) then
-        ! Orders reach furthest inside the strip: once more from there.
-        call secant(hill, system, exponents(:0), into_strip(root, hill%period), root, made)
-        if (.not. made) return
-      end if
-      root = into_strip(root, hill%period)
-      root = cmplx(real(root), abs(aimag(root)), wp)
-      if (aimag(root) < on_line*hill%period) root = real(root)
-      if (aimag(root) > (0.5_wp - near_line)*hill%period) then
-        if (single(root)) root = cmplx(real(root), 0.5_wp*hill%period, wp)
-      end if
-      if (any(abs(exponents(:n) - root) < apart*hill%period)) return
-      n = n + 1
-      exponents(n) = root
-      if (aimag(root) > 0.0_wp .and. aimag(root) < 0.5_wp*hill%period) then
-        n = n + 1
-        exponents(n) = conjg(root)
-      end if
-    end subroutine try
-
-    !> Whether a zero next to Im lambda = d/2 belongs on it: orders end unevenly about
-    !! that line, which moves the zero off it, to either side. Else another zero
-    !! mirrors it there.
-    logical function single(root)
-      complex(wp), intent(in) :: root
-      complex(wp) :: here, mirrored, aside
-      real(wp) :: distance
-      distance = 0.5_wp*hill%period - aimag(root)
-      single = distance <= on_line*hill%period
-      if (single) return
-      call hill%determinant(system, root, here)
-      call hill%determinant(system, root + cmplx(0.0_wp, 2.0_wp*distance, wp), mirrored)
-      call hill%determinant(system, root + cmplx(2.0_wp*distance, 0.0_wp, wp), aside)
-      single = max(abs(here), abs(mirrored)) > 0.3_wp*abs(aside)
-    end function single
+    subroutine try_grid(i, j)
+      integer, intent(in) :: i, j
+      call try(hill, system, hill%period*cmplx(grid_re(i), 0.5_wp*j/grid_im, wp), exponents, n)
+    end subroutine try_grid
 
   end subroutine find_exponents
+
+  !> How many stand in front of the NaN.
+  pure integer function n_known(exponents)
+    complex(wp), intent(in) :: exponents(:)
+    n_known = count(.not. ieee_is_nan(real(exponents)))
+  end function n_known
+
+  !> One more exponent from a start, with its conjugate.
+  subroutine try(hill, system, start, exponents, n)
+    type(hill_type), intent(in) :: hill
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: start
+    complex(wp), intent(inout) :: exponents(:)
+    integer, intent(inout) :: n
+    complex(wp) :: root
+    logical :: made
+
+    call secant(hill, system, exponents(:n), start, root, made)
+    if (.not. made) return
+    if (abs(aimag(root)) > (0.5_wp + near_line)*hill%period) then
+      ! Orders reach furthest inside the strip: once more from there.
+      call secant(hill, system, exponents(:0), into_strip(root, hill%period), root, made)
+      if (.not. made) return
+    end if
+    root = into_strip(root, hill%period)
+    root = cmplx(real(root), abs(aimag(root)), wp)
+    if (aimag(root) < on_line*hill%period) root = real(root)
+    if (aimag(root) > (0.5_wp - near_line)*hill%period) then
+      if (single(hill, system, root)) root = cmplx(real(root), 0.5_wp*hill%period, wp)
+    end if
+    if (any(abs(exponents(:n) - root) < apart*hill%period)) return
+    n = n + 1
+    exponents(n) = root
+    if (aimag(root) > 0.0_wp .and. aimag(root) < 0.5_wp*hill%period) then
+      n = n + 1
+      exponents(n) = conjg(root)
+    end if
+  end subroutine try
+
+  !> Whether a zero next to Im lambda = d/2 belongs on it: orders end unevenly about
+  !! that line, which moves the zero off it, to either side. Else another zero
+  !! mirrors it there.
+  logical function single(hill, system, root)
+    type(hill_type), intent(in) :: hill
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: root
+    complex(wp) :: here, mirrored, aside
+    real(wp) :: distance
+    distance = 0.5_wp*hill%period - aimag(root)
+    single = distance <= on_line*hill%period
+    if (single) return
+    call hill%determinant(system, root, here)
+    call hill%determinant(system, root + cmplx(0.0_wp, 2.0_wp*distance, wp), mirrored)
+    call hill%determinant(system, root + cmplx(2.0_wp*distance, 0.0_wp, wp), aside)
+    single = max(abs(here), abs(mirrored)) > 0.3_wp*abs(aside)
+  end function single
 
   !> One exponent from the place it had at a solution nearby.
   subroutine follow_exponent(hill, system, start, exponent, made)

@@ -9,7 +9,7 @@ module viscovib_motion_stability
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_hill, only: hill_type, new_hill
   use viscovib_hill_count, only: count_growing
-  use viscovib_hill_roots, only: find_exponents
+  use viscovib_hill_roots, only: find_exponents, follow_exponents, n_known
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_oscillator, only: oscillator_type
@@ -159,8 +159,10 @@ contains
       end if
       if (ieee_is_nan(x(1, 1, i))) cycle
       call self%hill%along(system, nu(i), x(:, :, i))
-      call count_growing(self%hill, system, stability%n_growing(i), evaluations)
-      call find_exponents(self%hill, system, stability%n_growing(i), near, &
+      call follow_exponents(self%hill, system, near, stability%exponents(:, i))
+      call count_growing(self%hill, system, stability%exponents(:, i), stability%n_growing(i), &
+                         evaluations)
+      call find_exponents(self%hill, system, stability%n_growing(i), n_known(near), i, &
                           stability%exponents(:, i))
       near = stability%exponents(:, i)
       found = count(merge(-1.0_wp, real(near), ieee_is_nan(real(near))) > 0.0_wp)

@@ -7,7 +7,7 @@ module test_hill
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_hill, only: hill_type, new_hill
   use viscovib_hill_count, only: count_growing
-  use viscovib_hill_roots, only: find_exponents
+  use viscovib_hill_roots, only: find_exponents, follow_exponents, n_known
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: geometry_cubic, geometry_exact, mount_parameters, mount_type, new_mount
@@ -60,7 +60,7 @@ contains
     type(hill_type) :: hill
     real(wp) :: x(20)
     complex(wp) :: exponents(8), near(8), value, beside
-    integer :: i, n_growing, evaluations, backwards, found
+    integer :: i, n_growing, evaluations, backwards, found, again
 
     call example(geometry, 0.05_wp, mount, load)
     call new_harmonic_set(set, 9, .true., mount%degree)
@@ -74,9 +74,14 @@ contains
     near = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     do i = 1, branch%n_points
       call hill%along(mount, branch%parameter(i), reshape(branch%x(:, i), [10, 2]))
-      call count_growing(hill, mount, n_growing, evaluations)
+      call count_growing(hill, mount, near(:0), n_growing, evaluations)
       call check(n_growing == merge(1, 0, branch%direction(i) < 0.0_wp), 'one grows there')
-      call find_exponents(hill, mount, n_growing, near, exponents)
+      call follow_exponents(hill, mount, near, exponents)
+      call find_exponents(hill, mount, n_growing, n_known(near), 0, exponents)
+      call count_growing(hill, mount, exponents, again, evaluations)
+      call check(again == n_growing, 'and counted if it is known')
+      call count_growing(hill, mount, [(0.2_wp, 0.0_wp)], again, evaluations)
+      call check(again == n_growing, 'and if something else is thought to be')
       found = count(.not. ieee_is_nan(real(exponents)))
       call check(count(real(exponents(:found)) > 0.0_wp) == n_growing, 'and is found')
       call hill%determinant(mount, exponents(1), value)
@@ -95,6 +100,7 @@ contains
     type(harmonic_set_type) :: set
     type(hill_type) :: hill
     real(wp) :: x(10, 2)
+    complex(wp) :: none(0)
     integer :: n_growing, evaluations
     logical :: half_wave
 
@@ -104,12 +110,12 @@ contains
     call new_harmonic_set(set, 9, half_wave, mount%degree)
     call new_hill(hill, mount, set)
     call hill%along(mount, 1.3_wp, x)
-    call count_growing(hill, mount, n_growing, evaluations)
+    call count_growing(hill, mount, none, n_growing, evaluations)
     call check(n_growing == 2, 'odd orders')
     call new_harmonic_set(set, 4, .false., mount%degree)
     call new_hill(hill, mount, set)
     call hill%along(mount, 1.3_wp, x)
-    call count_growing(hill, mount, n_growing, evaluations)
+    call count_growing(hill, mount, none, n_growing, evaluations)
     call check(n_growing == 2, 'all orders')
   end subroutine creep
 
