@@ -30,7 +30,7 @@ COUNTS = (
 )
 #: Sizes of largest multipliers this near to 1 belong to two that meet (of free motions always,
 #: else where branches do): rounding moves these by its square root.
-MET = 0.1
+MET = 1e-2
 #: Columns of estimated errors, and those whose size rounding moves them by (none: they are
 #: relative to the motion).
 ESTIMATES = {"truncation": "", "error": "order"}

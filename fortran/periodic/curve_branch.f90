@@ -212,7 +212,7 @@ contains
       next => spare
       if (associated(sized)) call change_size()
       call aim(corrector, before, here)
-      step = step*min(2.0_wp, max(0.5_wp, wanted_angle/max(angle, 1.0e-12_wp)))
+      step = step*rounded_factor(wanted_angle/max(angle, 1.0e-12_wp))
       if (here%iterations > 6) step = 0.6_wp*step
       step = min(step, options%max_step)
     end do
@@ -369,6 +369,14 @@ contains
     end subroutine end_at_edge
 
   end subroutine follow_curve
+
+  !> Between 1/2 and 2, rounded to an eighth power of 2: rounding errors in angles would add
+  !! up along a branch, and move its points from build to build.
+  elemental real(wp) function rounded_factor(factor)
+    real(wp), intent(in) :: factor
+    rounded_factor = 2.0_wp**(0.125_wp*anint(8.0_wp*log(min(2.0_wp, max(0.5_wp, factor))) &
+                                             /log(2.0_wp)))
+  end function rounded_factor
 
   subroutine add(self, point, stop, truncation)
     class(curve_branch_type), intent(inout) :: self

@@ -24,6 +24,8 @@ module viscovib_curve_corrector
   !> Unknowns up to which whole vectors pay more than blocks.
   integer, parameter :: small = 64, vector = 8
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
+  !> Next to a point, relative.
+  real(wp), parameter :: beside = 1.0e-9_wp
   !> A last correction that changes determinant and tangent no more than rounding does.
   real(wp), parameter :: nearly_rounding = 1.0e-13_wp
   !> What is left then, against the tolerance: Newton steps would leave its square.
@@ -359,9 +361,14 @@ contains
     n = curve%n
     across = [(1.0_wp + 0.3_wp*sin(1.7_wp*k), k=1, n + 1)]
     call metric(c, here, weight_x, weight_p)
-    call curve%equations(point%x, point%p, c%r, c%matrix, c%slope_p, inside)
-    singular = .not. inside
-    if (inside) call decompose(c, here, weight_x, weight_p, singular)
+    ! Where the matrix has no inverse at all, one next to it.
+    do k = 0, 2
+      call curve%equations(point%x*(1.0_wp + k*beside), point%p + k*beside*c%p_scale, c%r, &
+                           c%matrix, c%slope_p, inside)
+      singular = .not. inside
+      if (inside) call decompose(c, here, weight_x, weight_p, singular)
+      if (.not. singular) exit
+    end do
     if (singular) then
       across = 0.0_wp
       return
