@@ -26,7 +26,7 @@ module viscovib_crossings
     [character(len=17) :: 'fold', 'branch point', 'symmetry breaking', 'period doubling', &
      'Neimark-Sacker']
 
-  integer, parameter :: max_corrections = 12, max_evaluations = 60
+  integer, parameter :: max_corrections = 12, max_evaluations = 60, max_refinements = 3
   real(wp), parameter :: correction_tolerance = 1.0e-12_wp
   !> Wanted part of the distance between the two neighbours.
   real(wp), parameter :: narrow = 1.0e-11_wp
@@ -291,15 +291,22 @@ contains
     integer, intent(inout), volatile, optional :: cancel
     complex(wp) :: at(0:1), found
     real(wp) :: sigma(0:1), value(0:1), trial, last, slopes(0:1)
-    integer :: k, side, before, n_beside(2)
+    integer :: i, k, side, before, n_beside(2)
     logical :: made
 
     sigma = [0.0_wp, 1.0_wp]
     at = exponents
     if (judge%remembers) then
       ! Exponents that decay may lack: this one is followed from where it grows.
-      at(1 - outer) = at(outer)
-      call evaluate(sigma(1 - outer), at(1 - outer), made)
+      ! At once, or in small steps where it runs.
+      do k = 0, max_refinements
+        at(1 - outer) = at(outer)
+        do i = 1, 4**k
+          call evaluate(abs(outer - i/4.0_wp**k), at(1 - outer), made)
+          if (.not. made) exit
+        end do
+        if (made .and. real(at(0))*real(at(1)) < 0.0_wp) exit
+      end do
       if (.not. made) return
     end if
     value = real(at)

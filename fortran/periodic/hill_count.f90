@@ -26,7 +26,7 @@ module viscovib_hill_count
   !! logarithm of the modulus change by that, so that no whole turn is missed.
   real(wp), parameter :: largest_turn = 0.9_wp, largest_ratio = 1.3_wp
   !> Pairs of intervals at first, determinants at most, halvings at most.
-  integer, parameter :: n_pairs = 2, max_evaluations = 1000, max_depth = 44
+  integer, parameter :: most_pairs = 4, max_evaluations = 1000, max_depth = 44
   !> A count must be this near to an integer.
   real(wp), parameter :: margin = 0.2_wp
   !> Real parts that count as 0, in d.
@@ -49,7 +49,7 @@ contains
     complex(wp) :: left, middle, right, stack(2, max_depth), before
     real(wp) :: total, low, high, here, next, ends(max_depth), counted
     complex(wp), allocatable :: there(:)
-    integer :: depths(max_depth), depth, top, i
+    integer :: depths(max_depth), depth, top, n_pairs, i
     logical :: singular
 
     n_growing = -1
@@ -58,6 +58,8 @@ contains
     there = pack(known,.not. ieee_is_nan(real(known)))
     ! On the axis to rounding: who could tell.
     if (any(abs(real(there)) <= on_axis*hill%period)) return
+    ! With zeros divided out half of them will do.
+    n_pairs = merge(most_pairs/2, most_pairs, size(there) > 0)
     total = 0.0_wp
     low = 0.0_wp
     high = 0.5_wp*hill%period
