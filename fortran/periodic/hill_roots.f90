@@ -186,13 +186,12 @@ contains
     complex(wp), intent(in) :: known(:), start
     complex(wp), intent(out) :: root
     logical, intent(out) :: made
-    complex(wp) :: before, value_before, value, step, ratio, nearest
-    real(wp) :: last, least
+    complex(wp) :: before, value_before, value, step, ratio
+    real(wp) :: last
     integer :: i
 
     made = .false.
     last = huge(last)
-    least = huge(least)
     ! Off the real axis, or it would never be left.
     before = start + 1.0e-4_wp*hill%period*(1.0_wp, 1.0_wp)
     root = start
@@ -200,10 +199,6 @@ contains
     do i = 1, max_iterations
       call reduced(root, value)
       if (.not. abs(value) <= huge(1.0_wp)) return
-      if (abs(value) < least) then
-        least = abs(value)
-        nearest = root
-      end if
       ratio = value - value_before
       if (.not. abs(ratio) > 0.0_wp) return
       step = -value*(root - before)/ratio
@@ -213,11 +208,9 @@ contains
       value_before = value
       root = root + step
       if (real(root) < leftmost*hill%period .or. real(root) > rightmost*hill%period) return
-      made = abs(step) <= smallest_step*hill%period
-      if (made) return
-      ! As far as zeros side by side let it come: differences of rounding errors lead away.
-      made = abs(step) <= last_step*hill%period .and. abs(step) >= last
-      if (made) root = nearest
+      ! To rounding, or as far as zeros side by side let it come.
+      made = abs(step) <= smallest_step*hill%period &
+             .or. (abs(step) <= last_step*hill%period .and. abs(step) >= last)
       if (made) return
       last = abs(step)
     end do
