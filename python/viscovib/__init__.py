@@ -3,9 +3,10 @@
 from importlib.metadata import version as _version
 
 from viscovib.backbone import Backbone, BackbonePoint
-from viscovib.branch import Branch, BranchPoint, Crossing
+from viscovib.branch import Branch
 from viscovib.characteristic import CharacteristicRoots
 from viscovib.cubic_system import CubicSystem
+from viscovib.curves import BranchPoint, Crossing
 from viscovib.decay import FreeDecay, free_decay
 from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import DrivenBranch

@@ -13,7 +13,7 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.branch import MAX_SPECIAL, OUTCOMES
+from viscovib.curves import MAX_SPECIAL, OUTCOMES
 from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.motion_stability import stability_columns

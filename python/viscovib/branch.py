@@ -3,7 +3,7 @@
 import csv
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -14,135 +14,31 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning
+from viscovib.curves import (
+    MAX_SPECIAL,
+    OUTCOMES,
+    BranchPoint,
+    Crossing,
+    Curve,
+    check_departure,
+    located_crossings,
+    range_of,
+)
+from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.files import whole_file
 from viscovib.load import LoadLike
 from viscovib.motion_stability import Stability, codes_of, stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.plan import Plan, wanted_places
-from viscovib.response import Peak, _prepare
+from viscovib.response import _prepare
 from viscovib.varying import varied
 
-OUTCOMES: tuple[str, ...] = (
-    "completed", "returned", "step limit", "stuck", "overflow", "unphysical", "closed",
-)  # fmt: skip
 #: Numbers that all points together may hold.
 _MAX_NUMBERS = 4e8
-#: Folds, branch points and changes of stability that a branch keeps.
-MAX_SPECIAL = 200
 #: What varies, in the order of the core.
 _KINDS = {"nu": 1, "load_factor": 2}
 #: Highest order that ``harmonics="auto"`` goes to, unless the load does.
 _MOST_CHOSEN = 63
-#: What may be crossed, in the order of the core.
-CROSSINGS = ("fold", "branch point", "symmetry breaking", "period doubling", "Neimark-Sacker")
-
-
-@dataclass(frozen=True)
-class Crossing:
-    """Where stability changes along a branch: between two of its points.
-
-    ``kind`` is "fold", "branch point" (a multiplier 1 where the branch does not turn back),
-    "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is the index of the last
-    point before it. ``parameter`` and ``coefficients`` (shape (n_dof, m), not for the pendulum):
-    where, and the motion there; None where that was not found.
-    """
-
-    kind: str
-    before: int
-    parameter: float | None = None
-    coefficients: ComplexArray | None = field(default=None, compare=False, repr=False)
-
-    def __str__(self) -> str:
-        """Say what changes where, with points counted from 1."""
-        place = "" if self.parameter is None else f" at {self.parameter:.15g}"
-        return f"stability changes after point {self.before + 1}: {self.kind}{place}"
-
-
-@dataclass(frozen=True, eq=False)
-class BranchPoint:
-    """Where another branch leaves: value of what varies, X_k there, last point before.
-
-    ``across`` is the direction of the other branch in X_k, found where the derivatives are
-    singular; the other branch leads off both ways.
-    """
-
-    parameter: float
-    coefficients: ComplexArray
-    before: int
-    across: ComplexArray
-    #: The same as unknowns of the core, and direction with that of the parameter.
-    _unknowns: FloatArray
-    _direction: FloatArray
-
-    def departure(self, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
-        """Point and direction for a branch of ``n`` unknowns."""
-        if self._unknowns.size != n:
-            raise InputError(
-                f"leave: has {self._unknowns.size} unknowns, must have as many as asked for now "
-                f"({n}): use the same harmonics, loads and symmetry"
-            )
-        if not self._direction.any():
-            raise InputError("leave: the direction of the other branch was not found")
-        return self._unknowns, (-1 if opposite else 1) * self._direction
-
-
-class Curve:
-    """What branches of either system share: amplitudes along them and their peaks."""
-
-    coefficients: ComplexArray
-    dof_names: tuple[str, ...]
-    dof_units: tuple[str, ...]
-    stable: npt.NDArray[Any] | None
-    folds: FloatArray
-    fold_coefficients: ComplexArray
-    #: What varies along the branch.
-    parameter: FloatArray
-
-    @property
-    def label(self) -> str:
-        """What varies, for the axis of a picture."""
-        raise NotImplementedError
-
-    def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
-        raise NotImplementedError
-
-    def amplitude(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> FloatArray:
-        """Size of a harmonic of a coordinate, shape (n,)."""
-        d, j = self._place(dof, harmonic)
-        return np.abs(self.coefficients[:, d, j])
-
-    def peak(
-        self,
-        dof: str,
-        harmonic: int | tuple[int, ...] = 1,
-        *,
-        band: tuple[float, float] | None = None,
-    ) -> Peak:
-        """Largest amplitude, overhanging parts included, refined between the points.
-
-        ``band`` limits the search to values of `parameter`. Not `enclosed` at an end of the
-        branch or of the band.
-        """
-        amplitude = self.amplitude(dof, harmonic)
-        try:
-            low, high = (-np.inf, np.inf) if band is None else map(float, band)
-        except (TypeError, ValueError):
-            raise InputError(f"band = {_native.shown(band)}: must be two numbers") from None
-        inside = (self.parameter >= low) & (self.parameter <= high)
-        if not inside.any():
-            raise InputError(f"band = {band}: holds no point of the branch")
-        i = int(np.where(inside, amplitude, -np.inf).argmax())
-        if not 0 < i < amplitude.size - 1 or not inside[i - 1 : i + 2].all():
-            return Peak(float(self.parameter[i]), float(amplitude[i]), False)
-        # A parabola over the distance along the curve, in which it has no fold.
-        near = slice(i - 1, i + 2)
-        p, a = self.parameter[near], amplitude[near]
-        steps = np.hypot(np.diff(p) / p[1], np.diff(a) / max(a[1], 1e-300))
-        s = np.array([-steps[0], 0.0, steps[1]])
-        of_a, of_p = np.polyfit(s, a, 2), np.polyfit(s, p, 2)
-        top = -of_a[1] / (2 * of_a[0]) if of_a[0] < 0 else 0.0
-        return Peak(float(np.polyval(of_p, top)), float(np.polyval(of_a, top)), True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,7 +264,7 @@ def trace_response(
         raise InputError("nu: must be given with load_range or vary_range, and only then")
     if (given[0] == "vary_range") != (vary is not None):
         raise InputError("vary: must be given with vary_range, and only then")
-    start, finish = _range(given[0], ranges[given[0]])
+    start, finish = range_of(given[0], ranges[given[0]])
     varies = {"nu_range": "nu", "load_range": "load_factor"}.get(given[0], "")
     check_oscillator(mount, base)
     flat, direction, first = mount._flat, np.zeros(mount._flat.size), None
@@ -504,48 +400,10 @@ def _plan(
     return Plan(f"{first.strip()}\n{planned.rest.strip()}")
 
 
-def located_crossings(
-    found: tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32], FloatArray],
-    motions: ComplexArray,
-) -> tuple[Crossing, ...]:
-    """Changes of stability: their number, kinds, points before (from 1) and places, NaN if none.
-
-    ``motions``: X_k there, shape (at least as many as are given, n_dof, m).
-    """
-    n, kinds, before, where = found
-    if n > MAX_SPECIAL:
-        warnings.warn(
-            f"stability changes {n} times: the first {MAX_SPECIAL} changes are given",
-            StabilityWarning,
-            stacklevel=4,
-        )
-    return tuple(
-        Crossing(CROSSINGS[kinds[i] - 1], int(before[i]) - 1)
-        if np.isnan(where[i])
-        else Crossing(CROSSINGS[kinds[i] - 1], int(before[i]) - 1, float(where[i]), motions[i])
-        for i in range(min(n, len(motions)))
-    )
-
-
-def check_departure(leave: object) -> None:
-    """Refuse what is no branch point."""
-    if not isinstance(leave, BranchPoint):
-        raise InputError(f"leave = {_native.shown(leave)}: must be one of a branch's branch_points")
-
-
 def _complex(unknowns: FloatArray, n_dof: int, n_orders: int) -> ComplexArray:
     """X_k, shape (n_orders, n_dof, n), from unknowns (2 n_orders n_dof, n) of the core."""
     parts = unknowns.reshape(n_dof, n_orders, 2, unknowns.shape[1])
     return np.moveaxis(parts[:, :, 0] + 1j * parts[:, :, 1], 0, 1)
-
-
-def _range(name: str, value: object) -> tuple[float, float]:
-    ends = _native.real_array(name, value)
-    if ends.shape != (2,):
-        raise InputError(f"{name}: must be two numbers, from and to, got shape {ends.shape}")
-    if ends[0] == ends[1]:
-        raise InputError(f"{name} = ({ends[0]:g}, {ends[1]:g}): must be two different numbers")
-    return float(ends[0]), float(ends[1])
 
 
 def _absolute(

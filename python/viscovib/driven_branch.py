@@ -11,15 +11,15 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.branch import (
+from viscovib.curves import (
     MAX_SPECIAL,
     OUTCOMES,
     BranchPoint,
     Crossing,
     Curve,
-    _range,
     check_departure,
     located_crossings,
+    range_of,
 )
 from viscovib.driven import check_size, write_table
 from viscovib.errors import ConvergenceWarning, InputError
@@ -252,7 +252,7 @@ def trace_pendulum(
     )
     if varies is None:
         raise InputError("p1, p2, p3, f0, m01, m02 or nu: one must be given, as (from, to)")
-    start, finish = _range(varies, value)
+    start, finish = range_of(varies, value)
     if (varies in FREQUENCIES or varies == "nu") and min(start, finish) <= 0:
         raise InputError(f"{varies} = ({start:g}, {finish:g}): must be greater than 0")
     wanted = _native.number("tolerance", tolerance)

@@ -8,7 +8,7 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.backbone import Backbone, BackbonePoint
-from viscovib.branch import MAX_SPECIAL, OUTCOMES
+from viscovib.curves import MAX_SPECIAL, OUTCOMES
 from viscovib.driven import check_size
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.pendulum import Pendulum

@@ -6,8 +6,9 @@ import numpy.typing as npt
 
 from viscovib.backbone import Backbone, BackbonePoint
 from viscovib.backbone import oscillator_backbone as _oscillator_backbone
-from viscovib.branch import Branch, BranchPoint
+from viscovib.branch import Branch
 from viscovib.branch import trace_response as _trace_mount
+from viscovib.curves import BranchPoint
 from viscovib.driven import DrivenResponse, pendulum_response
 from viscovib.driven_branch import DrivenBranch, trace_pendulum
 from viscovib.load import LoadLike
