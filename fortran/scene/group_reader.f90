@@ -207,7 +207,15 @@ contains
 
     i = self%group%find(key)
     other = .false.
-    if (i > 0) other = self%group%entries(i)%values(1)%quoted
+    if (i > 0) then
+      other = self%group%entries(i)%values(1)%quoted
+      text = self%group%entries(i)%values(1)%text
+      if (.not. other .and. text == word) then
+        call self%complain(key, key//' = '//text//': must be an integer or, in quotes, '''//word &
+                           //'''')
+        return
+      end if
+    end if
     if (other) then
       text = self%read_text(key, allowed=[word])
     else

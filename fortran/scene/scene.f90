@@ -141,16 +141,14 @@ contains
       call read_motion(file, scene, status)
       return
     end if
-    scene%wants_scales = place_of(file, 'multiple_scales') <= size(file%groups)
+    call open_group(reader, file, 'multiple_scales', scene%wants_scales)
     if (scene%wants_scales) then
-      call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
       call read_oscillator_scales(reader, scene%load, scene%scales)
       call close_group(reader, scene, status)
       return
     end if
-    scene%wants_backbone = place_of(file, 'backbone') <= size(file%groups)
+    call open_group(reader, file, 'backbone', scene%wants_backbone)
     if (scene%wants_backbone) then
-      call reader%start(file%path, file%groups(place_of(file, 'backbone')))
       call read_backbone(reader, scene%oscillator(), scene%coordinates, scene%backbone)
       call read_wanted(reader, scene%coordinates, scene%wanted)
       call close_group(reader, scene, status)
@@ -159,6 +157,18 @@ contains
     call read_result(file, scene, status)
     if (.not. status%failed()) call check_job(file, scene, status)
   end subroutine read_oscillator
+
+  !> Make the reader ready for a group, if there is one.
+  subroutine open_group(reader, file, name, found)
+    type(group_reader), intent(inout) :: reader
+    type(namelist_type), intent(in) :: file
+    character(len=*), intent(in) :: name
+    logical, intent(out) :: found
+    integer :: i
+    i = place_of(file, name)
+    found = i <= size(file%groups)
+    if (found) call reader%start(file%path, file%groups(i))
+  end subroutine open_group
 
   !> The system that responds: the mount or the polynomial system.
   function oscillator(self)
@@ -194,23 +204,20 @@ contains
       call read_pendulum(reader, scene%pendulum)
       call close_group(reader, scene, status)
       if (status%failed()) return
-      scene%wants_scales = place_of(file, 'multiple_scales') <= size(file%groups)
+      call open_group(reader, file, 'multiple_scales', scene%wants_scales)
       if (scene%wants_scales) then
-        call reader%start(file%path, file%groups(place_of(file, 'multiple_scales')))
         call read_pendulum_scales(reader, scene%scales)
         call close_group(reader, scene, status)
         return
       end if
-      scene%wants_branch = place_of(file, 'branch') <= size(file%groups)
+      call open_group(reader, file, 'branch', scene%wants_branch)
       if (scene%wants_branch) then
-        call reader%start(file%path, file%groups(place_of(file, 'branch')))
         call read_driven(reader, scene%pendulum, scene%driven)
         call close_group(reader, scene, status)
         return
       end if
-      scene%wants_backbone = place_of(file, 'backbone') <= size(file%groups)
+      call open_group(reader, file, 'backbone', scene%wants_backbone)
       if (scene%wants_backbone) then
-        call reader%start(file%path, file%groups(place_of(file, 'backbone')))
         call read_free(reader, scene%pendulum, scene%backbone)
         call read_wanted(reader, scene%coordinates, scene%wanted)
         call close_group(reader, scene, status)

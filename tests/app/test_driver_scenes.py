@@ -69,6 +69,11 @@ BAD_SCENES = {
         5,
         "harmonics = 'many': must be one of 'auto'",
     ),
+    "harmonics without quotes": (
+        GOOD.replace("nu_count=8", "nu_count=8,\nharmonics=auto"),
+        5,
+        "harmonics = auto: must be an integer or, in quotes, 'auto'",
+    ),
     "iterations": (GOOD.replace("nu_count=8", "nu_count=8, max_iterations=0"), 4, "must be 1 to"),
     "relaxation": (GOOD.replace("nu_count=8", "nu_count=8, relaxation=2"), 4, "must be in (0, 1]"),
     "too few harmonics": (GOOD.replace("&load", "&load order=11,"), 4, "must be at least 11"),

@@ -80,6 +80,7 @@ contains
       call find_exponents(hill, mount, n_growing, n_known(near), 0, exponents)
       call count_growing(hill, mount, exponents, again, evaluations)
       call check(again == n_growing, 'and counted if it is known')
+      call check(evaluations <= 9, 'quickly')
       call count_growing(hill, mount, [(0.2_wp, 0.0_wp)], again, evaluations)
       call check(again == n_growing, 'and if something else is thought to be')
       found = count(.not. ieee_is_nan(real(exponents)))

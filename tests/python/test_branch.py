@@ -748,3 +748,20 @@ def test_parameters_vary_to_the_ends_of_their_values(harmonics):
     away = vv.trace_response(body, **options, vary="offset", vary_range=(0, 0.5))
     assert away.outcome == "completed"
     assert away.coefficients[-1, :, :3] == pytest.approx(up.coefficients[-1, :, :3], rel=1e-8)
+
+
+def test_an_ulp_moves_points_by_rounding_only():
+    """Steps by angles to the last digit added their rounding up, to 3e-13 on this side branch."""
+
+    def points(f0):
+        body = vv.Pendulum(
+            e=0.1, w2=0.53, w3=0.9, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=f0, p1=1.0
+        )
+        options = dict(p1=(0.9, 1.2), subharmonic=2, harmonics=14, stability=False)
+        main = vv.trace_response(body, **options)
+        side = vv.trace_response(body, **options, leave=main.branch_points[0])
+        return np.concatenate([main.parameter, side.parameter])
+
+    a, b = points(0.004), points(np.nextafter(0.004, 1))
+    assert a.size == b.size > 200
+    assert np.abs(a - b).max() < 3e-14
