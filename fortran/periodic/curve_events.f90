@@ -18,14 +18,10 @@ module viscovib_curve_events
   integer, parameter :: max_turns = 60
   !> Relative distance of parameters at folds that are one.
   real(wp), parameter :: same = 1.0e-10_wp
-  !> Points by which the determinant is interpolated, the least left of them, and rounds
-  !! in which they close in.
-  integer, parameter :: n_nodes = 15, enough = 6, max_rounds = 5
-  !> How far they go beyond a step at first, as a part of it; how much nearer the next
-  !! round's are; two zeros agree if they differ by no more than this part of a step.
-  real(wp), parameter :: beyond = 0.2_wp, narrower = 0.4_wp, agreed = 1.0e-12_wp
-  !> How far they reach at least: near the zero solutions are less exact.
-  real(wp), parameter :: widest = 0.05_wp
+  !> Points by which the determinant is interpolated, and the least left of them.
+  integer, parameter :: n_nodes = 15, enough = 6
+  !> How far they go beyond a step, as a part of it.
+  real(wp), parameter :: beyond = 0.2_wp
   !> Tangents in passing are a little off, so that a sign may change these parts of a step
   !! before or behind it.
   real(wp), parameter :: margins(0:3) = [0.0_wp, 0.1_wp, 0.3_wp, 0.9_wp]
@@ -160,7 +156,8 @@ contains
   end subroutine turn
 
   !> The determinant, and the curve, as polynomials in the step: at the zero itself
-  !! the equations cannot be solved. Through ever narrower nodes, until two agree.
+  !! the equations cannot be solved. Over a step as short as `follow_curve` makes it there,
+  !! that is good to rounding.
   subroutine cross(curve, c, here, step, found, at)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
@@ -171,8 +168,7 @@ contains
     type(curve_point) :: trial
     real(wp), allocatable :: x(:, :)
     real(wp), dimension(n_nodes) :: place, p, value, weight
-    real(wp) :: low, high, low_value, high_value, reference, reach
-    real(wp) :: zero, first, span, before, change, last_change
+    real(wp) :: low, high, low_value, high_value, reference
     logical :: made
     integer :: k, n, j
 
@@ -193,44 +189,19 @@ contains
       if (low_value*high_value < 0.0_wp) exit
     end do
     if (.not. low_value*high_value < 0.0_wp) return
-    span = high - low
-    reach = (0.5_wp + beyond)*span
-    call through_nodes(0.5_wp*(low + high), reach, nowhere, zero)
-    if (zero >= nowhere) return
-    call take()
-    first = zero
-    before = nowhere
-    reach = max(narrower*reach, widest)
-    last_change = nowhere
-    do k = 1, max_rounds
-      ! The zero splits the nodes: none lies near it.
-      call through_nodes(first, reach, first, zero)
-      if (abs(zero - first) <= span) then
-        change = abs(zero - before)
-        ! Wider ones err by what polynomials leave out, narrower ones by rounding.
-        if (change < last_change .and. before < nowhere) call take()
-        if (before < nowhere) last_change = min(change, last_change)
-        if (change <= agreed*reach) exit
-        before = zero
-      end if
-      reach = narrower*reach
+    call through_nodes(0.5_wp*(low + high), (0.5_wp + beyond)*(high - low), at)
+    if (at >= nowhere) return
+    found%p = at_place(at, p)
+    do j = 1, curve%n
+      found%x(j) = at_place(at, x(j, :))
     end do
 
   contains
 
-    !> What the last polynomials say.
-    subroutine take()
-      at = zero
-      found%p = at_place(at, p)
-      do j = 1, curve%n
-        found%x(j) = at_place(at, x(j, :))
-      end do
-    end subroutine take
-
-    !> The zero of the polynomial through nodes around `centre`; from those near
-    !! `avoid` (or near the change of sign) the other branch may have been met.
-    subroutine through_nodes(centre, reach, avoid, zero)
-      real(wp), intent(in) :: centre, reach, avoid
+    !> The zero of the polynomial through nodes around `centre`; from those near the change
+    !! of sign the other branch may have been met.
+    subroutine through_nodes(centre, reach, zero)
+      real(wp), intent(in) :: centre, reach
       real(wp), intent(out) :: zero
       real(wp) :: near, from, to, from_value
       integer :: i
@@ -239,19 +210,15 @@ contains
       n = 0
       do i = 1, n_nodes
         near = centre - reach*cos(pi*(i - 1)/(n_nodes - 1))
-        if (abs(near - avoid) <= too_near*reach) cycle
         call sample(near, from_value)
         if (made) call put(near, from_value)
       end do
-      near = avoid
-      if (near >= nowhere) then
-        ! The change of sign nearest to the middle.
-        i = minloc(abs(place(:n - 1) + place(2:n) - 2.0_wp*centre), 1, &
-                   value(:n - 1)*value(2:n) < 0.0_wp)
-        if (i == 0) return
-        near = place(i) + (place(i + 1) - place(i))*value(i)/(value(i) - value(i + 1))
-        call drop(abs(place(:n) - near) <= too_near*reach)
-      end if
+      ! The change of sign nearest to the middle.
+      i = minloc(abs(place(:n - 1) + place(2:n) - 2.0_wp*centre), 1, &
+                 value(:n - 1)*value(2:n) < 0.0_wp)
+      if (i == 0) return
+      near = place(i) + (place(i + 1) - place(i))*value(i)/(value(i) - value(i + 1))
+      call drop(abs(place(:n) - near) <= too_near*reach)
       if (n < enough) return
       do i = 1, n
         weight(i) = 1.0_wp/(product((place(i) - place(:i - 1))/reach) &

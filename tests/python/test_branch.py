@@ -765,3 +765,51 @@ def test_an_ulp_moves_points_by_rounding_only():
     a, b = points(0.004), points(np.nextafter(0.004, 1))
     assert a.size == b.size > 200
     assert np.abs(a - b).max() < 3e-14
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-5])
+def test_the_estimate_along_a_branch_is_the_error(tolerance):
+    options = dict(load=0.3, stability=False)
+    branch = vv.trace_response(
+        _duffing(), (0.3, 2), **options, harmonics="auto", tolerance=tolerance
+    )
+    some = np.arange(1, branch.nu.size, 3)
+    exact = vv.trace_response(
+        _duffing(), (0.3, 2), **options, harmonics=45, tolerance=1e-13, at=branch.nu[some]
+    )
+    errors = np.array([nearest(exact, branch.nu[i], branch.coefficients[i]) for i in some])
+    off = np.abs(branch.nu[some][:, np.newaxis] - exact.folds).min(axis=1, initial=1) > 0.02
+    ratio = (errors / branch.truncation[some])[off]
+    assert ratio.size > 5
+    assert (0.6 < ratio).all()
+    assert (ratio < 1.7).all()
+
+
+def test_a_long_step_does_not_meet_another_branch():
+    """Without short steps where the determinant changes its sign, 99 folds were told of 8."""
+    body = vv.Mount(
+        mass=1, inertia=0.0429232519164011, offset=0.7055926861535239, stiffness_x=10,
+        stiffness_phi=1.895326326694771, damping=0.0018234194009583745 * STIFFNESS,
+    )  # fmt: skip
+    for step in (0.1, 0.05, 0.02):
+        branch = vv.trace_response(
+            body, (0.5, 10), load=0.2600742426487873, harmonics=9, max_step=step, stability=False
+        )
+        assert branch.outcome == "completed"
+        assert branch.folds.size == 8
+        assert branch.branch_points == ()
+
+
+def test_branch_points_do_not_depend_on_steps():
+    options = dict(load_range=(0.1, 30), nu=1, load=1, harmonics=21, symmetric=False)
+    places = np.array([
+        [
+            p.parameter
+            for p in vv.trace_response(
+                _duffing(), **options, max_step=step, stability=False
+            ).branch_points
+        ]
+        for step in np.linspace(0.04, 0.1, 7)
+    ])  # fmt: skip
+    assert places.shape == (7, 3)
+    assert np.ptp(places, axis=0) == pytest.approx(0, abs=1e-11)
