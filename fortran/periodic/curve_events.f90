@@ -19,7 +19,7 @@ module viscovib_curve_events
   !> Relative distance of parameters at folds that are one.
   real(wp), parameter :: same = 1.0e-10_wp
   !> Points by which the determinant is interpolated, and the least left of them.
-  integer, parameter :: n_nodes = 15, enough = 6
+  integer, parameter :: n_nodes = 9, enough = 4
   !> How far they go beyond a step, as a part of it.
   real(wp), parameter :: beyond = 0.2_wp
   !> Tangents in passing are a little off, so that a sign may change these parts of a step
