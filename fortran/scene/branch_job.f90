@@ -97,7 +97,11 @@ contains
 
     if (reader%status%failed() .or. job%number == 0) return
     call change_mount(mount, job%number, job%curve%finish, status)
-    if (status%failed()) call reader%complain('to', status%message)
+    if (status%failed()) then
+      ! Nothing is left of the mount.
+      call reader%complain('to', status%message)
+      return
+    end if
     call change_mount(mount, job%number, job%curve%start, status)
     if (status%failed()) call reader%complain('from', status%message)
     if (abs(job%curve%start) > 0.0_wp .or. reader%status%failed()) return
