@@ -1,5 +1,6 @@
 """Stiffness ratios, loads from nothing to overflow, small divisors, folds closer than a step."""
 
+import warnings
 from collections.abc import Iterator
 
 import mpmath as mp
@@ -275,12 +276,7 @@ def close_folds(quick: bool) -> Row:
         load, exact = _folds(mp.mpf("0.1"), mp.mpf("0.75"), mp.mpf(10) ** -e)
         distance = abs(exact[0] - exact[1])
         label = f"load {10.0**-e:.0e} above, folds {distance:.1e} apart"
-        branch = tally.trial(
-            label,
-            lambda p=load: vv.trace_response(
-                body, (0.5, 2.5), load=p, harmonics=1, tolerance=1e-13, stability=False
-            ),
-        )
+        branch = tally.trial(label, lambda p=load: _one_harmonic(body, p))
         if branch is None:
             continue
         if branch.folds.size == 0:
@@ -290,6 +286,15 @@ def close_folds(quick: bool) -> Row:
         gap = np.abs(np.sort(branch.folds) - np.sort(exact)).max()
         tally.measure(label, float(gap))
     return tally.row()
+
+
+def _one_harmonic(body: vv.PolynomialSystem, load: float) -> vv.Branch:
+    """The balance of one harmonic is the exact problem here: what it leaves out is not asked."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "at .* harmonics up to 1 do not", vv.ConvergenceWarning)
+        return vv.trace_response(
+            body, (0.5, 2.5), load=load, harmonics=1, tolerance=1e-13, stability=False
+        )
 
 
 def _folds(c: mp.mpf, k: mp.mpf, above: mp.mpf) -> tuple[float, np.ndarray]:

@@ -85,20 +85,20 @@ def _integrated(pend, state, periods=150):
 def _one_resonance(folder):
     _section("4. Steady motion near p1 ~ w1: all branches, stability, two judges")
     pend = vv.Pendulum(**DAMPED, f0=0.002, p1=1.02)
-    ms = vv.MultipleScales(pend)
+    ms = vv.MultipleScales(pend, tolerance=0.05)
     values = np.linspace(1.0, 1.05, 1000)
     start = time.perf_counter()
     response = ms.response("p1", values)
     print(f"{response.index.size} motions at 1000 values in {time.perf_counter() - start:.4f} s")
     print("Routh's column of the first:", response.routh_hurwitz(0).round(4))
     figure, axis = plt.subplots(figsize=(7, 4.2), layout="constrained")
-    branch = vv.trace_response(pend, p1=(1.0, 1.05), harmonics=9, stability=False)
+    branch = vv.trace_response(pend, p1=(1.0, 1.05), stability=False)
     axis.plot(branch.parameter, branch.amplitude("z"), color="0.75", lw=4, label="harmonic balance")
     vv.plot_scales_response(response, axis)
     points = []
     for p1 in np.linspace(1.0, 1.04, 9):
         here = vv.Pendulum(**DAMPED, f0=0.002, p1=p1)
-        at_value = vv.MultipleScales(here)
+        at_value = vv.MultipleScales(here, tolerance=0.05)
         steady = at_value.response("p1", [p1])
         for i in np.flatnonzero(steady.stable):
             state = at_value.motion([0.0], amplitudes=steady.amplitudes[i]).state[0]
@@ -123,8 +123,8 @@ def _mount_response(folder):
     nu = np.linspace(1.3, 1.75, 136)
     figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
     for load, colour in ((0.05, "#7fa7d9"), (0.1, "#3566ab"), (0.15, _DARK)):
-        steady = vv.MultipleScales(mount, load=load, nu=1.5).response("nu", nu)
-        exact = vv.forced_response(mount, nu, load=load, method="newton", harmonics=7)
+        steady = vv.MultipleScales(mount, load=load, nu=1.5, tolerance=0.05).response("nu", nu)
+        exact = vv.forced_response(mount, nu, load=load, method="newton")
         axis.plot(steady.at, steady.amplitude("x"), color=colour, label=f"{load} N")
         last = axis.plot(nu[::9], exact.amplitude("x")[::9], "o", mfc="none", color=_WARM, ms=5)
         error = abs(steady.harmonics - exact.coefficients[:, :, 0])[:, 0] / steady.amplitude("x")
@@ -142,7 +142,7 @@ def _mount_response(folder):
 def _three_resonances():
     _section("6. Three loads at once, each near its mode")
     pend = vv.Pendulum(**DAMPED, f0=0.001, m01=0.0004, m02=0.002, p1=1.03, p2=0.375, p3=1.08)
-    ms = vv.MultipleScales(pend, tolerance=0.03)
+    ms = vv.MultipleScales(pend)
     response = ms.response("p2", np.linspace(0.36, 0.39, 31))
     counts = np.bincount(response.index)
     print("steady motions at each value of p2:", counts)

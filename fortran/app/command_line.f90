@@ -1,7 +1,9 @@
 !> The command line of viscovib-solve.
 module viscovib_command_line
   use viscovib_counters, only: counting
-  use viscovib_status, only: fail, status_input_error, status_type
+  use viscovib_kinds, only: wp
+  use viscovib_number_text, only: parse_real
+  use viscovib_status, only: clipped, fail, status_input_error, status_type
   use viscovib_version, only: version
   implicit none
   private
@@ -10,14 +12,16 @@ module viscovib_command_line
 
   type :: command_line
     character(len=:), allocatable :: scene, folder
-    logical :: plan = .false., quiet = .false., count = .false.
+    logical :: plan = .false., quiet = .false., count = .false., allow_paths = .false.
+    !> Bounds: time (s; 0: none) and memory (bytes; 0: by the machine).
+    real(wp) :: seconds = 0.0_wp, memory = 0.0_wp
     !> To print instead of running (--help, --version); else empty.
     character(len=:), allocatable :: text
   end type command_line
 
   character(len=*), parameter :: usage = &
     'usage: viscovib-solve scene.nml [--plan] [--out DIR] [--quiet] [--count] ' &
-    //'[--help] [--version]'
+    //'[--allow-paths] [--max-seconds S] [--max-memory GB] [--help] [--version]'
 
 contains
 
@@ -43,6 +47,17 @@ contains
                     //'its work, only the one with all checks does')
           return
         end if
+      case ('--allow-paths')
+        command%allow_paths = .true.
+      case ('--max-seconds')
+        i = i + 1
+        call read_bound(word, argument(i), command%seconds, status)
+        if (status%failed()) return
+      case ('--max-memory')
+        i = i + 1
+        call read_bound(word, argument(i), command%memory, status)
+        if (status%failed()) return
+        command%memory = 1.0e9_wp*command%memory
       case ('--quiet')
         command%quiet = .true.
       case ('--help', '-h')
@@ -54,24 +69,36 @@ contains
         ! The argument past the last is empty, like the one of --out "": the
         ! table would go to the root folder.
         command%folder = argument(i)
-        if (command%folder == '') then
+        if (len(command%folder) == 0) then
           call fail(status, status_input_error, 'out', '--out lacks its folder; '//usage)
           return
         end if
       case default
-        if (index(word, '-') == 1 .or. command%scene /= '') then
-          call fail(status, status_input_error, 'argument', "unknown argument '"//word//"'; " &
-                    //usage)
+        if (index(word, '-') == 1 .or. len(command%scene) > 0) then
+          call fail(status, status_input_error, 'argument', "unknown argument '"//clipped(word) &
+                    //"'; "//usage)
           return
         end if
         command%scene = word
       end select
       i = i + 1
     end do
-    if (command%text == '' .and. command%scene == '') then
+    if (command%text == '' .and. len(command%scene) == 0) then
       call fail(status, status_input_error, 'scene', 'no scene given; '//usage)
     end if
   end subroutine read_command_line
+
+  !> A number behind an option.
+  subroutine read_bound(name, word, value, status)
+    character(len=*), intent(in) :: name, word
+    real(wp), intent(out) :: value
+    type(status_type), intent(out) :: status
+    logical :: ok
+    call parse_real(word, value, ok)
+    if (ok .and. value >= 0.01_wp .and. value <= 1.0e8_wp) return
+    call fail(status, status_input_error, name, name//" '"//clipped(word)//"': must be a number, " &
+              //'0.01 to 1e8')
+  end subroutine read_bound
 
   function argument(i)
     integer, intent(in) :: i
@@ -90,8 +117,16 @@ contains
            //'  --plan   print what would be computed and what is skipped, and stop'//nl &
            //'  --quiet  print only warnings and errors'//nl &
            //'  --count  print how often each kind of work was done (in the build with all ' &
-           //'checks)'//nl//nl &
-           //'Exit status: 0 done; 1 some points have no solution (the rows say which);'//nl &
+           //'checks)'//nl &
+           //'  --allow-paths   files that the scene names may be anywhere, not only in its ' &
+           //'folder or below'//nl &
+           //'  --max-seconds S   end after so many seconds with what is done, exit status 1'//nl &
+           //'  --max-memory GB   end, exit status 1, where more memory is needed (default: three' &
+           //nl &
+           //'                    quarters of the machine''s; beyond, it swaps or ends programs)' &
+           //nl//nl &
+           //'Exit status: 0 done; 1 some points have no solution (the rows say which), or a ' &
+           //'bound was reached;'//nl &
            //'2 bad input; 3 a file cannot be read or written.'
   end function help
 

@@ -1,16 +1,34 @@
 !> viscovib-solve: runs a scene without Python.
 !!
 !! Exit status: 0 done; 1 computed, but some points have no solution (the rows
-!! say which) or a motion stopped early; 2 bad input; 3 a file cannot be read or written.
+!! say which), a motion stopped early or a bound on time or memory was reached; 2 bad input;
+!! 3 a file cannot be read or written.
 program viscovib_solve
+  use, intrinsic :: iso_c_binding, only: c_double
   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
   use viscovib_command_line, only: command_line, read_command_line
   use viscovib_counters, only: counted, counter_names
+  use viscovib_files, only: ignore_file_limit
   use viscovib_run_scene, only: plan_scene, run_scene, scene_report, scene_warnings
   use viscovib_scene, only: read_scene, scene_type
-  use viscovib_status, only: status_type
+  use viscovib_kinds, only: wp
+  use viscovib_status, only: one_line, status_type
+  use viscovib_stopping, only: stop_wanted
   use viscovib_version, only: version
   implicit none
+
+  interface
+    !> From app/limits.c.
+    subroutine limit_seconds(seconds) bind(c, name='viscovib_limit_seconds')
+      import :: c_double
+      real(c_double), value :: seconds
+    end subroutine limit_seconds
+
+    subroutine limit_memory(bytes) bind(c, name='viscovib_limit_memory')
+      import :: c_double
+      real(c_double), value :: bytes
+    end subroutine limit_memory
+  end interface
 
   type(command_line) :: command
   type(scene_type) :: scene
@@ -18,6 +36,7 @@ program viscovib_solve
   type(scene_report) :: report
   type(status_type) :: status
 
+  call ignore_file_limit()
   call read_command_line(command, status)
   call stop_if_failed()
   if (command%text /= '') then
@@ -25,7 +44,9 @@ program viscovib_solve
     stop 0, quiet=.true.
   end if
 
-  call read_scene(command%scene, scene, status)
+  call limit_memory(command%memory)
+  if (command%seconds > 0.0_wp) call limit_seconds(command%seconds)
+  call read_scene(command%scene, scene, status, allow_paths=command%allow_paths)
   call stop_if_failed()
   call plan_scene(scene, plan, status)
   call stop_if_failed()
@@ -37,7 +58,8 @@ program viscovib_solve
 
   call run_scene(scene, command%folder, version, report, status)
   call stop_if_failed()
-  if (.not. command%quiet) write (output_unit, '(3a)') report%path, ': ', report%summary
+  if (.not. command%quiet) write (output_unit, '(a)') one_line(report%path//': '//told_stop() &
+                                                           //report%summary)
   if (command%count) call say_counts()
   if (.not. report%complete) stop 1, quiet=.true.
 
@@ -45,9 +67,17 @@ contains
 
   subroutine stop_if_failed()
     if (.not. status%failed()) return
-    write (error_unit, '(2a)') 'viscovib-solve: ', status%message
+    write (error_unit, '(2a)') 'viscovib-solve: ', one_line(status%message)
     stop status%category, quiet=.true.
   end subroutine stop_if_failed
+
+  !> Words about a bound that was reached.
+  function told_stop()
+    character(len=:), allocatable :: told_stop
+    told_stop = ''
+    if (stop_wanted() .and. .not. report%complete) told_stop = 'stopped: time is over ' &
+                                                               //'(--max-seconds); '
+  end function told_stop
 
   subroutine say_counts()
     integer :: i

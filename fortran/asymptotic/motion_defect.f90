@@ -131,8 +131,9 @@ contains
         allocate (own(size(y, 1), form%n, 0:2))
         do i = 1, form%n
           own(:, i, :) = scales%columns(i)*y(:, i, :)
+          own(:, i, 0) = own(:, i, 0) + scales%rest(i)
         end do
-        call full%sides(own, load, e)
+        call full%sides(own, load*spread(scales%load_factor, 1, size(load, 1)), e)
         do i = 1, form%n
           e(:, i) = scales%rows(i)*e(:, i)
         end do
@@ -208,7 +209,8 @@ contains
     do i = 1, defect%n
       call take_waves()
       s = cmplx(0.0_wp, max(defect%frequency(i), slowest), wp)
-      call scales%normal%answer(scales%form, s, defect%frequency(i), -waves, u, rates, singular)
+      call scales%normal%answer(scales%form, s, -waves, &
+                                scales%normal%near_modes(defect%frequency(i)), u, rates, singular)
       defect%rates(:, i) = rates(:scales%flow%n_modes)
       ! A stiffness that vanishes: no finite motion answers.
       if (singular .and. any(abs(waves) > 0.0_wp)) defect%known = .false.

@@ -3,18 +3,21 @@
 !!
 !! Everything inside is in natural units (`viscovib_natural_units`): amplitudes a_j multiply
 !! shapes whose largest entry is 1 there. Callers' amplitudes multiply shapes whose largest
-!! coordinate is 1 in their own units: a_j times `amplitude_units`.
+!! coordinate is 1 in their own units: a_j times `amplitude_units`. Constant loads are no part of
+!! the expansion: it is about the position of rest that they give.
 module viscovib_multiple_scales
   use viscovib_kinds, only: wp
   use viscovib_natural_units, only: to_natural_units
-  use viscovib_normal_form, only: new_normal_form, normal_form_type
+  use viscovib_normal_form, only: new_normal_form, normal_form_type, reach_type
   use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_resonance_choice, only: default_band
+  use viscovib_rest_position, only: move_to_rest
   use viscovib_slow_flow, only: new_slow_flow, slow_flow_type
   use viscovib_status, only: status_type
   implicit none
   private
 
-  public :: multiple_scales_type, new_multiple_scales
+  public :: multiple_scales_type, new_multiple_scales, reach_of
 
   type :: multiple_scales_type
     !> The system, in natural units.
@@ -27,6 +30,11 @@ module viscovib_multiple_scales
     complex(wp), allocatable :: amplitude_units(:)
     !> What motions of unlike unknowns are compared in, shape (n): a length, an angle, ...
     real(wp), allocatable :: units(:)
+    !> Where the system rests under constant loads, in the caller's units, shape (n).
+    real(wp), allocatable :: rest(:)
+    !> Amplitudes of the loads over those that the full system behind the form holds,
+    !! shape (n_loads).
+    real(wp), allocatable :: load_factor(:)
   contains
     procedure :: interaction
     procedure :: shapes
@@ -35,7 +43,7 @@ module viscovib_multiple_scales
 
 contains
 
-  subroutine new_multiple_scales(scales, form, tolerance, steady, status)
+  subroutine new_multiple_scales(scales, form, tolerance, steady, status, reach, sizes)
     type(multiple_scales_type), intent(out) :: scales
     !> In the caller's units.
     type(polynomial_form_type), intent(in) :: form
@@ -43,12 +51,18 @@ contains
     !> As in `new_normal_form`.
     logical, intent(in) :: steady
     type(status_type), intent(out) :: status
+    !> As in `new_normal_form`.
+    type(reach_type), intent(in), optional :: reach
+    real(wp), intent(in), optional :: sizes(:)
     complex(wp) :: r(form%n_dof)
     integer :: j
 
     call form%copy_to(scales%form)
+    allocate (scales%load_factor(size(form%drives)), source=1.0_wp)
+    call move_to_rest(scales%form, scales%rest, status)
+    if (status%failed()) return
     call to_natural_units(scales%form, scales%rows, scales%columns, scales%units)
-    call new_normal_form(scales%normal, scales%form, tolerance, steady, status)
+    call new_normal_form(scales%normal, scales%form, tolerance, steady, status, reach, sizes)
     if (status%failed()) return
     call new_slow_flow(scales%flow, scales%normal, scales%form)
     allocate (scales%amplitude_units(form%n_modes()))
@@ -57,6 +71,34 @@ contains
       scales%amplitude_units(j) = r(maxloc(abs(r), 1))
     end do
   end subroutine new_multiple_scales
+
+  !> How far the modes are shifted by what is nonlinear, loads that turn left out.
+  subroutine reach_of(form, reach, status)
+    !> In the caller's units.
+    type(polynomial_form_type), intent(in) :: form
+    type(reach_type), intent(out) :: reach
+    type(status_type), intent(out) :: status
+    type(polynomial_form_type) :: free
+    type(multiple_scales_type) :: scales
+    integer :: i, k
+
+    call form%copy_to(free)
+    do k = 1, size(free%drives)
+      if (free%drives(k) > 0.0_wp) free%load(:, k) = 0.0_wp
+    end do
+    call new_multiple_scales(scales, free, default_band, .true., status)
+    allocate (reach%cubic(form%n_modes()), reach%quadratic(form%n_modes()), source=0.0_wp)
+    if (status%failed()) return
+    do i = 1, size(scales%flow%terms)
+      associate (t => scales%flow%terms(i), c => abs(scales%flow%terms(i)%coefficient))
+        if (count(t%at == t%row) == 2 .and. any(t%at == -t%row)) then
+          reach%cubic(t%row) = reach%cubic(t%row) + c
+        else if (count(t%at /= 0) == 2) then
+          reach%quadratic(t%row) = max(reach%quadratic(t%row), c)
+        end if
+      end associate
+    end do
+  end subroutine reach_of
 
   !> Shapes of the modes in the caller's units, columns, the largest coordinate 1.
   pure function shapes(self)

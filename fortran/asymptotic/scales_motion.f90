@@ -80,7 +80,7 @@ contains
           bounds(:, 3) = bounds(:, 3) + normal%size_triple(:, m)*abs(product)
         end associate
       end do
-      q = scales%columns(:d)*q
+      q = scales%columns(:d)*q + scales%rest(:d)
       v = scales%columns(:d)*v
       sizes = sizes_of(scales, bounds)
     end associate
@@ -99,7 +99,8 @@ contains
     sizes = [maxval(relative, 1)*unit, unit]
   end function sizes_of
 
-  !> Of a steady motion, u = Re(X exp(i p t)) + other frequencies; and the sizes of the orders.
+  !> Of a steady motion, u = Re(X exp(i p t)) + other frequencies; and the sizes of the orders. For
+  !! p = 0 the mean.
   pure subroutine harmonic_of(scales, a, p, x, sizes)
     type(multiple_scales_type), intent(in) :: scales
     !> In natural units.
@@ -155,7 +156,10 @@ contains
           x = x + 2.0_wp*u*(y(f(1))*y(f(2))*y(f(3)))
         end associate
       end do
+      ! A wave that does not turn has no conjugate beside it.
+      if (.not. p > 0.0_wp) x = 0.5_wp*x
       x = scales%columns(:d)*x
+      if (.not. p > 0.0_wp) x = x + scales%rest(:d)
       sizes = sizes_of(scales, bounds)
     end associate
   end subroutine harmonic_of

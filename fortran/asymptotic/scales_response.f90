@@ -2,19 +2,23 @@
 module viscovib_scales_response
   use viscovib_flow_stability, only: flow_eigenvalues
   use viscovib_kinds, only: wp
-  use viscovib_linear_modes, only: find_modes
-  use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
+  use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales, reach_of
+  use viscovib_normal_form, only: reach_type
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_scales_error, only: steady_error
   use viscovib_scales_motion, only: harmonic_of, n_sizes
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_steady_states, only: max_steady, new_steady_solver, steady_solver_type
+  use viscovib_stopping, only: stop_wanted
   implicit none
   private
 
   public :: response_along, steady_points_type
 
   integer, parameter, public :: vary_frequency = 1, vary_amplitude = 2
+  integer, parameter :: max_rounds = 4
+  !> Motions count where each order is at most this part of the one before.
+  real(wp), parameter :: least_fall = 0.3_wp
 
   !> Steady motions, a column each: which value they belong to, amplitudes and frequencies
   !! of the modes, eigenvalues, first harmonic of the load's frequency in each coordinate,
@@ -24,6 +28,8 @@ module viscovib_scales_response
     integer, allocatable :: value(:)
     complex(wp), allocatable :: a(:, :), eigenvalues(:, :), harmonic(:, :)
     real(wp), allocatable :: frame(:, :), sizes(:, :)
+    !> Largest influence of what is not among the resonant terms (`viscovib_resonance_choice`).
+    real(wp), allocatable :: left_out(:)
     !> Where asked for, errors of the harmonic and of the whole motion in each coordinate.
     real(wp), allocatable :: harmonic_errors(:, :), motion_errors(:, :)
   end type steady_points_type
@@ -43,11 +49,11 @@ contains
     type(polynomial_form_type) :: here
     type(multiple_scales_type) :: scales
     type(steady_solver_type) :: solver
-    complex(wp) :: a(form%n_modes(), max_steady), exponents(form%n_modes())
-    complex(wp), dimension(form%n, form%n_modes()) :: right, left
-    real(wp) :: reference
+    type(reach_type) :: reach
+    complex(wp) :: a(form%n_modes(), max_steady)
+    real(wp) :: given
     integer :: i, k, n_found
-    logical :: near, ready
+    logical :: moves_rest
 
     call reserve(points, form%n_modes(), form%n_dof, 3*size(values))
     if (load < 1 .or. load > size(form%drives)) then
@@ -55,45 +61,33 @@ contains
                 //show(size(form%drives)))
       return
     end if
+    call set_ok(status)
     call form%copy_to(here)
-    if (vary == vary_frequency) then
-      call find_modes(form, exponents, right, left, status)
-      if (status%failed()) return
-      call set_value(nearest_to_mode(aimag(exponents), left, form%load(:, load), values))
-    else if (any(abs(values) > 0.0_wp)) then
+    given = form%load(maxloc(abs(form%load(:, load)), 1), load)
+    if (vary == vary_amplitude .and. any(abs(values) > 0.0_wp)) then
       call set_value(values(maxloc(abs(values), 1)))
     end if
-    reference = here%drives(load)
     if (.not. any(abs(here%load(:, load)) > 0.0_wp)) then
       call fail(status, status_input_error, 'load', 'load '//show(load)//' has no amplitude: ' &
                 //'there is nothing to respond to')
       return
     end if
-    call new_multiple_scales(scales, here, tolerance, .true., status)
-    if (status%failed()) return
-    near = any(scales%normal%weak == load)
-    ready = .false.
+    moves_rest = .not. here%drives(load) > 0.0_wp .and. vary == vary_amplitude
     do i = 1, size(values)
-      if (cancel /= 0) return
-      if (near) then
-        call move_load(values(i))
-      else
-        call set_value(values(i))
-        call new_multiple_scales(scales, here, tolerance, .true., status)
-        ready = .false.
-      end if
+      if (cancel /= 0 .or. stop_wanted()) return
+      ! Nothing here depends on the other values.
+      call set_value(values(i))
+      if (i == 1 .or. moves_rest) call reach_of(here, reach, status)
       if (status%failed()) return
-      if (.not. scales%flow%autonomous) then
+      call find_steady(here, tolerance, reach, scales, solver, a, n_found, status, cancel)
+      if (.not. status%failed() .and. .not. scales%flow%autonomous) then
         call fail(status, status_input_error, 'values', 'values (value '//show(i)//') = ' &
                   //show(values(i))//': the loads and the resonances have frequencies that no ' &
                   //'steady motion joins: see modulation, or count fewer as resonant by a ' &
                   //'smaller tolerance')
-        return
       end if
-      if (.not. ready) call new_steady_solver(solver, scales%flow, status, cancel)
       if (status%failed()) return
-      ready = .true.
-      call solver%solve(scales%flow, a, n_found, cancel)
+      if (vary == vary_amplitude) scales%load_factor(load) = values(i)/given
       do k = 1, n_found
         call add_point(i, a(:, k))
       end do
@@ -117,26 +111,6 @@ contains
       if (any(abs(unit) > 0.0_wp)) unit = unit/unit(maxloc(abs(unit), 1))
     end function direction
 
-    !> Only what load `load` does by itself changes with it while it is near a mode.
-    subroutine move_load(value)
-      real(wp), intent(in) :: value
-      integer :: m
-      scales%form%drives(load) = merge(value, scales%form%drives(load), vary == vary_frequency)
-      if (vary == vary_amplitude) scales%form%load(:, load) = scales%rows*value*direction()
-      call scales%normal%answer_load(scales%form, load, scales%form%drives(load), &
-                                     scales%normal%u_load(:, load), &
-                                     scales%normal%g_load(:, load), status, reference)
-      if (status%failed()) return
-      do m = 1, size(scales%flow%terms)
-        associate (t => scales%flow%terms(m))
-          if (any(t%at /= 0) .or. t%loads(1) /= load) cycle
-          t%coefficient = scales%normal%g_load(t%row, load)
-          t%drive = scales%form%drives(load)
-        end associate
-      end do
-      call scales%flow%turn_frame()
-    end subroutine move_load
-
     subroutine add_point(i, amplitudes)
       integer, intent(in) :: i
       complex(wp), intent(in) :: amplitudes(:)
@@ -151,6 +125,7 @@ contains
         call flow_eigenvalues(scales%flow, amplitudes, points%eigenvalues(:, m))
         call harmonic_of(scales, amplitudes, scales%form%drives(load), points%harmonic(:, m), &
                          points%sizes(:, m))
+        points%left_out(m) = scales%normal%left_out(abs(amplitudes))
         if (with_errors) then
           call steady_error(scales, form%full, amplitudes, scales%form%drives(load), &
                             points%harmonic_errors(:, m), points%motion_errors(:, m))
@@ -160,6 +135,42 @@ contains
 
   end subroutine response_along
 
+  !> All steady motions, resonances chosen by what their terms do at the largest of those in range.
+  subroutine find_steady(form, tolerance, reach, scales, solver, a, n_found, status, cancel)
+    type(polynomial_form_type), intent(in) :: form
+    real(wp), intent(in) :: tolerance
+    type(reach_type), intent(in) :: reach
+    type(multiple_scales_type), intent(out) :: scales
+    !> Keeps what it knows of equations with the same terms.
+    type(steady_solver_type), intent(inout) :: solver
+    complex(wp), intent(inout) :: a(:, :)
+    integer, intent(out) :: n_found
+    type(status_type), intent(out) :: status
+    integer, intent(inout), volatile :: cancel
+    real(wp) :: expected(form%n_modes()), most(form%n_modes()), sizes(n_sizes)
+    complex(wp) :: harmonic(form%n_dof)
+    integer :: round, k
+
+    expected = 0.0_wp
+    n_found = 0
+    do round = 1, max_rounds
+      call new_multiple_scales(scales, form, tolerance, .true., status, reach, expected)
+      if (status%failed() .or. .not. scales%flow%autonomous) return
+      call new_steady_solver(solver, scales%flow, status, cancel)
+      if (status%failed()) return
+      call solver%solve(scales%flow, a, n_found, cancel)
+      most = expected
+      do k = 1, n_found
+        call harmonic_of(scales, a(:, k), 1.0_wp, harmonic, sizes)
+        if (max(sizes(2), sqrt(sizes(3)*sizes(1))) <= least_fall*sizes(1)) then
+          most = max(most, abs(a(:, k)))
+        end if
+      end do
+      if (.not. scales%normal%wants_more(most)) return
+      expected = most
+    end do
+  end subroutine find_steady
+
   !> Room for so many points; those there are stay.
   pure subroutine reserve(points, n_modes, n_dof, room)
     type(steady_points_type), intent(inout) :: points
@@ -167,6 +178,7 @@ contains
     type(steady_points_type) :: more
     allocate (more%value(room), more%a(n_modes, room), more%eigenvalues(2*n_modes, room), &
               more%harmonic(n_dof, room), more%frame(n_modes, room), more%sizes(n_sizes, room), &
+              more%left_out(room), &
               more%harmonic_errors(n_dof, room), more%motion_errors(n_dof, room))
     more%n = points%n
     if (points%n > 0) then
@@ -177,31 +189,12 @@ contains
         more%harmonic(:, :m) = points%harmonic(:, :m)
         more%frame(:, :m) = points%frame(:, :m)
         more%sizes(:, :m) = points%sizes(:, :m)
+        more%left_out(:m) = points%left_out(:m)
         more%harmonic_errors(:, :m) = points%harmonic_errors(:, :m)
         more%motion_errors(:, :m) = points%motion_errors(:, :m)
       end associate
     end if
     points = more
   end subroutine reserve
-
-  !> The value that lies nearest to a mode that the load drives.
-  pure real(wp) function nearest_to_mode(omega, left, load, values)
-    !> Frequencies and left vectors of the modes, a column each.
-    real(wp), intent(in) :: omega(:), load(:), values(:)
-    complex(wp), intent(in) :: left(:, :)
-    real(wp) :: distance, best
-    integer :: i, j
-    best = huge(best)
-    nearest_to_mode = values(1)
-    do j = 1, size(omega)
-      if (abs(sum(left(:, j)*load)) <= 1.0e-12_wp*maxval(abs(left(:, j)))*maxval(abs(load))) cycle
-      do i = 1, size(values)
-        distance = abs(values(i)/omega(j) - 1.0_wp)
-        if (distance >= best) cycle
-        best = distance
-        nearest_to_mode = values(i)
-      end do
-    end do
-  end function nearest_to_mode
 
 end module viscovib_scales_response

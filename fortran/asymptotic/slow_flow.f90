@@ -53,11 +53,11 @@ contains
 
     flow%n_modes = normal%n_modes
     flow%s = normal%exponents(:normal%n_modes)
-    n = normal%n_modes*(size(normal%weak) + size(normal%pair, 2) + size(normal%triple, 2))
+    n = normal%n_modes*(size(normal%direct) + size(normal%pair, 2) + size(normal%triple, 2))
     allocate (terms(n))
     n = 0
-    do i = 1, size(normal%weak)
-      k = normal%weak(i)
+    do i = 1, size(normal%direct)
+      k = normal%direct(i)
       do j = 1, normal%n_modes
         if (.not. abs(normal%g_load(j, k)) > 0.0_wp) cycle
         n = n + 1

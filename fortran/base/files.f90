@@ -5,7 +5,7 @@ module viscovib_files
   implicit none
   private
 
-  public :: make_folder, replace_file, remove_file, stem
+  public :: make_folder, replace_file, remove_file, stem, reason, real_path, ignore_file_limit
 
   interface
     integer(c_int) function c_mkdir(path, mode) bind(c, name='mkdir')
@@ -23,6 +23,23 @@ module viscovib_files
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
     end function c_remove
+
+    integer(c_int) function c_reason(code, text, room) bind(c, name='viscovib_reason')
+      import :: c_char, c_int
+      integer(c_int), value :: code, room
+      character(kind=c_char), intent(out) :: text(*)
+    end function c_reason
+
+    integer(c_int) function c_real_path(path, text, room) bind(c, name='viscovib_real_path')
+      import :: c_char, c_int
+      character(kind=c_char), intent(in) :: path(*)
+      character(kind=c_char), intent(out) :: text(*)
+      integer(c_int), value :: room
+    end function c_real_path
+
+    !> Writing beyond the largest size allowed is an error then, not the end of the program.
+    subroutine ignore_file_limit() bind(c, name='viscovib_ignore_file_limit')
+    end subroutine ignore_file_limit
   end interface
 
 contains
@@ -53,6 +70,26 @@ contains
     integer(c_int) :: code
     code = c_remove(path//c_null_char)
   end subroutine remove_file
+
+  !> What the system says about a failure of a file.
+  function reason(code)
+    integer(c_int), intent(in) :: code
+    character(len=:), allocatable :: reason
+    character(len=200) :: text
+    integer :: n
+    n = c_reason(code, text, len(text, c_int))
+    reason = text(:n)
+  end function reason
+
+  !> A path with links and dots resolved; empty if nothing is there.
+  function real_path(path)
+    character(len=*), intent(in) :: path
+    character(len=:), allocatable :: real_path
+    character(len=4096) :: text
+    integer :: n
+    n = c_real_path(path//c_null_char, text, len(text, c_int))
+    real_path = text(:n)
+  end function real_path
 
   !> File name without folder and without its last ending.
   pure function stem(path)

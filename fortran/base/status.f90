@@ -8,7 +8,7 @@ module viscovib_status
   implicit none
   private
 
-  public :: status_type, set_ok, fail, show
+  public :: status_type, set_ok, fail, show, clipped, one_line
 
   !> Categories of failure; the driver's exit statuses follow them.
   integer, parameter, public :: status_ok = 0
@@ -55,6 +55,36 @@ contains
     status%subject = subject
     status%message = message
   end subroutine fail
+
+  !> A message as it is shown: what would end its line, such as a new line in the name of a file,
+  !! or steer a terminal is a question mark.
+  pure function one_line(text) result(shown)
+    character(len=*), intent(in) :: text
+    character(len=len(text)) :: shown
+    integer :: i
+    shown = text
+    do i = 1, len(text)
+      if (iachar(text(i:i)) < 32 .or. iachar(text(i:i)) == 127) shown(i:i) = '?'
+    end do
+  end function one_line
+
+  !> A text that a user wrote, as it should look inside a message: not too long for a line.
+  pure function clipped(text) result(shown)
+    character(len=*), intent(in) :: text
+    character(len=:), allocatable :: shown
+    integer, parameter :: longest = 60
+    integer :: n
+    if (len(text) <= longest) then
+      shown = text
+      return
+    end if
+    ! Not within a letter of UTF-8.
+    n = longest - 3
+    do while (n > longest - 7 .and. iand(iachar(text(n + 1:n + 1)), 192) == 128)
+      n = n - 1
+    end do
+    shown = text(:n)//'...'
+  end function clipped
 
   pure function show_integer(value) result(text)
     integer, intent(in) :: value

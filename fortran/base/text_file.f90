@@ -4,10 +4,11 @@
 !! the error when a buffer cannot be written out, so that a table cut short by
 !! a full disk would pass for a whole one.
 module viscovib_text_file
-  use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_int, c_null_char, c_null_ptr, &
-    c_ptr, c_size_t
-  use viscovib_files, only: remove_file, replace_file
+  use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_int, c_int64_t, c_null_char, &
+    c_null_ptr, c_ptr
+  use viscovib_files, only: reason, remove_file, replace_file
   use viscovib_status, only: fail, show, status_input_error, status_io_error, status_type
+  use viscovib_stopping, only: set_unfinished
   implicit none
   private
 
@@ -21,7 +22,8 @@ module viscovib_text_file
   type :: text_writer
     character(len=:), allocatable, private :: path
     type(c_ptr), private :: handle = c_null_ptr
-    logical, private :: broken = .false.
+    !> Why writing failed; 0: it did not.
+    integer(c_int), private :: broken = 0
   contains
     procedure :: create
     procedure :: add_line
@@ -30,22 +32,44 @@ module viscovib_text_file
   end type text_writer
 
   interface
-    type(c_ptr) function c_fopen(path, mode) bind(c, name='fopen')
-      import :: c_char, c_ptr
-      character(kind=c_char), intent(in) :: path(*), mode(*)
-    end function c_fopen
+    integer(c_int) function c_open_to_read(path, size) bind(c, name='viscovib_open_to_read')
+      import :: c_char, c_int, c_int64_t
+      character(kind=c_char), intent(in) :: path(*)
+      integer(c_int64_t), intent(out) :: size
+    end function c_open_to_read
 
-    integer(c_size_t) function c_fwrite(text, size, n, handle) bind(c, name='fwrite')
-      import :: c_char, c_ptr, c_size_t
+    integer(c_int) function c_read_and_close(file, text, size) &
+      bind(c, name='viscovib_read_and_close')
+      import :: c_char, c_int, c_int64_t
+      integer(c_int), value :: file
+      character(kind=c_char), intent(out) :: text(*)
+      integer(c_int64_t), value :: size
+    end function c_read_and_close
+
+    subroutine c_close(file) bind(c, name='viscovib_close')
+      import :: c_int
+      integer(c_int), value :: file
+    end subroutine c_close
+
+    type(c_ptr) function c_open_to_write(path, why) bind(c, name='viscovib_open_to_write')
+      import :: c_char, c_int, c_ptr
+      character(kind=c_char), intent(in) :: path(*)
+      integer(c_int), intent(out) :: why
+    end function c_open_to_write
+
+    integer(c_int) function c_write(text, n, handle) bind(c, name='viscovib_write')
+      import :: c_char, c_int, c_int64_t, c_ptr
       character(kind=c_char), intent(in) :: text(*)
-      integer(c_size_t), value :: size, n
+      integer(c_int64_t), value :: n
       type(c_ptr), value :: handle
-    end function c_fwrite
+    end function c_write
 
-    integer(c_int) function c_fclose(handle) bind(c, name='fclose')
+    integer(c_int) function c_close_written(handle, failed_before) &
+      bind(c, name='viscovib_close_written')
       import :: c_int, c_ptr
       type(c_ptr), value :: handle
-    end function c_fclose
+      integer(c_int), value :: failed_before
+    end function c_close_written
   end interface
 
 contains
@@ -57,26 +81,25 @@ contains
     character(len=:), allocatable, intent(out) :: text
     type(status_type), intent(out) :: status
     character(len=*), parameter :: byte_order_mark = char(239)//char(187)//char(191)
-    integer :: unit, io, n, i
-    character(len=200) :: message
+    integer(c_int64_t) :: n
+    integer(c_int) :: file, why
+    integer :: i
 
-    message = ''
-    open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
-          status='old', iostat=io, iomsg=message)
-    if (io == 0) then
-      inquire (unit=unit, size=n)
-      if (n < 0 .or. n > max_size) then
-        close (unit)
-        call fail(status, status_io_error, 'file', path//': cannot be read (not a file of at ' &
-                  //'most '//show(max_size)//' bytes)')
-        return
-      end if
-      allocate (character(len=n) :: text)
-      read (unit, iostat=io, iomsg=message) text
-      close (unit)
+    file = c_open_to_read(path//c_null_char, n)
+    if (file < 0) then
+      call fail(status, status_io_error, 'file', path//': cannot be read ('//reason(file)//')')
+      return
     end if
-    if (io /= 0) then
-      call fail(status, status_io_error, 'file', path//': cannot be read ('//reason(message)//')')
+    if (n > max_size) then
+      call c_close(file)
+      call fail(status, status_io_error, 'file', path//': cannot be read (not a file of at ' &
+                //'most '//show(max_size)//' bytes)')
+      return
+    end if
+    allocate (character(len=n) :: text)
+    why = c_read_and_close(file, text, n)
+    if (why /= 0) then
+      call fail(status, status_io_error, 'file', path//': cannot be read ('//reason(why)//')')
       return
     end if
     if (index(text, byte_order_mark) == 1) text = text(4:)
@@ -91,20 +114,13 @@ contains
     class(text_writer), intent(out) :: self
     character(len=*), intent(in) :: path
     type(status_type), intent(out) :: status
-    character(len=200) :: message
-    integer :: unit, io
+    integer(c_int) :: why
 
     self%path = path
-    message = ''
-    ! Fortran's own opening says why it is not possible.
-    open (newunit=unit, file=path//'.part', action='write', status='replace', iostat=io, &
-          iomsg=message)
-    if (io == 0) then
-      close (unit)
-      self%handle = c_fopen(path//'.part'//c_null_char, 'w'//c_null_char)
-    end if
+    call set_unfinished(path//'.part')
+    self%handle = c_open_to_write(path//'.part'//c_null_char, why)
     if (.not. c_associated(self%handle)) then
-      call fail(status, status_io_error, 'out', path//': cannot be written ('//reason(message)//')')
+      call fail(status, status_io_error, 'out', path//': cannot be written ('//reason(why)//')')
     end if
   end subroutine create
 
@@ -112,10 +128,8 @@ contains
   subroutine add_line(self, line)
     class(text_writer), intent(inout) :: self
     character(len=*), intent(in) :: line
-    integer(c_size_t) :: n
-    if (self%broken .or. .not. c_associated(self%handle)) return
-    n = int(len(line) + 1, c_size_t)
-    self%broken = c_fwrite(line//new_line('a'), 1_c_size_t, n, self%handle) /= n
+    if (self%broken /= 0 .or. .not. c_associated(self%handle)) return
+    self%broken = c_write(line//new_line('a'), len(line, c_int64_t) + 1, self%handle)
   end subroutine add_line
 
   !> Add lines, separated by new-line characters, each behind a "# ".
@@ -137,28 +151,17 @@ contains
     class(text_writer), intent(inout) :: self
     type(status_type), intent(out) :: status
     if (.not. c_associated(self%handle)) return
-    if (c_fclose(self%handle) /= 0_c_int) self%broken = .true.
+    self%broken = c_close_written(self%handle, self%broken)
     self%handle = c_null_ptr
-    if (self%broken) then
+    if (self%broken /= 0) then
       call remove_file(self%path//'.part')
-      call fail(status, status_io_error, 'out', self%path//': writing failed (disk full?)')
+      call fail(status, status_io_error, 'out', self%path//': writing failed (' &
+                //reason(self%broken)//')')
       return
     end if
     call replace_file(self%path//'.part', self%path, status)
+    call set_unfinished('')
   end subroutine finish
-
-  !> What the system says, less the file name that the compiler puts before it.
-  pure function reason(message)
-    character(len=*), intent(in) :: message
-    character(len=:), allocatable :: reason
-    integer :: colon
-    colon = index(message, "': ", back=.true.)
-    if (colon > 0) then
-      reason = trim(message(colon + 3:))
-    else
-      reason = trim(message)
-    end if
-  end function reason
 
   !> Position of the first control byte, or byte out of place in UTF-8; else 0.
   pure integer function first_strange_byte(text) result(start)

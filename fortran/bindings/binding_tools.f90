@@ -13,7 +13,7 @@ module viscovib_binding_tools
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: reduce
   use viscovib_response, only: response_options
-  use viscovib_status, only: fail, status_input_error, status_type
+  use viscovib_status, only: fail, one_line, status_input_error, status_type
   use viscovib_system_vector, only: polynomial_from_vector
   implicit none
   private
@@ -190,7 +190,7 @@ contains
     character(len=*), intent(out) :: message
     status = outcome%category
     message = ''
-    if (outcome%failed()) message = outcome%message
+    if (outcome%failed()) message = one_line(outcome%message)
   end subroutine report
 
 end module viscovib_binding_tools

@@ -12,7 +12,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
                         series, n_rows, n_series, parameter, direction, nu, start, finish, &
                         harmonics, symmetric, tolerance, max_points, max_step, stops, n_stops, &
                         leave, begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
-                        cancel, n_points, ended, n_used, p, iterations, kept, truncation, &
+                        cancel, n_points, ended, n_used, p, iterations, error, kept, truncation, &
                         coefficients, is_stop, n_folds, &
                         folds, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
                         across, branch_before, stable, growing, multipliers, exponents, &
@@ -52,8 +52,10 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   integer(c_int), intent(out) :: n_points, ended, n_used, n_folds, n_branch_points, status
   real(c_double), intent(out) :: p(max_points)
   integer(c_int), intent(out) :: iterations(max_points), is_stop(max_points)
-  !> If orders are chosen: how many each point keeps, and the relative error of leaving out
-  !! the others.
+  !> What the last correction and rounding leave, relative to each motion.
+  real(c_double), intent(out) :: error(max_points)
+  !> How many orders each point keeps, and the estimated relative error of leaving out the
+  !! others.
   integer(c_int), intent(out) :: kept(max_points)
   real(c_double), intent(out) :: truncation(max_points)
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_rows - 1, max_points)
@@ -132,13 +134,12 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
     shape_x = [2*n_used, n_rows - 1]
     if (found == outcome_converged) then
       n_points = branch%n_points
-      if (allocated(branch%kept)) then
-        kept(:n_points) = branch%kept(:n_points)/(2*(n_rows - 1))
-        truncation(:n_points) = branch%truncation(:n_points)
-      end if
+      kept(:n_points) = branch%kept(:n_points)/(2*(n_rows - 1))
+      truncation(:n_points) = branch%truncation(:n_points)
       ended = branch%outcome
       p(:n_points) = branch%parameter(:n_points)
       iterations(:n_points) = branch%iterations(:n_points)
+      error(:n_points) = branch%error(:n_points)
       call to_complex(branch%x(:, :n_points), coefficients(:n_used, :, :n_points))
       is_stop = 0
       is_stop(branch%stops) = 1

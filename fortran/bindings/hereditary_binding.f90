@@ -2,7 +2,9 @@
 ! mount_binding.
 
 !> A run from time 0 in steps h; first steps are done already. The load is
-!! Im sum_k amplitudes(:,k) exp(i frequencies(k) t) and cubics between breaks. s
+!! Im sum_k amplitudes(:,k) exp(i frequencies(k) t) and cubics between breaks. Steps end
+!! at `ends`, `made_by` of them by each, none of this or a later run being shorter than
+!! `shortest`; if none of these is greater than 0 they are equal. s
 !! nodes a step; past: 1 exponentials, 2 step by step; held: the displacement for
 !! all t < 0, or before the first of the times `before` with displacements `moved`,
 !! ascending to 0. With resume /= 0, `memory` is what an earlier call returned in
@@ -12,30 +14,31 @@
 !! computed, as `moving_coordinates` tells; the others stay at rest.
 subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
                           frequencies, amplitudes, n_dof, n_frequencies, breaks, pieces, &
-                          n_breaks, s, past, held, before, moved, n_before, moves, initial, h, &
-                          t_end, tolerance, first, n_steps, &
-                          save_every, resume, memory, n_memory, times, n_times, n_columns, &
-                          states, at_times, last, kept, n_kept, n_done, n_reached, ended, &
-                          n_iterations, resolution, reason, status, message)
+                          n_breaks, ends, made_by, n_ends, s, past, held, before, moved, &
+                          n_before, moves, initial, h, shortest, t_end, tolerance, first, &
+                          n_steps, save_every, resume, memory, n_memory, times, n_times, &
+                          n_columns, states, at_times, last, kept, n_kept, n_done, n_reached, &
+                          ended, n_iterations, resolution, reason, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: keep_moving, make_system, report
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary
   use viscovib_hereditary_run, only: run_hereditary
+  use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_oscillator, only: oscillator_type
   use viscovib_reduction, only: state_mask
   use viscovib_status, only: status_type
   use viscovib_time_load, only: time_load_type
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_dof, n_frequencies
-  integer(c_int), intent(in) :: n_breaks, s, past, resume, n_before, n_memory, n_times, n_columns
-  integer(c_int), intent(in) :: moves(n_dof)
-  integer(c_long), intent(in) :: first, n_steps, save_every
-  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi)
+  integer(c_int), intent(in) :: n_ends, n_breaks, s, past, resume, n_before, n_memory, n_times
+  integer(c_int), intent(in) :: n_columns, moves(n_dof)
+  integer(c_long), intent(in) :: first, n_steps, save_every, made_by(n_ends)
+  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), ends(n_ends)
   real(c_double), intent(in) :: frequencies(n_frequencies), breaks(n_breaks)
   complex(c_double_complex), intent(in) :: amplitudes(n_dof, n_frequencies)
   real(c_double), intent(in) :: pieces(n_dof, 4, n_breaks), held(n_dof), initial(2*n_dof)
   real(c_double), intent(in) :: before(n_before), moved(n_dof, n_before)
-  real(c_double), intent(in) :: h, t_end, tolerance
+  real(c_double), intent(in) :: h, shortest, t_end, tolerance
   real(c_double), intent(in) :: memory(n_memory), times(n_times)
   real(c_double), intent(out) :: states(2*n_dof, n_columns), at_times(2*n_dof, n_times)
   real(c_double), intent(out) :: last(2*n_dof), kept(n_memory), resolution
@@ -46,6 +49,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   class(oscillator_type), allocatable :: system
   type(hereditary_type) :: run
   type(time_load_type) :: load
+  type(mesh_type) :: mesh
   type(status_type) :: outcome
   real(c_double), allocatable :: some_states(:, :), some_at_times(:, :)
   integer, allocatable :: dofs(:), rows(:)
@@ -70,18 +74,25 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     load%amplitudes = amplitudes(dofs, :)
     load%breaks = breaks
     load%pieces = pieces(dofs, :, :)
-    call new_hereditary(run, system, load, s, past, held(dofs), initial(2*dofs - 1), &
-                        initial(2*dofs), h, t_end, tolerance, reason, before, moved(dofs, :))
+    call new_mesh(mesh, h, ends, made_by)
+    if (mesh%is_broken()) then
+      call new_hereditary(run, system, load, s, past, held(dofs), initial(2*dofs - 1), &
+                          initial(2*dofs), mesh%h(mesh%piece_of(first)), t_end, tolerance, &
+                          reason, before, moved(dofs, :), shortest)
+    else
+      call new_hereditary(run, system, load, s, past, held(dofs), initial(2*dofs - 1), &
+                          initial(2*dofs), h, t_end, tolerance, reason, before, moved(dofs, :))
+    end if
     if (reason == begun) then
       if (resume /= 0) call run%load_memory(memory)
       if (size(dofs) == n_dof) then
         call run_hereditary(run, system, load, first, n_steps, save_every, times, states, &
-                            at_times, n_done, n_reached, ended)
+                            at_times, n_done, n_reached, ended, mesh)
       else
         allocate (some_states(size(rows), n_columns), some_at_times(size(rows), n_times))
         some_at_times = 0.0_c_double
         call run_hereditary(run, system, load, first, n_steps, save_every, times, some_states, &
-                            some_at_times, n_done, n_reached, ended)
+                            some_at_times, n_done, n_reached, ended, mesh)
         states = 0.0_c_double
         states(rows, :) = some_states
         at_times(rows, :) = some_at_times

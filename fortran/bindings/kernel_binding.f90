@@ -157,3 +157,25 @@ subroutine kernel_accumulated(kind, data, n_data, t, n, total, status, message)
   end if
   call report(outcome, status, message)
 end subroutine kernel_accumulated
+
+!> Integral before the first time of a table that its interpolant lacks; 0 of other kernels.
+subroutine kernel_unseen(kind, data, n_data, unseen, status, message)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_kernel, report
+  use viscovib_kernel, only: kernel_type
+  use viscovib_status, only: status_type
+  use viscovib_tabulated, only: unseen_integral
+  implicit none
+  integer(c_int), intent(in) :: kind, n_data
+  real(c_double), intent(in) :: data(n_data)
+  real(c_double), intent(out) :: unseen
+  integer(c_int), intent(out) :: status
+  character(len=512), intent(out) :: message
+  class(kernel_type), allocatable :: kernel
+  type(status_type) :: outcome
+
+  unseen = 0.0_c_double
+  call make_kernel(kernel, kind, data, outcome)
+  if (.not. outcome%failed()) unseen = unseen_integral(kernel)
+  call report(outcome, status, message)
+end subroutine kernel_unseen

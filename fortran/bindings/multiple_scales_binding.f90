@@ -131,8 +131,8 @@ end subroutine scales_form
 subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind_phi, &
                          data_phi, n_phi, &
                          tolerance, n_modes, given, start, state, times, n, accuracy, max_steps, &
-                         cancel, amplitudes, first, motion, sizes, frame, n_reached, n_steps, &
-                         outcome_of, status, message)
+                         cancel, amplitudes, first, motion, sizes, frame, expected, n_reached, &
+                         n_steps, outcome_of, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_modulation, only: modulate
@@ -152,6 +152,8 @@ subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
   integer(c_int), intent(inout) :: cancel(1)
   complex(c_double_complex), intent(out) :: amplitudes(n_modes, n), first(n_modes)
   real(c_double), intent(out) :: motion(n_modes, 2, n), sizes(4, n), frame(n_modes)
+  !> Amplitudes that resonances were chosen for, in natural units: `scales_errors` needs them.
+  real(c_double), intent(out) :: expected(n_modes)
   integer(c_int), intent(out) :: n_reached, n_steps, outcome_of, status
   character(len=512), intent(out) :: message
   !f2py threadsafe
@@ -159,7 +161,7 @@ subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
   type(multiple_scales_type) :: scales
   type(status_type) :: outcome
   complex(c_double_complex) :: a(n_modes)
-  integer :: i
+  integer :: i, round
 
   amplitudes = (0.0_c_double, 0.0_c_double)
   first = (0.0_c_double, 0.0_c_double)
@@ -170,12 +172,18 @@ subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
   n_steps = 0
   outcome_of = 0
   call make_form(packed, flat, kind_x, data_x, kind_phi, data_phi, form, outcome)
-  if (.not. outcome%failed()) call new_multiple_scales(scales, form, tolerance, .false., outcome)
-  if (.not. outcome%failed()) then
+  expected = 0.0_c_double
+  do round = 1, 2
+    if (outcome%failed()) exit
+    call new_multiple_scales(scales, form, tolerance, .false., outcome, sizes=expected)
+    if (outcome%failed()) exit
     frame = scales%flow%frame
     a = start/scales%amplitude_units
     if (given == 0) call amplitudes_of_state(scales, state(:, 1), state(:, 2), a, outcome)
-  end if
+    if (outcome%failed()) exit
+    if (.not. scales%normal%choosing .or. .not. scales%normal%wants_more(abs(a))) exit
+    if (round == 1) expected = abs(a)
+  end do
   if (.not. outcome%failed()) then
     first = a*scales%amplitude_units
     call modulate(scales%flow, a, times, accuracy, max_steps, amplitudes, n_reached, n_steps, &
@@ -192,8 +200,8 @@ end subroutine scales_motion
 !> Errors of a motion at times, from the amplitudes there: `scales_motion` gave them.
 subroutine scales_errors(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind_phi, &
                          data_phi, n_phi, &
-                         tolerance, n_modes, n_dof, times, n, amplitudes, cancel, errors, status, &
-                         message)
+                         tolerance, n_modes, n_dof, times, n, amplitudes, expected, cancel, &
+                         errors, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
@@ -205,7 +213,7 @@ subroutine scales_errors(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
   integer(c_int), intent(in) :: n_packed, n_flat, kind_x, n_x, kind_phi, n_phi, n_modes, n_dof, n
   real(c_double), intent(in) :: packed(n_packed), flat(n_flat)
   real(c_double), intent(in) :: data_x(n_x), data_phi(n_phi), tolerance
-  real(c_double), intent(in) :: times(n)
+  real(c_double), intent(in) :: times(n), expected(n_modes)
   complex(c_double_complex), intent(in) :: amplitudes(n_modes, n)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
@@ -219,7 +227,8 @@ subroutine scales_errors(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
 
   errors = 0.0_c_double
   call make_form(packed, flat, kind_x, data_x, kind_phi, data_phi, form, outcome)
-  if (.not. outcome%failed()) call new_multiple_scales(scales, form, tolerance, .false., outcome)
+  if (.not. outcome%failed()) call new_multiple_scales(scales, form, tolerance, .false., outcome, &
+                                                            sizes=expected)
   if (.not. outcome%failed()) then
     call motion_errors(scales, form%full, times, &
                        amplitudes/spread(scales%amplitude_units, 2, n), errors, cancel(1))
@@ -232,7 +241,8 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
                            data_phi, n_phi, &
                            tolerance, load, vary, values, n, with_errors, n_modes, n_dof, &
                            max_points, cancel, n_points, which, amplitudes, frames, eigenvalues, &
-                           harmonics, sizes, harmonic_errors, motion_errors, status, message)
+                           harmonics, sizes, left_out, harmonic_errors, motion_errors, status, &
+                           message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_polynomial_form, only: polynomial_form_type
@@ -251,6 +261,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
   complex(c_double_complex), intent(out) :: eigenvalues(2*n_modes, max_points)
   complex(c_double_complex), intent(out) :: harmonics(n_dof, max_points)
   real(c_double), intent(out) :: frames(n_modes, max_points), sizes(4, max_points)
+  real(c_double), intent(out) :: left_out(max_points)
   real(c_double), intent(out) :: harmonic_errors(n_dof, max_points), &
                                  motion_errors(n_dof, max_points)
   character(len=512), intent(out) :: message
@@ -275,6 +286,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
     eigenvalues(:, :m) = points%eigenvalues(:, :m)
     harmonics(:, :m) = points%harmonic(:, :m)
     sizes(:, :m) = points%sizes(:, :m)
+    left_out(:m) = points%left_out(:m)
     if (with_errors /= 0) then
       harmonic_errors(:, :m) = points%harmonic_errors(:, :m)
       motion_errors(:, :m) = points%motion_errors(:, :m)

@@ -20,14 +20,18 @@ subroutine polynomial_check(flat, n_flat, status, message)
 end subroutine polynomial_check
 
 !> Motion of a system without memory; the load and its frequency as in mount_binding,
-!! all else as in `pendulum_simulate`; moves as in `mount_simulate`.
-subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, nu, method, &
-                               moves, initial, h, tolerance, first, n_steps, save_every, resume, &
+!! all else as in `pendulum_simulate`; moves, breaks, pieces, ends and made_by as in
+!! `mount_simulate`, with less than two breaks there is no load but the periodic one.
+subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, nu, breaks, &
+                               pieces, n_breaks, ends, made_by, n_ends, method, moves, initial, &
+                               h, tolerance, first, n_steps, save_every, resume, &
                                memory, n_memory, times, n_times, n_columns, states, at_times, &
-                               last, kept, n_done, ended, n_evaluations, status, message)
+                               last, kept, n_done, n_reached, t_reached, ended, n_evaluations, &
+                               status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_load, report
   use viscovib_load, only: load_type
+  use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_method_catalogue, only: new_stepper
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
@@ -37,16 +41,17 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   use viscovib_stepper, only: stepper_type
   use viscovib_system_vector, only: polynomial_from_vector
   implicit none
-  integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series)
+  integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series), n_breaks, n_ends
   integer(c_int), intent(in) :: method, resume, n_memory, n_times, n_columns, moves(n_rows - 1)
-  integer(c_long), intent(in) :: first, n_steps, save_every
+  integer(c_long), intent(in) :: first, n_steps, save_every, made_by(n_ends)
+  real(c_double), intent(in) :: breaks(n_breaks), pieces(n_rows - 1, 4, n_breaks), ends(n_ends)
   real(c_double), intent(in) :: flat(n_flat), nu, initial(2*n_rows - 2), h, tolerance
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(in) :: memory(n_memory), times(n_times)
   real(c_double), intent(out) :: states(2*n_rows - 2, n_columns), at_times(2*n_rows - 2, n_times)
-  real(c_double), intent(out) :: kept(n_memory), last(2*n_rows - 2)
+  real(c_double), intent(out) :: kept(n_memory), last(2*n_rows - 2), t_reached
   integer(c_long), intent(out) :: n_done, n_evaluations
-  integer(c_int), intent(out) :: ended, status
+  integer(c_int), intent(out) :: n_reached, ended, status
   character(len=512), intent(out) :: message
   !f2py threadsafe
   type(polynomial_type) :: system
@@ -56,6 +61,7 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   type(status_type) :: outcome
   type(polynomial_type) :: reduced
   type(load_type) :: part
+  type(mesh_type) :: mesh
   real(c_double), allocatable :: some_states(:, :), some_at_times(:, :)
   integer, allocatable :: dofs(:), rows(:)
   integer :: i
@@ -64,6 +70,8 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   last = initial
   at_times = 0.0_c_double
   n_done = 0
+  n_reached = 0
+  t_reached = 0.0_c_double
   n_evaluations = 0
   ended = 0
   call polynomial_from_vector(system, flat, outcome)
@@ -80,17 +88,19 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
     end if
   end if
   if (.not. outcome%failed()) then
+    if (n_breaks > 1) call motion%add_table(breaks, pieces(dofs, :, :))
+    call new_mesh(mesh, h, ends, made_by)
     call new_stepper(stepper, motion, method, initial(2*dofs - 1), initial(2*dofs), 0.0_c_double, &
-                     h, tolerance)
+                     mesh%h(mesh%piece_of(first)), tolerance)
     if (resume /= 0) call stepper%load_memory(memory(:stepper%memory_size()))
     if (size(dofs) == n_rows - 1) then
       call simulate(stepper, motion, first, n_steps, save_every, times, states, at_times, n_done, &
-                    ended)
+                    n_reached, t_reached, ended, mesh)
     else
       allocate (some_states(size(rows), n_columns), some_at_times(size(rows), n_times))
       some_at_times = 0.0_c_double
       call simulate(stepper, motion, first, n_steps, save_every, times, some_states, &
-                    some_at_times, n_done, ended)
+                    some_at_times, n_done, n_reached, t_reached, ended, mesh)
       states = 0.0_c_double
       states(rows, :) = some_states
       at_times(rows, :) = some_at_times

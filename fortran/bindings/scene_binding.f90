@@ -2,13 +2,15 @@
 
 !> Read a scene and give it back as a namelist with every default written out.
 !! If the text is longer than the room given, n_text says what is needed.
-subroutine scene_canonical(path, max_text, text, n_text, status, message)
+subroutine scene_canonical(path, allow_paths, max_text, text, n_text, status, message)
   use, intrinsic :: iso_c_binding, only: c_int
   use viscovib_binding_tools, only: report
   use viscovib_scene, only: read_scene, scene_type
   use viscovib_status, only: status_type
   implicit none
   character(len=*), intent(in) :: path
+  !> Files that it names may be anywhere, not only in its folder or below.
+  integer(c_int), intent(in) :: allow_paths
   integer(c_int), intent(in) :: max_text
   character(len=1), intent(out) :: text(max_text)
   integer(c_int), intent(out) :: n_text, status
@@ -19,7 +21,7 @@ subroutine scene_canonical(path, max_text, text, n_text, status, message)
 
   text = ' '
   n_text = 0
-  call read_scene(path, scene, outcome)
+  call read_scene(path, scene, outcome, allow_paths=allow_paths /= 0)
   if (.not. outcome%failed()) then
     n_text = len(scene%canonical)
     do i = 1, min(n_text, max_text)
@@ -121,3 +123,12 @@ subroutine branch_plan(parameter, from, to, n_orders, with_stability, text)
     text = plan_branch('the parameter', from, to, n_orders, with_stability /= 0)
   end if
 end subroutine branch_plan
+
+!> Ask loops that may take long to end with what they have (1), or to go on (0).
+subroutine stop_loops(flag)
+  use, intrinsic :: iso_c_binding, only: c_int
+  use viscovib_stopping, only: want_stop
+  implicit none
+  integer(c_int), intent(in) :: flag
+  call want_stop(flag /= 0)
+end subroutine stop_loops

@@ -29,28 +29,34 @@ subroutine windowed_spectrum(signals, n, m, window, spectra, n_spectrum, bandwid
   bandwidth = noise_bandwidth(window)
 end subroutine windowed_spectrum
 
-!> Sums of a least squares fit of lines, each a column (omega, a, b); see
+!> Sums of a least squares fit of lines, each a column (omega, decay, a, b), the first
+!! n_free frequencies and the rates of decay of the lines named being free; see
 !! viscovib_line_fit.
-subroutine fit_sums(signal, n, lines, n_lines, mean, n_free, n_columns, matrix, right, total)
+subroutine fit_sums(signal, n, lines, n_lines, mean, n_free, free_decay, n_decay, n_columns, &
+                    matrix, right, total)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use viscovib_line_fit, only: line_sums
+  use viscovib_line_fit, only: line_sums, lines_type, new_lines
   implicit none
-  integer(c_int), intent(in) :: n, n_lines, n_free, n_columns
-  real(c_double), intent(in) :: signal(n), lines(3, n_lines), mean
+  integer(c_int), intent(in) :: n, n_lines, n_free, n_decay, n_columns
+  real(c_double), intent(in) :: signal(n), lines(4, n_lines), mean
+  integer(c_int), intent(in) :: free_decay(n_decay)
   real(c_double), intent(out) :: matrix(n_columns, n_columns), right(n_columns), total
+  type(lines_type) :: fitted
   !f2py threadsafe
-  call line_sums(signal, lines(1, :), lines(2, :), lines(3, :), mean, n_free, matrix, right, &
-                 total)
+  call new_lines(fitted, lines, mean)
+  call line_sums(signal, fitted, n_free, free_decay, matrix, right, total)
 end subroutine fit_sums
 
 !> What lines leave of a signal.
 subroutine fit_residual(signal, n, lines, n_lines, mean, residual)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use viscovib_line_fit, only: line_residual
+  use viscovib_line_fit, only: line_residual, lines_type, new_lines
   implicit none
   integer(c_int), intent(in) :: n, n_lines
-  real(c_double), intent(in) :: signal(n), lines(3, n_lines), mean
+  real(c_double), intent(in) :: signal(n), lines(4, n_lines), mean
   real(c_double), intent(out) :: residual(n)
+  type(lines_type) :: fitted
   !f2py threadsafe
-  call line_residual(signal, lines(1, :), lines(2, :), lines(3, :), mean, residual)
+  call new_lines(fitted, lines, mean)
+  call line_residual(signal, fitted, residual)
 end subroutine fit_residual

@@ -1,13 +1,14 @@
 ! Flat routines over motion in time, for f2py. A pendulum is a vector as in
 ! pendulum_binding.
 
-!> A run from time 0 in steps h; first steps are done already. method: the
+!> A run from time 0 in steps h; first steps are done already; `last` is the state at
+!! t_reached, n_reached of the times lie before. method: the
 !! place in `transient_methods`. With resume /= 0, `memory` is what an earlier call
 !! returned in `kept`. swings = 0: of the spring alone, phi = psi = 0.
 subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first, n_steps, &
                              save_every, resume, memory, n_memory, times, n_times, n_columns, &
-                             states, at_times, last, kept, n_done, ended, n_evaluations, &
-                             status, message)
+                             states, at_times, last, kept, n_done, n_reached, t_reached, ended, &
+                             n_evaluations, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_long
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_method_catalogue, only: new_stepper
@@ -22,9 +23,9 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
   real(c_double), intent(in) :: flat(14), initial(6), h, tolerance, memory(n_memory)
   real(c_double), intent(in) :: times(n_times)
   real(c_double), intent(out) :: states(6, n_columns), at_times(6, n_times), kept(n_memory)
-  real(c_double), intent(out) :: last(6)
+  real(c_double), intent(out) :: last(6), t_reached
   integer(c_long), intent(out) :: n_done, n_evaluations
-  integer(c_int), intent(out) :: ended, status
+  integer(c_int), intent(out) :: n_reached, ended, status
   character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type) :: system
@@ -37,6 +38,8 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
   last = initial
   at_times = 0.0_c_double
   n_done = 0
+  n_reached = 0
+  t_reached = 0.0_c_double
   n_evaluations = 0
   ended = 0
   call make_pendulum(system, flat, outcome)
@@ -48,7 +51,7 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
     allocate (spring_states(2, n_columns), spring_at_times(2, n_times))
     spring_at_times = 0.0_c_double
     call simulate(stepper, spring, first, n_steps, save_every, times, spring_states, &
-                  spring_at_times, n_done, ended)
+                  spring_at_times, n_done, n_reached, t_reached, ended)
     states = 0.0_c_double
     states(:2, :) = spring_states
     at_times(:2, :) = spring_at_times
@@ -61,7 +64,7 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
                      tolerance)
     if (resume /= 0) call stepper%load_memory(memory(:stepper%memory_size()))
     call simulate(stepper, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                  ended)
+                  n_reached, t_reached, ended)
     kept(:stepper%memory_size()) = stepper%save_memory()
     last(1::2) = stepper%q
     last(2::2) = stepper%v
@@ -75,7 +78,7 @@ end subroutine pendulum_simulate
 !! may be set by another thread.
 subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sample_every, &
                              section_every, n_sections, n_moments, n_lyapunov, lines, n_lines, &
-                             n_section_runs, cancel, state, ended, n_done, peak, mean, rms, &
+                             n_section_runs, cancel, state, ended, t_reached, peak, mean, rms, &
                              amplitudes, sections, lyapunov, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_pendulum, report
@@ -94,7 +97,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
   complex(c_double_complex), intent(out) :: amplitudes(3, n_lines, n)
   real(c_double), intent(inout) :: sections(6, n_sections, n_section_runs)
   integer(c_int), intent(out) :: ended(n), status
-  integer(c_long), intent(out) :: n_done(n)
+  real(c_double), intent(out) :: t_reached(n)
   character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type) :: system, other
@@ -135,7 +138,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
       state(1::2, i) = block%q(l, :)
       state(2::2, i) = block%v(l, :)
       ended(i) = block%outcome(l)
-      n_done(i) = block%n_done(l)
+      t_reached(i) = block%t_reached(l)
       if (job%moments) then
         peak(1::2, i) = block%peak(l, :, 1)
         peak(2::2, i) = block%peak(l, :, 2)

@@ -122,23 +122,71 @@ contains
     class(rabotnov_kernel), intent(in) :: self
     real(wp), intent(in) :: t(:)
     real(wp), intent(out) :: r(:)
-    real(wp) :: z
-    integer :: i
+    real(wp) :: z(size(t))
+    logical :: late(size(t))
 
-    do i = 1, size(t)
-      z = self%beta*t(i)**self%alpha
-      if (self%alpha == 1.0_wp) then
-        r(i) = self%amplitude*exp(-z)
-      else if (z < 0.5_wp) then
-        r(i) = self%amplitude*t(i)**(self%alpha - 1.0_wp)*series(self%alpha, z)
-      else
-        r(i) = self%amplitude/(self%beta*t(i))*contour(self%alpha, z)
-      end if
-    end do
+    if (self%alpha == 1.0_wp) then
+      r = self%amplitude*exp(-self%beta*t)
+      return
+    end if
+    z = self%beta*t**self%alpha
+    late = z >= 0.5_wp
+    where (.not. late) r = self%amplitude*t**(self%alpha - 1.0_wp)*series(self%alpha, z)
+    if (any(late)) call late_values(self, t, late, r)
   end subroutine value
 
+  !> R(t) = integral g(x) exp(-lambda t) dx, lambda = exp(x), over the positive spectrum of
+  !! `spectrum`: all terms are positive, so that no digits are lost however small alpha is.
+  !!
+  !! The trapezoidal rule with nodes x_0 + (n + 1/2) h, beta = exp(alpha x_0), leaves
+  !! exp(-pi^2/h); the poles of g at z = x_0 +- i y, y = pi (1 - alpha)/alpha, which come
+  !! near the real axis for alpha near 1, add by their residues
+  !! 2 A/(alpha beta) Re exp(z - t exp(z))/(1 + exp(2 pi y/h)) where y < pi/2.
+  subroutine late_values(self, t, late, r)
+    class(rabotnov_kernel), intent(in) :: self
+    real(wp), intent(in) :: t(:)
+    logical, intent(in) :: late(:)
+    real(wp), intent(inout) :: r(:)
+    real(wp), parameter :: h = 0.2_wp, lowest = 41.0_wp, highest = 3.8_wp
+    real(wp), allocatable :: rates(:), weights(:)
+    real(wp) :: middle, y, share, q
+    integer :: first, last, n, i
+
+    middle = log(self%beta)/self%alpha
+    first = floor((min(0.0_wp, -log(maxval(t, late)) - middle) - lowest)/h)
+    last = ceiling((-log(minval(t, late)) + highest - middle)/h)
+    allocate (rates(first:last), weights(first:last))
+    do n = first, last
+      rates(n) = exp(middle + (n + 0.5_wp)*h)
+      q = exp(-self%alpha*abs(n + 0.5_wp)*h)
+      weights(n) = rates(n)*q/((1.0_wp - q)**2 + 4.0_wp*q*cos(half_pi*self%alpha)**2)
+    end do
+    weights = weights*(h*self%amplitude/(pi*self%beta)*sin(pi*self%alpha))
+    y = pi*(1.0_wp - self%alpha)/self%alpha
+    share = 0.0_wp
+    if (y < half_pi) then
+      share = 2.0_wp*self%amplitude/(self%alpha*self%beta*(1.0_wp + exp(2.0_wp*pi*y/h)))
+    end if
+    do i = 1, size(t)
+      if (.not. late(i)) cycle
+      r(i) = 0.0_wp
+      do n = first, last
+        if (rates(n)*t(i) > 46.0_wp) exit
+        r(i) = r(i) + weights(n)*exp(-rates(n)*t(i))
+      end do
+      if (share > 0.0_wp) r(i) = r(i) + share/t(i)*decayed(cmplx(middle + log(t(i)), y, wp))
+    end do
+  end subroutine late_values
+
+  !> Re exp(w - exp(w)) for |Im w| < pi/2; 0 where exp(w) leaves the range of numbers.
+  pure real(wp) function decayed(w)
+    complex(wp), intent(in) :: w
+    decayed = 0.0_wp
+    if (real(w) < 700.0_wp) decayed = real(exp(w - exp(w)))
+  end function decayed
+
   !> E_{alpha,alpha}(-z) = sum_n (-z)^n/Gamma(alpha (n+1)), for z < 1/2.
-  pure real(wp) function series(alpha, z)
+  elemental real(wp) function series(alpha, z)
     real(wp), intent(in) :: alpha, z
     real(wp) :: power
     integer :: n
@@ -150,24 +198,6 @@ contains
       power = -power*z
     end do
   end function series
-
-  !> z E_{alpha,alpha}(-z) by inverting the Laplace transform on a contour: the
-  !! transform less its value at s = 0, -s^alpha/(s^alpha+z), whose digits survive
-  !! large z.
-  pure real(wp) function contour(alpha, z)
-    real(wp), intent(in) :: alpha, z
-    complex(wp) :: zeta, slope, power
-    integer :: k
-
-    contour = 0.0_wp
-    do k = 1, contour_nodes/2
-      call contour_point(k, zeta, slope)
-      power = principal_power(zeta, alpha)
-      ! Conjugate nodes double the imaginary part.
-      contour = contour - aimag(exp(zeta)*slope*power/(power + z))
-    end do
-    contour = contour*2.0_wp/contour_nodes
-  end function contour
 
   !> Node k of a modified Talbot contour and its derivative (Weideman, SIAM J.
   !! Numer. Anal. 44, 2006).

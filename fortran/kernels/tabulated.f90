@@ -19,8 +19,10 @@ module viscovib_tabulated
   implicit none
   private
 
-  public :: tabulated_kernel, new_tabulated
+  public :: tabulated_kernel, new_tabulated, unseen_integral
 
+  !> A table that lacks more than this part of its integral is told.
+  real(wp), parameter, public :: tabulated_unseen = 0.01_wp
   integer, parameter, public :: interpolation_linear = 0, interpolation_exponential = 1
 
   type, extends(kernel_type) :: tabulated_kernel
@@ -29,6 +31,9 @@ module viscovib_tabulated
     real(wp), allocatable :: times(:), values(:)
     !> Of each piece: slope (linear) or decay rate (exponential), shape (n-1).
     real(wp), allocatable, private :: slopes(:)
+    !> Integral of R before the first time of the table that the interpolant lacks, as
+    !! far as the first three points tell; +infinity if they do not bound it.
+    real(wp) :: unseen = 0.0_wp
   contains
     procedure :: transform
     procedure :: transform_slope
@@ -69,6 +74,7 @@ contains
     kernel%interpolation = interpolation
     kernel%times = times
     kernel%values = values
+    kernel%unseen = unseen_start(times, values, interpolation)
     select case (interpolation)
     case (interpolation_linear)
       start = values(1)
@@ -98,6 +104,49 @@ contains
       end if
     end associate
   end subroutine new_tabulated
+
+  !> Integral that a kernel lacks: of a table, before its first time; else 0.
+  pure real(wp) function unseen_integral(kernel)
+    class(kernel_type), intent(in) :: kernel
+    unseen_integral = 0.0_wp
+    select type (kernel)
+    type is (tabulated_kernel)
+      unseen_integral = kernel%unseen
+    end select
+  end function unseen_integral
+
+  !> Integral before the first time, continued as c t^p or c exp(-r t), whichever fits three
+  !! points better, less that of the interpolant: what a table of a singular kernel
+  !! loses, R = A t^(alpha-1) having the part t_1 R(t_1)/alpha there.
+  pure real(wp) function unseen_start(t, r, interpolation)
+    real(wp), intent(in) :: t(:), r(:)
+    integer, intent(in) :: interpolation
+    real(wp) :: power(2), rate(2), before, known
+
+    unseen_start = 0.0_wp
+    if (size(t) < 3) return
+    if (t(1) <= 0.0_wp .or. r(3) <= 0.0_wp .or. r(2) <= r(3) .or. r(1) <= r(2)) return
+    rate = log(r(:2)/r(2:3))/(t(2:3) - t(:2))
+    power = -log(r(:2)/r(2:3))/log(t(2:3)/t(:2))
+    known = r(1)*t(1)*mean_growth(rate(1)*t(1))
+    before = known
+    if (abs(power(2) - power(1))*sum(rate) < abs(rate(2) - rate(1))*abs(sum(power))) then
+      before = ieee_value(before, ieee_positive_inf)
+      if (power(1) > -1.0_wp) before = r(1)*t(1)/(1.0_wp + power(1))
+    end if
+    if (interpolation == interpolation_linear) known = r(1)*t(1)
+    unseen_start = max(before - known, 0.0_wp)
+  end function unseen_start
+
+  !> integral_0^1 exp(z u) du for real z >= 0; infinite beyond the range of numbers.
+  pure real(wp) function mean_growth(z)
+    real(wp), intent(in) :: z
+    if (z > 700.0_wp) then
+      mean_growth = huge(z)
+    else
+      mean_growth = real(mean_wave(cmplx(-z, 0.0_wp, wp)))
+    end if
+  end function mean_growth
 
   subroutine transform(self, mu, cosine, sine)
     class(tabulated_kernel), intent(in) :: self

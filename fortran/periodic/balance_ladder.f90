@@ -10,33 +10,31 @@ module viscovib_balance_ladder
   implicit none
   private
 
-  public :: balance_ladder_type, lowest_order, new_ladder, one_rung
-
-  !> Rungs by which a balance that judges another is above it.
-  integer, parameter, public :: probe_rungs = 1
+  public :: balance_ladder_type, lowest_order, new_ladder, one_rung, judging_order
 
   type :: rung_type
     logical :: ready = .false.
     !> Frequencies for which balance and compliance stand, 0 for none.
     real(wp) :: balance_nu = 0.0_wp, compliance_nu = 0.0_wp
     type(balance_type) :: balance
-    !> Inverse dynamic stiffness of the orders that the rung `probe_rungs` lower leaves
-    !! out, shape (n_dof, n_dof, n left out).
+    !> Inverse dynamic stiffness of the orders that the rung judged leaves out, shape
+    !! (n_dof, n_dof, n left out).
+    integer :: judged = 0
     complex(wp), allocatable :: compliance(:, :, :)
   end type rung_type
 
   type :: balance_ladder_type
     !> Rungs that may be solved on; above them are some for judging only.
     integer :: n_rungs = 0
-    !> A choice is given at all.
-    logical :: adaptive = .false.
     logical, private :: half_wave = .false.
     integer, private :: degree = 0, lowest = 1, step = 1
+    type(load_type), private :: load
     type(rung_type), allocatable :: rungs(:)
   contains
     procedure :: highest
     procedure :: n_orders
     procedure :: rung_of
+    procedure :: probe_of
     procedure :: prepare
     procedure :: prepare_probe
     procedure :: forget
@@ -63,6 +61,16 @@ contains
     order_step = 2*max(order_step, 1)
   end function order_step
 
+  !> The highest order of the balance that judges another, of a highest order. Orders fall off
+  !! in bands: a response to order l of the load alone has, with order k, by a cubic force
+  !! k + 2 l next; and a force of degree d brings d times the load's highest order at once. No
+  !! more than some twice as many are judged.
+  pure integer function judging_order(load, degree, highest) result(order)
+    type(load_type), intent(in) :: load
+    integer, intent(in) :: degree, highest
+    order = max(highest + 2*lowest_order(load), min(degree*lowest_order(load), 2*highest + 1))
+  end function judging_order
+
   pure recursive integer function common_divisor(a, b) result(c)
     integer, intent(in) :: a, b
     c = a
@@ -79,24 +87,28 @@ contains
     !> Highest order to solve with, at least `lowest_order`.
     integer, intent(in) :: most
 
-    ladder%adaptive = .true.
     ladder%half_wave = half_wave
     ladder%degree = system%degree
     ladder%lowest = lowest_order(load)
     ladder%step = order_step(load)
+    ladder%load = load
     ladder%n_rungs = 1 + max(0, most - ladder%lowest)/ladder%step
-    allocate (ladder%rungs(ladder%n_rungs + probe_rungs))
+    allocate (ladder%rungs(ladder%probe_of(ladder%n_rungs)))
   end subroutine new_ladder
 
-  !> No choice: the orders of a set.
-  subroutine one_rung(ladder, system, set)
+  !> No choice: the orders of a set, which those above only judge.
+  subroutine one_rung(ladder, system, load, set)
     type(balance_ladder_type), intent(out) :: ladder
     class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
     type(harmonic_set_type), intent(in) :: set
     ladder%n_rungs = 1
     ladder%half_wave = set%half_wave
+    ladder%degree = system%degree
     ladder%lowest = set%orders(size(set%orders))
-    allocate (ladder%rungs(1))
+    ladder%step = order_step(load)
+    ladder%load = load
+    allocate (ladder%rungs(ladder%probe_of(1)))
     call new_balance(ladder%rungs(1)%balance, system, set)
     ladder%rungs(1)%ready = .true.
   end subroutine one_rung
@@ -123,6 +135,15 @@ contains
     rung_of = 1 + max(0, order - self%lowest + self%step - 1)/self%step
     rung_of = min(rung_of, self%n_rungs)
   end function rung_of
+
+  !> The rung that judges another.
+  pure integer function probe_of(self, rung) result(probe)
+    class(balance_ladder_type), intent(in) :: self
+    integer, intent(in) :: rung
+    integer :: beyond
+    beyond = judging_order(self%load, self%degree, self%highest(rung)) - self%highest(rung)
+    probe = rung + (beyond + self%step - 1)/self%step
+  end function probe_of
 
   !> Make a rung ready for a frequency.
   subroutine prepare(self, rung, system, load, nu)
@@ -156,14 +177,18 @@ contains
     integer :: k, d, n
     logical :: singular
 
-    call self%prepare(rung + probe_rungs, system, load, nu)
-    associate (here => self%rungs(rung + probe_rungs))
-      if (.not. abs(here%compliance_nu - nu) > 0.0_wp) return
+    call self%prepare(self%probe_of(rung), system, load, nu)
+    associate (here => self%rungs(self%probe_of(rung)))
+      if (.not. abs(here%compliance_nu - nu) > 0.0_wp .and. here%judged == rung) return
       d = system%n_dof()
       associate (orders => here%balance%set%orders(self%n_orders(rung) + 1:))
         n = size(orders)
         allocate (stiffness(d, d, n), fraction(n, system%n_memory()))
-        if (.not. allocated(here%compliance)) allocate (here%compliance(d, d, n))
+        if (here%judged /= rung) then
+          if (allocated(here%compliance)) deallocate (here%compliance)
+          allocate (here%compliance(d, d, n))
+          here%judged = rung
+        end if
         call system%retained(orders*nu, fraction)
         call system%dynamic_stiffness(orders*nu, fraction, stiffness)
       end associate

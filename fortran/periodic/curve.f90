@@ -17,6 +17,9 @@ module viscovib_curve
     !> By which squares of unknowns weigh in lengths, such as inertia, shape (n); 1 if
     !! not allocated.
     real(wp), allocatable :: weights(:)
+    !> Unknowns that are one number with a phase, such as an order of a coordinate: the last of
+    !! each such group, ascending; not allocated where that means nothing.
+    integer, allocatable :: last_of_group(:)
     real(wp), allocatable, private :: work(:, :), slope(:)
   contains
     procedure(equations_interface), deferred :: equations

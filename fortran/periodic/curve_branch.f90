@@ -7,12 +7,14 @@
 !! null vector leads onto the other branch.
 module viscovib_curve_branch
   use viscovib_curve, only: curve_type
-  use viscovib_curve_corrector, only: aim, angle_between, copy_point, correct, corrector_type, &
-    curve_point, distance, new_corrector, new_point, normalize, respond, reverse
+  use viscovib_curve_corrector, only: aim, angle_between, compare, copy_point, correct, &
+    corrector_type, curve_point, distance, new_corrector, new_point, normalize, respond, reverse, &
+    rounding_of
   use viscovib_curve_events, only: empty, locate_branch_point, locate_fold, locate_value, nowhere, &
     special_points
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted, sized_curve_type
+  use viscovib_stopping, only: stop_wanted
   implicit none
   private
 
@@ -20,13 +22,13 @@ module viscovib_curve_branch
 
   !> How a branch ended: at the wanted end; back where it began; points used up; no
   !! step small enough; out of the range of numbers; at the end of what the equations
-  !! describe; closed, back at its first point.
+  !! describe; closed, back at its first point; the time for it over.
   integer, parameter, public :: curve_completed = 0, curve_returned = 1, curve_step_limit = 2, &
                                 curve_stuck = 3, curve_overflow = 4, curve_unphysical = 5, &
-                                curve_closed = 6
-  character(len=*), parameter, public :: curve_outcomes(0:6) = &
+                                curve_closed = 6, curve_stopped = 7
+  character(len=*), parameter, public :: curve_outcomes(0:7) = &
     [character(len=10) :: 'completed', 'returned', 'step limit', 'stuck', 'overflow', &
-     'unphysical', 'closed']
+     'unphysical', 'closed', 'stopped']
 
   !> Steps in units of the present point, at first and at least; where the equations
   !! end, steps this short are enough.
@@ -35,6 +37,11 @@ module viscovib_curve_branch
   real(wp), parameter :: careful_step = 0.01_wp
   !> Wanted angle between successive tangents.
   real(wp), parameter :: wanted_angle = 0.12_wp
+  !> How far a point may lie off its prediction, as a part of each order of the motion, and how
+  !! far it is wanted to lie, which goes with the fourth power of the step.
+  real(wp), parameter :: most_surprise = 0.3_wp, wanted_surprise = 0.15_wp
+  !> How far p may be off its prediction, as a part of its changes.
+  real(wp), parameter :: most_drift = 0.5_wp
 
   type :: curve_options
     !> Where p begins and ends; the branch also ends if p falls back behind its
@@ -57,6 +64,9 @@ module viscovib_curve_branch
     !! (n_unknowns at most, max_points).
     real(wp), allocatable :: parameter(:), direction(:), x(:, :)
     integer, allocatable :: iterations(:)
+    !> Estimated error of each point relative to its size: what the last correction and rounding
+    !! leave, shape (max_points).
+    real(wp), allocatable :: error(:)
     !> Where the number of unknowns is chosen: how many were kept, and what leaving out others
     !! changes, relative to x, shape (max_points).
     integer, allocatable :: kept(:)
@@ -92,7 +102,7 @@ contains
     real(wp), allocatable :: stops(:), places(:)
     !> The curve, if the number of unknowns is chosen.
     class(sized_curve_type), pointer :: sized
-    real(wp) :: step, angle, sign_wanted, apart, truncation
+    real(wp) :: step, angle, sign_wanted, apart, truncation, off, drift
     integer :: n, k
     logical :: made, away, again
 
@@ -151,6 +161,7 @@ contains
       next%p = here%p
       call copy_point(next, here)
     end if
+    if (.not. present(along)) call blur(here)
     call branch%add(here, any(abs(stops - here%p) <= 0.0_wp), truncation)
     branch%outcome = curve_step_limit
     call copy_point(here, points(4))
@@ -159,11 +170,18 @@ contains
       if (present(cancel)) then
         if (cancel /= 0) return
       end if
+      if (stop_wanted()) then
+        branch%outcome = curve_stopped
+        return
+      end if
       call correct(curve, corrector, here, step, next, made, .false.)
       if (made) then
         corrector%outside = .false.
         angle = angle_between(corrector, here, next)
-        if (angle > 4.0_wp*wanted_angle .and. step > 1.0e3_wp*smallest_step) made = .false.
+        call compare(curve, corrector, here, step, next, off, drift)
+        if ((angle > 4.0_wp*wanted_angle .or. off > most_surprise &
+             .or. (drift > most_drift .and. .not. leaving())) &
+            .and. step > 1.0e3_wp*smallest_step) made = .false.
         ! A long step may have met another branch, which the determinant tells.
         if (sign_changes() .and. step > careful_step) made = .false.
       end if
@@ -185,6 +203,7 @@ contains
         branch%outcome = curve_stuck
         return
       end if
+      call blur(next)
       if (.not. maxval(abs(next%x)) <= curve%largest) then
         branch%outcome = curve_overflow
         return
@@ -212,7 +231,8 @@ contains
       next => spare
       if (associated(sized)) call change_size()
       call aim(corrector, before, here)
-      step = step*rounded_factor(wanted_angle/max(angle, 1.0e-12_wp))
+      step = step*rounded_factor(min(wanted_angle/max(angle, 1.0e-12_wp), &
+                                     sqrt(sqrt(wanted_surprise/max(off, 1.0e-12_wp)))))
       if (here%iterations > 6) step = 0.6_wp*step
       step = min(step, options%max_step)
     end do
@@ -228,8 +248,8 @@ contains
         allocate (branch%kept(options%max_points), branch%truncation(options%max_points))
       end if
       allocate (branch%parameter(options%max_points), branch%direction(options%max_points), &
-                branch%iterations(options%max_points), branch%x(most, options%max_points), &
-                branch%stops(0))
+                branch%iterations(options%max_points), branch%error(options%max_points), &
+                branch%x(most, options%max_points), branch%stops(0))
       call empty(branch%folds, most, branch%blocks)
       call empty(branch%branch_points, most, branch%blocks)
     end subroutine allocate_branch
@@ -244,6 +264,14 @@ contains
       truncation = max(own, moved)
       call sized%choose_size(point%x, truncation, own, again)
     end subroutine examine
+
+    !> What rounding leaves of a point just corrected.
+    subroutine blur(point)
+      type(curve_point), intent(inout) :: point
+      real(wp) :: moved
+      call rounding_of(curve, corrector, point, moved)
+      point%error = max(point%error, moved)
+    end subroutine blur
 
     !> Go on with the number of unknowns chosen.
     subroutine change_size()
@@ -330,6 +358,7 @@ contains
         call locate_value(curve, corrector, here, from, to, last, stop_point, at, made)
         if (.not. made) return
         places = [places, at]
+        call blur(stop_point)
         call branch%add(stop_point, .true., truncation)
       end do
     end subroutine pass
@@ -342,6 +371,7 @@ contains
       call locate_value(curve, corrector, here, 0.0_wp, step, end, next, at, made)
       branch%outcome = merge(outcome, curve_stuck, made)
       if (.not. made) return
+      call blur(next)
       call note(at)
       if (branch%n_points < options%max_points) then
         call branch%add(next, any(abs(stops - next%p) <= 0.0_wp), truncation)
@@ -361,6 +391,7 @@ contains
       call correct(curve, corrector, upright, 0.0_wp, next, made, .true.)
       if (.not. made) return
       branch%outcome = curve_completed
+      call blur(next)
       next%p = options%finish
       if (next%slope_p*sign_wanted < 0.0_wp) call reverse(next)
       if (branch%n_points < options%max_points) then
@@ -388,6 +419,7 @@ contains
     self%parameter(self%n_points) = point%p
     self%direction(self%n_points) = point%slope_p
     self%iterations(self%n_points) = point%iterations
+    self%error(self%n_points) = point%error
     self%x(:, self%n_points) = refitted(self%blocks, point%x, size(self%x, 1))
     if (allocated(self%kept)) then
       self%kept(self%n_points) = size(point%x)

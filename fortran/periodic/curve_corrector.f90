@@ -14,7 +14,8 @@ module viscovib_curve_corrector
   private
 
   public :: curve_point, corrector_type, new_corrector, new_point, copy_point, aim, correct, &
-            null_vector, normalize, respond, reverse, angle_between, distance
+            null_vector, normalize, respond, reverse, angle_between, compare, distance, &
+            rounding_of
 
   integer, parameter :: max_iterations = 12, longest = 8
   !> With the factors kept, corrections must shrink by this each time.
@@ -30,6 +31,18 @@ module viscovib_curve_corrector
   real(wp), parameter :: nearly_rounding = 1.0e-13_wp
   !> What is left then, against the tolerance: Newton steps would leave its square.
   real(wp), parameter :: far_below = 1.0e-4_wp
+  !> Corrections of Newton's method that no longer shrink by this are rounding, if they are as
+  !! small as rounding can be where the equations are all but singular.
+  real(wp), parameter :: shrinking = 0.7_wp, small_enough = 1.0e-6_wp
+  !> Groups of unknowns smaller than this part of all are not looked at alone.
+  real(wp), parameter :: negligible = 1.0e-5_wp
+  !> Those smaller than the first part may surprise more: high orders are powers of the low ones.
+  real(wp), parameter :: minor = 1.0e-2_wp, lenience = 1.0_wp/3.0_wp
+  !> Cosine of the angle that a motion as a whole may turn by within a step.
+  real(wp), parameter :: least_alike = 0.5_wp
+  !> Pivots in so wide a range may let rounding move a solution by more than the tolerance;
+  !! the largest of so many ulps tells how far.
+  real(wp), parameter :: wide = 1.0e-5_wp, ulps = 4.0_wp
 
   !> A point of the curve with its unit tangent and what its bordered determinant is.
   type :: curve_point
@@ -38,12 +51,18 @@ module viscovib_curve_corrector
     !> Of the determinant's size; kept if the point was corrected exactly.
     real(wp) :: log_determinant = 0.0_wp
     integer :: iterations = 0, sign = 1
+    !> What the last correction leaves, relative to the point.
+    real(wp) :: error = 0.0_wp
   end type curve_point
 
   !> What the corrector works in, and whether it last met the end of the range.
   type :: corrector_type
     real(wp) :: tolerance = 0.0_wp, p_scale = 1.0_wp, largest = 0.0_wp
     logical :: outside = .false.
+    !> Whether the curve tells its groups of unknowns, so that steps and rounding are looked at.
+    logical, private :: looks_at_groups = .false.
+    !> Whether the derivatives factorized last are nearly singular.
+    logical, private :: nearly_singular = .false.
     integer, private :: n = 0, rows = 0
     real(wp), allocatable, private :: matrix(:, :), right(:), r(:), slope_p(:), weights(:)
     integer, allocatable, private :: pivots(:)
@@ -73,6 +92,7 @@ contains
     allocate (corrector%weights(n), source=1.0_wp)
     if (allocated(curve%weights)) corrector%weights = curve%weights
     corrector%tolerance = tolerance
+    corrector%looks_at_groups = allocated(curve%last_of_group)
     corrector%p_scale = p_scale
     corrector%largest = sum(corrector%weights*x**2)
   end subroutine new_corrector
@@ -94,6 +114,7 @@ contains
     to%log_determinant = from%log_determinant
     to%iterations = from%iterations
     to%sign = from%sign
+    to%error = from%error
   end subroutine copy_point
 
   !> Let predictions from `here` bend as the curve did from `before` on: the cubic
@@ -127,6 +148,12 @@ contains
     real(wp), intent(out) :: second(n), third(n)
     integer :: i
     do i = 1, n
+      if (.not. (abs(z_0(i)) > 0.0_wp .or. abs(t_0(i)) > 0.0_wp)) then
+        ! Not kept before.
+        second(i) = 0.0_wp
+        third(i) = 0.0_wp
+        cycle
+      end if
       second(i) = (2.0_wp*t_1(i) + t_0(i)/length - 3.0_wp*(z_1(i) - z_0(i))/chord)/chord
       third(i) = (t_1(i) + t_0(i)/length - 2.0_wp*(z_1(i) - z_0(i))/chord)/chord**2
     end do
@@ -152,7 +179,7 @@ contains
     logical, intent(in) :: exact
     real(wp) :: weight_x, weight_p, change, before, rate
     integer :: n, k, i
-    logical :: fresh, was_fresh, inside, singular
+    logical :: fresh, was_fresh, inside, singular, settled
 
     n = c%n
     made = .false.
@@ -196,8 +223,12 @@ contains
       change = sqrt(change)
       if (.not. change <= 1.0e3_wp) return
       if (was_fresh) rate = change/before
+      ! Rounding is all that is left to correct.
+      settled = fresh .and. k > 4 .and. change > shrinking*before &
+                .and. max(change, before) <= small_enough
       was_fresh = fresh
-      if (change <= rounding) exit
+      next%error = change
+      if (change <= rounding .or. settled) exit
       ! Determinant and tangent are those of the point before the last correction.
       if (fresh .and. change <= c%tolerance .and. (.not. exact .or. change <= nearly_rounding &
                                                    .or. (k > 1 .and. change &
@@ -205,8 +236,14 @@ contains
       if (.not. exact .and. k >= longest) return
       if (.not. exact .and. k > 1) then
         ! Corrections fall as a geometric series: what is left of it.
-        if (change < fast_enough*before) then
-          if (change**2 <= max(far_below*c%tolerance, rounding)*(before - change)) exit
+        if (c%nearly_singular) then
+          ! Other factors may tell nothing of the direction that hardly changes the equations.
+          fresh = .true.
+        else if (change < fast_enough*before) then
+          if (change**2 <= max(far_below*c%tolerance, rounding)*(before - change)) then
+            next%error = change**2/(before - change)
+            exit
+          end if
           fresh = .false.
         else
           fresh = .not. fresh
@@ -270,16 +307,34 @@ contains
     type(curve_point), intent(in) :: here
     real(wp), intent(in) :: weight_x, weight_p
     logical, intent(out) :: singular
-    integer :: n
+    real(wp) :: sizes(c%n + 1), rows(c%n + 1), smallest, largest
+    integer :: n, i
     n = c%n
     c%matrix(:n, n + 1) = c%slope_p
     c%matrix(n + 1, :n) = weight_x*c%weights*here%slope_x
     c%matrix(n + 1, n + 1) = weight_p*here%slope_p
+    if (c%looks_at_groups) then
+      ! In units of what each unknown and each equation amounts to.
+      sizes = 1.0_wp/sqrt([weight_x*c%weights, weight_p])
+      do i = 1, n + 1
+        rows(i) = maxval(abs(c%matrix(i, :n + 1))*sizes)
+      end do
+    end if
     if (n < small) then
       call factorize_padded(c%rows, n + 1, c%matrix, c%pivots, singular)
     else
       call factorize_blocks(n + 1, c%matrix, c%pivots, singular)
     end if
+    c%nearly_singular = .false.
+    if (.not. c%looks_at_groups .or. singular) return
+    smallest = huge(smallest)
+    largest = 0.0_wp
+    do i = 1, n + 1
+      rows([i, c%pivots(i)]) = rows([c%pivots(i), i])
+      smallest = min(smallest, abs(c%matrix(i, i))*sizes(i)/rows(i))
+      largest = max(largest, abs(c%matrix(i, i))*sizes(i)/rows(i))
+    end do
+    c%nearly_singular = .not. smallest > wide*largest
   end subroutine decompose
 
   !> Sign and, if wanted, logarithm of the determinant, from its factors.
@@ -346,6 +401,78 @@ contains
     call metric(c, b, weight_x, weight_p)
     distance = sqrt(weight_x*sum(c%weights*(a%x - b%x)**2) + weight_p*(a%p - b%p)**2)
   end function distance
+
+  !> How far the point a step from `here` lies off its prediction: the largest part of any group
+  !! of unknowns, such as an order of a coordinate, and how far off p is as a part of its
+  !! changes at both ends. Both are small on the way along a curve. The former is of order 1
+  !! where a step has met another part of it. Straight through rest a prediction may lead from
+  !! one flank of a resonance to the other, over a pole as narrow as damping is light: there the
+  !! motion as a whole is turned round, or p goes back although it rises at both ends.
+  pure subroutine compare(curve, c, here, step, next, surprise, drift)
+    class(curve_type), intent(in) :: curve
+    type(corrector_type), intent(in) :: c
+    type(curve_point), intent(in) :: here, next
+    real(wp), intent(in) :: step
+    real(wp), intent(out) :: surprise, drift
+    real(wp) :: off, largest, unit, size_here, size_next, total, total_here, alike
+    integer :: first, last, g, i
+
+    surprise = 0.0_wp
+    drift = 0.0_wp
+    if (.not. allocated(curve%last_of_group)) return
+    total = 0.0_wp
+    total_here = 0.0_wp
+    alike = 0.0_wp
+    do i = 1, c%n
+      total = total + c%weights(i)*next%x(i)**2
+      total_here = total_here + c%weights(i)*here%x(i)**2
+      alike = alike + c%weights(i)*here%x(i)*next%x(i)
+    end do
+    if (alike < least_alike*sqrt(total*total_here)) surprise = 1.0_wp
+    first = 1
+    do g = 1, size(curve%last_of_group)
+      last = curve%last_of_group(g)
+      off = 0.0_wp
+      size_here = 0.0_wp
+      size_next = 0.0_wp
+      do i = first, last
+        off = off + (next%x(i) - c%predicted(i))**2
+        size_here = size_here + here%x(i)**2
+        size_next = size_next + next%x(i)**2
+      end do
+      first = last + 1
+      ! What was 0 so far, as before a symmetry breaks or an order was kept, is news anyway.
+      if (.not. size_here > 0.0_wp) cycle
+      unit = total/c%weights(last)
+      largest = max(size_here, size_next)
+      off = off/max(largest, negligible**2*unit)
+      if (largest < minor**2*unit) off = lenience**2*off
+      surprise = max(surprise, off)
+    end do
+    surprise = sqrt(surprise)
+    drift = abs(next%p - c%predicted(c%n + 1)) &
+            /max(step*max(abs(here%slope_p), abs(next%slope_p)), &
+                 10.0_wp*c%tolerance*max(abs(next%p), 0.1_wp*c%p_scale))
+  end subroutine compare
+
+  !> How far rounding moves a solution where the derivatives factorized last are nearly
+  !! singular, relative to its size: what residuals an ulp apart tell; 0 elsewhere.
+  subroutine rounding_of(curve, c, point, moved)
+    class(curve_type), intent(inout) :: curve
+    type(corrector_type), intent(inout) :: c
+    type(curve_point), intent(in) :: point
+    real(wp), intent(out) :: moved
+    logical :: inside
+    integer :: i
+
+    moved = 0.0_wp
+    if (.not. c%nearly_singular) return
+    call curve%residual(point%x, point%p, c%r, inside)
+    if (.not. inside) return
+    call curve%residual([(point%x(i)*(1.0_wp + ulps*(mod(i, 3) - 1)*epsilon(1.0_wp)), &
+                          i=1, c%n)], point%p, c%slope_p, inside)
+    if (inside) call respond(c, point, c%slope_p - c%r, moved)
+  end subroutine rounding_of
 
   !> The direction across the branch: null vector of the bordered matrix, by inverse
   !! iteration; 0 if that fails.

@@ -16,6 +16,8 @@ module viscovib_curve_events
   real(wp), parameter, public :: nowhere = huge(1.0_wp)
 
   integer, parameter :: max_turns = 60
+  !> From so near a value of p, relative, Newton's method at that value finds the point meant.
+  real(wp), parameter :: near_enough = 1.0e-6_wp
   !> Relative distance of parameters at folds that are one.
   real(wp), parameter :: same = 1.0e-10_wp
   !> Points by which the determinant is interpolated, and the least left of them.
@@ -319,12 +321,39 @@ contains
         high_p = found%p
       end if
     end do
-    if (.not. made .or. abs(found%p - value) > 1.0e-12_wp*c%p_scale) return
+    if (.not. made) return
+    if (abs(found%p - value) > 1.0e-12_wp*c%p_scale) then
+      call at_value(curve, c, value, found, made)
+      return
+    end if
     ! The rest along the tangent.
     if (abs(found%p - value) <= 1.0e-8_wp*abs(found%slope_p)) then
       found%x = found%x + found%slope_x*((value - found%p)/found%slope_p)
     end if
     found%p = value
   end subroutine locate_value
+
+  !> Corrected at a fixed p, next to it: where the equations are nearly singular rounding moves
+  !! points along the curve by more than places on it are told apart.
+  subroutine at_value(curve, c, value, found, made)
+    class(curve_type), intent(inout) :: curve
+    type(corrector_type), intent(inout) :: c
+    real(wp), intent(in) :: value
+    type(curve_point), intent(inout) :: found
+    logical, intent(out) :: made
+    type(curve_point) :: upright
+    real(wp) :: direction
+
+    made = abs(found%p - value) <= near_enough*c%p_scale
+    if (.not. made) return
+    call new_point(upright, curve%n)
+    call copy_point(found, upright)
+    direction = found%slope_p
+    upright%p = value
+    upright%slope_x = 0.0_wp
+    upright%slope_p = sign(1.0_wp, direction)
+    call correct(curve, c, upright, 0.0_wp, found, made, .true.)
+    found%p = value
+  end subroutine at_value
 
 end module viscovib_curve_events

@@ -71,8 +71,9 @@ contains
       call solve(curve%n, jacobian, pivots, step)
       new = new - step
       iterations = iterations + 1
-      change = maxval(abs(step))
-      norm = maxval(abs(new))
+      ! What is not a number may pass unseen through a maximum, but not through a sum.
+      change = maxval(abs(step)) + 0.0_wp*sum(step)
+      norm = maxval(abs(new)) + 0.0_wp*sum(new)
       if (.not. norm <= 1.0e60_wp) then
         outcome = outcome_overflow
         return

@@ -7,7 +7,7 @@ module viscovib_drive_torus
   private
 
   public :: drive_torus_type, sort_drives, lattice, largest_bound, lowest_bound, default_bound, &
-            kept_by_symmetry
+            judging_shells, kept_by_symmetry
 
   integer, parameter, public :: n_drives = 3
   character(len=*), parameter, public :: frequency_names(n_drives) = ['p1', 'p2', 'p3'], &
@@ -194,6 +194,19 @@ contains
     type(drive_torus_type), intent(in) :: torus
     lowest_bound = max(1, maxval(sum(abs(torus%orders), 1)))
   end function lowest_bound
+
+  !> How many shells beyond a bound judge it: loads may leave out all but multiples.
+  pure integer function judging_shells(torus) result(shells)
+    type(drive_torus_type), intent(in) :: torus
+    integer :: j
+    shells = 2
+    if (torus%n_axes > 1) return
+    shells = 0
+    do j = 1, size(torus%orders, 2)
+      shells = gcd(shells, abs(torus%orders(1, j)))
+    end do
+    shells = 2*max(shells, 1)
+  end function judging_shells
 
   !> Half of the orders with |k_1| + |k_2| + ... <= bound, shell by shell, 0 first, shape
   !! (n_axes, n).

@@ -49,6 +49,7 @@ contains
       call whole_response(plan, reduced, part, nu, response, cancel)
       call response%spread_out(plan%moved)
     end if
+    call response%keep_finite()
   end subroutine forced_response
 
   !> The same for a system all of which is computed.
@@ -69,13 +70,12 @@ contains
         call with_enough_harmonics(plan, system, load, nu, response)
       else
         call successive_response(system, load, nu, plan%set, plan%options, response)
-        call response%judge_by_decay()
       end if
     case (method_newton)
       if (plan%chosen) then
         call new_ladder(ladder, system, load, plan%set%half_wave, plan%most)
       else
-        call one_rung(ladder, system, plan%set)
+        call one_rung(ladder, system, load, plan%set)
       end if
       call newton_response(system, load, nu, ladder, plan%options, response, cancel)
     case default
@@ -83,30 +83,36 @@ contains
     end select
   end subroutine whole_response
 
-  !> Successive approximations, which take many frequencies at once: all have as many
-  !! harmonics as the one that needs most.
+  !> Successive approximations, which take many frequencies at once: those whose harmonics
+  !! do not suffice again, with as many as the one needs that needs most.
   subroutine with_enough_harmonics(plan, system, load, nu, response)
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu(:)
     type(response_type), intent(out) :: response
+    type(response_type) :: better
     type(harmonic_set_type) :: set
+    integer, allocatable :: few(:)
     real(wp) :: worst, fall
-    integer :: highest
+    integer :: highest, i
 
-    highest = max(first_harmonics, 2*lowest_order(load) + 1)
+    highest = min(max(first_harmonics, 2*lowest_order(load) + 1), plan%most)
+    call new_harmonic_set(set, highest, plan%set%half_wave, system%degree)
+    call successive_response(system, load, nu, set, plan%options, response)
     do
-      highest = min(highest, plan%most)
-      call new_harmonic_set(set, highest, plan%set%half_wave, system%degree)
-      call successive_response(system, load, nu, set, plan%options, response)
-      call response%judge_by_decay()
-      worst = maxval(response%truncation, mask=response%outcome == outcome_converged)
-      if (worst <= plan%options%tolerance .or. highest == plan%most) return
+      few = pack([(i, i=1, size(nu))], response%outcome == outcome_converged)
+      few = pack(few, response%truncation(few) > plan%options%tolerance)
+      if (size(few) == 0 .or. highest == plan%most) return
+      worst = maxval(response%truncation(few))
       ! Orders fall off geometrically: go on as far as that suggests, and a little more.
       fall = log(plan%options%tolerance)/log(max(min(worst, 0.5_wp), tiny(1.0_wp)))
       highest = max(highest + 4, ceiling(1.1_wp*highest*min(fall, 2.0_wp)))
       highest = ior(min(highest, 2*set%orders(size(set%orders)) + 1), 1)
+      highest = min(highest, plan%most)
+      call new_harmonic_set(set, highest, plan%set%half_wave, system%degree)
+      call successive_response(system, load, nu(few), set, plan%options, better)
+      call response%replace(few, better)
     end do
   end subroutine with_enough_harmonics
 

@@ -37,13 +37,17 @@ module viscovib_hill
     !> a, > 0: exponents are sought right of -a.
     real(wp) :: shift = 0.0_wp
     integer :: n_dof = 0
-    !> Orders of the disturbance.
+    !> Orders of the disturbance, with the one below the lowest.
     integer, private :: n_orders = 0
-    !> Highest order of the disturbance, and the step from order to order.
+    !> Highest order of the disturbance, and the step from order to order. Orders reach from
+    !! -highest to highest, which mirrors them about Im lambda = 0; with the one below they are
+    !! mirrored about d/2.
     integer :: highest = 0, stride = 1
     !> Whether `along` found a determinant of reasonable size.
     logical :: ready = .false.
     real(wp), private :: nu = 0.0_wp
+    !> Trace of M^(-1) dF/du without memory, its mean along the solution.
+    real(wp), private :: trace = 0.0_wp
     type(harmonic_set_type), private :: set
     !> M^(-1), M^(-1) C and M^(-1) B.
     real(wp), allocatable, private :: inverse(:, :), damping(:, :), spread(:, :)
@@ -66,6 +70,8 @@ module viscovib_hill
     procedure :: along
     procedure :: determinant
     procedure :: tail
+    procedure :: to_polynomial
+    procedure :: relaxation
   end type hill_type
 
 contains
@@ -127,13 +133,13 @@ contains
       call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
     end if
     ! Orders beyond the fastest mode along the motion, and some more.
-    fastest = fastest_rate(self, system)
+    call find_rates(self, system, fastest)
     self%ready = fastest <= max_unknowns*nu
     if (.not. self%ready) return
     b = ceiling(fastest/nu + 1.5_wp*self%stride)
     if (self%stride == 2 .and. mod(b, 2) == 0) b = b + 1
     b = max(b, maxval(self%set%orders) + 2*self%stride)
-    p = merge(b + 1, 2*b + 1, self%stride == 2)
+    p = merge(b + 2, 2*b + 2, self%stride == 2)
     self%ready = p*self%n_dof <= max_unknowns
     if (.not. self%ready) return
     self%highest = b
@@ -161,10 +167,12 @@ contains
     end do
   end subroutine variables_along
 
-  !> An upper bound of frequencies and rates of damping along the solution (rad/s).
-  real(wp) function fastest_rate(self, system)
-    class(hill_type), intent(in) :: self
+  !> An upper bound of frequencies and rates of damping along the solution (rad/s), and the
+  !! trace of the stiffness.
+  subroutine find_rates(self, system, fastest)
+    class(hill_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
+    real(wp), intent(out) :: fastest
     real(wp) :: stiffness(self%n_dof, self%n_dof), force(self%n_dof, size(self%w, 2))
     real(wp) :: slope(size(self%w, 2), self%n_dof), scale(self%n_dof, self%n_dof), largest
     integer :: a, b, s
@@ -175,6 +183,7 @@ contains
       end do
     end do
     largest = 0.0_wp
+    self%trace = 0.0_wp
     do s = 1, size(self%u, 1)
       force = system%spread + self%by_v(s, :, :)
       slope = system%gather
@@ -183,9 +192,12 @@ contains
       end do
       stiffness = matmul(self%inverse, matmul(force, slope) + self%by_u(s, :, :))
       largest = max(largest, maxval(sum(abs(scale*stiffness), 2)))
+      do b = 1, self%n_dof
+        self%trace = self%trace + stiffness(b, b)/size(self%u, 1)
+      end do
     end do
-    fastest_rate = sqrt(largest) + maxval(sum(abs(scale*self%damping), 2))
-  end function fastest_rate
+    fastest = sqrt(largest) + maxval(sum(abs(scale*self%damping), 2))
+  end subroutine find_rates
 
   !> The parts of the matrix for p orders.
   subroutine fill(self, system, p)
@@ -293,19 +305,32 @@ contains
   end subroutine add_toeplitz
 
   !> The determinant at lambda; not to be asked for on a cut of a kernel or at -a.
-  subroutine determinant(self, system, lambda, value)
+  subroutine determinant(self, system, lambda, value, about_half)
     class(hill_type), intent(in) :: self
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: lambda
     complex(wp), intent(out) :: value
-    real(wp) :: h(self%n_orders*self%n_dof, self%n_orders*self%n_dof, 2)
-    complex(wp) :: s(self%n_orders), scale(self%n_orders)
-    complex(wp) :: kept(self%n_orders, size(self%kernel_of_group))
-    integer :: a, b, i, p, q
+    !> Orders mirrored about Im lambda = d/2, where the determinant is real then, instead of 0.
+    logical, intent(in), optional :: about_half
+    integer :: p
+    p = self%n_orders - 1
+    if (present(about_half)) p = p + merge(1, 0, about_half)
+    call of_orders(self, system, p, lambda, value)
+  end subroutine determinant
 
-    p = self%n_orders
+  !> The determinant of the p highest orders.
+  subroutine of_orders(self, system, p, lambda, value)
+    class(hill_type), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: p
+    complex(wp), intent(in) :: lambda
+    complex(wp), intent(out) :: value
+    real(wp) :: h(p*self%n_dof, p*self%n_dof, 2)
+    complex(wp) :: s(p), scale(p), kept(p, size(self%kernel_of_group))
+    integer :: a, b, i, q
+
     do i = 1, p
-      s(i) = lambda + cmplx(0.0_wp, ((i - 1)*self%stride - self%highest)*self%nu, wp)
+      s(i) = lambda + cmplx(0.0_wp, ((i - p)*self%stride + self%highest)*self%nu, wp)
     end do
     scale = 1.0_wp/(s + self%shift)**2
     kept = (1.0_wp, 0.0_wp)
@@ -317,11 +342,11 @@ contains
     if (system%separable) then
       h = 0.0_wp
       do q = 1, size(kept, 2)
-        call add_rows(p, self%n_dof, kept(:, q), self%springs(1, 1, q, 1), &
+        call add_rows(self%n_orders, p, self%n_dof, kept(:, q), self%springs(1, 1, q, 1), &
                       self%springs(1, 1, q, 2), h)
       end do
     else
-      h = self%direct
+      call copy_blocks(self%n_orders, p, self%n_dof, self%direct, h)
       call add_products(self, system, kept, h)
     end if
     do b = 1, self%n_dof
@@ -338,25 +363,38 @@ contains
     end do
     call scale_rows(p, self%n_dof, scale, h)
     call eliminate(p*self%n_dof, h(:, :, 1), h(:, :, 2), value)
-  end subroutine determinant
+  end subroutine of_orders
 
-  !> h + f part, f by the rows of each coordinate.
-  pure subroutine add_rows(p, n, f, re, im, h)
-    integer, intent(in) :: p, n
+  !> h + f part, f by the rows of each coordinate; of the part's orders the p highest.
+  pure subroutine add_rows(all, p, n, f, re, im, h)
+    integer, intent(in) :: all, p, n
     complex(wp), intent(in) :: f(p)
-    real(wp), intent(in) :: re(p, n, p*n), im(p, n, p*n)
-    real(wp), intent(inout) :: h(p, n, p*n, 2)
-    integer :: a, i, l
+    real(wp), intent(in) :: re(all, n, all, n), im(all, n, all, n)
+    real(wp), intent(inout) :: h(p, n, p, n, 2)
+    integer :: a, b, i, l, o
 
-    do l = 1, p*n
-      do a = 1, n
-        do i = 1, p
-          h(i, a, l, 1) = h(i, a, l, 1) + (real(f(i))*re(i, a, l) - aimag(f(i))*im(i, a, l))
-          h(i, a, l, 2) = h(i, a, l, 2) + (real(f(i))*im(i, a, l) + aimag(f(i))*re(i, a, l))
+    o = all - p
+    do b = 1, n
+      do l = 1, p
+        do a = 1, n
+          do i = 1, p
+            h(i, a, l, b, 1) = h(i, a, l, b, 1) + (real(f(i))*re(i + o, a, l + o, b) &
+                                                   - aimag(f(i))*im(i + o, a, l + o, b))
+            h(i, a, l, b, 2) = h(i, a, l, b, 2) + (real(f(i))*im(i + o, a, l + o, b) &
+                                                   + aimag(f(i))*re(i + o, a, l + o, b))
+          end do
         end do
       end do
     end do
   end subroutine add_rows
+
+  !> Of a matrix with all orders the blocks of the p highest.
+  pure subroutine copy_blocks(all, p, n, from, h)
+    integer, intent(in) :: all, p, n
+    real(wp), intent(in) :: from(all, n, all, n, 2)
+    real(wp), intent(out) :: h(p, n, p, n, 2)
+    h = from(all - p + 1:, :, all - p + 1:, :, :)
+  end subroutine copy_blocks
 
   !> h becomes f h, f by the rows of each coordinate.
   pure subroutine scale_rows(p, n, f, h)
@@ -382,12 +420,13 @@ contains
     class(hill_type), intent(in) :: self
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: kept(:, :)
-    real(wp), intent(inout) :: h(self%n_orders*self%n_dof, self%n_orders*self%n_dof, 2)
-    real(wp) :: right(self%n_orders, self%n_orders, 2)
+    real(wp), intent(inout) :: h(size(kept, 1)*self%n_dof, size(kept, 1)*self%n_dof, 2)
+    real(wp) :: right(size(kept, 1), size(kept, 1), 2)
     complex(wp) :: f
-    integer :: a, b, i, j, l, p, row, column
+    integer :: a, b, i, j, l, o, p, row, column
 
-    p = self%n_orders
+    p = size(kept, 1)
+    o = self%n_orders - p
     do j = 1, size(self%w, 2)
       associate (kept_j => kept(:, findloc(self%kernel_of_group, system%kernel_of(j), 1)))
         do b = 1, self%n_dof
@@ -395,10 +434,10 @@ contains
           if (.not. (self%inner_varies(b, j) .or. abs(system%gather(j, b)) > 0.0_wp)) cycle
           ! f (w + W).
           do l = 1, p
-            right(:, l, 1) = real(kept_j)*self%inner(:, l, b, j, 1) &
-                             - aimag(kept_j)*self%inner(:, l, b, j, 2)
-            right(:, l, 2) = real(kept_j)*self%inner(:, l, b, j, 2) &
-                             + aimag(kept_j)*self%inner(:, l, b, j, 1)
+            right(:, l, 1) = real(kept_j)*self%inner(o + 1:, o + l, b, j, 1) &
+                             - aimag(kept_j)*self%inner(o + 1:, o + l, b, j, 2)
+            right(:, l, 2) = real(kept_j)*self%inner(o + 1:, o + l, b, j, 2) &
+                             + aimag(kept_j)*self%inner(o + 1:, o + l, b, j, 1)
             right(l, l, 1) = right(l, l, 1) + real(kept_j(l))*system%gather(j, b)
             right(l, l, 2) = right(l, l, 2) + aimag(kept_j(l))*system%gather(j, b)
           end do
@@ -413,14 +452,16 @@ contains
               do l = 1, p
                 do i = 1, p
                   f = cmplx(right(i, l, 1), right(i, l, 2), wp)
-                  call add_column(p, f, self%outer(1, i, a, j, 1), self%outer(1, i, a, j, 2), &
+                  call add_column(p, f, self%outer(o + 1, o + i, a, j, 1), &
+                                  self%outer(o + 1, o + i, a, j, 2), &
                                   h(row + 1, column + l, 1), h(row + 1, column + l, 2))
                 end do
               end do
             else
               do l = 1, p
-                call add_column(p, kept_j(l)*system%gather(j, b), self%outer(1, l, a, j, 1), &
-                                self%outer(1, l, a, j, 2), h(row + 1, column + l, 1), &
+                call add_column(p, kept_j(l)*system%gather(j, b), &
+                                self%outer(o + 1, o + l, a, j, 1), &
+                                self%outer(o + 1, o + l, a, j, 2), h(row + 1, column + l, 1), &
                                 h(row + 1, column + l, 2))
               end do
             end if
@@ -501,5 +542,84 @@ contains
     edge = (self%highest + 0.5_wp*self%stride)*self%nu
     tail = excess/self%period*log((edge + omega)/(edge - omega))
   end function tail
+
+  !> Factor, without its constant, that makes D(i omega) the polynomial in z = exp(-2 pi lambda/d)
+  !! which exp(-2 pi n lambda/d) times the product of all orders is without memory: it takes the
+  !! divisors (s_k + a)^2n away and adds the orders left out, |k| > b, as
+  !!
+  !!   s_k^2n [1 + trace(M^(-1) C)/s_k + trace(M^(-1) K)/s_k^2],
+  !!
+  !! k and -k together, powers of 1/k summed by the midpoint rule and its first correction.
+  complex(wp) function to_polynomial(self, omega) result(factor)
+    class(hill_type), intent(in) :: self
+    real(wp), intent(in) :: omega
+    complex(wp) :: total
+    real(wp) :: edge, step, x, by_2, by_4, by_6, damping
+    integer :: a, k
+
+    total = (0.0_wp, 0.0_wp)
+    do k = -self%highest, self%highest, self%stride
+      total = total + log(cmplx(self%shift, omega + k*self%nu, wp) &
+                          /abs(cmplx(self%shift, k*self%nu, wp)))
+    end do
+    step = self%stride
+    edge = self%highest + 0.5_wp*step
+    x = omega/self%nu
+    by_2 = 1.0_wp/(step*edge) - step/(12.0_wp*edge**3)
+    by_4 = 1.0_wp/(3.0_wp*step*edge**3) - step/(6.0_wp*edge**5)
+    by_6 = 1.0_wp/(5.0_wp*step*edge**5)
+    total = total - (x**2*by_2 + x**4/2.0_wp*by_4 + x**6/3.0_wp*by_6)
+    damping = 0.0_wp
+    do a = 1, self%n_dof
+      damping = damping + self%damping(a, a)
+    end do
+    factor = exp(2.0_wp*self%n_dof*(total - cmplx(0.0_wp, pi*omega/self%period, wp)) &
+                 - 6.0_wp*self%trace*(x/self%nu)**2*by_4 &
+                 + cmplx(0.0_wp, 2.0_wp*damping*x/self%nu*(by_2 + x**2*by_4), wp))
+  end function to_polynomial
+
+  !> What memory leaves of the static stiffness at rest at s = i (omega - d/2 under half-wave
+  !! symmetry, else omega), det K(s)/det K without memory; 1 where that vanishes. Near s = 0
+  !! this is how slow memory enters D: with singularities where it fades, and zeros beside them.
+  complex(wp) function relaxation(self, system, omega) result(ratio)
+    class(hill_type), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: omega
+    real(wp) :: re(self%n_dof, self%n_dof), im(self%n_dof, self%n_dof)
+    complex(wp) :: kept(1), without
+    integer :: a, j, q
+
+    call eliminate_stiffness(.false., without)
+    ratio = (1.0_wp, 0.0_wp)
+    if (.not. abs(without) > 0.0_wp) return
+    call eliminate_stiffness(.true., ratio)
+    ratio = ratio/without
+
+  contains
+
+    subroutine eliminate_stiffness(remembers, value)
+      logical, intent(in) :: remembers
+      complex(wp), intent(out) :: value
+      complex(wp) :: s(1)
+
+      s(1) = cmplx(0.0_wp, merge(omega - 0.5_wp*self%period, omega, self%stride == 2), wp)
+      re = 0.0_wp
+      im = 0.0_wp
+      do j = 1, size(system%kernel_of)
+        kept = (1.0_wp, 0.0_wp)
+        q = system%kernel_of(j)
+        if (remembers .and. q > 0) then
+          call system%kernels(q)%kernel%laplace(s, kept)
+          kept = 1.0_wp - system%memory_scale*kept
+        end if
+        do a = 1, self%n_dof
+          re(a, :) = re(a, :) + real(kept(1))*self%spread(a, j)*system%gather(j, :)
+          im(a, :) = im(a, :) + aimag(kept(1))*self%spread(a, j)*system%gather(j, :)
+        end do
+      end do
+      call eliminate(self%n_dof, re, im, value)
+    end subroutine eliminate_stiffness
+
+  end function relaxation
 
 end module viscovib_hill

@@ -11,10 +11,18 @@
 !! of these properties: what is left turns slowly, also where zeros lie next to the axis. Those
 !! with positive real part count on their own; were one of them no zero, it would count as a
 !! pole of what is left, so that the sum is right whatever is thought to be known.
+!!
+!! The logarithm of what is left must be seen to change little from node to node. Two zeros
+!! next to the axis between the same two nodes turn it by 2 pi there, of which the nodes see
+!! nothing. The modulus tells, beside them: x and y being their places in the interval, 0 to 1,
+!! and w the width of the interval before, it changes there by the factor (1 + w/x)(1 + w/y),
+!! and alike behind with 1 - x and 1 - y; with w >= 1/2 one of both is 4 or more. So an interval
+!! counts when it and its neighbours are quiet, and none of them may be much narrower.
 module viscovib_hill_count
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
+  use viscovib_hill_path, only: hill_path_type, new_hill_path
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   implicit none
@@ -22,23 +30,21 @@ module viscovib_hill_count
 
   public :: count_growing
 
-  !> The argument between neighbours of a node may turn by this at most, and the
-  !! logarithm of the modulus change by that, so that no whole turn is missed.
-  real(wp), parameter :: largest_turn = 0.9_wp, largest_ratio = 1.3_wp
-  !> Pairs of intervals at first, determinants at most, halvings at most.
-  integer, parameter :: most_pairs = 4, max_evaluations = 1000, max_depth = 44
+  !> A quiet interval turns the argument by this at most, and changes the logarithm of the
+  !! modulus by that: less than half of what two zeros unseen would do to a neighbour.
+  real(wp), parameter :: largest_turn = 0.6_wp, largest_ratio = 0.6_wp
+  !> An interval may be so many times as wide as its neighbours.
+  real(wp), parameter :: grading = 2.01_wp
+  integer, parameter :: max_passes = 60
   !> A count must be this near to an integer.
   real(wp), parameter :: margin = 0.2_wp
   !> Real parts that count as 0, in d.
   real(wp), parameter :: on_axis = 1.0e-13_wp
-  !> Where a kernel has no integral: a small circle around the branch point, in d.
-  real(wp), parameter :: radius = 1.0e-12_wp
-  integer, parameter :: n_arc = 8
 
 contains
 
   !> Exponents with positive real part in the strip |Im lambda| <= d/2; -1: unknown.
-  subroutine count_growing(hill, system, known, n_growing, evaluations)
+  subroutine count_growing(hill, system, known, n_growing, evaluations, path)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     !> Exponents found, both of conjugate pairs; NaN is passed over.
@@ -46,109 +52,135 @@ contains
     integer, intent(out) :: n_growing
     !> Determinants that it took.
     integer, intent(out) :: evaluations
-    complex(wp) :: left, middle, right, stack(2, max_depth), before
-    real(wp) :: total, low, high, here, next, ends(max_depth), counted
-    complex(wp), allocatable :: there(:)
-    integer :: depths(max_depth), depth, top, n_pairs, i
-    logical :: singular
+    !> Nodes where the determinant is known; more may be added.
+    type(hill_path_type), intent(inout), optional :: path
+    type(hill_path_type) :: own
 
     n_growing = -1
     evaluations = 0
     if (.not. hill%ready) return
-    there = pack(known,.not. ieee_is_nan(real(known)))
-    ! On the axis to rounding: who could tell.
-    if (any(abs(real(there)) <= on_axis*hill%period)) return
-    ! With zeros divided out half of them will do.
-    n_pairs = merge(most_pairs/2, most_pairs, size(there) > 0)
-    total = 0.0_wp
-    low = 0.0_wp
-    high = 0.5_wp*hill%period
-    singular = system%kernel_without_integral() /= 0
-    if (singular) then
-      if (hill%stride == 1) then
-        low = radius*hill%period
-        call around((0.0_wp, 0.0_wp), 0.0_wp)
-      else
-        high = high - radius*hill%period
-        call around(cmplx(0.0_wp, 0.5_wp*hill%period, wp), -0.5_wp*pi)
-      end if
+    if (present(path)) then
+      evaluations = -path%n
+      call count_along(hill, system, pack(known,.not. ieee_is_nan(real(known))), path, n_growing)
+      evaluations = evaluations + path%n
+    else
+      call new_hill_path(own, hill, system)
+      call count_along(hill, system, pack(known,.not. ieee_is_nan(real(known))), own, n_growing)
+      evaluations = own%n
     end if
-    call value_at(cmplx(0.0_wp, low, wp), left)
-    here = low
-    do i = n_pairs, 1, -1
-      ! The stack holds ends of intervals still to be passed, the nearest on top.
-      ends(n_pairs + 1 - i) = low + (high - low)*i/n_pairs
-      depths(n_pairs + 1 - i) = 0
-    end do
-    top = n_pairs
-    do i = 1, n_pairs
-      call value_at(cmplx(0.0_wp, ends(i), wp), stack(1, i))
-      call value_at(cmplx(0.0_wp, ends(i) - 0.5_wp*(high - low)/n_pairs, wp), stack(2, i))
-    end do
-    do while (top > 0)
-      next = ends(top)
-      depth = depths(top)
-      right = stack(1, top)
-      middle = stack(2, top)
-      if (.not. abs(left)*abs(middle)*abs(right) > 0.0_wp) return
-      if (safe(left, middle) .and. safe(middle, right)) then
-        total = total + turn(left, middle) + turn(middle, right)
-        left = right
-        here = next
-        top = top - 1
-      else
-        if (depth >= max_depth - n_pairs .or. evaluations > max_evaluations) return
-        call value_at(cmplx(0.0_wp, here + 0.75_wp*(next - here), wp), stack(2, top))
-        depths(top:top + 1) = depth + 1
-        ends(top + 1) = 0.5_wp*(here + next)
-        stack(1, top + 1) = middle
-        call value_at(cmplx(0.0_wp, here + 0.25_wp*(next - here), wp), stack(2, top + 1))
-        top = top + 1
-      end if
-    end do
-    counted = -(total + hill%tail(high) - hill%tail(low))/pi
-    if (.not. abs(counted - nint(counted)) <= margin) return
-    i = nint(counted) + count(real(there) > 0.0_wp)
-    if (i >= 0) n_growing = i
-
-  contains
-
-    subroutine value_at(lambda, value)
-      complex(wp), intent(in) :: lambda
-      complex(wp), intent(out) :: value
-      call hill%determinant(system, lambda, value)
-      value = value/product(1.0_wp - exp(2.0_wp*pi/hill%period*(there - lambda)))
-      evaluations = evaluations + 1
-    end subroutine value_at
-
-    !> A quarter of the small circle, counterclockwise from an angle.
-    subroutine around(centre, from)
-      complex(wp), intent(in) :: centre
-      real(wp), intent(in) :: from
-      complex(wp) :: value
-      real(wp) :: angle
-      integer :: k
-      do k = 0, n_arc
-        angle = from + 0.5_wp*pi*k/n_arc
-        call value_at(centre + radius*hill%period*cmplx(cos(angle), sin(angle), wp), value)
-        if (k > 0) total = total + turn(before, value)
-        before = value
-      end do
-    end subroutine around
-
   end subroutine count_growing
 
-  elemental real(wp) function turn(from, to)
-    complex(wp), intent(in) :: from, to
-    complex(wp) :: z
-    z = to*conjg(from)
-    turn = atan2(aimag(z), real(z))
-  end function turn
+  subroutine count_along(hill, system, known, path, n_growing)
+    type(hill_type), intent(in) :: hill
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: known(:)
+    type(hill_path_type), intent(inout) :: path
+    integer, intent(inout) :: n_growing
+    complex(wp), allocatable :: change(:), divided(:)
+    logical, allocatable :: marked(:)
+    real(wp) :: counted
+    integer :: i, pass
+    logical :: made
 
-  elemental logical function safe(from, to)
-    complex(wp), intent(in) :: from, to
-    safe = abs(turn(from, to)) <= largest_turn &
-           .and. abs(log(abs(to)/abs(from))) <= largest_ratio
-  end function safe
+    ! On the axis to rounding: who could tell.
+    if (any(abs(real(known)) <= on_axis*hill%period)) return
+    call choose(hill, known, path, divided)
+    made = .false.
+    do pass = 1, max_passes
+      call changes(hill, divided, path, change, made)
+      if (.not. made) return
+      call mark(path, change, marked)
+      made = .not. any(marked)
+      if (made) exit
+      call path%split(hill, system, marked, made)
+      if (.not. made) return
+    end do
+    if (.not. made) return
+    counted = -sum(aimag(change))/pi
+    if (.not. abs(counted - nint(counted)) <= margin) return
+    i = nint(counted) + count(real(divided) > 0.0_wp)
+    if (i >= 0) n_growing = i
+  end subroutine count_along
+
+  !> Which zeros to divide out. Beside exponents of memory the determinant is singular, at the
+  !! rate at which memory fades; what both do to it nearly cancels. They are left in where less
+  !! is changed then from node to node.
+  pure subroutine choose(hill, known, path, divided)
+    type(hill_type), intent(in) :: hill
+    complex(wp), intent(in) :: known(:)
+    type(hill_path_type), intent(in) :: path
+    complex(wp), allocatable, intent(out) :: divided(:)
+    complex(wp), allocatable :: change(:)
+    complex(wp) :: place
+    logical :: kept(size(known)), made
+    real(wp) :: least
+    integer :: k
+
+    place = cmplx(0.0_wp, merge(0.5_wp*hill%period, 0.0_wp, hill%stride == 2), wp)
+    kept = .true.
+    divided = known
+    call changes(hill, known, path, change, made)
+    if (.not. made) return
+    least = sum(abs(change))
+    do k = 1, size(known)
+      if (real(known(k)) > 0.0_wp .or. abs(aimag(known(k) - place)) > 0.0_wp) cycle
+      kept(k) = .false.
+      call changes(hill, pack(known, kept), path, change, made)
+      if (made) kept(k) = sum(abs(change)) >= least
+      if (.not. made) kept(k) = .true.
+      if (.not. kept(k)) least = sum(abs(change))
+    end do
+    divided = pack(known, kept)
+  end subroutine choose
+
+  !> By how much the logarithm of what is left of D changes from node to node.
+  pure subroutine changes(hill, known, path, change, made)
+    type(hill_type), intent(in) :: hill
+    complex(wp), intent(in) :: known(:)
+    type(hill_path_type), intent(in) :: path
+    complex(wp), allocatable, intent(out) :: change(:)
+    !> Not where D is 0 or no number.
+    logical, intent(out) :: made
+    complex(wp) :: left(path%n), multipliers(size(known)), z
+    integer :: i, k
+
+    allocate (change(path%n - 1))
+    multipliers = exp(2.0_wp*pi/hill%period*known)
+    do i = 1, path%n
+      left(i) = path%value(i)
+      z = exp(-2.0_wp*pi/hill%period*path%lambda(i))
+      do k = 1, size(known)
+        left(i) = left(i)/(1.0_wp - multipliers(k)*z)
+      end do
+      made = abs(left(i)) > 0.0_wp .and. abs(left(i)) <= huge(1.0_wp)
+      if (.not. made) return
+    end do
+    change = log(left(2:)/left(:path%n - 1))
+  end subroutine changes
+
+  !> Intervals to be split: those that are not quiet, their neighbours unless these are
+  !! narrower, and those that are too wide beside a neighbour.
+  pure subroutine mark(path, change, marked)
+    type(hill_path_type), intent(in) :: path
+    complex(wp), intent(in) :: change(:)
+    logical, allocatable, intent(out) :: marked(:)
+    logical :: loud(size(change))
+    real(wp) :: width(size(change))
+    integer :: n
+
+    n = size(change)
+    loud = abs(aimag(change)) > largest_turn .or. abs(real(change)) > largest_ratio
+    allocate (marked(n), source=loud)
+    if (n == 1) return
+    width = abs(path%lambda(2:n + 1) - path%lambda(:n))
+    marked(2:) = marked(2:) .or. beside(width(2:), width(:n - 1), loud(:n - 1))
+    marked(:n - 1) = marked(:n - 1) .or. beside(width(:n - 1), width(2:), loud(2:))
+  end subroutine mark
+
+  elemental logical function beside(width, next, loud)
+    real(wp), intent(in) :: width, next
+    logical, intent(in) :: loud
+    beside = width > grading*next .or. (loud .and. grading*width > next)
+  end function beside
 
 end module viscovib_hill_count

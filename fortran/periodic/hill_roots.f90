@@ -1,28 +1,33 @@
 !> Exponents of a periodic solution: zeros of Hill's determinant.
 !!
 !! The secant method on D(lambda) (1 - exp(-2 pi (a + lambda)/d))^(2n), which without
-!! memory is a polynomial in 1/h, h = exp(2 pi lambda/d); zeros found before are
-!! divided out with their conjugates. It starts from exponents of a solution nearby,
-!! then from a grid over the strip |Im lambda| <= d/2.
+!! memory is a polynomial in 1/h, h = exp(2 pi lambda/d). It starts from exponents of a solution
+!! nearby, from the zeros of that polynomial, and from where memory alone would relax; where
+!! those that grow are not all found then, from a grid over the strip |Im lambda| <= d/2. Zeros
+!! found before are divided out, with their conjugates, where it finds them again.
 module viscovib_hill_roots
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
+  use viscovib_hill_path, only: hill_path_type
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   implicit none
   private
 
-  public :: find_exponents, follow_exponent, follow_exponents, n_known
+  public :: find_exponents, follow_exponent, search_grid
 
   integer, parameter :: max_iterations = 30
   !> In units of d: the range of Re lambda, longest step, last step wanted and least, distance
-  !! that tells two exponents apart, distances from a line of symmetry that count as
-  !! on it and near it.
+  !! that tells two exponents apart, distance from a line of symmetry that counts as
+  !! on it.
   real(wp), parameter :: leftmost = -1.5_wp, rightmost = 4.0_wp, longest = 0.2_wp
   real(wp), parameter :: last_step = 1.0e-8_wp, smallest_step = 1.0e-13_wp
-  real(wp), parameter :: apart = 1.0e-10_wp, on_line = 1.0e-7_wp
-  real(wp), parameter :: near_line = 1.0e-3_wp
+  real(wp), parameter :: apart = 1.0e-9_wp, on_line = 1.0e-7_wp
+  !> How far left approximations are bad, how near an approximation is that of an exponent.
+  real(wp), parameter :: far = -0.25_wp, taken = 0.1_wp
+  !> How much of the stiffness remembers: starts for exponents of memory.
+  real(wp), parameter :: parts(2) = [1.0_wp, 0.3_wp]
   !> The grid of starts: real parts in units of d, and imaginary ones over [0, 1/2].
   real(wp), parameter :: grid_re(5) = [-0.02_wp, 0.05_wp, -0.15_wp, -0.4_wp, &
                                       1.0e-4_wp]
@@ -30,78 +35,170 @@ module viscovib_hill_roots
 
 contains
 
-  !> Those exponents that are found from the ones of a solution nearby: largest real part first,
-  !! both of conjugate pairs, with -d/2 < Im lambda <= d/2; NaN behind the last.
-  subroutine follow_exponents(hill, system, near, exponents)
+  !> Exponents, largest real part first, both of conjugate pairs, with -d/2 < Im lambda <= d/2;
+  !! NaN behind the last.
+  subroutine find_exponents(hill, system, path, near, exponents)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
-    !> NaN where there is none.
+    type(hill_path_type), intent(in) :: path
+    !> Those of a solution nearby, NaN where there is none.
     complex(wp), intent(in) :: near(:)
     !> As many as may be kept, at least 2 n_dof.
     complex(wp), intent(out) :: exponents(:)
-    integer :: n, i, pass
+    complex(wp), allocatable :: starts(:)
+    integer :: n, i
 
     exponents = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     n = 0
     if (.not. hill%ready) return
-    ! Twice, for two may come of one where a pair of them meets.
-    do pass = 1, 2
-      do i = 1, size(near)
-        if (n >= min(n_known(near), size(exponents) - 1)) exit
-        if (ieee_is_nan(real(near(i)))) cycle
-        if (aimag(near(i)) >= 0.0_wp) call try(hill, system, near(i), exponents, n)
-      end do
+    do i = 1, n_known(near)
+      if (n >= size(exponents) - 1) exit
+      if (aimag(near(i)) >= 0.0_wp) call try(hill, system, near(i), exponents, n)
     end do
+    call path%approximations(hill, starts)
+    call leave_out(hill, exponents(:n), starts)
+    do i = 1, size(starts)
+      if (n >= size(exponents) - 1) exit
+      if (aimag(starts(i)) < 0.0_wp) cycle
+      ! Those far to the left are bad approximations, and were tried at a neighbour.
+      if (n_known(near) > 0 .and. real(starts(i)) < far*hill%period) cycle
+      call try(hill, system, starts(i), exponents, n)
+    end do
+    if (n_known(near) == 0) call try_relaxing(hill, system, exponents, n)
+    if (n < 2*hill%n_dof) then
+      ! Some starts have led to the same: whatever else is near these.
+      call path%approximations(hill, starts)
+      call leave_out(hill, exponents(:n), starts)
+      do i = 1, size(starts)
+        if (aimag(starts(i)) >= 0.0_wp .and. n < 2*hill%n_dof) then
+          call try(hill, system, starts(i), exponents, n, beside=.true.)
+        end if
+      end do
+    end if
     call sort(exponents(:n))
-  end subroutine follow_exponents
+  end subroutine find_exponents
 
-  !> More exponents beside those found: all of those with positive real part, and others down
-  !! to -1.5 d; `n_growing` of `count_growing` tells whether all were found. Those with negative
-  !! real part may lack some.
-  subroutine find_exponents(hill, system, n_growing, n_near, turn, exponents)
+  !> Of approximations those that are left when each exponent found has taken the nearest.
+  pure subroutine leave_out(hill, found, starts)
+    type(hill_type), intent(in) :: hill
+    complex(wp), intent(in) :: found(:)
+    complex(wp), allocatable, intent(inout) :: starts(:)
+    logical :: free(size(starts))
+    real(wp) :: distance(size(starts))
+    integer :: i, k
+
+    free = real(starts) > leftmost*hill%period
+    do i = 1, size(found)
+      if (.not. any(free)) exit
+      distance = abs(into_strip(starts - found(i), hill%period))
+      k = minloc(distance, 1, free)
+      if (distance(k) < taken*hill%period) free(k) = .false.
+    end do
+    starts = pack(starts, free)
+  end subroutine leave_out
+
+  !> Exponents of memory itself: next to a rate at which it fades, -r, where what a kernel R
+  !! leaves of a spring, 1 - R(s), vanishes, or somewhat left of it if other springs remember
+  !! less. They are real, or at i d/2 where orders are odd.
+  subroutine try_relaxing(hill, system, exponents, n)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
-    !> How many grow, and how many a solution nearby has, 0 if there is none.
-    integer, intent(in) :: n_growing, n_near
-    !> Number of the solution among its neighbours: as long as those that grow are found, and
-    !! as many as nearby, a single start of the grid in turn looks for others.
-    integer, intent(in) :: turn
+    complex(wp), intent(inout) :: exponents(:)
+    integer, intent(inout) :: n
+    complex(wp) :: start
+    real(wp) :: s
+    integer :: i, q
+    logical :: made
+
+    do q = 1, size(system%kernels)
+      if (.not. any(system%kernel_of == q)) cycle
+      do i = 1, merge(1, size(parts), all(system%kernel_of == q))
+        if (n >= size(exponents) - 1) return
+        call relaxing(system, q, parts(i), -leftmost*hill%period, s, made)
+        if (.not. made) exit
+        start = cmplx(s, merge(0.5_wp*hill%period, 0.0_wp, hill%stride == 2), wp)
+        call try(hill, system, start, exponents, n)
+      end do
+    end do
+  end subroutine try_relaxing
+
+  !> Where part R(s) = 1 at real s, 0 > s > -range: R grows from s = 0 to its first singularity, and
+  !! is no positive real number behind it.
+  subroutine relaxing(system, q, part, range, s, made)
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: q
+    real(wp), intent(in) :: part, range
+    real(wp), intent(out) :: s
+    logical, intent(out) :: made
+    complex(wp) :: r(1)
+    real(wp) :: low, high, last
+    integer :: i
+
+    made = .false.
+    s = 0.0_wp
+    if (.not. system%kernels(q)%kernel%integral() < 1.0_wp/(part*system%memory_scale)) return
+    ! Above the root at low, below it, or behind the singularity, at high.
+    low = 0.0_wp
+    high = 0.0_wp
+    last = 0.0_wp
+    s = 1.0e-12_wp*range
+    do while (s < range)
+      call system%kernels(q)%kernel%laplace([cmplx(-s, 0.0_wp, wp)], r)
+      if (beyond()) then
+        high = s
+        exit
+      end if
+      last = real(r(1))
+      low = s
+      s = 2.0_wp*s
+    end do
+    if (.not. high > 0.0_wp) return
+    do i = 1, 60
+      s = 0.5_wp*(low + high)
+      call system%kernels(q)%kernel%laplace([cmplx(-s, 0.0_wp, wp)], r)
+      if (beyond()) then
+        high = s
+      else
+        low = s
+        last = real(r(1))
+      end if
+      if (high - low <= 1.0e-14_wp*high) exit
+    end do
+    s = -low
+    made = .true.
+
+  contains
+
+    logical function beyond()
+      beyond = .true.
+      if (.not. abs(r(1)) <= huge(1.0_wp)) return
+      if (abs(aimag(r(1))) > 1.0e-12_wp*abs(real(r(1)))) return
+      beyond = real(r(1)) < last .or. real(r(1))*part*system%memory_scale > 1.0_wp
+    end function beyond
+
+  end subroutine relaxing
+
+  !> More exponents from a grid, until as many that grow are found as were counted.
+  subroutine search_grid(hill, system, n_growing, exponents)
+    type(hill_type), intent(in) :: hill
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: n_growing
+    !> Those found, NaN behind the last; more on exit.
     complex(wp), intent(inout) :: exponents(:)
     integer :: n, i, j
 
     if (.not. hill%ready) return
     n = n_known(exponents)
-    if (n_near > 0 .and. .not. complete() .and. as_nearby()) then
-      i = modulo(turn, size(grid_re)*(grid_im + 1))
-      call try_grid(1 + i/(grid_im + 1), modulo(i, grid_im + 1))
-    else
-      do i = 1, size(grid_re)
-        do j = 0, grid_im
-          if (complete()) exit
-          call try_grid(i, j)
-        end do
+    do i = 1, size(grid_re)
+      do j = 0, grid_im
+        if (n >= size(exponents) - 1) exit
+        if (count(real(exponents(:n)) > 0.0_wp) >= n_growing) exit
+        call try(hill, system, hill%period*cmplx(grid_re(i), 0.5_wp*j/grid_im, wp), exponents, n, &
+                 beside=.true.)
       end do
-    end if
+    end do
     call sort(exponents(:n))
-
-  contains
-
-    logical function complete()
-      ! Without any known nearby the whole grid is tried.
-      complete = as_nearby() .and. n_near > 0 .and. n >= 2*hill%n_dof
-      complete = complete .or. n >= size(exponents) - 1
-    end function complete
-
-    logical function as_nearby()
-      as_nearby = n >= n_near .and. count(real(exponents(:n)) > 0.0_wp) >= n_growing
-    end function as_nearby
-
-    subroutine try_grid(i, j)
-      integer, intent(in) :: i, j
-      call try(hill, system, hill%period*cmplx(grid_re(i), 0.5_wp*j/grid_im, wp), exponents, n)
-    end subroutine try_grid
-
-  end subroutine find_exponents
+  end subroutine search_grid
 
   !> How many stand in front of the NaN.
   pure integer function n_known(exponents)
@@ -110,54 +207,84 @@ contains
   end function n_known
 
   !> One more exponent from a start, with its conjugate.
-  subroutine try(hill, system, start, exponents, n)
+  subroutine try(hill, system, start, exponents, n, beside)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: start
     complex(wp), intent(inout) :: exponents(:)
     integer, intent(inout) :: n
-    complex(wp) :: root
-    logical :: made
+    !> Another than those known from the first: the start is none that is near one of its own.
+    logical, intent(in), optional :: beside
+    complex(wp) :: root, rough
+    logical :: made, again
 
-    call secant(hill, system, exponents(:n), start, root, made)
-    if (.not. made) return
-    if (abs(aimag(root)) > (0.5_wp + near_line)*hill%period) then
-      ! Orders reach furthest inside the strip: once more from there.
-      call secant(hill, system, exponents(:0), into_strip(root, hill%period), root, made)
+    root = start
+    again = .false.
+    if (present(beside)) again = beside .and. n > 0
+    if (.not. again) then
+      call zero_near(hill, system, exponents(:0), start, root, made)
       if (.not. made) return
+      again = is_known()
     end if
-    root = into_strip(root, hill%period)
-    root = cmplx(real(root), abs(aimag(root)), wp)
-    if (aimag(root) < on_line*hill%period) root = real(root)
-    if (aimag(root) > (0.5_wp - near_line)*hill%period) then
-      if (single(hill, system, root)) root = cmplx(real(root), 0.5_wp*hill%period, wp)
+    if (again) then
+      ! Another one beside those known, then made sharp as a zero of D itself.
+      call zero_near(hill, system, exponents(:n), start, rough, made)
+      if (.not. made) return
+      call zero_near(hill, system, exponents(:0), rough, root, made)
+      if (.not. made) return
+      if (is_known()) return
     end if
-    if (any(abs(exponents(:n) - root) < apart*hill%period)) return
     n = n + 1
     exponents(n) = root
     if (aimag(root) > 0.0_wp .and. aimag(root) < 0.5_wp*hill%period) then
       n = n + 1
       exponents(n) = conjg(root)
     end if
+
+  contains
+
+    logical function is_known()
+      is_known = any(abs(exponents(:n) - root) < apart*hill%period)
+    end function is_known
+
   end subroutine try
 
-  !> Whether a zero next to Im lambda = d/2 belongs on it: orders end unevenly about
-  !! that line, which moves the zero off it, to either side. Else another zero
-  !! mirrors it there.
-  logical function single(hill, system, root)
+  !> A zero with 0 <= Im lambda <= d/2.
+  subroutine zero_near(hill, system, known, start, root, made)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
-    complex(wp), intent(in) :: root
-    complex(wp) :: here, mirrored, aside
-    real(wp) :: distance
-    distance = 0.5_wp*hill%period - aimag(root)
-    single = distance <= on_line*hill%period
-    if (single) return
-    call hill%determinant(system, root, here)
-    call hill%determinant(system, root + cmplx(0.0_wp, 2.0_wp*distance, wp), mirrored)
-    call hill%determinant(system, root + cmplx(2.0_wp*distance, 0.0_wp, wp), aside)
-    single = max(abs(here), abs(mirrored)) > 0.3_wp*abs(aside)
-  end function single
+    !> Those divided out.
+    complex(wp), intent(in) :: known(:)
+    complex(wp), intent(in) :: start
+    complex(wp), intent(out) :: root
+    logical, intent(out) :: made
+    complex(wp) :: from
+
+    from = start
+    call secant(hill, system, known, from, root, made, sided=.true.)
+    if (.not. made) return
+    if (aimag(root) < -0.25_wp*hill%period .or. aimag(root) > (0.5_wp + on_line)*hill%period &
+        .or. (is_upper(hill, root) .neqv. is_upper(hill, start))) then
+      ! Orders reach furthest inside the strip, about the line next to it: once more.
+      from = into_strip(root, hill%period)
+      from = cmplx(real(from), abs(aimag(from)), wp)
+      call secant(hill, system, known(:0), from, root, made, sided=.true.)
+      if (.not. made) return
+    end if
+    root = into_strip(root, hill%period)
+    root = cmplx(real(root), abs(aimag(root)), wp)
+    if (aimag(root) < on_line*hill%period) root = real(root)
+    if (aimag(root) > (0.5_wp - on_line)*hill%period) then
+      root = cmplx(real(root), 0.5_wp*hill%period, wp)
+    end if
+  end subroutine zero_near
+
+  !> Nearer to Im lambda = d/2, or -d/2, than to 0.
+  pure logical function is_upper(hill, lambda)
+    type(hill_type), intent(in) :: hill
+    complex(wp), intent(in) :: lambda
+    is_upper = abs(aimag(lambda)) > 0.25_wp*hill%period
+  end function is_upper
 
   !> One exponent from the place it had at a solution nearby.
   subroutine follow_exponent(hill, system, start, exponent, made)
@@ -180,17 +307,22 @@ contains
   end function into_strip
 
   !> One more zero, those known divided out.
-  subroutine secant(hill, system, known, start, root, made)
+  subroutine secant(hill, system, known, start, root, made, sided)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: known(:), start
     complex(wp), intent(out) :: root
     logical, intent(out) :: made
+    !> Not made where it cannot be told on which side of the axis it is.
+    logical, intent(in), optional :: sided
     complex(wp) :: before, value_before, value, step, ratio
     real(wp) :: last
     integer :: i
+    logical :: about_half
 
     made = .false.
+    ! All the way with the same orders: with others D has another scale.
+    about_half = is_upper(hill, start)
     last = huge(last)
     ! Off the real axis, or it would never be left.
     before = start + 1.0e-4_wp*hill%period*(1.0_wp, 1.0_wp)
@@ -211,7 +343,13 @@ contains
       ! To rounding, or as far as zeros side by side let it come.
       made = abs(step) <= smallest_step*hill%period &
              .or. (abs(step) <= last_step*hill%period .and. abs(step) >= last)
-      if (made) return
+      if (made) then
+        ! Closer to the axis than to be told from it.
+        if (present(sided) .and. abs(step) > smallest_step*hill%period) then
+          made = .not. sided .or. abs(real(root)) > 3.0_wp*abs(step)
+        end if
+        return
+      end if
       last = abs(step)
     end do
 
@@ -223,7 +361,7 @@ contains
       complex(wp) :: z, factor
       integer :: k
 
-      call hill%determinant(system, lambda, value)
+      call hill%determinant(system, lambda, value, about_half)
       z = exp(-2.0_wp*pi/hill%period*lambda)
       value = value*(1.0_wp - exp(-2.0_wp*pi*hill%shift/hill%period)*z)**(2*hill%n_dof)
       do k = 1, size(known)

@@ -41,8 +41,9 @@ contains
     !> Shape (n_dof, n) and (n).
     complex(wp), intent(in) :: force(:, :), base(:)
     type(status_type), intent(out) :: status
-    complex(wp) :: total_force(n_dof), total_base
-    integer :: k, j
+    complex(wp), allocatable :: total_force(:, :), total_base(:)
+    integer, allocatable :: place(:), different(:)
+    integer :: k, j, n
 
     do j = 1, size(orders)
       if (orders(j) < 0) then
@@ -62,25 +63,24 @@ contains
         return
       end if
     end do
-    allocate (load%orders(0), load%force(n_dof, 0), load%base(0))
-    if (size(orders) == 0) return
-    do k = 0, maxval(orders)
-      if (.not. any(orders == k)) cycle
-      total_force = (0.0_wp, 0.0_wp)
-      total_base = (0.0_wp, 0.0_wp)
-      do j = 1, size(orders)
-        if (orders(j) /= k) cycle
-        total_force = total_force + force(:, j)
-        total_base = total_base + base(j)
-      end do
-      if (.not. any(abs(total_force) > 0.0_wp) .and. .not. abs(total_base) > 0.0_wp) then
-        load%n_zero = load%n_zero + 1
-        cycle
-      end if
-      load%force = reshape([load%force, total_force], [n_dof, size(load%orders) + 1])
-      load%base = [load%base, total_base]
-      load%orders = [load%orders, k]
+    allocate (place(0:maxval([orders, 0])), source=0)
+    place(orders) = 1
+    different = pack([(k, k=0, ubound(place, 1))], place > 0)
+    n = size(different)
+    place(different) = [(k, k=1, n)]
+    allocate (total_force(n_dof, n), total_base(n), source=(0.0_wp, 0.0_wp))
+    do j = 1, size(orders)
+      k = place(orders(j))
+      total_force(:, k) = total_force(:, k) + force(:, j)
+      total_base(k) = total_base(k) + base(j)
     end do
+    associate (kept => pack([(k, k=1, n)], any(abs(total_force) > 0.0_wp, 1) &
+                            .or. abs(total_base) > 0.0_wp))
+      load%n_zero = n - size(kept)
+      load%orders = different(kept)
+      load%force = total_force(:, kept)
+      load%base = total_base(kept)
+    end associate
   end subroutine new_load
 
   elemental logical function finite(z)

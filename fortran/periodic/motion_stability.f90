@@ -9,7 +9,8 @@ module viscovib_motion_stability
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_hill, only: hill_type, new_hill
   use viscovib_hill_count, only: count_growing
-  use viscovib_hill_roots, only: find_exponents, follow_exponents, n_known
+  use viscovib_hill_path, only: hill_path_type, new_hill_path
+  use viscovib_hill_roots, only: find_exponents, search_grid
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_oscillator, only: oscillator_type
@@ -149,23 +150,34 @@ contains
     integer, intent(inout), volatile, optional :: cancel
     complex(wp), intent(in), optional :: beside(:)
     complex(wp) :: near(self%n_slots)
+    type(hill_path_type) :: path
+    real(wp) :: period
     integer :: evaluations, found, i
 
     near = not_a_number()
+    period = -1.0_wp
     if (present(beside)) near = beside
     do i = 1, size(nu)
       if (present(cancel)) then
         if (cancel /= 0) return
       end if
       if (ieee_is_nan(x(1, 1, i))) cycle
+      ! Those at i d/2 stay there.
+      where (abs(aimag(near) - 0.5_wp*period) <= 0.0_wp)
+        near = cmplx(real(near), 0.5_wp*merge(2, 1, self%half_wave)*nu(i), wp)
+      end where
       call self%hill%along(system, nu(i), x(:, :, i))
-      call follow_exponents(self%hill, system, near, stability%exponents(:, i))
+      period = self%hill%period
+      call new_hill_path(path, self%hill, system)
+      call find_exponents(self%hill, system, path, near, stability%exponents(:, i))
       call count_growing(self%hill, system, stability%exponents(:, i), stability%n_growing(i), &
-                         evaluations)
-      call find_exponents(self%hill, system, stability%n_growing(i), n_known(near), i, &
-                          stability%exponents(:, i))
+                         evaluations, path)
+      found = n_positive(stability%exponents(:, i))
+      if (found < stability%n_growing(i)) then
+        call search_grid(self%hill, system, stability%n_growing(i), stability%exponents(:, i))
+        found = n_positive(stability%exponents(:, i))
+      end if
       near = stability%exponents(:, i)
-      found = count(merge(-1.0_wp, real(near), ieee_is_nan(real(near))) > 0.0_wp)
       ! More found than counted: one of the two is wrong.
       if (found > stability%n_growing(i)) stability%n_growing(i) = -1
       if (found /= stability%n_growing(i)) stability%exponents(:, i) = not_a_number()
@@ -174,6 +186,11 @@ contains
       end where
     end do
   end subroutine by_hill
+
+  pure integer function n_positive(exponents)
+    complex(wp), intent(in) :: exponents(:)
+    n_positive = count(merge(-1.0_wp, real(exponents), ieee_is_nan(real(exponents))) > 0.0_wp)
+  end function n_positive
 
   elemental complex(wp) function not_a_number()
     not_a_number = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)

@@ -10,9 +10,10 @@ module viscovib_newton_response
   use viscovib_motion_stability, only: judge_type, new_judge
   use viscovib_newton_point, only: newton_point, point_from_rest
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_outcomes, only: outcome_converged, outcome_singular
+  use viscovib_outcomes, only: outcome_converged, outcome_singular, outcome_stopped
   use viscovib_point_orders, only: choose_orders, order_choice
   use viscovib_response, only: response_options, response_type
+  use viscovib_stopping, only: stop_wanted
   implicit none
   private
 
@@ -56,6 +57,10 @@ contains
       if (present(cancel)) then
         if (cancel /= 0) return
       end if
+      if (stop_wanted()) then
+        call response%discard(i, outcome_stopped)
+        cycle
+      end if
       outcome = outcome_singular
       if (known >= 2) then
         x(:rows, :) = last(:rows, :) + (last(:rows, :) - before(:rows, :)) &
@@ -87,7 +92,6 @@ contains
       last_nu = nu(i)
       known = known + 1
     end do
-    if (.not. ladder%adaptive) call response%judge_by_decay()
     if (options%stability) then
       call judge_all(system, ladder%rungs(ladder%rung_of(maxval(response%orders)))%balance%set, &
                      response, cancel)
@@ -116,7 +120,7 @@ contains
     end subroutine raise_load
 
     subroutine add_orders()
-      if (outcome /= outcome_converged .or. .not. ladder%adaptive) return
+      if (outcome /= outcome_converged) return
       call choose_orders(ladder, system, load, nu(i), options%tolerance, x, factors, choice, &
                          outcome, response%iterations(i))
       rows = max(rows, 2*ladder%n_orders(max(choice%solved, choice%rung)))
@@ -131,7 +135,6 @@ contains
       do d = 1, system%n_dof()
         response%coefficients(:k, d, i) = cmplx(x(1:2*k:2, d), x(2:2*k:2, d), wp)
       end do
-      if (.not. ladder%adaptive) return
       response%highest(i) = ladder%highest(choice%solved)
       response%truncation(i) = choice%truncation
     end subroutine keep

@@ -1,7 +1,7 @@
 !> Periodic motions of an oscillator as a curve: the harmonics over the frequency or
 !! the factor of the load.
 module viscovib_oscillator_curve
-  use viscovib_balance_ladder, only: balance_ladder_type, probe_rungs
+  use viscovib_balance_ladder, only: balance_ladder_type
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
@@ -70,6 +70,7 @@ contains
     curve%n = curve%balance%n
     rows = curve%n/curve%blocks
     curve%weights = [(spread(curve%system%mass(d, d), 1, rows), d=1, curve%blocks)]
+    curve%last_of_group = [(d, d=2, curve%n, 2)]
   end subroutine measure
 
   !> Choose the orders at each point, beginning on a rung.
@@ -83,6 +84,8 @@ contains
     self%adaptive = .true.
     self%n_most = 2*ladder%n_orders(ladder%n_rungs)*self%blocks
     self%tolerance = tolerance
+    self%previous = huge(1.0_wp)
+    self%vain = 0
     self%rung = 0
     self%next_rung = rung
     call self%resize()
@@ -147,10 +150,10 @@ contains
     real(wp), intent(in) :: x(:), p
     real(wp), intent(out) :: pushed(:), own
     real(wp) :: motion(self%n/self%blocks, self%blocks), push(self%n/self%blocks, self%blocks)
-    real(wp) :: change(2*self%ladder%n_orders(self%rung + probe_rungs), self%blocks), short
+    real(wp) :: change(2*self%ladder%n_orders(self%ladder%probe_of(self%rung)), self%blocks), short
 
     associate (by_frequency => self%vary == vary_frequency, &
-               probe => self%ladder%rungs(self%rung + probe_rungs))
+               probe => self%ladder%rungs(self%ladder%probe_of(self%rung)))
       call self%ladder%prepare_probe(self%rung, self%system, self%load, &
                                      merge(p, self%balance%nu, by_frequency))
       probe%balance%load_factor = merge(self%balance%load_factor, p, by_frequency)

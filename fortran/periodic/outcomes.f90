@@ -16,7 +16,10 @@ module viscovib_outcomes
   !> Parameters so extreme that the solution leaves the range of numbers.
   integer, parameter, public :: outcome_overflow = 4
 
-  character(len=*), parameter, public :: outcome_names(0:4) = &
-    [character(len=9) :: 'converged', 'stalled', 'diverged', 'singular', 'overflow']
+  !> Not computed: the time for it was over.
+  integer, parameter, public :: outcome_stopped = 5
+
+  character(len=*), parameter, public :: outcome_names(0:5) = &
+    [character(len=9) :: 'converged', 'stalled', 'diverged', 'singular', 'overflow', 'stopped']
 
 end module viscovib_outcomes

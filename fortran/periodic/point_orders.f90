@@ -4,7 +4,7 @@
 !! Nothing here knows what the next solution is, a frequency further or a step along a
 !! branch.
 module viscovib_point_orders
-  use viscovib_balance_ladder, only: balance_ladder_type, probe_rungs
+  use viscovib_balance_ladder, only: balance_ladder_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_motion_norm, only: newton_factors
@@ -59,11 +59,11 @@ contains
     vain = 0
     do
       m = 2*ladder%n_orders(rung)
-      n = 2*ladder%n_orders(rung + probe_rungs)
+      n = 2*ladder%n_orders(ladder%probe_of(rung))
       call ladder%prepare_probe(rung, system, load, nu)
       if (allocated(change)) deallocate (change)
       allocate (change(n, size(x, 2)))
-      associate (probe => ladder%rungs(rung + probe_rungs))
+      associate (probe => ladder%rungs(ladder%probe_of(rung)))
         probe%balance%load_factor = factor
         call estimate_truncation(probe%balance, probe%compliance, system, x(:m, :), factors, &
                                  change, choice%truncation, outside)

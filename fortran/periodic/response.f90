@@ -1,12 +1,12 @@
 !> What a forced response holds, and what may be asked of one.
 module viscovib_response
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
   use viscovib_counters, only: count_up, counted_base, counting
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_motion_stability, only: stability_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_outcomes, only: outcome_converged
+  use viscovib_outcomes, only: outcome_converged, outcome_overflow
   implicit none
   private
 
@@ -56,8 +56,9 @@ module viscovib_response
     procedure :: allocate_for
     procedure :: discard
     procedure :: widen
-    procedure :: judge_by_decay
+    procedure :: replace
     procedure :: add_base_motion
+    procedure :: keep_finite
     procedure :: spread_out
   end type response_type
 
@@ -111,28 +112,21 @@ contains
     self%orders = orders
   end subroutine widen
 
-  !> The truncation as the largest of the two highest orders against the largest of all,
-  !! the worse of the coordinates; 0 if there are fewer than three.
-  subroutine judge_by_decay(self)
+  !> Put the points of a response with more orders in the place of some here.
+  subroutine replace(self, places, better)
     class(response_type), intent(inout) :: self
-    real(wp) :: sizes(size(self%orders)), largest(size(self%coefficients, 2))
-    integer :: i, d, m
+    integer, intent(in) :: places(:)
+    type(response_type), intent(in) :: better
 
-    m = size(self%orders)
-    if (m < 3) return
-    do i = 1, size(self%nu)
-      if (self%outcome(i) /= outcome_converged) cycle
-      do d = 1, size(largest)
-        largest(d) = maxval(abs(self%coefficients(:, d, i)))
-      end do
-      ! A coordinate that stands still but for rounding must not tell.
-      largest = max(largest, 1.0e-9_wp*maxval(largest), tiny(1.0_wp))
-      do d = 1, size(largest)
-        sizes = abs(self%coefficients(:, d, i))
-        self%truncation(i) = max(self%truncation(i), maxval(sizes(m - 1:))/largest(d))
-      end do
-    end do
-  end subroutine judge_by_decay
+    call self%widen(better%orders)
+    self%coefficients(:, :, places) = better%coefficients
+    self%outcome(places) = better%outcome
+    self%iterations(places) = better%iterations
+    self%rate(places) = better%rate
+    self%highest(places) = better%highest
+    self%truncation(places) = better%truncation
+    self%corrections(:, places) = better%corrections
+  end subroutine replace
 
   !> From coordinates relative to the base to absolute ones.
   subroutine add_base_motion(self, system, load)
@@ -153,6 +147,19 @@ contains
       end do
     end do
   end subroutine add_base_motion
+
+  !> No motion with a number that is not finite has converged, whatever made it.
+  subroutine keep_finite(self)
+    class(response_type), intent(inout) :: self
+    integer :: i
+    do i = 1, size(self%nu)
+      if (self%outcome(i) /= outcome_converged) cycle
+      if (all(ieee_is_finite(real(self%coefficients(:, :, i)))) .and. &
+          all(ieee_is_finite(aimag(self%coefficients(:, :, i)))) .and. &
+          ieee_is_finite(self%truncation(i))) cycle
+      call self%discard(i, outcome_overflow)
+    end do
+  end subroutine keep_finite
 
   !> From the coordinates computed to all, the others at rest.
   subroutine spread_out(self, moved)

@@ -1,14 +1,14 @@
 !> A branch of periodic motions of an oscillator, from a frequency, a factor of the load or
 !! a parameter on, with the orders given or as many as each point needs.
 module viscovib_response_branch
-  use viscovib_balance_ladder, only: balance_ladder_type, lowest_order, new_ladder
+  use viscovib_balance_ladder, only: balance_ladder_type, lowest_order, new_ladder, one_rung
   use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
   use viscovib_curve_events, only: special_points
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_newton_point, only: point_from_rest
   use viscovib_oscillator_curve, only: oscillator_curve_type
-  use viscovib_outcomes, only: outcome_converged
+  use viscovib_outcomes, only: outcome_converged, outcome_stalled
   use viscovib_response_plan, only: response_plan_type
   use viscovib_sized_curve, only: refitted
   implicit none
@@ -46,17 +46,23 @@ contains
     integer, intent(inout), volatile, optional :: cancel
     type(balance_ladder_type) :: ladder
     real(wp), allocatable :: x(:, :)
+    real(wp) :: nu, factor
     integer :: iterations, rung
 
     outcome = outcome_converged
+    rung = 1
+    nu = curve%balance%nu
+    factor = curve%balance%load_factor
     if (plan%chosen) then
       call new_ladder(ladder, curve%system, curve%load, plan%set%half_wave, &
                       min(plan%most, max(highest_chosen, lowest_order(curve%load))))
       rung = ladder%rung_of(orders_from_rest)
       if (present(departure)) rung = rung_with(ladder, departure, curve%blocks)
-      call ladder%prepare(rung, curve%system, curve%load, curve%balance%nu)
-      call curve%choose_from(ladder, rung, options%tolerance)
+    else
+      call one_rung(ladder, curve%system, curve%load, plan%set)
     end if
+    call ladder%prepare(rung, curve%system, curve%load, nu)
+    call curve%choose_from(ladder, rung, options%tolerance)
     if (present(departure)) then
       associate (m => size(departure%x))
         call follow_curve(curve, options, refitted(curve%blocks, departure%x, curve%n), branch, &
@@ -64,15 +70,30 @@ contains
                                         departure%along(m + 1)], cancel)
       end associate
     else
-      allocate (x(curve%n/curve%blocks, curve%blocks))
-      iterations = 0
-      call point_from_rest(curve%balance, curve%system, curve%load, options%tolerance, x, outcome, &
-                           iterations, cancel)
-      if (outcome == outcome_converged) then
-        call follow_curve(curve, options, reshape(x, [curve%n]), branch, cancel=cancel)
-      end if
+      do
+        x = reshape([real(wp) ::], [curve%n/curve%blocks, curve%blocks], pad=[0.0_wp])
+        iterations = 0
+        call point_from_rest(curve%balance, curve%system, curve%load, options%tolerance, x, &
+                             outcome, iterations, cancel)
+        if (outcome == outcome_converged) then
+          call follow_curve(curve, options, reshape(x, [curve%n]), branch, cancel=cancel)
+          if (branch%n_points > 0) exit
+        end if
+        if (rung == ladder%n_rungs) exit
+        if (present(cancel)) then
+          if (cancel /= 0) exit
+        end if
+        ! Few orders may have a motion where more have none nearby: begin with more.
+        rung = ladder%rung_of(2*ladder%highest(rung) + 1)
+        call ladder%prepare(rung, curve%system, curve%load, nu)
+        call curve%balance%set_frequency(curve%system, curve%load, nu)
+        curve%balance%load_factor = factor
+        call curve%choose_from(ladder, rung, options%tolerance)
+      end do
     end if
-    if (outcome == outcome_converged .and. plan%chosen) call keep_used(curve, branch)
+    ! Where the first point could not be corrected there is no branch.
+    if (outcome == outcome_converged .and. branch%n_points == 0) outcome = outcome_stalled
+    if (outcome == outcome_converged) call keep_used(curve, branch)
     set = curve%balance%set
   end subroutine follow_response
 

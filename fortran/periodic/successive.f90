@@ -13,17 +13,19 @@
 !! and a lane that is done takes up the next frequency at once.
 module viscovib_successive
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
+  use viscovib_balance_ladder, only: judging_order
   use viscovib_counters, only: count_unknowns, count_up, counted_corrections, counted_loads, &
     counted_turns, counting
-  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_linear_response, only: chunk_size, compliance_table
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_overflow, &
-    outcome_singular, outcome_stalled
+    outcome_singular, outcome_stalled, outcome_stopped
   use viscovib_response, only: response_options, response_type
+  use viscovib_stopping, only: stop_wanted
   implicit none
   private
 
@@ -34,6 +36,10 @@ module viscovib_successive
   real(wp), parameter :: growth_limit = 1.0e3_wp
   !> Relaxation is halved at most this often.
   integer, parameter :: max_halvings = 4
+  !> Largest factor between two turns that is believed where orders left out are judged.
+  real(wp), parameter :: slowest = 0.9_wp
+  !> An iteration falls short of all it will change by no more than 1/stagnant.
+  real(wp), parameter :: stagnant = 1.0e-3_wp
 
   !> Everything that belongs to the frequencies under iteration. Real and
   !! imaginary parts are apart (second index of size 2, or names re, im) so
@@ -71,15 +77,19 @@ contains
     type(harmonic_set_type), intent(in) :: set
     type(response_options), intent(in) :: options
     type(response_type), intent(out) :: response
-    type(block_type) :: work
+    type(block_type) :: work, judging
+    type(harmonic_set_type) :: more
     integer :: first, last
 
+    call new_harmonic_set(more, judging_order(load, system%degree, set%orders(size(set%orders))), &
+                          set%half_wave, system%degree)
     call response%allocate_for(nu, set%orders, system%n_dof(), &
                                merge(options%max_iterations, 0, options%keep_history))
     call allocate_block(work, system, set)
+    call allocate_block(judging, system, more)
     do first = 1, size(nu), chunk_size
       last = min(first + chunk_size - 1, size(nu))
-      call iterate_chunk(system, load, set, options, work, response, first, last)
+      call iterate_chunk(system, load, set, options, work, response, first, last, more, judging)
     end do
     call response%add_base_motion(system, load)
   end subroutine successive_response
@@ -102,8 +112,9 @@ contains
               work%u_samples(s, d), work%w_samples(s, m), work%f_samples(s, d), source=0.0_wp)
   end subroutine allocate_block
 
-  !> Bring the points first..last of the response to an end.
-  subroutine iterate_chunk(system, load, set, options, work, response, first, last)
+  !> Bring the points first..last of the response to an end, and judge them with `more`
+  !! orders.
+  subroutine iterate_chunk(system, load, set, options, work, response, first, last, more, judging)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     type(harmonic_set_type), intent(in) :: set
@@ -111,16 +122,19 @@ contains
     type(block_type), intent(inout) :: work
     type(response_type), intent(inout) :: response
     integer, intent(in) :: first, last
+    type(harmonic_set_type), intent(in) :: more
+    type(block_type), intent(inout) :: judging
     complex(wp), allocatable :: fraction(:, :, :), compliance(:, :, :, :)
     logical :: singular(last - first + 1)
-    integer :: n, next_point, lane, i
+    integer :: n, m, next_point, lane, i
 
     n = last - first + 1
-    allocate (fraction(n, system%n_memory(), size(set%orders)), &
-              compliance(system%n_dof(), system%n_dof(), n, size(set%orders)))
+    m = size(set%orders)
+    allocate (fraction(n, system%n_memory(), size(more%orders)), &
+              compliance(system%n_dof(), system%n_dof(), n, size(more%orders)))
     if (counting) call count_unknowns(set%orders, system%n_dof(), n)
-    call compliance_table(system, set%orders, response%nu(first:last), fraction, compliance, &
-                          singular)
+    call compliance_table(system, set%orders, response%nu(first:last), fraction(:, :, :m), &
+                          compliance(:, :, :, :m), singular)
     next_point = 1
     do
       do lane = 1, n_lanes
@@ -133,16 +147,134 @@ contains
             cycle
           end if
           call load_lane(work, lane, i, system, load, set, options%relaxation, &
-                         response%nu(first + i - 1), fraction(i, :, :), compliance(:, :, i, :))
+                         response%nu(first + i - 1), fraction(i, :, :m), compliance(:, :, i, :m))
           exit
         end do
       end do
       if (all(work%point == 0)) exit
+      if (stop_wanted()) then
+        call give_up()
+        exit
+      end if
       call nonlinear_force(work, system, set)
       call solve_lanes(work)
       call judge_lanes(work, system, set, options, response, first)
     end do
+    call compliance_table(system, more%orders(m + 1:), response%nu(first:last), &
+                          fraction(:, :, m + 1:), compliance(:, :, :, m + 1:), singular)
+    ! Undamped and in resonance: an order of any size may be missing.
+    do i = 1, n
+      if (singular(i) .and. response%outcome(first + i - 1) == outcome_converged) then
+        response%truncation(first + i - 1) = 1.0_wp
+      end if
+    end do
+    call judge_chunk(system, load, more, judging, response, first, last, fraction, compliance)
+
+  contains
+
+    !> No solution at the points that are not finished.
+    subroutine give_up()
+      integer :: k
+      do k = 1, n_lanes
+        if (work%point(k) > 0) call response%discard(first + work%point(k) - 1, outcome_stopped)
+      end do
+      work%point = 0
+      do k = next_point, n
+        call response%discard(first + k - 1, outcome_stopped)
+      end do
+    end subroutine give_up
+
   end subroutine iterate_chunk
+
+  !> A motion that was found, and not given up; NaN where none was found is not compared.
+  pure logical function to_be_judged(response, i)
+    type(response_type), intent(in) :: response
+    integer, intent(in) :: i
+    to_be_judged = .false.
+    if (response%outcome(i) == outcome_converged) to_be_judged = response%truncation(i) < 1.0_wp
+  end function to_be_judged
+
+  !> What the orders left out would change: two turns with `more` of them from the motion
+  !! found, the first of which finds them and the second what they do to the others, which
+  !! then goes on by the rate of the iteration.
+  subroutine judge_chunk(system, load, more, work, response, first, last, fraction, compliance)
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    type(harmonic_set_type), intent(in) :: more
+    type(block_type), intent(inout) :: work
+    type(response_type), intent(inout) :: response
+    integer, intent(in) :: first, last
+    complex(wp), intent(in) :: fraction(:, :, :), compliance(:, :, :, :)
+    !> Sizes of the motion, of what the first turn finds, of its change in the second, and
+    !! of the change of the orders kept.
+    real(wp), dimension(n_lanes) :: whole, found, rest, back
+    real(wp), allocatable :: kept(:, :, :, :)
+    complex(wp) :: p(system%n_dof())
+    integer :: lane, i, k, m, at
+    real(wp) :: short
+
+    m = size(response%orders)
+    i = first
+    do
+      work%point = 0
+      lane = 0
+      do while (i <= last .and. lane < n_lanes)
+        if (to_be_judged(response, i)) then
+          lane = lane + 1
+          at = i - first + 1
+          work%point(lane) = i
+          work%f_re(lane, :, :) = real(fraction(at, :, :))
+          work%f_im(lane, :, :) = aimag(fraction(at, :, :))
+          work%c_re(lane, :, :, :) = real(compliance(:, :, at, :))
+          work%c_im(lane, :, :, :) = aimag(compliance(:, :, at, :))
+          do k = 1, size(more%orders)
+            p = load%coefficient(system, more%orders(k), response%nu(i))
+            work%load(lane, 1, k, :) = real(p)
+            work%load(lane, 2, k, :) = aimag(p)
+          end do
+          work%u(lane, 1, :m, :) = real(response%coefficients(:, :, i))
+          work%u(lane, 2, :m, :) = aimag(response%coefficients(:, :, i))
+          work%u(lane, :, m + 1:, :) = 0.0_wp
+        end if
+        i = i + 1
+      end do
+      if (lane == 0) return
+      call nonlinear_force(work, system, more)
+      call solve_lanes(work)
+      whole = lane_norm(system, work%u)
+      found = lane_norm(system, work%next(:, :, m + 1:, :))
+      work%u(:, :, m + 1:, :) = work%next(:, :, m + 1:, :)
+      kept = work%next(:, :, :m, :)
+      call nonlinear_force(work, system, more)
+      call solve_lanes(work)
+      rest = lane_norm(system, work%next(:, :, m + 1:, :) - work%u(:, :, m + 1:, :))
+      ! Against the first turn, and so without what the iteration has left.
+      back = lane_norm(system, work%next(:, :, :m, :) - kept)
+      do lane = 1, n_lanes
+        at = work%point(lane)
+        if (at == 0 .or. .not. whole(lane) > 0.0_wp) cycle
+        short = 1.0_wp
+        if (found(lane) > 0.0_wp) short = 1.0_wp/(1.0_wp - min(rest(lane)/found(lane), slowest))
+        back(lane) = back(lane)/max(1.0_wp - response%rate(at), stagnant)
+        response%truncation(at) = short*max(found(lane), back(lane))/whole(lane)
+      end do
+    end do
+  end subroutine judge_chunk
+
+  !> Largest of sqrt(M_dd) (|Re X| + |Im X|) of each lane.
+  pure function lane_norm(system, x) result(norm)
+    class(oscillator_type), intent(in) :: system
+    !> Shape (n_lanes, 2, n_orders, n_dof).
+    real(wp), intent(in) :: x(:, :, :, :)
+    real(wp) :: norm(n_lanes)
+    integer :: d, k
+    norm = 0.0_wp
+    do d = 1, size(x, 4)
+      do k = 1, size(x, 3)
+        norm = max(norm, sqrt(system%mass(d, d))*(abs(x(:, 1, k, d)) + abs(x(:, 2, k, d))))
+      end do
+    end do
+  end function lane_norm
 
   !> Start a point from its linear response.
   subroutine load_lane(work, lane, point, system, load, set, relaxation, nu, fraction, &

@@ -27,7 +27,7 @@ module viscovib_torus_orders
   !! the next value costs another solution.
   real(wp), parameter :: idle = 0.1_wp
   !> Additions that may fail to halve the estimate before it is taken for rounding.
-  integer, parameter :: max_vain = 2
+  integer, parameter, public :: max_vain = 2
 
   type :: torus_rung
     logical :: ready = .false.

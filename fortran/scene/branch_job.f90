@@ -64,6 +64,7 @@ contains
     job%curve%finish = reader%read_real(trim(before)//'to')
     job%nu = job%curve%start
     if (choice > 1) job%nu = reader%read_real('nu')
+    job%options%choose_harmonics = .true.
     call reader%read_count('harmonics', job%options%harmonics, 'auto', &
                            job%options%choose_harmonics)
     job%options%keep_idle = .true.
@@ -136,7 +137,7 @@ contains
     class(oscillator_type), intent(in), target :: system
     type(load_type), intent(in), target :: load
     type(curve_branch_type), intent(out) :: branch
-    !> Orders kept at any point; if they are chosen, the highest at each.
+    !> Orders kept at any point, and the highest at each.
     integer, allocatable, intent(out) :: orders(:), highest(:)
     !> Left without arrays where it is not wanted.
     type(stability_type), intent(out) :: stability
@@ -179,7 +180,7 @@ contains
     end if
     orders = set%orders
     shape_x = [2*size(orders), system%n_dof()]
-    if (plan%chosen) highest = orders(branch%kept(:branch%n_points)/(2*system%n_dof()))
+    highest = orders(branch%kept(:branch%n_points)/(2*system%n_dof()))
     allocate (crossings(0))
     if (job%stability) then
       associate (n => branch%n_points, folds => branch%folds)
@@ -231,8 +232,7 @@ contains
     !> What varies, the first column.
     character(len=*), intent(in) :: folder, name, varies
     integer, intent(in) :: orders(:)
-    !> Left out if not allocated.
-    integer, allocatable, intent(in) :: highest(:)
+    integer, intent(in) :: highest(:)
     type(curve_branch_type), intent(in) :: branch
     type(stability_type), intent(in) :: stability
     type(crossing_type), intent(in) :: crossings(:)
@@ -256,15 +256,15 @@ contains
     call write_crossings(table, crossings, varies)
     row = '# nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)'
     if (allocated(stability%stable)) row = row//stability_note
-    if (allocated(highest)) row = row//'; highest: order kept; truncation: estimated relative ' &
-                                  //'error of leaving out higher orders'
+    row = row//'; highest: order kept; truncation: estimated relative error of leaving out ' &
+          //'higher orders'
     do d = 1, size(coordinates)
       row = row//', '//trim(coordinates(d))//' in '//trim(units(d))
     end do
     call table%add_line(row)
     row = varies
     if (allocated(stability%stable)) row = row//stability_names
-    if (allocated(highest)) row = row//',highest,truncation'
+    row = row//',highest,truncation'
     do d = 1, size(coordinates)
       do k = 1, size(orders)
         order = trim(coordinates(d))//'_'//show(orders(k))
@@ -277,8 +277,7 @@ contains
       if (allocated(stability%stable)) then
         row = row//','//stability_text(stability%n_growing(i), stability%multipliers(1, i))
       end if
-      if (allocated(highest)) row = row//','//show(highest(i))//',' &
-                                    //trim(exact(branch%truncation(i)))
+      row = row//','//show(highest(i))//','//trim(exact(branch%truncation(i)))
       do k = 1, size(branch%x, 1)
         row = row//','//trim(exact(branch%x(k, i)))
       end do

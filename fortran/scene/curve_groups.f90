@@ -49,11 +49,7 @@ contains
     type(group_reader), intent(inout) :: reader
     integer, allocatable, intent(out) :: switch(:)
 
-    switch = reader%read_some_integers('switch')
-    if (size(switch) > max_switches) then
-      call reader%complain('switch', 'switch: '//show(size(switch))//' of them, must be at most ' &
-                           //show(max_switches))
-    end if
+    switch = reader%read_some_integers('switch', max_switches)
     if (any(switch == 0)) call reader%complain('switch', 'switch = 0: must be the number of a ' &
                                                //'branch point, from 1, or its negative')
   end subroutine read_switch

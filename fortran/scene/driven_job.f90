@@ -7,9 +7,9 @@ module viscovib_driven_job
   use viscovib_crossings, only: crossing_type
   use viscovib_curve_groups, only: check_between, listed, read_curve, read_switch, read_yes, &
     stability_names, stability_note, stability_text, write_crossings
-  use viscovib_drive_torus, only: default_bound, drive_torus_type, kept_by_symmetry, &
-    largest_bound, lattice, lowest_bound, max_unknowns, n_drives, sort_drives, varied_names, &
-    varies_nu
+  use viscovib_drive_torus, only: default_bound, drive_torus_type, judging_shells, &
+    kept_by_symmetry, largest_bound, lattice, lowest_bound, max_unknowns, n_drives, sort_drives, &
+    varied_names, varies_nu
   use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
@@ -24,9 +24,14 @@ module viscovib_driven_job
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_amplitude, &
     vary_frequency
+  use viscovib_torus_orders, only: better_bound, branch_truncation, max_vain, new_ladder, &
+    torus_ladder
   use viscovib_torus_response, only: solve_from_rest
   implicit none
   private
+
+  !> Orders are added up to this part of the unknowns that may be asked for.
+  real(wp), parameter :: fewer = 2.0_wp
 
   public :: driven_job, driven_branch, read_driven, plan_driven, run_driven, write_driven
 
@@ -34,7 +39,9 @@ module viscovib_driven_job
     !> Place in `varied_names`.
     integer :: parameter = 1
     type(curve_options) :: options
+    !> Highest order, the first one tried if they are chosen.
     integer :: harmonics = 0
+    logical :: choose_harmonics = .true.
     logical :: stability = .true.
     !> Only motions that share the symmetry of system and loads.
     logical :: symmetric = .false.
@@ -47,6 +54,10 @@ module viscovib_driven_job
   !> A branch, its values in units of the parameter.
   type :: driven_branch
     integer :: outcome = curve_completed
+    !> Highest order kept, and the estimated relative error of leaving out others where it is
+    !! largest.
+    integer :: harmonics = 0
+    real(wp) :: truncation = 0.0_wp
     !> Shape (n); base frequencies, shape (n_axes, n); unknowns, those left out as 0, shape
     !! (torus%n n_dof, n).
     real(wp), allocatable :: parameter(:), base(:, :), x(:, :)
@@ -93,7 +104,8 @@ contains
     call reader%place(status)
     if (reader%status%failed()) return
     most = largest_bound(job%torus%n_axes, 1.0_wp, max_unknowns)
-    job%harmonics = reader%read_integer('harmonics', default_bound(job%torus))
+    job%harmonics = default_bound(job%torus)
+    call reader%read_count('harmonics', job%harmonics, 'auto', job%choose_harmonics)
     call check_between(reader, 'harmonics', job%harmonics, lowest_bound(job%torus), most)
     call read_curve(reader, job%options)
     job%stability = read_yes(reader, 'stability')
@@ -105,8 +117,6 @@ contains
   function plan_driven(job) result(text)
     type(driven_job), intent(in) :: job
     character(len=:), allocatable :: text
-    integer, allocatable :: orders(:, :)
-    allocate (orders, source=lattice(job%torus%n_axes, job%harmonics))
     text = 'computes: the branch from '//trim(varied_names(job%parameter))//' = ' &
            //show(job%options%start)//' to '//show(job%options%finish)//', '
     if (job%torus%n_axes == 1) then
@@ -114,7 +124,13 @@ contains
     else
       text = text//'quasi-periodic motions of '//show(job%torus%n_axes)//' base frequencies'
     end if
-    text = text//', '//show(size(orders, 2))//' orders a coordinate'//new_line('a')
+    if (job%choose_harmonics) then
+      text = text//', as many orders as the tolerance needs, '//show(job%harmonics)//' at first'
+    else
+      text = text//', '//show(size(lattice(job%torus%n_axes, job%harmonics), 2)) &
+             //' orders a coordinate'
+    end if
+    text = text//new_line('a')
     if (size(job%switch) > 0) then
       text = text//'computes: '//show(size(job%switch))//' branches that leave it' &
              //new_line('a')
@@ -145,49 +161,36 @@ contains
     type(torus_balance_type) :: balance
     type(curve_options) :: options
     type(curve_branch_type) :: first, other
-    logical, allocatable :: kept(:, :)
-    real(wp), allocatable :: x(:)
-    real(wp) :: unit
-    integer :: outcome, iterations, i, n
+    real(wp) :: unit, truncation, last
+    integer :: i, n, bound, next, vain, step, most
 
     allocate (branches(1 + size(job%switch)))
     ! Loads of size 1, their amplitudes apart, as what varies may be one of them.
     parameters = pendulum%parameters
     parameters%load = 1.0_wp
     call new_pendulum(system, parameters, status)
-    if (.not. status%failed()) then
-      call new_torus(torus, lattice(job%torus%n_axes, job%harmonics), status)
-    end if
     if (status%failed()) return
-    allocate (kept(size(torus%orders, 2), 3), source=.true.)
-    if (job%symmetric) kept = kept_by_symmetry(job%torus, torus%orders, pendulum%parameters%load, &
-                                               job%parameter)
-    call new_torus_balance(balance, system, torus, job%torus%orders, job%torus%base, &
-                           pendulum%parameters%load, kept)
-    unit = 1.0_wp
-    if (job%parameter > n_drives .and. job%parameter < varies_nu) then
-      balance%vary = vary_amplitude
-      balance%which = job%parameter - n_drives
-    else
-      balance%vary = vary_frequency
-      balance%which = job%torus%axis
-      balance%lowest = 0.0_wp
-      unit = real(job%torus%multiple, wp)
-    end if
-    options = job%options
-    options%start = options%start/unit
-    options%finish = options%finish/unit
-    allocate (x(balance%n))
-    iterations = 0
-    call solve_from_rest(balance, options%start, options%tolerance, x, outcome, iterations)
-    if (outcome == outcome_converged) call follow_curve(balance, options, x, first)
-    if (first%n_points == 0) then
-      call fail(status, status_input_error, 'from', trim(varied_names(job%parameter)) &
-                //': no solution was found at its beginning '//show(job%options%start) &
-                //': begin elsewhere')
-      return
-    end if
+    step = judging_shells(job%torus)
+    bound = job%harmonics
+    most = merge(max(bound, largest_bound(job%torus%n_axes, fewer, max_unknowns)), bound, &
+                 job%choose_harmonics)
+    last = huge(1.0_wp)
+    vain = 0
+    do
+      call follow_first(bound)
+      if (status%failed()) return
+      call judge(first, truncation)
+      if (status%failed() .or. truncation <= options%tolerance .or. bound >= most) exit
+      if (truncation > 0.5_wp*last) vain = vain + 1
+      if (vain >= max_vain) exit
+      last = truncation
+      next = better_bound(bound, truncation, options%tolerance, step, most)
+      if (next <= bound) exit
+      bound = next
+    end do
+    if (status%failed()) return
     call keep(first, branches(1))
+    branches(1)%truncation = truncation
     do i = 1, size(job%switch)
       n = abs(job%switch(i))
       if (n > first%branch_points%n) then
@@ -199,10 +202,76 @@ contains
         call follow_curve(balance, options, points%x(:, n), other, points%p(n)*unit/unit, &
                           sign(1, job%switch(i))*points%across(:, n))
       end associate
+      call judge(other, truncation)
+      if (status%failed()) return
       call keep(other, branches(i + 1))
+      branches(i + 1)%truncation = truncation
     end do
 
   contains
+
+    !> The branch from its beginning, with orders to a bound.
+    subroutine follow_first(bound)
+      integer, intent(in) :: bound
+      real(wp), allocatable :: x(:)
+      integer :: outcome, iterations
+
+      call new_torus(torus, lattice(job%torus%n_axes, bound), status)
+      if (status%failed()) return
+      call new_torus_balance(balance, system, torus, job%torus%orders, job%torus%base, &
+                             pendulum%parameters%load, kept_of(torus%orders))
+      unit = 1.0_wp
+      if (job%parameter > n_drives .and. job%parameter < varies_nu) then
+        balance%vary = vary_amplitude
+        balance%which = job%parameter - n_drives
+      else
+        balance%vary = vary_frequency
+        balance%which = job%torus%axis
+        balance%lowest = 0.0_wp
+        unit = real(job%torus%multiple, wp)
+      end if
+      options = job%options
+      options%start = options%start/unit
+      options%finish = options%finish/unit
+      allocate (x(balance%n))
+      iterations = 0
+      call solve_from_rest(balance, options%start, options%tolerance, x, outcome, iterations)
+      first%n_points = 0
+      if (outcome == outcome_converged) call follow_curve(balance, options, x, first)
+      if (first%n_points > 0) return
+      call fail(status, status_input_error, 'from', trim(varied_names(job%parameter)) &
+                //': no solution was found at its beginning '//show(job%options%start) &
+                //': begin elsewhere')
+    end subroutine follow_first
+
+    !> Which orders of which coordinates are unknowns.
+    function kept_of(orders) result(kept)
+      integer, intent(in) :: orders(:, :)
+      logical :: kept(size(orders, 2), 3)
+      kept = .true.
+      if (job%symmetric) kept = kept_by_symmetry(job%torus, orders, pendulum%parameters%load, &
+                                                 job%parameter)
+    end function kept_of
+
+    !> What more orders would change, where that is most.
+    subroutine judge(branch, truncation)
+      type(curve_branch_type), intent(in) :: branch
+      real(wp), intent(out) :: truncation
+      type(torus_ladder) :: ladder
+      integer, allocatable :: orders(:, :)
+      real(wp), allocatable :: x(:, :)
+      integer :: k
+      truncation = 0.0_wp
+      orders = lattice(job%torus%n_axes, bound + step)
+      call new_ladder(ladder, system, orders, kept_of(orders), job%torus%orders, job%torus%base, &
+                      pendulum%parameters%load, balance%vary, balance%which, bound, bound, step)
+      allocate (x(torus%n*3, branch%n_points))
+      do k = 1, branch%n_points
+        x(:, k) = reshape(balance%expanded(branch%x(:, k)), [torus%n*3])
+      end do
+      call branch_truncation(ladder, branch%parameter(:branch%n_points), x, options%tolerance, &
+                             truncation, status)
+    end subroutine judge
 
     subroutine keep(from, to)
       type(curve_branch_type), intent(in) :: from
@@ -211,6 +280,7 @@ contains
       type(orbit_floquet_type) :: floquet
       integer :: k
       to%outcome = from%outcome
+      to%harmonics = bound
       to%parameter = from%parameter(:from%n_points)*unit
       to%base = spread(job%torus%base, 2, from%n_points)
       if (balance%vary == vary_frequency) to%base(balance%which, :) = from%parameter(:from%n_points)
@@ -247,7 +317,7 @@ contains
     character(len=:), allocatable :: row, title, quote, note
     integer :: i, j, d, k, n
 
-    allocate (orders, source=lattice(job%torus%n_axes, job%harmonics))
+    allocate (orders, source=lattice(job%torus%n_axes, branch%harmonics))
     n = 2*size(orders, 2) - 1
     call make_folder(folder)
     call table%create(folder//'/'//name, status)
@@ -255,6 +325,8 @@ contains
     call table%add_comments(header)
     call table%add_line('# parameter: '//trim(varied_names(job%parameter))//'; branch ' &
                         //trim(curve_outcomes(branch%outcome)))
+    call table%add_line('# orders to '//show(branch%harmonics)//' leave an estimated relative ' &
+                        //'error of '//show(branch%truncation)//' at most')
     call table%add_line('# folds at'//listed(branch%folds))
     call table%add_line('# branch points at'//listed(branch%branch_points))
     note = '# q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)'

@@ -4,10 +4,12 @@
 !! The reader also writes down, in `echo`, each value as it was understood,
 !! defaults included; the echoes of all groups make up the canonical scene.
 module viscovib_group_reader
+  use viscovib_files, only: real_path
+  use viscovib_growing_text, only: growing_text
   use viscovib_kinds, only: wp
   use viscovib_namelist, only: group_type, lower
   use viscovib_number_text, only: exact, exact_list, parse_integer, parse_real
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: clipped, fail, show, status_input_error, status_type
   implicit none
   private
 
@@ -113,7 +115,7 @@ contains
     character(len=*), intent(in) :: key
     integer :: i
 
-    do i = 1, size(self%group%entries)
+    do i = 1, self%group%n_entries
       associate (given => self%group%entries(i)%key)
         if (any(self%known == given) .or. distance(given, key) > max(len(key)/4, 1)) cycle
         call self%complain(given, unknown(given, self%group%name)//"; did you mean '"//key//"'?")
@@ -125,7 +127,7 @@ contains
   pure function unknown(key, group)
     character(len=*), intent(in) :: key, group
     character(len=:), allocatable :: unknown
-    unknown = "unknown key '"//key//"' in &"//group
+    unknown = "unknown key '"//clipped(key)//"' in &"//group
   end function unknown
 
   !> Text of a key that must have one value.
@@ -138,11 +140,12 @@ contains
 
     text = ''
     associate (entry => self%group%entries(i))
-      if (size(entry%values) > 1) then
-        call self%complain(entry%key, entry%key//' has '//show(size(entry%values)) &
+      if (entry%n_values > 1) then
+        call self%complain(entry%key, entry%key//' has '//show(entry%n_values) &
                            //' values: must be '//what)
       else if (entry%values(1)%quoted .neqv. quoted) then
-        call self%complain(entry%key, entry%key//' = '//entry%values(1)%text//': must be '//what)
+        call self%complain(entry%key, entry%key//' = '//clipped(entry%values(1)%text) &
+                           //': must be '//what)
       else
         text = entry%values(1)%text
       end if
@@ -155,7 +158,7 @@ contains
     character(len=*), intent(in) :: key, text
     logical :: ok
     call parse_real(text, number, ok)
-    if (.not. ok) call self%complain(key, key//' = '//text//': must be a finite number')
+    if (.not. ok) call self%complain(key, key//' = '//clipped(text)//': must be a finite number')
   end function number
 
   real(wp) function read_real(self, key, default) result(value)
@@ -187,8 +190,12 @@ contains
     if (i > 0) then
       text = self%one_value(i, .false., 'an integer')
       call parse_integer(text, value, ok)
-      if (.not. ok) call self%complain(key, key//' = '//text//': must be an integer of at most ' &
-                                       //show(huge(value)))
+      if (.not. ok) call self%complain(key, key//' = '//clipped(text) &
+                                       //': must be an integer of at most '//show(huge(value)))
+      ! Its size has no opposite: abs and sign overflow.
+      if (ok .and. value < -huge(value)) call self%complain(key, key//' = '//text &
+                                                            //': must be an integer of at least ' &
+                                                            //show(-huge(value)))
     else if (present(default)) then
       value = default
     end if
@@ -199,25 +206,24 @@ contains
   subroutine read_count(self, key, value, word, other)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key, word
-    !> Holds the default on entry.
+    !> Hold the default on entry.
     integer, intent(inout) :: value
-    logical, intent(out) :: other
+    logical, intent(inout) :: other
     character(len=:), allocatable :: text
     integer :: i
 
     i = self%group%find(key)
-    other = .false.
     if (i > 0) then
       other = self%group%entries(i)%values(1)%quoted
       text = self%group%entries(i)%values(1)%text
       if (.not. other .and. text == word) then
-        call self%complain(key, key//' = '//text//': must be an integer or, in quotes, '''//word &
-                           //'''')
+        call self%complain(key, key//' = '//text//': must be an integer or, in quotes, ''' &
+                           //word//'''')
         return
       end if
     end if
     if (other) then
-      text = self%read_text(key, allowed=[word])
+      text = self%read_text(key, word, [word])
     else
       value = self%read_integer(key, value)
     end if
@@ -244,7 +250,7 @@ contains
       do i = size(allowed), 1, -1
         if (allowed(i) == text) exit
       end do
-      if (i == 0) call self%complain(key, key//" = '"//text//"': must be one of " &
+      if (i == 0) call self%complain(key, key//" = '"//clipped(text)//"': must be one of " &
                                      //listed(allowed, "'"))
       if (present(choice)) choice = max(i, 1)
     end if
@@ -258,24 +264,35 @@ contains
     integer, intent(in), optional :: n
     real(wp), intent(in), optional :: default(:)
     real(wp), allocatable :: values(:)
-    integer :: i, j
+    real(wp) :: value
+    integer :: i, j, last
 
     allocate (values(0))
     i = self%look_up(key, present(default))
     if (i > 0) then
       associate (entry => self%group%entries(i))
-        values = [(0.0_wp, j=1, size(entry%values))]
-        do j = 1, size(entry%values)
-          if (entry%values(j)%quoted) call self%complain(key, key//" = '" &
-                                                         //entry%values(j)%text &
-                                                         //"': must be numbers")
-          if (.not. self%status%failed()) values(j) = self%number(key, entry%values(j)%text)
-        end do
+        if (present(n)) then
+          if (entry%n_values /= n) call self%complain(key, key//' has '//show(entry%n_values) &
+                                                      //' values: must be '//show(n))
+        end if
+        if (.not. self%status%failed()) then
+          deallocate (values)
+          allocate (values(entry%n_values))
+          last = 0
+          value = 0.0_wp
+          do j = 1, size(entry%values)
+            if (entry%values(j)%quoted) then
+              call self%complain(key, key//" = '"//clipped(entry%values(j)%text) &
+                                 //"': must be numbers")
+            else
+              value = self%number(key, entry%values(j)%text)
+            end if
+            if (self%status%failed()) exit
+            values(last + 1:last + entry%values(j)%repeats) = value
+            last = last + entry%values(j)%repeats
+          end do
+        end if
       end associate
-      if (present(n)) then
-        if (size(values) /= n) call self%complain(key, key//' has '//show(size(values)) &
-                                                  //' values: must be '//show(n))
-      end if
     else if (present(default)) then
       values = default
     end if
@@ -289,78 +306,104 @@ contains
     character(len=*), intent(in) :: key
     integer, intent(in) :: n
     integer :: values(n)
+    type(growing_text) :: line
     logical :: ok
-    integer :: i, j
+    integer :: i, j, last, value
 
     values = 0
-    self%echo = self%echo//'  '//key//' ='
     i = self%look_up(key, .false.)
-    if (i > 0) then
-      associate (entry => self%group%entries(i))
-        if (size(entry%values) /= n) then
-          call self%complain(key, key//' has '//show(size(entry%values))//' values: must be ' &
-                             //show(n))
+    if (i == 0) return
+    associate (entry => self%group%entries(i))
+      if (entry%n_values /= n) then
+        call self%complain(key, key//' has '//show(entry%n_values)//' values: must be '//show(n))
+        return
+      end if
+      last = 0
+      do j = 1, size(entry%values)
+        ok = .not. entry%values(j)%quoted
+        if (ok) call parse_integer(entry%values(j)%text, value, ok)
+        if (ok) ok = value >= -huge(n)
+        if (.not. ok) then
+          call self%complain(key, key//' = '//clipped(entry%values(j)%text) &
+                             //': must be integers of at most '//show(huge(n)))
           return
         end if
-        do j = 1, n
-          ok = .not. entry%values(j)%quoted
-          if (ok) call parse_integer(entry%values(j)%text, values(j), ok)
-          if (.not. ok) call self%complain(key, key//' = '//entry%values(j)%text &
-                                           //': must be integers of at most '//show(huge(n)))
-          self%echo = self%echo//' '//show(values(j))
-        end do
-      end associate
-    end if
-    self%echo = self%echo//new_line('a')
+        values(last + 1:last + entry%values(j)%repeats) = value
+        last = last + entry%values(j)%repeats
+      end do
+    end associate
+    call line%add('  '//key//' =')
+    do j = 1, n
+      call line%add(' '//show(values(j)))
+    end do
+    self%echo = self%echo//line%text()//new_line('a')
   end function read_integers
 
-  !> A list of any number of integers; empty, and not echoed, if absent.
-  function read_some_integers(self, key) result(values)
+  !> A list of at most so many integers; empty, and not echoed, if absent.
+  function read_some_integers(self, key, most) result(values)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
+    integer, intent(in) :: most
     integer, allocatable :: values(:)
     integer :: i
 
     allocate (values(0))
     i = self%look_up(key, .true.)
-    if (i > 0) values = self%read_integers(key, size(self%group%entries(i)%values))
+    if (i == 0) return
+    associate (given => self%group%entries(i)%n_values)
+      if (given <= most) then
+        values = self%read_integers(key, given)
+      else
+        call self%complain(key, key//': '//show(given)//' of them, must be at most '//show(most))
+      end if
+    end associate
   end function read_some_integers
 
-  !> A list of quoted words of at most `length` letters.
-  function read_words(self, key, length, default) result(words)
+  !> A list of at most so many quoted words of at most `length` letters.
+  function read_words(self, key, length, most, default) result(words)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
-    integer, intent(in) :: length
+    integer, intent(in) :: length, most
     character(len=*), intent(in), optional :: default(:)
     character(len=length), allocatable :: words(:)
-    integer :: i, j
+    type(growing_text) :: line
+    integer :: i, j, last
 
     allocate (words(0))
     i = self%look_up(key, present(default))
     if (i > 0) then
       associate (entry => self%group%entries(i))
+        if (entry%n_values > most) then
+          call self%complain(key, key//': '//show(entry%n_values)//' texts, must be at most ' &
+                             //show(most))
+          return
+        end if
         deallocate (words)
-        allocate (words(size(entry%values)))
+        allocate (words(entry%n_values))
         words = ''
-        do j = 1, size(words)
-          if (.not. entry%values(j)%quoted) then
-            call self%complain(key, key//' = '//entry%values(j)%text//': must be quoted texts')
-          else if (len(entry%values(j)%text) > length .or. entry%values(j)%text == '') then
-            call self%complain(key, key//" = '"//entry%values(j)%text//"': must have 1 to " &
-                               //show(length)//' characters')
-          else
-            words(j) = entry%values(j)%text
-          end if
+        last = 0
+        do j = 1, size(entry%values)
+          associate (given => entry%values(j))
+            if (.not. given%quoted) then
+              call self%complain(key, key//' = '//clipped(given%text)//': must be quoted texts')
+            else if (len(given%text) > length .or. given%text == '') then
+              call self%complain(key, key//" = '"//clipped(given%text)//"': must have 1 to " &
+                                 //show(length)//' characters')
+            else
+              words(last + 1:last + given%repeats) = given%text
+            end if
+            last = last + given%repeats
+          end associate
         end do
       end associate
     else if (present(default)) then
       words = default
     end if
-    self%echo = self%echo//'  '//key//' ='
+    call line%add('  '//key//' =')
     do j = 1, size(words)
-      self%echo = self%echo//" '"//doubled(trim(words(j)))//"'"
+      call line%add(" '"//doubled(trim(words(j)))//"'")
     end do
-    self%echo = self%echo//new_line('a')
+    self%echo = self%echo//line%text()//new_line('a')
   end function read_words
 
   !> Write down a list that stands for what was read.
@@ -377,16 +420,42 @@ contains
   function read_path(self, key) result(path)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
-    character(len=:), allocatable :: path
+    character(len=:), allocatable :: path, given
     integer :: i
     path = ''
     i = self%look_up(key, .true.)
     if (i == 0) return
     path = self%one_value(i, .true., 'a quoted file name')
     if (self%status%failed()) return
+    given = path
     if (path == '') call self%complain(key, key//" = '': must be a file name")
     if (index(path, '/') /= 1) path = self%path(:index(self%path, '/', back=.true.))//path
+    if (self%group%anywhere .or. self%status%failed()) return
+    if (.not. below(given, path, self%path)) then
+      call self%complain(key, key//" = '"//clipped(given)//"': must be in the folder of the " &
+                         //'scene or below it; --allow-paths, in Python allow_paths=True, lifts ' &
+                         //'this')
+    end if
   end function read_path
+
+  !> Whether a file is in the folder of another or below it, links followed. Of one that is not
+  !! there, its name tells.
+  logical function below(given, path, scene)
+    !> As it is named, and seen from here.
+    character(len=*), intent(in) :: given, path
+    character(len=*), intent(in) :: scene
+    character(len=:), allocatable :: folder, file
+
+    folder = scene(:index(scene, '/', back=.true.))
+    folder = real_path(folder//'.')//'/'
+    if (folder == '//') folder = '/'
+    file = real_path(path)
+    if (file == '') then
+      below = index(given, '/') /= 1 .and. index('/'//given//'/', '/../') == 0
+    else
+      below = index(file, folder) == 1
+    end if
+  end function below
 
   !> Close the group: keys that were never asked for are errors.
   subroutine finish(self)
@@ -394,7 +463,7 @@ contains
     integer :: i, near
 
     self%echo = self%echo//'/'//new_line('a')
-    do i = 1, size(self%group%entries)
+    do i = 1, self%group%n_entries
       associate (key => self%group%entries(i)%key)
         if (any(self%known == key)) cycle
         near = closest(key, self%known)
@@ -413,11 +482,15 @@ contains
   pure function doubled(text)
     character(len=*), intent(in) :: text
     character(len=:), allocatable :: doubled
-    integer :: i
-    doubled = ''
+    integer :: i, n
+    allocate (character(len=len(text) + count([(text(i:i) == "'", i=1, len(text))])) :: doubled)
+    n = 0
     do i = 1, len(text)
-      doubled = doubled//text(i:i)
-      if (text(i:i) == "'") doubled = doubled//"'"
+      n = n + 1
+      doubled(n:n) = text(i:i)
+      if (text(i:i) /= "'") cycle
+      n = n + 1
+      doubled(n:n) = "'"
     end do
   end function doubled
 

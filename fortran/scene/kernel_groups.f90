@@ -3,16 +3,19 @@ module viscovib_kernel_groups
   use viscovib_catalogue, only: kernel_abel, kernel_names, kernel_prony, kernel_rabotnov, &
     kernel_rzhanitsyn, new_kernel
   use viscovib_group_reader, only: group_reader
+  use viscovib_growing_text, only: growing_text
   use viscovib_kernel_table, only: read_kernel_table
   use viscovib_kinds, only: wp
   use viscovib_mount, only: mount_parameters
   use viscovib_namelist, only: namelist_type
   use viscovib_oscillator, only: kernel_holder
-  use viscovib_status, only: show, status_io_error, status_type
+  use viscovib_status, only: fail, show, status_input_error, status_io_error, status_type
   implicit none
   private
 
   public :: read_kernels, read_system_kernels
+
+  integer, parameter :: max_kernels = 64
 
 contains
 
@@ -59,9 +62,16 @@ contains
     character(len=:), allocatable, intent(inout) :: echo
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
+    type(growing_text) :: text
     integer :: i, n
 
-    allocate (kernels(count([(file%groups(i)%name == 'kernel', i=1, size(file%groups))])))
+    n = count([(file%groups(i)%name == 'kernel', i=1, size(file%groups))])
+    if (n > max_kernels) then
+      call fail(status, status_input_error, 'kernel', file%path//': '//show(n) &
+                //' &kernel groups: must be at most '//show(max_kernels))
+      return
+    end if
+    allocate (kernels(n))
     n = 0
     do i = 1, size(file%groups)
       if (file%groups(i)%name /= 'kernel') cycle
@@ -71,10 +81,11 @@ contains
                          //'the key kernel')
       call read_kernel(reader, kernels(n))
       call reader%finish()
-      echo = echo//reader%echo
+      call text%add(reader%echo)
       status = reader%status
       if (status%failed()) return
     end do
+    echo = echo//text%text()
   end subroutine read_system_kernels
 
   subroutine read_kernel(reader, holder)

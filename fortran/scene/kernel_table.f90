@@ -71,8 +71,9 @@ contains
     if (ok .and. found == 2) then
       n = n + 1
     else
-      call fail(status, status_input_error, 'file', "'"//line(:min(len(line), 60)) &
-                //"': must be two finite numbers, a time (s) and a value (1/s)")
+      ! What stands there is not told: the scene may come from someone else than its reader.
+      call fail(status, status_input_error, 'file', 'a line must be two finite numbers, a time ' &
+                //'(s) and a value (1/s)')
     end if
   end subroutine read_line
 

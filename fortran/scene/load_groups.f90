@@ -1,6 +1,7 @@
 !> The &load groups of a scene.
 module viscovib_load_groups
   use viscovib_group_reader, only: group_reader
+  use viscovib_growing_text, only: growing_text
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_namelist, only: namelist_type
@@ -26,6 +27,7 @@ contains
     character(len=:), allocatable, intent(inout) :: echo
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
+    type(growing_text) :: text
     character(len=:), allocatable :: word
     integer, allocatable :: orders(:)
     complex(wp), allocatable :: force(:, :), base(:)
@@ -72,10 +74,11 @@ contains
         base(n) = term
       end if
       call reader%finish()
-      echo = echo//reader%echo
+      call text%add(reader%echo)
       status = reader%status
       if (status%failed()) return
     end do
+    echo = echo//text%text()
     call new_load(load, size(coordinates), orders, force, base, status)
   end subroutine read_loads
 

@@ -5,7 +5,7 @@ module viscovib_motion_groups
   use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, past_names
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_pendulum_groups, only: read_keep
+  use viscovib_pendulum_groups, only: read_accuracy, read_keep
   use viscovib_status, only: status_type
   use viscovib_transient_job, only: check_times
   implicit none
@@ -33,7 +33,7 @@ contains
     job%initial = reader%read_reals('initial', 2*n_dof, start)
     job%t_end = reader%read_real('t_end')
     job%dt = reader%read_real('dt', 0.0_wp)
-    job%tolerance = reader%read_real('tolerance', merge(0.0_wp, 1.0e-10_wp, job%dt > 0.0_wp))
+    call read_accuracy(reader, job)
     word = reader%read_text('method', 'gauss8', hereditary_methods, job%method)
     word = reader%read_text('memory', 'auto', past_names, job%past)
     job%save_every = reader%read_integer('save_every', 1)

@@ -2,7 +2,7 @@
 module viscovib_number_text
   use, intrinsic :: ieee_arithmetic, only: ieee_get_halting_mode, ieee_is_finite, &
     ieee_overflow, ieee_set_halting_mode
-  use viscovib_kinds, only: wp
+  use viscovib_kinds, only: i8, wp
   implicit none
   private
 
@@ -21,7 +21,7 @@ contains
     character(len=*), intent(in) :: text
     real(wp), intent(out) :: value
     logical, intent(out) :: ok
-    logical :: halting
+    logical :: halting, short
     integer :: mantissa, io
 
     value = 0.0_wp
@@ -30,6 +30,8 @@ contains
     ok = is_decimal(text(:mantissa))
     if (mantissa < len(text)) ok = ok .and. is_whole(text(mantissa + 2:))
     if (.not. ok) return
+    call parse_short(text, mantissa, value, short)
+    if (short) return
     ! A number too large becomes infinite and is refused below; do not trap.
     call ieee_get_halting_mode(ieee_overflow, halting)
     call ieee_set_halting_mode(ieee_overflow, .false.)
@@ -40,6 +42,59 @@ contains
     if (ok .and. .not. abs(value) > 0.0_wp) ok = scan(text(:mantissa), '123456789') == 0
     if (.not. ok) value = 0.0_wp
   end subroutine parse_real
+
+  !> A number of at most 15 digits and a small exponent: digits and power of ten are then exact and
+  !! one division or product rounds as it should, many times faster than the general reading.
+  pure subroutine parse_short(text, mantissa, value, short)
+    !> Decimal up to `mantissa`, then an exponent or nothing.
+    character(len=*), intent(in) :: text
+    integer, intent(in) :: mantissa
+    real(wp), intent(inout) :: value
+    logical, intent(out) :: short
+    integer, parameter :: most_digits = 15, most_power = 22
+    integer :: i
+    real(wp), parameter :: powers(0:most_power) = [(10.0_wp**i, i=0, most_power)]
+    integer(i8) :: whole
+    integer :: power, exponent, sign_of
+
+    whole = 0
+    power = 0
+    short = mantissa <= most_digits .and. len(text) - mantissa <= 4
+    if (.not. short) return
+    do i = 1, mantissa
+      select case (text(i:i))
+      case ('0':'9')
+        whole = 10*whole + (iachar(text(i:i)) - iachar('0'))
+        if (power > 0) power = power + 1
+      case ('.')
+        power = 1
+      case default
+        ! A sign.
+      end select
+    end do
+    power = -max(power - 1, 0)
+    exponent = 0
+    sign_of = 1
+    do i = mantissa + 2, len(text)
+      select case (text(i:i))
+      case ('0':'9')
+        exponent = 10*exponent + (iachar(text(i:i)) - iachar('0'))
+      case ('-')
+        sign_of = -1
+      case default
+        ! A plus.
+      end select
+    end do
+    power = power + sign_of*exponent
+    short = abs(power) <= most_power .and. whole > 0
+    if (.not. short) return
+    if (power >= 0) then
+      value = real(whole, wp)*powers(power)
+    else
+      value = real(whole, wp)/powers(-power)
+    end if
+    if (text(1:1) == '-') value = -value
+  end subroutine parse_short
 
   !> A default integer; not ok if it is too large for one.
   subroutine parse_integer(text, value, ok)
@@ -96,7 +151,11 @@ contains
     real(wp), intent(in) :: values(:)
     character(len=:), allocatable :: text
     character(len=*), parameter :: next_line = new_line('a')//'    '
-    integer :: i, at
+    ! The shortest numbers, of which a text of a given length has most, are written once.
+    integer, parameter :: n_known = 99
+    character(len=width) :: known(0:merge(n_known, 0, size(values) > 1000)), written
+    integer :: i, at, whole
+    known = [(exact(real(i, wp)), i=0, ubound(known, 1))]
     allocate (character(len=size(values)*(width + 1) &
                         + max(size(values) - 1, 0)/4*len(next_line)) :: text)
     at = 0
@@ -105,7 +164,14 @@ contains
         text(at + 1:at + len(next_line)) = next_line
         at = at + len(next_line)
       end if
-      text(at + 1:at + width + 1) = ' '//exact(values(i))
+      whole = -1
+      if (values(i) > 0.0_wp .and. values(i) <= ubound(known, 1)) whole = int(values(i))
+      if (whole > 0 .and. abs(values(i) - whole) <= 0.0_wp) then
+        written = known(whole)
+      else
+        written = exact(values(i))
+      end if
+      text(at + 1:at + width + 1) = ' '//written
       at = at + width + 1
     end do
   end function exact_list

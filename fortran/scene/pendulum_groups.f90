@@ -11,7 +11,8 @@ module viscovib_pendulum_groups
   implicit none
   private
 
-  public :: spectrum_job, read_pendulum, read_transient, read_keep, read_spectrum
+  public :: spectrum_job, read_pendulum, read_transient, read_accuracy, read_keep
+  public :: read_spectrum
 
   !> Spectra of the coordinates of a motion.
   type :: spectrum_job
@@ -60,7 +61,7 @@ contains
     job%initial = reader%read_reals('initial', 2*system%n_dof)
     job%t_end = reader%read_real('t_end')
     job%dt = reader%read_real('dt', 0.0_wp)
-    job%tolerance = reader%read_real('tolerance', merge(0.0_wp, 1.0e-10_wp, job%dt > 0.0_wp))
+    call read_accuracy(reader, job)
     word = reader%read_text('method', 'gauss8', transient_methods, job%method)
     job%save_every = reader%read_integer('save_every', 1)
     call read_keep(reader, job)
@@ -68,6 +69,25 @@ contains
     call check_transient(job, system, checked)
     call reader%place(checked)
   end subroutine read_transient
+
+  !> `tolerance`, or in its place `rtol` and `atol`.
+  subroutine read_accuracy(reader, job)
+    type(group_reader), intent(inout) :: reader
+    class(transient_job), intent(inout) :: job
+    real(wp) :: absolute
+
+    job%relative = reader%read_real('rtol', 0.0_wp)
+    absolute = reader%read_real('atol', 0.0_wp)
+    job%tolerance = 1.0e-10_wp
+    if (job%dt > 0.0_wp .or. job%relative > 0.0_wp .or. absolute > 0.0_wp) job%tolerance = absolute
+    job%tolerance = reader%read_real('tolerance', job%tolerance)
+    if (job%relative > 0.0_wp .or. absolute > 0.0_wp) then
+      if (abs(job%tolerance - absolute) > 0.0_wp) then
+        call reader%complain('tolerance', 'tolerance = '//show(job%tolerance)//': is atol ' &
+                             //'alone, must not be given with rtol or atol')
+      end if
+    end if
+  end subroutine read_accuracy
 
   !> Whether states are kept all along or at the end only.
   subroutine read_keep(reader, job)

@@ -31,24 +31,30 @@ module viscovib_polynomial_text
   type :: cursor_type
     character(len=:), allocatable :: text, fault
     integer :: at = 1, depth = 0
+    !> Steps left.
+    integer :: effort = 0
   end type cursor_type
 
 contains
 
   !> Expand a text in coordinates of these names; terms that cancel are left out. If
   !! something is wrong, `fault` says what, else it is empty.
-  subroutine expand(text, names, terms, fault)
+  subroutine expand(text, names, terms, fault, effort)
     character(len=*), intent(in) :: text, names(:)
     type(terms_type), intent(out) :: terms
     character(len=:), allocatable, intent(out) :: fault
+    !> Comparisons of monomials that may be made; what is left of them.
+    integer, intent(inout) :: effort
     type(cursor_type) :: cursor
 
     cursor%text = lower(text)//' '
     cursor%fault = ''
+    cursor%effort = effort
     call read_sum(cursor, names, terms)
     if (cursor%fault == '' .and. peek(cursor) /= ' ') call blame(cursor, 'found where + - * / ^ ' &
                                                                  //'or the end should be')
     fault = cursor%fault
+    effort = cursor%effort
   end subroutine expand
 
   !> The next character that is not blank.
@@ -243,6 +249,12 @@ contains
     integer, intent(in) :: powers(:)
     integer :: i
 
+    cursor%effort = cursor%effort - size(total%coefficients) - 1
+    if (cursor%effort < 0) then
+      if (cursor%fault == '') cursor%fault = 'it takes too long to expand: write it as fewer or ' &
+                                             //'smaller products'
+      return
+    end if
     do i = 1, size(total%coefficients)
       if (all(total%powers(:, i) == powers)) then
         total%coefficients(i) = total%coefficients(i) + coefficient

@@ -30,6 +30,7 @@ contains
 
     method = 0
     word = reader%read_text('method', 'successive', method_names, method)
+    options%choose_harmonics = .true.
     call reader%read_count('harmonics', options%harmonics, 'auto', options%choose_harmonics)
     options%tolerance = reader%read_real('tolerance', options%tolerance)
     options%max_iterations = reader%read_integer('max_iterations', options%max_iterations)

@@ -27,6 +27,7 @@ module viscovib_run_scene
   use viscovib_scene, only: scene_type
   use viscovib_simulate, only: run_completed, run_names
   use viscovib_spectrum_table, only: write_spectrum
+  use viscovib_tabulated, only: tabulated_unseen, unseen_integral
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_pendulum_job, only: plan_pendulum, run_pendulum_job
   use viscovib_transient_job, only: trajectory_type
@@ -191,8 +192,8 @@ contains
     call write_response(folder, stem(scene%path)//'_response.csv', response, &
                         scene%coordinates(scene%wanted), scene%units(scene%wanted), header, status)
     if (status%failed()) return
-    short = 0
-    if (plan%chosen) short = count(response%truncation > plan%options%tolerance)
+    short = count(pack(response%truncation, response%outcome == outcome_converged) &
+                  > plan%options%tolerance)
     report%complete = found == size(scene%nu) .and. short == 0
     report%summary = show(found)//' of '//show(size(scene%nu))//' frequencies solved'
     if (short > 0) report%summary = report%summary//', '//show(short)//' with too few harmonics'
@@ -228,10 +229,7 @@ contains
                       highest, branch, stability, crossings, scene%coordinates(scene%wanted), &
                       scene%units(scene%wanted), header, status)
     if (status%failed()) return
-    short = 0
-    if (plan%chosen) then
-      short = count(branch%truncation(:branch%n_points) > scene%branch%options%tolerance)
-    end if
+    short = count(branch%truncation(:branch%n_points) > scene%branch%options%tolerance)
     report%complete = branch%outcome == curve_completed .and. short == 0
     report%summary = trim(curve_outcomes(branch%outcome))//', '//show(branch%n_points) &
                      //' points, '//show(branch%folds%n)//' folds'
@@ -247,7 +245,7 @@ contains
     type(status_type), intent(out) :: status
     type(driven_branch), allocatable :: branches(:)
     character(len=:), allocatable :: name
-    integer :: i
+    integer :: i, short
 
     call run_driven(scene%driven, scene%pendulum, branches, status)
     if (status%failed()) then
@@ -255,6 +253,7 @@ contains
       return
     end if
     report%path = folder//'/'//stem(scene%path)//'_branch.csv'
+    short = count(branches%truncation > scene%driven%options%tolerance)
     do i = 1, size(branches)
       name = stem(scene%path)//'_branch.csv'
       if (i > 1) name = stem(scene%path)//'_branch_'//show(i - 1)//'.csv'
@@ -262,11 +261,13 @@ contains
       if (status%failed()) return
     end do
     associate (first => branches(1))
-      report%complete = first%outcome == curve_completed
+      report%complete = first%outcome == curve_completed .and. short == 0
       report%summary = trim(curve_outcomes(first%outcome))//', '//show(size(first%parameter)) &
                        //' points, '//show(size(first%folds))//' folds, ' &
                        //show(size(first%branch_points))//' branch points'
     end associate
+    if (short > 0) report%summary = report%summary//', '//show(short)//' of '// &
+                                    show(size(branches))//' branches with too few harmonics'
     if (size(branches) > 1) report%summary = report%summary//'; '//show(size(branches) - 1) &
                                              //' branches that leave it'
   end subroutine run_branches
@@ -382,6 +383,7 @@ contains
     real(wp) :: omega(3), shapes(3, 3)
     integer :: kept, d, i
 
+    kept = 2
     if (scene%is_pendulum) then
       units = 'dimensionless: t in 1/omega_1, z in L, phi and psi in rad'
       method = transient_methods(scene%transient%method)
@@ -412,12 +414,14 @@ contains
     report%path = folder//'/'//stem(scene%path)//'_transient.csv'
     if (scene%spectrum%wanted) then
       kept = count(trajectory%t >= scene%spectrum%discard*(1.0_wp - 1.0e-12_wp))
-      call write_spectrum(folder, stem(scene%path)//'_spectrum.csv', &
-                          transpose(trajectory%states(2*scene%transformed - 1, &
-                                                      size(trajectory%t) - kept + 1:)), &
-                          scene%coordinates(scene%transformed), &
-                          trajectory%t(min(2, size(trajectory%t))), &
-                          scene%spectrum%window, header, status)
+      if (kept >= 2) then
+        call write_spectrum(folder, stem(scene%path)//'_spectrum.csv', &
+                            transpose(trajectory%states(2*scene%transformed - 1, &
+                                                        size(trajectory%t) - kept + 1:)), &
+                            scene%coordinates(scene%transformed), &
+                            trajectory%t(min(2, size(trajectory%t))), &
+                            scene%spectrum%window, header, status)
+      end if
       if (status%failed()) return
     end if
     if (size(scene%wanted) < size(scene%coordinates)) then
@@ -427,11 +431,13 @@ contains
     call write_transient(folder, stem(scene%path)//'_transient.csv', trajectory, &
                          trim(method), scene%coordinates(scene%wanted), units, header, status)
     if (status%failed()) return
-    report%complete = trajectory%outcome == run_completed
+    report%complete = trajectory%outcome == run_completed .and. kept >= 2
     report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &
                      //', '//show(size(trajectory%t))//' states'
     if (trajectory%error >= 0.0_wp) report%summary = report%summary//', estimated error ' &
                                                      //show(trajectory%error)
+    if (kept < 2) report%summary = report%summary//'; no spectrum: '//show(kept) &
+                                   //' states from discard on, must be at least 2'
   end subroutine run_motion
 
   pure function joined(words)
@@ -465,6 +471,14 @@ contains
           text = text//'kernel integral = '//show(total)//' < 0: the spring stiffens with ' &
                  //'time, which no relaxation does'//new_line('a')
         end if
+        associate (kernel => system%kernels(i)%kernel)
+          if (unseen_integral(kernel) > tabulated_unseen*abs(kernel%integral())) then
+            text = text//'kernel table: its first values rise towards t = 0 like a power of t: ' &
+                   //'an integral of about '//show(unseen_integral(kernel))//' lies before its ' &
+                   //'first time, which the table does not hold; the integral of the table is ' &
+                   //show(kernel%integral())//new_line('a')
+          end if
+        end associate
       end associate
     end do
   end function scene_warnings

@@ -7,6 +7,7 @@ module viscovib_scales_job
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_normal_form, only: by_influence
   use viscovib_number_text, only: exact
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
@@ -33,7 +34,7 @@ module viscovib_scales_job
     character(len=4) :: parameter = 'p1'
     integer :: load = 1, vary = vary_frequency
     real(wp), allocatable :: values(:)
-    real(wp) :: tolerance = 0.05_wp
+    real(wp) :: tolerance = by_influence
     !> Place in `ordering_names`, of a pendulum.
     integer :: ordering = 1
     !> Load and its frequency, of the others; load times cos(nu t).
@@ -112,7 +113,8 @@ contains
                                          //show(from))
     if (n < 2 .or. n > max_values) call reader%complain('count', 'count = '//show(n) &
                                                         //': must be 2 to '//show(max_values))
-    if (job%tolerance < 0.0_wp .or. job%tolerance >= 1.0_wp) then
+    if ((job%tolerance < 0.0_wp .and. job%tolerance > by_influence) &
+        .or. job%tolerance >= 1.0_wp) then
       call reader%complain('tolerance', 'tolerance = '//show(job%tolerance)//': must be in [0, 1)')
     end if
     if (.not. reader%status%failed()) job%values = linear_grid(from, to, n)

@@ -83,17 +83,20 @@ module viscovib_scene
 contains
 
   !> Read and check everything; nothing is computed yet.
-  subroutine read_scene(path, scene, status, text)
+  subroutine read_scene(path, scene, status, text, allow_paths)
     character(len=*), intent(in) :: path
     type(scene_type), intent(out) :: scene
     type(status_type), intent(out) :: status
     !> The scene itself, instead of the file; its path then only names it.
     character(len=*), intent(in), optional :: text
+    !> Whether files that it names may be anywhere; else in its folder or below.
+    logical, intent(in), optional :: allow_paths
     type(namelist_type) :: file
 
     scene%path = path
     scene%canonical = ''
     call read_namelist(path, file, status, text)
+    if (present(allow_paths)) file%groups%anywhere = allow_paths
     if (.not. status%failed()) call check_groups(file, scene%is_pendulum, status)
     if (.not. status%failed()) call read_title(file, scene, status)
     if (status%failed()) return
@@ -317,13 +320,20 @@ contains
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     character(len=:), allocatable :: key, keys
-    integer :: i
+    integer :: i, n
+    ! A grid of more is beyond what is computed, and its size beyond what is counted.
+    integer, parameter :: max_sweeps = 16
 
     keys = ';'
+    n = 0
     do i = 1, size(file%groups)
       if (file%groups(i)%name /= 'sweep') cycle
       call reader%start(file%path, file%groups(i))
       call read_sweep(reader, scene%canonical, key)
+      n = n + 1
+      if (n > max_sweeps) then
+        call reader%complain('sweep', '&sweep: must be at most '//show(max_sweeps)//' of them')
+      end if
       if (index(keys, ';'//key//';') > 0) then
         call reader%complain('key', "key = '"//key//"': is swept already")
       end if

@@ -1,6 +1,7 @@
 !> The groups of a scene that make up a polynomial system: &system, &spring, &force.
 module viscovib_system_groups
   use viscovib_group_reader, only: group_reader
+  use viscovib_growing_text, only: growing_text
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kinds, only: wp
   use viscovib_namelist, only: lower, namelist_type
@@ -9,7 +10,7 @@ module viscovib_system_groups
     polynomial_parameters, polynomial_type
   use viscovib_number_text, only: exact
   use viscovib_polynomial_text, only: expand, terms_type
-  use viscovib_status, only: show, status_type
+  use viscovib_status, only: clipped, fail, show, status_input_error, status_type
   implicit none
   private
 
@@ -17,6 +18,10 @@ module viscovib_system_groups
 
   !> Longest name of a coordinate or unit.
   integer, parameter, public :: name_length = 16
+
+  !> Most monomials of all laws, numbers of all stiffnesses, and steps of expanding all laws: what
+  !! is read within a second.
+  integer, parameter :: max_monomials = 10000, max_stiffness = 2000000, max_effort = 10000000
 
 contains
 
@@ -32,7 +37,8 @@ contains
     type(kernel_holder), allocatable :: kernels(:)
     type(group_reader) :: reader
     type(status_type) :: built
-    integer :: i, at, n_springs
+    type(growing_text) :: text
+    integer :: i, at, n_springs, n_monomials, effort
 
     call read_system_kernels(file, kernels, echo, status)
     if (status%failed()) return
@@ -47,6 +53,8 @@ contains
     if (status%failed()) return
     allocate (p%coefficient(0), p%on(0), p%monomial_kernel(0), p%powers(size(coordinates), 0))
     n_springs = 1
+    n_monomials = 0
+    effort = max_effort
     do i = 1, size(file%groups)
       if (file%groups(i)%name == 'spring') then
         n_springs = n_springs + 1
@@ -55,13 +63,15 @@ contains
         p%spring_kernel(n_springs) = read_kernel_place(reader, size(kernels))
       else if (file%groups(i)%name == 'force') then
         call reader%start(file%path, file%groups(i))
-        call read_force(reader, p, coordinates, size(kernels))
+        call read_force(reader, p, n_monomials, coordinates, size(kernels), effort)
       else
         cycle
       end if
       call finish_group()
       if (status%failed()) return
     end do
+    echo = echo//text%text()
+    call resize_monomials(p, n_monomials)
     call reader%start(file%path, file%groups(at))
     call new_polynomial(system, p, kernels, built)
     call reader%place(built)
@@ -72,7 +82,7 @@ contains
     subroutine finish_group()
       call reader%finish()
       status = reader%status
-      echo = echo//reader%echo
+      call text%add(reader%echo)
     end subroutine finish_group
 
   end subroutine read_system
@@ -86,11 +96,8 @@ contains
     character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
     integer :: i, j, n
 
-    coordinates = reader%read_words('coordinates', name_length)
+    coordinates = reader%read_words('coordinates', name_length, max_coordinates)
     n = size(coordinates)
-    if (n > max_coordinates) call reader%complain('coordinates', 'coordinates: '//show(n) &
-                                                  //' names, must be at most ' &
-                                                  //show(max_coordinates))
     ! As all words of a scene, small and capital letters are the same.
     do i = 1, n
       coordinates(i) = lower(coordinates(i))
@@ -106,11 +113,18 @@ contains
         end if
       end do
     end do
-    units = reader%read_words('units', name_length, [(repeat('m', 1), i=1, n)])
+    units = reader%read_words('units', name_length, max_coordinates, &
+                              [(repeat('m', 1), i=1, n)])
     if (size(units) /= n) call reader%complain('units', 'units: '//show(size(units)) &
                                                //' texts, must be '//show(n) &
                                                //', one a coordinate')
     if (reader%status%failed()) return
+    if (n_springs >= max_stiffness/n**2) then
+      call fail(reader%status, status_input_error, 'spring', reader%path//': '//show(n_springs) &
+                //' &spring groups of '//show(n)//' coordinates: must be fewer, what has the ' &
+                //'same kernel adds up')
+      return
+    end if
     p%mass = read_matrix(reader, 'mass', n, .true.)
     allocate (p%stiffness(n, n, n_springs + 1), p%spring_kernel(n_springs + 1))
     p%stiffness(:, :, 1) = read_matrix(reader, 'stiffness', n, .false.)
@@ -130,10 +144,14 @@ contains
 
   !> One force: a law such as 0.5*(x1 - x2)^3, or coefficient and powers of one
   !! monomial. The canonical text has monomials only.
-  subroutine read_force(reader, p, coordinates, n_kernels)
+  subroutine read_force(reader, p, n, coordinates, n_kernels, effort)
     type(group_reader), intent(inout) :: reader
     type(polynomial_parameters), intent(inout) :: p
+    !> Monomials in use, of those there is room for.
+    integer, intent(inout) :: n
     integer, intent(in) :: n_kernels
+    !> Steps of expanding that are left.
+    integer, intent(inout) :: effort
     character(len=name_length), intent(in) :: coordinates(:)
     type(terms_type) :: terms
     character(len=:), allocatable :: word, fault, law
@@ -151,14 +169,22 @@ contains
                          //'already; give either law, or coefficient and powers')
       law = reader%read_text('law')
       if (reader%status%failed()) return
-      call expand(law, coordinates, terms, fault)
-      if (fault /= '') call reader%complain('law', "law = '"//law//"': "//fault)
+      call expand(law, coordinates, terms, fault, effort)
+      if (fault /= '') call reader%complain('law', "law = '"//clipped(law)//"': "//fault)
     else
       terms%coefficients = [reader%read_real('coefficient')]
       powers = reader%read_integers('powers', size(coordinates))
       terms%powers = reshape(powers, [size(powers), 1])
     end if
     if (reader%status%failed()) return
+    if (n + size(terms%coefficients) > max_monomials) then
+      call reader%complain('force', '&force: all of them together must have at most ' &
+                           //show(max_monomials)//' monomials')
+      return
+    end if
+    if (n + size(terms%coefficients) > size(p%coefficient)) then
+      call resize_monomials(p, 2*(n + size(terms%coefficients)))
+    end if
     do i = 1, size(terms%coefficients)
       powers = terms%powers(:, i)
       if (any(powers < 0) .or. sum(min(powers, max_degree + 1)) < 2 &
@@ -170,10 +196,11 @@ contains
                              //'what is constant to the load)')
         return
       end if
-      p%coefficient = [p%coefficient, terms%coefficients(i)]
-      p%on = [p%on, on]
-      p%monomial_kernel = [p%monomial_kernel, kernel]
-      p%powers = reshape([p%powers, powers], [size(powers), size(p%on)])
+      n = n + 1
+      p%coefficient(n) = terms%coefficients(i)
+      p%on(n) = on
+      p%monomial_kernel(n) = kernel
+      p%powers(:, n) = powers
     end do
     if (reader%has('law')) call echo_monomials()
 
@@ -181,19 +208,20 @@ contains
 
     !> The group once for each monomial; its end is still to come.
     subroutine echo_monomials()
+      type(growing_text) :: text
       integer :: j, k
-      reader%echo = ''
       do j = 1, size(terms%coefficients)
-        if (j > 1) reader%echo = reader%echo//'/'//new_line('a')
-        reader%echo = reader%echo//'&force'//new_line('a')//"  on = '"//trim(coordinates(on)) &
+        if (j > 1) call text%add('/'//new_line('a'))
+        call text%add('&force'//new_line('a')//"  on = '"//trim(coordinates(on)) &
                       //"'"//new_line('a')//'  kernel = '//show(kernel)//new_line('a') &
                       //'  coefficient = '//exact(terms%coefficients(j))//new_line('a') &
-                      //'  powers ='
+                      //'  powers =')
         do k = 1, size(powers)
-          reader%echo = reader%echo//' '//show(terms%powers(k, j))
+          call text%add(' '//show(terms%powers(k, j)))
         end do
-        reader%echo = reader%echo//new_line('a')
+        call text%add(new_line('a'))
       end do
+      reader%echo = text%text()
       if (size(terms%coefficients) == 0) reader%echo = '&force'//new_line('a') &
                                                        //"  on = '"//trim(coordinates(on))//"'" &
                                                        //new_line('a')//"  law = '0'" &
@@ -201,6 +229,22 @@ contains
     end subroutine echo_monomials
 
   end subroutine read_force
+
+  !> Another room for monomials.
+  pure subroutine resize_monomials(p, n)
+    type(polynomial_parameters), intent(inout) :: p
+    integer, intent(in) :: n
+    integer, allocatable :: powers(:, :)
+    integer :: i, kept
+
+    kept = min(n, size(p%coefficient))
+    p%coefficient = [p%coefficient(:kept), (0.0_wp, i=kept + 1, n)]
+    p%on = [p%on(:kept), (0, i=kept + 1, n)]
+    p%monomial_kernel = [p%monomial_kernel(:kept), (0, i=kept + 1, n)]
+    allocate (powers(size(p%powers, 1), n), source=0)
+    powers(:, :kept) = p%powers(:, :kept)
+    call move_alloc(powers, p%powers)
+  end subroutine resize_monomials
 
   !> n numbers make a diagonal matrix, n^2 are row by row.
   function read_matrix(reader, key, n, required) result(matrix)

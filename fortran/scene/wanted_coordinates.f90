@@ -7,6 +7,9 @@ module viscovib_wanted_coordinates
 
   public :: read_wanted
 
+  !> Most names that are read.
+  integer, parameter :: most = 1000
+
 contains
 
   !> Places of the coordinates wanted, ascending; all by default.
@@ -20,7 +23,7 @@ contains
     integer :: i, j
 
     allocate (words(0))
-    words = reader%read_words('coordinates', len(names), names)
+    words = reader%read_words('coordinates', len(names), most, names)
     named = .false.
     do i = 1, size(words)
       j = findloc(names, lower(words(i)), 1)

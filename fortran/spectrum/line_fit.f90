@@ -1,9 +1,11 @@
 !> Lines of a signal by weighted least squares: the sums that a step of
 !! Gauss-Newton needs, in one pass over the samples.
 !!
-!! Model u(t) = mean + sum_l a_l cos(omega_l s) + b_l sin(omega_l s), s counted in
-!! samples from the middle of the record; weights of Hann, so that what the model
-!! lacks disturbs little (frequency analysis after Laskar, Physica D 67 (1993) 257).
+!! Model u(t) = mean + sum_l E_l (a_l cos(omega_l s) + b_l sin(omega_l s)), s counted in
+!! samples from the middle of the record. The envelope E_l = exp(-decay_l k) of a line
+!! that decays counts samples k from the first one, that of a line that grows from the
+!! last one, so that it is 1 at most. Weights of Hann, so that what the model lacks
+!! disturbs little (frequency analysis after Laskar, Physica D 67 (1993) 257).
 module viscovib_line_fit
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
@@ -12,7 +14,18 @@ module viscovib_line_fit
   implicit none
   private
 
-  public :: line_residual, line_sums
+  public :: line_residual, line_sums, lines_type, new_lines
+
+  !> Lines of a signal, each array of shape (n_lines).
+  type :: lines_type
+    !> Circular frequencies in rad a sample, in (0, pi).
+    real(wp), allocatable :: omega(:)
+    !> Rates of decay per sample; negative where a line grows.
+    real(wp), allocatable :: decay(:)
+    !> Amplitudes where the envelope is 1.
+    real(wp), allocatable :: a(:), b(:)
+    real(wp) :: mean
+  end type lines_type
 
   !> Samples taken at once.
   integer, parameter :: block = 256
@@ -21,22 +34,35 @@ module viscovib_line_fit
 
 contains
 
+  !> Lines from a table, shape (4, n_lines): omega, decay, a, b of each.
+  pure subroutine new_lines(lines, table, mean)
+    type(lines_type), intent(out) :: lines
+    real(wp), intent(in) :: table(:, :), mean
+    allocate (lines%omega, source=table(1, :))
+    allocate (lines%decay, source=table(2, :))
+    allocate (lines%a, source=table(3, :))
+    allocate (lines%b, source=table(4, :))
+    lines%mean = mean
+  end subroutine new_lines
+
   !> J^T W J, J^T W r and sum W r^2 for the residual r of the model; columns: mean,
   !! a_1, b_1, a_2, ..., then, if frequencies are free, omega_l half the record
-  !! long: the parameter omega_l (n-1)/2.
-  subroutine line_sums(signal, omega, a, b, mean, n_free, matrix, right, total)
+  !! long: the parameter omega_l (n-1)/2; then likewise the free rates of decay.
+  subroutine line_sums(signal, lines, n_free, free_decay, matrix, right, total)
     real(wp), intent(in) :: signal(:)
-    !> Circular frequencies in rad a sample, in (0, pi); amplitudes.
-    real(wp), intent(in) :: omega(:), a(:), b(:), mean
-    !> size(omega) if frequencies are free, else 0.
+    type(lines_type), intent(in) :: lines
+    !> Number of lines if frequencies are free, else 0.
     integer, intent(in) :: n_free
-    !> Shapes (m, m) and (m), m = 1 + 2 size(omega) + n_free.
+    !> Places of the lines whose rate of decay is free.
+    integer, intent(in) :: free_decay(:)
+    !> Shapes (m, m) and (m), m = 1 + 2 n_lines + n_free + size(free_decay).
     real(wp), intent(out) :: matrix(:, :), right(:), total
     real(wp) :: columns(block, size(right)), residual(block), weights(block), middle
     real(wp) :: weighted(block)
-    integer :: first, count, i, j, m
+    integer :: first, count, i, j, l, m, n_lines
 
     m = size(right)
+    n_lines = size(lines%omega)
     matrix = 0.0_wp
     right = 0.0_wp
     total = 0.0_wp
@@ -47,16 +73,26 @@ contains
       residual = 0.0_wp
       do i = 1, count
         weights(i) = sin(pi*(first + i - 0.5_wp)/size(signal))**2
-        residual(i) = signal(first + i) - mean
+        residual(i) = signal(first + i) - lines%mean
       end do
       columns(:, 1) = 1.0_wp
-      do j = 1, size(omega)
-        call line_columns(omega(j), first - middle, columns(:, 2*j), columns(:, 2*j + 1))
-        residual = residual - (a(j)*columns(:, 2*j) + b(j)*columns(:, 2*j + 1))
-        if (n_free == 0) cycle
+      do j = 1, n_lines
+        associate (c => columns(:, 2*j), s => columns(:, 2*j + 1))
+          call line_columns(lines%omega(j), lines%decay(j), first, size(signal), c, s)
+          residual = residual - (lines%a(j)*c + lines%b(j)*s)
+          if (n_free == 0) cycle
+          do i = 1, block
+            columns(i, 1 + 2*n_lines + j) = (first + i - 1 - middle)/max(middle, 1.0_wp) &
+                                            *(lines%b(j)*c(i) - lines%a(j)*s(i))
+          end do
+        end associate
+      end do
+      do l = 1, size(free_decay)
+        j = free_decay(l)
         do i = 1, block
-          columns(i, 1 + 2*size(omega) + j) = (first + i - 1 - middle)/max(middle, 1.0_wp) &
-                                              *(b(j)*columns(i, 2*j) - a(j)*columns(i, 2*j + 1))
+          columns(i, 1 + 2*n_lines + n_free + l) = &
+            -(first + i - 1 - origin(lines%decay(j), size(signal)))/max(middle, 1.0_wp) &
+            *(lines%a(j)*columns(i, 2*j) + lines%b(j)*columns(i, 2*j + 1))
         end do
       end do
       weighted = weights*residual
@@ -77,19 +113,21 @@ contains
   end subroutine line_sums
 
   !> What the model leaves of the signal.
-  subroutine line_residual(signal, omega, a, b, mean, residual)
-    real(wp), intent(in) :: signal(:), omega(:), a(:), b(:), mean
+  subroutine line_residual(signal, lines, residual)
+    real(wp), intent(in) :: signal(:)
+    type(lines_type), intent(in) :: lines
+    !> Shape (n), as the signal.
     real(wp), intent(out) :: residual(:)
-    real(wp) :: cosine(block), sine(block)
+    real(wp) :: c(block), s(block)
     integer :: first, count, j
 
-    residual = signal - mean
+    residual = signal - lines%mean
     do first = 0, size(signal) - 1, block
       count = min(block, size(signal) - first)
-      do j = 1, size(omega)
-        call line_columns(omega(j), first - 0.5_wp*(size(signal) - 1), cosine, sine)
+      do j = 1, size(lines%omega)
+        call line_columns(lines%omega(j), lines%decay(j), first, size(signal), c, s)
         residual(first + 1:first + count) = residual(first + 1:first + count) &
-                                            - (a(j)*cosine(:count) + b(j)*sine(:count))
+                                            - (lines%a(j)*c(:count) + lines%b(j)*s(:count))
       end do
     end do
   end subroutine line_residual
@@ -106,20 +144,36 @@ contains
     dot = sum(parts)
   end function dot
 
-  !> cos and sin of omega s at s = start, start + 1, ...; the phase of the start is
-  !! taken exactly, so that long records lose no digits.
-  subroutine line_columns(omega, start, cosine, sine)
-    real(wp), intent(in) :: omega, start
+  !> Envelope times cos and sin of omega s of the samples first, first + 1, ..., counted
+  !! from 0; the phase of the start is taken exactly, so that long records lose no digits.
+  subroutine line_columns(omega, decay, first, n, cosine, sine)
+    real(wp), intent(in) :: omega, decay
+    integer, intent(in) :: first, n
     real(wp), intent(out) :: cosine(block), sine(block)
-    real(wp) :: high, low, angles(block), s(block), c(block)
+    real(wp) :: high, low, angles(block), s(block), c(block), envelope
     integer :: i
-    call split_phase(omega, start, high, low)
+    call split_phase(omega, first - 0.5_wp*(n - 1), high, low)
     do i = 1, block
       angles(i) = omega*(i - 1)
     end do
     call sine_cosine(high + angles, s, c)
     cosine = c - s*low
     sine = s + c*low
+    if (abs(decay) <= 0.0_wp) return
+    do i = 1, block
+      ! Places beyond the record weigh nothing: they must only stay finite.
+      envelope = exp(min(-decay*(first + i - 1 - origin(decay, n)), 0.0_wp))
+      cosine(i) = cosine(i)*envelope
+      sine(i) = sine(i)*envelope
+    end do
   end subroutine line_columns
+
+  !> Sample at which the envelope of a line is 1: the first, or the last of one that grows.
+  pure real(wp) function origin(decay, n)
+    real(wp), intent(in) :: decay
+    integer, intent(in) :: n
+    origin = 0.0_wp
+    if (decay < 0.0_wp) origin = n - 1.0_wp
+  end function origin
 
 end module viscovib_line_fit

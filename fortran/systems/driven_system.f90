@@ -19,10 +19,18 @@ module viscovib_driven_system
     !> Quarter turns ahead of each load, 0 to 3: 3 makes a sine of the cosine.
     !! Not allocated: none.
     integer, allocatable :: quarters(:)
+    !> The last drive, of frequency 0, is instead the time since the present piece of time
+    !! began, within which the load is smooth.
+    logical :: timed = .false.
+    !> Where that piece begins and ends.
+    real(wp) :: present_piece(2) = 0.0_wp
+    !> Whether the coordinates can leave what the equations describe.
+    logical :: limited = .true.
   contains
     procedure(acceleration_interface), deferred :: acceleration
     procedure(margin_interface), deferred :: margin
     procedure :: physical
+    procedure :: enter
   end type driven_system_type
 
   !> One that knows its derivatives too.
@@ -74,6 +82,13 @@ module viscovib_driven_system
   end interface
 
 contains
+
+  !> A piece of time begins, within which the load is smooth.
+  subroutine enter(self, from, to)
+    class(driven_system_type), intent(inout) :: self
+    real(wp), intent(in) :: from, to
+    self%present_piece = [from, to]
+  end subroutine enter
 
   !> Whether one state is within what the equations describe.
   pure logical function physical(self, q)

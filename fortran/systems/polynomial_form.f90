@@ -7,6 +7,7 @@
 !! first unknowns are the coordinates of the system; with memory the hereditary
 !! variables follow. Loads are columns times cos(p t).
 module viscovib_polynomial_form
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_kernel, only: kernel_type
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: copy_kernels, kernel_holder
@@ -173,6 +174,8 @@ contains
   !> Divided differences of 1 - R of each equation at two or three points. Near each other, by
   !! Cauchy's integral over a circle around them, the trapezoidal rule of which converges
   !! geometrically: nothing small is divided by, and rounding grows by the radius alone.
+  !! It calls itself with nonzero points in place of zeros, or with fewer of them, so at most twice
+  !! deep; at points that are no numbers, or at rest where nothing turns, it is not a number.
   recursive function retained_between(self, s) result(slope)
     class(polynomial_form_type), intent(in) :: self
     complex(wp), intent(in) :: s(:)
@@ -182,10 +185,13 @@ contains
     integer :: i, n, first, last
     real(wp), parameter :: two_pi = 6.283185307179586_wp
 
+    slope = ieee_value(0.0_wp, ieee_quiet_nan)
+    if (.not. all(abs(s) <= huge(1.0_wp))) return
     middle = sum(s)/size(s)
     if (.not. any(abs(s) > 0.0_wp)) then
       ! All at rest: by points that turn slowly to either side.
       middle = cmplx(0.0_wp, 1.0e-5_wp*minval(self%omega), wp)
+      if (.not. (aimag(middle) > 0.0_wp .and. aimag(middle) <= huge(1.0_wp))) return
       slope = self%retained_between(s + middle*[(i - 0.5_wp*(size(s) + 1), i=1, size(s))])
       return
     end if

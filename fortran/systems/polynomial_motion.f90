@@ -1,8 +1,10 @@
-!> A polynomial system without memory in time, under a periodic load:
+!> A polynomial system without memory in time, under a periodic load and a piecewise cubic
+!! in time:
 !!
-!!   M u'' = Im sum_k P_k exp(i k nu t) - C u' - K u - f(u).
+!!   M u'' = Im sum_k P_k exp(i k nu t) + F(t) - C u' - K u - f(u).
 !!
-!! Its drives are cos(nu t) and sin(nu t); those of higher orders follow by rotation.
+!! Its drives are cos(nu t) and sin(nu t); those of higher orders follow by rotation. The
+!! third, where F is given, is the time since the present piece of it began.
 module viscovib_polynomial_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: driven_system_type
@@ -23,10 +25,15 @@ module viscovib_polynomial_motion
     !> M^(-1) P_k, shape (n_dof, size(orders)), and orders, ascending.
     complex(wp), allocatable, private :: load(:, :)
     integer, allocatable, private :: orders(:)
+    !> M^(-1) F, sum_p pieces(:,p,i) (t - breaks(i))^(4-p), shape (n_dof, 4, n); nothing
+    !! before the first break and after the last. The present piece, from `enter` on.
+    real(wp), allocatable, private :: breaks(:), pieces(:, :, :), piece(:, :)
   contains
     procedure :: acceleration
     procedure :: margin
     procedure :: fastest
+    procedure :: add_table
+    procedure :: enter
   end type polynomial_motion_type
 
 contains
@@ -63,7 +70,51 @@ contains
     motion%load = matmul(motion%inverse, load%force)
     motion%drives = [(nu, i=1, 2)]
     motion%quarters = [0, 3]
+    motion%limited = .false.
   end subroutine new_polynomial_motion
+
+  !> A force in time besides the periodic load, as cubics between breaks.
+  subroutine add_table(self, breaks, pieces)
+    class(polynomial_motion_type), intent(inout) :: self
+    !> Shapes (n) and (n_dof, 4, n), the last one of no effect.
+    real(wp), intent(in) :: breaks(:), pieces(:, :, :)
+    integer :: i
+    self%breaks = breaks
+    self%pieces = pieces
+    do i = 1, size(breaks)
+      self%pieces(:, :, i) = matmul(self%inverse, pieces(:, :, i))
+    end do
+    allocate (self%piece(self%n_dof, 4))
+    self%piece = 0.0_wp
+    self%timed = .true.
+    self%drives = [self%drives, 0.0_wp]
+    self%quarters = [self%quarters, 0]
+  end subroutine add_table
+
+  !> The cubic at the middle of a piece of time, in powers of the time since it began.
+  subroutine enter(self, from, to)
+    class(polynomial_motion_type), intent(inout) :: self
+    real(wp), intent(in) :: from, to
+    real(wp) :: middle, shift
+    integer :: i
+
+    self%present_piece = [from, to]
+    if (.not. self%timed) return
+    self%piece = 0.0_wp
+    middle = 0.5_wp*(from + to)
+    if (middle < self%breaks(1) .or. middle > self%breaks(size(self%breaks))) return
+    i = 1
+    do while (i < size(self%breaks) - 1 .and. middle >= self%breaks(i + 1))
+      i = i + 1
+    end do
+    shift = from - self%breaks(i)
+    associate (a => self%pieces(:, :, i))
+      self%piece(:, 1) = a(:, 1)
+      self%piece(:, 2) = a(:, 2) + 3.0_wp*shift*a(:, 1)
+      self%piece(:, 3) = a(:, 3) + shift*(2.0_wp*a(:, 2) + 3.0_wp*shift*a(:, 1))
+      self%piece(:, 4) = a(:, 4) + shift*(a(:, 3) + shift*(a(:, 2) + shift*a(:, 1)))
+    end associate
+  end subroutine enter
 
   pure subroutine acceleration(self, q, v, drive, a)
     class(polynomial_motion_type), intent(in) :: self
@@ -107,6 +158,11 @@ contains
       do d = 1, self%n_dof
         a(:, d) = a(:, d) + (real(self%load(d, k))*s + aimag(self%load(d, k))*c)
       end do
+    end do
+    if (.not. self%timed) return
+    do d = 1, self%n_dof
+      a(:, d) = a(:, d) + (((self%piece(d, 1)*drive(:, 3) + self%piece(d, 2))*drive(:, 3) &
+                            + self%piece(d, 3))*drive(:, 3) + self%piece(d, 4))
     end do
   end subroutine acceleration
 

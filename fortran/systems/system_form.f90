@@ -24,6 +24,9 @@ contains
     !> Forces on the coordinates times cos(nu t), shape (n_dof); nu (rad/s).
     real(wp), intent(in) :: load(:), nu
     type(status_type), intent(out) :: status
+    integer :: i
+    ! Products of a few frequencies must neither vanish nor overflow.
+    real(wp), parameter :: slowest = 1.0e-60_wp, fastest = 1.0e60_wp
 
     call set_ok(status)
     select type (oscillator)
@@ -32,6 +35,16 @@ contains
     type is (polynomial_type)
       call new_system_form(form, oscillator, load, nu, status)
     end select
+    if (status%failed()) return
+    do i = 1, size(form%omega)
+      if (form%omega(i) >= slowest .and. form%omega(i) <= fastest &
+          .and. all(abs(form%right(:, i)) <= huge(1.0_wp)) &
+          .and. all(abs(form%left(:, i)) <= huge(1.0_wp))) cycle
+      call fail(status, status_input_error, 'system', 'mode '//show(i)//': its frequency ' &
+                //show(form%omega(i))//' must be '//show(slowest)//' to '//show(fastest) &
+                //' and its shape finite: take other units')
+      return
+    end do
   end subroutine new_oscillator_form
 
   subroutine new_system_form(form, system, load, nu, status)

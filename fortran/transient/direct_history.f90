@@ -1,5 +1,6 @@
 !> The whole past, step by step, with exact weights for every lag: cost N^2, any
-!! kernel. The judge of the fast way, and right for short runs.
+!! kernel. The judge of the fast way, and right for short runs. Weights of equal steps
+!! that follow each other are kept, those of other pairs of steps made anew.
 module viscovib_direct_history
   use viscovib_ancient, only: ancient_type
   use viscovib_channels, only: channels_type
@@ -16,7 +17,10 @@ module viscovib_direct_history
 
   type, extends(history_type) :: direct_history_type
     integer :: s = 0, n_stored = 0, n_lags = 0
-    real(wp) :: h = 0.0_wp, scale = 1.0_wp
+    !> Steps stored before those of the present length.
+    integer :: n_other = 0
+    !> Length of a step, and where the present one begins.
+    real(wp) :: h = 0.0_wp, now = 0.0_wp, scale = 1.0_wp
     type(collocation_type) :: table
     type(kernel_holder), allocatable :: kernels(:)
     !> Weight of point k, d steps before node i's step, for each kernel, shape
@@ -24,6 +28,8 @@ module viscovib_direct_history
     real(wp), allocatable :: weights(:, :, :, :)
     !> Channels at the points of the steps made, shape (0:s+1, n_channels, n).
     real(wp), allocatable :: g(:, :, :)
+    !> Where these begin and their lengths, shape (n).
+    real(wp), allocatable :: begins(:), lengths(:)
     !> The first step where it was made of panels, as masses.
     real(wp), allocatable :: times(:), masses(:, :)
     !> The motion before t = 0.
@@ -33,6 +39,7 @@ module viscovib_direct_history
     procedure :: store
     procedure :: add_ancient
     procedure :: begin
+    procedure :: change_step
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
@@ -56,6 +63,7 @@ contains
     allocate (history%weights(0:table%s + 1, table%s, 0, size(system%kernels)))
     allocate (history%g(0:table%s + 1, size(channels%kernel_of), 0))
     allocate (history%times(0), history%masses(0, size(channels%kernel_of)))
+    allocate (history%begins(0), history%lengths(0))
   end subroutine new_direct_history
 
   subroutine recall(self, remembered)
@@ -66,7 +74,7 @@ contains
 
     remembered = 0.0_wp
     do c = 1, size(self%kernel_of)
-      do d = 1, self%n_stored
+      do d = 1, self%n_stored - self%n_other
         do i = 1, self%s
           at = (c - 1)*self%s + i
           remembered(at) = remembered(at) + dot_product(self%weights(:, i, d, self%kernel_of(c)), &
@@ -74,17 +82,17 @@ contains
         end do
       end do
     end do
+    if (self%n_other > 0) call add_others(self, remembered)
     if (self%ancient%is_known()) then
       do i = 1, self%s
-        now = self%h*(self%n_stored + merge(1, 0, size(self%times) > 0) + self%table%points(i))
+        now = self%now + self%h*self%table%points(i)
         call self%ancient%recall(self%kernels, self%scale, self%kernel_of, now, before)
         remembered(i::self%s) = remembered(i::self%s) + before
       end do
     end if
     if (size(self%times) == 0) return
     do i = 1, self%s
-      ! Stored steps follow the one of panels.
-      now = self%h*(self%n_stored + 1 + self%table%points(i))
+      now = self%now + self%h*self%table%points(i)
       do c = 1, size(self%kernel_of)
         call self%kernels(self%kernel_of(c))%kernel%value(now - self%times, values)
         at = (c - 1)*self%s + i
@@ -93,20 +101,71 @@ contains
     end do
   end subroutine recall
 
+  !> Add what the nodes remember of steps of other lengths.
+  subroutine add_others(self, remembered)
+    class(direct_history_type), intent(in) :: self
+    real(wp), intent(inout) :: remembered(:)
+    real(wp), allocatable :: sigma(:), w(:)
+    real(wp) :: weights(0:self%s + 1), lag
+    integer :: at, c, d, i, k, m
+
+    do m = 1, size(self%kernels)
+      if (.not. any(self%kernel_of == m)) cycle
+      do d = 1, self%n_other
+        do i = 1, self%s
+          lag = (self%now - self%begins(d)) + self%h*self%table%points(i)
+          call self%kernels(m)%kernel%lag_rule(max(lag - self%lengths(d), &
+                                                   self%h*self%table%points(i)), lag, sigma, w)
+          weights = 0.0_wp
+          do k = 1, size(sigma)
+            weights = weights + w(k)*self%table%basis((lag - sigma(k))/self%lengths(d))
+          end do
+          do c = 1, size(self%kernel_of)
+            if (self%kernel_of(c) /= m) cycle
+            at = (c - 1)*self%s + i
+            remembered(at) = remembered(at) + self%scale*dot_product(weights, self%g(:, c, d))
+          end do
+        end do
+      end do
+    end do
+  end subroutine add_others
+
   subroutine store(self, g)
     class(direct_history_type), intent(inout) :: self
     real(wp), intent(in), contiguous :: g(0:, :)
     real(wp), allocatable :: grown(:, :, :)
 
-    if (self%n_stored == size(self%g, 3)) then
+    integer :: n
+
+    n = self%n_stored + 1
+    if (n > size(self%g, 3)) then
       allocate (grown(0:self%s + 1, size(g, 2), max(16, 2*self%n_stored)))
-      grown(:, :, :self%n_stored) = self%g
+      grown(:, :, :self%n_stored) = self%g(:, :, :self%n_stored)
       call move_alloc(grown, self%g)
-      call add_lags(self, size(self%g, 3))
     end if
-    self%n_stored = self%n_stored + 1
-    self%g(:, :, self%n_stored) = g
+    self%g(:, :, n) = g
+    if (n > size(self%begins)) then
+      self%begins = [self%begins, spread(0.0_wp, 1, size(self%g, 3) - size(self%begins))]
+      self%lengths = [self%lengths, spread(0.0_wp, 1, size(self%g, 3) - size(self%lengths))]
+    end if
+    self%begins(n) = self%now
+    self%lengths(n) = self%h
+    self%n_stored = n
+    self%now = self%now + self%h
+    n = n - self%n_other
+    if (n > self%n_lags) call add_lags(self, merge(2*n, max(16, 2*n), self%n_other > 0))
   end subroutine store
+
+  subroutine change_step(self, h)
+    class(direct_history_type), intent(inout) :: self
+    real(wp), intent(in) :: h
+    if (abs(h - self%h) <= 0.0_wp) return
+    self%h = h
+    self%n_other = self%n_stored
+    self%n_lags = 0
+    deallocate (self%weights)
+    allocate (self%weights(0:self%s + 1, self%s, 0, size(self%kernels)))
+  end subroutine change_step
 
   !> Weights of lags up to n.
   subroutine add_lags(self, n)
@@ -151,6 +210,7 @@ contains
     n = size(past%times)
     deallocate (self%times, self%masses)
     allocate (self%times(n + decay_nodes), self%masses(n + decay_nodes, size(self%kernel_of)))
+    self%now = self%h
     self%times(:n) = past%times
     self%masses(:n, :) = past%masses
     do k = 1, decay_nodes
@@ -161,15 +221,16 @@ contains
 
   pure integer function memory_size(self)
     class(direct_history_type), intent(in) :: self
-    memory_size = 2 + size(self%times)*(1 + size(self%kernel_of)) &
-                  + size(self%g, 1)*size(self%g, 2)*self%n_stored
+    memory_size = 5 + size(self%times)*(1 + size(self%kernel_of)) &
+                  + (size(self%g, 1)*size(self%g, 2) + 2)*self%n_stored
   end function memory_size
 
   pure function save_memory(self) result(memory)
     class(direct_history_type), intent(in) :: self
     real(wp) :: memory(self%memory_size())
-    memory = [real(self%n_stored, wp), real(size(self%times), wp), self%times, &
-              reshape(self%masses, [size(self%masses)]), &
+    memory = [real(self%n_stored, wp), real(size(self%times), wp), real(self%n_other, wp), &
+              self%now, self%h, self%times, reshape(self%masses, [size(self%masses)]), &
+              self%begins(:self%n_stored), self%lengths(:self%n_stored), &
               reshape(self%g(:, :, :self%n_stored), &
                       [size(self%g, 1)*size(self%g, 2)*self%n_stored])]
   end function save_memory
@@ -182,16 +243,22 @@ contains
     n = nint(memory(1))
     m = nint(memory(2))
     channels = size(self%kernel_of)
-    self%times = memory(3:m + 2)
-    at = m + 2
+    self%n_other = nint(memory(3))
+    self%now = memory(4)
+    if (abs(memory(5) - self%h) > 0.0_wp) self%n_other = n
+    self%times = memory(6:m + 5)
+    at = m + 5
     self%masses = reshape(memory(at + 1:at + m*channels), [m, channels])
     at = at + m*channels
+    self%begins = memory(at + 1:at + n)
+    self%lengths = memory(at + n + 1:at + 2*n)
+    at = at + 2*n
     self%n_stored = n
     deallocate (self%g)
     allocate (self%g(0:self%s + 1, channels, n))
     self%g(:, :, :) = reshape(memory(at + 1:at + (self%s + 2)*channels*n), &
                               [self%s + 2, channels, n])
-    if (n > self%n_lags) call add_lags(self, n)
+    if (n - self%n_other > self%n_lags) call add_lags(self, n - self%n_other)
   end subroutine load_memory
 
 end module viscovib_direct_history

@@ -1,14 +1,14 @@
 !> Many trajectories of one kind of system, eight at a time in the lanes; what is
 !! learnt from them is gathered as they pass.
 module viscovib_ensemble
-  use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode, &
-    ieee_support_underflow_control
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_set_underflow_mode, &
+    ieee_support_underflow_control, ieee_value
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
   use viscovib_explicit, only: explicit_type, new_explicit
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_statistics, only: lines_type, moments_type, new_lines, new_moments
   use viscovib_lanes, only: n_lanes
-  use viscovib_simulate, only: run_completed, run_diverged, run_unphysical
+  use viscovib_stops, only: find_stop, least_between, run_coarse, run_completed, stop_type
   use viscovib_tangent_system, only: new_tangent_system, tangent_system_type
   use viscovib_vector_math, only: largest_angle
   implicit none
@@ -37,18 +37,18 @@ module viscovib_ensemble
 
   !> A block of trajectories, and what was learnt. Lane first.
   type :: ensemble_block
-    !> Before: start. After: the last state, shape (n_lanes, n_dof).
+    !> Before: start. After: the last state, that at t_reached, shape (n_lanes, n_dof).
     real(wp), allocatable :: q(:, :), v(:, :)
     !> Load frequencies, shape (n_lanes, n_drives); steps.
     real(wp), allocatable :: frequencies(:, :)
     real(wp) :: h(n_lanes) = 0.0_wp
     integer :: outcome(n_lanes) = run_completed
-    integer(i8) :: n_done(n_lanes) = 0
+    real(wp) :: t_reached(n_lanes) = 0.0_wp
     real(wp), allocatable :: peak(:, :, :), mean(:, :, :), rms(:, :, :)
     complex(wp), allocatable :: lines(:, :, :)
     !> q and v of each section point, shape (n_lanes, 2 n_dof, n_points).
     real(wp), allocatable :: sections(:, :, :)
-    !> Mean rate of growth of a small disturbance.
+    !> Mean rate of growth of a small disturbance; NaN of a motion that stops.
     real(wp) :: lyapunov(n_lanes) = 0.0_wp
   end type ensemble_block
 
@@ -81,8 +81,8 @@ contains
     type(moments_type) :: moments
     type(lines_type) :: lines
     real(wp), dimension(n_lanes, system%n_dof) :: q, v, q_before, v_before
-    real(wp) :: growth(n_lanes)
-    logical :: alive(n_lanes), good(n_lanes)
+    real(wp), dimension(n_lanes) :: growth, margin, rate, margin_before, rate_before, nowhere
+    logical, dimension(n_lanes) :: alive, good, doubtful
     integer(i8) :: i, n_samples
 
     ! As in viscovib_simulate.
@@ -100,6 +100,7 @@ contains
                    block%h*real(job%sample_every, wp), n_samples)
     alive = .true.
     growth = 0.0_wp
+    call measure_margin()
     do i = 1, job%n_steps
       if (mod(i, int(patience, i8)) == 0) then
         if (cancel /= 0) exit
@@ -107,10 +108,15 @@ contains
       end if
       q_before = q
       v_before = v
+      margin_before = margin
+      rate_before = rate
       call method%step(system)
       call method%get_state(q, v)
       good = sum(abs(q(:, :n)), 2) + speed_weight*sum(abs(v(:, :n)), 2) <= largest_angle
-      if (.not. all(good .and. system%margin(q) > 0.0_wp)) call retire()
+      call measure_margin()
+      doubtful = alive .and. .not. (good .and. least_between(margin_before, rate_before, margin, &
+                                                             rate) > 0.0_wp)
+      if (any(doubtful)) call judge_lanes()
       if (system%n_dof > n .and. (mod(i, int(rescaling, i8)) == 0 .or. i == job%n_discard &
                                   .or. i == job%n_steps)) call rescale()
       if (i <= job%n_discard) cycle
@@ -122,37 +128,55 @@ contains
         if (mod(i - job%n_discard, job%section_every) == 0) call keep_section()
       end if
     end do
-    where (alive) block%n_done = job%n_steps
+    where (alive) block%t_reached = block%h*real(job%n_steps, wp)
     block%q = q(:, :n)
     block%v = v(:, :n)
     if (job%moments) then
-      block%peak = moments%peak(:, :n, :)
       allocate (block%mean(n_lanes, n, 2), block%rms(n_lanes, n, 2))
       call moments%means(block%mean, block%rms)
+      block%peak = moments%peak(:, :n, :)
     end if
-    if (lines%n > 0) block%lines = lines%amplitudes()
-    block%lyapunov = growth/(block%h*real(job%n_steps - job%n_discard, wp))
+    ! Of a motion that stopped, peaks and means are those until then; what belongs to the
+    ! whole of it is not known.
+    nowhere = merge(0.0_wp, ieee_value(1.0_wp, ieee_quiet_nan), alive)
+    if (lines%n > 0) then
+      block%lines = lines%amplitudes()
+      block%lines = block%lines + spread(spread(nowhere, 2, lines%n), 3, n)
+    end if
+    block%lyapunov = growth/(block%h*real(job%n_steps - job%n_discard, wp)) + nowhere
 
   contains
 
-    !> Lanes that fail stand still at their last good state from now on.
-    subroutine retire()
-      real(wp) :: margin(n_lanes), ahead(n_lanes)
-      integer :: l
+    !> Margin of the physics in every lane, and its change in a step.
+    subroutine measure_margin()
       margin = system%margin(q)
-      ! A step may also fail because it leads out of the physics.
-      ahead = system%margin(q_before + spread(block%h, 2, system%n_dof)*v_before)
+      rate = system%margin(q + spread(block%h, 2, system%n_dof)*v) - margin
+    end subroutine measure_margin
+
+    !> Lanes whose motion stops inside the step stand still from now on.
+    subroutine judge_lanes()
+      type(stop_type) :: stop
+      integer :: l
       do l = 1, n_lanes
-        if (good(l) .and. margin(l) > 0.0_wp) cycle
-        block%outcome(l) = merge(run_unphysical, run_diverged, good(l) .or. ahead(l) <= 0.0_wp)
-        block%n_done(l) = i - 1
+        if (.not. doubtful(l)) cycle
+        call find_stop(system, n, l, block%frequencies, q_before(l, :), v_before(l, :), &
+                       real(i - 1, wp)*block%h(l), block%h(l), stop)
+        if (stop%outcome == run_completed .or. stop%outcome == run_coarse) then
+          if (good(l) .and. margin(l) > 0.0_wp) cycle
+          stop%outcome = run_coarse
+          stop%ahead = 0.0_wp
+          stop%q = q_before(l, :)
+          stop%v = v_before(l, :)
+        end if
+        block%outcome(l) = stop%outcome
+        block%t_reached(l) = real(i - 1, wp)*block%h(l) + stop%ahead
         alive(l) = .false.
-        q(l, :) = q_before(l, :)
-        v(l, :) = v_before(l, :)
+        q(l, :) = stop%q
+        v(l, :) = stop%v
         call method%set_lane(l, q(l, :), v(l, :))
         call method%stop_lane(l)
       end do
-    end subroutine retire
+    end subroutine judge_lanes
 
     subroutine rescale()
       real(wp) :: size_now(n_lanes)

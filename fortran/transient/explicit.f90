@@ -26,6 +26,8 @@ module viscovib_explicit
   type :: explicit_type
     type(explicit_table_type) :: table
     integer :: n_dof = 0, n_drives = 0
+    !> Time since the present piece of a load began, for a system that asks for it.
+    real(wp) :: since = 0.0_wp
     !> Evaluations of a block of lanes, all told.
     integer(i8) :: n_evaluations = 0
     !> Load phases and their growth in a step, in two parts, shape (n_lanes, n).
@@ -163,6 +165,7 @@ contains
         call turn_drives(m, room(1, p%cosine), room(1, p%sine), &
                          room(1, p%stage_cosine + m*(i - 1)), room(1, p%stage_sine + m*(i - 1)), &
                          room(1, p%drive))
+        if (system%timed) room(:, p%drive + m - 1) = self%since + t%c(i)*room(:, p%h)
         call system%acceleration(room(1, p%stage_q), room(1, p%stage_v), room(1, p%drive), &
                                  room(1, p%f + max_dof*(i - 1)))
       end do

@@ -6,7 +6,7 @@ module viscovib_explicit_stepper
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_stepper, only: stepper_type
-  use viscovib_vector_math, only: largest_angle
+  use viscovib_stops, only: in_range, least_between
   implicit none
   private
 
@@ -20,6 +20,7 @@ module viscovib_explicit_stepper
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
+    procedure :: least_margin
   end type explicit_stepper_type
 
 contains
@@ -45,10 +46,11 @@ contains
     logical, intent(out) :: made
     real(wp) :: q(n_lanes, size(self%q)), v(n_lanes, size(self%q))
 
+    self%block%since = self%since
     call self%block%step(system)
     call self%block%get_state(q, v)
     self%n_evaluations = self%block%n_evaluations
-    made = all(abs(q(1, :)) <= largest_angle) .and. all(abs(v(1, :)) <= huge(1.0_wp))
+    made = in_range(q(1, :), v(1, :))
     if (.not. made) return
     self%q = q(1, :)
     self%v = v(1, :)
@@ -85,5 +87,21 @@ contains
     self%q = q(1, :)
     self%v = v(1, :)
   end subroutine load_memory
+
+  !> From both ends of the step and the rates there.
+  real(wp) function least_margin(self, system, q_before, v_before) result(least)
+    class(explicit_stepper_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: q_before(:), v_before(:)
+    real(wp) :: q(n_lanes, size(self%q)), margins(n_lanes)
+
+    q = spread(self%q, 1, n_lanes)
+    q(2, :) = self%q + self%h*self%v
+    q(3, :) = q_before
+    q(4, :) = q_before + self%h*v_before
+    margins = system%margin(q)
+    least = least_between(margins(3), margins(4) - margins(3), margins(1), &
+                          margins(2) - margins(1))
+  end function least_margin
 
 end module viscovib_explicit_stepper

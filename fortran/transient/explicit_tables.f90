@@ -35,7 +35,7 @@ contains
   pure subroutine new_explicit_table(table, method)
     type(explicit_table_type), intent(out) :: table
     integer, intent(in) :: method
-    real(wp) :: square(max_stages), one(max_stages)
+    real(wp) :: square(max_stages), one(max_stages), row(max_stages)
     integer :: i, j, n
 
     select case (method)
@@ -56,7 +56,8 @@ contains
       do j = 1, i - 1
         square(j) = exact_dot(table%a(i, j:i), table%a(j:i, j))
       end do
-      call list_terms(table, i, square, table%a(i, :))
+      row = table%a(i, :)
+      call list_terms(table, i, square, row)
     end do
     do j = 1, n
       square(j) = exact_dot(table%b(j:n), table%a(j:n, j))

@@ -23,14 +23,26 @@ module viscovib_exponential_history
   !> Terms taken together in `store`, nodes in `recall`.
   integer, parameter :: block = 8, few = 4
 
-  !> The exponentials of one kernel and the channels that it works on.
-  type :: group_type
-    integer :: first = 0, last = 0, n_terms = 0
-    real(wp), allocatable :: rates(:)
+  !> Lengths of steps whose weights are kept for when they come again.
+  integer, parameter :: most_lengths = 64
+
+  !> Weights of exponentials for steps of one length.
+  type :: weights_type
+    real(wp) :: h = 0.0_wp
     !> Weights times exp(-r_q c_i h), nodes by fours (padded), shape (few, n_terms, n_fours).
     real(wp), allocatable :: recall(:, :, :)
     !> exp(-r_q h), and h phi, shapes (n_padded) and (n_padded, 0:s+1).
     real(wp), allocatable :: decay(:), gain(:, :)
+  end type weights_type
+
+  !> The exponentials of one kernel and the channels that it works on.
+  type :: group_type
+    integer :: first = 0, last = 0, n_terms = 0
+    !> Weights (with the scale of the memory) and rates of the terms.
+    real(wp), allocatable :: terms(:), rates(:)
+    !> By length of step, and the place of the present one.
+    type(weights_type), allocatable :: lengths(:)
+    integer :: now = 1, n_lengths = 0
     !> H, shape (n_padded, first:last).
     real(wp), allocatable :: state(:, :)
   end type group_type
@@ -38,12 +50,14 @@ module viscovib_exponential_history
   type, extends(history_type) :: exponential_history_type
     integer :: s = 0
     real(wp) :: h = 0.0_wp
+    type(collocation_type), private :: table
     type(group_type), allocatable :: groups(:)
   contains
     procedure :: recall
     procedure :: store
     procedure :: add_ancient
     procedure :: begin
+    procedure :: change_step
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
@@ -52,21 +66,22 @@ module viscovib_exponential_history
 contains
 
   !> `possible` is false where a kernel has no sum of exponentials.
-  subroutine new_exponential_history(history, system, channels, table, h, t_end, tolerance, &
-                                     possible)
+  subroutine new_exponential_history(history, system, channels, table, h, least, t_end, &
+                                     tolerance, possible)
     type(exponential_history_type), intent(out) :: history
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
     type(collocation_type), intent(in) :: table
-    !> Step; latest time of any run that goes on from this; relative error.
-    real(wp), intent(in) :: h, t_end, tolerance
+    !> Step, and the shortest that may follow; latest time of any run that goes on from
+    !! this; relative error.
+    real(wp), intent(in) :: h, least, t_end, tolerance
     logical, intent(out) :: possible
     real(wp), allocatable :: weights(:), rates(:)
-    integer :: first, last, n, i, j, k, padded
+    integer :: first, last, n, i, k, padded
 
     possible = .true.
     history%s = table%s
-    history%h = h
+    history%table = table
     history%kernel_of = channels%kernel_of
     n = 0
     do k = 1, size(system%kernels)
@@ -78,7 +93,7 @@ contains
       first = last + 1
       k = channels%kernel_of(first)
       last = first + count(channels%kernel_of == k) - 1
-      call system%kernels(k)%kernel%exponentials(tolerance, h*table%points(1), &
+      call system%kernels(k)%kernel%exponentials(tolerance, least*table%points(1), &
                                                  max(t_end, 2.0_wp*h), weights, rates)
       possible = size(rates) > 0
       if (.not. possible) return
@@ -87,25 +102,69 @@ contains
         group%last = last
         group%n_terms = size(rates)
         padded = (size(rates) + block - 1)/block*block
+        group%terms = system%memory_scale*weights
         group%rates = rates
-        allocate (group%recall(few, size(rates), (table%s + few - 1)/few), group%decay(padded))
-        allocate (group%gain(padded, 0:table%s + 1), group%state(padded, first:last))
-        group%recall = 0.0_wp
-        group%decay = 0.0_wp
-        group%gain = 0.0_wp
+        allocate (group%lengths(1), group%state(padded, first:last))
         group%state = 0.0_wp
-        do k = 1, size(rates)
-          do j = 1, table%s
-            group%recall(modulo(j - 1, few) + 1, k, (j - 1)/few + 1) = &
-              system%memory_scale*weights(k)*exp(-min(rates(k)*h*table%points(j), 700.0_wp))
-          end do
-          group%decay(k) = exp(-min(rates(k)*h, 700.0_wp))
-        end do
-        call exponential_moments(table, h*rates, group%gain(:size(rates), :))
-        group%gain = h*group%gain
       end associate
     end do
+    call history%change_step(h)
   end subroutine new_exponential_history
+
+  subroutine change_step(self, h)
+    class(exponential_history_type), intent(inout) :: self
+    real(wp), intent(in) :: h
+    type(weights_type), allocatable :: grown(:)
+    integer :: i, k
+
+    self%h = h
+    do i = 1, size(self%groups)
+      associate (group => self%groups(i))
+        do k = 1, group%n_lengths
+          if (abs(group%lengths(k)%h - h) <= 0.0_wp) exit
+        end do
+        group%now = k
+        if (k <= group%n_lengths) cycle
+        if (k > most_lengths) then
+          ! The oldest make room.
+          group%now = 1
+          group%n_lengths = 0
+        else if (k > size(group%lengths)) then
+          allocate (grown(min(most_lengths, 2*k)))
+          grown(:k - 1) = group%lengths
+          call move_alloc(grown, group%lengths)
+        end if
+        group%n_lengths = group%n_lengths + 1
+        call set_weights(self%table, group%terms, group%rates, size(group%state, 1), h, &
+                         group%lengths(group%now))
+      end associate
+    end do
+  end subroutine change_step
+
+  !> Weights of steps h; `padded`: length of states.
+  subroutine set_weights(table, terms, rates, padded, h, weights)
+    type(collocation_type), intent(in) :: table
+    real(wp), intent(in) :: terms(:), rates(:), h
+    integer, intent(in) :: padded
+    type(weights_type), intent(out) :: weights
+    integer :: j, k
+
+    weights%h = h
+    allocate (weights%recall(few, size(rates), (table%s + few - 1)/few), weights%decay(padded))
+    allocate (weights%gain(padded, 0:table%s + 1))
+    weights%recall = 0.0_wp
+    weights%decay = 0.0_wp
+    weights%gain = 0.0_wp
+    do k = 1, size(rates)
+      do j = 1, table%s
+        weights%recall(modulo(j - 1, few) + 1, k, (j - 1)/few + 1) = &
+          terms(k)*exp(-min(rates(k)*h*table%points(j), 700.0_wp))
+      end do
+      weights%decay(k) = exp(-min(rates(k)*h, 700.0_wp))
+    end do
+    call exponential_moments(table, h*rates, weights%gain(:size(rates), :))
+    weights%gain = h*weights%gain
+  end subroutine set_weights
 
   !> integral_0^1 exp(-z (1-x)) l_k(x) dx for the polynomials of the points; over the
   !! part where the exponential has not vanished.
@@ -141,9 +200,9 @@ contains
     integer :: i, c
 
     do i = 1, size(self%groups)
-      associate (group => self%groups(i))
+      associate (group => self%groups(i), weights => self%groups(i)%lengths(self%groups(i)%now))
         do c = group%first, group%last
-          call recall_channel(group%n_terms, size(group%recall, 3), self%s, group%recall, &
+          call recall_channel(group%n_terms, size(weights%recall, 3), self%s, weights%recall, &
                               group%state(:, c), remembered((c - 1)*self%s + 1:c*self%s))
         end do
       end associate
@@ -185,10 +244,12 @@ contains
     integer :: i, c
 
     do i = 1, size(self%groups)
-      do c = self%groups(i)%first, self%groups(i)%last
-        call store_channel(size(self%groups(i)%decay), self%s + 2, self%groups(i)%decay, &
-                           self%groups(i)%gain, g(:, c), self%groups(i)%state(:, c))
-      end do
+      associate (weights => self%groups(i)%lengths(self%groups(i)%now))
+        do c = self%groups(i)%first, self%groups(i)%last
+          call store_channel(size(weights%decay), self%s + 2, weights%decay, weights%gain, &
+                             g(:, c), self%groups(i)%state(:, c))
+        end do
+      end associate
     end do
   end subroutine store
 
@@ -247,7 +308,7 @@ contains
         do c = group%first, group%last
           do q = 1, group%n_terms
             group%state(q, c) = &
-              group%decay(q)*group%state(q, c) &
+              group%lengths(group%now)%decay(q)*group%state(q, c) &
               + past%length*dot_product(moments(q, :), past%last(:, c)) &
               + sum(past%masses(:, c)*exp(-min(group%rates(q)*(self%h - past%times), 700.0_wp)))
           end do

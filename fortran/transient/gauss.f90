@@ -47,6 +47,8 @@ module viscovib_gauss
     real(wp), allocatable :: q_rest(:), v_rest(:)
     !> Whether the accelerations of a step before are there to predict from.
     logical :: has_history = .false.
+    !> Largest distance of two nodes, in steps.
+    real(wp), private :: widest = 1.0_wp
     type(room_plan), private :: plan
     !> Tables, and accelerations and states at the nodes.
     real(wp), allocatable, private :: room(:)
@@ -58,8 +60,10 @@ module viscovib_gauss
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
+    procedure :: least_margin
     procedure, private :: step_in_room
     procedure, private :: iterate
+    procedure, private :: margin_at_nodes
   end type gauss_type
 
 contains
@@ -87,6 +91,9 @@ contains
     allocate (method%room(n_lanes*method%plan%n_columns + alignment_slack), source=0.0_wp)
     method%first = first_aligned(method%room)
     call furnish(method%table, h, method%plan, method%room(method%first))
+    associate (c => pack(method%table%nodes, method%table%nodes > 0.0_wp))
+      method%widest = max(maxval(c(2:) - c(:size(c) - 1)), c(1))
+    end associate
   end subroutine new_gauss
 
   !> Put the tables, with the step in them, where the loops will find them.
@@ -121,8 +128,8 @@ contains
     plan%f = plan%drive + max_dof*n_blocks
     plan%f_new = plan%f + max_dof*n_blocks
     plan%q = plan%f_new + max_dof*n_blocks
-    plan%v = plan%q + max_dof
-    plan%n_columns = plan%v + max_dof - 1
+    plan%v = plan%q + max_dof*n_blocks
+    plan%n_columns = plan%v + max_dof*n_blocks - 1
   end function new_room_plan
 
   subroutine change_step(self, system, h)
@@ -157,6 +164,10 @@ contains
     associate (p => self%plan)
       do b = 1, blocks
         call self%phases%drives(b, room(1, p%drive + max_dof*(b - 1)))
+        if (system%timed) then
+          room(:, p%drive + max_dof*(b - 1) + size(self%phases%high) - 1) = &
+            self%since + room(:, p%times + b - 1)
+        end if
       end do
       converged = .false.
       if (self%has_history) then
@@ -243,9 +254,10 @@ contains
       do k = 1, max_iterations
         do b = 0, blocks - 1
           call node_states(blocks, n, room(1, p%times + b), room(1, p%sums + 2*n_lanes*blocks*b), &
-                           room(1, p%f), q_0, v_0, room(1, p%q), room(1, p%v))
-          call system%acceleration(room(1, p%q), room(1, p%v), room(1, p%drive + max_dof*b), &
-                                   room(1, p%f_new + max_dof*b))
+                           room(1, p%f), q_0, v_0, room(1, p%q + max_dof*b), &
+                           room(1, p%v + max_dof*b))
+          call system%acceleration(room(1, p%q + max_dof*b), room(1, p%v + max_dof*b), &
+                                   room(1, p%drive + max_dof*b), room(1, p%f_new + max_dof*b))
         end do
         self%n_evaluations = self%n_evaluations + blocks
         if (counting) call count_up(counted_turns, 1)
@@ -266,6 +278,43 @@ contains
       converged = k <= max_iterations .and. all(abs(room(1, p%q:p%q + n - 1)) <= largest_angle)
     end associate
   end subroutine iterate
+
+  !> From the nodes of the step and the rates there.
+  real(wp) function least_margin(self, system, q_before, v_before) result(least)
+    class(gauss_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: q_before(:), v_before(:)
+    real(wp) :: ends(n_lanes, size(self%q)), margins(n_lanes)
+    integer :: b
+
+    ends = spread(self%q, 1, n_lanes)
+    ends(2, :) = q_before
+    ends(3, :) = q_before + self%widest/3.0_wp*self%h*v_before
+    margins = system%margin(ends)
+    ! The last place before the first node is told by the motion at the start.
+    least = min(margins(1), margins(2) + min(0.0_wp, margins(3) - margins(2)))
+    do b = 0, self%table%n_blocks - 1
+      least = min(least, self%margin_at_nodes(system, self%room(self%first), b))
+    end do
+  end function least_margin
+
+  !> The hull of cubics between the nodes of a block.
+  real(wp) function margin_at_nodes(self, system, room, b) result(least)
+    class(gauss_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: room(n_lanes, self%plan%n_columns)
+    integer, intent(in) :: b
+    real(wp), dimension(n_lanes) :: here, moved
+    integer :: n
+
+    n = size(self%q)
+    associate (q => room(:, self%plan%q + max_dof*b:self%plan%q + max_dof*b + n - 1), &
+               v => room(:, self%plan%v + max_dof*b:self%plan%v + max_dof*b + n - 1))
+      here = system%margin(q)
+      moved = system%margin(q + self%widest/3.0_wp*self%h*v)
+    end associate
+    least = minval(here - abs(moved - here))
+  end function margin_at_nodes
 
   !> Sum of the sizes of all accelerations.
   pure real(wp) function size_of(n_dof, blocks, f)

@@ -28,6 +28,13 @@ module viscovib_hereditary
   !> Why no run can be made.
   integer, parameter, public :: begun = 0, no_exponentials = 1, step_too_large = 2, no_integral = 3
 
+  !> Doublings from the first panel after a corner or a jump of the load to a step:
+  !! accelerations follow it like t^(2+alpha) at most, so that fewer are needed than at a
+  !! start, see `viscovib_hereditary_start`.
+  integer, parameter :: corner_doublings = 14
+  !> Lengths of steps whose maps are kept for when they come again.
+  integer, parameter :: most_lengths = 64
+
   type :: hereditary_type
     real(wp) :: h = 0.0_wp
     !> State, shape (n_dof), and what rounding took from it.
@@ -36,7 +43,9 @@ module viscovib_hereditary
     !! displacement, shape (n_dof): together they tell how well steps resolve the motion.
     real(wp), allocatable :: roughness(:), largest(:)
     type(collocation_type) :: table
-    type(step_map_type) :: map
+    !> Maps by length of step, and the place of the present one.
+    type(step_map_type), allocatable :: maps(:)
+    integer :: now = 1
     type(step_equations_type) :: equations
     type(channels_type) :: channels
     class(history_type), allocatable :: history
@@ -51,14 +60,25 @@ module viscovib_hereditary
     real(wp), allocatable, private :: g(:, :)
     !> The next step follows one of its own kind.
     logical, private :: rolling = .false.
+    !> Lengths of the maps; how many there are; whether some kernel is so steep at the
+    !! start that a motion with a corner needs panels after it.
+    real(wp), allocatable, private :: lengths(:)
+    integer, private :: n_lengths = 0
+    logical, private :: steep = .false.
+    !> The next step follows a corner of the load.
+    logical, private :: at_corner = .false.
   contains
     procedure :: step
+    procedure :: enter
     procedure :: inside
     procedure :: resolution
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
     procedure, private :: add_first_step
+    procedure, private :: add_graded_step
+    procedure, private :: plain_step
+    procedure, private :: change_step
     procedure, private :: stand_still
   end type hereditary_type
 
@@ -66,7 +86,7 @@ contains
 
   !> A run from (u, v) at time 0. `reason`: `begun`, or why it is not.
   subroutine new_hereditary(run, system, load, s, past, held, u, v, h, t_end, tolerance, reason, &
-                            before, moved)
+                            before, moved, shortest)
     type(hereditary_type), intent(out) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
@@ -81,6 +101,9 @@ contains
     !> Times ascending to 0 and displacements there, shapes (n) and (n_dof, n), if the
     !! motion before 0 is known; `held` is the first of them then.
     real(wp), intent(in), optional :: before(:), moved(:, :)
+    !> Shortest step of a run whose steps change after corners of the load.
+    real(wp), intent(in), optional :: shortest
+    real(wp) :: least
     type(exponential_history_type), allocatable :: exponentials
     type(direct_history_type), allocatable :: direct
     logical :: possible, singular
@@ -99,14 +122,23 @@ contains
       return
     end if
     call new_channels(run%channels, system, held)
-    call new_step_map(run%map, system, run%channels, run%table, h, singular)
+    allocate (run%maps(1), run%lengths(1))
+    run%lengths = h
+    run%n_lengths = 1
+    call new_step_map(run%maps(1), system, run%channels, run%table, h, singular)
     if (singular) then
       reason = step_too_large
       return
     end if
+    least = h
+    if (present(shortest)) then
+      run%steep = is_steep(system, run%channels, h)
+      least = min(h, shortest)
+      if (run%steep) least = scale(least, -corner_doublings - 1)
+    end if
     if (past == past_exponentials) then
       allocate (exponentials)
-      call new_exponential_history(exponentials, system, run%channels, run%table, h, t_end, &
+      call new_exponential_history(exponentials, system, run%channels, run%table, h, least, t_end, &
                                    max(tolerance, 1.0e-14_wp), possible)
       if (.not. possible) then
         reason = no_exponentials
@@ -118,16 +150,16 @@ contains
       call new_direct_history(direct, system, run%channels, run%table, h)
       call move_alloc(direct, run%history)
     end if
-    if (present(before) .and. run%map%n_channels > 0) then
+    if (present(before) .and. run%maps(1)%n_channels > 0) then
       call new_ancient(run%ancient, system, run%channels, before, moved)
       if (run%ancient%is_known()) call run%history%add_ancient(run%ancient)
     end if
     call new_clock(run%clock, load, 0.0_wp, h, run%table%points(1:s))
     run%gather = matmul(run%channels%gather, system%gather)
-    run%gather_bends = run%channels%gather(:, run%map%bent)
-    allocate (run%points(0:s + 1, size(u)), run%g(0:s + 1, run%map%n_channels))
+    run%gather_bends = run%channels%gather(:, run%maps(1)%bent)
+    allocate (run%points(0:s + 1, size(u)), run%g(0:s + 1, run%maps(1)%n_channels))
     run%points = 0.0_wp
-    call new_step_equations(run%equations, run%map, run%table, &
+    call new_step_equations(run%equations, run%maps(1), run%table, &
                             max(1.0e-2_wp*tolerance, epsilon(1.0_wp)))
     call run%stand_still(system)
   end subroutine new_hereditary
@@ -136,62 +168,206 @@ contains
   subroutine stand_still(self, system)
     class(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    call self%equations%start_bends(system, self%map, self%u)
+    call self%equations%start_bends(system, self%maps(self%now), self%u)
     self%points(self%table%s + 1, :) = self%u
     self%rolling = .false.
   end subroutine stand_still
 
-  !> One step; `made` is false, and the state stays, if its equations do not settle.
-  subroutine step(self, system, load, n_before, made)
+  !> Whether a kernel grows without bound towards 0, or falls off well within a step h.
+  logical function is_steep(system, channels, h)
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    real(wp), intent(in) :: h
+    real(wp) :: values(2)
+    integer :: k
+
+    is_steep = .false.
+    do k = 1, size(system%kernels)
+      if (.not. any(channels%kernel_of == k)) cycle
+      call system%kernels(k)%kernel%value([1.0e-9_wp*h, 1.0e-2_wp*h], values)
+      is_steep = is_steep .or. abs(values(1) - values(2)) > 0.1_wp*abs(values(2))
+    end do
+  end function is_steep
+
+  !> A piece of the mesh begins at time t, in steps h: the load has a corner there.
+  !! `made` is false where such steps are too large.
+  subroutine enter(self, system, load, t, h, made)
+    class(hereditary_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: t, h
+    logical, intent(out) :: made
+    call self%change_step(system, load, t, h, made)
+    self%at_corner = self%steep
+  end subroutine enter
+
+  !> Steps from time t on are h long.
+  subroutine change_step(self, system, load, t, h, made)
+    class(hereditary_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: t, h
+    logical, intent(out) :: made
+    logical :: singular
+
+    self%h = h
+    self%rolling = .false.
+    call new_clock(self%clock, load, t, h, self%table%points(1:self%table%s))
+    if (self%maps(1)%n_channels > 0) call self%history%change_step(h)
+    singular = .false.
+    call find_map(self, h)
+    if (self%now > self%n_lengths) then
+      call new_step_map(self%maps(self%now), system, self%channels, self%table, h, singular)
+      self%lengths(self%now) = h
+      if (.not. singular) self%n_lengths = self%now
+    end if
+    made = .not. singular
+  end subroutine change_step
+
+  !> The place of the map of steps h, or where it is to be put: `now`.
+  subroutine find_map(self, h)
+    class(hereditary_type), intent(inout) :: self
+    real(wp), intent(in) :: h
+    type(step_map_type), allocatable :: grown(:)
+    integer :: n
+
+    do n = 1, self%n_lengths
+      if (abs(self%lengths(n) - h) <= 0.0_wp) exit
+    end do
+    self%now = n
+    if (n <= size(self%maps)) return
+    if (n > most_lengths) then
+      self%n_lengths = 0
+      self%now = 1
+      return
+    end if
+    allocate (grown(min(most_lengths, 2*n)))
+    grown(:n - 1) = self%maps
+    call move_alloc(grown, self%maps)
+    self%lengths = [self%lengths, spread(0.0_wp, 1, size(self%maps) - size(self%lengths))]
+  end subroutine find_map
+
+  !> One step to time `until`; `made` is false, and the state stays, if its equations do
+  !! not settle.
+  subroutine step(self, system, load, n_before, until, made)
     class(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
     !> Steps made before.
     integer(i8), intent(in) :: n_before
+    real(wp), intent(in) :: until
     logical, intent(out) :: made
-    integer :: d, n, s
+    logical :: graded
 
-    s = self%map%s
-    n = self%map%n_dof
+    graded = self%at_corner
+    self%at_corner = .false.
     if (n_before == 0) then
       call self%add_first_step(system, load, made)
       if (made) return
     end if
+    if (graded) then
+      call self%add_graded_step(system, load, until, made)
+    else
+      call self%plain_step(system, load, until, made)
+    end if
+  end subroutine step
+
+  !> One step to time `until`, as a polynomial.
+  subroutine plain_step(self, system, load, until, made)
+    class(hereditary_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: until
+    logical, intent(out) :: made
+    integer :: d, n, s
+
+    s = self%table%s
+    n = size(self%u)
     if (counting) call count_up(counted_coordinates, n)
-    associate (z => self%equations%z)
+    associate (z => self%equations%z, map => self%maps(self%now))
       z(:n) = self%u
       z(n + 1:2*n) = self%v
-      call self%clock%at_nodes(load, z(self%map%at_load + 1:self%map%at_memory))
-      if (self%map%n_channels > 0) then
-        call self%history%recall(z(self%map%at_memory + 1:self%map%at_bend))
-        call add_held(s*self%map%n_channels, self%map%held, &
-                      z(self%map%at_memory + 1:self%map%at_bend))
+      call self%clock%at_nodes(load, z(map%at_load + 1:map%at_memory))
+      if (map%n_channels > 0) then
+        call self%history%recall(z(map%at_memory + 1:map%at_bend))
+        call add_held(s*map%n_channels, map%held, z(map%at_memory + 1:map%at_bend))
       end if
-      call self%equations%predict(self%map, self%rolling)
-      z(self%map%at_bend + 1:) = self%equations%y_start
+      call self%equations%predict(map, self%rolling)
+      z(map%at_bend + 1:) = self%equations%y_start
+      call self%equations%iterate(system, map, self%u, made)
     end associate
-    call self%equations%iterate(system, self%map, self%u, made)
     if (.not. made) return
-    associate (x => self%equations%x)
+    associate (x => self%equations%x, map => self%maps(self%now))
       do d = 1, n
         self%points(0, d) = self%u(d)
         self%points(1:, d) = self%u(d) + x((d - 1)*(s + 1) + 1:d*(s + 1))
         call judge(s + 2, self%points(:, d), self%table%last_coefficient, self%roughness(d), &
                    self%largest(d))
         call add_up(self%u(d), self%u_rest(d), x(d*(s + 1)))
-        call add_up(self%v(d), self%v_rest(d), x(self%map%velocity_row + d - 1))
+        call add_up(self%v(d), self%v_rest(d), x(map%velocity_row + d - 1))
       end do
+      if (map%n_channels > 0) then
+        call gather_channels(s + 2, n, size(self%equations%y_start), map%n_channels, &
+                             self%points, self%equations%y_start, self%equations%y, self%gather, &
+                             self%gather_bends, self%channels%held, self%g)
+        if (counting) call count_up(counted_memory, map%n_channels)
+        call self%history%store(self%g)
+      end if
     end associate
-    if (self%map%n_channels > 0) then
-      call gather_channels(s + 2, n, size(self%equations%y_start), self%map%n_channels, &
-                           self%points, self%equations%y_start, self%equations%y, self%gather, &
-                           self%gather_bends, self%channels%held, self%g)
-      if (counting) call count_up(counted_memory, self%map%n_channels)
-      call self%history%store(self%g)
-    end if
-    call self%clock%advance((n_before + 1)*self%h)
+    call self%clock%advance(until)
     self%rolling = .true.
-  end subroutine step
+  end subroutine plain_step
+
+  !> One step after a corner of the load, as panels that double their length: a motion
+  !! remembered by a steep kernel is not smooth there. Lengths are powers of 2 but for
+  !! the last, so that other steps find their maps again.
+  subroutine add_graded_step(self, system, load, until, made)
+    class(hereditary_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: until
+    logical, intent(out) :: made
+    real(wp), dimension(size(self%u)) :: u, v
+    real(wp) :: from, h, ends(0:corner_doublings + 1)
+    integer :: k, n
+
+    h = self%h
+    from = self%clock%t
+    u = self%u
+    v = self%v
+    ends = panel_ends(h)
+    n = ubound(ends, 1)
+    self%start%table = self%table
+    self%start%ends = ends
+    if (allocated(self%start%points)) deallocate (self%start%points)
+    allocate (self%start%points(0:self%table%s + 1, size(u), n))
+    do k = 1, n
+      call self%change_step(system, load, from + ends(k - 1), ends(k) - ends(k - 1), made)
+      if (made) call self%plain_step(system, load, from + ends(k), made)
+      if (.not. made) then
+        self%u = u
+        self%v = v
+        return
+      end if
+      self%start%points(:, :, k) = self%points
+    end do
+    call self%change_step(system, load, until, h, made)
+  end subroutine add_graded_step
+
+  !> 0, then powers of 2 that double, then h.
+  pure function panel_ends(h) result(ends)
+    real(wp), intent(in) :: h
+    real(wp) :: ends(0:corner_doublings + 1)
+    integer :: k
+    ends(0) = 0.0_wp
+    do k = 1, corner_doublings
+      ends(k) = scale(1.0_wp, exponent(h) - 1 - corner_doublings + k)
+    end do
+    ! The last power of 2 is at most 3 h/4.
+    if (ends(corner_doublings) > 0.75_wp*h) ends(1:corner_doublings) = &
+      0.5_wp*ends(1:corner_doublings)
+    ends(corner_doublings + 1) = h
+  end function panel_ends
 
   !> Largest last Legendre coefficient of a displacement, relative to its largest value.
   pure real(wp) function resolution(self)
@@ -214,7 +390,7 @@ contains
     real(wp) :: f(size(self%u))
 
     made = .false.
-    if (self%map%n_channels == 0) return
+    if (self%maps(1)%n_channels == 0) return
     call load%at(0.0_wp, f)
     if (.not. (any(abs(self%u) > 0.0_wp) .or. any(abs(self%v) > 0.0_wp) &
                .or. any(abs(f) > 0.0_wp) .or. self%ancient%is_known())) return
@@ -242,9 +418,9 @@ contains
 
   pure integer function memory_size(self)
     class(hereditary_type), intent(in) :: self
-    memory_size = 2 + 4*size(self%u) + size(self%equations%y_start) + size(self%equations%y) &
+    memory_size = 3 + 4*size(self%u) + size(self%equations%y_start) + size(self%equations%y) &
                   + 2*size(self%clock%high)
-    if (self%map%n_channels > 0) memory_size = memory_size + self%history%memory_size()
+    if (self%maps(1)%n_channels > 0) memory_size = memory_size + self%history%memory_size()
   end function memory_size
 
   function save_memory(self) result(memory)
@@ -253,11 +429,12 @@ contains
     integer :: n
 
     n = 0
-    call push([merge(1.0_wp, 0.0_wp, self%rolling), self%clock%t])
+    call push([merge(1.0_wp, 0.0_wp, self%rolling), self%clock%t, &
+               merge(1.0_wp, 0.0_wp, self%at_corner)])
     call push([self%u, self%v, self%u_rest, self%v_rest])
     call push([self%equations%y_start, self%equations%y])
     call push([self%clock%high, self%clock%low])
-    if (self%map%n_channels > 0) call push(self%history%save_memory())
+    if (self%maps(1)%n_channels > 0) call push(self%history%save_memory())
 
   contains
 
@@ -276,7 +453,8 @@ contains
 
     self%rolling = memory(1) > 0.5_wp
     self%clock%t = memory(2)
-    n = 2
+    self%at_corner = memory(3) > 0.5_wp
+    n = 3
     call pull(self%u)
     call pull(self%v)
     call pull(self%u_rest)
@@ -285,7 +463,7 @@ contains
     call pull(self%equations%y)
     call pull(self%clock%high)
     call pull(self%clock%low)
-    if (self%map%n_channels > 0) call self%history%load_memory(memory(n + 1:))
+    if (self%maps(1)%n_channels > 0) call self%history%load_memory(memory(n + 1:))
 
   contains
 

@@ -188,7 +188,10 @@ contains
     integer :: past
 
     call set_ok(status)
-    solved = max(0.1_wp*job%tolerance, rounding)
+    solved = job%tolerance
+    if (job%relative > 0.0_wp) solved = job%relative
+    if (job%tolerance > 0.0_wp) solved = min(solved, job%tolerance)
+    solved = max(0.1_wp*solved, rounding)
     past = past_exponentials
     if (job%past == keep_direct) past = past_direct
     call new_hereditary(run, self%system, self%load, nodes(job%method), past, job%held, &

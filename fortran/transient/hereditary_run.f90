@@ -1,12 +1,14 @@
-!> A run with memory in equal steps: what is kept of it, and how it ends.
+!> A run with memory in fixed steps: what is kept of it, and how it ends.
 module viscovib_hereditary_run
   use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode, &
     ieee_support_underflow_control
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_hereditary, only: hereditary_type
   use viscovib_kinds, only: i8, wp
+  use viscovib_mesh, only: equal_steps, mesh_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_simulate, only: run_completed, run_diverged
+  use viscovib_simulate, only: run_completed, run_diverged, run_stopped
+  use viscovib_stopping, only: stop_wanted
   use viscovib_time_load, only: time_load_type
   implicit none
   private
@@ -18,7 +20,7 @@ contains
   !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
   !! those at wanted times. Underflow is abrupt meanwhile.
   subroutine run_hereditary(run, system, load, first, n_steps, save_every, times, states, &
-                            at_times, n_done, n_reached, outcome)
+                            at_times, n_done, n_reached, outcome, mesh)
     type(hereditary_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
@@ -31,31 +33,50 @@ contains
     real(wp), intent(inout) :: states(:, :), at_times(:, :)
     integer(i8), intent(out) :: n_done
     integer, intent(out) :: n_reached, outcome
-    real(wp) :: u(size(run%u)), v(size(run%u)), ahead
+    !> Where steps end; without: equal ones.
+    type(mesh_type), intent(in), optional :: mesh
+    type(mesh_type) :: ends
+    real(wp) :: u(size(run%u)), v(size(run%u)), ahead, now
     integer(i8) :: i, column
     logical :: made
+    integer :: piece
 
     ! As in viscovib_simulate.
     if (ieee_support_underflow_control(1.0_wp)) call ieee_set_underflow_mode(.false.)
     outcome = run_completed
     n_done = 0
     n_reached = 0
+    ends = equal_steps(run%h)
+    if (present(mesh)) ends = mesh
+    piece = ends%piece_of(first)
+    now = 0.0_wp
+    if (first > 0) now = ends%time(piece, first)
     do while (n_reached < size(times))
-      if (times(n_reached + 1) > first*run%h) exit
+      if (times(n_reached + 1) > now) exit
       n_reached = n_reached + 1
       if (counting) call count_up(counted_states, 1)
       at_times(1::2, n_reached) = run%u
       at_times(2::2, n_reached) = run%v
     end do
     do i = 1, n_steps
-      call run%step(system, load, first + i - 1, made)
+      if (stop_wanted()) then
+        outcome = run_stopped
+        return
+      end if
+      piece = ends%piece_of_next(piece, first + i - 1)
+      made = .true.
+      if (ends%is_broken() .and. ends%begins(piece, first + i - 1)) then
+        call run%enter(system, load, now, ends%h(piece), made)
+      end if
+      now = ends%time(piece, first + i)
+      if (made) call run%step(system, load, first + i - 1, now, made)
       if (.not. made) then
         outcome = run_diverged
         return
       end if
       n_done = i
       do while (n_reached < size(times))
-        ahead = times(n_reached + 1) - (first + i)*run%h
+        ahead = times(n_reached + 1) - now
         if (abs(ahead) <= 4.0_wp*spacing(times(n_reached + 1))) then
           u = run%u
           v = run%v

@@ -270,7 +270,7 @@ contains
     class(start_type), intent(in) :: self
     real(wp), intent(in) :: t
     real(wp), intent(out) :: u(:), v(:)
-    real(wp), dimension(start_nodes + 2) :: basis, slopes
+    real(wp), dimension(size(self%table%points)) :: basis, slopes
     real(wp) :: length, theta
     integer :: k
 

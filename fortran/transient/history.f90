@@ -33,6 +33,7 @@ module viscovib_history
     procedure(store_interface), deferred :: store
     procedure(ancient_interface), deferred :: add_ancient
     procedure(begin_interface), deferred :: begin
+    procedure(change_interface), deferred :: change_step
     procedure(size_interface), deferred :: memory_size
     procedure(save_interface), deferred :: save_memory
     procedure(load_interface), deferred :: load_memory
@@ -68,6 +69,13 @@ module viscovib_history
       type(collocation_type), intent(in) :: table
       type(past_type), intent(in) :: past
     end subroutine begin_interface
+
+    !> Steps are h long from now on.
+    subroutine change_interface(self, h)
+      import :: history_type, wp
+      class(history_type), intent(inout) :: self
+      real(wp), intent(in) :: h
+    end subroutine change_interface
 
     pure integer function size_interface(self)
       import :: history_type

@@ -1,6 +1,7 @@
 !> What is learnt from trajectories as they pass, without storing them: one
 !! accumulator a lane.
 module viscovib_lane_statistics
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: max_dof, n_lanes
@@ -84,14 +85,21 @@ contains
     end do
   end subroutine add_one
 
-  !> Mean and root of the mean square, shape (n_lanes, n_dof, 2).
+  !> Mean and root of the mean square, shape (n_lanes, n_dof, 2); without a sample these
+  !! and the peak are NaN.
   pure subroutine means(self, mean, rms)
-    class(moments_type), intent(in) :: self
+    class(moments_type), intent(inout) :: self
     real(wp), intent(out) :: mean(:, :, :), rms(:, :, :)
     integer :: l
     do l = 1, n_lanes
-      mean(l, :, :) = self%total(l, :self%n_dof, :)/max(1_i8, self%n(l))
-      rms(l, :, :) = sqrt(self%squares(l, :self%n_dof, :)/max(1_i8, self%n(l)))
+      if (self%n(l) == 0) then
+        self%peak(l, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
+        mean(l, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
+        rms(l, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
+        cycle
+      end if
+      mean(l, :, :) = self%total(l, :self%n_dof, :)/self%n(l)
+      rms(l, :, :) = sqrt(self%squares(l, :self%n_dof, :)/self%n(l))
     end do
   end subroutine means
 

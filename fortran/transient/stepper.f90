@@ -11,6 +11,8 @@ module viscovib_stepper
     real(wp) :: h = 0.0_wp
     !> The state, shape (n_dof).
     real(wp), allocatable :: q(:), v(:)
+    !> Time since the present piece of the load began, at the start of the step.
+    real(wp) :: since = 0.0_wp
     !> Evaluations of a block of lanes, all told.
     integer(i8) :: n_evaluations = 0
   contains
@@ -19,6 +21,7 @@ module viscovib_stepper
     procedure(size_interface), deferred :: memory_size
     procedure(save_interface), deferred :: save_memory
     procedure(load_interface), deferred :: load_memory
+    procedure(margin_interface), deferred :: least_margin
     procedure :: look_ahead
   end type stepper_type
 
@@ -53,6 +56,16 @@ module viscovib_stepper
       class(stepper_type), intent(in) :: self
       real(wp) :: memory(self%memory_size())
     end function save_interface
+
+    !> Lower bound of the system's margin inside the last step, as far as its method knows,
+    !! and at its end.
+    real(wp) function margin_interface(self, system, q_before, v_before)
+      import :: driven_system_type, stepper_type, wp
+      class(stepper_type), intent(in) :: self
+      class(driven_system_type), intent(in) :: system
+      !> State before the step, shape (n_dof).
+      real(wp), intent(in) :: q_before(:), v_before(:)
+    end function margin_interface
 
     subroutine load_interface(self, memory)
       import :: stepper_type, wp

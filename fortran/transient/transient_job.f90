@@ -8,7 +8,8 @@ module viscovib_transient_job
   use viscovib_kinds, only: i8, wp
   use viscovib_method_catalogue, only: method_order, new_stepper, transient_methods
   use viscovib_reduction, only: state_mask
-  use viscovib_simulate, only: run_completed, run_unphysical, simulate
+  use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_names, run_stopped, &
+    simulate
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
   implicit none
@@ -22,6 +23,12 @@ module viscovib_transient_job
   integer, parameter :: min_halvings = 5, max_halvings = 12
   !> Bounds that stop a slip of the pen before it fills the memory or the year.
   real(wp), parameter :: max_steps = 1.0e12_wp, max_kept = 2.0e7_wp
+  !> Steps of a first run whose step is to be found, and numbers kept of any run.
+  real(wp), parameter :: max_first_steps = 1.0e9_wp, max_numbers = 2.0_wp**27
+  !> Height of peaks between states kept above them, relative; states and parts of a step
+  !! that are kept for it at most.
+  real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
+  integer, parameter :: most_parts = 64
 
   type :: transient_job
     !> (q_1, v_1, q_2, v_2, ...) at time 0.
@@ -37,6 +44,12 @@ module viscovib_transient_job
     integer :: save_every = 1
     !> Keep the state at the end alone.
     logical :: last_only = .false.
+    !> Wanted error relative to the largest value of each coordinate and velocity, on top
+    !! of `tolerance`, which may be 0 then.
+    real(wp) :: relative = 0.0_wp
+  contains
+    procedure :: allowed
+    procedure :: solved
   end type transient_job
 
   type :: trajectory_type
@@ -131,8 +144,20 @@ contains
     end if
     call check_finite('tolerance', job%tolerance, status)
     if (status%failed()) return
+    call check_finite('rtol', job%relative, status)
+    if (status%failed()) return
+    if (job%relative > 0.0_wp .and. job%relative < 1.0e-13_wp .or. job%relative > 1.0_wp &
+        .or. job%relative < 0.0_wp) then
+      call fail(status, status_input_error, 'rtol', 'rtol = '//show(job%relative) &
+                //': must be in [1e-13, 1]')
+      return
+    else if (job%relative > 0.0_wp .and. job%dt > 0.0_wp) then
+      call fail(status, status_input_error, 'rtol', 'rtol = '//show(job%relative) &
+                //': finds the step, must not be given with dt')
+      return
+    end if
     if (job%tolerance < 1.0e-13_wp .or. job%tolerance > 1.0_wp) then
-      if (.not. (job%dt > 0.0_wp .and. job%tolerance == 0.0_wp)) then
+      if (.not. ((job%dt > 0.0_wp .or. job%relative > 0.0_wp) .and. job%tolerance == 0.0_wp)) then
         call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(job%tolerance) &
                   //': must be in [1e-13, 1]')
         return
@@ -192,8 +217,12 @@ contains
     type(trajectory_type) :: coarse
     real(wp) :: n, change, changes(max_halvings)
     integer :: i, factor
+    logical :: met
 
-    n = first_steps(job, wanted)
+    n = min(wanted, 2.0_wp*max_steps)
+    n = first_steps(job, n)
+    call check_work(job, n, status)
+    if (status%failed()) return
     factor = 1
     if (job%dt > 0.0_wp) then
       call maker%make(job, int(n, i8), factor, trajectory, status)
@@ -201,19 +230,27 @@ contains
     end if
     call maker%make(job, int(n, i8), factor, coarse, status)
     if (status%failed()) return
+    if (coarse%outcome == run_stopped) then
+      trajectory = coarse
+      return
+    end if
     do i = 1, max_halvings
       factor = 2*factor
       change = huge(1.0_wp)
       if (n/job%save_every > max_kept .or. n*factor > max_steps) exit
       call maker%make(job, int(n, i8)*factor, factor, trajectory, status)
-      if (status%failed()) return
-      if (coarse%outcome == run_completed .and. trajectory%outcome == run_completed) then
-        change = maxval(abs(trajectory%states - coarse%states))
-        if (change <= job%tolerance) then
-          trajectory%error = change
-          return
-        end if
-      else if (coarse%outcome == run_unphysical .and. trajectory%outcome == run_unphysical) then
+      if (status%failed() .or. trajectory%outcome == run_stopped) return
+      change = change_of(coarse, trajectory)
+      if (change < huge(1.0_wp) .and. trajectory%outcome == run_completed) then
+        met = all(maxval(abs(trajectory%states - coarse%states), 2) &
+                  <= job%allowed(trajectory%states))
+        if (met) call fill_in(maker, job, int(n, i8), factor, trajectory)
+      else
+        met = change <= max(job%tolerance, job%relative)*size_at_stop(trajectory)
+      end if
+      if (met) then
+        ! Nothing but rest has no error at all.
+        trajectory%error = max(change, 4.0_wp*epsilon(1.0_wp)*maxval(abs(trajectory%states)))
         return
       end if
       coarse = trajectory
@@ -221,11 +258,137 @@ contains
       changes(i) = change
       if (i >= min_halvings .and. change > 0.1_wp*changes(max(i - 2, 1))) exit
     end do
-    call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(job%tolerance) &
-              //': not met with '//show(n*factor)//' steps (states still change by ' &
-              //show(change)//' or the run fails); the motion may be chaotic: take a shorter run ' &
-              //'or a larger tolerance')
+    call fail(status, status_input_error, 'tolerance', told(job)//': not met with ' &
+              //show(n*factor)//' steps (states still change by '//show(change)//'): ' &
+              //cause(job, trajectory, change))
   end subroutine make_runs
+
+  !> Whether a run of n steps is affordable, before the first of them.
+  subroutine check_work(job, n, status)
+    class(transient_job), intent(in) :: job
+    real(wp), intent(in) :: n
+    type(status_type), intent(out) :: status
+    real(wp) :: most
+
+    call set_ok(status)
+    most = max_numbers/size(job%initial)
+    if (job%dt <= 0.0_wp .and. n > max_first_steps) then
+      call fail(status, status_input_error, 't_end', 't_end = '//show(job%t_end)//': takes ' &
+                //show(n)//' steps of the fastest motion or load, must be at most ' &
+                //show(max_first_steps)//': take a shorter run, slower loads or softer springs, ' &
+                //'or give dt')
+    else if (.not. job%last_only .and. n/job%save_every > most) then
+      call fail(status, status_input_error, 'save_every', 'save_every = ' &
+                //show(job%save_every)//': would keep '//show(n/job%save_every) &
+                //' states, must be at most '//show(most)//': take more steps between states ' &
+                //'kept, a shorter run or keep = ''last''')
+    end if
+  end subroutine check_work
+
+  !> Largest difference of the states of two runs, and of the times at which they stop.
+  pure real(wp) function change_of(coarse, fine) result(change)
+    type(trajectory_type), intent(in) :: coarse, fine
+    integer :: n
+    change = huge(1.0_wp)
+    n = min(size(coarse%t), size(fine%t))
+    if (coarse%outcome /= fine%outcome .or. fine%outcome == run_coarse) return
+    if (max(size(coarse%t), size(fine%t)) > n + merge(0, 1, fine%outcome == run_completed)) return
+    change = abs(fine%t_reached - coarse%t_reached)
+    ! Where a coordinate passes its bound it changes faster than any time is known.
+    if (fine%outcome == run_diverged .and. fine%t(n) >= fine%t_reached) n = n - 1
+    if (n > 0) change = max(change, maxval(abs(fine%states(:, :n) - coarse%states(:, :n))))
+  end function change_of
+
+  !> What errors are measured by: 1, but the state where a motion runs away.
+  pure real(wp) function size_at_stop(run)
+    type(trajectory_type), intent(in) :: run
+    size_at_stop = 1.0_wp
+    if (run%outcome /= run_completed) size_at_stop = max(1.0_wp, maxval(abs(run%states)))
+  end function size_at_stop
+
+  !> Errors allowed in each row of states.
+  pure function allowed(self, states)
+    class(transient_job), intent(in) :: self
+    real(wp), intent(in) :: states(:, :)
+    real(wp) :: allowed(size(states, 1))
+    allowed = maxval(abs(states), 2)
+    ! A row that is hardly more than rounding of the others is not judged by itself.
+    allowed = self%tolerance + self%relative*max(allowed, 1.0e-6_wp*maxval(allowed))
+  end function allowed
+
+  !> Relative error with which equations of steps are solved where they are cheap.
+  pure real(wp) function solved(self)
+    class(transient_job), intent(in) :: self
+    solved = rounding
+    ! Where the step is found it alone shall decide the error.
+    if (self%dt > 0.0_wp) solved = max(0.1_wp*self%tolerance, rounding)
+  end function solved
+
+  !> The accuracy wanted, as it was given.
+  function told(job)
+    class(transient_job), intent(in) :: job
+    character(len=:), allocatable :: told
+    told = 'tolerance = '//show(job%tolerance)
+    if (job%relative > 0.0_wp) told = 'rtol = '//show(job%relative)//', atol = ' &
+                                      //show(job%tolerance)
+  end function told
+
+  !> Why halving the step led nowhere.
+  function cause(job, last, change) result(text)
+    class(transient_job), intent(in) :: job
+    type(trajectory_type), intent(in) :: last
+    real(wp), intent(in) :: change
+    character(len=:), allocatable :: text
+    real(wp) :: largest
+
+    largest = maxval(abs(last%states))
+    if (last%outcome /= run_completed) then
+      text = 'the run is '//trim(run_names(last%outcome))//' at t = '//show(last%t_reached)
+    else if (job%tolerance + job%relative*largest < 1.0e-13_wp*largest &
+             .and. change < 1.0e-6_wp*largest) then
+      text = 'the motion is as large as '//show(largest)//', near whose rounding that is: give rtol'
+    else
+      text = 'the motion may be chaotic, unstable or too stiff: take a shorter run or a larger ' &
+             //'tolerance'
+    end if
+  end function cause
+
+  !> So many states between those of an accepted run that no peak between them is higher
+  !! by more than `peaks` of the largest displacement: by a run in steps as short. States
+  !! d apart let a displacement rise by at most |u''| d^2/8.
+  subroutine fill_in(maker, job, n, factor, trajectory)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    !> Steps of the first run, and how many times more those of the accepted one.
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: factor
+    type(trajectory_type), intent(inout) :: trajectory
+    type(trajectory_type) :: dense
+    type(status_type) :: status
+    real(wp) :: d, rise, largest
+    integer :: i, m, parts
+
+    if (job%save_every > 1 .or. job%last_only) return
+    m = size(trajectory%t)
+    parts = 1
+    d = trajectory%t(2) - trajectory%t(1)
+    do i = 1, size(trajectory%states, 1), 2
+      largest = maxval(abs(trajectory%states(i, :)))
+      if (.not. largest > 0.0_wp) cycle
+      ! Steps of a quarter period see curvatures smaller than they are.
+      rise = 0.2_wp*d*maxval(abs(trajectory%states(i + 1, 2:) - trajectory%states(i + 1, :m - 1)))
+      do while (parts < most_parts .and. rise > peaks*largest*real(parts, wp)**2)
+        parts = 2*parts
+      end do
+    end do
+    do while (parts > 1 .and. real(parts, wp)*m > most_states)
+      parts = parts/2
+    end do
+    if (parts == 1) return
+    m = max(factor, parts)
+    call maker%make(job, n*m, m/parts, dense, status)
+    if (.not. status%failed() .and. dense%outcome == run_completed) trajectory = dense
+  end subroutine fill_in
 
   subroutine make_driven(self, job, n, thinning, trajectory, status)
     class(driven_runs), intent(in) :: self
@@ -238,17 +401,17 @@ contains
     real(wp), allocatable :: states(:, :)
     real(wp) :: no_times(0), no_states(size(job%initial), 0)
     integer(i8) :: every, kept, i
+    integer :: n_reached
 
     if (counting) call count_up(counted_runs, 1)
     every = int(job%save_every, i8)*thinning
     trajectory%h = job%t_end/real(n, wp)
     call set_ok(status)
     call new_stepper(stepper, self%system, job%method, job%initial(1::2), job%initial(2::2), &
-                     0.0_wp, trajectory%h, max(0.1_wp*job%tolerance, rounding))
+                     0.0_wp, trajectory%h, job%solved())
     allocate (states(size(job%initial), merge(0_i8, n/every, job%last_only)))
     call simulate(stepper, self%system, 0_i8, n, every, no_times, states, no_states, &
-                  trajectory%n_steps, trajectory%outcome)
-    trajectory%t_reached = real(trajectory%n_steps, wp)*trajectory%h
+                  trajectory%n_steps, n_reached, trajectory%t_reached, trajectory%outcome)
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(job%initial), 1))
@@ -287,7 +450,9 @@ contains
              //'skips: estimate of the error (the step is given)'//nl
     else
       text = 'computes: the step, halved until the states kept change by no more than ' &
-             //show(job%tolerance)//nl
+             //show(job%tolerance)
+      if (job%relative > 0.0_wp) text = text//' and '//show(job%relative)//' of the largest'
+      text = text//nl
     end if
     if (job%last_only) text = text//'skips: storing states on the way (only the last is ' &
                               //'wanted)'//nl

@@ -29,6 +29,7 @@ from viscovib.kernels import (
     RzhanitsynKernel,
     TabulatedKernel,
 )
+from viscovib.lines import Lines, amplitudes_at, dominant_frequencies
 from viscovib.load import fourier_coefficients
 from viscovib.load_table import LoadTable
 from viscovib.maps import plot_map
@@ -51,14 +52,7 @@ from viscovib.response import Peak, Response, plan_response
 from viscovib.scales_plots import plot_modulation, plot_scales_response
 from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
 from viscovib.scene import Scene, SceneResult, plan, run
-from viscovib.spectrum import (
-    Lines,
-    Spectrum,
-    amplitudes_at,
-    dominant_frequencies,
-    name_frequencies,
-    spectrum,
-)
+from viscovib.spectrum import Spectrum, name_frequencies, spectrum
 from viscovib.sweep import sweep
 from viscovib.trajectory import Trajectory
 from viscovib.transient import simulate

@@ -102,7 +102,7 @@ def measure(scene: Scene, *, seconds: float = 2.0, runs: int | None = None) -> B
         table = Path(folder) / "table.csv"
         share = limit / 6
         phases = (
-            _timing("read", lambda: Scene.read(scene.path), share, count),
+            _timing("read", lambda: Scene.read(scene.path, allow_paths=True), share, count),
             _timing("plan", lambda: plan(one), share, count),
             _timing("compute", lambda: run(one), 3 * share, count),
             _timing("table", lambda: _written(result, table), share, count),
@@ -113,7 +113,7 @@ def measure(scene: Scene, *, seconds: float = 2.0, runs: int | None = None) -> B
 
 def run_bench(options: argparse.Namespace) -> int:
     """Measure and print; the exit status."""
-    scene = Scene.read(options.scene)
+    scene = Scene.read(options.scene, allow_paths=options.allow_paths)
     print(measure(scene, seconds=options.seconds, runs=options.runs))
     return 0
 
@@ -194,7 +194,7 @@ def _response_error(scene: Scene, value: Response) -> tuple[float | None, str]:
 
 
 def _branch_error(scene: Scene, value: Branch | DrivenBranch) -> tuple[float | None, str]:
-    more = min(2 * scene.groups["branch"]["harmonics"] + 1, _MAX_HARMONICS)
+    more = min(2 * int(value.harmonics.max()) + 1, _MAX_HARMONICS)
     better = run(scene.override({"branch.harmonics": more, "branch.tolerance": 1e-13})).branch
     # The peaks of the lowest order that moves.
     change = []

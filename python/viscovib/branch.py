@@ -3,7 +3,7 @@
 import csv
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -80,14 +80,18 @@ class Branch(Curve):
         "completed"; "returned": back at the beginning, another branch leads on; "step limit":
         max_points reached; "stuck": no smaller step helps; "overflow"; "closed": back at the first
         point; "unphysical": at the end of the values that make a system.
+    error : ndarray, shape (n,)
+        Estimated error of each point as a solution of its equations, relative to its size: what the
+        last correction and rounding leave. At very light damping that is rounding divided by the
+        damping, and may exceed ``tolerance``.
     varies : str
         "nu", "load_factor" or a parameter of the system.
     parameter : ndarray, shape (n,)
         Its values.
     highest : ndarray of int, shape (n,)
         Highest order kept at each point.
-    truncation : ndarray, shape (n,), or None
-        With ``harmonics="auto"``: estimated relative change of the motion if all orders were kept.
+    truncation : ndarray, shape (n,)
+        Estimated relative change of the motion if all orders were kept.
     plan : Plan
         What was computed, what was skipped and why.
     """
@@ -107,13 +111,17 @@ class Branch(Curve):
     stops: npt.NDArray[np.intp]
     outcome: str
     iterations: npt.NDArray[np.int32]
+    error: FloatArray
     varies: str
     parameter: FloatArray
     highest: npt.NDArray[np.int32]
-    truncation: FloatArray | None
+    truncation: FloatArray
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
     plan: Plan
+    #: System, load and what varies as the core takes them, and the relative error wanted.
+    _job: tuple[Any, ...] = field(repr=False)
+    _tolerance: float = field(repr=False)
 
     @property
     def label(self) -> str:
@@ -133,6 +141,20 @@ class Branch(Curve):
             )
         return d, int(where[0])
 
+    def _summit(
+        self, i: int, d: int, j: int, low: float, high: float
+    ) -> tuple[float, float] | None:
+        kept = np.flatnonzero(self.harmonics <= self.highest[i])
+        if j >= kept.size:
+            return None
+        cancel = np.zeros(1, dtype=np.intc)
+        at, size, found = _native.call_interruptibly(
+            core.mount_peak, cancel, *self._job, self.harmonics[kept], 1, self._tolerance,
+            self.parameter[i : i + 1], np.asfortranarray(self.coefficients[i : i + 1][..., kept].T),
+            d + 1, j + 1, low, high, 1, cancel,
+        )  # fmt: skip
+        return (at, size) if found else None
+
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over the points."""
         data: dict[str, Any] = {
@@ -140,9 +162,8 @@ class Branch(Curve):
             "load_factor": ("point", self.load_factor),
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),
             "highest": ("point", self.highest),
+            "truncation": ("point", self.truncation),
         }
-        if self.truncation is not None:
-            data["truncation"] = ("point", self.truncation)
         if self.stable is not None and self.multipliers is not None:
             whole = self.stable.dtype == bool
             data["stable"] = ("point", self.stable if whole else codes_of(self.stable))
@@ -164,8 +185,7 @@ class Branch(Curve):
         columns[self.varies] = self.parameter
         if self.growing is not None:
             columns |= stability_columns(self.growing, self.multipliers)
-        if self.truncation is not None:
-            columns |= {"highest": self.highest, "truncation": self.truncation}
+        columns |= {"highest": self.highest, "truncation": self.truncation}
         for d in wanted_places(coordinates, self.dof_names):
             name = self.dof_names[d]
             for j, k in enumerate(self.harmonics):
@@ -197,7 +217,7 @@ def trace_response(
     leave: BranchPoint | None = None,
     opposite: bool = False,
     symmetric: bool = True,
-    harmonics: int | str = 9,
+    harmonics: int | str = "auto",
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
@@ -234,7 +254,7 @@ def trace_response(
         load as order 2 and half its frequency.
     harmonics : int or "auto"
         Highest order kept; "auto": at each point as many as bring `Branch.truncation` below
-        ``tolerance``, up to 63.
+        ``tolerance``, up to 63. To ``leave`` a branch, give it what that was traced with.
     tolerance : float
         Relative size of the last correction, and of what leaving out orders may change.
     max_points : int
@@ -249,6 +269,11 @@ def trace_response(
     Returns
     -------
     Branch
+
+    Warns
+    -----
+    ConvergenceWarning
+        If the orders kept do not bring `Branch.truncation` below ``tolerance``.
 
     Notes
     -----
@@ -311,9 +336,9 @@ def trace_response(
         begin_p = leave.parameter
     cancel = np.zeros(1, dtype=np.intc)
     (
-        n, ended, n_used, p, iterations, kept, truncation, coefficients, is_stop, n_folds, folds,
-        fold_coefficients, n_branch, branch_p, branch_x, across, branch_before, judged, growing,
-        multipliers, exponents, n_crossings, kinds, before, where, crossing_coefficients,
+        n, ended, n_used, p, iterations, error, kept, truncation, coefficients, is_stop, n_folds,
+        folds, fold_coefficients, n_branch, branch_p, branch_x, across, branch_before, judged,
+        growing, multipliers, exponents, n_crossings, kinds, before, where, crossing_coefficients,
     ) = _native.call_interruptibly(
         core.mount_branch, cancel, flat, *job[1:], _KINDS.get(varies, 3), direction, fixed, start,
         finish,
@@ -343,11 +368,19 @@ def trace_response(
     values = p[:n].copy()
     same = np.ones(n)
     few = truncation[:n] > tolerance
-    if chosen and few.any():
+    if few.any():
         warnings.warn(
             f"at {few.sum()} of {n} points harmonics up to {orders[-1]} do not reach the tolerance "
             f"{tolerance:.1e}; worst at {varies} = {p[truncation[:n].argmax()]:.6g}, with an "
             f"estimated relative error of {truncation[:n].max():.1e}",
+            ConvergenceWarning,
+            stacklevel=2,
+        )
+    if error[:n].max() > tolerance:
+        warnings.warn(
+            f"at {(error[:n] > tolerance).sum()} of {n} points rounding leaves more than the "
+            f"tolerance {tolerance:.1e}; worst at {varies} = {p[error[:n].argmax()]:.6g}, with an "
+            f"estimated relative error of {error[:n].max():.1e}",
             ConvergenceWarning,
             stacklevel=2,
         )
@@ -379,13 +412,16 @@ def trace_response(
         stops=np.flatnonzero(is_stop[:n]),
         outcome=OUTCOMES[ended],
         iterations=iterations[:n].copy(),
+        error=error[:n].copy(),
         varies=varies,
         parameter=values,
-        highest=orders[kept[:n] - 1] if chosen else np.repeat(orders[-1:], n),
-        truncation=truncation[:n].copy() if chosen else None,
+        highest=orders[kept[:n] - 1],
+        truncation=truncation[:n].copy(),
         dof_names=mount.dof_names,
         dof_units=mount.dof_units,
         plan=_plan(varies, start, finish, 0 if chosen else m, planned, judged_too),
+        _job=(flat, *job[1:], _KINDS.get(varies, 3), direction, fixed),
+        _tolerance=options[2],
     )
 
 

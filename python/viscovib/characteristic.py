@@ -13,7 +13,12 @@ from scipy.optimize import brentq
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.kernels import Kernel, RzhanitsynKernel
 
-_HOMOTOPY = 24
+# Memory is brought in by steps of 1/24 or less: a step that moves a root by more than 8 % may have
+# landed on another root, and is taken in four.
+_STEP, _LEAST_STEP, _FAR = 1 / 24, 1e-7, 0.08
+# Paths from 0 to 1 along which memory is brought in, t + bend t (1 - t): where two roots meet on
+# the real one, the others lead round that place.
+_BENDS = (0.0, 0.4j, -0.4j)
 _NEWTON = 60
 
 
@@ -90,7 +95,7 @@ class _System:
     def n(self) -> int:
         return int(self.mass.shape[0])
 
-    def matrix(self, s: Any, memory: float = 1.0) -> npt.NDArray[Any]:
+    def matrix(self, s: Any, memory: complex = 1.0) -> npt.NDArray[Any]:
         """D(s), shape s.shape + (n, n)."""
         at = np.asarray(s)[..., np.newaxis, np.newaxis]
         total: npt.NDArray[Any] = at**2 * self.mass + at * self.damping
@@ -102,7 +107,7 @@ class _System:
             total = total + kept * spring
         return total
 
-    def _determinant(self, s: Any, memory: float, size: Any) -> Any:
+    def _determinant(self, s: Any, memory: complex, size: Any) -> Any:
         m = self.matrix(s, memory)
         if self.n == 2:
             return m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] * m[..., 1, 0]
@@ -127,19 +132,32 @@ class _System:
     def oscillatory(self) -> ComplexArray:
         """From the roots without memory, memory brought in step by step."""
         starts = self.without_memory()
+        starts = starts[starts.imag > 1e-12 * np.abs(starts)]
+        if not self.remembers:
+            return starts[np.argsort(starts.imag)]
         roots: list[complex] = []
-        for start in starts[starts.imag > 1e-12 * np.abs(starts)]:
-            s = complex(start)
-            for memory in np.linspace(0, 1, _HOMOTOPY + 1) if self.remembers else ():
-                if cmath.isfinite(s):
-                    s = self._polish(s, float(memory))
-            if s.imag > 1e-9 * abs(s) and not (
-                self.remembers and any(abs(s - r) < 1e-9 * abs(s) for r in roots)
-            ):
-                roots.append(s)
+        for start in starts:
+            for bend in _BENDS:
+                s = self._with_memory(complex(start), bend)
+                s = complex(s.real, abs(s.imag))
+                if s.imag > 1e-9 * abs(s) and not any(abs(s - r) < 1e-9 * abs(s) for r in roots):
+                    roots.append(s)
+                    break
         return np.array(sorted(roots, key=lambda s: s.imag), dtype=complex)
 
-    def _polish(self, s: complex, memory: float) -> complex:
+    def _with_memory(self, s: complex, bend: complex) -> complex:
+        """The root that s, one without memory, becomes with all of it."""
+        s, t, step = self._polish(s, 0.0), 0.0, _STEP
+        while t < 1 and cmath.isfinite(s):
+            wanted = min(t + step, 1.0)
+            moved = self._polish(s, wanted + bend * wanted * (1 - wanted))
+            if step > _LEAST_STEP and not abs(moved - s) <= _FAR * abs(s):
+                step /= 4
+                continue
+            s, t, step = moved, wanted, min(2 * step, _STEP)
+        return s
+
+    def _polish(self, s: complex, memory: complex) -> complex:
         """Newton's method, the derivative by a difference of the analytic function.
 
         NaN where it leaves the range of numbers: such a root is not listed, and the count of the

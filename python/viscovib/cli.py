@@ -14,6 +14,7 @@ from viscovib.branch import Branch
 from viscovib.cli_sweep import run_sweep
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, ViscovibError
+from viscovib.limits import StoppedError, limit_memory, limited_seconds
 from viscovib.pendulum import Pendulum
 from viscovib.plots import save_picture
 from viscovib.response import Response
@@ -31,8 +32,19 @@ def main(arguments: list[str] | None = None) -> int:
     warnings.showwarning = _show_warning
     warnings.simplefilter("always", StabilityWarning)
     warnings.simplefilter("ignore", ConvergenceWarning)
+    memory = 0.0
     try:
+        memory = limit_memory(options.max_memory)
         return int(options.action(options))
+    except StoppedError as stopped:
+        print(f"viscovib: stopped: {stopped}", file=sys.stderr)
+        return _UNSOLVED
+    except MemoryError:
+        print(
+            f"viscovib: stopped: more than {memory:.3g} GB of memory are needed (--max-memory)",
+            file=sys.stderr,
+        )
+        return _UNSOLVED
     except FileError as error:
         print(f"viscovib: {error}", file=sys.stderr)
         return _BAD_FILE
@@ -63,6 +75,18 @@ def _parser() -> argparse.ArgumentParser:
     ):
         command = commands.add_parser(name, help=text, description=text)
         command.add_argument("scene", type=Path, help="scene file (*.nml)")
+        command.add_argument(
+            "--allow-paths", action="store_true",
+            help="files that the scene names may be anywhere, not only in its folder or below",
+        )  # fmt: skip
+        command.add_argument(
+            "--max-seconds", type=float, metavar="S",
+            help="end after so many seconds with what is done, exit status 1",
+        )  # fmt: skip
+        command.add_argument(
+            "--max-memory", type=float, metavar="GB",
+            help="end, exit status 1, where more memory is needed (3/4 of the machine's)",
+        )  # fmt: skip
         command.set_defaults(action=action)
         if name not in ("plan", "bench"):
             command.add_argument("--out", type=Path, default=Path("out"), help="folder (out)")
@@ -73,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace) -> int:
-    scene = Scene.read(options.scene)
+    scene = Scene.read(options.scene, allow_paths=options.allow_paths)
     if scene.groups["sweep"]:
         return run_sweep(options)
     result = _compute(options, scene)
@@ -82,13 +106,14 @@ def _run(options: argparse.Namespace) -> int:
     result.to_csv(table)
     for i in range(1, len(result.switched) + 1):
         result.to_csv(options.out / f"{options.scene.stem}_{result.kind}_{i}.csv", i)
+    wanting = "spectrum" in scene.groups and result.spectrum is None
     if result.spectrum is not None:
         result.spectrum.to_csv(options.out / f"{options.scene.stem}_spectrum.csv")
     _picture(options, result)
     lines, whole = _summary(result.value)
     if not options.quiet:
         print(f"{table}: {lines[0]}", *lines[1:], sep="\n  ")
-    return 0 if whole else _UNSOLVED
+    return 0 if whole and not wanting else _UNSOLVED
 
 
 def _summary(
@@ -103,11 +128,17 @@ def _summary(
             lines[0] += f", {len(points)} branch points"
         lines += [f"fold at {name} = {fold:.10g}" for fold in value.folds]
         lines += [f"branch point at {name} = {point.parameter:.10g}" for point in points]
-        return lines, value.outcome == "completed"
+        lacking = isinstance(value, DrivenBranch) and value._worst > value._tolerance
+        if isinstance(value, DrivenBranch) and lacking:
+            lines[0] += f", too few harmonics (estimated error {value._worst:.1e})"
+        return lines, value.outcome == "completed" and not lacking
     if isinstance(value, Branch):
         lines = [f"{value.outcome}, {value.nu.size} points, {value.folds.size} folds"]
         lines += [f"fold at {value.varies} = {fold:.10g}" for fold in value.folds]
-        return lines, value.outcome == "completed"
+        short = int((value.truncation > value._tolerance).sum())
+        if short:
+            lines[0] += f", {short} with too few harmonics"
+        return lines, value.outcome == "completed" and not short
     if isinstance(value, ScalesResponse):
         lines = [
             f"{value.index.size} steady motions at {value.values.size} values, "
@@ -122,20 +153,25 @@ def _summary(
             lines.append(f"step {value.dt:.6g}, estimated error {value.error:.1e}")
         return lines, value.outcome == "completed"
     lines = [f"{value.converged.sum()} of {value.nu.size} frequencies solved"]
+    short = int((value.truncation > value._tolerance).sum())
+    if short:
+        lines[0] += f", {short} with too few harmonics"
     if value.converged.any():
         for name, unit in zip(value.dof_names, value.dof_units, strict=True):
             peak = value.peak(name)
             lines.append(f"largest |{name}_1| = {peak.amplitude:.6g} {unit} at nu = {peak.nu:.6g}")
-    return lines, bool(value.converged.all())
+            if not peak.enclosed:
+                lines[-1] += " (of the motions found; no summit)"
+    return lines, bool(value.converged.all()) and not short
 
 
 def _plan(options: argparse.Namespace) -> int:
-    print(plan(options.scene))
+    print(plan(Scene.read(options.scene, allow_paths=options.allow_paths)))
     return 0
 
 
 def _plot(options: argparse.Namespace) -> int:
-    scene = Scene.read(options.scene)
+    scene = Scene.read(options.scene, allow_paths=options.allow_paths)
     if scene.groups["sweep"]:
         return run_sweep(options)
     _picture(options, _compute(options, scene))
@@ -147,7 +183,8 @@ def _compute(options: argparse.Namespace, scene: Scene) -> SceneResult:
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(f"{options.out}: cannot be made a folder ({error.strerror})") from None
-    return run(scene, progress=not options.quiet)
+    with limited_seconds(options.max_seconds, partial=True):
+        return run(scene, progress=not options.quiet)
 
 
 def _picture(options: argparse.Namespace, result: SceneResult) -> None:

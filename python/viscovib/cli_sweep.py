@@ -12,6 +12,7 @@ import xarray as xr
 from viscovib import _native
 from viscovib.errors import FileError, InputError
 from viscovib.files import whole_file
+from viscovib.limits import StoppedError, limited_seconds
 from viscovib.maps import save_map
 from viscovib.scene import Scene
 from viscovib.sweep import sweep
@@ -41,7 +42,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run_sweep(options: argparse.Namespace) -> int:
     """Compute, write the table and the picture; the exit status."""
-    scene = Scene.read(options.scene)
+    scene = Scene.read(options.scene, allow_paths=options.allow_paths)
     grid = _grid(options.over) if getattr(options, "over", None) else None
     try:
         options.out.mkdir(parents=True, exist_ok=True)
@@ -52,12 +53,15 @@ def run_sweep(options: argparse.Namespace) -> int:
     keep_all = getattr(options, "all", False)
     client = _client(getattr(options, "scheduler", None))
     try:
-        data = sweep(
-            scene, grid, client, checkpoint, not options.quiet,
-            errors=getattr(options, "errors", "raise"), extract="all" if keep_all else "summary",
-            n_threads=getattr(options, "threads", None),
-        )  # fmt: skip
-    except KeyboardInterrupt:
+        # Points are kept whole: those in work when the time is over are left out.
+        with limited_seconds(options.max_seconds, partial=False):
+            data = sweep(
+                scene, grid, client, checkpoint, not options.quiet,
+                errors=getattr(options, "errors", "raise"),
+                extract="all" if keep_all else "summary",
+                n_threads=getattr(options, "threads", None),
+            )  # fmt: skip
+    except (KeyboardInterrupt, StoppedError):
         print(f"{checkpoint}: holds what is finished, the same command goes on from there",
               file=sys.stderr)  # fmt: skip
         raise

@@ -10,10 +10,11 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError, StabilityWarning
-from viscovib.response import Peak
+from viscovib.response import Peak, band_of
 
 OUTCOMES: tuple[str, ...] = (
     "completed", "returned", "step limit", "stuck", "overflow", "unphysical", "closed",
+    "stopped",
 )  # fmt: skip
 #: Folds, branch points and changes of stability that a branch keeps.
 MAX_SPECIAL = 200
@@ -102,30 +103,29 @@ class Curve:
         *,
         band: tuple[float, float] | None = None,
     ) -> Peak:
-        """Largest amplitude, overhanging parts included, refined between the points.
+        """Largest amplitude, overhanging parts included, solved for between the points.
 
         ``band`` limits the search to values of `parameter`. Not `enclosed` at an end of the
         branch or of the band.
         """
         amplitude = self.amplitude(dof, harmonic)
-        try:
-            low, high = (-np.inf, np.inf) if band is None else map(float, band)
-        except (TypeError, ValueError):
-            raise InputError(f"band = {_native.shown(band)}: must be two numbers") from None
+        low, high = (-np.inf, np.inf) if band is None else band_of(band)
         inside = (self.parameter >= low) & (self.parameter <= high)
         if not inside.any():
             raise InputError(f"band = {band}: holds no point of the branch")
         i = int(np.where(inside, amplitude, -np.inf).argmax())
-        if not 0 < i < amplitude.size - 1 or not inside[i - 1 : i + 2].all():
-            return Peak(float(self.parameter[i]), float(amplitude[i]), False)
-        # A parabola over the distance along the curve, in which it has no fold.
-        near = slice(i - 1, i + 2)
-        p, a = self.parameter[near], amplitude[near]
-        steps = np.hypot(np.diff(p) / p[1], np.diff(a) / max(a[1], 1e-300))
-        s = np.array([-steps[0], 0.0, steps[1]])
-        of_a, of_p = np.polyfit(s, a, 2), np.polyfit(s, p, 2)
-        top = -of_a[1] / (2 * of_a[0]) if of_a[0] < 0 else 0.0
-        return Peak(float(np.polyval(of_p, top)), float(np.polyval(of_a, top)), True)
+        ends = max(low, self.parameter.min()), min(high, self.parameter.max())
+        place = float(self.parameter[i]), float(amplitude[i])
+        summit = self._summit(i, *self._place(dof, harmonic), *ends) if ends[0] < ends[1] else None
+        if summit is None or summit[1] < place[1] * (1 - 1e-9):
+            return Peak(*place, False)
+        return Peak(*summit, True)
+
+    def _summit(
+        self, i: int, d: int, j: int, low: float, high: float
+    ) -> tuple[float, float] | None:
+        """Where the branch leads up to from its i-th point, if that is within bounds."""
+        raise NotImplementedError
 
 
 def located_crossings(

@@ -1,7 +1,7 @@
 """Branches of driven motions of the pendulum: folds, branch points, stability."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,7 @@ from viscovib.torus import (
     moved,
     place_of,
     tail,
+    unknowns_of,
 )
 from viscovib.torus_plan import torus_plan
 
@@ -106,6 +107,12 @@ class DrivenBranch(Curve):
     outcome: str
     iterations: IntArray
     plan: Plan
+    #: The job as the core takes it, units of what varies in the parameter, the relative error
+    #: wanted and what orders left out come to where that is largest.
+    _job: tuple[Any, ...] = field(repr=False)
+    _unit: float = field(repr=False)
+    _tolerance: float = field(repr=False)
+    _worst: float = field(repr=False)
     dof_names: tuple[str, ...] = Pendulum.dof_names
     dof_units: tuple[str, ...] = ("1", "rad", "rad")
 
@@ -132,6 +139,17 @@ class DrivenBranch(Curve):
     def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
         d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
         return d, place_of(self.orders, harmonic)
+
+    def _summit(
+        self, i: int, d: int, j: int, low: float, high: float
+    ) -> tuple[float, float] | None:
+        x = unknowns_of(self.coefficients[i])
+        cancel = np.zeros(1, dtype=np.intc)
+        at, size, found = _native.call_interruptibly(
+            core.pendulum_peak, cancel, *self._job, self.parameter[i] / self._unit, x,
+            self._tolerance, d + 1, j + 1, low / self._unit, high / self._unit, cancel,
+        )  # fmt: skip
+        return (at * self._unit, size) if found else None
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over the points."""
@@ -186,6 +204,14 @@ def _kept(
     return np.ones((len(orders), 3), dtype=np.intc, order="F")
 
 
+def _bound_left(torus: Torus, leave: BranchPoint) -> int:
+    """Highest order of the branch that is left, or one that its unknowns do not match."""
+    bound = torus.lowest
+    while 3 * (2 * len(torus.lattice(bound)) - 1) < leave._unknowns.size:
+        bound += 1
+    return bound
+
+
 def trace_pendulum(
     pend: Pendulum,
     *,
@@ -199,7 +225,7 @@ def trace_pendulum(
     at: npt.ArrayLike = (),
     leave: BranchPoint | None = None,
     opposite: bool = False,
-    harmonics: int | str | None = None,
+    harmonics: int | str = "auto",
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
@@ -224,9 +250,10 @@ def trace_pendulum(
         Follow the branch that crosses another one here, which was traced with the same numbers of
         orders and the same ``subharmonic``; ``opposite``: the other way.
     harmonics : int or "auto"
-        Highest order kept (default 15; with several base frequencies 6 or 4 in all). "auto": the
+        Highest order kept, with several base frequencies in all. "auto": 15, 6 or 4 at first; the
         branch is followed again with more until the estimated error of leaving out others, where
-        its outermost orders are the largest, is below ``tolerance``, or there is no more room.
+        its outermost orders are the largest, is below ``tolerance``, or there is no more room. With
+        ``leave`` those of the branch that is left.
     tolerance, max_points, max_step, stability : as for a mount
     duration : float
         For quasi-periodic motions: compute rates of growth, averaged over this time, 1 to 1e6.
@@ -238,6 +265,11 @@ def trace_pendulum(
     Returns
     -------
     DrivenBranch
+
+    Warns
+    -----
+    ConvergenceWarning
+        If the orders kept leave an estimated error above ``tolerance``.
 
     Notes
     -----
@@ -269,11 +301,12 @@ def trace_pendulum(
         pend, varies, _native.integer("subharmonic", subharmonic, 1, 20), denominator
     )
     auto = _native.is_auto(harmonics)
+    if leave is not None:
+        check_departure(leave)
+    wanted_bound: object = torus.usual if auto else harmonics
     if auto and leave is not None:
-        raise InputError("harmonics = 'auto': must be the orders of the branch that is left")
-    bound = bound_of(
-        torus, torus.usual if auto or harmonics is None else harmonics, torus.largest()
-    )
+        auto, wanted_bound = False, _bound_left(torus, leave)
+    bound = bound_of(torus, wanted_bound, torus.largest())
     vain, last = 0, np.inf
     span = 1.0 if stability and torus.n_axes == 1 else 0.0
     if duration is not None and torus.n_axes > 1:
@@ -288,7 +321,6 @@ def trace_pendulum(
         job, unit = core_job(pend, torus, orders, varies)
         kept = _kept(pend, torus, orders, varies, symmetric=symmetric)
         if leave is not None:
-            check_departure(leave)
             begin, along = leave.departure(n, opposite)
             lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
             if lost > 1e-6 * np.abs(leave.across).max():
@@ -306,7 +338,7 @@ def trace_pendulum(
             wanted, points, step, stops / unit, span, int(leave is not None), begin, begin_p,
             along, MAX_SPECIAL, cancel,
         )  # fmt: skip
-        if not auto or not n_points:
+        if not n_points:
             break
         # call_interruptibly leaves it set.
         cancel[0] = 0
@@ -316,14 +348,14 @@ def trace_pendulum(
             core.pendulum_truncation, cancel, *judged[:2],
             _kept(pend, torus, more, varies, symmetric=symmetric), *judged[2:], p[:n_points],
             np.asfortranarray(x[:, :n_points]), wanted, bound, torus.shells,
-            torus.largest(_FEWER), cancel,
+            torus.largest(_FEWER) if auto else bound, cancel,
         )  # fmt: skip
         cancel[0] = 0
         vain += worst > 0.5 * last
         if next_bound <= bound or vain >= _MAX_VAIN:
             break
         bound, last = next_bound, worst
-    if auto and n_points and worst > wanted:
+    if n_points and worst > wanted:
         warnings.warn(
             f"{bound} orders leave an estimated relative error of {worst:.1e}, more than the "
             f"tolerance {wanted:.1e}",
@@ -379,6 +411,10 @@ def trace_pendulum(
         stops=np.flatnonzero(is_stop[:n_points]),
         outcome=OUTCOMES[ended],
         iterations=iterations[:n_points].copy(),
+        _job=(*job[:2], kept, *job[2:]),
+        _unit=unit,
+        _tolerance=wanted,
+        _worst=worst,
         plan=torus_plan(
             f"computes: the branch from {varies} = {start:g} to {finish:g}",
             pend, torus, kept, varies,

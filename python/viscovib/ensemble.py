@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.accuracy import Accuracy, rounding_of
 from viscovib.errors import InputError
 from viscovib.pendulum import PARAMETERS, Pendulum
 from viscovib.plan import Plan
@@ -22,6 +23,8 @@ from viscovib.trajectory import OUTCOMES
 from viscovib.transient import EXPLICIT, checked_state, first_steps
 
 _LANES = 8
+#: Places of "diverged" and "step too large".
+_DIVERGED, _COARSE = OUTCOMES.index("diverged"), OUTCOMES.index("step too large")
 _MAX_STEPS = 10**12
 #: Trajectories a native call takes at most: how often progress shows.
 _MAX_PIECE = 1024
@@ -39,20 +42,23 @@ class Ensemble:
     state : ndarray, shape (n, 6)
         Last states (z, z', phi, phi', psi, psi').
     outcome : ndarray of str, shape (n,)
-        "completed", "diverged" or "unphysical", as for a Trajectory; runs that stop early keep
-        their last good state.
+        "completed", "diverged", "unphysical" or "step too large", as for a Trajectory; of runs
+        that stop early the last state is that at ``t_reached``.
     dt : ndarray, shape (n,)
         The steps.
     peak, mean, rms : ndarray, shape (n, 6), or None
-        Largest size, mean and root mean square of the states sampled.
+        Largest size, mean and root mean square of the states sampled; of a run that stopped,
+        until then (NaN if before any sample).
     amplitudes : complex ndarray, shape (n, n_lines, 3), or None
-        X of z, phi, psi at each frequency asked for: u = mean + Re(X exp(i omega t)).
+        X of z, phi, psi at each frequency asked for: u = mean + Re(X exp(i omega t)); NaN of
+        a run that stopped.
     sections : ndarray, shape (n, n_points, 6), or None
         States at whole periods of a load; NaN after a run has stopped.
     lyapunov : ndarray, shape (n,), or None
-        Largest Lyapunov exponent (a time average): small errors grow like exp(lyapunov t).
+        Largest Lyapunov exponent (a time average): small errors grow like exp(lyapunov t);
+        NaN of a run that stopped.
     error : float or None
-        Estimated largest error of the last states, if ``dt`` was "auto".
+        Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto".
     method : str
     parameters : mapping
         What varies, each an array of shape (n,).
@@ -111,7 +117,9 @@ def simulate_ensemble(
     dt: float | str = "auto",
     parameters: Mapping[str, npt.ArrayLike] | None = None,
     method: str = "auto",
-    tolerance: float = 1e-8,
+    tolerance: float | None = None,
+    rtol: float | None = None,
+    atol: float | None = None,
     discard: float = 0.0,
     statistics: bool = False,
     amplitudes_at: npt.ArrayLike | None = None,
@@ -135,7 +143,10 @@ def simulate_ensemble(
         needed where that load's frequency varies.
     dt : float or "auto"
         Step, shortened to fit t_end or the period. "auto": halved until halving changes no last
-        state by more than ``tolerance``.
+        state by more than ``tolerance`` (default 1e-8).
+    rtol, atol : float
+        Instead of ``tolerance``: each coordinate and velocity of the last states is wanted within
+        atol + rtol times its largest of all runs (rtol 1e-13 to 1; atol 0 if not given).
     parameters : mapping of str to array_like, shape (n,)
         Numbers of the pendulum that vary, by name, e.g. {"p1": values}.
     method : {"auto", "rk4", "dop8", "verner8", "verner9"}
@@ -162,9 +173,8 @@ def simulate_ensemble(
         raise InputError(f"system = {_native.shown(system)}: must be a Pendulum")
     systems, varied, states = _runs(system, initial, parameters)
     place = EXPLICIT[_explicit(method)]
-    wanted = _native.number("tolerance", tolerance)
-    if not 1e-13 <= wanted <= 1:
-        raise InputError(f"tolerance = {wanted:g}: must be in [1e-13, 1]")
+    wanted = Accuracy.checked(tolerance, rtol, atol, 1e-8)
+    assert wanted is not None
     every = _native.integer("sample_every", sample_every, 1, _MAX_STEPS)
     lines = np.empty(0)
     if amplitudes_at is not None:
@@ -193,7 +203,7 @@ def simulate_ensemble(
     names = np.array(OUTCOMES)
     return Ensemble(
         t_end=length.span,
-        t_reached=raw.n_done * h,
+        t_reached=raw.t_reached,
         state=raw.state,
         outcome=names[raw.ended],
         dt=h,
@@ -207,17 +217,19 @@ def simulate_ensemble(
         method=next(name for name, number in EXPLICIT.items() if number == place),
         parameters=varied,
         system=system,
-        plan=_plan(job, n, wanted if dt == "auto" else None, sections is not None),
+        plan=_plan(job, n, wanted if _native.is_auto(dt) else None, sections is not None),
     )
 
 
-def _plan(job: "_Job", n_steps: int, sought: float | None, sections: bool) -> Plan:
+def _plan(job: "_Job", n_steps: int, sought: Accuracy | None, sections: bool) -> Plan:
     n = job.states.shape[0]
     lines = [f"computes: {n} motions of {n_steps} steps, {_LANES} side by side"]
     if sought is None:
         lines.append("skips: estimate of the error (the step is given)")
     else:
-        lines.append(f"computes: the step, halved until last states change by at most {sought:g}")
+        lines.append(
+            f"computes: the step, halved until last states change by at most {sought.text}"
+        )
     lines.append("skips: storing states on the way (an ensemble keeps what is gathered)")
     for wanted, what in (
         (job.statistics, "peaks, means and rms"),
@@ -346,7 +358,7 @@ class _Raw:
 
     state: FloatArray
     ended: npt.NDArray[np.intc]
-    n_done: npt.NDArray[np.int_]
+    t_reached: FloatArray
     peak: FloatArray | None
     mean: FloatArray | None
     rms: FloatArray | None
@@ -400,11 +412,11 @@ class _Job:
             np.concatenate(pieces, axis=-1)
             for pieces in zip(*(parts[i] for i in sorted(parts)), strict=True)
         ]
-        state, ended, done, peak, mean, rms, amplitudes, sections, lyapunov = whole
+        state, ended, reached, peak, mean, rms, amplitudes, sections, lyapunov = whole
         return _Raw(
             state=np.ascontiguousarray(state.T),
             ended=ended,
-            n_done=done,
+            t_reached=reached,
             peak=peak.T if self.statistics else None,
             mean=mean.T if self.statistics else None,
             rms=rms.T if self.statistics else None,
@@ -421,7 +433,7 @@ class _Job:
         if periods is not None:
             points = periods - self.length.discarded_periods
         sections = np.full((6, points, n if points else 0), np.nan, order="F")
-        state, ended, done, peak, mean, rms, amplitudes, lyapunov = _native.call(
+        state, ended, reached, peak, mean, rms, amplitudes, lyapunov = _native.call(
             core.pendulum_ensemble,
             self.flat[:, part],
             self.states[part].T,
@@ -437,11 +449,11 @@ class _Job:
             cancel,
             sections,
         )
-        return state, ended, done, peak, mean, rms, amplitudes, sections, lyapunov
+        return state, ended, reached, peak, mean, rms, amplitudes, sections, lyapunov
 
 
 def _refine(
-    job: _Job, coarse: _Raw, n: int, wanted: float, progress: bool
+    job: _Job, coarse: _Raw, n: int, wanted: Accuracy, progress: bool
 ) -> tuple[_Raw, int, float]:
     """Halve the step until the last states stand still."""
     change, worst, factor = math.inf, 0, 1
@@ -450,17 +462,29 @@ def _refine(
         factor *= 2
         fine = job.run(n * factor, factor, progress)
         both = (coarse.ended == 0) & (fine.ended == 0)
-        unlike = (coarse.ended == 1) | (fine.ended == 1) | (coarse.ended != fine.ended)
-        changes = np.where(both, np.abs(fine.state - coarse.state).max(axis=1), 0.0)
+        unlike = (coarse.ended != fine.ended) | (fine.ended == _COARSE)
+        parts = np.abs(fine.state - coarse.state)
+        # Of a state at 1e6 the time is what is known.
+        parts[fine.ended == _DIVERGED] = 0.0
+        moved = np.abs(fine.t_reached - coarse.t_reached)
+        changes = np.maximum(parts.max(axis=1), moved)
         changes[unlike] = math.inf
         worst = int(changes.argmax())
         change = float(changes[worst])
-        if change <= wanted:
-            return fine, n * factor, change
+        alive = fine.state[both]
+        stopped = ~both
+        late = wanted.absolute + wanted.relative * fine.t_reached
+        if (
+            not unlike.any()
+            and (parts[both] <= wanted.allowed(alive)).all()
+            and (moved <= late).all()
+            and (parts[stopped].max(axis=1, initial=0.0) <= late[stopped]).all()
+        ):
+            return fine, n * factor, max(change, rounding_of(alive))
         changes_so_far.append(change)
         coarse = fine
     raise InputError(
-        f"tolerance = {wanted:g}: not met with {n * factor} steps (run {worst} still changes by "
+        f"{wanted}: not met with {n * factor} steps (run {worst} still changes by "
         f"{change:.1e} or fails); that motion may be chaotic: give dt, or take a shorter run or a "
         "larger tolerance"
     )

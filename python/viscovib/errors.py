@@ -1,10 +1,15 @@
 """Errors and warnings of the public interface."""
 
+import re
 from typing import Any
 
 
 class ViscovibError(Exception):
-    """Base of every error that viscovib raises on purpose."""
+    """Base of every error that viscovib raises on purpose: its text is one line."""
+
+    def __str__(self) -> str:
+        # Names of files may hold what ends a line or steers a terminal.
+        return re.sub(r"[\x00-\x1f\x7f]", "?", super().__str__())
 
 
 class InputError(ViscovibError, ValueError):

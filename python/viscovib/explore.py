@@ -317,7 +317,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run_explore(options: argparse.Namespace) -> int:
     """Open the window, or save the sheet where there is no display; the exit status."""
-    scene = Scene.read(options.scene)
+    scene = Scene.read(options.scene, allow_paths=options.allow_paths)
     keys = options.keys.split(",") if options.keys else None
     if not options.sheet and _has_display():
         import matplotlib.pyplot as plt

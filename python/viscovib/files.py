@@ -11,12 +11,17 @@ from viscovib.errors import FileError
 
 @contextmanager
 def whole_file(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[str]]:
-    """Open a file beside ``path`` and put it in its place only when all is written."""
+    """Open a file beside ``path`` and put it in its place only when all is written.
+
+    What stands beside it is removed first, and not followed if it is a link.
+    """
     target = Path(path)
     part = target.with_name(target.name + ".part")
     encoding = None if "b" in mode else "utf-8"
     try:
-        with open(part, mode, encoding=encoding) as file:
+        with suppress(FileNotFoundError):
+            part.unlink()
+        with open(part, mode.replace("w", "x"), encoding=encoding) as file:
             yield file
         os.replace(part, target)
     except OSError as error:

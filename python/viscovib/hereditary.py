@@ -13,6 +13,7 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, StabilityWarning
 from viscovib.load import LoadLike, load_series
 from viscovib.load_table import LoadTable
+from viscovib.mesh import Mesh
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.past import Past
 from viscovib.polynomial_system import PolynomialSystem
@@ -82,11 +83,7 @@ class MountMotion:
         name = "gauss8" if name == "auto" else name
         _native.choice("memory", memory, ("auto", *_PASTS))
         frequencies, amplitudes, waves = _sinusoids(mount, load, nu, base)
-        breaks, pieces = np.zeros(1), np.zeros((n, 4, 1), order="F")
-        if force is not None:
-            if not isinstance(force, LoadTable):
-                raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
-            breaks, pieces = np.asarray(force.times), force._pieces(n)
+        breaks, pieces = table_of(force, n)
         _warn_of_slow_mode(mount)
         motion = cls(
             mount, end, state, name, frequencies, amplitudes, waves, breaks, pieces, first, before,
@@ -121,6 +118,11 @@ class MountMotion:
         wanted = float(self.end) * fastest * per_period / (2 * math.pi)
         return max(4, math.ceil(min(wanted, 2.0 * MAX_STEPS)))
 
+    @property
+    def remembers(self) -> bool:
+        """Whether some spring has memory."""
+        return bool(self.mount._active_kernels)
+
     def runs(self, tolerance: float) -> Callable[[float], Run]:
         """Return what makes a run with a step."""
         return lambda h: _MountRun(self, h, tolerance)
@@ -136,8 +138,14 @@ class _MountRun(Run):
         self.motion = motion
         self.resolution = 0.0
         self.past = "exponentials"
+        self.shortest = h
         if motion.memory == "direct":
             self._keep_all()
+
+    def on(self, mesh: Mesh) -> Run:
+        """The same run in the steps of a mesh."""
+        self.shortest = mesh.shortest
+        return super().on(mesh)
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
         """Make n steps; states are those of the body, not relative to the base."""
@@ -157,9 +165,10 @@ class _MountRun(Run):
         return text
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
-        if (self.done + count) * self.h > _REACH * self.motion.end * (1 + 1e-9):
+        until = self._time_after(self.done + count)
+        if until > _REACH * self.motion.end * (1 + 1e-9):
             raise InputError(
-                f"t_end = {(self.done + count) * self.h:g}: a run made for t_end = "
+                f"t_end = {until:g}: a run made for t_end = "
                 f"{self.motion.end:g} may go on to {_REACH * self.motion.end:g} at most"
             )
         n_memory = _MEMORY if self.memory is None else max(self.memory.size, _MEMORY)
@@ -179,31 +188,35 @@ class _MountRun(Run):
         memory = np.zeros(n_memory)
         if self.memory is not None:
             memory[: self.memory.size] = self.memory
-        states, at_times, last, kept, n_kept, made, _, ended, counted, rough, reason = _native.call(
-            core.mount_simulate,
-            mount._flat,
-            *mount._kernels,
-            motion.frequencies,
-            motion.amplitudes,
-            motion.breaks,
-            motion.pieces,
-            NODES[self.method],
-            _PASTS.index(self.past) + 1,
-            motion.held,
-            motion.before,
-            motion.moved,
-            motion.moves,
-            self.state,
-            self.h,
-            _REACH * motion.end,
-            self.solved,
-            self.done,
-            count,
-            every,
-            int(self.memory is not None),
-            memory,
-            times,
-            columns,
+        states, at_times, last, kept, n_kept, made, n_reached, ended, counted, rough, reason = (
+            _native.call(
+                core.mount_simulate,
+                mount._flat,
+                *mount._kernels,
+                motion.frequencies,
+                motion.amplitudes,
+                motion.breaks,
+                motion.pieces,
+                *self._mesh_arrays(),
+                NODES[self.method],
+                _PASTS.index(self.past) + 1,
+                motion.held,
+                motion.before,
+                motion.moved,
+                motion.moves,
+                self.state,
+                self.h,
+                self.shortest,
+                _REACH * motion.end,
+                self.solved,
+                self.done,
+                count,
+                every,
+                int(self.memory is not None),
+                memory,
+                times,
+                columns,
+            )
         )
         self.resolution = max(self.resolution, float(rough))
         if reason == _NO_INTEGRAL:
@@ -213,7 +226,10 @@ class _MountRun(Run):
             )
         if reason == _STEP_TOO_LARGE:
             ended = _DIVERGED
-        part = Piece(states, at_times, last, kept[:n_kept], made, ended, counted)
+        reached = self._time_after(self.done + made)
+        part = Piece(
+            states, at_times, last, kept[:n_kept], made, n_reached, reached, ended, counted
+        )
         return part, n_kept, reason
 
     def _keep_all(self) -> None:
@@ -221,7 +237,7 @@ class _MountRun(Run):
         self.past, self.piece = "direct", 1000
 
     def _turn_direct(self) -> None:
-        n = math.ceil(self.motion.end / self.h)
+        n = math.ceil(self.motion.end / self.h) if self.mesh is None else self.mesh.count
         if self.motion.memory == "exponentials":
             raise InputError(
                 'memory = "exponentials": a kernel is no sum of exponentials (tables of points '
@@ -234,6 +250,15 @@ class _MountRun(Run):
                 "sum_of_exponentials"
             )
         self._keep_all()
+
+
+def table_of(force: LoadTable | None, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the times of a table and the cubics between them as the core takes them."""
+    if force is None:
+        return np.zeros(1), np.zeros((n, 4, 1), order="F")
+    if not isinstance(force, LoadTable):
+        raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
+    return np.asarray(force.times), force._pieces(n)
 
 
 def moving(system: Oscillator, driven: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:

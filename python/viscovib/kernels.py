@@ -152,6 +152,10 @@ def _same_shape(values: npt.NDArray[Any], like: npt.NDArray[Any]) -> Any:
     return values.reshape(like.shape)[()]
 
 
+#: A table that lacks more than this part of its integral is told; as in the core.
+_UNSEEN = 0.01
+
+
 @dataclass(frozen=True, kw_only=True)
 class RzhanitsynKernel(Kernel):
     """Koltunov-Rzhanitsyn kernel R(t) = A exp(-beta t) t^(alpha-1).
@@ -295,7 +299,10 @@ class TabulatedKernel(Kernel):
     Warns
     -----
     StabilityWarning
-        If values are negative or increase with time, as those of no relaxing material do.
+        If values are negative or increase with time, as those of no relaxing material do; if
+        the first points rise towards t = 0 like a power of t, so that more than 1 % of the integral
+        lies before the first time, where the table knows nothing: give earlier times, or a kernel
+        with that singularity, such as `RzhanitsynKernel`.
     """
 
     times: npt.ArrayLike
@@ -326,8 +333,19 @@ class TabulatedKernel(Kernel):
             meaning = "relaxation would speed up with time"
             text = f"R increases between t = {times[i]:g} and {times[i + 1]:g}: {meaning}"
         else:
+            self._warn_of_what_is_not_seen(times)
             return
         warnings.warn(text, StabilityWarning, stacklevel=4)
+
+    def _warn_of_what_is_not_seen(self, times: FloatArray) -> None:
+        (unseen,) = _native.call(core.kernel_unseen, self._kind, self._data)
+        if unseen > _UNSEEN * abs(self.integral):
+            text = (
+                f"the first values rise towards t = 0 like a power of t: an integral of about "
+                f"{unseen:.3g} lies before times[0] = {times[0]:g}, which the table does not hold; "
+                f"the integral of the table is {self.integral:.3g}"
+            )
+            warnings.warn(text, StabilityWarning, stacklevel=5)
 
     def _exponentials(
         self, tolerance: float, first: float, last: float

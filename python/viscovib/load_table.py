@@ -23,8 +23,8 @@ class LoadTable:
     values : array_like, shape (n,) or (n, n_dof)
         Force on the first coordinate, or on each (N, N m).
     interpolation : {"linear", "cubic"}
-        "cubic": a spline, twice continuously differentiable, which lets the integration keep its
-        order; each corner of a "linear" table, and the ends, lower it unless they fall on steps.
+        Straight lines, or a spline, which is twice continuously differentiable. Steps in time
+        end on every corner of it and on its ends, so that the order of a method is kept.
     """
 
     times: npt.ArrayLike
@@ -76,6 +76,26 @@ class LoadTable:
             pieces[:, 2, :-1] = (np.diff(values, axis=0) / np.diff(times)[:, np.newaxis]).T
             pieces[:, 3, :-1] = values[:-1].T
         return pieces
+
+    def _breaks(self, n_dof: int) -> FloatArray:
+        """Times at which a piece does not go on smoothly into the next, and the ends."""
+        times, pieces = np.asarray(self.times), self._pieces(n_dof)
+        length = np.diff(times)
+        # Value and derivatives at both ends of each piece, by order.
+        a = pieces[:, :, :-1]
+        begin = np.stack([a[:, 3], a[:, 2], 2 * a[:, 1], 6 * a[:, 0]])
+        end = np.stack(
+            [
+                ((a[:, 0] * length + a[:, 1]) * length + a[:, 2]) * length + a[:, 3],
+                (3 * a[:, 0] * length + 2 * a[:, 1]) * length + a[:, 2],
+                6 * a[:, 0] * length + 2 * a[:, 1],
+                6 * a[:, 0],
+            ]
+        )
+        size = np.abs(np.concatenate([begin, end], axis=2)).max(axis=2, keepdims=True)
+        jumps = np.abs(begin[:, :, 1:] - end[:, :, :-1]) > 1e-11 * size
+        inner = times[1:-1][jumps.any(axis=(0, 1))]
+        return np.concatenate([times[:1], inner, times[-1:]])
 
     def _columns(self, n_dof: int) -> FloatArray:
         values = np.asarray(self.values)

@@ -31,6 +31,10 @@ _ORDERINGS = ("general", "weak_coupling")
 #: Points at which the error of a motion is computed; between them it is read off. At least and
 #: at most so many, and one in so many steps: amplitudes are taken as cubic between them.
 _KNOTS, _MOST_KNOTS, _STEPS_A_KNOT = 65, 1025, 5
+#: In place of a tolerance: resonances are chosen by what their terms do.
+_BY_INFLUENCE = -float(np.finfo(float).max)
+#: Of free vibrations: internal resonances within this part are solved for.
+_FREE_BAND = 0.2
 _OUTCOMES = ("complete", "overflow", "step limit", "cancelled")
 
 
@@ -57,9 +61,12 @@ class MultipleScales:
         of the forces on all, times cos(nu t).
     nu : float, optional
         For these: circular frequency of the load (rad/s), > 0.
-    tolerance : float
-        Frequencies that differ by less than this part of the highest of them count as resonant:
-        their terms go into the modulation equations, and their divisors are not divided by.
+    tolerance : float, optional
+        By default what counts as resonant is chosen by what each term does, for each value of a
+        response by itself: its coupling, times the amplitudes, over its divisor, modes at rest
+        (their parametric excitation) included; terms go into the modulation equations in this
+        order as long as one frame holds them. Given, frequencies that differ by less than this
+        part of the highest of them count as resonant.
     ordering : {"general", "weak_coupling"}
         For a Pendulum: "weak_coupling" counts e as of the size of the amplitudes, as the seed paper
         does, instead of keeping it in the linear part. Frequencies and shapes are then those of
@@ -96,10 +103,14 @@ class MultipleScales:
         *,
         load: npt.ArrayLike | None = None,
         nu: float | None = None,
-        tolerance: float = 0.05,
+        tolerance: float | None = None,
         ordering: str = "general",
     ) -> None:
-        self.tolerance = _native.number("tolerance", tolerance)
+        self.tolerance = None if tolerance is None else _native.number("tolerance", tolerance)
+        if self.tolerance is not None and not 0 <= self.tolerance < 1:
+            raise InputError(f"tolerance = {self.tolerance:g}: must be in [0, 1)")
+        #: As the core takes it.
+        self._tolerance = _BY_INFLUENCE if self.tolerance is None else self.tolerance
         self.system = system
         self.ordering = _native.choice("ordering", ordering, _ORDERINGS)
         if not isinstance(system, Pendulum | Oscillator | CubicSystem):
@@ -137,16 +148,9 @@ class MultipleScales:
         #: The system as every flat routine takes it.
         self._system = (self._packed, flat, *kernels)
         self._n_dof, self._n = int(self._packed[1]), int(self._packed[3])
-        room = n_terms = _ROOM
-        while n_terms >= room:
-            room = n_terms + 1
-            (
-                exponents, shapes, interaction, frame, units, autonomous, n_terms, terms,
-                coefficients,
-            ) = _native.call(
-                core.scales_form, *self._system, self.tolerance, self._n,
-                int(self._packed[0]), room,
-            )  # fmt: skip
+        exponents, shapes, interaction, frame, units, autonomous, terms = self._form(
+            self._tolerance
+        )
         self.exponents: ComplexArray = exponents
         self.frequencies: FloatArray = exponents.imag.copy()
         self.decay: FloatArray = -exponents.real
@@ -158,10 +162,7 @@ class MultipleScales:
         #: What unlike coordinates are compared in.
         self._units: FloatArray = units[: self._n_dof].copy()
         self.autonomous = bool(autonomous)
-        self.terms = tuple(
-            FlowTerm(int(terms[0, i]) - 1, _factors(terms[1:, i]), complex(coefficients[i]))
-            for i in range(n_terms)
-        )
+        self.terms: tuple[FlowTerm, ...] = terms
         if (self.decay < -1e-12 * self.frequencies).any():
             j = int(self.decay.argmin())
             warnings.warn(
@@ -170,6 +171,20 @@ class MultipleScales:
                 RangeWarning,
                 stacklevel=2,
             )
+
+    def _form(self, tolerance: float) -> tuple[Any, ...]:
+        """Return the modulation equations and what belongs to them, as the core has it."""
+        room = n_terms = _ROOM
+        while n_terms >= room:
+            room = n_terms + 1
+            *found, n_terms, terms, coefficients = _native.call(
+                core.scales_form, *self._system, tolerance, self._n, int(self._packed[0]), room
+            )
+        read = tuple(
+            FlowTerm(int(terms[0, i]) - 1, _factors(terms[1:, i]), complex(coefficients[i]))
+            for i in range(n_terms)
+        )
+        return (*found, read)
 
     def resonances(self, tolerance: float = 0.05) -> tuple[Resonance, ...]:
         """List every condition of resonance up to third order, the nearest first.
@@ -232,7 +247,7 @@ class MultipleScales:
         accuracy: float = 1e-10,
     ) -> ScalesMotion:
         """Motion to third order at times t; arguments as for `modulation`."""
-        modulation, state, sizes = self._run(t, initial, amplitudes, accuracy)
+        modulation, state, sizes, _ = self._run(t, initial, amplitudes, accuracy)
         result = ScalesMotion(
             t=modulation.t,
             state=state,
@@ -263,11 +278,11 @@ class MultipleScales:
         if knots.size == 1:
             knots = np.array([0.0, 1e-9 / self.frequencies.max()])
         start = modulation.initial
-        at_knots = self._run(knots, None, start, 1e-8)[0]
+        at_knots, _, _, expected = self._run(knots, None, start, 1e-8)
         cancel = np.zeros(1, dtype=np.intc)
         (errors,) = _native.call_interruptibly(
-            core.scales_errors, cancel, *self._system, self.tolerance, self._n_dof, at_knots.t,
-            np.asfortranarray(at_knots.complex_amplitudes.T / 2), cancel,
+            core.scales_errors, cancel, *self._system, self._tolerance, self._n_dof, at_knots.t,
+            np.asfortranarray(at_knots.complex_amplitudes.T / 2), expected, cancel,
         )  # fmt: skip
         return np.column_stack([np.interp(t, at_knots.t, row) for row in errors])
 
@@ -284,8 +299,8 @@ class MultipleScales:
 
         Notes
         -----
-        If the load comes within the tolerance of a mode among the values, it counts as resonant
-        with it at all of them; otherwise the expansion is made anew at each.
+        The expansion is made anew at each value, whatever the others are. Constant loads are no
+        part of it: it is about the position of rest that they give.
         """
         names = tuple(self._load_names)
         load, vary = self._load_names[_native.choice("parameter", parameter, names)]
@@ -295,7 +310,7 @@ class MultipleScales:
         if vary == 1 and not where.min() > 0:
             raise InputError(f"{parameter} = {where.min():g}: must be greater than 0")
         found = self._steady(load, vary, where, False)
-        n, which, a, frames, eigenvalues, harmonics, sizes = found[:7]
+        n, which, a, frames, eigenvalues, harmonics, sizes, left_out = found[:8]
         kept = slice(n)
         return ScalesResponse(
             parameter=parameter,
@@ -306,6 +321,7 @@ class MultipleScales:
             eigenvalues=eigenvalues.T[kept].copy(),
             harmonics=harmonics.T[kept].copy(),
             order_sizes=sizes.T[kept, :3].copy(),
+            left_out=left_out[kept].copy(),
             _units=self._units / sizes.T[kept, 3:],
             dof_names=self._names,
             _errors=partial(self._steady_errors, load, vary, where),
@@ -326,7 +342,7 @@ class MultipleScales:
         while True:
             cancel = np.zeros(1, dtype=np.intc)
             found = _native.call_interruptibly(
-                core.scales_response, cancel, *self._system, self.tolerance, load, vary, where,
+                core.scales_response, cancel, *self._system, self._tolerance, load, vary, where,
                 int(errors), self._n, self._n_dof, room, cancel,
             )  # fmt: skip
             if found[0] <= room:
@@ -334,12 +350,91 @@ class MultipleScales:
             room = found[0]
 
     def backbone(self, mode: int, amplitudes: npt.ArrayLike) -> FloatArray:
-        """Frequency of free vibration in one mode (from 0) at real amplitudes, same shape."""
+        """Frequency of free vibration in one mode (from 0) at real amplitudes.
+
+        The same shape as ``amplitudes``. Where an internal resonance makes a mode move another (as
+        w2 ~ 2 w1 does mode 1), both move together, in several ways: then there is one more axis,
+        over these, frequencies ascending, NaN where there are fewer. A warning says when an
+        amplitude is beyond the range of the expansion. Damping is left out.
+        """
         j = _native.integer("mode", mode, 0, self._n - 1)
         b = _native.real_array("amplitudes", amplitudes)
-        shifts = [x.coefficient for x in self.terms if (x.mode, x.factors) == (j, (f"a{j + 1}",))]
-        at_rest = self.frequencies[j] + sum(shifts).imag
-        return np.asarray(at_rest + self.interaction[j, j] * b**2)
+        if b.size:
+            self._warn_beyond(j, float(np.abs(b).max()))
+        wide = _FREE_BAND if self.tolerance is None else self.tolerance
+        terms = [x for x in self._form(wide)[-1] if not any("p" in f for f in x.factors)]
+        alone = {f"a{j + 1}", f"a{j + 1}*"}
+        driven = {x.mode for x in terms if x.mode != j and set(x.factors) <= alone}
+        if not driven:
+            shifts = [x.coefficient for x in terms if (x.mode, x.factors) == (j, (f"a{j + 1}",))]
+            at_rest = self.frequencies[j] + sum(shifts).imag
+            return np.asarray(at_rest + self.interaction[j, j] * b**2)
+        if len(driven) > 1:
+            raise InputError(
+                f"mode = {j}: moves {len(driven)} others by internal resonance, at most one is "
+                "followed; see modulation"
+            )
+        ways = [self._joint_frequencies(j, driven.copy().pop(), terms, x) for x in b.ravel()]
+        found = np.full((b.size, max(map(len, ways), default=0)), np.nan)
+        for row, values in zip(found, ways, strict=True):
+            row[: len(values)] = values
+        return found.reshape(*b.shape, -1)
+
+    def _joint_frequencies(
+        self, j: int, k: int, terms: list[FlowTerm], amplitude: float
+    ) -> FloatArray:
+        """Frequencies of mode j at an amplitude, k locked to it by real ratios, ascending.
+
+        With W_k = n W_j and real a: W_j = w_j + G_j/a_j and (w_k - n W_j) a_k + G_k = 0, a
+        polynomial for a_k.
+        """
+        a = amplitude / 2
+        if a == 0:
+            shifts = [x.coefficient for x in terms if (x.mode, x.factors) == (j, (f"a{j + 1}",))]
+            return np.array([self.frequencies[j] + sum(shifts).imag])
+        names = {j: f"a{j + 1}", k: f"a{k + 1}"}
+
+        def power(term: FlowTerm, mode: int) -> int:
+            plain = term.factors.count(names[mode])
+            return plain - term.factors.count(names[mode] + "*")
+
+        locks = [x for x in terms if x.mode == k and all(f.rstrip("*") == names[j]
+                                                         for f in x.factors)]  # fmt: skip
+        n = power(locks[0], j)
+        change = {j: np.zeros(4), k: np.zeros(4)}
+        for x in terms:
+            inside = all(f.rstrip("*") in names.values() for f in x.factors)
+            if x.mode not in names or not inside:
+                continue
+            if power(x, j) + n * power(x, k) == (1 if x.mode == j else n):
+                of_k = sum(f.rstrip("*") == names[k] for f in x.factors)
+                change[x.mode][of_k] += x.coefficient.imag * a ** (len(x.factors) - of_k)
+        frequency = change[j] / a + self.frequencies[j] * np.eye(4)[0]
+        poly = np.polynomial.polynomial
+        balance = poly.polyadd(
+            poly.polymul([0, 1], poly.polysub([self.frequencies[k]], n * frequency)), change[k]
+        )
+        balance[abs(balance) < 1e-14 * abs(balance).max()] = 0
+        roots = poly.polyroots(np.trim_zeros(balance, "b"))
+        real = roots.real[abs(roots.imag) < 1e-9 * (abs(a) + abs(roots))]
+        # Beyond, it is a vibration of the other mode.
+        real = real[abs(real) <= abs(a)]
+        return np.sort(poly.polyval(real, frequency))
+
+    def _warn_beyond(self, j: int, amplitude: float) -> None:
+        """Say so where orders do not fall off at this amplitude of mode j."""
+        start = np.zeros(self._n, dtype=complex)
+        start[j] = amplitude
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RangeWarning)
+            sizes = self._run([0.0], None, start, 1e-8)[2]
+        if not sizes.size or falling(sizes).max() > LEAST_FALL:
+            warnings.warn(
+                f"amplitude {amplitude:g} of mode {j} is beyond the range of the expansion: "
+                "orders do not fall off",
+                RangeWarning,
+                stacklevel=3,
+            )
 
     def _plan(self, first: str) -> Plan:
         """Return a plan that begins with this line."""
@@ -379,7 +474,7 @@ class MultipleScales:
         initial: npt.ArrayLike | None,
         amplitudes: npt.ArrayLike | None,
         accuracy: float,
-    ) -> tuple[Modulation, FloatArray, FloatArray]:
+    ) -> tuple[Modulation, FloatArray, FloatArray, FloatArray]:
         times = _native.real_array("t", t, ndim=1)
         if not times.size or times[0] < 0 or (np.diff(times) < 0).any():
             raise InputError("t: must be one or more times, not negative and ascending")
@@ -400,8 +495,10 @@ class MultipleScales:
                 raise InputError(f"initial: must have shape ({2 * n},), got {given.shape}")
             state = np.asfortranarray(given.reshape(n, 2))
         cancel = np.zeros(1, dtype=np.intc)
-        a, first, motion, sizes, frame, reached, steps, outcome = _native.call_interruptibly(
-            core.scales_motion, cancel, *self._system, self.tolerance,
+        (
+            a, first, motion, sizes, frame, expected, reached, steps, outcome,
+        ) = _native.call_interruptibly(
+            core.scales_motion, cancel, *self._system, self._tolerance,
             int(amplitudes is not None), start, state, times, error, 10_000_000, cancel,
         )  # fmt: skip
         if outcome:
@@ -422,7 +519,7 @@ class MultipleScales:
             plan=self._plan(f"computes: amplitudes in time, {times.size} times to {times[-1]:g}"),
         )
         states = np.ascontiguousarray(motion.transpose(2, 0, 1)[kept].reshape(-1, 2 * n))
-        return modulation, states, np.ascontiguousarray(sizes.T[kept])
+        return modulation, states, np.ascontiguousarray(sizes.T[kept]), expected
 
 
 def _packed_oscillator(

@@ -27,7 +27,7 @@ def forced_response(
     load: LoadLike | None = None,
     base: LoadLike | None = None,
     method: str = "successive",
-    harmonics: int | str = 9,
+    harmonics: int | str = "auto",
     tolerance: float = 1e-10,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
@@ -55,7 +55,7 @@ def forced_response(
 def forced_response(*args: Any, **options: Any) -> Response | DrivenResponse:
     """Steady response of a mount, of a polynomial system or of a pendulum to its loads.
 
-    forced_response(mount, nu, *, load=None, base=None, method="successive", harmonics=9, ...)
+    forced_response(mount, nu, *, load=None, base=None, method="successive", harmonics="auto", ...)
     forced_response(pend, *, p1=None, ..., m02=None, nu=None, harmonics="auto", ...)
     """
     if "pend" in options or (args and isinstance(args[0], Pendulum)):
@@ -78,7 +78,7 @@ def trace_response(
     leave: BranchPoint | None = None,
     opposite: bool = False,
     symmetric: bool = True,
-    harmonics: int = 9,
+    harmonics: int | str = "auto",
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
@@ -98,7 +98,7 @@ def trace_response(
     at: npt.ArrayLike = (),
     leave: BranchPoint | None = None,
     opposite: bool = False,
-    harmonics: int | None = None,
+    harmonics: int | str = "auto",
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
@@ -112,7 +112,7 @@ def trace_response(*args: Any, **options: Any) -> Branch | DrivenBranch:
     """Follow a branch of steady motions of a mount, a polynomial system or a pendulum.
 
     trace_response(mount, nu_range=None, *, load=None, nu=None, load_range=None, ...)
-    trace_response(pend, *, p1=None, ..., m02=None, nu=None, leave=None, harmonics=None, ...)
+    trace_response(pend, *, p1=None, ..., m02=None, nu=None, leave=None, harmonics="auto", ...)
     """
     if "pend" in options or (args and isinstance(args[0], Pendulum)):
         return trace_pendulum(*args, **options)

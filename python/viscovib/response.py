@@ -24,7 +24,7 @@ from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.plan import Plan, wanted_places
 
 METHODS = ("linear", "successive", "newton")
-OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow"])
+OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])
 #: Frequencies a native call takes at most: how often progress shows and Ctrl-C is heard.
 CHUNK = 4096
 
@@ -34,6 +34,8 @@ _MAX_ITERATIONS = 100_000
 _MAX_UNKNOWNS = 2000
 #: Frequencies times unknowns squared that Newton's method takes without a thread of its own.
 _LONG = 6400
+#: Multiplications up to which a peak is looked for between all frequencies.
+_MAX_SEARCH = 3e9
 #: Orders that a frequency takes as a rule where they are chosen.
 _TYPICAL = 10
 
@@ -43,7 +45,8 @@ class Peak(NamedTuple):
 
     nu: float
     amplitude: float
-    #: False if it stands at the edge of the band or beside a point that was not found.
+    #: False if no summit of the branch is larger: the largest of the motions, which stands at the
+    #: edge of the band, beside a point that was not found, or where the branch was left.
     enclosed: bool
 
 
@@ -70,9 +73,8 @@ class Response:
         Highest order kept at each frequency; 0 where no solution was found.
     truncation : ndarray, shape (n,)
         Estimated relative error of leaving out higher orders; 0 for a linear response, which
-        lacks none. Of harmonics that Newton's method chose: the largest change of any order, by
-        the residual of those left out, in the norm of ``tolerance``. Else the largest of the two
-        highest orders kept, against the largest of all, the worse of the coordinates.
+        lacks none: the largest change of any order, by the residual of those left out and what
+        they do to those kept, in the norm of ``tolerance``.
     method : str
         The method that ran.
     plan : Plan
@@ -97,6 +99,9 @@ class Response:
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
     _history: Callable[[], FloatArray] = field(repr=False)
+    #: System and load as the core takes them, and the relative error wanted.
+    _job: tuple[Any, ...] = field(repr=False)
+    _tolerance: float = field(repr=False)
     stable: npt.NDArray[Any] | None = None
     multipliers: ComplexArray | None = None
     exponents: ComplexArray | None = None
@@ -136,20 +141,49 @@ class Response:
     def peak(
         self, dof: int | str, harmonic: int = 1, *, band: tuple[float, float] | None = None
     ) -> Peak:
-        """Largest amplitude in a band of nu (default: all), refined by a parabola."""
-        inside = np.ones(self.nu.size, dtype=bool)
+        """Largest amplitude in a band of nu (default: all), solved for.
+
+        Between motions whose slopes tell of a summit, the branch of one is followed to it: the
+        amplitude holds to the tolerance, on coarse grids too. A jump is no summit, and motions
+        beyond it belong to another branch: if the largest amplitude stands there, it is that of a
+        motion found, and not ``enclosed``.
+        """
+        inside = self.converged
         if band is not None:
-            inside = (self.nu >= band[0]) & (self.nu <= band[1])
-        amplitude = np.where(inside, self.amplitude(dof, harmonic), np.nan)
-        if not np.isfinite(amplitude).any():
+            low, high = band_of(band)
+            inside = inside & (self.nu >= low) & (self.nu <= high)
+        if not inside.any():
             raise InputError(f"band = {band}: holds no frequency with a solution")
-        i = int(np.nanargmax(amplitude))
-        around = amplitude[i - 1 : i + 2] if 0 < i < amplitude.size - 1 else amplitude[:0]
-        if around.size < 3 or not np.isfinite(around).all():
+        amplitude = self.amplitude(dof, harmonic)
+        places = np.flatnonzero(inside)
+        _, first = np.unique(self.nu[places], return_index=True)
+        places = places[first]
+        summit = None
+        if places.size > 1:
+            j = int(np.flatnonzero(self.harmonics == harmonic)[0])
+            summit = self._summit(places, self._dof(dof), j)
+        i = int(np.where(inside, amplitude, -1.0).argmax())
+        if summit is None or summit[1] < amplitude[i]:
             return Peak(float(self.nu[i]), float(amplitude[i]), enclosed=False)
-        a, b, c = np.polyfit(self.nu[i - 1 : i + 2] - self.nu[i], around, 2)
-        shift = -b / (2 * a) if a < 0 else 0.0
-        return Peak(float(self.nu[i] + shift), float(c + shift * (b + shift * a)), enclosed=True)
+        return Peak(*summit, enclosed=True)
+
+    def _summit(self, places: npt.NDArray[np.intp], d: int, j: int) -> tuple[float, float] | None:
+        """Largest summit between motions at ascending frequencies, if there is one."""
+        if self.method == "linear":
+            return _linear_summit(self, places, d, j)
+        highest = int(self.highest[places].max())
+        kept = np.flatnonzero(self.harmonics <= highest)
+        if j >= kept.size:
+            return None
+        unknowns = 2 * kept.size * len(self.dof_names)
+        cancel = np.zeros(1, dtype=np.intc)
+        at, size, found = _native.call_interruptibly(
+            core.mount_peak, cancel, *self._job, 1, np.zeros(len(self._job[0])), self.nu[places[0]],
+            self.harmonics[kept], 0, self._tolerance, self.nu[places],
+            np.asfortranarray(self.coefficients[places][:, :, kept].T), d + 1, j + 1, 0.0, 0.0,
+            int(places.size * unknowns**3 < _MAX_SEARCH), cancel,
+        )  # fmt: skip
+        return (at, size) if found else None
 
     def waveform(self, i: int, n: int = 256) -> tuple[FloatArray, FloatArray]:
         """One period at the i-th frequency: times (s), shape (n,), and u, shape (n, n_dof)."""
@@ -247,7 +281,7 @@ def forced_response(
     load: LoadLike | None = None,
     base: LoadLike | None = None,
     method: str = "successive",
-    harmonics: int | str = 9,
+    harmonics: int | str = "auto",
     tolerance: float = 1e-10,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
@@ -307,7 +341,8 @@ def forced_response(
     Warns
     -----
     ConvergenceWarning
-        If some frequencies have no solution; they hold NaN.
+        If some frequencies have no solution; they hold NaN. If the orders kept do not bring
+        `Response.truncation` below ``tolerance``.
     StabilityWarning
         If the stability of motions found is unknown.
 
@@ -376,11 +411,12 @@ def forced_response(
         dof_names=mount.dof_names,
         dof_units=mount.dof_units,
         _history=history,
+        _job=job,
+        _tolerance=options[2],
         **_stability_of(parts, _joined(parts, 1) == 0) if stability else {},
     )
     _warn_of_gaps(response)
-    if chosen:
-        _warn_of_few_orders(response, options[2])
+    _warn_of_few_orders(response, options[2])
     return response
 
 
@@ -399,7 +435,7 @@ def plan_response(
     load: LoadLike | None = None,
     base: LoadLike | None = None,
     method: str = "successive",
-    harmonics: int | str = 9,
+    harmonics: int | str = "auto",
     tolerance: float = 1e-10,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
@@ -442,6 +478,10 @@ def _prepare(
     own numbers.
     """
     check_oscillator(mount, base)
+    if load is None and base is None:
+        raise InputError(
+            "load or base: must be given, as without them every motion is 0 (a load of 0 may be)"
+        )
     frequencies = _native.real_array("nu", nu)
     if frequencies.ndim > 1:
         raise InputError(f"nu: must have 0 or 1 dimension(s), got shape {frequencies.shape}")
@@ -490,6 +530,51 @@ def _joined(parts: list[tuple[Any, ...]], index: int) -> npt.NDArray[Any]:
     return np.concatenate([part[index] for part in parts])
 
 
+def band_of(band: object) -> tuple[float, float]:
+    """From and to of a band."""
+    try:
+        low, high = map(float, band)  # type: ignore[call-overload]
+    except (TypeError, ValueError):
+        raise InputError(f"band = {_native.shown(band)}: must be two numbers") from None
+    return low, high
+
+
+def _linear_summit(
+    response: Response, places: npt.NDArray[np.intp], d: int, j: int
+) -> tuple[float, float] | None:
+    """Of a linear response: each frequency is solved for, so that intervals shrink to a summit."""
+
+    def sizes(nu: FloatArray) -> FloatArray:
+        room = np.empty(nu.size * len(response.dof_names) * response.harmonics.size, dtype=complex)
+        _native.call(
+            core.mount_response, *response._job, nu, 1, 0, response._tolerance, 1, 1.0, 0, 0, room,
+            np.zeros(1, dtype=np.intc),
+        )  # fmt: skip
+        shape = (nu.size, len(response.dof_names), response.harmonics.size)
+        return np.abs(room.reshape(shape)[:, d, j])
+
+    nu = response.nu[places]
+    # Slopes at both ends of each interval tell whether it holds a summit.
+    h = 1e-6 * np.diff(nu)
+    from_left = sizes(nu[:-1] + h) > sizes(nu[:-1])
+    from_right = sizes(nu[1:] - h) > sizes(nu[1:])
+    held = np.flatnonzero(from_left & from_right)
+    if not held.size:
+        return None
+    low, high = nu[held], nu[held + 1]
+    for _ in range(60):
+        inner = np.linspace(low, high, 9)
+        top = np.nan_to_num(sizes(inner.ravel()).reshape(inner.shape), nan=np.inf).argmax(axis=0)
+        low = np.take_along_axis(inner, np.maximum(top - 1, 0)[np.newaxis], 0)[0]
+        high = np.take_along_axis(inner, np.minimum(top + 1, 8)[np.newaxis], 0)[0]
+        if (high - low <= 1e-9 * high).all():
+            break
+    middle = 0.5 * (low + high)
+    found = sizes(middle)
+    best = int(np.nanargmax(found))
+    return float(middle[best]), float(found[best])
+
+
 def _warn_of_gaps(response: Response) -> None:
     lost = ~response.converged
     if not lost.any():
@@ -511,7 +596,7 @@ def _warn_of_few_orders(response: Response, tolerance: float) -> None:
         return
     worst = int(np.nanargmax(response.truncation))
     warnings.warn(
-        f"at {few.sum()} of {few.size} frequencies the orders that may be kept do not reach the "
+        f"at {few.sum()} of {few.size} frequencies the orders kept do not reach the "
         f"tolerance {tolerance:.1e}; worst at nu = {response.nu[worst]:.6g}, where those up to "
         f"{response.highest[worst]} leave an estimated relative error of "
         f"{response.truncation[worst]:.1e}",

@@ -15,15 +15,19 @@ from tqdm import tqdm
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.accuracy import Accuracy, parts_for_peaks, reason, rounding_of
 from viscovib.errors import InputError
+from viscovib.mesh import Mesh
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan
 from viscovib.trajectory import OUTCOMES, Trajectory
 
 MAX_STEPS = 10**12
-#: Numbers that a run keeps at most: 4 GiB.
-_MAX_KEPT = 2**29
+#: Numbers that a run keeps at most: 1 GiB.
+_MAX_KEPT = 2**27
+#: Steps of a first run whose step is to be found.
+MAX_FIRST_STEPS = 10**9
 ROUNDING = 1e-15
 #: Halvings of the step before a tolerance is given up.
 _MIN_HALVINGS, _MAX_HALVINGS = 5, 12
@@ -37,6 +41,8 @@ class Wanted:
     keep: str = "all"
     tail: float = 0.0
     times: FloatArray | None = None
+    #: What was asked for, where ``times`` stand for it.
+    asked: "Wanted | None" = None
 
     @classmethod
     def checked(
@@ -65,6 +71,12 @@ class Wanted:
         """The same states of a run with so many times the steps."""
         return replace(self, every=self.every * factor)
 
+    def at(self, times: FloatArray) -> "Wanted":
+        """The same, of states at these times, where steps are not equal."""
+        if self.keep == "tail":
+            times = times[times >= times[-1] - self.tail * (1 + 1e-12)]
+        return Wanted(times=times, asked=self.asked or self)
+
 
 def hopeless(changes: list[float]) -> bool:
     """Whether halving the step once more is vain: two halvings gain less than a digit.
@@ -77,38 +89,76 @@ def hopeless(changes: list[float]) -> bool:
 
 
 def difference(coarse: Trajectory, fine: Trajectory) -> float:
-    """Largest difference of the states of two runs."""
-    if coarse.state.shape != fine.state.shape:
+    """Largest difference of the states of two runs, and of the times at which they stop."""
+    n, m = coarse.t.size, fine.t.size
+    if coarse.outcome == "completed" == fine.outcome and n == m:
+        return float(np.abs(fine.state - coarse.state).max())
+    if coarse.outcome != fine.outcome or coarse.outcome == "step too large" or abs(n - m) > 1:
         return math.inf
-    return float(np.abs(fine.state - coarse.state).max())
+    n = min(n, m)
+    if fine.outcome == "diverged" and n and fine.t[n - 1] >= fine.t_reached:
+        n -= 1  # where a coordinate passes its bound it changes faster than any time is known
+    moved = abs(fine.t_reached - coarse.t_reached)
+    return max(moved, float(np.abs(fine.state[:n] - coarse.state[:n]).max(initial=0.0)))
 
 
-def by_tolerance(make: Callable[[int, int], Trajectory], n: int, wanted: float) -> Trajectory:
-    """Halve the step until the states kept change by no more than ``wanted``.
+def _allowed_at_stop(run: Trajectory, want: Accuracy) -> float:
+    """Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away."""
+    size = max(1.0, float(np.abs(run.state).max(initial=0.0)))
+    return want.absolute * size + want.relative * max(size, run.t_reached)
 
-    ``make(steps, factor)`` makes a run of so many steps that keeps the states of one with
-    ``steps / factor``.
+
+def by_tolerance(
+    make: Callable[[int, int], Trajectory], n: int, want: Accuracy, *, dense: bool = False
+) -> Trajectory:
+    """Halve the step until the states kept change by no more than is allowed.
+
+    ``make(factor, parts)`` makes a run in steps shorter by the factor from n of them; it keeps the
+    states of the first, and of so many parts of its steps. ``dense``: keep so many states that
+    peaks between them are low, by a run in steps as short, which are as exact as the others; not
+    where all of the past costs more with every step.
     """
-    first = make(n, 1)
+    first = make(1, 1)
     factor, coarse = 1, first
     changes: list[float] = []
     while not hopeless(changes):
         factor *= 2
-        fine = make(n * factor, factor)
-        change = math.inf
+        fine = make(factor, 1)
+        change = difference(coarse, fine)
         if "completed" == coarse.outcome == fine.outcome:
-            change = difference(coarse, fine)
-            if change <= wanted:
-                return replace(fine, error=change, _planned=partial(first._planned, wanted))
-        elif coarse.outcome == fine.outcome == "unphysical":
-            return fine
+            if agree(coarse, fine, want):
+                direct = getattr(fine._resume, "past", None) == "direct"
+                parts = parts_for_peaks(fine) if dense and not direct else 1
+                if parts > 1:
+                    fine = make(max(factor, parts), parts)
+                error = max(change, rounding_of(fine.state))
+                return replace(fine, error=error, _planned=partial(_plan_of, first, want))
+        elif change <= _allowed_at_stop(fine, want):
+            error = max(change, rounding_of(fine.state))
+            return replace(fine, error=error, _planned=partial(_plan_of, first, want))
         changes.append(change)
-        coarse = fine
+        before, coarse = coarse, fine
     raise InputError(
-        f"tolerance = {wanted:g}: not met with {n * factor} steps (states still change by "
-        f"{changes[-1]:.1e} or the run fails); the motion may be chaotic: take a "
-        "shorter run or a larger tolerance"
+        f"{want}: not met with {n * factor} steps (states still change by {changes[-1]:.1e}): "
+        f"{reason(before, coarse, want)}"
     )
+
+
+def _plan_of(first: Trajectory, want: Accuracy) -> Plan:
+    plan = first._planned(want.absolute or want.relative)
+    if want.relative == 0:
+        return plan
+    step = "computes: the step, halved until the states kept change by no more than "
+    lines = str(plan).splitlines()
+    return Plan("\n".join(step + want.text if s.startswith(step) else s for s in lines))
+
+
+def agree(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> bool:
+    """Whether two runs differ by no more than is allowed."""
+    if coarse.state.shape != fine.state.shape:
+        return False
+    parts = np.abs(fine.state - coarse.state).max(axis=0)
+    return bool((parts <= want.allowed(fine.state)).all())
 
 
 def go_on(earlier: Trajectory, end: float, want: Wanted, progress: bool) -> Trajectory:
@@ -116,12 +166,34 @@ def go_on(earlier: Trajectory, end: float, want: Wanted, progress: bool) -> Traj
     if earlier.outcome != "completed":
         raise InputError(f"resume: that run ended {earlier.outcome!r}, must be 'completed'")
     run: Run = copy.copy(earlier._resume)
+    if run.mesh is not None:
+        return _go_on_with_breaks(run, end, want, progress)
     n = round((end - run.time) / run.h)
     if n < 1 or abs(run.time + n * run.h - end) > 1e-9 * max(abs(end), run.h):
         raise InputError(
             f"t_end = {end:g}: must be a whole number of steps {run.h:g} after {run.time:g}"
         )
     return run.steps(n, want, progress)
+
+
+def _go_on_with_breaks(run: "Run", end: float, want: Wanted, progress: bool) -> Trajectory:
+    """Continue a run whose steps end on the breaks of its loads."""
+    assert run.mesh is not None
+    begin, before = run.time, run.done
+    if not end > begin:
+        raise InputError(f"t_end = {end:g}: must be greater than {begin:g}, where the run ended")
+    shortest = run.mesh.shortest
+    mesh = run.mesh.extended(end)
+    if mesh.lengths.min() < shortest * (1 - 1e-9) and run.counts == "iterations":
+        raise InputError(
+            f"t_end = {end:g}: takes a step of {mesh.lengths.min():g}, must be none shorter than "
+            f"{shortest:g}, for which the run was made"
+        )
+    run.mesh = mesh
+    if want.times is None and want.keep != "last":
+        k = np.arange(before, mesh.count + 1, want.every)
+        want = want.at(mesh.times(k))
+    return run.steps(mesh.count - before, want, progress)
 
 
 class Piece(NamedTuple):
@@ -132,7 +204,10 @@ class Piece(NamedTuple):
     at_times: FloatArray
     last: FloatArray
     memory: FloatArray
+    #: Whole steps, wanted times reached, and the time of the last state.
     made: int
+    n_reached: int
+    reached: float
     ended: int
     counted: int
 
@@ -157,7 +232,23 @@ class Run(ABC):
         self.solved = solved
         self.begin = state
         self.done = 0
+        self.reached = 0.0
         self.memory: FloatArray | None = None
+        #: Where steps end, if they are not equal.
+        self.mesh: Mesh | None = None
+        #: What a table of forces is called in the plan.
+        self.table: str | None = None
+
+    def on(self, mesh: Mesh) -> "Run":
+        """The same run in the steps of a mesh."""
+        self.mesh, self.h = mesh, mesh.h
+        return self
+
+    def _mesh_arrays(self) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+        """Return ends of pieces and the steps made by each, one at 0 for equal steps."""
+        if self.mesh is None:
+            return np.zeros(1), np.zeros(1, dtype=np.int64)
+        return self.mesh.ends, self.mesh.made_by
 
     @abstractmethod
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
@@ -170,8 +261,12 @@ class Run(ABC):
     def plan(self, want: Wanted, end: float, sought: float | None = None) -> Plan:
         """Say what a run to ``end`` computes; ``sought``: the tolerance by which its step was."""
         dt = self.h if sought is None else 0.0
+        want = want.asked or want
         every, last = min(want.every, np.iinfo(np.int32).max), want.keep == "last"
         plan = Plan(self._plan(end, dt, sought or self.solved, every, last).decode())
+        if self.table is not None:
+            lines = [s for s in str(plan).splitlines() if s != "skips: the load (there is none)"]
+            plan = Plan("\n".join([*lines, self.table]))
         if want.times is not None:
             return plan.and_also(
                 [f"skips: storing states but at {want.times.size} times (not asked for)"]
@@ -185,7 +280,10 @@ class Run(ABC):
     @property
     def time(self) -> float:
         """How far the run has come."""
-        return self.done * self.h
+        return self._time_after(self.done)
+
+    def _time_after(self, steps: int) -> float:
+        return steps * self.h if self.mesh is None else self.mesh.time(steps)
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
         """Make n steps."""
@@ -210,13 +308,16 @@ class Run(ABC):
             if skipped:
                 ended = self._advance(skipped, replace(want, keep="last"), states, counts, bar)
                 start, first = self.done, self.state
+                if ended:
+                    # What was wanted lies beyond the stop: the state there is all there is.
+                    want = replace(want, keep="last")
             if not ended:
                 ended = self._advance(n - skipped, want, states, counts, bar)
         if want.times is not None:
             kept = np.concatenate(states)
             t = want.times[: kept.shape[0]]
         elif want.keep == "last":
-            kept, t = self.state[np.newaxis], np.array([self.time])
+            kept, t = self.state[np.newaxis], np.array([self.reached])
         else:
             kept = np.concatenate([first[np.newaxis], *states])
             t = np.multiply(start + want.every * np.arange(kept.shape[0]), self.h, dtype=float)
@@ -224,14 +325,14 @@ class Run(ABC):
             t=t,
             state=kept,
             outcome=OUTCOMES[ended],
-            t_reached=self.time,
+            t_reached=self.reached,
             dt=self.h,
             method=self.method,
             error=None,
             stats={"steps": self.done, **counts},
             system=self.system,
             _resume=self,
-            _planned=partial(self.plan, want, (start + n) * self.h),
+            _planned=partial(self.plan, want, self._time_after(start + n)),
         )
 
     def _advance(
@@ -251,16 +352,17 @@ class Run(ABC):
             columns = count // want.every if stored else 0
             times = np.empty(0)
             if want.times is not None:
-                now, until = self.time, (self.done + count) * self.h
+                now, until = self.time, self._time_after(self.done + count)
                 if left == count:
                     until = math.inf
                 times = want.times[(want.times >= now) & (want.times < until)]
             part = self._native_steps(count, want.every, columns, times)
             self.memory, self.state, ended = part.memory, part.last, part.ended
             self.done += part.made
+            self.reached = part.reached if ended else self.time
             counts[self.counts] += part.counted
             if want.times is not None:
-                states.append(part.at_times.T[times <= self.time * (1 + 1e-15)])
+                states.append(part.at_times.T[: part.n_reached])
             else:
                 states.append(part.states.T[: min(columns, part.made // want.every)])
             left -= count
@@ -269,7 +371,7 @@ class Run(ABC):
         return int(ended)
 
     def _check_times(self, times: FloatArray, n: int) -> None:
-        end = (self.done + n) * self.h
+        end = self._time_after(self.done + n)
         if times[0] < self.time or times[-1] > end * (1 + 1e-15):
             raise InputError(
                 f"times: must be between the start {self.time:g} and the end {end:g} of the run"

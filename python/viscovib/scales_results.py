@@ -196,6 +196,10 @@ class ScalesResponse:
         third order included.
     order_sizes : ndarray, shape (n, 3)
         What the terms of each order can add up to; as of `ScalesMotion`.
+    left_out : ndarray, shape (n,)
+        Largest influence of a term near resonance that is not in the modulation equations: its
+        coupling times the amplitudes over its divisor. Below 0.05 as a rule; more where its
+        frequency has no place beside the others (the motion is then quasi-periodic).
     plan : Plan
         What was computed, what was skipped and why.
     """
@@ -208,6 +212,7 @@ class ScalesResponse:
     eigenvalues: ComplexArray
     harmonics: ComplexArray
     order_sizes: FloatArray
+    left_out: FloatArray
     dof_names: tuple[str, ...]
     plan: Plan
     _errors: Callable[[], tuple[FloatArray, FloatArray]] = field(repr=False)
@@ -243,6 +248,7 @@ class ScalesResponse:
         error = (self.motion_errors / self._units).max(axis=1)
         return np.asarray(
             (falling(self.order_sizes) <= LEAST_FALL)
+            & (self.left_out <= LEAST_FALL)
             & (error <= LEAST_FALL * self.order_sizes[:, 0])
         )
 

@@ -7,12 +7,12 @@ back the scene with every default written out, which is what Python sees.
 import math
 import os
 import re
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import f90nml
 import numpy as np
 import xarray as xr
 
@@ -21,7 +21,7 @@ from viscovib._native import FloatArray, core
 from viscovib.backbone import Backbone
 from viscovib.branch import Branch, trace_response
 from viscovib.driven_branch import DrivenBranch, trace_pendulum
-from viscovib.errors import FileError, InputError
+from viscovib.errors import ConvergenceWarning, FileError, InputError
 from viscovib.kernels import (
     AbelKernel,
     Kernel,
@@ -39,7 +39,7 @@ from viscovib.plan import Plan, wanted_places
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
 from viscovib.response import Response, forced_response
 from viscovib.scales_results import ScalesResponse
-from viscovib.scene_keys import namelist_text, with_key
+from viscovib.scene_keys import groups_of, namelist_text, with_key
 from viscovib.spectrum import Spectrum, spectrum
 from viscovib.trajectory import Trajectory
 from viscovib.transient import simulate
@@ -84,8 +84,11 @@ class Scene:
     canonical: str
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> "Scene":
+    def read(cls, path: str | os.PathLike[str], *, allow_paths: bool = False) -> "Scene":
         """Read and check a scene file.
+
+        Files that it names, such as the table of a kernel, must be in its folder or below it,
+        links followed; ``allow_paths`` lifts this, for scenes of one's own.
 
         Raises
         ------
@@ -94,13 +97,13 @@ class Scene:
         FileError
             If the file cannot be read.
         """
-        text = _canonical(path)
+        text = _canonical(path, _native.flag("allow_paths", allow_paths))
         groups: dict[str, Any] = {name: [] for name in _REPEATABLE}
-        for name, group in f90nml.reads(text).items():
+        for name, group in groups_of(text):
             if name in _REPEATABLE:
-                groups[name].append(dict(group))
+                groups[name].append(group)
             else:
-                groups[name] = dict(group)
+                groups[name] = group
         return cls(
             path=Path(path),
             title=groups.get("scene", {}).get("title", ""),
@@ -247,13 +250,16 @@ class Scene:
             more = {"load": self.loads()["load"]}
         if "nu" in group:
             more["nu"] = group["nu"]
+        accuracy = {name: group[name] or None for name in ("rtol", "atol")}
+        if not any(accuracy.values()):
+            accuracy = {"tolerance": group["tolerance"] or None}
         return {
             "system": self.pendulum() if self.is_pendulum else self.oscillator(),
             **more,
             "t_end": group["t_end"],
             "initial": np.atleast_1d(group["initial"]),
             "dt": group["dt"] or "auto",
-            "tolerance": group["tolerance"] or None,
+            **accuracy,
             "method": group["method"],
             "save_every": group["save_every"],
             "keep": group["keep"],
@@ -269,14 +275,14 @@ class Scene:
         values = core.frequency_grid(group["from"], group["to"], 0, group["count"])
         if self.is_pendulum:
             system = MultipleScales(
-                self.pendulum(), tolerance=group["tolerance"], ordering=group["ordering"]
+                self.pendulum(), tolerance=_band(group), ordering=group["ordering"]
             )
         else:
             system = MultipleScales(
                 self.oscillator(),
                 load=np.real(self.loads()["load"][1]),
                 nu=group.get("nu"),
-                tolerance=group["tolerance"],
+                tolerance=_band(group),
             )
         return system.response(group["parameter"], values)
 
@@ -449,6 +455,14 @@ class SceneResult:
         return self.value
 
 
+def _band(group: Mapping[str, Any]) -> float | None:
+    """Return the band of resonances in a group, None where the core chooses by influence.
+
+    The core writes the lowest number there is for a band that is not given.
+    """
+    return None if group["tolerance"] < 0 else float(group["tolerance"])
+
+
 def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
     """Compute what a scene asks for; with &sweep groups, at every point of their grid."""
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
@@ -481,6 +495,14 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
     if group is None:
         return None
     kept = run.t >= group["discard"] * (1 - 1e-12)
+    if kept.sum() < 2:
+        warnings.warn(
+            f"no spectrum: {kept.sum()} states from discard = {group['discard']:g} on, must be at "
+            "least 2",
+            ConvergenceWarning,
+            stacklevel=3,
+        )
+        return None
     step = float(run.t[min(1, run.t.size - 1)])
     wanted = wanted_places(_texts(group["coordinates"]), run.dof_names)
     found = spectrum(
@@ -507,7 +529,7 @@ def _plan_sweep(scene: Scene) -> Plan:
     return Plan(f"sweeps: {' x '.join(axes)} = {points} points, each:\n{plan(scene.override({}))}")
 
 
-def _canonical(path: str | os.PathLike[str]) -> str:
+def _canonical(path: str | os.PathLike[str], allow_paths: bool) -> str:
     try:
         name = os.fspath(path)
     except TypeError:
@@ -515,14 +537,14 @@ def _canonical(path: str | os.PathLike[str]) -> str:
     encoded = os.fsencode(name)
     if not encoded or b"\0" in encoded or len(encoded) > _MAX_PATH:
         raise FileError(f"{name!r}: not a path of a scene file")
-    return _read(core.scene_canonical, encoded)
+    return _read(core.scene_canonical, encoded, int(allow_paths))
 
 
 def _canonical_text(name: str, text: str) -> str:
     return _read(core.scene_canonical_of_text, name.encode(), text.encode())
 
 
-def _read(routine: Callable[..., tuple[Any, ...]], *given: bytes) -> str:
+def _read(routine: Callable[..., tuple[Any, ...]], *given: bytes | int) -> str:
     room = 1 << 16
     while True:
         text, length = _native.call(routine, *given, room)

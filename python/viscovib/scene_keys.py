@@ -8,6 +8,45 @@ import numpy as np
 
 from viscovib.errors import InputError
 
+#: A value as the compiled reader writes it: a text, its quotes doubled, or a number.
+_VALUE = re.compile(r"'((?:[^']|'')*)'|(\S+)")
+
+
+def groups_of(text: str) -> list[tuple[str, dict[str, Any]]]:
+    """Return the groups of a canonical scene in their order.
+
+    One value stands alone, several are a list. The text is that of the compiled reader: a key a
+    line, of which lines without "=" go on, texts in single quotes on one line.
+    """
+    groups: list[tuple[str, dict[str, Any]]] = []
+    lists: dict[str, list[Any]] = {}
+    key = ""
+    for line in text.split("\n"):
+        if line.startswith("&"):
+            lists = {}
+            groups.append((line[1:], {}))
+        elif line == "/":
+            one = {name: values if len(values) > 1 else values[0] for name, values in lists.items()}
+            groups[-1][1].update(one)
+        elif line.startswith("    "):
+            lists[key] += map(float, line.split())
+        elif line:
+            key, _, values = line[2:].partition(" =")
+            lists[key] = _values(values)
+    return groups
+
+
+def _values(text: str) -> list[Any]:
+    """Values of one line."""
+    if "'" not in text:
+        return [_number(word) for word in text.split()]
+    found = _VALUE.finditer(text)
+    return [m[1].replace("''", "'") if m[2] is None else _number(m[2]) for m in found]
+
+
+def _number(word: str) -> int | float:
+    return int(word) if word.lstrip("+-").isdigit() else float(word)
+
 
 def with_key(groups: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
     """Return groups with one key changed, its value unchecked."""
@@ -53,8 +92,8 @@ def with_key(groups: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
 
 
 def _like(before: Any, value: Any) -> Any:
-    """Whole numbers where an integer stood, and the other way round."""
-    if isinstance(before, int) and isinstance(value, float) and value.is_integer():
+    """Whole numbers where an integer stood, or a word, which none but counts can be."""
+    if isinstance(before, (int, str)) and isinstance(value, float) and value.is_integer():
         return int(value)
     return value
 

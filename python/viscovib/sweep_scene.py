@@ -1,8 +1,9 @@
 """Scenes over a grid: their keys as parameters, and a few numbers of each result."""
 
+import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,28 +18,13 @@ from viscovib.fingerprint import describe
 from viscovib.response import Response
 from viscovib.scene import Scene, SceneResult, run
 from viscovib.scene_keys import with_key
+from viscovib.scene_units import unit_of
 from viscovib.sweep_points import Grid, Numbers
 from viscovib.trajectory import Trajectory
 
-#: Units of keys; those of a pendulum have none.
-_UNITS = {
-    "mount.mass": "kg",
-    "mount.inertia": "kg m^2",
-    "mount.offset": "m",
-    "mount.stiffness_x": "N/m",
-    "mount.stiffness_phi": "N m",
-    "kernel.beta": "1/s",
-    "kernel.rates": "1/s",
-    "kernel.times": "s",
-    "load.phase": "rad",
-    "response.nu": "rad/s",
-    "response.nu_min": "rad/s",
-    "response.nu_max": "rad/s",
-    "branch.nu_from": "rad/s",
-    "branch.nu_to": "rad/s",
-    "transient.t_end": "1/omega_1",
-    "transient.dt": "1/omega_1",
-}
+#: Highest order of responses whose orders are chosen that a sweep keeps, so that all have one
+#: shape; the load may have higher ones.
+_SHOWN = 9
 
 
 @dataclass(frozen=True)
@@ -54,7 +40,24 @@ class _AtPoint:
             return self.extract(result)
         if self.extract == "summary":
             return _with_units(summary(result), result.value)
+        chosen = result.scene.groups.get("response", {}).get("harmonics") == "auto"
+        if isinstance(result.value, Response) and chosen and result.value.method != "linear":
+            return _of_one_shape(result.value)
         return result.value
+
+
+def _of_one_shape(value: Response) -> Response:
+    """Orders to 9, or to the highest of the load, of those that a response needed at this point."""
+    highest = max(_SHOWN, int(value._job[-2].max()))
+    first = int(value.harmonics[0])
+    orders = np.arange(first, highest + 1, 1 if first == 0 else 2, dtype=np.int32)
+    both = np.intersect1d(orders, value.harmonics)
+    missing = np.isnan(value.coefficients[:, :, :1])
+    kept = np.where(missing, value.coefficients[:, :, :1], np.zeros(orders.size, dtype=complex))
+    kept[:, :, np.searchsorted(orders, both)] = value.coefficients[
+        :, :, np.searchsorted(value.harmonics, both)
+    ]
+    return replace(value, harmonics=orders, coefficients=kept)
 
 
 def scene_job(
@@ -67,7 +70,7 @@ def scene_job(
             f"extract = {_native.shown(extract)}: must be 'all', 'summary' or a function"
         )
     checked = Grid.checked(scene.sweep_grid() if grid is None else grid)
-    points = Grid(checked.values, {n: u for n in checked.names if (u := _unit(scene, n))})
+    points = Grid(checked.values, {n: u for n in checked.names if (u := unit_of(scene.groups, n))})
     plain = scene.override({})
     # A wrong name is told at once, before any point is computed.
     for name, values in points.values.items():
@@ -89,11 +92,11 @@ def summary(result: SceneResult) -> dict[str, Any]:
     """
     value = result.value
     if isinstance(value, Trajectory):
-        half = value.state[value.t >= 0.5 * value.t_reached, ::2]
+        late = value.t >= 0.5 * value.t_reached
         found: dict[str, Any] = {}
-        for name, column in zip(value.dof_names, half.T, strict=True):
-            found[f"max_{name}"] = np.abs(column).max()
-            found[f"rms_{name}"] = np.sqrt(np.mean(column**2))
+        for name, column in zip(value.dof_names, value.state[late, ::2].T, strict=True):
+            found[f"max_{name}"] = np.abs(column).max() if column.size else np.nan
+            found[f"rms_{name}"] = _rms(value.t[late], column)
         return found | {"outcome": value.outcome}
     if isinstance(value, Backbone):
         ends = {"nu_first": value.nu[0], "nu_last": value.nu[-1]}
@@ -101,6 +104,13 @@ def summary(result: SceneResult) -> dict[str, Any]:
     if not isinstance(value, (Response, Branch, DrivenBranch)):
         raise InputError("summary: must be that of a response, a branch, a backbone or a motion")
     return _peaks(value)
+
+
+def _rms(t: npt.NDArray[np.float64], values: npt.NDArray[np.float64]) -> float:
+    """Root mean square over time, whatever the spacing of the states; NaN without any."""
+    if t.size < 2:
+        return float(np.abs(values[0])) if t.size else math.nan
+    return math.sqrt(np.trapezoid(values**2, t) / (t[-1] - t[0]))
 
 
 def _peaks(value: Response | Branch | DrivenBranch) -> dict[str, Any]:
@@ -117,6 +127,9 @@ def _peaks(value: Response | Branch | DrivenBranch) -> dict[str, Any]:
 
 
 def _with_units(found: dict[str, Any], value: Any) -> Numbers:
+    if isinstance(value, Trajectory):
+        pairs = zip(value.dof_names, value.system.dof_units, strict=True)
+        return Numbers(found, {f"{kind}_{n}": u for n, u in pairs for kind in ("max", "rms")})
     if isinstance(value, Backbone) and value.energy is None:
         return Numbers(found, {"nu_first": "rad/s", "nu_last": "rad/s"})
     if not isinstance(value, (Response, Branch)):
@@ -124,19 +137,6 @@ def _with_units(found: dict[str, Any], value: Any) -> Numbers:
     units = {f"nu_peak_{name}": "rad/s" for name in value.dof_names}
     units |= {f"peak_{n}": u for n, u in zip(value.dof_names, value.dof_units, strict=True)}
     return Numbers(found, units)
-
-
-def _unit(scene: Scene, name: str) -> str:
-    group, _, key = name.lower().partition(".")
-    group, key = group.partition("(")[0], key.partition("(")[0]
-    if group == "load" and key == "amplitude":
-        which = int(name.partition("(")[2].partition(")")[0] or 1) if "(" in name else 1
-        loads = scene.groups["load"]
-        load = loads[which - 1] if 0 < which <= len(loads) else {}
-        if load.get("kind") == "base":
-            return "m"
-        return "N" if load.get("on") == "x" else "N m"
-    return _UNITS.get(f"{group}.{key}", "")
 
 
 def _flat(scene: Scene) -> dict[str, str]:

@@ -168,6 +168,15 @@ def complex_coefficients(x: FloatArray) -> ComplexArray:
     return result
 
 
+def unknowns_of(coefficients: ComplexArray) -> FloatArray:
+    """Unknowns of one motion from X_k, shape (3, n_orders)."""
+    x = np.empty((3, 2 * coefficients.shape[1] - 1))
+    x[:, 0] = coefficients[:, 0].imag
+    x[:, 1::2] = coefficients[:, 1:].real
+    x[:, 2::2] = coefficients[:, 1:].imag
+    return x.ravel()
+
+
 def place_of(orders: IntArray, harmonic: object) -> int:
     """Index of an order, or of its negative, which has the same amplitude."""
     wanted = np.atleast_1d(np.asarray(harmonic))

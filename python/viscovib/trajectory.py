@@ -21,7 +21,7 @@ from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan, wanted_places
 from viscovib.polynomial_system import PolynomialSystem
 
-OUTCOMES = ("completed", "diverged", "unphysical")
+OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,15 +36,18 @@ class Trajectory:
         Each coordinate and its velocity: (z, z', phi, phi', psi, psi') of a pendulum, (x, x', phi,
         phi') of a mount.
     outcome : str
-        "completed"; "diverged": the step is too large or a coordinate passed 1e6, the
-        run stopped; "unphysical": z <= -1, the spring passes through the pivot, the run stopped.
+        "completed"; "diverged": a coordinate passed 1e6; "unphysical": z = -1, the spring
+        passes through the pivot; "step too large": the motion goes on, but the given steps do
+        not follow it. Runs that end so hold the states before.
     t_reached : float
-        Time of the last step made.
+        Time that was reached: where a motion diverges or becomes unphysical it is found inside
+        the step, to rounding. ``keep="last"`` keeps the state there.
     dt : float
         The step.
     method : str
     error : float or None
-        Estimated largest error of the states kept, if asked for or ``dt`` was "auto".
+        Estimated largest error of the states kept and of ``t_reached``, if asked for or ``dt``
+        was "auto"; not of a last state at 1e6, which changes faster than any time is known.
     resolution : float or None
         Of motion with memory: the last coefficient in Legendre polynomials of a displacement on
         a step, the largest of all steps, relative to the largest displacement. At 1e-2 and more

@@ -11,15 +11,18 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
+from viscovib.accuracy import Accuracy
 from viscovib.errors import ConvergenceWarning, InputError
-from viscovib.hereditary import MountMotion, moving
+from viscovib.hereditary import MountMotion, moving, table_of
 from viscovib.load import LoadLike, load_series
 from viscovib.load_table import LoadTable
+from viscovib.mesh import Mesh
 from viscovib.mount import Mount
 from viscovib.past import Past
 from viscovib.pendulum import Pendulum
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.runs import (
+    MAX_FIRST_STEPS,
     MAX_STEPS,
     ROUNDING,
     Piece,
@@ -56,6 +59,8 @@ def simulate(
     resume: Trajectory | None = None,
     method: str = "auto",
     tolerance: float | None = None,
+    rtol: float | None = None,
+    atol: float | None = None,
     load: LoadLike | None = None,
     nu: float | None = None,
     base: LoadLike | None = None,
@@ -79,13 +84,15 @@ def simulate(
     dt : float or "auto"
         Step, shortened so that a whole number of steps reaches t_end. "auto": halved from about
         a quarter of the fastest linear period until halving changes the kept states by no more
-        than ``tolerance``.
+        than ``tolerance``. So many states are kept then (up to 100 000, and unless all of the past
+        is kept) that no peak between them is higher by more than 1/500 of the largest displacement.
     initial : array_like, shape (2 n_dof,)
         State at t = 0, (z, z', phi, phi', psi, psi') or (x, x', phi, phi'). A mount without one
         starts at rest, or where it was ``held``.
     resume : Trajectory
-        Continue this run instead, bit for bit as if it had never stopped; the step, the method
-        and the loads are those of the run.
+        Continue this run instead, bit for bit as if it had never stopped; system, step, method
+        and loads are those of the run. A kernel that is fitted by exponentials is so for the
+        first ``t_end``: there the two agree to the tolerance only.
     method : str
         Of a pendulum: "gauss8", "gauss16", "gauss2", "gauss3": Gauss-Legendre collocation of
         that many nodes (order twice as high), symplectic; "rk4"; "dop8": Dormand and Prince,
@@ -99,12 +106,17 @@ def simulate(
         the step is found by it. With ``dt`` given it only says how far the equations of a
         step are solved, and how well kernels are represented (default: to rounding).
         A polynomial system without memory, of at most 6 coordinates and under nothing but a
-        ``load`` of orders up to 199, has the methods of a pendulum; else those of a mount.
+        ``force`` and a ``load`` of orders up to 199, has the methods of a pendulum; else those of
+        a mount.
+    rtol, atol : float
+        With ``dt="auto"``, instead of ``tolerance``: each coordinate and velocity is wanted within
+        atol + rtol times its largest value of the run (rtol 1e-13 to 1; atol 0 if not given).
     load, nu, base
         Not of a pendulum: periodic load, its frequency and motion of the base, as for
         ``forced_response``; a constant force F is ``load={0: 1j * F}``.
     force : LoadTable
-        Of a mount: any load in time, besides the periodic one.
+        Not of a pendulum: any load in time, besides the periodic one. Steps end on its corners
+        and ends; with ``dt`` given, states are kept at equal times all the same.
     held : array_like, shape (n_dof,), or Past
         Of a mount: displacement relative to the base held for all t < 0, or any motion before
         it, which its springs remember; None: at rest.
@@ -148,20 +160,28 @@ def simulate(
             f"system = {_native.shown(system)}: must be a Pendulum or a Mount or a PolynomialSystem"
         )
     end = _native.number("t_end", t_end)
+    at_first = 1
     want = Wanted.checked(times, save_every, keep, tail)
-    wanted = None if tolerance is None else _native.number("tolerance", tolerance)
-    if wanted is not None and not 1e-13 <= wanted <= 1:
-        raise InputError(f"tolerance = {wanted:g}: must be in [1e-13, 1]")
+    auto = _native.is_auto(dt)
+    accuracy = Accuracy.checked(tolerance, rtol, atol, 1e-10 if auto else None)
+    if not auto and (rtol is not None or atol is not None):
+        raise InputError('rtol, atol: are for dt = "auto", must not be given with dt')
+    # The step alone decides the error: its equations are solved to rounding, which costs little.
+    wanted = None if auto or accuracy is None else accuracy.absolute
     if resume is not None:
         if initial is not None:
             raise InputError("initial and resume are both given: must be one of them")
         if load is not None or nu is not None:
             raise InputError("load, nu: are those of the run that is resumed, must not be given")
+        _check_resumed(
+            system,
+            resume,
+            {"base": base, "force": force, "held": held, "tolerance": tolerance},
+            {"dt": dt, "method": method, "memory": memory},
+        )
         return go_on(resume, end, want, progress)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
-    if _native.is_auto(dt) and wanted is None:
-        wanted = 1e-10
     if isinstance(system, Pendulum):
         given = {"load": load, "nu": nu, "base": base, "force": force, "held": held}
         for argument, value in given.items():
@@ -169,31 +189,52 @@ def simulate(
                 raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
         _native.choice("memory", memory, ("auto",))
         make, n = _pendulum_runs(system, end, initial, method, wanted)
-    elif _as_pendulum(system, method, load, base, force, held, memory):
-        make, n = _polynomial_runs(system, end, initial, method, load, nu, wanted)
+    elif _as_pendulum(system, method, load, base, held, memory):
+        make, n = _polynomial_runs(system, end, initial, method, load, nu, force, wanted)
     else:
         motion = MountMotion.checked(
             system, end, initial, method, load, nu, base, force, held, memory
         )
-        make, n = motion.runs(ROUNDING if wanted is None else 0.1 * wanted), motion.first_steps()
+        solved = ROUNDING if accuracy is None else accuracy.solved
+        make = motion.runs(solved if motion.remembers or not auto else ROUNDING)
+        n, at_first = motion.first_steps(), 2 if motion.remembers else 1
+    breaks = np.empty(0) if force is None else force._breaks(len(system.dof_names))
+    if force is not None:
+        make = _with_table(make, force)
 
     estimated = _native.flag("estimate_error", estimate_error)
 
-    def run(steps: int, factor: int) -> Trajectory:
-        return make(end / steps).steps(steps, want.finer(factor), progress)
+    def run(factor: int, parts: int) -> Trajectory:
+        if mesh is not None:
+            finer, kept = mesh.finer(factor), on_mesh
+            if parts > 1:
+                kept = want.at(mesh.all_times(parts))
+            return make(finer.h).on(finer).steps(finer.count, kept, progress)
+        steps, kept = n * factor, want
+        if factor > 1:
+            kept = want.finer(factor // parts)
+        return make(end / steps).steps(steps, kept, progress)
 
-    if _native.is_auto(dt):
-        assert wanted is not None
-        if n > MAX_STEPS:
-            raise InputError(f"t_end = {end:g}: takes {n:.1e} steps, must be at most {MAX_STEPS:g}")
-        return by_tolerance(run, want.every * math.ceil(n / want.every), wanted)
+    if auto:
+        assert accuracy is not None
+        if n > MAX_FIRST_STEPS:
+            raise InputError(
+                f"t_end = {end:g}: takes {n:.1e} steps of the fastest motion or load, must be at "
+                f"most {MAX_FIRST_STEPS:g}: take a shorter run, slower loads or softer springs, or "
+                "give dt"
+            )
+        n = want.every * math.ceil(n / want.every)
+        mesh, on_mesh = _mesh(force, breaks, end, end / n, at_first, want)
+        free = want.every == 1 and want.keep == "all" and want.times is None
+        return by_tolerance(run, n, accuracy, dense=free)
     step = _native.number("dt", dt)
     if not 0 < step <= end:
         raise InputError(f"dt = {step:g}: must be greater than 0 and not exceed t_end = {end:g}")
     if end / step > MAX_STEPS:
         raise InputError(f"dt = {step:g}: t_end / dt must be at most {MAX_STEPS:g}")
     n = math.ceil(end / step * (1 - 1e-12))
-    result = run(n, 1)
+    mesh, on_mesh = _mesh(force, breaks, end, end / n, at_first, want, equal=n)
+    result = run(1, 1)
     if result.resolution is not None and result.resolution > _ROUGH:
         warnings.warn(
             f"dt = {step:g}: steps do not resolve the motion (resolution "
@@ -202,7 +243,7 @@ def simulate(
             stacklevel=2,
         )
     if estimated:
-        fine = run(2 * n, 2)
+        fine = run(2, 1)
         return replace(
             result,
             error=difference(result, fine),
@@ -211,6 +252,65 @@ def simulate(
             ),
         )
     return result
+
+
+def _with_table(make: Callable[[float], Run], force: LoadTable) -> Callable[[float], Run]:
+    """Let the plan of a run name the table of forces that acts."""
+    times = np.asarray(force.times)
+    words = f"computes: force by a table of {times.size} times, {times[0]:g} to {times[-1]:g}"
+
+    def made(h: float) -> Run:
+        run = make(h)
+        run.table = words
+        return run
+
+    return made
+
+
+def _mesh(
+    force: LoadTable | None,
+    breaks: FloatArray,
+    end: float,
+    h: float,
+    at_first: int,
+    want: Wanted,
+    equal: int | None = None,
+) -> tuple[Mesh | None, Wanted]:
+    """Return where steps end, None if they are equal, and what is kept of them.
+
+    ``equal``: states are kept after so many equal steps, whatever the loads are.
+    """
+    if force is None:
+        return None, want
+    mesh = Mesh.until(end, h, breaks, at_first=at_first)
+    if mesh.count > MAX_STEPS:
+        raise InputError(f"force: takes {mesh.count:.1e} steps, must be at most {MAX_STEPS:g}")
+    if want.times is not None or want.keep == "last":
+        return mesh, want
+    times = mesh.all_times() if equal is None else np.multiply(np.arange(equal + 1), h, dtype=float)
+    times[-1] = end
+    return mesh, want.at(times[:: want.every])
+
+
+def _check_resumed(
+    system: Pendulum | Mount | PolynomialSystem,
+    run: Trajectory,
+    given: Mapping[str, object],
+    choices: Mapping[str, object],
+) -> None:
+    """Refuse by name what a run that goes on has already."""
+    _native.check_instance("resume", run, Trajectory)
+    parts = [(body._flat, *getattr(body, "_kernels", ())) for body in (system, run.system)]
+    if type(system) is not type(run.system) or not all(
+        np.array_equal(one, other) for one, other in zip(*parts, strict=True)
+    ):
+        raise InputError("system: must be that of the run that is resumed")
+    told = [name for name, value in given.items() if value is not None]
+    told += [name for name, value in choices.items() if not _native.is_auto(value)]
+    if told:
+        raise InputError(
+            f"{', '.join(told)}: as of the run that is resumed, must not be given with resume"
+        )
 
 
 def _pendulum_runs(
@@ -252,7 +352,6 @@ def _as_pendulum(
     method: str,
     load: LoadLike | None,
     base: LoadLike | None,
-    force: LoadTable | None,
     held: npt.ArrayLike | Past | None,
     memory: str,
 ) -> TypeGuard[PolynomialSystem]:
@@ -263,7 +362,7 @@ def _as_pendulum(
     return (
         len(system.dof_names) <= _MAX_DOF
         and method in ("auto", *METHODS)
-        and all(given is None for given in (base, force, held))
+        and all(given is None for given in (base, held))
         and isinstance(highest, int)
         and highest <= _MAX_LOAD_ORDER
     )
@@ -276,10 +375,12 @@ def _polynomial_runs(
     method: str,
     load: LoadLike | None,
     nu: float | None,
+    force: LoadTable | None,
     wanted: float | None,
 ) -> tuple[Callable[[float], Run], int]:
     """Return what makes a run with a step, and the steps to begin with."""
     n = len(system.dof_names)
+    breaks, pieces = table_of(force, n)
     state = np.zeros(2 * n) if initial is None else _native.real_array("initial", initial)
     if state.shape != (2 * n,):
         raise InputError(f"initial: must have shape ({2 * n},), got {state.shape}")
@@ -292,9 +393,12 @@ def _polynomial_runs(
         raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
     name = "gauss8" if method == "auto" else method
     solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
-    steps = max(1, math.ceil(end * max(system._fastest(), frequency) / (0.5 * math.pi)))
-    moves = moving(system, (series[:-1] != 0).any(axis=1) | (state.reshape(n, 2) != 0).any(axis=1))
-    job = (system._flat, orders, series, frequency, moves)
+    # Steps must see the highest order of the load.
+    highest = frequency * int(orders[series.any(axis=0)].max(initial=0))
+    steps = max(1, math.ceil(end * max(system._fastest(), highest) / (0.5 * math.pi)))
+    driven = (series[:-1] != 0).any(axis=1) | (state.reshape(n, 2) != 0).any(axis=1)
+    moves = moving(system, driven | pieces.any(axis=(1, 2)))
+    job = (system._flat, orders, series, frequency, breaks, pieces, moves, force)
     return lambda h: _PolynomialRun(system, name, state, h, solved, job), steps
 
 
@@ -318,9 +422,13 @@ class _PolynomialRun(Run):
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""
-        _, orders, series, nu, _ = self.job
+        _, orders, series, nu, *_, table = self.job
         v = state[:, 1::2]
         force = (np.exp(1j * nu * np.outer(t, orders)) @ series[:-1].T).imag
+        if table is not None:
+            given = table(t)
+            force = force + given if given.ndim == 2 else force
+            force[:, 0] += given if given.ndim == 1 else 0.0
         return np.asarray(np.einsum("ta,ta->t", v, force - v @ self.system._damping.T))
 
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
@@ -335,9 +443,10 @@ class _PolynomialRun(Run):
         return Piece(
             *_native.call(
                 core.polynomial_simulate,
-                *self.job[:-1],
+                *self.job[:6],
+                *self._mesh_arrays(),
                 METHODS[self.method],
-                self.job[-1],
+                self.job[6],
                 self.state,
                 self.h,
                 self.solved,

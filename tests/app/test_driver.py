@@ -62,11 +62,11 @@ def test_orders_are_chosen_in_scenes(solve, tmp_path, method):
         assert "1 of 1 frequencies solved, 1 with too few harmonics" in done.stdout
 
 
-@pytest.mark.parametrize("harmonics", ["15", "'auto', tolerance = 1e-8"], ids=["15", "auto"])
+@pytest.mark.parametrize("harmonics", ["31", "'auto', tolerance = 1e-8"], ids=["31", "auto"])
 def test_branches_of_driver_and_python_agree(solve, tmp_path, harmonics):
     scene = tmp_path / "mount_branch.nml"
     text = (SCENES / "mount_branch.nml").read_text()
-    scene.write_text(text.replace("harmonics = 15", f"harmonics = {harmonics}"))
+    scene.write_text(text.replace("harmonics = 'auto'", f"harmonics = {harmonics}"))
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "completed, " in done.stdout
@@ -183,7 +183,7 @@ def test_full_disk_is_status_3_and_keeps_the_old_table(solve, tmp_path):
     if done.returncode != 0:
         pytest.skip("this user may not mount")
     assert done.stdout.split() == ["3", "mount_paper_response.csv", "old"]
-    assert "mount_paper_response.csv: writing failed (disk full?)" in done.stderr
+    assert "mount_paper_response.csv: writing failed (No space left on device)" in done.stderr
     assert len(done.stderr.splitlines()) == 1
 
 
@@ -261,11 +261,13 @@ def test_driver_reproduces_the_tabulated_curves(solve, tmp_path):
             .replace("mass=1", f"geometry='{geometry}', mass=1")
             .replace(
                 "nu_min=0.5, nu_max=4, nu_count=8",
-                f"tolerance=1e-13, nu={' '.join(p['nu'] for p in points)}",
+                f"tolerance=1e-13, harmonics=9, nu={' '.join(p['nu'] for p in points)}",
             )
         )
         done = solve(scene, "--out", tmp_path)
-        assert done.returncode == 0, done.stderr
+        # Nine orders are those of the tables, not of the tolerance.
+        assert done.returncode in (0, 1), done.stderr
+        assert f"{len(points)} of {len(points)} frequencies solved" in done.stdout
         table = read_csv(tmp_path / "curve_response.csv")
         for dof in ("x", "phi"):
             largest = np.array(

@@ -1,6 +1,8 @@
 """The standalone driver: motions in time and their spectra."""
 
+import math
 import os
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from driver import GOOD, MOTION, check_failure, read_csv
     [
         {},
         {"dt=0.25": "tolerance=1e-9"},
+        {"dt=0.25": "rtol=1e-7, atol=1e-12"},
         {"dt=0.25": "dt=0.3, method='verner9', save_every=7"},
         {"dt=0.25": "dt=1, tolerance=1e-6, method='gauss16'", "e=0.1": "equations='cubic', e=0.1"},
     ],
@@ -107,11 +110,21 @@ def test_spectra_of_driver_and_python_agree(solve, tmp_path):
 
 def test_motion_that_stops_early_is_status_1(solve, tmp_path):
     scene = tmp_path / "motion.nml"
+    # It passes its pivot very near, which no such step follows.
     scene.write_text(MOTION.replace("0.05 0 0.3", "0 -3 0.3"))
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 1
+    assert "step too large at t = 0.25" in done.stdout
+    # Straight through it, found inside the step; the row kept alone is that of the stop.
+    free = MOTION.replace("0.05 0 0.3 0 -0.2 0", "0 -3 0 0 0 0")
+    free = re.sub(r"(f0|m01|m02)\s*=\s*[0-9.]+", r"\1=0", free)
+    scene.write_text(free.replace("&transient", "&transient keep='last', "))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 1
     assert "unphysical at t = " in done.stdout
-    assert len(read_csv(tmp_path / "motion_transient.csv")) >= 1
+    row = read_csv(tmp_path / "motion_transient.csv")
+    assert float(row["t"]) == pytest.approx(math.asin(1 / 3), abs=3e-3)
+    assert float(row["z"]) == pytest.approx(-1, abs=1e-12)
 
 
 def test_chaos_is_refused_and_leaves_nothing(solve, tmp_path):
@@ -125,3 +138,50 @@ def test_chaos_is_refused_and_leaves_nothing(solve, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     check_failure(solve(scene, "--out", out), 2, "the motion may be chaotic", out)
+
+
+@pytest.mark.parametrize(
+    ("changes", "samples"),
+    [
+        ({"0.05 0 0.3": "0 -3 0.3"}, 0),
+        ({"dt=0.25": "dt=0.25, save_every=70"}, 0),
+        ({"dt=0.25": "dt=0.25, save_every=40"}, 1),
+    ],
+)
+def test_too_few_states_for_a_spectrum_are_told_and_the_motion_kept(
+    solve, tmp_path, changes, samples
+):
+    text = MOTION + "&spectrum discard=18 /\n"
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    scene = tmp_path / "motion.nml"
+    scene.write_text(text)
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 1, done.stderr
+    assert f"no spectrum: {samples} states from discard on" in done.stdout
+    assert not (tmp_path / "motion_spectrum.csv").exists()
+    with pytest.warns(vv.ConvergenceWarning, match=f"no spectrum: {samples} states"):
+        result = vv.run(scene)
+    assert result.spectrum is None
+    assert result.trajectory.t.size >= 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"dt=0.25": "tolerance=1e-6", "w2=": "p2=2147483648, w2="}, "must be at most"),
+        ({"dt=0.25": "dt=1e-7"}, "would keep"),
+    ],
+)
+def test_work_is_bounded_before_the_first_step(solve, tmp_path, changes, text):
+    scene = tmp_path / "motion.nml"
+    body = MOTION
+    for old, new in changes.items():
+        assert old in body
+        body = body.replace(old, new)
+    if "p2=2147483648" in body:
+        body = re.sub(r"p2\s*=\s*0?\.[0-9]+,?", "", body)
+    scene.write_text(body)
+    out = tmp_path / "out"
+    out.mkdir()
+    check_failure(solve(scene, "--out", out), 2, text, out)

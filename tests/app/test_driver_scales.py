@@ -8,7 +8,7 @@ import viscovib as vv
 from driver import GOOD, MOTION, SCENES, check_failure, command, read_csv, silence
 
 STEADY = """&pendulum e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.005, c2=0.005, f0=0.002, p1=1 /
-&multiple_scales from=1.0, to=1.05, count=26 /
+&multiple_scales from=1.0, to=1.05, count=26, tolerance=0.05 /
 """
 
 OF_MOUNT = GOOD[: GOOD.index("&response")] + "&multiple_scales from=1.3, to=1.7, count=9 /\n"
@@ -42,7 +42,7 @@ BAD_STEADY = {
     "nowhere": (STEADY.replace("to=1.05", "to=1.0"), 2, "to = 1: must be greater than from = 1"),
     "count": (STEADY.replace("count=26", "count=1"), 2, "count = 1: must be 2 to"),
     "from": (STEADY.replace("from=1.0", "from=-1.0"), 2, "from = -1: must be greater than 0"),
-    "tolerance": (STEADY.replace("count", "tolerance=1, count"), 2, "tolerance = 1: must be in"),
+    "tolerance": (STEADY.replace("tolerance=0.05", "tolerance=1"), 2, "tolerance = 1: must be in"),
 }
 
 

@@ -76,7 +76,11 @@ BAD_SCENES = {
     ),
     "iterations": (GOOD.replace("nu_count=8", "nu_count=8, max_iterations=0"), 4, "must be 1 to"),
     "relaxation": (GOOD.replace("nu_count=8", "nu_count=8, relaxation=2"), 4, "must be in (0, 1]"),
-    "too few harmonics": (GOOD.replace("&load", "&load order=11,"), 4, "must be at least 11"),
+    "too few harmonics": (
+        GOOD.replace("&load", "&load order=11,").replace("nu_count=8", "nu_count=8, harmonics=9"),
+        4,
+        "must be at least 11",
+    ),
     "order without end": (GOOD.replace("&load", "&load order=2000000000,"), 3, "must be 0 (mean)"),
     "phase of the mean": (GOOD.replace("&load", "&load order=0, phase=1,"), 3, "phase: the mean"),
     "base on phi": (GOOD.replace("&load", "&load kind='base', on='phi',"), 3, "on: the base moves"),
@@ -157,7 +161,7 @@ def test_tabulated_kernel_in_a_file_is_the_one_in_the_scene(solve, tmp_path):
 @pytest.mark.parametrize(
     ("text", "status", "message"),
     [
-        ("0 1\n1 x\n", 2, "kernel.txt:2: '1 x': must be two finite numbers"),
+        ("0 1\n1 x\n", 2, "kernel.txt:2: a line must be two finite numbers"),
         ("0 1\n0 2\n", 2, "scene.nml:2: file: times (value 2) = 0 after 0"),
         (None, 3, "scene.nml:2: file: "),
     ],

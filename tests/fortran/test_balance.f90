@@ -1,7 +1,7 @@
 !> Harmonic balance: derivatives against differences, and a branch through folds.
 module test_balance
   use testing, only: begin, check, check_close, check_ok
-  use viscovib_balance_ladder, only: balance_ladder_type, new_ladder, probe_rungs
+  use viscovib_balance_ladder, only: balance_ladder_type, new_ladder
   use viscovib_catalogue, only: kernel_rzhanitsyn, new_kernel
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_harmonic_balance, only: balance_type, new_balance
@@ -190,7 +190,7 @@ contains
     call check(maxval(abs(x - exact)) < 2.0e-9_wp*maxval(abs(exact)), 'true error')
     call check(.not. any(abs(x(2*ladder%n_orders(choice%solved) + 1:, :)) > 0.0_wp), 'nothing else')
     call check(choice%rung <= choice%solved, 'the next point begins here or below')
-    call check(size(ladder%rungs) == ladder%n_rungs + probe_rungs, 'one to judge the highest')
+    call check(size(ladder%rungs) == ladder%n_rungs + 1, 'one to judge the highest')
   end subroutine add_orders
 
   subroutine follow()

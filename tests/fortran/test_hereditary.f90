@@ -323,17 +323,17 @@ contains
                           [0.1_wp, 0.0_wp], [0.0_wp, 0.0_wp], 0.1_wp, 2.0_wp, 1.0e-13_wp, reason)
       first = whole
       do i = 1, 20
-        call whole%step(mount, sine_load(0.5_wp), int(i - 1, i8), made)
+        call whole%step(mount, sine_load(0.5_wp), int(i - 1, i8), i*whole%h, made)
       end do
       do i = 1, 7
-        call first%step(mount, sine_load(0.5_wp), int(i - 1, i8), made)
+        call first%step(mount, sine_load(0.5_wp), int(i - 1, i8), i*first%h, made)
       end do
       memory = first%save_memory()
       call new_hereditary(second, mount, sine_load(0.5_wp), 4, past, [0.0_wp, 0.0_wp], &
                           [0.0_wp, 0.0_wp], [0.0_wp, 0.0_wp], 0.1_wp, 2.0_wp, 1.0e-13_wp, reason)
       call second%load_memory(memory)
       do i = 8, 20
-        call second%step(mount, sine_load(0.5_wp), int(i - 1, i8), made)
+        call second%step(mount, sine_load(0.5_wp), int(i - 1, i8), i*second%h, made)
       end do
       call check(all(second%u == whole%u) .and. all(second%v == whole%v), 'bit for bit')
     end do

@@ -4,6 +4,7 @@ module test_namelist
   use test_scene_files, only: remove_scratch, scratch, write_scratch
   use testing, only: begin, check, check_close, check_fails, check_ok
   use viscovib_group_reader, only: group_reader
+  use viscovib_growing_text, only: growing_text
   use viscovib_kinds, only: wp
   use viscovib_namelist, only: namelist_type, read_namelist
   use viscovib_number_text, only: exact, exact_list, parse_integer, parse_real
@@ -73,7 +74,7 @@ contains
       call wrong('&one a = 0*1 /', ':1: a = 0*1: must be a value, or a count')
       call wrong('&one a = 2* /', ':1: a = 2*: must be a value, or a count')
       call wrong('&one a = 99999999999*1 /', ':1: a = 99999999999*1: must be a value, or a count')
-      call wrong('&one a = 600000*1 600000*2 /', ':1: a: must have at most 1000000 values')
+      call wrong('&one a = 600000*1 600000*2 /', ':1: a: a scene must have at most 1000000 values')
       call wrong('&one'//nl//achar(0)//' /', ':2: byte 0 found')
       call wrong('&one'//nl//' a = ''caf'//char(233)//''' /', ':2: byte 233 found')
       call wrong('&one /'//nl//char(195), ':2: byte 195 found')
@@ -109,6 +110,22 @@ contains
                        "unknown key 'colour' in &one: must be one of a, count, list, word")
     end if
 
+    if (begin('texts grow from pieces of any length')) call check_growing()
+
+    if (begin('what is too much')) then
+      call wrong('&one '//repeat('a', 200)//' 1 /', ':1: '''//repeat('a', 57) &
+                 //'...'' in &one is not followed by ''=''')
+      call wrong('&one a = '''//repeat('x', 65537)//''' /', ':1: a: must have at most 65536 char')
+      call wrong('&one a = '''//repeat('''''', 65537)//''' /', ':1: a: must have at most 65536')
+      call wrong('&one a = '//repeat('1', 65537)//' /', ':1: a: must have at most 65536 char')
+      call wrong(repeat('&one /'//nl, 20001), ':20001: a scene must have at most 20000 groups')
+      call wrong('&one '//many_keys(101)//' /', ':1: &one: must have at most 100 keys')
+      call wrong('&one a = 600000*1 b = 600000*2 /', ':1: b: a scene must have at most 1000000')
+      call wrong_value('a = 1, count = -2147483648', 'must be an integer of at least -2147483647')
+      call wrong_value('a = 1, list = 999999*1', ':2: list has 999999 values: must be 3')
+      call wrong_value('a = '//repeat('9', 500), '999...: must be a finite number')
+    end if
+
     if (begin('a long list takes no time')) then
       call read_file('&one list = '//repeat('1.5 2.5,', 50000)//' /', file, status)
       call reader%start('f', file%groups(1))
@@ -119,6 +136,34 @@ contains
     end if
     call remove_scratch('test.nml')
   end subroutine run_namelist
+
+  !> a1 = 1 a2 = 1 ...
+  function many_keys(n) result(text)
+    integer, intent(in) :: n
+    character(len=:), allocatable :: text
+    character(len=12) :: one
+    integer :: i
+    text = ''
+    do i = 1, n
+      write (one, '(a,i0,a)') 'a', i, ' = 1 '
+      text = text//one
+    end do
+  end function many_keys
+
+  subroutine check_growing()
+    type(growing_text) :: text
+    character(len=:), allocatable :: plain
+    integer :: i
+
+    call check(text%text() == '' .and. text%length() == 0, 'nothing')
+    plain = ''
+    do i = 0, 400
+      call text%add(repeat(achar(65 + mod(i, 26)), i))
+      plain = plain//repeat(achar(65 + mod(i, 26)), i)
+    end do
+    call check(text%length() == len(plain), 'its length')
+    call check(text%text() == plain, 'all pieces in their order')
+  end subroutine check_growing
 
   subroutine check_numbers()
     character(len=*), parameter :: bad(16) = &

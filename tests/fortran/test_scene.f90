@@ -7,7 +7,7 @@ module test_scene
   use viscovib_mount, only: geometry_cubic
   use viscovib_response_plan, only: method_linear, method_successive
   use viscovib_scene, only: read_scene, scene_type
-  use viscovib_status, only: status_input_error, status_io_error, status_type
+  use viscovib_status, only: clipped, status_input_error, status_io_error, status_type
   implicit none
   private
 
@@ -84,10 +84,10 @@ contains
     end if
 
     if (begin('what is wrong with such a file, and where')) then
-      call wrong_table('0 1'//nl//'1'//nl, scratch('kernel.txt')//":2: '1': must be two finite")
+      call wrong_table('0 1'//nl//'1'//nl, scratch('kernel.txt')//":2: a line must be two finite")
       call wrong_table('0 1'//nl//nl//'1 2 3'//nl, scratch('kernel.txt') &
-                       //":3: '1 2 3': must be two")
-      call wrong_table('t R'//nl//'1 2'//nl, scratch('kernel.txt')//":1: 't R': must be two finite")
+                       //":3: a line must be two")
+      call wrong_table('t R'//nl//'1 2'//nl, scratch('kernel.txt')//":1: a line must be two finite")
       call wrong_table('0 1'//nl//achar(0), scratch('kernel.txt')//':2: byte 0 found')
       call wrong_table('0 1'//nl//'0 0.5', ':2: file: times (value 2) = 0 after 0')
       call wrong_table('# nothing', ':2: file: times and values have 0 and 0 numbers')
@@ -236,8 +236,8 @@ contains
                  ':5: harmonics = 200')
       call wrong(mount//kernel//load//'&response nu=1,'//nl//'relaxation=2 /', ':5: relaxation = 2')
       call wrong(mount//load//'&response nu=1,'//nl//'max_iterations=0 /', ':4: max_iterations = 0')
-      call wrong(mount//'&load order=11, amplitude=1 /'//nl//response, &
-                 ':3: harmonics = 9: must be at least 11')
+      call wrong(mount//'&load order=11, amplitude=1 /'//nl//'&response nu=1,'//nl// &
+                 'harmonics=9 /', ':4: harmonics = 9: must be at least 11')
       call wrong(mount//'&load order=-1, amplitude=1 /'//nl//response, ':2: order = -1: must be 0')
       call wrong(mount//'&load order=2000000000, amplitude=1 /'//nl//response, &
                  ':2: order = 2000000')
@@ -317,7 +317,7 @@ contains
     if (present(start)) then
       call check_fails(status, ':4: '//start)
     else
-      call check_fails(status, ":4: law = '"//law//"': ")
+      call check_fails(status, ":4: law = '"//clipped(law)//"': ")
     end if
   end subroutine wrong_law
 

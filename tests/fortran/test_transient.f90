@@ -9,7 +9,7 @@ module test_transient
   use viscovib_pendulum, only: equations_exact, equations_printed, new_pendulum, &
     pendulum_parameters, pendulum_type
   use viscovib_phases, only: new_phases, phases_type
-  use viscovib_simulate, only: run_completed, run_diverged, run_unphysical, simulate
+  use viscovib_simulate, only: run_coarse, run_completed, run_unphysical, simulate
   use viscovib_status, only: status_type
   use viscovib_vector_math, only: largest_angle, sine_cosine
   implicit none
@@ -116,13 +116,14 @@ contains
     type(gauss_type) :: method
     real(wp) :: states(6, 10), no_times(0), no_states(6, 0)
     integer(i8) :: n_done
-    integer :: equations, outcome
+    real(wp) :: t_reached
+    integer :: equations, outcome, n_reached
     do equations = equations_exact, equations_printed
       call example(equations, pendulum)
       call new_gauss(method, pendulum, 8, [0.0_wp, 0.0_wp, 0.0_wp], [0.0_wp, 0.0_wp, 0.0_wp], &
                      0.0_wp, 0.5_wp, 1.0e-15_wp)
       call simulate(method, pendulum, 0_i8, 20_i8, 2_i8, no_times, states, no_states, n_done, &
-                    outcome)
+                    n_reached, t_reached, outcome)
       call check(outcome == run_completed .and. n_done == 20_i8, 'completed')
       call check_close(maxval(abs(states)), 0.0_wp, 0.0_wp, 'rest')
     end do
@@ -133,18 +134,20 @@ contains
     type(gauss_type) :: method
     real(wp) :: states(6, 0), no_times(0), no_states(6, 0)
     integer(i8) :: n_done
-    integer :: outcome
+    real(wp) :: t_reached
+    integer :: outcome, n_reached
 
     call example(equations_exact, pendulum)
     call new_gauss(method, pendulum, 8, [0.0_wp, 0.0_wp, 0.0_wp], [-3.0_wp, 0.0_wp, 0.0_wp], &
                    0.0_wp, 0.1_wp, 1.0e-15_wp)
     call simulate(method, pendulum, 0_i8, 1000_i8, 1_i8, no_times, states, no_states, n_done, &
-                  outcome)
+                  n_reached, t_reached, outcome)
     call check(outcome == run_unphysical, 'through the pivot')
     call new_gauss(method, pendulum, 8, [0.05_wp, 0.3_wp, -0.2_wp], [0.0_wp, 0.0_wp, 0.0_wp], &
                    0.0_wp, 20.0_wp, 1.0e-15_wp)
-    call simulate(method, pendulum, 0_i8, 10_i8, 1_i8, no_times, states, no_states, n_done, outcome)
-    call check(outcome == run_diverged, 'too large a step')
+    call simulate(method, pendulum, 0_i8, 10_i8, 1_i8, no_times, states, no_states, n_done, &
+                  n_reached, t_reached, outcome)
+    call check(outcome == run_coarse, 'too large a step')
     call check(all(abs(method%q) < huge(1.0_wp)), 'the state is still a number')
   end subroutine outcomes
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -106,3 +107,32 @@ def test_a_root_at_rounding_of_zero_is_found():
     assert np.isfinite(roots.oscillatory).all()
     run = vv.simulate(mount, 1, dt=0.01, initial=[0.1, 0, 0, 0])
     assert run.outcome == "completed"
+
+
+def test_no_root_is_lost_to_another():
+    """Long memory slows the lowest modes most, and roots pass near each other.
+
+    Random chains with a Prony kernel: all roots, against eigenvalues of the ordinary system.
+    """
+    rng = np.random.default_rng(4)
+    for _ in range(60):
+        n = int(rng.integers(2, 5))
+        mass, springs = rng.uniform(0.6, 1.8, n), rng.uniform(0.5, 1.8, n + 1)
+        stiffness = np.diag(springs[:-1] + springs[1:])
+        stiffness -= np.diag(springs[1:-1], 1) + np.diag(springs[1:-1], -1)
+        weight, rate = rng.uniform(0.3, 1.1), rng.uniform(0.7, 1.5)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            system = vv.PolynomialSystem(
+                mass=mass, stiffness=stiffness, damping=1e-3 * stiffness,
+                kernel=vv.PronyKernel(weights=[weight], rates=[rate]),
+            )  # fmt: skip
+            found = system.characteristic_roots().oscillatory
+        one, zero = np.eye(n), np.zeros((n, n))
+        k = stiffness / mass[:, None]
+        whole = np.block([[zero, one, zero], [-k, -1e-3 * k, k], [weight * one, zero, -rate * one]])
+        roots = np.linalg.eigvals(whole)
+        wanted = roots[roots.imag > 1e-6]
+        wanted = wanted[np.argsort(wanted.imag)]
+        assert len(found) == len(wanted)
+        assert found == pytest.approx(wanted, rel=1e-9)

@@ -1,5 +1,7 @@
 """The commands sweep, explore and bench, and maps of sweeps."""
 
+import os
+import resource
 import signal
 import subprocess
 import sys
@@ -81,6 +83,12 @@ def test_options_of_the_sweep(tmp_path, capsys):
         assert len(capsys.readouterr().err.splitlines()) == 1
 
 
+def busy(pid):
+    """Seconds of processor time that a process has used (proc(5), utime and stime)."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def test_ctrl_c_says_how_to_go_on(start, tmp_path):
     scene = small_map(tmp_path, "&sweep key='mount.stiffness_x', min=8, max=12, count=100000 /\n")
     command = [sys.executable, "-m", "viscovib.cli", "sweep", str(scene), "--out", str(tmp_path)]
@@ -91,10 +99,13 @@ def test_ctrl_c_says_how_to_go_on(start, tmp_path):
         assert child.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.02)
+    before, others = busy(child.pid), resource.getrusage(resource.RUSAGE_CHILDREN)
     child.send_signal(signal.SIGINT)
-    begun = time.monotonic()
     _, said = child.communicate(timeout=30)
-    assert time.monotonic() - begun < 1
+    # Work done after the signal, whatever else this machine does.
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    total = after.ru_utime + after.ru_stime - others.ru_utime - others.ru_stime
+    assert total - before < 1
     assert child.returncode == 130
     assert said.splitlines() == [
         f"{outcomes.parents[1]}: holds what is finished, the same command goes on from there",
@@ -209,8 +220,10 @@ def test_without_a_display_a_sheet_is_drawn(tmp_path, capsys):
     assert "--keys mount.weight: must be one of mount.mass" in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("ignore:.*estimated relative error")
 def test_the_cost_of_a_scene_and_its_error(capsys):
-    found = bench.measure(vv.Scene.read(SCENES / "mount_resonance.nml"), runs=3)
+    nine = vv.Scene.read(SCENES / "mount_resonance.nml").override({"response.harmonics": 9})
+    found = bench.measure(nine, runs=3)
     assert [phase.name for phase in found.phases] == ["read", "plan", "compute", "table"]
     assert all(0 < p.best <= p.median and len(p.seconds) == 3 for p in found.phases)
     # Nine harmonics against nineteen, by hand.

@@ -14,6 +14,9 @@ from tables import lines_without_plan
 
 matplotlib.use("Agg")
 
+# Orders are few here on purpose; test_truncation.py tests the warning.
+pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")
+
 BODY = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.05, "c2": 0.05, "c3": 0.05}
 
 
@@ -408,7 +411,10 @@ def test_table_dataset_and_picture(tmp_path):
         (lambda: vv.forced_response(mount=3, nu=1.0), "mount = 3: must be a Mount"),
         (
             lambda: vv.trace_response(
-                vv.Pendulum(**PARAMETRIC), p1=(0.5, 1), leave=parametric().branch_points[0]
+                vv.Pendulum(**PARAMETRIC),
+                p1=(0.5, 1),
+                harmonics=15,
+                leave=parametric().branch_points[0],
             ),
             "use the same harmonics, loads and symmetry",
         ),

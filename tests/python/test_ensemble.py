@@ -136,13 +136,13 @@ def test_step_is_found():
 
 def test_runs_that_fail_leave_the_others_alone():
     states = starts(6)
-    states[2, 1] = -3.0  # the spring goes through the pivot
-    states[4, 5] = 1e7  # overflows
+    states[2] = [0, -3, 0, 0, 0, 0]  # the spring goes through the pivot
+    states[4, 5] = 1e7  # turns too fast for any step
     many = vv.simulate_ensemble(
         free(), initial=states, t_end=50, dt=0.25, statistics=True, lyapunov=True
     )
     assert many.outcome.tolist() == [
-        "completed", "completed", "unphysical", "completed", "diverged", "completed",
+        "completed", "completed", "unphysical", "completed", "step too large", "completed",
     ]  # fmt: skip
     good = [0, 1, 3, 5]
     apart = vv.simulate_ensemble(

@@ -1,7 +1,10 @@
 """Relaxation kernels against 50-digit references, quadrature and limits."""
 
 import math
+import re
+import warnings
 
+import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
@@ -199,3 +202,85 @@ def test_tables_that_no_material_has_are_told():
         vv.TabulatedKernel(times=[0, 1, 2], values=[0.3, 0.1, -0.1])
     with pytest.warns(vv.StabilityWarning, match="R increases between t = 1 and 2"):
         vv.TabulatedKernel(times=[0, 1, 2], values=[0.3, 0.1, 0.2])
+
+
+def test_a_table_of_a_singular_kernel_says_what_it_lacks():
+    """Integral before the first time, A Gamma(alpha, 0 ... t_1), against mpmath's."""
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        alpha, beta, first = rng.uniform(0.05, 0.7), rng.uniform(0.02, 2), 10 ** rng.uniform(-6, -2)
+        kernel = vv.RzhanitsynKernel(amplitude=0.1, alpha=alpha, beta=beta)
+        times = np.geomspace(first, 50, 80)
+        lost = 0.1 * float(mpmath.gammainc(alpha, 0, beta * first)) / beta**alpha
+        lost -= float(kernel(first)) * first
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            table = vv.TabulatedKernel(times=times, values=kernel(times))
+        if lost > 0.02 * table.integral:
+            assert len(caught) == 1
+            told = re.search(r"an integral of about (\S+) lies before", str(caught[0].message))
+            assert float(told[1]) == pytest.approx(lost, rel=0.1)
+        elif lost < 0.005 * table.integral:
+            assert not caught
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "exponential"])
+def test_a_table_of_a_smooth_kernel_lacks_nothing(interpolation):
+    times = np.geomspace(0.01, 20, 60)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        vv.TabulatedKernel(
+            times=times, values=0.2 * np.exp(-times) + 0.1 * np.exp(-0.1 * times),
+            interpolation=interpolation,
+        )  # fmt: skip
+
+
+def test_rabotnov_keeps_its_digits_for_any_exponent():
+    """R(t) = A t^(a-1) E_{a,a}(-b t^a) by its series in many digits, small and large exponents."""
+    rng = np.random.default_rng(7)
+    for _ in range(60):
+        alpha = rng.choice([rng.uniform(0.01, 0.1), rng.uniform(0.1, 0.9), rng.uniform(0.9, 0.999)])
+        # The series in this z needs about z^(1/alpha) terms and as many digits.
+        z = rng.uniform(0.1, 0.95) if alpha < 0.1 else rng.uniform(0.3, 25**alpha)
+        t = 10 ** rng.uniform(-2, 2)
+        kernel = vv.RabotnovKernel(amplitude=0.3, alpha=alpha, beta=z / t**alpha)
+        with mpmath.workdps(60):
+            a, beta, time = mpmath.mpf(alpha), mpmath.mpf(kernel.beta), mpmath.mpf(t)
+            power = -beta * time**a
+            terms = int(400 / alpha) if z < 1 else 800
+            total, factor = mpmath.mpf(0), mpmath.mpf(1)
+            for n in range(1, terms):
+                total += factor * mpmath.rgamma(a * n)
+                factor *= power
+                if n > 50 and abs(factor * mpmath.rgamma(a * n)) < 1e-30 * abs(total):
+                    break
+            expected = mpmath.mpf("0.3") * time ** (a - 1) * total
+            assert abs(kernel(t) / expected - 1) < 2e-14
+
+
+@pytest.mark.parametrize("alpha", [0.02, 0.05, 0.3, 0.7])
+def test_sums_for_rabotnov_meet_their_tolerance(alpha):
+    """The error they say they have is that against the spectral integral, not a rounding of it."""
+    kernel = vv.RabotnovKernel(amplitude=1.0, alpha=alpha, beta=1.0)
+    close = kernel.sum_of_exponentials(tolerance=1e-13, t_min=1e-3, t_max=1e3)
+    assert close.error < 1e-13
+    t = np.geomspace(1e-3, 1e3, 5)
+    with mpmath.workdps(30):
+        a = mpmath.mpf(alpha)
+
+        def density(x, time):
+            rate = mpmath.exp(x)
+            low = rate**a
+            return (
+                mpmath.exp(-rate * time)
+                * rate
+                * low
+                / (low**2 + 2 * low * mpmath.cos(mpmath.pi * a) + 1)
+            )
+
+        for time in t:
+            middle = -mpmath.log(time)
+            cuts = [middle + step for step in (-80, -40, -20, -8, -3, 0, 2, 5)]
+            whole = mpmath.quad(lambda x, time=time: density(x, time), cuts)
+            expected = mpmath.sin(mpmath.pi * a) / mpmath.pi * whole
+            assert abs(close(time) / expected - 1) < 1.5e-13

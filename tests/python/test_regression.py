@@ -8,7 +8,11 @@ import pytest
 import viscovib as vv
 from tables import read_table
 
+# Orders are few here on purpose; test_truncation.py tests the warning.
+pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")
+
 ORDERS = (1, 3, 5, 7, 9)
+OPTIONS = {"harmonics": 9, "tolerance": 1e-14, "max_iterations": 2000}
 
 
 def numbers(rows, dof, k):
@@ -54,7 +58,7 @@ def test_nonlinear_curves_of_the_paper(mount):
     n = 0
     for (geometry, a, load), nu, rows in curves("mount_response_h9.csv", ("geometry", "A", "P")):
         body = mount(float(a), geometry=geometry)
-        r = vv.forced_response(body, nu, load=float(load), tolerance=1e-14, max_iterations=2000)
+        r = vv.forced_response(body, nu, load=float(load), **OPTIONS)
         check(r, rows, ORDERS, 2e-13)
         n += nu.size
     assert n > 400
@@ -67,7 +71,7 @@ def test_two_kernels_and_damping(mount):
             damping=[[0.2, 0.05], [0.05, 0.03]],
             geometry=geometry,
         )
-        r = vv.forced_response(body, nu, load=0.2, tolerance=1e-14, max_iterations=2000)
+        r = vv.forced_response(body, nu, load=0.2, **OPTIONS)
         check(r, rows, ORDERS, 2e-13)
 
 
@@ -77,8 +81,7 @@ def test_full_set_with_a_mean(mount):
             mount(geometry=geometry),
             nu,
             load={0: 0.02j, 1: 0.1, 2: 0.03 + 0.01j},
-            tolerance=1e-14,
-            max_iterations=2000,
+            **OPTIONS,
         )
         check(r, rows, range(10), 2e-13)
 

@@ -15,7 +15,7 @@ def weak(e, **change):
 
 
 def at_rest(ms):
-    return np.array([float(ms.backbone(j, 0.0)) for j in range(3)])
+    return np.array([np.ravel(ms.backbone(j, 0.0))[0] for j in range(3)])
 
 
 def test_frequencies_to_the_second_power_of_e():

@@ -128,11 +128,12 @@ def test_lines_of_a_driven_motion_are_those_of_its_loads():
         m02=0.004, p1=0.93, p2=0.37, p3=0.71,
     )  # fmt: skip
     run = vv.simulate(body, 3000, dt=0.5, initial=np.zeros(6), keep="tail", tail=2000)
-    found = vv.dominant_frequencies(run.coordinate("phi"), run.dt, count=6, start=run.t[0])
+    found = vv.dominant_frequencies(run, coordinate="phi", count=6)
     names = vv.name_frequencies(found.omega, {"p1": 0.93, "p2": 0.37, "p3": 0.71}, tolerance=1e-7)
     assert {"p2", "p3", "p1 - p2"} <= set(names)
     assert all(names)
-    same = vv.amplitudes_at(run.coordinate("phi"), run.dt, found.omega, start=run.t[0])
+    same = vv.amplitudes_at(run, frequencies=found.omega, coordinate="phi")
+    assert same.omega == pytest.approx(found.omega, rel=1e-15)
     assert same.amplitude == pytest.approx(found.amplitude, rel=1e-9)
 
 
@@ -205,11 +206,108 @@ def test_known_frequencies_need_no_whole_periods():
     t = 3.0 + 0.13 * np.arange(200)
     u = 0.5 + 2 * np.cos(1.1 * t + 0.3) + 1e-3 * np.cos(np.sqrt(2) * t - 1)
     found = vv.amplitudes_at(u, 0.13, [np.sqrt(2), 1.1], start=3.0)
-    assert found.omega == pytest.approx([1.1, np.sqrt(2)])
-    assert found.amplitude == pytest.approx([2, 1e-3], abs=1e-13)
-    assert found.phase == pytest.approx([0.3, -1], abs=1e-10)
+    assert found.omega == pytest.approx([np.sqrt(2), 1.1])
+    assert found.amplitude == pytest.approx([1e-3, 2], abs=1e-13)
+    assert found.phase == pytest.approx([-1, 0.3], abs=1e-10)
     assert found.mean == pytest.approx(0.5, abs=1e-13)
     assert found.residual < 1e-13
+
+
+def test_spectra_of_a_trajectory_know_the_spacing_of_its_states():
+    """``dt`` of a run is the step of integration, not the time between the states kept."""
+    body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, f0=0.01, p1=0.93, c1=0.01, c2=0.01, c3=0.01)
+    run = vv.simulate(body, 400, dt=0.1, initial=[0, 0, 0.1, 0, 0.05, 0], save_every=5)
+    whole = vv.spectrum(run)
+    assert whole.names == run.dof_names
+    assert whole.dt == pytest.approx(0.5, rel=1e-12)
+    phi = vv.spectrum(run, coordinates="phi")
+    by_hand = vv.spectrum(run.coordinate("phi"), 0.5)
+    assert phi.omega == pytest.approx(by_hand.omega, rel=1e-12)
+    assert (phi.coefficients == by_hand.coefficients).all()
+    assert (whole.coefficients[:, 1] == phi.coefficients).all()
+    rates = vv.spectrum(run, coordinates=("phi_dot", "z"))
+    assert rates.names == ("phi_dot", "z")
+    lines = vv.dominant_frequencies(run, coordinate="phi", count=2)
+    same = vv.dominant_frequencies(run.coordinate("phi"), 0.5, count=2)
+    assert lines.omega == pytest.approx(same.omega, rel=1e-12)
+
+
+def damped_tones(rng, n, size):
+    """Random tones at least 12 bins apart: a, decay over the record, omega, phase."""
+    places = 12 + np.cumsum(rng.uniform(12, n / 2 / (size + 2), size))
+    return (
+        10 ** rng.uniform(-2, 1, size), rng.uniform(0.3, 12, size) * rng.choice([0, 1, 1], size),
+        2 * np.pi * places / n, rng.uniform(-np.pi, np.pi, size),
+    )  # fmt: skip
+
+
+def sum_of_tones(k, a, decay, omega, phase):
+    envelope = np.exp(-np.multiply.outer(k / k.size, decay))
+    return (envelope * np.cos(np.multiply.outer(k, omega) + phase)) @ a
+
+
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_tones_that_decay_are_found_with_their_rates(size):
+    """Clean tones, some steady: frequency, decay and amplitude far beyond the bin."""
+    rng = np.random.default_rng(size)
+    for _ in range(12):
+        n = int(rng.integers(400, 1500))
+        a, decay, omega, phase = damped_tones(rng, n, size)
+        u = 0.3 + sum_of_tones(np.arange(n), a, decay, omega, phase)
+        found = vv.dominant_frequencies(u, 0.1, count=size, start=2.0)
+        order = np.argsort(-a)
+        assert found.omega * 0.1 == pytest.approx(omega[order], abs=1e-9)
+        assert found.decay * 0.1 * n == pytest.approx(decay[order], abs=1e-6)
+        assert ((found.decay == 0) == (decay[order] == 0)).all()
+        assert found.amplitude == pytest.approx(a[order], rel=1e-6)
+        t = 2.0 + 0.1 * np.arange(n)
+        assert found(t) == pytest.approx(u, abs=1e-8 * a.max())
+
+
+def test_decay_is_told_from_noise():
+    """Steady tones in noise stay steady; decays well above noise are found with their errors."""
+    rng, n = np.random.default_rng(8), 1000
+    k, steady, rates = np.arange(n), 0, []
+    for _ in range(30):
+        noise = rng.normal(scale=0.2, size=n)
+        tone = np.cos(0.7 * k + rng.uniform(-3, 3))
+        steady += vv.dominant_frequencies(tone + noise, 1.0, count=1).decay[0] == 0
+        found = vv.dominant_frequencies(np.exp(-2 * k / n) * tone + noise, 1.0, count=3)
+        assert found.omega.size == 1
+        rates.append(found.decay[0] * n)
+    assert steady == 30
+    # Mean and spread: a bias would be larger than three standard errors of the mean.
+    assert np.mean(rates) == pytest.approx(2, abs=3 * np.std(rates) / np.sqrt(len(rates)))
+    # A few times the least possible spread of a rate, that of an envelope exp(-2 k/n).
+    least = 0.2 * np.sqrt(24 / (n * np.mean(np.exp(-4 * k / n))))
+    assert np.std(rates) < 3 * least
+
+
+def test_a_free_vibration_gives_its_damping_ratio():
+    system = vv.PolynomialSystem(mass=1.0, stiffness=4.0, damping=0.08)
+    run = vv.simulate(system, 100, dt=0.1, initial=[1.0, 0.0])
+    found = vv.dominant_frequencies(run, coordinate=system.dof_names[0], count=1)
+    assert found.decay[0] == pytest.approx(0.04, rel=1e-9)
+    assert found.omega[0] == pytest.approx(np.sqrt(4 - 0.04**2), rel=1e-11)
+
+
+def test_lines_never_leave_more_than_fewer_of_them():
+    """Whatever the signal: tones, chirps, noise, steps."""
+    rng = np.random.default_rng(9)
+    for trial in range(12):
+        n = int(rng.integers(64, 400))
+        k = np.arange(n)
+        signal = {
+            0: np.cos(0.3 * k + rng.uniform(0, 2) * k**2 / n),
+            1: np.cumsum(rng.normal(size=n)),
+            2: np.exp(-rng.uniform(0, 60) * k / n) * np.sin(0.9 * k),
+            3: np.sign(np.sin(0.21 * k)) + 0.01 * rng.normal(size=n),
+        }[trial % 4]
+        left = [vv.dominant_frequencies(signal, 1.0, count=c, false_alarm=1).residual
+                for c in (1, 2, 4)]  # fmt: skip
+        tiny = 1e-12 * np.abs(signal).max()
+        assert left[1] <= left[0] * (1 + 1e-9) + tiny
+        assert left[2] <= left[1] * (1 + 1e-9) + tiny
 
 
 def test_a_long_record_takes_seconds_and_loses_no_digits():
@@ -253,6 +351,8 @@ def test_picture_names_its_peaks():
         (lambda: vv.spectrum([1, 2], 0), "dt = 0: must be greater than 0"),
         (lambda: vv.spectrum([1, 2], -1), "dt = -1: must be greater than 0"),
         (lambda: vv.spectrum([1, 2], np.nan), "dt = nan: must be a finite number"),
+        (lambda: vv.spectrum([1, 2]), "dt: must be given with an array"),
+        (lambda: vv.spectrum([1, 2], 1, coordinates="x"), "only a Trajectory has coordinates"),
         (lambda: vv.spectrum([1e200, 2], 1), "leave the range of numbers"),
         (lambda: vv.spectrum([1, 2], 1, window="hamming"), "window = 'hamming': must be one of"),
         (lambda: vv.spectrum([1, 2], 1, names=("a", "b")), "names: 2 given, must be 1"),

@@ -14,6 +14,9 @@ import viscovib as vv
 from scipy.integrate import solve_ivp
 from viscovib.torus import Torus, make_torus
 
+# Orders are few here on purpose; test_truncation.py tests the warning.
+pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")
+
 BODY = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.1, "c2": 0.1, "c3": 0.1}
 TWO = vv.Pendulum(**BODY, f0=0.02, m01=0.005, p1=0.93, p2=0.37)
 THREE = vv.Pendulum(**BODY, f0=0.01, m01=0.001, m02=0.003, p1=0.93, p2=0.37, p3=0.71)
@@ -36,9 +39,7 @@ def test_lines_of_a_long_run_from_rest(pend, harmonics, within):
         sizes = np.abs(r.coefficients[0, d])
         sizes[0] = 0
         largest = np.argsort(-sizes)[:40]
-        lines = vv.amplitudes_at(
-            run.coordinate(dof), run.dt, np.abs(r.frequencies()[largest]), start=run.t[0]
-        )
+        lines = vv.amplitudes_at(run, frequencies=np.abs(r.frequencies()[largest]), coordinate=dof)
         assert sizes[largest[0]] > 1e-2
         assert lines.amplitude == pytest.approx(sizes[largest], abs=within)
 

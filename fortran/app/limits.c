@@ -1,0 +1,110 @@
+/* Bounds on time and memory of a whole program. At the first, computations are asked to end with
+   what they have (viscovib_stop, which their loops look at); what does not hear is ended a little
+   later. Memory that cannot be had ends the program at once. Both ways one line is said, the file
+   in the making is removed, and the exit status is 1. */
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/time.h>
+#include <unistd.h>
+
+extern volatile int viscovib_stop;
+extern char viscovib_unfinished[];
+
+static char time_message[200] = "viscovib-solve: stopped: time is over\n";
+static char memory_message[300] = "viscovib-solve: stopped: no more memory\n";
+static double grace = 1.0;
+
+static void end_now(const char *message) {
+  ssize_t ignored;
+  if (viscovib_unfinished[0]) unlink(viscovib_unfinished);
+  ignored = write(STDERR_FILENO, message, strlen(message));
+  (void)ignored;
+  _exit(1);
+}
+
+static void set_timer(double seconds) {
+  struct itimerval timer;
+  memset(&timer, 0, sizeof timer);
+  timer.it_value.tv_sec = (time_t)seconds;
+  timer.it_value.tv_usec = (suseconds_t)((seconds - (double)timer.it_value.tv_sec) * 1e6);
+  setitimer(ITIMER_REAL, &timer, NULL);
+}
+
+static void at_alarm(int number) {
+  (void)number;
+  /* What is computed is written to the end. */
+  if (viscovib_stop && !viscovib_unfinished[0]) end_now(time_message);
+  viscovib_stop = 1;
+  set_timer(grace);
+}
+
+/* From now on; what does not hear it is ended a quarter of it later, three seconds at least. */
+void viscovib_limit_seconds(double seconds) {
+  struct sigaction action;
+  grace = seconds < 12.0 ? 3.0 : 0.25 * seconds;
+  snprintf(time_message, sizeof time_message,
+           "viscovib-solve: stopped: %g s are over (--max-seconds), nothing is finished\n", seconds);
+  memset(&action, 0, sizeof action);
+  action.sa_handler = at_alarm;
+  action.sa_flags = SA_RESTART;
+  sigaction(SIGALRM, &action, NULL);
+  set_timer(seconds);
+}
+
+/* Memory that this program may use: that of the machine or of its control group. */
+static double available(void) {
+  double most = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE), bound;
+  FILE *file = fopen("/sys/fs/cgroup/memory.max", "r");
+  if (file != NULL) {
+    if (fscanf(file, "%lf", &bound) == 1 && bound > 0 && bound < most) most = bound;
+    fclose(file);
+  }
+  return most;
+}
+
+/* Bytes; 0: three quarters of what there is, since with more the system, which needs some itself,
+   pages for hours or kills this or another program. */
+void viscovib_limit_memory(double bytes) {
+  struct rlimit limit;
+  if (bytes <= 0.0) bytes = 0.75 * available();
+  snprintf(memory_message, sizeof memory_message,
+           "viscovib-solve: stopped: more than %.3g GB of memory are needed (--max-memory); ask for "
+           "less: fewer points, harmonics or states kept\n", bytes / 1e9);
+#if !defined(__SANITIZE_ADDRESS__)
+  if (getrlimit(RLIMIT_DATA, &limit) != 0) return;
+  if (limit.rlim_cur != RLIM_INFINITY && (double)limit.rlim_cur <= bytes) return;
+  if (bytes < 9e18) limit.rlim_cur = (rlim_t)bytes;
+  setrlimit(RLIMIT_DATA, &limit);
+#else
+  (void)limit;
+#endif
+}
+
+/* What compiled Fortran calls instead of malloc and so on in the driver (link option --wrap). */
+void *__real_malloc(size_t n);
+void *__real_calloc(size_t n, size_t size);
+void *__real_realloc(void *old, size_t n);
+void *__wrap_malloc(size_t n);
+void *__wrap_calloc(size_t n, size_t size);
+void *__wrap_realloc(void *old, size_t n);
+
+void *__wrap_malloc(size_t n) {
+  void *found = __real_malloc(n);
+  if (found == NULL && n > 0) end_now(memory_message);
+  return found;
+}
+
+void *__wrap_calloc(size_t n, size_t size) {
+  void *found = __real_calloc(n, size);
+  if (found == NULL && n > 0 && size > 0) end_now(memory_message);
+  return found;
+}
+
+void *__wrap_realloc(void *old, size_t n) {
+  void *found = __real_realloc(old, n);
+  if (found == NULL && n > 0) end_now(memory_message);
+  return found;
+}

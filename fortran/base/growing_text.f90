@@ -1,0 +1,50 @@
+!> A text that is put together from many pieces: the room for it doubles, so that the time it
+!! takes grows with its length alone.
+module viscovib_growing_text
+  implicit none
+  private
+
+  public :: growing_text
+
+  type :: growing_text
+    private
+    character(len=:), allocatable :: room
+    integer :: n = 0
+  contains
+    procedure :: add
+    procedure :: text
+    procedure :: length
+  end type growing_text
+
+contains
+
+  !> Add a piece at the end.
+  pure subroutine add(self, piece)
+    class(growing_text), intent(inout) :: self
+    character(len=*), intent(in) :: piece
+    character(len=:), allocatable :: larger
+
+    if (.not. allocated(self%room)) allocate (character(len=max(len(piece), 256)) :: self%room)
+    if (self%n + len(piece) > len(self%room)) then
+      allocate (character(len=2*(self%n + len(piece))) :: larger)
+      larger(:self%n) = self%room(:self%n)
+      call move_alloc(larger, self%room)
+    end if
+    self%room(self%n + 1:self%n + len(piece)) = piece
+    self%n = self%n + len(piece)
+  end subroutine add
+
+  !> All of it.
+  pure function text(self)
+    class(growing_text), intent(in) :: self
+    character(len=:), allocatable :: text
+    text = ''
+    if (self%n > 0) text = self%room(:self%n)
+  end function text
+
+  pure integer function length(self)
+    class(growing_text), intent(in) :: self
+    length = self%n
+  end function length
+
+end module viscovib_growing_text

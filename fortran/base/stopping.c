@@ -1,0 +1,18 @@
+/* What bounds on a whole program share with the library: whether it shall stop, and the file in the
+   making, to be removed if it ends at once. */
+#include <string.h>
+
+enum { longest = 4200 };
+
+/* 0: go on. Set by the driver's alarm (app/limits.c). */
+volatile int viscovib_stop = 0;
+char viscovib_unfinished[longest] = "";
+
+/* The empty name: none. Its first letter comes last, since an alarm may come between. */
+void viscovib_set_unfinished(const char *path) {
+  size_t n = strlen(path);
+  viscovib_unfinished[0] = 0;
+  if (n == 0 || n >= longest) return;
+  memcpy(viscovib_unfinished + 1, path + 1, n);
+  viscovib_unfinished[0] = path[0];
+}

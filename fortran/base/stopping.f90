@@ -1,0 +1,36 @@
+!> Whether the whole program shall stop, which the driver sets when its time is over: loops that
+!! may take long look at it and end with what they have.
+module viscovib_stopping
+  use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
+  implicit none
+  private
+
+  public :: stop_wanted, want_stop, set_unfinished
+
+  integer(c_int), bind(c, name='viscovib_stop'), volatile :: stop_flag
+
+  interface
+    subroutine c_set_unfinished(path) bind(c, name='viscovib_set_unfinished')
+      import :: c_char
+      character(kind=c_char), intent(in) :: path(*)
+    end subroutine c_set_unfinished
+  end interface
+
+contains
+
+  logical function stop_wanted()
+    stop_wanted = stop_flag /= 0
+  end function stop_wanted
+
+  subroutine want_stop(wanted)
+    logical, intent(in) :: wanted
+    stop_flag = merge(1_c_int, 0_c_int, wanted)
+  end subroutine want_stop
+
+  !> The file to remove if the program ends at once; empty: none.
+  subroutine set_unfinished(path)
+    character(len=*), intent(in) :: path
+    call c_set_unfinished(path//c_null_char)
+  end subroutine set_unfinished
+
+end module viscovib_stopping

@@ -1,0 +1,108 @@
+/* Opening files as Fortran's own statements cannot: regular files only, names to the last blank,
+   no links followed where a file is made. Failures are the negative of errno; not_regular for
+   what is there but is no file. */
+#include <errno.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum { not_regular = -100000 };
+
+/* Open a regular file and say how long it is. A pipe is not waited for. */
+int viscovib_open_to_read(const char *path, int64_t *size) {
+  struct stat found;
+  char byte;
+  int file = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC | O_NOCTTY);
+  *size = 0;
+  if (file < 0) return -errno;
+  if (fstat(file, &found) != 0) {
+    int why = -errno;
+    close(file);
+    return why;
+  }
+  /* What the system makes up while it is read says that it is empty. */
+  if (S_ISDIR(found.st_mode) || !S_ISREG(found.st_mode) ||
+      (found.st_size == 0 && pread(file, &byte, 1, 0) == 1)) {
+    close(file);
+    return S_ISDIR(found.st_mode) ? -EISDIR : not_regular;
+  }
+  *size = found.st_size;
+  return file;
+}
+
+/* Read so many bytes and close; 0, or why not. */
+int viscovib_read_and_close(int file, char *text, int64_t size) {
+  int64_t done = 0;
+  int why = 0;
+  while (done < size && why == 0) {
+    ssize_t n = read(file, text + done, (size_t)(size - done));
+    if (n > 0) done += n;
+    else if (n == 0) why = -EIO;
+    else if (errno != EINTR) why = -errno;
+  }
+  close(file);
+  return why;
+}
+
+void viscovib_close(int file) { close(file); }
+
+/* Make a new file to write into. What stands there under this name is removed first, and is not
+   followed if it is a link. */
+FILE *viscovib_open_to_write(const char *path, int *why) {
+  struct stat found;
+  FILE *stream;
+  int file;
+  *why = 0;
+  if (lstat(path, &found) == 0 && S_ISDIR(found.st_mode)) {
+    *why = -EISDIR;
+    return NULL;
+  }
+  unlink(path);
+  file = open(path, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+  stream = file < 0 ? NULL : fdopen(file, "w");
+  if (stream == NULL) {
+    *why = -errno;
+    if (file >= 0) close(file);
+  }
+  return stream;
+}
+
+/* All that is written, on its way to the disk; 0, or why not. */
+int viscovib_close_written(FILE *stream, int failed_before) {
+  int why = failed_before;
+  if (fclose(stream) != 0 && why == 0) why = -errno;
+  return why;
+}
+
+int viscovib_write(const char *text, int64_t n, FILE *stream) {
+  errno = 0;
+  if (fwrite(text, 1, (size_t)n, stream) == (size_t)n) return 0;
+  return errno != 0 ? -errno : -EIO;
+}
+
+/* In words; the length of the text. */
+int viscovib_reason(int code, char *text, int room) {
+  const char *words = code == not_regular ? "not a regular file" : strerror(-code);
+  int n = (int)strlen(words);
+  if (n > room) n = room;
+  memcpy(text, words, (size_t)n);
+  return n;
+}
+
+/* The name of a file with links and dots resolved; the length of the text, 0 if there is none. */
+int viscovib_real_path(const char *path, char *text, int room) {
+  char *found = realpath(path, NULL);
+  int n = found == NULL ? 0 : (int)strlen(found);
+  if (n > room) n = 0;
+  if (n > 0) memcpy(text, found, (size_t)n);
+  free(found);
+  return n;
+}
+
+/* A file that grows beyond what is allowed is then an error of writing, not the end. */
+void viscovib_ignore_file_limit(void) { signal(SIGXFSZ, SIG_IGN); }

@@ -1,0 +1,189 @@
+!> The place on a curve of motions where a harmonic is largest: from a motion on, along
+!! the curve, to where its size stops growing. That goes through folds, which are no
+!! harm to steps along the curve, and never leaves the curve for another.
+module viscovib_curve_peak
+  use viscovib_curve, only: curve_type
+  use viscovib_curve_corrector, only: aim, angle_between, copy_point, correct, corrector_type, &
+    curve_point, new_corrector, new_point, reverse
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: harmonic_measure, climb, growth_along
+
+  !> Steps in units of the present point, at first, at least and at most.
+  real(wp), parameter :: first_step = 0.02_wp, smallest_step = 1.0e-10_wp, largest_step = 0.1_wp
+  !> Largest angle between successive tangents, and the one wanted.
+  real(wp), parameter :: largest_angle = 0.4_wp, wanted_angle = 0.12_wp
+  integer, parameter :: max_steps = 2000, max_turns = 80
+
+  !> Which unknowns are the parts of a harmonic, and what is added to them: an offset, and
+  !! one in proportion to p, as of a base that moves. Its size is the root of their squares.
+  type :: harmonic_measure
+    integer :: place(2) = 0
+    real(wp) :: offset(2) = 0.0_wp, offset_by_p(2) = 0.0_wp
+  contains
+    procedure :: size_at
+    procedure, private :: growth
+  end type harmonic_measure
+
+contains
+
+  pure real(wp) function size_at(self, x, p)
+    class(harmonic_measure), intent(in) :: self
+    real(wp), intent(in) :: x(:), p
+    size_at = norm2(x(self%place) + self%offset + self%offset_by_p*p)
+  end function size_at
+
+  !> Half of what the square of the size grows by along the tangent.
+  pure real(wp) function growth(self, point)
+    class(harmonic_measure), intent(in) :: self
+    type(curve_point), intent(in) :: point
+    growth = sum((point%x(self%place) + self%offset + self%offset_by_p*point%p) &
+                 *(point%slope_x(self%place) + self%offset_by_p*point%slope_p))
+  end function growth
+
+  !> Whether the size grows (1), stays (0) or falls (-1) where p grows; 0 too where that
+  !! cannot be said.
+  subroutine growth_along(curve, measure, tolerance, x, p, sign_of)
+    class(curve_type), intent(inout) :: curve
+    type(harmonic_measure), intent(in) :: measure
+    real(wp), intent(in) :: tolerance, x(:), p
+    integer, intent(out) :: sign_of
+    type(corrector_type) :: corrector
+    type(curve_point) :: here
+    logical :: made
+    real(wp) :: value
+
+    sign_of = 0
+    call new_corrector(corrector, curve, tolerance, abs(p), x)
+    call stand(curve, corrector, x, p, here, made)
+    if (.not. made) return
+    value = measure%growth(here)*here%slope_p
+    if (value > 0.0_wp) sign_of = 1
+    if (value < 0.0_wp) sign_of = -1
+  end subroutine growth_along
+
+  !> From a solution (x, p), which is left at the summit if that is found between two values
+  !! of p; else it stays as it was.
+  subroutine climb(curve, measure, tolerance, low, high, x, p, found, cancel)
+    class(curve_type), intent(inout) :: curve
+    type(harmonic_measure), intent(in) :: measure
+    !> Relative, of the corrections.
+    real(wp), intent(in) :: tolerance, low, high
+    !> Shape (n).
+    real(wp), intent(inout) :: x(:), p
+    logical, intent(out) :: found
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), volatile, optional :: cancel
+    type(corrector_type) :: corrector
+    type(curve_point), target :: points(3)
+    type(curve_point), pointer :: before, here, next, spare
+    real(wp) :: step, angle, scale
+    logical :: made
+    integer :: k
+
+    found = .false.
+    scale = max(abs(low), abs(high))
+    call new_corrector(corrector, curve, tolerance, scale, x)
+    before => points(1)
+    here => points(2)
+    next => points(3)
+    call new_point(before, curve%n)
+    call new_point(next, curve%n)
+    call stand(curve, corrector, x, p, here, made)
+    if (.not. made) return
+    if (measure%growth(here) < 0.0_wp) call reverse(here)
+    step = min(first_step, max(0.25_wp*(high - low)/scale, 1.0e3_wp*smallest_step))
+    do k = 1, max_steps
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
+      call correct(curve, corrector, here, step, next, made, .false.)
+      if (made) then
+        angle = angle_between(corrector, here, next)
+        if (angle > largest_angle) made = .false.
+      end if
+      if (.not. made) then
+        step = 0.4_wp*step
+        if (step < smallest_step) return
+        cycle
+      end if
+      if (measure%growth(next) <= 0.0_wp) then
+        call find_summit(curve, corrector, measure, here, step, next, made)
+        if (.not. made .or. next%p < low .or. next%p > high) return
+        x = next%x
+        p = next%p
+        found = .true.
+        return
+      end if
+      if (next%p <= low .or. next%p >= high) return
+      spare => before
+      before => here
+      here => next
+      next => spare
+      call aim(corrector, before, here)
+      step = min(largest_step, step*min(2.0_wp, max(0.5_wp, wanted_angle/max(angle, 1.0e-3_wp))))
+    end do
+  end subroutine climb
+
+  !> The solution at p with its tangent.
+  subroutine stand(curve, corrector, x, p, here, made)
+    class(curve_type), intent(inout) :: curve
+    type(corrector_type), intent(inout) :: corrector
+    real(wp), intent(in) :: x(:), p
+    type(curve_point), intent(out) :: here
+    logical, intent(out) :: made
+    type(curve_point) :: upright
+
+    call new_point(upright, curve%n)
+    call new_point(here, curve%n)
+    upright%x(:) = x
+    upright%p = p
+    upright%slope_p = 1.0_wp
+    call correct(curve, corrector, upright, 0.0_wp, here, made, .true.)
+    if (.not. made) return
+    here%p = p
+    ! Once more, so that the determinant belongs to the tangent.
+    call copy_point(here, upright)
+    call correct(curve, corrector, upright, 0.0_wp, here, made, .true.)
+    here%p = p
+  end subroutine stand
+
+  !> Where growth vanishes within a step, by false position.
+  subroutine find_summit(curve, corrector, measure, here, step, found, made)
+    class(curve_type), intent(inout) :: curve
+    type(corrector_type), intent(inout) :: corrector
+    type(harmonic_measure), intent(in) :: measure
+    type(curve_point), intent(in) :: here
+    real(wp), intent(in) :: step
+    type(curve_point), intent(inout) :: found
+    logical, intent(out) :: made
+    real(wp) :: low, high, low_value, high_value, at, value
+    integer :: k
+
+    low = 0.0_wp
+    high = step
+    low_value = measure%growth(here)
+    high_value = measure%growth(found)
+    made = .true.
+    do k = 1, max_turns
+      ! False position, kept off the ends; every third time the middle.
+      at = low + (high - low)*min(0.95_wp, max(0.05_wp, low_value/(low_value - high_value)))
+      if (mod(k, 3) == 0) at = 0.5_wp*(low + high)
+      call correct(curve, corrector, here, at, found, made, .true.)
+      if (.not. made) return
+      value = measure%growth(found)
+      if (value > 0.0_wp) then
+        low = at
+        low_value = value
+      else
+        high = at
+        high_value = value
+      end if
+      ! The size is stationary here: errors of the place count by their squares.
+      if (.not. abs(value) > 0.0_wp .or. high - low <= 1.0e-9_wp*max(step, first_step)) exit
+    end do
+  end subroutine find_summit
+
+end module viscovib_curve_peak

@@ -1,0 +1,83 @@
+!> The largest size that a harmonic has between sampled motions, which may lie on several
+!! branches and far apart.
+!!
+!! A resonance between two samples shows in their slopes: the size grows from the left one,
+!! or towards the right one, more than the other says. From there on the branch of the
+!! sample is climbed; beyond the neighbour it is no longer that of the samples.
+module viscovib_sampled_peak
+  use viscovib_curve, only: curve_type
+  use viscovib_curve_peak, only: climb, growth_along, harmonic_measure
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: peak_of_samples
+
+contains
+
+  !> The largest of the samples and of the summits between them.
+  subroutine peak_of_samples(curve, measure, tolerance, p, x, wide, best_p, best, found, cancel)
+    class(curve_type), intent(inout) :: curve
+    type(harmonic_measure), intent(in) :: measure
+    real(wp), intent(in) :: tolerance
+    !> Ascending, shape (n), and the motions there, shape (curve%n, n).
+    real(wp), intent(in) :: p(:), x(:, :)
+    !> Look between all samples, not only beside the largest.
+    logical, intent(in) :: wide
+    real(wp), intent(out) :: best_p, best
+    !> The best is a summit, not a sample.
+    logical, intent(out) :: found
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), volatile, optional :: cancel
+    real(wp) :: sizes(size(p))
+    integer :: trend(size(p)), i, largest
+    logical :: summit
+
+    sizes = [(measure%size_at(x(:, i), p(i)), i=1, size(p))]
+    largest = maxloc(sizes, 1)
+    best_p = p(largest)
+    best = sizes(largest)
+    found = .false.
+    trend = 0
+    do i = 1, size(p)
+      if (.not. wide .and. abs(i - largest) > 1) cycle
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
+      call growth_along(curve, measure, tolerance, x(:, i), p(i), trend(i))
+    end do
+    do i = 1, size(p) - 1
+      if (.not. wide .and. abs(2*(i - largest) + 1) > 1) cycle
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
+      summit = .false.
+      ! Where both agree on the way up there is nothing between them.
+      if (trend(i) > 0 .and. .not. (trend(i + 1) > 0 .and. sizes(i + 1) >= sizes(i))) then
+        call from_sample(i)
+      end if
+      if (summit) cycle
+      if (trend(i + 1) < 0 .and. .not. (trend(i) < 0 .and. sizes(i) >= sizes(i + 1))) then
+        call from_sample(i + 1)
+      end if
+    end do
+
+  contains
+
+    subroutine from_sample(from)
+      integer, intent(in) :: from
+      real(wp) :: at(size(x, 1)), at_p, top
+      at = x(:, from)
+      at_p = p(from)
+      call climb(curve, measure, tolerance, p(i), p(i + 1), at, at_p, summit, cancel)
+      if (.not. summit) return
+      top = measure%size_at(at, at_p)
+      if (top < best) return
+      best = top
+      best_p = at_p
+      found = .true.
+    end subroutine from_sample
+
+  end subroutine peak_of_samples
+
+end module viscovib_sampled_peak

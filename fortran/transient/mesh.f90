@@ -1,0 +1,116 @@
+!> Where the steps of a run end: equal steps between the times at which a load has a
+!! jump or a corner, so that every step sees a smooth load and keeps its order.
+module viscovib_mesh
+  use viscovib_kinds, only: i8, wp
+  implicit none
+  private
+
+  public :: mesh_type, new_mesh, equal_steps
+
+  type :: mesh_type
+    !> Ends of the pieces, the first begins at 0; steps made by each, ascending.
+    real(wp), allocatable :: ends(:)
+    integer(i8), allocatable :: made_by(:)
+    !> Length of the steps of each piece.
+    real(wp), allocatable :: h(:)
+  contains
+    procedure :: piece_of
+    procedure :: piece_of_next
+    procedure :: begins
+    procedure :: time
+    procedure :: is_broken
+  end type mesh_type
+
+contains
+
+  !> Pieces with their ends and the steps made by each end; none beyond 0: equal steps h.
+  pure subroutine new_mesh(mesh, h, ends, made_by)
+    type(mesh_type), intent(out) :: mesh
+    real(wp), intent(in) :: h
+    !> Shape (n), ascending.
+    real(wp), intent(in) :: ends(:)
+    integer(i8), intent(in) :: made_by(:)
+    integer :: i
+
+    if (.not. any(ends > 0.0_wp)) then
+      mesh = equal_steps(h)
+      return
+    end if
+    allocate (mesh%ends, source=ends)
+    allocate (mesh%made_by, source=made_by)
+    allocate (mesh%h, source=ends/real(made_by(1), wp))
+    do i = 2, size(ends)
+      mesh%h(i) = (ends(i) - ends(i - 1))/real(made_by(i) - made_by(i - 1), wp)
+    end do
+    ! Steps that differ by rounding only are the same.
+    do i = 2, size(ends)
+      if (abs(mesh%h(i) - mesh%h(i - 1)) <= 4.0_wp*spacing(mesh%h(i))) mesh%h(i) = mesh%h(i - 1)
+    end do
+  end subroutine new_mesh
+
+  !> Equal steps for ever.
+  pure type(mesh_type) function equal_steps(h)
+    real(wp), intent(in) :: h
+    ! Allocated, else gfortran 12 takes assignments to them for uses.
+    allocate (equal_steps%ends(1), source=huge(1.0_wp))
+    allocate (equal_steps%made_by(1), source=huge(1_i8))
+    allocate (equal_steps%h(1), source=h)
+  end function equal_steps
+
+  !> Whether there are pieces with an end.
+  pure logical function is_broken(self)
+    class(mesh_type), intent(in) :: self
+    is_broken = self%ends(1) < huge(1.0_wp)
+  end function is_broken
+
+  !> The piece in which step k+1 lies, after k steps.
+  pure integer function piece_of(self, k)
+    class(mesh_type), intent(in) :: self
+    integer(i8), intent(in) :: k
+    integer :: low, high, middle
+    low = 1
+    high = size(self%ends)
+    do while (low < high)
+      middle = (low + high)/2
+      if (k < self%made_by(middle)) then
+        high = middle
+      else
+        low = middle + 1
+      end if
+    end do
+    piece_of = low
+  end function piece_of
+
+  !> The same where it is this piece or the next.
+  pure integer function piece_of_next(self, piece, k)
+    class(mesh_type), intent(in) :: self
+    integer, intent(in) :: piece
+    integer(i8), intent(in) :: k
+    piece_of_next = piece
+    if (k >= self%made_by(piece) .and. piece < size(self%ends)) piece_of_next = piece + 1
+  end function piece_of_next
+
+  !> Whether step k+1 of this piece is its first.
+  pure logical function begins(self, piece, k)
+    class(mesh_type), intent(in) :: self
+    integer, intent(in) :: piece
+    integer(i8), intent(in) :: k
+    begins = k == 0
+    if (piece > 1) begins = k == self%made_by(piece - 1)
+  end function begins
+
+  !> Time after k steps, the last of them in a piece.
+  pure real(wp) function time(self, piece, k)
+    class(mesh_type), intent(in) :: self
+    integer, intent(in) :: piece
+    integer(i8), intent(in) :: k
+    if (k == self%made_by(piece)) then
+      time = self%ends(piece)
+    else if (piece == 1) then
+      time = real(k, wp)*self%h(1)
+    else
+      time = self%ends(piece - 1) + real(k - self%made_by(piece - 1), wp)*self%h(piece)
+    end if
+  end function time
+
+end module viscovib_mesh

@@ -1,0 +1,258 @@
+!> Where a motion stops: a step that may lead out of what the equations describe, or
+!! out of the range of numbers, is made again in steps as small as need be.
+!!
+!! Verner's method of order 9 with step doubling, independent of the method of the run:
+!! a step counts only if two of half its length give the same. The place is then found
+!! by bisection of the last of them.
+module viscovib_stops
+  use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_flag, &
+    ieee_set_halting_mode
+  use viscovib_driven_system, only: driven_system_type
+  use viscovib_explicit, only: explicit_type, new_explicit
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_vector_math, only: largest_angle
+  implicit none
+  private
+
+  public :: find_stop, stop_type, in_range, least_between
+
+  !> How a run ends: all steps done; a coordinate or velocity leaves the range of
+  !! numbers; the state leaves the system's physics; the time for it was over; the motion
+  !! goes on, but the steps of the run are too large for it.
+  integer, parameter, public :: run_completed = 0, run_diverged = 1, run_unphysical = 2, &
+                                run_stopped = 3, run_coarse = 4
+  character(len=*), parameter, public :: run_names(0:4) = &
+    [character(len=14) :: 'completed', 'diverged', 'unphysical', 'stopped', 'step too large']
+
+  !> Beyond this a velocity has run away.
+  real(wp), parameter :: largest_speed = 1.0e15_wp
+  !> Part of a state by which a step may differ from two of half its length.
+  real(wp), parameter :: closeness = 1.0e-12_wp
+  !> Where steps become as short as rounding of time, the motion is at the edge of its
+  !! physics if its margin is less.
+  real(wp), parameter :: edge = 1.0e-6_wp
+  !> Steps after which a step of the run is given up as too large.
+  integer, parameter :: max_steps = 2000
+  !> Place of the method in `explicit_names`.
+  integer, parameter :: method_place = 4
+
+  !> How a motion ends in a step, when and where; `run_completed`: it does not.
+  type :: stop_type
+    integer :: outcome = run_completed
+    !> From the start of the step.
+    real(wp) :: ahead = 0.0_wp
+    real(wp), allocatable :: q(:), v(:)
+  end type stop_type
+
+  !> One trajectory in a lane of its own.
+  type :: scout_type
+    integer :: lane = 1, n = 0
+    real(wp), allocatable :: frequencies(:, :)
+    !> Start of the step of the run, and of the present one after it.
+    real(wp) :: start = 0.0_wp, ahead = 0.0_wp
+    real(wp), allocatable :: q(:), v(:)
+  end type scout_type
+
+contains
+
+  !> Whether a state can be computed with.
+  pure logical function in_range(q, v)
+    real(wp), intent(in) :: q(:), v(:)
+    in_range = all(abs(q) <= largest_angle) .and. all(abs(v) <= largest_speed)
+  end function in_range
+
+  !> Lower bound of a quantity between two places, from its values and its rates times
+  !! their distance: the hull of the cubic through them.
+  pure elemental real(wp) function least_between(from, rate_from, to, rate_to)
+    real(wp), intent(in) :: from, rate_from, to, rate_to
+    least_between = min(from, to, from + rate_from/3.0_wp, to - rate_to/3.0_wp)
+  end function least_between
+
+  !> How the motion from (q, v) at time `start` ends within h, if it does.
+  subroutine find_stop(system, n, lane, frequencies, q, v, start, h, stop)
+    class(driven_system_type), intent(in) :: system
+    !> Coordinates of the motion itself, the others may run away; lane of the block whose
+    !! parameters count; circular frequencies of the loads, shape (n_lanes, n_drives).
+    integer, intent(in) :: n, lane
+    real(wp), intent(in) :: frequencies(:, :)
+    !> Shape (system%n_dof).
+    real(wp), intent(in) :: q(:), v(:), start, h
+    type(stop_type), intent(out) :: stop
+    type(scout_type) :: begin
+    logical :: halting(size(ieee_all))
+
+    ! One by one: the constructor of gfortran 12 copies arrays with strides wrongly.
+    begin%lane = lane
+    begin%n = n
+    begin%start = start
+    begin%frequencies = frequencies
+    begin%q = q
+    begin%v = v
+    ! Steps that are too large may overflow, which is how they are known.
+    call ieee_get_halting_mode(ieee_all, halting)
+    call ieee_set_halting_mode(ieee_all, .false.)
+    call march(system, begin, h, stop)
+    call ieee_set_flag(ieee_all, .false.)
+    call ieee_set_halting_mode(ieee_all, halting)
+  end subroutine find_stop
+
+  !> Small steps up to h or to the stop.
+  subroutine march(system, begin, h, stop)
+    class(driven_system_type), intent(in) :: system
+    type(scout_type), intent(in) :: begin
+    real(wp), intent(in) :: h
+    type(stop_type), intent(out) :: stop
+    type(scout_type) :: at, whole, half, double
+    real(wp) :: s, shortest
+    integer :: i
+
+    at = begin
+    s = h
+    stop%outcome = run_coarse
+    shortest = 4.0_wp*max(spacing(abs(begin%start) + h), tiny(1.0_wp))
+    do i = 1, max_steps
+      s = min(s, h - at%ahead)
+      if (s <= shortest) then
+        if (h - at%ahead > shortest) then
+          stop%outcome = merge(run_unphysical, run_diverged, margin_of(system, at) <= edge)
+        else
+          stop%outcome = run_completed
+        end if
+        exit
+      end if
+      whole = stepped(system, at, s)
+      half = stepped(system, at, 0.5_wp*s)
+      double = stepped(system, half, 0.5_wp*s)
+      if (.not. alike(whole, double, s)) then
+        s = 0.5_wp*s
+      else if (leaves(system, whole)) then
+        call bisect(system, at, s, stop)
+        return
+      else if (min(least_margin(system, at, half, 0.5_wp*s), &
+                   least_margin(system, half, double, 0.5_wp*s)) <= 0.0_wp) then
+        ! Whether it leaves between is seen with smaller steps.
+        s = 0.5_wp*s
+      else
+        at = double
+        s = 2.0_wp*s
+      end if
+    end do
+    stop%ahead = at%ahead
+    stop%q = at%q
+    stop%v = at%v
+  end subroutine march
+
+  !> The last state before a motion leaves within a step of length s that is resolved.
+  subroutine bisect(system, at, s, stop)
+    class(driven_system_type), intent(in) :: system
+    type(scout_type), intent(in) :: at
+    real(wp), intent(in) :: s
+    type(stop_type), intent(out) :: stop
+    type(scout_type) :: inside, outside, try
+    real(wp) :: low, high, middle
+    logical :: at_edge
+
+    low = 0.0_wp
+    high = s
+    inside = at
+    outside = stepped(system, at, s)
+    do
+      middle = 0.5_wp*(low + high)
+      if (middle <= low .or. middle >= high) exit
+      if (high - low <= spacing(at%start + at%ahead + high)) exit
+      try = stepped(system, at, middle)
+      if (leaves(system, try)) then
+        high = middle
+        outside = try
+      else
+        low = middle
+        inside = try
+      end if
+    end do
+    ! At the edge of the physics velocities may be infinite.
+    at_edge = in_range(outside%q(:at%n), outside%v(:at%n)) .or. margin_of(system, inside) <= edge
+    stop%outcome = merge(run_unphysical, run_diverged, at_edge)
+    stop%ahead = inside%ahead
+    stop%q = inside%q
+    stop%v = inside%v
+  end subroutine bisect
+
+  !> The same trajectory a time s later.
+  type(scout_type) function stepped(system, at, s) result(next)
+    class(driven_system_type), intent(in) :: system
+    type(scout_type), intent(in) :: at
+    real(wp), intent(in) :: s
+    type(explicit_type) :: method
+    real(wp), dimension(n_lanes, system%n_dof) :: q, v
+    real(wp) :: h(n_lanes)
+
+    q = spread(at%q, 1, n_lanes)
+    v = spread(at%v, 1, n_lanes)
+    h = 0.0_wp
+    h(at%lane) = s
+    call new_explicit(method, system%n_dof, method_place, at%frequencies, q, v, &
+                      at%start + at%ahead, h)
+    if (allocated(system%quarters)) call method%turn_phases(system%quarters)
+    if (system%timed) method%since = at%start - system%present_piece(1) + at%ahead
+    call method%step(system)
+    call method%get_state(q, v)
+    next = at
+    next%ahead = at%ahead + s
+    next%q = q(at%lane, :)
+    next%v = v(at%lane, :)
+  end function stepped
+
+  !> Whether two ends of a step agree.
+  pure logical function alike(one, other, s)
+    type(scout_type), intent(in) :: one, other
+    real(wp), intent(in) :: s
+    real(wp) :: size_of
+    associate (n => one%n)
+      size_of = maxval(abs(other%q(:n))) + s*maxval(abs(other%v(:n)))
+      alike = maxval(abs(one%q(:n) - other%q(:n))) <= closeness*size_of &
+              .and. s*maxval(abs(one%v(:n) - other%v(:n))) <= closeness*size_of &
+              .and. all(abs(one%q(:n)) <= huge(1.0_wp)) .and. all(abs(one%v(:n)) <= huge(1.0_wp))
+    end associate
+  end function alike
+
+  !> Whether a state is out of range or out of the physics.
+  logical function leaves(system, at)
+    class(driven_system_type), intent(in) :: system
+    type(scout_type), intent(in) :: at
+    leaves = .true.
+    if (in_range(at%q(:at%n), at%v(:at%n))) leaves = .not. margin_of(system, at) > 0.0_wp
+  end function leaves
+
+  real(wp) function margin_of(system, at)
+    class(driven_system_type), intent(in) :: system
+    type(scout_type), intent(in) :: at
+    real(wp) :: margins(n_lanes)
+    margins = system%margin(spread(at%q, 1, n_lanes))
+    margin_of = margins(at%lane)
+  end function margin_of
+
+  !> Lower bound of the margin between two states s apart.
+  real(wp) function least_margin(system, from, to, s)
+    class(driven_system_type), intent(in) :: system
+    type(scout_type), intent(in) :: from, to
+    real(wp), intent(in) :: s
+    real(wp) :: here, there
+    here = margin_of(system, from)
+    there = margin_of(system, to)
+    least_margin = least_between(here, rate(from, here), there, rate(to, there))
+
+  contains
+
+    real(wp) function rate(state, margin)
+      type(scout_type), intent(in) :: state
+      real(wp), intent(in) :: margin
+      type(scout_type) :: moved
+      moved = state
+      moved%q = state%q + s*state%v
+      rate = margin_of(system, moved) - margin
+    end function rate
+
+  end function least_margin
+
+end module viscovib_stops

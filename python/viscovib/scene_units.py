@@ -1,0 +1,109 @@
+"""Units of the numbers in a scene, by the system that it has."""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+_MOUNT = {
+    "mass": "kg",
+    "inertia": "kg m^2",
+    "offset": "m",
+    "stiffness_x": "N/m",
+    "stiffness_phi": "N m",
+}
+#: What a load on a coordinate of this unit is measured in.
+_FORCES = {"m": "N", "rad": "N m"}
+_TIMES = ("t_end", "dt", "discard")
+_FREQUENCIES = ("nu", "nu_min", "nu_max", "nu_from", "nu_to", "p1", "p2", "p3")
+
+
+def unit_of(groups: Mapping[str, Any], key: str) -> str:
+    """Return the unit of a key, as "load(2).amplitude"; "" where it has none or it is unknown.
+
+    A pendulum is dimensionless: its times are in 1/omega_1 and its frequencies in omega_1. The
+    coordinates of a system of one's own have the units it names (m without), times are in s.
+    """
+    form = re.fullmatch(r"(\w+)(?:\((\d+)\))?\.(\w+)(?:\((\d+)\))?", key.lower())
+    if form is None:
+        return ""
+    group, which, entry, element = form[1], int(form[2] or 1), form[3], int(form[4] or 1)
+    pendulum = bool(groups.get("pendulum"))
+    if entry in _TIMES:
+        return "1/omega_1" if pendulum else "s"
+    if entry in _FREQUENCIES:
+        return "omega_1" if pendulum else "rad/s"
+    found = groups.get(group) or {}
+    several = found if isinstance(found, list) else [found]
+    own = several[which - 1] if 1 <= which <= len(several) else {}
+    if group == "mount":
+        return _MOUNT.get(entry, "")
+    if group == "kernel":
+        return _kernel_unit(own, entry)
+    if group == "load":
+        return _load_unit(groups, own, entry)
+    coordinates, rates = _coordinates(groups)
+    if group == "transient" and entry == "initial" and element <= 2 * len(coordinates):
+        return (coordinates, rates)[(element - 1) % 2][(element - 1) // 2]
+    if group == "transient" and entry == "held" and element <= len(coordinates):
+        return coordinates[element - 1]
+    if entry in ("from", "to"):
+        return _end_unit(groups, group, own, coordinates)
+    return ""
+
+
+def _kernel_unit(kernel: Mapping[str, Any], entry: str) -> str:
+    kind = str(kernel.get("kind", "")).lower()
+    units = {"rates": "1/s", "weights": "1/s", "times": "s", "values": "1/s"}
+    # R = A exp(-beta t) t^(alpha-1); of Rabotnov's kernel beta multiplies t^alpha instead.
+    if kind == "rzhanitsyn":
+        units["beta"] = "1/s"
+    elif kind == "rabotnov":
+        units["beta"] = "1/s^alpha"
+    return units.get(entry, "1/s^alpha" if entry == "amplitude" else "")
+
+
+def _load_unit(groups: Mapping[str, Any], load: Mapping[str, Any], entry: str) -> str:
+    if entry == "phase":
+        return "rad"
+    if entry != "amplitude":
+        return ""
+    names, (units, _) = _names(groups), _coordinates(groups)
+    if load.get("kind") == "base":
+        return units[0] if len(set(units)) == 1 or groups.get("mount") else ""
+    on = load.get("on", names[0] if len(names) == 1 or groups.get("mount") else None)
+    return _FORCES.get(units[names.index(on)], "") if on in names else ""
+
+
+def _end_unit(
+    groups: Mapping[str, Any], group: str, own: Mapping[str, Any], coordinates: list[str]
+) -> str:
+    if group == "branch":
+        return _MOUNT.get(str(own.get("vary", "")), "") if groups.get("mount") else ""
+    if group != "backbone" or own.get("parameter", "amplitude") != "amplitude":
+        return ""
+    names = _names(groups)
+    if own.get("dof") in names:
+        return coordinates[names.index(own["dof"])]
+    return coordinates[0] if len(set(coordinates)) == 1 else ""
+
+
+def _names(groups: Mapping[str, Any]) -> list[str]:
+    if groups.get("mount"):
+        return ["x", "phi"]
+    if groups.get("pendulum"):
+        return ["z", "phi", "psi"]
+    found = (groups.get("system") or {}).get("coordinates", "x")
+    return list(found) if isinstance(found, list) else [found]
+
+
+def _coordinates(groups: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """Units of the coordinates and of their velocities."""
+    if groups.get("mount"):
+        return ["m", "rad"], ["m/s", "rad/s"]
+    if groups.get("pendulum"):
+        return ["L", "rad", "rad"], ["L omega_1", "rad omega_1", "rad omega_1"]
+    names = _names(groups)
+    units = (groups.get("system") or {}).get("units", "m")
+    listed = list(units) if isinstance(units, list) else [units] * len(names)
+    listed += [""] * (len(names) - len(listed))
+    return listed, [f"{unit}/s" if unit else "" for unit in listed]

@@ -1,0 +1,177 @@
+"""The language of scenes as the driver itself tells it.
+
+Groups, the keys of each and the words that a key may have are taken from the messages in which the
+driver refuses what it does not know, so that a new key is fuzzed the day it appears.
+"""
+
+import json
+import re
+import subprocess
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SCENES = ROOT / "data" / "scenes"
+
+#: A scene as a list of groups, each a name and its keys with their values as text.
+Scene = list[tuple[str, dict[str, str]]]
+
+#: One scene for each kind of job, small enough to run at once.
+SEEDS = {
+    "response": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
+&kernel kind='rzhanitsyn' amplitude=0.048 alpha=0.1 beta=0.05 /
+&load amplitude=0.1 /
+&response nu_min=0.5 nu_max=4 nu_count=6 /
+""",
+    "newton": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10
+  stiffness_phi=2 damping=0.1 0 0 0.1 /
+&kernel kind='prony' weights=0.1 0.2 rates=0.5 3 acts_on='x' /
+&load amplitude=0.1 phase=0.3 /
+&load order=0 amplitude=0.05 on='phi' /
+&response nu=1 2 3 method='newton' harmonics=5 stability='yes' /
+""",
+    "branch": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
+&kernel kind='abel' amplitude=0.05 alpha=0.3 /
+&load amplitude=0.1 /
+&branch nu_from=1 nu_to=4 harmonics=3 max_points=60 /
+""",
+    "load_branch": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
+&force law='x^3' /
+&load amplitude=0.3 /
+&branch vary='load_factor' nu=1.3 from=0 to=2 harmonics=3 max_points=60 /
+""",
+    "system": """&system coordinates='x1' 'x2' mass=1 1 stiffness=2 -1 -1 2 damping=0.02 0.02 /
+&kernel kind='tabulated' times=0 1 2 values=0.2 0.1 0.05 /
+&spring stiffness=1 0 kernel=1 /
+&force on='x2' law='0.5*(x1 - x2)^3' kernel=0 /
+&load on='x1' amplitude=0.3 /
+&response nu_min=0.3 nu_max=2 nu_count=5 harmonics=3 /
+""",
+    "mount_motion": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
+&kernel kind='rabotnov' amplitude=0.05 alpha=0.3 beta=1 /
+&transient held=0.1 0 t_end=5 dt=0.1 /
+&spectrum discard=1 /
+""",
+    "system_motion": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
+&force coefficient=1 powers=3 /
+&load amplitude=0.3 /
+&transient initial=0.1 0 nu=1.2 t_end=10 tolerance=1e-6 /
+""",
+    "pendulum": """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 c1=0.01 f0=0.005 p1=0.93 /
+&transient initial=0.05 0 0.3 0 -0.2 0 t_end=20 dt=0.25 /
+&spectrum window='hann' discard=5 /
+""",
+    "pendulum_auto": """&pendulum e=0.1 w2=0.4 w3=0.8 c1=0.01 c2=0.01 c3=0.01 m01=0.005 p2=0.4 /
+&transient initial=0.05 0 0.3 0 -0.2 0 t_end=20 tolerance=1e-6 keep='last' /
+""",
+    "pendulum_branch": """&pendulum e=0.1 w2=0.4 w3=0.8 c1=0.05 c2=0.05 c3=0.05 f0=0.01 p1=0.9 /
+&branch parameter='p1' from=0.7 to=1.1 harmonics=3 max_points=40 switch=1 /
+""",
+    "pendulum_backbone": """&pendulum e=0.1 w2=0.4 w3=0.8 /
+&backbone mode=1 from=0.01 to=0.1 harmonics=3 max_points=40 /
+""",
+    "mount_backbone": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
+&backbone mode=1 from=0.01 to=0.3 harmonics=3 max_points=40 /
+""",
+    "pendulum_scales": """&pendulum e=0.1 w2=0.4 w3=0.8 c1=0.05 c2=0.05 c3=0.05 f0=0.01 p1=0.9 /
+&multiple_scales parameter='p1' from=0.8 to=1.2 count=5 /
+""",
+    "mount_scales": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10
+  stiffness_phi=2 damping=0.1 0 0 0.1 /
+&kernel kind='rzhanitsyn' amplitude=0.048 alpha=0.1 beta=0.05 /
+&load amplitude=0.1 /
+&multiple_scales parameter='nu' from=1 to=4 count=5 /
+""",
+    "sweep": """&scene title='a title' /
+&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
+&load kind='base' amplitude=0.1 /
+&response nu_min=0.5 nu_max=4 nu_count=6 method='linear' coordinates='x' /
+&sweep key='mount.mass' min=1 max=2 count=3 /
+""",
+}  # fmt: skip
+
+_GROUP = re.compile(r"&(\w+)\s(.*?)(?<!['\w])/\s*$", re.S | re.M)
+_KEY = re.compile(r"(\w+)\s*=\s*((?:'[^']*'|[^=&'])*?)(?=,?\s+\w+\s*=|\s*,?\s*$)", re.S)
+
+
+@dataclass
+class Key:
+    """What is known of a key: the words it may have; none, if it is a number."""
+
+    words: list[str] = field(default_factory=list)
+    text: bool = False
+    whole: bool = False
+
+
+@dataclass
+class Grammar:
+    """Groups with their keys, and scenes to begin with."""
+
+    groups: dict[str, dict[str, Key]]
+    seeds: list[Scene]
+
+
+def parse(text: str) -> Scene:
+    """Split a scene of ours: no comments, a slash at the end of each group's last line."""
+    plain = re.sub(r"(?m)!(?=[^']*$).*$", "", text)
+    groups: Scene = []
+    for name, body in _GROUP.findall(plain + "\n"):
+        keys = {k.lower(): " ".join(v.split()) for k, v in _KEY.findall(body.strip())}
+        groups.append((name.lower(), keys))
+    return groups
+
+
+def text_of(scene: Iterable[tuple[str, dict[str, str]]]) -> str:
+    """Return a scene as a file holds it."""
+    return "".join(
+        f"&{name}\n" + "".join(f"  {key} = {value}\n" for key, value in keys.items()) + "/\n"
+        for name, keys in scene
+    )
+
+
+def learn(driver: Path, cache: Path) -> Grammar:
+    """Ask the driver what it knows, once for each build of it."""
+    seeds = [parse(text) for text in SEEDS.values()]
+    stamp = f"{driver} {driver.stat().st_mtime_ns} {hash(tuple(SEEDS.values())) if 0 else ''}"
+    if cache.exists():
+        kept = json.loads(cache.read_text())
+        if kept["stamp"] == stamp:
+            groups = {
+                g: {k: Key(**v) for k, v in keys.items()} for g, keys in kept["groups"].items()
+            }
+            return Grammar(groups, seeds)
+    with tempfile.TemporaryDirectory() as folder:
+        groups = _ask(driver, Path(folder), seeds)
+    cache.parent.mkdir(parents=True, exist_ok=True)
+    kept = {g: {k: vars(v) for k, v in keys.items()} for g, keys in groups.items()}
+    cache.write_text(json.dumps({"stamp": stamp, "groups": kept}))
+    return Grammar(groups, seeds)
+
+
+def _ask(driver: Path, folder: Path, seeds: list[Scene]) -> dict[str, dict[str, Key]]:
+    def refusal(scene: Scene) -> str:
+        (folder / "s.nml").write_text(text_of(scene))
+        done = subprocess.run(
+            [str(driver), "s.nml", "--plan"], cwd=folder, capture_output=True, text=True, timeout=60
+        )
+        return done.stderr
+
+    names = re.findall(r"&(\w+)", refusal([("qqqqqq", {})]).partition("one of")[2])
+    groups: dict[str, dict[str, Key]] = {name: {} for name in names}
+    for scene in seeds:
+        for i, (name, keys) in enumerate(scene):
+            changed = [*scene[:i], (name, {**keys, "qqqqqqqqqqqqqqqqqqqq": "1"}), *scene[i + 1 :]]
+            listed = refusal(changed).partition("must be one of ")[2]
+            for key in re.findall(r"\w+", listed):
+                if key in groups[name]:
+                    continue
+                other = [*scene[:i], (name, {**keys, key: "'qqq'"}), *scene[i + 1 :]]
+                told = refusal(other)
+                found = groups[name].setdefault(key, Key())
+                if "must be one of" in told and f"{key} =" in told:
+                    found.words = re.findall(r"'(\w+)'", told.partition("must be one of")[2])
+                found.text = bool(found.words) or f"{key} = qqq" not in told
+                found.whole = "integer" in told
+    return groups

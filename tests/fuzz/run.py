@@ -1,0 +1,100 @@
+"""`./run fuzz`: random cases until the time is over, and a table of how they ended.
+
+    ./run fuzz [--minutes N | --cases N] [--seed S] [--parts scenes,...] [--builds release,...]
+    ./run fuzz --again scenes:SEED:NUMBER
+
+Each part of the fuzzer is a module beside this one with a function `parts(folder, builds)`, which
+returns objects that have a `name` and a method `case(rng, seed) -> Case` (see verdicts.py). Case n
+of a part depends on the seed and n alone, so that a single one can be repeated. Findings are
+written into OUT/findings; once mended, their scenes go to tests/fuzz/found, which the tests run.
+"""
+
+import argparse
+import importlib
+import json
+import random
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from verdicts import BAD, GOOD
+
+#: Modules with parts.
+MODULES = ("scenes",)
+
+
+def main() -> int:
+    """Run, print the table; the exit status is 1 if there is a finding."""
+    options = _options()
+    out: Path = options.out
+    every = [part for name in MODULES for part in _parts(name, out / "work", options.builds)]
+    if options.again:
+        return _again(every, options.again, out)
+    chosen = [part for part in every if not options.parts or part.name in options.parts]
+    tables: dict[str, Counter[str]] = {part.name: Counter() for part in chosen}
+    until = time.monotonic() + 60 * options.minutes
+    started = time.monotonic()
+    number = 0
+    while time.monotonic() < until and (not options.cases or number < options.cases):
+        for part in chosen:
+            case = _case(part, options.seed, number)
+            tables[part.name][case.ending.verdict] += 1
+            if not case.ending.good:
+                print(f"{case.seed}: {case.ending.verdict}: {case.write(out / 'findings')}")
+                print(f"  {case.ending.detail[:300]}", flush=True)
+        number += 1
+    print(table(tables, time.monotonic() - started))
+    (out / "table.json").write_text(json.dumps(tables, indent=1))
+    return int(any(n for counts in tables.values() for v, n in counts.items() if v in BAD))
+
+
+def _case(part: Any, seed: str, number: int) -> Any:
+    name = f"{part.name}:{seed}:{number}"
+    return part.case(random.Random(name), name)
+
+
+def _again(every: list[Any], which: str, out: Path) -> int:
+    name, seed, number = which.split(":")
+    part = next(part for part in every if part.name == name)
+    case = _case(part, seed, int(number))
+    print(f"{case.ending.verdict}: {case.ending.detail}\n{case.write(out / 'again')}")
+    return int(not case.ending.good)
+
+
+def table(tables: dict[str, Counter[str]], seconds: float) -> str:
+    """How the cases of each part ended, as Markdown."""
+    words = [*GOOD, *BAD]
+    lines = [f"| part | cases | {' | '.join(words)} |", "| --- " * (len(words) + 2) + "|"]
+    for name, counts in tables.items():
+        cells = " | ".join(str(counts[word]) for word in words)
+        lines.append(f"| {name} | {sum(counts.values())} | {cells} |")
+    return "\n".join([*lines, f"{seconds:.0f} s"])
+
+
+def _parts(name: str, folder: Path, builds: list[str]) -> list[Any]:
+    module = importlib.import_module(name)
+    return list(module.parts(folder, builds))
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="./run fuzz", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--minutes", type=float, default=5.0)
+    parser.add_argument("--cases", type=int, default=0, help="of each part; 0: until time is over")
+    parser.add_argument("--seed", default=time.strftime("%Y%m%d"), help="today's date")
+    parser.add_argument("--parts", type=lambda text: text.split(","), default=[])
+    parser.add_argument(
+        "--builds", type=lambda text: text.split(","), default=["release", "debug", "sanitize"]
+    )
+    parser.add_argument("--again", metavar="PART:SEED:NUMBER", help="repeat one case")
+    parser.add_argument("--out", type=Path, default=Path("out/fuzz"))
+    options = parser.parse_args()
+    options.out = options.out.resolve()
+    options.out.mkdir(parents=True, exist_ok=True)
+    return options
+
+
+if __name__ == "__main__":
+    sys.exit(main())

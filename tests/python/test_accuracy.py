@@ -1,0 +1,106 @@
+"""Accuracy asked for in time: absolute, relative, and why it is not met."""
+
+import math
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+
+def duffing(stiffness=1.0, cubic=1.0, damping=0.0):
+    return vv.PolynomialSystem(
+        mass=1, stiffness=stiffness, damping=damping, springs=[vv.Springs(forces=f"{cubic}*x^3")]
+    )
+
+
+def test_easy_conservative_motions_need_few_steps():
+    """Equations of a step left at 0.1 of the tolerance add up over many steps."""
+    rng = np.random.default_rng(1)
+    for _ in range(8):
+        k, c = rng.uniform(0.5, 2, 2)
+        chain = vv.PolynomialSystem(
+            mass=np.eye(2),
+            stiffness=[[2 * k, -k], [-k, 2 * k]],
+            springs=[vv.Springs(forces={"x1": f"{c}*x1^3"})],
+        )
+        run = vv.simulate(chain, 60, initial=[0.7, 0, 0, 0], keep="last")
+        assert run.error <= 1e-10
+        assert run.stats["steps"] <= 1500
+
+    def slope(t, y):
+        pull = 2 * k * y[0] - k * y[2] + c * y[0] ** 3, 2 * k * y[2] - k * y[0]
+        return [y[1], -pull[0], y[3], -pull[1]]
+
+    right = solve_ivp(slope, (0, 60), [0.7, 0, 0, 0], method="DOP853", rtol=1e-12, atol=1e-14)
+    assert np.abs(run.state[-1] - right.y[:, -1]).max() < 1e-9
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e4])
+def test_relative_accuracy_is_the_same_at_every_size(size):
+    linear = vv.PolynomialSystem(mass=1, stiffness=4, damping=0.1)
+    run = vv.simulate(linear, 10, initial=[size, 0], rtol=1e-8)
+    root = complex(-0.05, math.sqrt(4 - 0.05**2))
+    right = size * (np.exp(root * run.t) * (1 + 1j * root.real / root.imag)).real
+    assert np.abs(run.state[:, 0] - right).max() <= 1e-8 * size
+    assert 0 < run.error <= 1e-8 * np.abs(run.state).max()
+
+
+def test_peaks_between_the_states_kept_are_low():
+    shock = vv.LoadTable(
+        times=np.linspace(0.1, 0.111, 12), values=100 * np.sin(np.linspace(0, np.pi, 12))
+    )
+    system = vv.PolynomialSystem(mass=1, stiffness=(20 * math.pi) ** 2, damping=2.0)
+    run = vv.simulate(system, 0.5, force=shock)
+    fine = vv.simulate(system, 0.5, force=shock, dt=1e-4)
+    largest = np.abs(fine.state[:, 0]).max()
+    assert abs(np.abs(run.state[:, 0]).max() / largest - 1) < 2e-3
+    free = vv.simulate(duffing(), 30, initial=[1, 0])
+    between = vv.simulate(duffing(), 30, initial=[1, 0], times=np.linspace(0, 30, 4001))
+    assert np.abs(np.interp(between.t, free.t, free.state[:, 0]) - between.state[:, 0]).max() < 2e-3
+
+
+def test_no_error_is_zero_but_of_no_motion():
+    linear = vv.PolynomialSystem(mass=1, stiffness=4)
+    assert vv.simulate(linear, 10).error == 0
+    assert vv.simulate(linear, 10, initial=[1, 0]).error > 0
+
+
+@pytest.mark.parametrize(
+    ("system", "arguments", "message"),
+    [
+        (vv.PolynomialSystem(mass=1, stiffness=4), {"initial": [9e5, 0]}, "give rtol"),
+        (
+            duffing(stiffness=-1.0, damping=0.25),
+            {"initial": [0.1, 0], "load": 0.3, "nu": 1.0, "t_end": 300},
+            "chaotic or unstable",
+        ),
+    ],
+)
+def test_the_cause_is_named(system, arguments, message):
+    with pytest.raises(vv.InputError, match=message):
+        vv.simulate(system, arguments.pop("t_end", 40), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"rtol": 1e-8, "tolerance": 1e-8}, "give one of both"),
+        ({"rtol": 1e-15}, "rtol = 1e-15: must be in"),
+        ({"atol": 0}, "atol = 0: must be greater than 0"),
+        ({"rtol": 1e-8, "dt": 0.1}, "must not be given with dt"),
+    ],
+)
+def test_bad_accuracies(arguments, message):
+    with pytest.raises(vv.InputError, match=message):
+        vv.simulate(duffing(), 10, initial=[1, 0], **arguments)
+
+
+def test_ensembles_take_relative_accuracies():
+    pendulum = vv.Pendulum(e=0.1, w2=0.4, w3=0.8)
+    starts = np.array([[0, 0, size, 0, 0, 0] for size in (0.05, 0.1, 0.2)])
+    loose = vv.simulate_ensemble(pendulum, initial=starts, t_end=20, rtol=1e-4)
+    tight = vv.simulate_ensemble(pendulum, initial=starts, t_end=20, tolerance=1e-12)
+    sizes = np.abs(tight.state).max(axis=0)
+    assert (np.abs(loose.state - tight.state) <= 1e-4 * sizes.clip(1e-6 * sizes.max())).all()
+    assert loose.error > 0

@@ -1,0 +1,128 @@
+"""Stability with memory next to the axis: random chains on Prony springs, ordinary systems."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+
+#: Orders are fixed on purpose here; what they leave out is judged elsewhere.
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*do not reach the tolerance:viscovib.ConvergenceWarning"
+)
+
+
+def monodromy(matrices, period, steps):
+    """Of y' = A(t) y, by Magnus's expansion to the sixth order (Blanes, Casas, Ros, BIT 40)."""
+    h = period / steps
+    at = h * (np.arange(steps) + 0.5)
+    offset = np.sqrt(15) / 10 * h
+    before, middle, after = matrices(at - offset), matrices(at), matrices(at + offset)
+    first, second = h * middle, h * np.sqrt(15) / 3 * (after - before)
+    third = 10 * h / 3 * (after - 2 * middle + before)
+
+    def bracket(a, b):
+        return a @ b - b @ a
+
+    inner = bracket(first, second)
+    outer = -bracket(first, 2 * third + inner) / 60
+    omega = first + third / 12 + bracket(-20 * first - third + inner, second + outer) / 240
+    power = step = np.eye(omega.shape[1]) + 0 * omega
+    for k in range(1, 14):
+        power = power @ omega / k
+        step = step + power
+    total = np.eye(omega.shape[1])
+    for one in step:
+        total = one @ total
+    return total
+
+
+class Chain:
+    """Masses between walls, all springs with memory, a cubic force on one mass."""
+
+    def __init__(self, rng, n, damping, cubic):
+        self.n, self.mass = n, rng.uniform(1, 2, n)
+        springs = rng.uniform(0.5, 1.6, n + 1)
+        self.k = np.diag(springs[:-1] + springs[1:])
+        self.k -= np.diag(springs[1:-1], 1) + np.diag(springs[1:-1], -1)
+        self.damping = 10 ** rng.uniform(*damping) * self.k
+        terms = rng.integers(1, 3)
+        self.weights, self.rates = 10 ** rng.uniform(-5, -2, terms), 10 ** rng.uniform(-1, 1, terms)
+        self.cubic = cubic * (np.arange(n) == rng.integers(n))
+        self.load = 1.0 * (np.arange(n) == rng.integers(n))
+        self.system = vv.PolynomialSystem(
+            mass=self.mass,
+            stiffness=self.k,
+            damping=self.damping,
+            forces=[
+                vv.Monomial(coefficient=c, powers=3 * np.eye(n, dtype=int)[i], on=i)
+                for i, c in enumerate(self.cubic)
+                if c
+            ],
+            kernel=vv.PronyKernel(weights=self.weights, rates=self.rates),
+        )
+
+    def frequencies(self):
+        return np.sqrt(np.linalg.eigvals(self.k / self.mass[:, None]).real)
+
+    def multipliers(self, nu, orders, x):
+        n, terms = self.n, self.rates.size
+
+        def matrices(t):
+            u = (np.exp(1j * nu * np.outer(t, orders)) @ np.reshape(x, (n, -1)).T).imag
+            a = np.zeros((t.size, (2 + terms) * n, (2 + terms) * n))
+            spring = self.k + 3 * (self.cubic * u**2)[:, :, None] * np.eye(n)
+            a[:, :n, n : 2 * n] = np.eye(n)
+            a[:, n : 2 * n, :n] = -spring / self.mass[:, None]
+            a[:, n : 2 * n, n : 2 * n] = -self.damping / self.mass[:, None]
+            for j in range(terms):
+                own = slice((2 + j) * n, (3 + j) * n)
+                a[:, n : 2 * n, own] = np.diag(self.weights[j] / self.mass)
+                a[:, own, :n] = spring
+                a[:, own, own] = -self.rates[j] * np.eye(n)
+            return a
+
+        steps = int(60 + 60 / nu + 4 * self.rates.max() / nu)
+        return np.linalg.eigvals(monodromy(matrices, 2 * np.pi / nu, steps))
+
+
+def told(multipliers):
+    known = multipliers[~np.isnan(multipliers)]
+    return np.abs(known).max(), (np.abs(known) > 1).sum()
+
+
+@pytest.mark.parametrize("damping", [(-4.3, -3.3), (-5.0, -4.0)])
+def test_zeros_next_to_the_axis_are_not_lost(damping):
+    """One frequency a call: nothing is known from a neighbour."""
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        chain = Chain(rng, 3, damping, 0.1)
+        for nu in 0.9 * chain.frequencies():
+            r = vv.forced_response(
+                chain.system, nu, load={1: 1e-3 * chain.load}, method="newton", stability=True
+            )
+            expected = np.abs(chain.multipliers(nu, r.harmonics, r.coefficients[0])).max()
+            assert expected < 1
+            assert r.stable[0]
+            # The least stable one is among those found.
+            assert told(r.multipliers[0])[0] == pytest.approx(expected, abs=1e-8)
+
+
+def test_nor_along_branches_through_folds():
+    rng = np.random.default_rng(4)
+    growing = 0
+    for _ in range(6):
+        chain = Chain(rng, int(rng.integers(1, 4)), (-5, -3), 0.5)
+        at = rng.choice(chain.frequencies())
+        load = 0.02 * chain.load
+        load = {1: load} if chain.n > 1 else load[0]
+        branch = vv.trace_response(
+            chain.system, (0.9 * at, 1.15 * at), load=load, harmonics=9, max_points=150
+        )
+        for i in range(0, branch.nu.size, 6):
+            all_of_them = chain.multipliers(branch.nu[i], branch.harmonics, branch.coefficients[i])
+            expected = np.abs(all_of_them).max(), (np.abs(all_of_them) > 1).sum()
+            largest, count = told(branch.multipliers[i])
+            assert branch.stable[i] == (expected[0] <= 1)
+            assert count == expected[1]
+            assert largest == pytest.approx(expected[0], rel=1e-6)
+            growing += count > 0
+    assert growing > 4

@@ -1,0 +1,125 @@
+"""Peaks of responses and branches: against maxima found by other means."""
+
+import warnings
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.optimize import minimize_scalar
+
+LIGHT = vv.Mount(
+    mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, geometry="cubic",
+    damping=0.02 * np.array([[10.0, -5.0], [-5.0, 4.5]]),
+)  # fmt: skip
+
+
+def highest_of(branch, dof):
+    """The largest of the points of a dense branch: below the summit by a part of 1e-5 or so."""
+    return branch.amplitude(dof).max()
+
+
+@pytest.mark.parametrize("count", [7, 12, 40, 200])
+@pytest.mark.parametrize("downwards", [False, True])
+def test_a_jump_is_no_summit(count, downwards):
+    """A parabola across the jump of a light mount gave 11 percent too much, with enclosed=True."""
+    nu = np.linspace(0.5, 10, count)[:: -1 if downwards else 1]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        r = vv.forced_response(LIGHT, nu, load=0.5, method="newton")
+    dense = vv.trace_response(LIGHT, (0.5, 10), load=0.5, max_step=0.005, stability=False)
+    for dof in ("x", "phi"):
+        peak, top = r.peak(dof), highest_of(dense, dof)
+        assert peak.amplitude <= top * (1 + 1e-5)
+        if peak.enclosed:
+            # A summit of the branch, at its frequency.
+            near = np.abs(dense.nu - peak.nu) < 0.05
+            assert peak.amplitude <= dense.amplitude(dof)[near].max() * (1 + 1e-5)
+        else:
+            assert peak.amplitude == r.amplitude(dof)[r.nu == peak.nu].max()
+
+
+def test_a_branch_has_the_peak_of_a_dense_one():
+    dense = vv.trace_response(LIGHT, (0.5, 10), load=0.5, max_step=0.002, stability=False,
+                              max_points=20000)  # fmt: skip
+    coarse = vv.trace_response(LIGHT, (0.5, 10), load=0.5, max_step=0.3, stability=False)
+    for dof in ("x", "phi"):
+        peak = coarse.peak(dof)
+        assert peak.enclosed
+        assert peak.amplitude == pytest.approx(highest_of(dense, dof), rel=1e-5)
+        assert peak.amplitude >= highest_of(dense, dof) * (1 - 1e-10)
+        assert coarse.peak(dof).nu == pytest.approx(dense.peak(dof).nu, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["linear", "successive", "newton"])
+def test_coarse_grids_find_the_peak_of_random_systems(method):
+    """Chains at a small load, against the maximum of |D^-1 P| found from a fine grid."""
+    rng = np.random.default_rng(5)
+    for _ in range(12):
+        n = int(rng.integers(1, 4))
+        mass = np.diag(rng.uniform(0.5, 2, n))
+        springs = rng.uniform(0.5, 2, n + 1)
+        stiffness = np.diag(springs[:-1] + springs[1:]) - np.diag(springs[1:-1], 1) \
+            - np.diag(springs[1:-1], -1)  # fmt: skip
+        damping = rng.uniform(0.01, 0.05) * stiffness
+        load = np.zeros(n)
+        load[rng.integers(n)] = 1e-7
+        system = vv.PolynomialSystem(
+            mass=mass, stiffness=stiffness, damping=damping, forces={"x1" if n > 1 else "x":
+            "x1^3" if n > 1 else "x^3"},
+        )  # fmt: skip
+
+        def size(nu, m=mass, c=damping, k=stiffness, p=load):
+            return abs(np.linalg.solve(k - nu**2 * m + 1j * nu * c, p)[0])
+
+        fine = np.linspace(0.05, 4, 20_000)
+        values = np.array([size(v) for v in fine])
+        i = int(values.argmax())
+        best = minimize_scalar(lambda v: -size(v), bounds=(fine[i - 1], fine[i + 1]),
+                               method="bounded", options={"xatol": 1e-10})  # fmt: skip
+        r = vv.forced_response(system, np.linspace(0.05, 4, 25), load=load, method=method)
+        peak = r.peak(0)
+        assert peak.enclosed
+        assert peak.amplitude == pytest.approx(-best.fun, rel=1e-8)
+        assert peak.nu == pytest.approx(best.x, rel=1e-5)
+
+
+def test_a_base_that_moves_counts():
+    """The absolute motion has its largest size elsewhere than the relative one."""
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.2, forces="1e-12*x^3", base_direction=[1.0]
+    )
+    nu = np.linspace(0.2, 3, 15)
+    best = minimize_scalar(
+        lambda v: -abs(1 + v**2 / (1 - v**2 + 0.2j * v)), bounds=(0.8, 1.2), method="bounded",
+        options={"xatol": 1e-10},
+    )  # fmt: skip
+    for method in ("linear", "newton", "successive"):
+        peak = vv.forced_response(system, nu, base=0.1, method=method).peak("x")
+        assert peak.amplitude == pytest.approx(-0.1 * best.fun, rel=1e-8)
+    branch = vv.trace_response(system, (0.2, 3), base=0.1, stability=False)
+    assert branch.peak("x").amplitude == pytest.approx(-0.1 * best.fun, rel=1e-8)
+
+
+def test_peaks_along_loads_and_parameters_are_on_the_branch():
+    """A third harmonic has its largest size at a load between: against points at many loads."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
+    for name, ends in (("stiffness", (0.2, 12)), ("load", (0.1, 6))):
+        options = {"nu": 1.6, "load": 1.0, "stability": False}
+        if name == "load":
+            options |= {"load_range": ends}
+        else:
+            options |= {"vary": name, "vary_range": ends}
+        dense = vv.trace_response(system, **options, max_step=0.003, max_points=20000)
+        coarse = vv.trace_response(system, **options)
+        peak, top = coarse.peak("x"), dense.amplitude("x").max()
+        assert peak.amplitude == pytest.approx(top, rel=1e-5)
+
+
+def test_a_pendulum_too():
+    swung = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, c1=0.05, c2=0.05, c3=0.05, f0=0.05, p1=1)
+    dense = vv.trace_response(swung, p1=(0.7, 1.3), stability=False, max_step=0.003)
+    coarse = vv.trace_response(swung, p1=(0.7, 1.3), stability=False)
+    peak = coarse.peak("z")
+    assert peak.enclosed
+    assert peak.amplitude == pytest.approx(dense.amplitude("z").max(), rel=1e-5)
+    assert peak.amplitude >= dense.amplitude("z").max() * (1 - 1e-10)

@@ -1,0 +1,100 @@
+"""The referee itself: what it finds, what it survives, and that no public name is left out."""
+
+import types
+
+import numpy as np
+import pytest
+import viscovib as vv
+from referee import coverage
+from referee.case import Case, Claim
+from referee.session import Verdict, _watch
+from referee.worker import answer
+
+
+def test_every_public_name_is_judged_or_has_a_reason():
+    assert coverage.complaints() == []
+
+
+def test_a_new_name_is_missed(monkeypatch):
+    monkeypatch.setattr(vv, "__all__", [*vv.__all__, "invented"])
+    monkeypatch.setattr(vv, "invented", lambda: None, raising=False)
+    assert any(text.startswith("invented: no family") for text in coverage.complaints())
+
+
+def test_a_new_method_is_missed(monkeypatch):
+    monkeypatch.setattr(vv.Mount, "invented", lambda self: None, raising=False)
+    assert any(text.startswith("Mount.invented: no family") for text in coverage.complaints())
+
+
+def test_ratio_is_true_error_over_the_one_admitted():
+    claim = Claim("x", np.array([1.0, 2.0]), np.array([1.0, 2.5]), [0.1, 0.25])
+    assert claim.ratio() == pytest.approx(2)
+    assert Claim("x", 1.0, 1.0, 0.0).ratio() == 0
+    assert Claim("x", 1.0, 2.0, 0.0).ratio() == np.inf
+
+
+@pytest.mark.parametrize(
+    "claim",
+    [
+        Claim("NaN", np.nan, 1.0, 1.0),
+        Claim("an estimate of NaN", 1.0, 1.0 + 1e-9, np.nan),
+        Claim("a wrong shape", np.ones(2), np.ones(3), 1.0),
+        Claim("a wrong verdict", True, False),
+        Claim("a wrong word", "completed", "diverged"),
+    ],
+    ids=lambda claim: claim.what,
+)
+def test_what_is_wrong_whatever_is_admitted(claim):
+    assert claim.ratio() == np.inf
+
+
+@pytest.mark.parametrize(
+    "claim",
+    [Claim("x", 2.0, 2.0, 1e-9), Claim("x", True, True), Claim("x", 3, 3), Claim("x", "a", "a")],
+)
+def test_injected_errors_are_seen(claim):
+    assert claim.ratio() == 0
+    assert claim.damaged().ratio() > 1
+
+
+def test_refusals_and_exceptions_are_told_apart():
+    refusing = "vv.Mount(mass=-1, inertia=1, offset=0, stiffness_x=1, stiffness_phi=1)"
+    assert answer(Case(refusing, lambda *_: [], may_refuse=True))[1] == "refused"
+    assert answer(Case(refusing, lambda *_: []))[1] == "raised"
+    assert answer(Case("1 / 0", lambda *_: [], may_refuse=True))[1] == "raised"
+
+
+def test_a_crash_is_a_failure_of_its_case(monkeypatch, tmp_path):
+    """A process that dies ends with the call it was busy with."""
+    program = (
+        "import json, os\n"
+        "print(json.dumps({'index': 3, 'begin': 'the call'}), flush=True)\n"
+        "os.abort()\n"
+    )
+    path = tmp_path / "dies.py"
+    path.write_text(program)
+    import subprocess
+    import sys
+
+    monkeypatch.setattr(
+        "referee.session.subprocess",
+        types.SimpleNamespace(
+            Popen=lambda _, **options: subprocess.Popen([sys.executable, str(path)], **options),
+            PIPE=subprocess.PIPE,
+        ),
+    )
+    index, call, reason = _watch(Verdict("dies"), "dies", 1, 0, 1.0, 0, 9)
+    assert (index, call) == (3, "the call")
+    assert reason == "the process ended by signal 6"
+
+
+@pytest.mark.parametrize("family", ["kernels", "linear", "spectra", "tables"])
+def test_cases_are_the_same_whenever_they_are_drawn(family):
+    import importlib
+
+    from referee.worker import generator
+
+    draw = importlib.import_module(f"referee.{family}").case
+    for index in range(8):
+        first, again = (draw(generator(5, family, index), index).call for _ in range(2))
+        assert first == again

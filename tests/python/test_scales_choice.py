@@ -1,0 +1,228 @@
+"""Which terms multiple scales count as resonant: against Floquet's multipliers by SciPy."""
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.optimize
+import viscovib as vv
+
+pytestmark = pytest.mark.filterwarnings("ignore::viscovib.RangeWarning")
+
+
+def growth(matrix_at, period, n):
+    """Largest growth of y' = A(t) y, by SciPy."""
+
+    def rhs(t, y):
+        return (matrix_at(t) @ y.reshape(n, n)).ravel()
+
+    run = scipy.integrate.solve_ivp(
+        rhs, (0, period), np.eye(n).ravel(), rtol=1e-9, atol=1e-11, method="DOP853"
+    )
+    multipliers = np.linalg.eigvals(run.y[:, -1].reshape(n, n))
+    return np.log(abs(multipliers)).max() / period
+
+
+def coupled(rng, h, p, damping):
+    """Two modes at rest, whose stiffness a third, stiff coordinate changes as h cos(p t)."""
+    w = np.array([1.0, rng.uniform(1.3, 2.2)])
+    fast, slow = 40.0, rng.normal(size=(2, 2))
+    coupling = slow + slow.T
+    quadratic = np.zeros((3, 3, 3))
+    quadratic[:2, :2, 2] = coupling
+    load = np.array([[0.0], [0.0], [h * (fast**2 - p**2)]])
+    system = vv.CubicSystem(
+        mass=np.eye(3), stiffness=np.diag([*w**2, fast**2]), damping=np.diag([damping] * 2 + [0]),
+        quadratic=quadratic, load=load, drives=[p],
+    )  # fmt: skip
+
+    def matrix_at(t):
+        stiffness = np.diag(w**2) + h * np.cos(p * t) * coupling
+        return np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -damping * np.eye(2)]])
+
+    return system, matrix_at, w
+
+
+def test_modes_at_rest_grow_where_floquet_says():
+    """Parametric excitation of one mode and of two together, in the tongues and beside them."""
+    rng = np.random.default_rng(0)
+    wrong, judged, off = 0, 0, []
+    for i in range(40):
+        h, damping = 10 ** rng.uniform(-1.5, -0.8), 10 ** rng.uniform(-3, -2)
+        probe = coupled(np.random.default_rng(i), h, 1.0, damping)[2]
+        centre = [2 * probe[0], 2 * probe[1], probe.sum()][i % 3]
+        p = centre * (1 + rng.uniform(-0.8, 0.8) * h)
+        system, matrix_at, _ = coupled(np.random.default_rng(i), h, p, damping)
+        found = vv.MultipleScales(system).response("p1", [p])
+        rest = found.eigenvalues[0].real.max()
+        true = growth(matrix_at, 2 * np.pi / p, 4)
+        judged += 1
+        # The stiff coordinate's own motion is not damped.
+        if abs(true) > 0.05 * h**2:
+            wrong += (rest > 1e-6) != (true > 0)
+        if true > 0:
+            off.append(abs(rest / true - 1))
+    assert judged == 40
+    assert wrong == 0
+    assert len(off) > 8
+    assert np.median(off) < 0.03
+
+
+def test_the_seed_pendulum_under_its_parametric_load():
+    """p1 = 2 w2: z excites phi. Floquet's growth of the motion in z is .0246."""
+    pend = vv.Pendulum(
+        e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.005, c2=0.005, c3=0.005, f0=0.05, p1=0.8
+    )
+    steady = vv.MultipleScales(pend).response("p1", [0.8])
+    in_z = np.flatnonzero(abs(steady.amplitudes[:, 1]) == 0)
+    assert not steady.stable[in_z].any()
+    np.testing.assert_allclose(steady.eigenvalues[in_z[0]].real.max(), 0.0246, rtol=0.02)
+
+
+def test_results_do_not_depend_on_the_other_values():
+    """One value, or the same among others near and far from the mode."""
+    rng = np.random.default_rng(4)
+    for _ in range(12):
+        c, load = 10 ** rng.uniform(-2.3, -1.3), 10 ** rng.uniform(-2.5, -1.2)
+        system = vv.CubicSystem(
+            mass=[[1]], stiffness=[[1]], damping=[[c]], cubic=[[[[rng.uniform(-1, 1)]]]],
+            load=[[load]], drives=[1.0],
+        )  # fmt: skip
+        ms = vv.MultipleScales(system)
+        p = rng.uniform(0.8, 1.2)
+        alone = ms.response("p1", [p])
+        among = ms.response("p1", [0.5, 1.0, p, 1.4])
+        np.testing.assert_allclose(
+            among.harmonics[among.index == 2], alone.harmonics, rtol=1e-10, atol=1e-14
+        )
+
+
+def test_all_three_motions_of_a_duffing_away_from_resonance():
+    """At 1.08 there are three; a search over periodic motions by SciPy finds the same."""
+    c, load, p = 0.02, 0.02, 1.08
+    system = vv.CubicSystem(
+        mass=[[1]], stiffness=[[1]], damping=[[c]], cubic=[[[[1.0]]]], load=[[load]], drives=[p]
+    )
+    steady = vv.MultipleScales(system).response("p1", [p])
+    assert steady.index.size == 3
+    assert list(steady.stable) == [True, False, True]
+
+    def miss(y):
+        run = scipy.integrate.solve_ivp(
+            lambda t, y: [y[1], load * np.cos(p * t) - c * y[1] - y[0] - y[0] ** 3],
+            (0, 2 * np.pi / p), y, rtol=1e-11, atol=1e-13, dense_output=True,
+        )  # fmt: skip
+        return run
+
+    for i in range(3):
+        x = steady.harmonics[i, 0]
+        start = scipy.optimize.fsolve(lambda y: miss(y).y[:, -1] - y, [x.real, -p * x.imag])
+        t = np.arange(64) / 64 * 2 * np.pi / p
+        exact = 2 * np.mean(miss(start).sol(t)[0] * np.exp(-1j * p * t))
+        error = abs(x - exact)
+        assert error < 0.01 * abs(exact)
+        assert 0.5 < steady.error_estimate[i] / error < 2
+
+
+def test_constant_loads_of_any_size():
+    """A static load moves the frequency: the error covers what an integration finds."""
+    rng = np.random.default_rng(7)
+    for _ in range(8):
+        static, c = rng.uniform(-0.6, 0.6), rng.uniform(0.03, 0.08)
+        quadratic, cubic = rng.uniform(-0.3, 0.3), rng.uniform(0.3, 1.0)
+        p, load = rng.uniform(0.9, 1.5), 0.01
+        system = vv.CubicSystem(
+            mass=[[1]], stiffness=[[1]], damping=[[c]], quadratic=[[[quadratic]]],
+            cubic=[[[[cubic]]]], load=[[static, load]], drives=[0.0, p],
+        )  # fmt: skip
+        steady = vv.MultipleScales(system).response("p2", [p])
+
+        def run(y, static=static, c=c, quadratic=quadratic, cubic=cubic, p=p, load=load):
+            return scipy.integrate.solve_ivp(
+                lambda t, y, p=p: [
+                    y[1],
+                    static + load * np.cos(p * t) - c * y[1] - y[0] - quadratic * y[0] ** 2
+                    - cubic * y[0] ** 3,
+                ],
+                (0, 2 * np.pi / p), y, rtol=1e-10, atol=1e-12, dense_output=True,
+            )  # fmt: skip
+
+        rest = scipy.optimize.brentq(
+            lambda x, s=static, q=quadratic, k=cubic: x + q * x**2 + k * x**3 - s, -2, 2
+        )
+        stable = np.flatnonzero(steady.stable & steady.in_range)
+        assert stable.size
+        x = steady.harmonics[stable[0], 0]
+        start = scipy.optimize.fsolve(
+            lambda y, run=run: run(y).y[:, -1] - y, [rest + x.real, -p * x.imag]
+        )
+        times = np.arange(64) / 64 * 2 * np.pi / p
+        exact = 2 * np.mean(run(start).sol(times)[0] * np.exp(-1j * p * times))
+        error = abs(x - exact)
+        assert error < 0.1 * abs(exact)
+        assert error < 2 * steady.error_estimate[stable[0]] + 1e-8
+
+
+def test_three_loads_near_three_modes_need_no_settings():
+    """Random pendulums: none is refused, and most are in range."""
+    rng = np.random.default_rng(1)
+    inside = 0
+    for _ in range(6):
+        body = {
+            "e": rng.uniform(0.05, 0.1), "w2": rng.uniform(0.35, 0.6), "w3": rng.uniform(0.7, 1.0),
+            "alpha": rng.uniform(0, 0.5), "c1": 0.01, "c2": 0.01, "c3": 0.01,
+        }  # fmt: skip
+        w = vv.MultipleScales(vv.Pendulum(**body)).frequencies
+        drives = {f"p{j + 1}": w[j] * (1 + rng.uniform(-0.03, 0.03)) for j in range(3)}
+        pend = vv.Pendulum(**body, **drives, f0=2e-4, m01=1e-4, m02=2e-4)
+        steady = vv.MultipleScales(pend).response("p1", [drives["p1"]])
+        assert steady.index.size
+        inside += steady.in_range.any()
+    assert inside >= 3
+
+
+def test_errors_along_an_amplitude_are_those_at_the_amplitude():
+    """What the full system leaves over is taken under the load varied to, not that given."""
+    body = {"e": 0.1, "w2": 0.48, "w3": 0.8, "alpha": 0.5, "c1": 0.01, "c2": 0.01, "c3": 0.01}
+    varied = vv.MultipleScales(vv.Pendulum(**body, f0=1.0, p1=1.05)).response("f0", [0.002])
+    fixed = vv.MultipleScales(vv.Pendulum(**body, f0=0.002, p1=1.05)).response("f0", [0.002])
+    np.testing.assert_allclose(varied.error_estimate, fixed.error_estimate, rtol=1e-6)
+    assert varied.error_estimate[0] < 1e-4
+
+
+def test_backbones_with_internal_resonance_against_shooting():
+    """w2 ~ 2 w1: two ways to vibrate at one amplitude, as SciPy finds them."""
+    rng, b = np.random.default_rng(3), 0.04
+    for _ in range(4):
+        w2, k = 2 * (1 + rng.uniform(-0.004, 0.004)), rng.uniform(0.2, 0.5)
+        quadratic = np.zeros((2, 2, 2))
+        quadratic[0, 0, 1] = 2 * k
+        quadratic[1, 0, 0] = k
+        system = vv.CubicSystem(mass=np.eye(2), stiffness=np.diag([1, w2**2]), quadratic=quadratic)
+        found = vv.MultipleScales(system).backbone(0, [b])[0]
+        assert found.size == 2
+        assert found[1] - found[0] > 0.002
+
+        def miss(y, whole=False, w2=w2, k=k):
+            run = scipy.integrate.solve_ivp(
+                lambda t, q: [
+                    q[1], -q[0] - 2 * k * q[0] * q[2], q[3], -(w2**2) * q[2] - k * q[0] ** 2
+                ],
+                (0, 2 * np.pi / y[2]), [y[0], 0, y[1], 0], rtol=1e-10, atol=1e-13,
+                t_eval=np.arange(65) / 64 * 2 * np.pi / y[2],
+            )  # fmt: skip
+            first = 2 * np.mean(run.y[0, :64] * np.cos(np.arange(64) * 2 * np.pi / 64))
+            return [run.y[1, 32], run.y[3, 32], first - b]
+
+        for sign, frequency in zip((1, -1), (found[1], found[0]), strict=True):
+            start = [b, sign * b / np.sqrt(8), frequency]
+            exact = scipy.optimize.fsolve(miss, start, xtol=1e-11)[2]
+            assert abs(frequency - exact) < 0.1 * abs(exact - 1)
+        alone = vv.MultipleScales(system).backbone(1, [b])
+        assert alone.shape == (1,)
+
+
+def test_backbones_out_of_range_are_told():
+    system = vv.CubicSystem(mass=[[1]], stiffness=[[1]], cubic=[[[[1.0]]]])
+    ms = vv.MultipleScales(system)
+    with pytest.warns(vv.RangeWarning, match="amplitude 5 of mode 0"):
+        ms.backbone(0, 5.0)

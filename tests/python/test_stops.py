@@ -1,0 +1,256 @@
+"""Where motions stop: against an integrator that shares no code, over random systems."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+
+class TooLong(Exception):
+    """The other program takes too long."""
+
+
+def reach(rhs, start, t_end, stops):
+    """Return the end of a motion by another program, and which event stopped it."""
+    calls = 0
+
+    def counted(t, y):
+        nonlocal calls
+        calls += 1
+        if calls > 20_000:
+            raise TooLong
+        return rhs(t, y)
+
+    for event in stops:
+        event.terminal = True
+    run = solve_ivp(
+        counted, (0, t_end), start, method="DOP853", rtol=1e-12, atol=1e-12, events=list(stops)
+    )
+    stopped = [k for k, times in enumerate(run.t_events) if len(times)]
+    return run.t[-1], run.y[:, -1], stopped[0] if stopped else None
+
+
+def softening(rng):
+    """Return a softening oscillator of one or two coordinates and its equations."""
+    n = int(rng.integers(1, 3))
+    k = np.diag(rng.uniform(0.5, 2, n))
+    if n == 2:
+        c = rng.uniform(0.1, 0.5)
+        k += c * np.array([[1, -1], [-1, 1]])
+    damping = 0.05 * np.eye(n)
+    soft, names = rng.uniform(0.2, 1.5, n), ["a", "b"][:n]
+    system = vv.PolynomialSystem(
+        mass=np.eye(n),
+        stiffness=k,
+        damping=damping,
+        names=names,
+        forces={name: f"-{float(s)!r}*{name}^3" for name, s in zip(names, soft, strict=True)},
+    )
+    size, nu = rng.uniform(0, 0.5), rng.uniform(0.3, 2)
+
+    def rhs(t, y):
+        u, v = y[::2], y[1::2]
+        a = -k @ u - damping @ v + soft * u**3
+        a[0] += size * math.sin(nu * t)
+        return np.stack([v, a], axis=1).ravel()
+
+    force = np.zeros(n)
+    force[0] = size
+    return system, rhs, force, nu
+
+
+def test_escapes_to_infinity_are_found_with_their_time():
+    rng = np.random.default_rng(3)
+    seen = set()
+    for _ in range(14):
+        system, rhs, load, nu = softening(rng)
+        start = rng.uniform(-1.5, 1.5, 2 * len(system.dof_names))
+        t, state, event = reach(rhs, start, 12.0, [lambda t, y: np.abs(y[::2]).max() - 1e6])
+        try:
+            run = vv.simulate(system, 12, initial=start, load=load, nu=nu, tolerance=1e-8)
+        except vv.InputError as error:
+            if "not met" not in str(error):
+                raise
+            continue
+        seen.add(run.outcome)
+        assert run.outcome == ("completed" if event is None else "diverged"), (t, run.t_reached)
+        assert run.error is not None
+        assert abs(run.t_reached - t) <= 1e-8
+        assert run.t[-1] <= run.t_reached
+        last = vv.simulate(system, 12, initial=start, load=load, nu=nu, tolerance=1e-8, keep="last")
+        assert last.t.tolist() == [last.t_reached]
+        if event is None:
+            assert np.abs(last.state[-1] - state).max() <= 1e-7
+        if event is not None:
+            assert np.abs(last.state[-1][::2]).max() == pytest.approx(1e6, rel=1e-6)
+    assert seen == {"completed", "diverged"}
+
+
+def hanging(rng, equations="exact"):
+    """Return a random pendulum."""
+    return vv.Pendulum(
+        e=rng.uniform(0.02, 0.1), w2=rng.uniform(0.4, 0.8), w3=rng.uniform(0.6, 1.2),
+        c1=0.01, c2=0.01, c3=0.01, f0=rng.uniform(0, 0.4), p1=rng.uniform(0.5, 1.5),
+        m01=rng.uniform(0, 0.02), p2=rng.uniform(0.2, 0.9), equations=equations,
+    )  # fmt: skip
+
+
+def through_pivot(body, start, t_end):
+    """Return what another program says of a pendulum's motion."""
+    return reach(
+        lambda t, y: body.rhs(t, y),
+        start,
+        t_end,
+        [lambda t, y: y[0] + 1, lambda t, y: np.abs(y[::2]).max() - 1e6],
+    )
+
+
+def outcome_of(t, event, t_end):
+    """Return the outcome; the other program stops where a velocity becomes infinite."""
+    if event is None:
+        return "completed" if t >= t_end else "diverged"
+    return ("unphysical", "diverged")[event]
+
+
+@pytest.mark.parametrize("kind", ["spring", "swinging", "cubic"])
+def test_pendulums_through_their_pivot(kind):
+    """No false "unphysical", and the true ones at their time."""
+    rng = np.random.default_rng(8)
+    seen = []
+    for _ in range(6):
+        body = hanging(rng, "cubic" if kind == "cubic" else "exact")
+        start = np.array([rng.uniform(-0.6, 0.6), rng.uniform(-1, 1), *[0.0] * 4])
+        if kind == "spring":
+            body = replace(body, m01=0.0, alpha=rng.uniform(0, 0.2))
+            start[:2] *= 1.5
+        else:
+            start[:2] *= 0.7
+            start[2:] = rng.uniform(-0.3, 0.3, 4)
+        try:
+            t, state, event = through_pivot(body, start, 12.0)
+        except TooLong:
+            continue
+        for job in (
+            {"tolerance": 1e-6},
+            {"dt": 0.01, "estimate_error": True},
+            {"dt": 0.01, "method": "verner9", "estimate_error": True},
+        ):
+            try:
+                run = vv.simulate(body, 12, initial=start, keep="last", **job)
+            except vv.InputError as error:
+                if "not met" not in str(error):
+                    raise
+                continue
+            if run.error > 1e-6:
+                continue
+            wanted = outcome_of(t, event, 12.0)
+            seen.append(wanted)
+            assert run.outcome == wanted
+            assert abs(run.t_reached - t) <= 2e-6
+            assert run.state[-1, 0] > -1
+            if event == 0:
+                assert run.state[-1, 0] == pytest.approx(-1, abs=1e-12)
+            if wanted != "diverged":
+                assert np.abs(run.state[-1] - state).max() <= 1e-4
+    assert len(seen) > 8
+    assert kind == "swinging" or len(set(seen)) > 1
+
+
+@pytest.mark.parametrize(
+    ("method", "step"),
+    [("gauss8", 2.0), ("gauss16", 3.0), ("gauss3", 0.5), ("verner9", 1.0), ("rk4", 0.3)],
+)
+def test_a_dip_below_the_pivot_inside_a_step_is_seen(method, step):
+    """The spring alone swings freely through z = -1 and is back within the step."""
+    body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8)
+    for amplitude in (1.001, 1.01, 1.1, 1.3):
+        run = vv.simulate(body, 20, dt=step, initial=(amplitude, 0, 0, 0, 0, 0), method=method)
+        assert run.outcome == "unphysical"
+        assert run.t_reached == pytest.approx(
+            math.acos(-1 / amplitude), abs=1e-10 if step > 0.5 and method != "verner9" else 1e-2
+        )
+        assert run.t[-1] <= run.t_reached
+        last = vv.simulate(
+            body, 20, dt=step, initial=(amplitude, 0, 0, 0, 0, 0), method=method, keep="last"
+        )
+        assert last.t.tolist() == [run.t_reached]
+        assert last.state[0, 0] == pytest.approx(-1, abs=1e-12)
+    assert vv.simulate(body, 20, dt=step, initial=(0.99, 0, 0, 0, 0, 0)).outcome == "completed"
+
+
+def test_wanted_times_end_at_the_stop():
+    body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8)
+    t = np.linspace(0.1, 19, 57)
+    run = vv.simulate(body, 20, dt=1.7, initial=(1.2, 0, 0, 0, 0, 0), times=t)
+    stop = math.acos(-1 / 1.2)
+    assert run.t.tolist() == t[t < stop].tolist()
+    assert run.state[:, 0] == pytest.approx(1.2 * np.cos(run.t), abs=1e-9)
+
+
+def test_tail_of_a_run_that_stops_before_it():
+    body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8)
+    run = vv.simulate(body, 20, dt=0.5, initial=(1.2, 0, 0, 0, 0, 0), keep="tail", tail=5)
+    assert run.t.tolist() == [run.t_reached]
+    assert run.state[0, 0] == pytest.approx(-1, abs=1e-12)
+
+
+def test_too_large_a_step_is_not_a_stop():
+    """The motion goes on; only the given step does not follow it."""
+    body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, f0=0.3, p1=1)
+    start = (0, 0, 0.1, 0, 0, 0)
+    assert through_pivot(body, np.array(start), 30.0)[2] is None
+    assert vv.simulate(body, 30, dt=1.43, initial=start).outcome == "step too large"
+    assert vv.simulate(body, 30, initial=start, tolerance=1e-6).outcome == "completed"
+
+
+def test_ensembles_tell_what_single_runs_tell():
+    """Each motion as another program has it; nothing of a stopped one is made up."""
+    rng = np.random.default_rng(5)
+    body = vv.Pendulum(e=0.05, w2=0.5, w3=0.9, c1=0.01, c2=0.01, c3=0.01, f0=0.2, p1=0.9)
+    n = 13
+    starts = np.zeros((n, 6))
+    starts[:, :2] = rng.uniform(-0.8, 0.8, (n, 2))
+    starts[9:] *= 0.3
+    starts[9:, 2:] = rng.uniform(-0.2, 0.2, (n - 9, 4))
+    starts[0, :2] = -0.999, -1
+    job = {"initial": starts, "t_end": 12}
+    many = vv.simulate_ensemble(
+        body, dt=0.02, statistics=True, lyapunov=True, discard=1.0, amplitudes_at=[0.9], **job
+    )
+    auto = vv.simulate_ensemble(body, tolerance=1e-6, **job)
+    for i, start in enumerate(starts):
+        t, state, event = through_pivot(body, start, 12.0)
+        wanted = outcome_of(t, event, 12.0)
+        for runs in (many, auto):
+            assert runs.outcome[i] == wanted
+            assert abs(runs.t_reached[i] - t) <= 2e-6
+            assert np.abs(runs.state[i] - state).max() <= 1e-5
+        gone = wanted != "completed"
+        assert math.isnan(many.lyapunov[i]) == gone
+        assert np.isnan(many.amplitudes[i]).all() == gone
+        assert np.isnan(many.peak[i]).all() == np.isnan(many.mean[i]).all() == (t < 1)
+    assert 0 < auto.error <= 1e-6
+    assert {"completed", "unphysical"} == set(many.outcome)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"system": vv.PolynomialSystem(mass=1, stiffness=5)}, "system: must be that of the run"),
+        ({"system": vv.Pendulum(e=0.1, w2=0.4, w3=0.8)}, "system: must be that of the run"),
+        ({"dt": 0.2}, "dt: as of the run"),
+        ({"tolerance": 1e-6}, "tolerance: as of the run"),
+        ({"method": "rk4"}, "method: as of the run"),
+        ({"base": 0.1}, "base: as of the run"),
+        ({"held": [0.1]}, "held: as of the run"),
+        ({"resume": 5}, "resume"),
+    ],
+)
+def test_a_run_goes_on_with_what_it_has_or_refuses_by_name(changes, text):
+    run = vv.simulate(vv.PolynomialSystem(mass=1, stiffness=4), 5, dt=0.1, initial=[1, 0])
+    job = {"system": vv.PolynomialSystem(mass=1, stiffness=4), "resume": run} | changes
+    with pytest.raises(vv.ViscovibError, match=text):
+        vv.simulate(job.pop("system"), 10, **job)

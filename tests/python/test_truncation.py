@@ -1,0 +1,146 @@
+"""What orders left out change: the estimates against three times as many orders, and warnings."""
+
+import warnings
+
+import numpy as np
+import pytest
+import viscovib as vv
+
+
+def random_system(rng):
+    """One to three coupled coordinates, forces of degree 2 to 5, with or without memory."""
+    n = int(rng.integers(1, 4))
+    names = [f"x{i + 1}" for i in range(n)]
+    mass = rng.uniform(0.5, 2, n)
+    root = rng.normal(size=(n, n))
+    stiffness = root @ root.T + np.diag(rng.uniform(0.5, 2, n))
+    forces = {}
+    for name in names:
+        powers = [rng.multinomial(rng.choice([2, 3, 3, 5]), np.ones(n) / n) for _ in range(2)]
+        products = ["*".join(f"{x}^{k}" for x, k in zip(names, p, strict=True) if k)
+                    for p in powers]  # fmt: skip
+        forces[name] = " + ".join(f"{0.3 * rng.normal():.4f}*{product}" for product in products)
+    kernel = None
+    if rng.random() < 0.4:
+        kernel = vv.PronyKernel(weights=[rng.uniform(0.02, 0.2)], rates=[rng.uniform(0.1, 2)])
+    system = vv.PolynomialSystem(
+        mass=mass, stiffness=stiffness, damping=rng.uniform(0.02, 0.2) * stiffness, forces=forces,
+        names=names, kernel=kernel,
+    )  # fmt: skip
+    order = int(rng.choice([1, 1, 2, 3]))
+    load = {order: rng.normal(size=n) * 10 ** rng.uniform(-1.5, 0.3)}
+    if rng.random() < 0.3:
+        load[order + 1] = 0.1 * rng.normal(size=n)
+    omega = np.sqrt(np.linalg.eigvalsh(stiffness).max() / mass.max())
+    return system, mass, load, omega * rng.uniform(0.15, 1.5) / order
+
+
+def size(mass, x):
+    return (np.sqrt(mass)[:, None] * (np.abs(x.real) + np.abs(x.imag))).max()
+
+
+@pytest.mark.parametrize("method", ["newton", "successive"])
+def test_estimates_are_true_errors(method):
+    """Of 60 random systems with a few orders: not below 0.4 of the true error, rarely above 3."""
+    rng = np.random.default_rng(14)
+    ratios = []
+    for _ in range(60):
+        system, mass, load, nu = random_system(rng)
+        few = int(rng.integers(max(load), max(load) + 8))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", vv.ConvergenceWarning)
+            a, b = (
+                vv.forced_response(
+                    system, nu, load=load, harmonics=k, method=method, tolerance=1e-13
+                )
+                for k in (few, 3 * few + 20)
+            )
+        if not (a.converged[0] and b.converged[0]) or b.truncation[0] > 1e-3 * a.truncation[0]:
+            continue
+        change = b.coefficients[0].copy()
+        kept = np.searchsorted(b.harmonics, a.harmonics)
+        change[:, kept] -= a.coefficients[0]
+        true = size(mass, change) / size(mass, b.coefficients[0])
+        if true > 1e-11:
+            ratios.append(a.truncation[0] / true)
+    assert len(ratios) > 25
+    assert min(ratios) > 0.4
+    assert np.quantile(ratios, 0.9) < 3
+
+
+def test_two_orders_that_vanish_tell_nothing():
+    """A load of order 3 moves orders 3, 9, 15: the two highest of 13 are 0, and 15 is missing."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
+    options = {"nu": 0.15, "load": {3: 0.3}}
+    for method in ("newton", "successive"):
+        with pytest.warns(vv.ConvergenceWarning, match="up to 13 leave an estimated"):
+            few = vv.forced_response(system, harmonics=13, method=method, **options)
+        all_of_them = vv.forced_response(system, method=method, **options)
+        lacking = np.abs(all_of_them.coefficient("x", 15) / all_of_them.coefficient("x", 3))
+        assert few.truncation == pytest.approx(lacking, rel=0.5)
+
+
+def test_orders_are_chosen_by_default():
+    """Folds of a motion that 9 orders miss by half a percent, against 149 orders."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="x^3")
+    chosen = vv.trace_response(system, (0.25, 0.29), load=1, stability=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        many = vv.trace_response(system, (0.25, 0.29), load=1, stability=False, harmonics=99)
+    assert chosen.truncation.max() <= 1e-10
+    assert chosen.folds == pytest.approx(many.folds, rel=1e-10)
+    assert chosen.folds == pytest.approx([0.27009, 0.26884], abs=5e-6)
+    with pytest.warns(vv.ConvergenceWarning, match="do not reach the tolerance 1.0e-10"):
+        few = vv.trace_response(system, (0.25, 0.29), load=1, stability=False, harmonics=9)
+    assert few.truncation.max() > 1e-3
+    assert (few.highest == 9).all()
+
+
+def test_the_waveform_of_a_slow_load_holds_against_integration():
+    """Newton's method at 0.15 of the resonance, where 9 orders are wrong by 11 percent."""
+    from scipy.integrate import solve_ivp
+
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="x^3")
+    r = vv.forced_response(system, 0.15, load=1, method="newton")
+    state = np.array(
+        [
+            (r.coefficients[0, 0]).imag.sum(),
+            (1j * r.harmonics * 0.15 * r.coefficients[0, 0]).imag.sum(),
+        ]
+    )
+    after = solve_ivp(
+        lambda t, y: [y[1], np.sin(0.15 * t) - 0.02 * y[1] - y[0] - y[0] ** 3],
+        (0, 2 * np.pi / 0.15), state, method="DOP853", rtol=1e-12, atol=1e-13,
+    ).y[:, -1]  # fmt: skip
+    assert after == pytest.approx(state, abs=1e-8)
+
+
+@pytest.mark.parametrize("nu", [0.2, 0.05])
+def test_a_branch_that_begins_with_too_few_orders_begins_with_more(nu):
+    """Nine orders have a motion here, more have none nearby: that ended the process."""
+    if nu == 0.2:
+        system, load = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3"), 20
+    else:
+        system, load = vv.Mount(
+            mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, geometry="cubic",
+            damping=0.02 * np.array([[10.0, -5.0], [-5.0, 4.5]]),
+        ), 10  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        branch = vv.trace_response(system, (nu, 1.02 * nu), load=load, stability=False)
+    assert branch.nu.size > 1
+    assert np.isfinite(branch.coefficients).all()
+
+
+@pytest.mark.parametrize("method", ["linear", "successive", "newton"])
+@pytest.mark.parametrize("moved", ["load", "base"])
+@pytest.mark.parametrize("amplitude", [1e160, 1e300, 1.7e308, 1.79e308])
+def test_no_number_that_is_not_finite_has_converged(method, moved, amplitude):
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.05, forces="x^3", base_direction=[1.0]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        r = vv.forced_response(system, [0.5, 1, 2], **{moved: amplitude}, method=method)
+    finite = np.isfinite(r.coefficients).all(axis=(1, 2))
+    assert (r.converged == finite).all()

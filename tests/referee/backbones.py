@@ -1,0 +1,136 @@
+"""Free motions integrated over a period by SciPy, which must bring them back; energies; Floquet."""
+
+import numpy as np
+
+from referee.balance import magnus
+from referee.case import Case, Claim, few
+from referee.models import Model, Swinging, chain, integrate, mount, pendulum
+
+JUDGES = (
+    "backbone", "Backbone", "Backbone.amplitude", "Backbone.start", "Backbone.truncation",
+    "BackbonePoint",
+)  # fmt: skip
+
+
+def _oscillator(rng, index):
+    if index % 3 == 0:
+        model = mount(rng, damped=0.01)
+    else:
+        model = chain(
+            rng, int(rng.integers(1, 4)), 0.0, quadratic=index % 2 == 0, softening=index % 5 == 0
+        ).model()
+    model = Model(model.source, model.mass, 0 * model.damping, model.groups, model.names)
+    mode = int(rng.integers(model.n))
+    top = few(rng, 0.02, 0.6, 2)
+    kept = rng.choice(["", ", harmonics=15"])
+    call = f"""system = {model.source}
+curve = vv.backbone(system, {mode}, ({top / 100}, {top}){kept})
+nu, start, outcome, truncation = curve.nu, curve.start, curve.outcome, curve.truncation
+amplitude = curve.amplitude({model.names[0]!r})
+coefficients, orders = curve.coefficients, curve.harmonics
+"""
+    draw = np.random.default_rng(index)
+
+    def judge(names, told):
+        yield Claim("completed", names["outcome"], "completed")
+        first = list(names["orders"]).index(1)
+        own = np.abs(names["coefficients"][:, 0, first])
+        yield Claim("amplitude", names["amplitude"], own, 1e-14 * own + 1e-300)
+        own = names["coefficients"].imag.sum(axis=2)
+        yield Claim("start", names["start"], own, 1e-14 * np.abs(own).max())
+        i = int(draw.integers(len(names["nu"])))
+        u = names["start"][i]
+        y = np.concatenate([u, 0 * u])
+        period = 2 * np.pi / names["nu"][i]
+        back = integrate(model.equations(None), y, np.array([period]))[0]
+        size = np.abs(u).max()
+        estimate = names["truncation"][i]
+        admitted = 100 * estimate + 1e-8
+        yield Claim(
+            "periodic from rest",
+            1 + np.abs(back - y).max() / size,
+            1.0,
+            admitted,
+            damage=max(1e-6, 100 * admitted),
+        )
+        if index % 4 == 0:
+            linear = np.sqrt(np.linalg.eigvals(np.linalg.solve(model.mass, model.stiffness)).real)
+            nearest = np.sort(linear)[mode]
+            yield Claim(
+                "begins at the mode",
+                names["nu"][0],
+                nearest,
+                0.3 * top**2 * nearest * 0.01 + 1e-4 * nearest,
+                limit=3.0,
+                damage=0.05,
+            )
+
+    return Case(call, judge, may_refuse=True)
+
+
+def _pendulum(rng, index):
+    p = pendulum(rng, None)
+    free = Swinging(p.e, p.w2, p.w3, p.alpha)
+    mode = int(rng.integers(3))
+    energy = index % 2
+    ends = "energy_range=(1e-6, 3e-3)" if energy else "(0.005, 0.15)"
+    call = f"""system = {free.source}
+curve = vv.backbone(system, {mode}, {ends}, max_points=300)
+nu, start, outcome, energy, truncation = curve.nu, curve.start, curve.outcome, curve.energy, curve.truncation
+stable, multipliers, growing = curve.stable, curve.multipliers, curve.growing
+coefficients, orders = curve.coefficients, curve.harmonics
+"""
+    draw = np.random.default_rng(index)
+
+    def judge(names, told):
+        i = int(draw.integers(len(names["nu"])))
+        u = names["start"][i]
+        y = np.zeros(6)
+        y[::2] = u
+        yield Claim(
+            "energy",
+            names["energy"][i],
+            float(free.energy(y)),
+            (1e-11 + 10 * names["truncation"][i]) * names["energy"][i],
+            damage=max(1e-6, 1e3 * names["truncation"][i]),
+        )
+        period = 2 * np.pi / names["nu"][i]
+        back = free.motion(y, [period])[0]
+        size = np.abs(u).max()
+        k = names["orders"]
+
+        def matrices(t):
+            waves = np.exp(1j * names["nu"][i] * np.outer(t, k))
+            states = np.zeros((t.size, 6))
+            states[:, ::2] = (waves @ names["coefficients"][i].T).imag
+            states[:, 1::2] = (waves * (1j * names["nu"][i] * k) @ names["coefficients"][i].T).imag
+            return free.jacobian(0 * t, states)
+
+        own = np.linalg.eigvals(magnus(matrices, period, 400))
+        sizes = np.sort(np.abs(own))[::-1]
+        # An error in the start grows by the largest multiplier.
+        admitted = (100 * names["truncation"][i] + 1e-8) * max(1.0, sizes[0])
+        yield Claim(
+            "periodic from rest",
+            1 + np.abs(back - y).max() / size,
+            1.0,
+            admitted,
+            damage=max(1e-6, 100 * admitted),
+        )
+        if abs(sizes[0] - 1) > 1e-3:
+            yield Claim("growing", bool(names["growing"][i] > 0), True)
+            got = np.abs(names["multipliers"][i]).max()
+            yield Claim(
+                "largest multiplier",
+                got,
+                sizes[0],
+                1e-5 * sizes[0] + 100 * names["truncation"][i],
+                damage=1e-3,
+            )
+
+    return Case(call, judge, may_refuse=True)
+
+
+def case(rng, index):
+    """Draw a system and a mode."""
+    return _pendulum(rng, index // 3) if index % 3 == 2 else _oscillator(rng, index)

@@ -1,0 +1,198 @@
+"""Points and folds solved again with twice the orders; folds against the turns of the branch."""
+
+import numpy as np
+
+from referee.balance import Balance, load_rows
+from referee.case import Case, Claim, even, few
+from referee.models import Draft, Term, chain, mount, some_memory
+from referee.responses import difference
+
+JUDGES = ("trace_response", "Branch", "Branch.amplitude")
+
+
+def _solve(model, coefficients, orders, nu, load):
+    top = min(2 * int(orders.max()) + 6, 41)
+    balance = Balance(model, top)
+    a = balance.solve(balance.real(coefficients, orders), nu, load_rows(balance, load))
+    return None if a is None else balance.complex(a)
+
+
+def _judge_points(model, names, load, tolerance, rng):
+    """Random points, ends, folds."""
+    branch, told = names["branch"], names["told"]
+    orders = branch.harmonics
+    warned = any("Convergence" in text for text in told)
+    yield Claim("truncation is estimated", branch.truncation is not None, True)
+    estimate = np.zeros(branch.nu.size) if branch.truncation is None else branch.truncation
+    turns = np.sign(np.diff(branch.parameter))
+    turns = turns[turns != 0]
+    yield Claim(
+        "folds are where the branch turns", len(branch.folds), int((np.diff(turns) != 0).sum())
+    )
+    for i in rng.integers(0, branch.nu.size, 3):
+        scaled = {k: p * branch.load_factor[i] for k, p in load.items()}
+        true = _solve(model, branch.coefficients[i], orders, branch.nu[i], scaled)
+        if true is None:
+            continue
+        off = difference(branch.coefficients[i], orders, true)
+        if off > 0.5:
+            continue  # Another motion: beyond a fold of the larger balance.
+        admitted = max(estimate[i], 0.1 * tolerance) + 10 * tolerance
+        if warned and branch.truncation is None:
+            continue
+        yield Claim("points", 1 + off, 1.0, admitted, limit=30.0, damage=max(1e-6, 1e3 * admitted))
+    if branch.varies != "nu" or not len(branch.folds) or model.n > 2:
+        return
+    i = int(rng.integers(len(branch.folds)))
+    balance = Balance(model, min(2 * int(orders.max()) + 4, 31))
+    start = balance.real(branch.fold_coefficients[i], orders)
+    near = int(np.argmin(np.abs(branch.nu - branch.folds[i])))
+    admitted = (estimate[near] + 10 * tolerance) * 30 + 1e-9
+    if warned and branch.truncation is None:
+        return
+    own = balance.fold(start, float(branch.folds[i]), load_rows(balance, load))
+    if own is not None and abs(own / branch.folds[i] - 1) < 0.1:
+        yield Claim(
+            "place of a fold", branch.folds[i], own, admitted * own, damage=max(1e-6, 10 * admitted)
+        )
+
+
+def _any(rng, index):
+    memory = some_memory(rng) if index % 4 == 2 else None
+    if index % 4 == 3:
+        model = mount(rng, damped=few(rng, 0.01, 0.03, 2), memory=memory)
+    else:
+        model = chain(
+            rng,
+            int(rng.integers(1, 3)),
+            few(rng, 0.01, 0.06, 2),
+            memory=memory,
+            softening=index % 2 == 0,
+            quadratic=index % 5 == 0,
+        ).model()
+    w = model.frequencies[0]
+    size = few(rng, 0.01, 0.5, 2)
+    load = {1: np.array([size] + [0.0] * (model.n - 1))}
+    kept = rng.choice(["", ', harmonics="auto"', ", harmonics=13"])
+    tolerance = float(rng.choice([1e-10, 1e-10, 1e-8]))
+    if index % 3 < 2:
+        ends = [float(f"{w * rng.uniform(0.4, 0.7):.4g}"), float(f"{w * rng.uniform(1.3, 2):.4g}")]
+        where = f"({ends[0]}, {ends[1]})" if rng.random() < 0.7 else f"({ends[1]}, {ends[0]})"
+    else:
+        where = f"nu={float(f'{w * rng.uniform(0.7, 1.4):.4g}')}, load_range=(0.1, {even(rng, 1, 3, 2)})"
+    call = f"""system = {model.source}
+branch = vv.trace_response(system, {where}, load={size}{kept}, tolerance={tolerance}, stability=False)
+outcome, first, last = branch.outcome, branch.parameter[0], branch.parameter[-1]
+amplitude = branch.amplitude({model.names[0]!r})
+"""
+    draw = np.random.default_rng(index)
+
+    def judge(names, told):
+        names["told"] = told
+        branch = names["branch"]
+        yield Claim("completed", names["outcome"], "completed")
+        own = np.abs(branch.coefficients[:, 0, list(branch.harmonics).index(1)])
+        yield Claim("amplitude", names["amplitude"], own, 1e-14 * own)
+        yield from _judge_points(model, names, load, tolerance, draw)
+
+    return Case(call, judge)
+
+
+def _light(rng, index):
+    """One resonance, damping down to 1e-8: two folds and no more."""
+    c = few(rng, 1e-8 if index % 4 == 0 else 1e-6, 1e-2, 2)
+    k3 = even(rng, 0.2, 1, 2)
+    amplitude = even(rng, 0.6, 1.2, 2)
+    model = Draft([1.0], [[c]], [[1.0]], [Term(k3, (3,), 0)]).model()
+    size = float(f"{c * amplitude:.3g}")
+    call = f"""system = {model.source}
+branch = vv.trace_response(system, (0.8, 1.8), load={size}, max_points=5000, stability=False)
+outcome, folds, peak = branch.outcome, len(branch.folds), branch.amplitude("x").max()
+"""
+
+    def judge(names, told):
+        # At the peak the load balances the damping: c nu a = P, nu^2 = 1 + 3/4 k3 a^2 + ...
+        a = amplitude
+        for _ in range(50):
+            a = amplitude / np.sqrt(1 + 0.75 * k3 * a * a)
+        yield Claim("completed", names["outcome"], "completed")
+        # Bent by more than its width, by far: the response has exactly two folds.
+        if 0.375 * k3 * a * a > 20 * c:
+            yield Claim("two folds", names["folds"], 2)
+        yield Claim("amplitude at the peak", names["peak"], a, 0.02 * a, damage=0.1)
+
+    return Case(call, judge)
+
+
+def _begin(rng, index):
+    """Anything as a beginning, with as many orders as needed: an answer or a refusal, no crash."""
+    model = chain(rng, int(rng.integers(1, 3)), few(rng, 0.01, 0.1, 2)).model()
+    low = few(rng, 0.05, 0.5, 3)
+    size = few(rng, 1, 40, 2)
+    call = f"""system = {model.source}
+branch = vv.trace_response(
+    system, ({low}, {float(f"{low * 1.05:.4g}")}), load={size}, harmonics="auto", stability=False, max_points=50
+)
+"""
+    load = {1: np.array([size] + [0.0] * (model.n - 1))}
+    draw = np.random.default_rng(index)
+
+    def judge(names, told):
+        names["told"] = told
+        branch = names["branch"]
+        warned = any("Convergence" in text for text in told)
+        yield Claim(
+            "truncation above the tolerance is told",
+            bool((branch.truncation <= 1.001e-10).all() or warned),
+            True,
+        )
+        if not warned:
+            yield from _judge_points(model, names, load, 1e-10, draw)
+
+    return Case(call, judge, may_refuse=True)
+
+
+def _leave(rng, index):
+    """Where the symmetry breaks another branch leaves: its motions lack the symmetry."""
+    c, k3, nu = even(rng, 0.05, 0.15, 2), even(rng, 0.5, 1.5, 2), even(rng, 0.9, 1.2, 3)
+    model = Draft([1.0], [[c]], [[1.0]], [Term(k3, (3,), 0)]).model()
+    call = f"""system = {model.source}
+same = dict(load_range=(0.1, 6), nu={nu}, load=1, harmonics=13, symmetric=False, stability=False)
+main = vv.trace_response(system, **same)
+sides = [vv.trace_response(system, **same, leave=p, max_points=60) for p in main.branch_points[:1]]
+mirrored = [vv.trace_response(system, **same, leave=p, opposite=True, max_points=60) for p in main.branch_points[:1]]
+"""
+    load = {1: np.array([1.0])}
+    draw = np.random.default_rng(index)
+
+    def judge(names, told):
+        even_of_main = np.abs(names["main"].coefficients[:, 0, 2]).max(initial=0)
+        yield Claim("the main branch keeps the symmetry", 1 + even_of_main, 1.0, 1e-7, damage=1e-5)
+        for side, other in zip(names["sides"], names["mirrored"], strict=True):
+            i = int(draw.integers(5, min(side.nu.size, other.nu.size)))
+            yield Claim("symmetry is broken", bool(abs(side.coefficients[i, 0, 0]) > 1e-6), True)
+            x = _solve(
+                model, side.coefficients[i], side.harmonics, nu, {1: load[1] * side.load_factor[i]}
+            )
+            if x is not None:
+                sizes = np.abs(side.coefficients[i])
+                left_out = float(sizes[:, -3:].max() / sizes.max())
+                off = difference(side.coefficients[i], side.harmonics, x)
+                admitted = 1e-8 + 3 * left_out
+                yield Claim(
+                    "points of another branch",
+                    1 + off,
+                    1.0,
+                    admitted,
+                    limit=10.0,
+                    damage=max(1e-5, 100 * admitted),
+                )
+            means = np.array([side.coefficients[i, 0, 0].imag, -other.coefficients[i, 0, 0].imag])
+            yield Claim("the other way is the mirror", bool(means.prod() > 0), True)
+
+    return Case(call, judge)
+
+
+def case(rng, index):
+    """Draw a system and a way to follow it."""
+    return (_any, _light, _any, _begin, _leave)[index % 5](rng, index // 5)

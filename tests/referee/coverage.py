@@ -1,0 +1,151 @@
+"""Which family judges which public name: a name without one fails the lint."""
+
+import ast
+import functools
+import inspect
+import re
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+FAMILIES = (
+    "kernels", "systems", "linear", "roots", "responses", "peaks", "branches", "crossings",
+    "stability", "backbones", "steady", "motions", "ensembles", "spectra", "scales", "scenes",
+    "sweeps", "tables",
+)  # fmt: skip
+#: Public names that have nothing to judge, and why.
+_PICTURE = "a picture: numbers are those of the result it is given"
+NOTHING_TO_JUDGE = {
+    "plot_backbone": _PICTURE,
+    "plot_branch": _PICTURE,
+    "plot_map": _PICTURE,
+    "plot_modulation": _PICTURE,
+    "plot_response": _PICTURE,
+    "plot_scales_response": _PICTURE,
+    "plot_sections": _PICTURE,
+    "plot_spectrum": _PICTURE,
+    "plot_trajectory": _PICTURE,
+    "ConvergenceWarning": "what other families listen for",
+    "InputError": "what other families count as refused",
+    "ViscovibError": "the base of all errors",
+    "BranchPoint.departure": "what trace_response(leave=) begins with, which branches judges",
+    "Plan.and_also": "makes a text",
+    "Plan.instead": "makes a text",
+    "Plan.comments": "makes a text",
+    "PolynomialSystem.rate_units": "a text",
+    "PolynomialSystem.unit_note": "a text",
+}
+
+
+def _constants(family: str) -> dict[str, object]:
+    """Docstring and JUDGES of a family, read without running it."""
+    tree = ast.parse((HERE / f"{family}.py").read_text(encoding="utf-8"))
+    found: dict[str, object] = {"description": ast.get_docstring(tree) or ""}
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            name = node.targets[0].id
+            if name == "JUDGES":
+                found[name] = ast.literal_eval(node.value)
+    return found
+
+
+def description(family: str) -> str:
+    """By what a family judges."""
+    return str(_constants(family)["description"]).splitlines()[0].rstrip(".")
+
+
+def public_names() -> list[str]:
+    """Everything in ``viscovib.__all__``, and what its classes make public themselves."""
+    import viscovib as vv
+
+    names = []
+    for name in vv.__all__:
+        thing = getattr(vv, name)
+        names.append(name)
+        if not inspect.isclass(thing) or issubclass(thing, BaseException):
+            continue
+        names += [f"{owner}.{member}" for owner, member in _members(name, thing)]
+    return list(dict.fromkeys(names))
+
+
+def _members(name: str, thing: type) -> list[tuple[str, str]]:
+    """Public methods and properties, by the public class that defines them (else this one)."""
+    import viscovib as vv
+
+    found = []
+    for base in thing.__mro__:
+        if not base.__module__.startswith("viscovib"):
+            continue
+        owner = base.__name__ if base.__name__ in vv.__all__ else name
+        for member, value in vars(base).items():
+            if member.startswith("_") and member != "__call__":
+                continue
+            kinds = (property, classmethod, staticmethod, functools.cached_property)
+            if inspect.isfunction(value) or isinstance(value, kinds):
+                found.append((owner, member))
+    return found
+
+
+def _used(member: str, family: str) -> bool:
+    """Whether calls of a family, or of the systems it draws, have this word; classes are made."""
+    if member == "__call__" or member[0].isupper():
+        return True
+    tree = ast.parse((HERE / f"{family}.py").read_text(encoding="utf-8"))
+    kept = [
+        node
+        for node in tree.body
+        if not (isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "JUDGES")
+    ]
+    word = re.compile(rf"\b{member}\b")
+    return any(word.search(ast.unparse(node)) for node in kept)
+
+
+def judged() -> dict[str, list[str]]:
+    """Families of each name."""
+    found: dict[str, list[str]] = {}
+    for family in FAMILIES:
+        for name in _constants(family).get("JUDGES", ()):
+            found.setdefault(name, []).append(family)
+    return found
+
+
+def complaints() -> list[str]:
+    """Public names without a family, and names of families that are not public."""
+    public, known = public_names(), judged()
+    lines = [
+        f"{name}: no family of tests/referee judges it; name it in its JUDGES, or in "
+        "NOTHING_TO_JUDGE of coverage.py with the reason"
+        for name in public
+        if name not in known and name not in NOTHING_TO_JUDGE
+    ]
+    lines += [
+        f"{name}: judged by {', '.join(families)}, but not public"
+        for name, families in known.items()
+        if name not in public
+    ]
+    lines += [
+        f"{name}: has nothing to judge, but is not public or is judged"
+        for name in NOTHING_TO_JUDGE
+        if name not in public or name in known
+    ]
+    lines += [
+        f"{name}: is named by {family}, which does not use it"
+        for name, families in known.items()
+        for family in families
+        if not _used(name.rpartition(".")[2], family)
+    ]
+    files = {path.stem for path in HERE.glob("*.py") if "JUDGES" in path.read_text("utf-8")}
+    lines += [f"{name}: is no family of coverage.py" for name in files - {*FAMILIES, "coverage"}]
+    return lines
+
+
+def main() -> int:
+    """Print what is not covered; status 1 if anything is."""
+    found = complaints()
+    for text in found:
+        print(f"referee: {text}")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

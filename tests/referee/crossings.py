@@ -1,0 +1,124 @@
+"""Floquet multipliers along branches; crossings against them and against the counts beside them."""
+
+import numpy as np
+
+from referee.balance import Balance, load_rows, multipliers
+from referee.case import Case, Claim, even, few
+from referee.models import Draft, Term, chain, mount, some_prony
+
+JUDGES = ("Crossing", "BranchPoint", "trace_response")
+CLOSE = 1e-7
+
+
+def _own(model, coefficients, orders, nu, load, highest=None):
+    balance = Balance(model, highest or int(orders.max()))
+    a = balance.solve(balance.real(coefficients, orders), nu, load_rows(balance, load))
+    return None if a is None else balance.complex(a)
+
+
+def case(rng, index):
+    """Draw a branch whose stability is judged."""
+    memory = some_prony(rng) if index % 3 == 2 else None
+    symmetric = index % 2 == 0
+    if index % 5 == 0:
+        model = mount(rng, damped=few(rng, 0.01, 0.03, 2), memory=memory)
+    elif index % 5 == 1:
+        # Parametric resonance and period doubling: a load of order 2 at half its frequency.
+        model = Draft([1.0], [[few(rng, 0.02, 0.1, 2)]], [[1.0]], [Term(even(rng, 0.2, 1, 2), (2,), 0), Term(even(rng, 0.3, 1, 2), (3,), 0)], memory).model()  # fmt: skip
+    else:
+        model = chain(
+            rng,
+            int(rng.integers(1, 3)),
+            few(rng, 0.01, 0.06, 2),
+            memory=memory,
+            quadratic=index % 5 == 3,
+        ).model()
+    w = model.frequencies[0]
+    size = few(rng, 0.05, 1.0, 2)
+    order = 2 if index % 5 == 1 else 1
+    load = {order: np.array([size] + [0.0] * (model.n - 1))}
+    ends = (float(f"{w * 0.5:.4g}"), float(f"{w * 1.7:.4g}"))
+    if rng.random() < 0.4:
+        where = f"nu={float(f'{w * rng.uniform(0.5, 1.5):.4g}')}, load_range=(0.2, 4)"
+    else:
+        where = f"{ends}"
+    call = f"""system = {model.source}
+branch = vv.trace_response(
+    system, {where}, load={{{order}: {load[order].tolist()}}}, harmonics=13, symmetric={symmetric}, max_points=600
+)
+"""
+    draw = np.random.default_rng(index)
+
+    def judge(names, told):
+        branch = names["branch"]
+        if branch.stable is None or branch.growing is None:
+            return
+        orders = branch.harmonics
+        for i in draw.integers(0, branch.nu.size, 2):
+            scaled = {k: p * branch.load_factor[i] for k, p in load.items()}
+            # The same orders: it is the stability of this motion, a balance of which it solves.
+            x = _own(model, branch.coefficients[i], orders, branch.nu[i], scaled)
+            if x is None or branch.growing[i] < 0:
+                continue
+            kept = np.zeros_like(x)
+            kept[:, orders] = branch.coefficients[i]
+            if np.abs(kept - x).max() > 1e-6 * np.abs(x).max():
+                continue
+            mu, off = multipliers(model, kept, branch.nu[i], 192)
+            sizes = np.abs(mu)
+            if (np.abs(sizes - 1) < CLOSE + 10 * off).any():
+                continue
+            yield Claim("growing", int(branch.growing[i]), int((sizes > 1).sum()))
+            if memory is None:
+                got = np.sort(np.abs(branch.multipliers[i]))[::-1]
+                yield Claim(
+                    "multipliers", got[0], sizes[0], 1e-7 * sizes[0] + 10 * off, damage=1e-4
+                )
+        # Where the number of growing disturbances changes there is a crossing, and the reverse.
+        g = branch.growing
+        known = (g[1:] >= 0) & (g[:-1] >= 0)
+        changes = set(np.flatnonzero((np.diff(g) != 0) & known).tolist())
+        placed = {c.before for c in branch.crossings}
+        yield Claim("every change has a crossing", len(changes - placed), 0)
+        alike = {
+            b
+            for b in placed
+            if b not in changes and list(c.before for c in branch.crossings).count(b) < 2
+        }
+        alike = {b for b in alike if known[b]}
+        yield Claim("every crossing changes the count", len(alike), 0)
+        for c in list(branch.crossings)[:3]:
+            if c.parameter is None or c.coefficients is None:
+                yield Claim("a crossing has a place", False, True)
+                continue
+            nu = c.parameter if branch.varies == "nu" else branch.nu[0]
+            whole = np.zeros((model.n, int(orders.max()) + 1), complex)
+            whole[:, orders] = c.coefficients
+            mu, off = multipliers(model, whole, nu, 192)
+            target = {"period doubling": -1.0}.get(c.kind, 1.0)
+            if c.kind == "Neimark-Sacker":
+                away = np.abs(np.abs(mu) - 1)[np.abs(mu.imag) > 1e-6]
+                away = float(away.min(initial=9.0))
+            else:
+                away = float(np.abs(mu - target).min())
+            # A multiplier leaves 1 as the root of the distance where the branch turns, and of
+            # what the orders left out change.
+            sizes = np.abs(whole)
+            left_out = float(sizes[:, -2:].max() / sizes.max())
+            near = 3e-4 + 30 * np.sqrt(left_out)
+            yield Claim(
+                f"multiplier at a {c.kind}", 1 + away, 1.0, near, damage=max(1e-2, 3 * near)
+            )
+        for point in branch.branch_points[:1]:
+            factor = 1.0 if branch.varies == "nu" else point.parameter
+            nu = point.parameter if branch.varies == "nu" else branch.nu[0]
+            balance = Balance(model, int(orders.max()))
+            scaled = {k: p * factor for k, p in load.items()}
+            a = balance.real(point.coefficients, orders)
+            _r, jac = balance.residual(a, nu, load_rows(balance, scaled))
+            values = np.linalg.svd(jac, compute_uv=False)
+            yield Claim(
+                "derivatives at a branch point", 1 + values[-1] / values[0], 1.0, 1e-7, damage=1e-5
+            )
+
+    return Case(call, judge)

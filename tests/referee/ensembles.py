@@ -1,0 +1,137 @@
+"""Lanes against SciPy and against the same lane alone; statistics by dense sums; tangents by Magnus."""
+
+import numpy as np
+
+from referee.balance import exponential
+from referee.case import Case, Claim, even, few
+from referee.models import Swinging, pendulum
+
+JUDGES = ("simulate_ensemble", "Ensemble", "Ensemble.to_dataset")
+
+
+def _lanes(rng, index):
+    p = pendulum(rng, f0=few(rng, 1e-3, 0.02, 2), p1=even(rng, 0.6, 1.4, 3))
+    n = int(rng.choice([1, 3, 9]))
+    states = np.zeros((n, 6))
+    states[:, 2] = rng.uniform(-0.5, 0.5, n).round(3)
+    states[:, 0] = rng.uniform(-0.1, 0.1, n).round(3)
+    varied = rng.uniform(0, 0.03, n).round(4)
+    end, every = even(rng, 8, 20, 3), int(rng.choice([1, 2]))
+    tolerance = float(rng.choice([1e-8, 1e-10]))
+    auto = index % 2 == 0
+    step = f"tolerance={tolerance}" if auto else "dt=0.1, statistics=True, lyapunov=True"
+    call = f"""system = {p.source}
+many = vv.simulate_ensemble(
+    system, initial={states.tolist()}, t_end={end}, parameters={{"f0": {varied.tolist()}}}, {step}, sample_every={every}
+)
+state, outcome, error, dt = many.state, many.outcome, many.error, many.dt
+peak, mean, rms, lyapunov = many.peak, many.mean, many.rms, many.lyapunov
+table = many.to_dataset()["state"].values
+"""
+
+    def judge(names, told):
+        lane = int(index % n)
+        q = Swinging(**(vars(p) | {"f0": float(varied[lane])}))
+        yield Claim("completed", bool((names["outcome"] == "completed").all()), True)
+        yield Claim("table", names["table"], names["state"], 1e-300, damage=1e-3)
+        if auto:
+            true = q.motion(states[lane], [end])[-1]
+            yield Claim(
+                "state",
+                names["state"][lane],
+                true,
+                10 * (names["error"] + 1e-11) + 0.02 * tolerance,
+                damage=1e-4,
+            )
+            yield Claim("tolerance met", bool(names["error"] <= tolerance), True)
+            return
+        h = names["dt"][lane]
+        steps = round(end / h)
+        t = h * np.arange(0, steps + 1, every)
+        if t[-1] < end - 0.5 * h:
+            t = np.append(t, end)
+        path = q.motion(states[lane], t)
+        yield Claim("state", names["state"][lane], path[-1], 1e-7, damage=1e-4)
+        sampled = path[1 : steps // every + 1]
+        yield Claim("peak", names["peak"][lane], np.abs(sampled).max(axis=0), 1e-7, damage=1e-2)
+        yield Claim("mean", names["mean"][lane], sampled.mean(axis=0), 1e-7, damage=1.0)
+        yield Claim(
+            "rms", names["rms"][lane], np.sqrt((sampled**2).mean(axis=0)), 1e-7, damage=1e-2
+        )
+        fine = np.linspace(0, end, 2001)
+        along = q.motion(states[lane], fine)
+        middle = q.jacobian((fine[1:] + fine[:-1]) / 2, (along[1:] + along[:-1]) / 2)
+        tangent = np.zeros(6)
+        tangent[::2] = 1 / np.sqrt(3)
+        for step_of in exponential(middle * (fine[1] - fine[0])):
+            tangent = step_of @ tangent
+        rate = np.log(np.linalg.norm(tangent)) / end
+        yield Claim("lyapunov", names["lyapunov"][lane], rate, 2e-4, damage=0.2)
+
+    return Case(call, judge)
+
+
+def _failed(rng, index):
+    """A lane that leaves the range holds no number that it did not gather, and disturbs no other."""
+    p = pendulum(rng, (0.01, 0.05))
+    states = np.zeros((4, 6))
+    states[:, 2] = [0.1, 0.2, 0.3, -0.2]
+    bad = int(rng.integers(4))
+    states[bad, 1] = -even(rng, 4, 9, 2)
+    call = f"""system = {p.source}
+options = dict(t_end=20, dt=0.2, statistics=True, lyapunov=True, discard=10)
+many = vv.simulate_ensemble(system, initial={states.tolist()}, **options)
+outcome, lyapunov, mean, peak, state = many.outcome, many.lyapunov, many.mean, many.peak, many.state
+alone = vv.simulate_ensemble(system, initial={states[(bad + 1) % 4].tolist()}, **options).state[0]
+"""
+
+    def judge(names, told):
+        yield Claim("outcome", bool(names["outcome"][bad] != "completed"), True)
+        good = [i for i in range(4) if i != bad]
+        yield Claim("others go on", bool((names["outcome"][good] == "completed").all()), True)
+        for what in ("lyapunov", "mean", "peak"):
+            known = np.isfinite(names[what][bad]).any()
+            # It stopped before anything was gathered.
+            yield Claim(f"{what} of a lane that stopped before", bool(known), False)
+        yield Claim("states are numbers", bool(np.isfinite(names["state"]).all()), True)
+        yield Claim(
+            "a lane alone", names["state"][(bad + 1) % 4], names["alone"], 1e-300, damage=1e-3
+        )
+
+    return Case(call, judge)
+
+
+def _gathered(rng, index):
+    """Sections and amplitudes of motions that are known: linear, far from rest in z alone."""
+    w2, c1, f0, p1 = (
+        even(rng, 0.3, 0.6, 3),
+        even(rng, 0.3, 0.8, 2),
+        even(rng, 0.01, 0.1, 2),
+        even(rng, 0.5, 1.8, 3),
+    )
+    call = f"""system = vv.Pendulum(e=0.1, w2={w2}, w3=0.7, c1={c1}, c2=0.1, c3=0.1, f0={f0}, p1={p1})
+many = vv.simulate_ensemble(
+    system, initial=np.zeros(6), n_periods=60, dt=0.1, discard=50, sections=1, amplitudes_at=[{p1}]
+)
+sections, amplitudes = many.sections[0], many.amplitudes[0]
+"""
+
+    def judge(names, told):
+        # z'' + c z' + z = f cos(p t): without the cubic spring z is linear.
+        x = f0 / (1 - p1**2 + 1j * c1 * p1)
+        true = np.array([x.real, (1j * p1 * x).real])
+        yield Claim(
+            "sections",
+            names["sections"][:, :2],
+            np.tile(true, (len(names["sections"]), 1)),
+            1e-6 * abs(x) + 1e-9,
+            damage=1e-4,
+        )
+        yield Claim("amplitudes", names["amplitudes"][0, 0], x, 2e-3 * abs(x), damage=2e-2)
+
+    return Case(call, judge)
+
+
+def case(rng, index):
+    """Draw lanes."""
+    return (_lanes, _failed, _lanes, _gathered)[index % 4](rng, index // 4)

@@ -1,0 +1,127 @@
+"""Modes, dynamic stiffness and responses of linear systems by dense linear algebra."""
+
+import numpy as np
+import scipy.linalg
+
+from referee.case import Case, Claim, even, few, numbers
+from referee.models import chain, mount, some_memory
+
+JUDGES = (
+    "Mount", "Mount.natural_frequencies", "Mount.mode_shapes", "Mount.dynamic_stiffness",
+    "PolynomialSystem", "PolynomialSystem.natural_frequencies", "PolynomialSystem.mode_shapes",
+    "PolynomialSystem.dynamic_stiffness", "Springs", "Response", "Response.converged",
+    "Response.coefficient", "Response.amplitude", "Response.phase", "Response.waveform",
+    "fourier_coefficients",
+)  # fmt: skip
+
+
+def _system(rng, index):
+    memory = some_memory(rng) if index % 3 else None
+    if index % 2:
+        return mount(rng, damped=few(rng, 1e-4, 0.05, 2), memory=memory,
+                     memory_phi=some_memory(rng) if index % 4 == 1 and memory else None)  # fmt: skip
+    n = int(rng.integers(1, 6))
+    draft = chain(rng, n, few(rng, 1e-4, 0.05, 2), memory=memory)
+    draft.base = [1.0] * n
+    if rng.random() < 0.4:
+        draft.more = [(np.diag(rng.uniform(0.1, 1, n).round(3)), [], some_memory(rng))]
+    return draft.model()
+
+
+def _modes(rng, index):
+    model = _system(rng, index)
+    nu = [few(rng, 1e-3, 100) for _ in range(4)]
+    call = f"""system = {model.source}
+frequencies, shapes = system.natural_frequencies(), system.mode_shapes()
+stiffness = system.dynamic_stiffness({nu})
+"""
+
+    def judge(names, told):
+        k, m = model.stiffness, model.mass
+        squares = scipy.linalg.eigh(k, m, eigvals_only=True)
+        true = np.sqrt(squares)
+        yield Claim("natural_frequencies", names["frequencies"], true, 1e-12 * true.max())
+        shapes, omega = names["shapes"], names["frequencies"]
+        rest = np.abs(k @ shapes - m @ shapes * omega**2).max(axis=0)
+        size = np.abs(k).max() * np.abs(shapes).max(axis=0)
+        yield Claim("mode_shapes", 1 + rest / size, np.ones(model.n), 1e-11)
+        own = np.array([model.dynamic_stiffness(x) for x in nu])
+        scale = 1e-13 * np.abs(own).max(axis=(1, 2), keepdims=True)
+        yield Claim("dynamic_stiffness", names["stiffness"], own, scale)
+
+    return Case(call, judge)
+
+
+def _response(rng, index):
+    model = _system(rng, index)
+    nu = sorted(few(rng, 0.1, 20) for _ in range(5))
+    orders = sorted(set(rng.integers(1, 8, 3).tolist()))
+    load = {k: (rng.normal(size=model.n) + 1j * rng.normal(size=model.n)).round(3) for k in orders}
+    if rng.random() < 0.5:
+        load[0] = 1j * rng.normal(size=model.n).round(3)
+    based = rng.random() < 0.5
+    text = ", ".join(f"{k}: {np.asarray(p).tolist()}" for k, p in load.items())
+    base = complex(even(rng, -1, 1), even(rng, -1, 1)) if based else None
+    call = f"""system = {model.source}
+r = vv.forced_response(system, {nu}, load={{{text}}}, base={base}, method="linear")
+coefficients, orders, outcome = r.coefficients, r.harmonics, r.outcome
+first = r.coefficient({model.names[0]!r}, {orders[0]})
+amplitude, phase = r.amplitude(0, {orders[0]}), r.phase(0, {orders[0]})
+t, wave = r.waveform(2, 16)
+converged = r.converged
+"""
+
+    def judge(names, told):
+        orders_kept = names["orders"]
+        true = np.zeros((len(nu), model.n, len(orders_kept)), complex)
+        for i, x in enumerate(nu):
+            for j, k in enumerate(orders_kept):
+                at = k * x
+                d = model.dynamic_stiffness(at if k else 1e-200)
+                p = np.asarray(load.get(int(k), np.zeros(model.n)), complex)
+                if based and k == 1:
+                    direction = np.asarray(model.base)
+                    # The springs and dampers act on what is relative to the base.
+                    p = p + model.dynamic_stiffness(at, inertia=False) @ direction * base
+                true[i, :, j] = np.linalg.solve(d, p)
+        size = np.abs(true).max(axis=(1, 2), keepdims=True)
+        conditions = np.array([
+            max(np.linalg.cond(model.dynamic_stiffness(k * x if k else 1e-200)) for k in orders_kept)
+            for x in nu
+        ])[:, None, None]  # fmt: skip
+        yield Claim("orders", orders_kept, np.array(sorted({*load} | ({1} if based else set()))))
+        # Under a base the core works on what is relative to it.
+        size = size + (abs(base) if based else 0.0)
+        yield Claim("linear response", names["coefficients"], true, 1e-14 * conditions * size, 5)
+        j = int(np.flatnonzero(orders_kept == orders[0])[0])
+        x = names["coefficients"][:, 0, j]
+        yield Claim("coefficient", names["first"], x, 1e-15 * np.abs(x))
+        yield Claim("amplitude", names["amplitude"], np.abs(x), 1e-14 * np.abs(x))
+        yield Claim("phase", np.exp(1j * names["phase"]) * np.abs(x), x, 1e-13 * np.abs(x))
+        theta = 2 * np.pi * np.arange(16) / 16
+        wave = np.imag(np.exp(1j * np.outer(theta, orders_kept)) @ names["coefficients"][2].T)
+        yield Claim("waveform", names["wave"], wave, 1e-13 * np.abs(wave).max())
+        yield Claim("converged", names["converged"], np.ones(len(nu), bool))
+
+    return Case(call, judge)
+
+
+def _fourier(rng, index):
+    n = int(rng.integers(3, 60))
+    orders = int(rng.integers(0, (n - 1) // 2 + 1))
+    samples = rng.normal(size=n).round(5)
+    call = f"series = vv.fourier_coefficients({numbers(samples)}, {orders})\n"
+
+    def judge(names, told):
+        theta = 2 * np.pi * np.arange(n) / n
+        true = [1j * samples.mean()]
+        true += [2j * np.mean(samples * np.exp(-1j * k * theta)) for k in range(1, orders + 1)]
+        got = np.array([names["series"][k] for k in range(orders + 1)])
+        yield Claim("fourier_coefficients", got, np.array(true), 1e-14 * n)
+
+    return Case(call, judge)
+
+
+def case(rng, index):
+    """Draw a system, and ask for its modes or its response."""
+    return (_modes, _response, _response, _fourier)[index % 4](rng, index // 4)

@@ -1,0 +1,174 @@
+"""Peaks: the largest amplitude of the motion itself, by a balance solved at the peak and beside it."""
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from referee.case import Case, Claim, even, few
+from referee.models import chain, mount
+from referee.responses import refined
+
+JUDGES = ("Peak", "Response.peak", "Branch.peak", "DrivenBranch.peak")
+#: A peak that says it is enclosed is refined by solving.
+EXACT = 1e-6
+
+
+def _linear(rng, index):
+    """Sharp resonances on grids of any coarseness."""
+    model = chain(rng, int(rng.integers(1, 4)), few(rng, 1e-3, 0.05, 2)).model()
+    w = model.frequencies[0]
+    low, high = float(f"{w * rng.uniform(0.5, 0.9):.4g}"), float(f"{w * rng.uniform(1.1, 1.4):.4g}")
+    n = int(rng.integers(6, 300))
+    call = f"""system = {model.source}
+r = vv.forced_response(system, np.linspace({low}, {high}, {n}), load=0.1, method="linear")
+peak = r.peak({model.names[0]!r})
+at, amplitude, enclosed = peak.nu, peak.amplitude, peak.enclosed
+"""
+
+    def judge(names, told):
+        def size(x):
+            return abs(np.linalg.solve(model.dynamic_stiffness(x), np.eye(model.n)[0] * 0.1)[0])
+
+        grid = np.linspace(low, high, 4000)
+        i = int(np.argmax([size(x) for x in grid]))
+        best = minimize_scalar(
+            lambda x: -size(x), bounds=(grid[max(i - 1, 0)], grid[min(i + 1, 3999)]),
+            method="bounded", options={"xatol": 1e-12},
+        )  # fmt: skip
+        if names["enclosed"]:
+            yield Claim(
+                "peak of a linear response",
+                names["amplitude"],
+                -best.fun,
+                -best.fun * EXACT,
+                damage=1e-5,
+            )
+        else:
+            own = size(names["at"])
+            yield Claim("largest sample", names["amplitude"], own, 1e-9 * own)
+
+    return Case(call, judge)
+
+
+def _nonlinear(rng, index):
+    """Sweeps that may jump."""
+    if index % 3 == 0:
+        model = mount(rng, damped=few(rng, 0.01, 0.03, 2))
+    else:
+        model = chain(
+            rng, int(rng.integers(1, 3)), few(rng, 0.01, 0.06, 2), softening=index % 3 == 1
+        ).model()
+    w = model.frequencies[0]
+    size = few(rng, 0.01, 0.3, 2)
+    low, high = float(f"{w * rng.uniform(0.6, 0.9):.4g}"), float(f"{w * rng.uniform(1.2, 1.8):.4g}")
+    n = int(rng.integers(20, 200))
+    order = "[::-1]" if rng.random() < 0.5 else ""
+    dof = model.names[0]
+    call = f"""system = {model.source}
+r = vv.forced_response(system, np.linspace({low}, {high}, {n}){order}, load={size}, method="newton")
+peak = r.peak({dof!r})
+at, amplitude, enclosed = peak.nu, peak.amplitude, peak.enclosed
+i = int(np.nanargmin(abs(r.nu - at) - 1e-9 * (r.amplitude({dof!r}) > 0.9 * amplitude)))
+found, nu, orders, near = r.amplitude({dof!r}), r.nu, r.harmonics, r.coefficients
+"""
+
+    def judge(names, told):
+        found = names["found"]
+        if np.isfinite(found).any():
+            yield Claim(
+                "not below the samples",
+                bool(names["amplitude"] >= np.nanmax(found) * (1 - 1e-9)),
+                True,
+            )
+        if not names["enclosed"]:
+            return
+        load = {1: np.array([size] + [0.0] * (model.n - 1))}
+        i = int(np.nanargmax(found))
+        best = None
+        for j in (i, i - 1, i + 1):
+            if 0 <= j < len(found) and np.isfinite(found[j]):
+                x = refined(model, names["near"][j], names["orders"], names["at"], load, 11)
+                if x is not None and abs(abs(x[0, 1]) - names["amplitude"]) < abs(
+                    (best or 1e9) - names["amplitude"]
+                ):
+                    best = abs(x[0, 1])
+        if best is None:
+            yield Claim("a motion is at the peak", False, True)
+        else:
+            yield Claim(
+                "peak lies on the motion", names["amplitude"], best, 1e-5 * best, damage=1e-4
+            )
+
+    return Case(call, judge)
+
+
+def _branch(rng, index):
+    """Peaks of branches: a balance beside them is lower."""
+    model = chain(rng, 1, few(rng, 0.01, 0.06, 2), softening=bool(index % 2)).model()
+    w, size = model.frequencies[0], few(rng, 0.005, 0.1, 2)
+    low, high = float(f"{w * 0.5:.4g}"), float(f"{w * 1.8:.4g}")
+    call = f"""system = {model.source}
+branch = vv.trace_response(system, ({low}, {high}), load={size}, harmonics=11)
+peak = branch.peak("x")
+at, amplitude, enclosed = peak.nu, peak.amplitude, peak.enclosed
+i = int(branch.amplitude("x").argmax())
+near, orders, there, outcome = branch.coefficients[i], branch.harmonics, branch.nu[i], branch.outcome
+"""
+
+    def judge(names, told):
+        if not names["enclosed"]:
+            return
+        load = {1: np.array([size])}
+        d = 2e-4 * names["at"]
+        # Before the fold behind the peak the motion is one of nu; from the point on.
+        beside = []
+        for x in (names["at"] - d, names["at"], names["at"] + d):
+            found = refined(model, names["near"], names["orders"], x, load, 13)
+            beside.append(np.nan if found is None else abs(found[0, 1]))
+        if np.isfinite(beside[1]):
+            yield Claim(
+                "peak of a branch", names["amplitude"], beside[1], 1e-6 * beside[1], damage=1e-5
+            )
+        known = [b for b in beside if np.isfinite(b)]
+        if known:
+            yield Claim(
+                "nothing beside it is higher",
+                bool(names["amplitude"] >= max(known) * (1 - 1e-6)),
+                True,
+            )
+
+    return Case(call, judge, may_refuse=False)
+
+
+def _driven(rng, index):
+    """Of a pendulum in z alone: one coordinate, its equation a polynomial."""
+    w2, alpha, c1 = even(rng, 0.3, 0.6, 3), even(rng, 0.2, 2, 3), few(rng, 0.02, 0.1, 2)
+    f0 = few(rng, 0.002, 0.02, 2)
+    call = f"""system = vv.Pendulum(e=0.1, w2={w2}, w3=0.7, alpha={alpha}, c1={c1}, c2=0.1, c3=0.1, f0={f0}, p1=1.0)
+branch = vv.trace_response(system, p1=(0.7, 1.5), harmonics=12, symmetric=True, stability=False)
+peak = branch.peak("z")
+at, amplitude, enclosed = float(peak.nu), float(peak.amplitude), peak.enclosed
+i = int(branch.amplitude("z").argmax())
+near, orders = branch.coefficients[i], branch.harmonics
+"""
+
+    def judge(names, told):
+        if not names["enclosed"]:
+            return
+        from referee.models import Draft, Swinging, Term
+
+        zr = Swinging(0.1, w2, 0.7, alpha).z_r
+        model = Draft(
+            [1.0], [[c1]], [[1 + 3 * zr**2 * alpha]],
+            [Term(alpha, (3,), 0), Term(3 * zr * alpha, (2,), 0)],
+        ).model()  # fmt: skip
+        load = {1: np.array([1j * f0])}
+        found = refined(model, names["near"][:1], names["orders"], names["at"], load, 14)
+        own = np.nan if found is None else abs(found[0, 1])
+        yield Claim("peak of a driven branch", names["amplitude"], own, 1e-6 * own, damage=1e-5)
+
+    return Case(call, judge)
+
+
+def case(rng, index):
+    """Draw a resonance and how it is passed."""
+    return (_linear, _nonlinear, _branch, _nonlinear, _driven)[index % 5](rng, index // 5)

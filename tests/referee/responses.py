@@ -1,0 +1,110 @@
+"""Harmonic balance of twice the orders in NumPy, from the answer on."""
+
+import numpy as np
+
+from referee.balance import Balance, load_rows
+from referee.case import Case, Claim, even, few
+from referee.models import chain, mount, rzhanitsyn, some_memory
+
+JUDGES = ("forced_response", "Response.corrections", "Monomial")
+#: An estimate may be this much smaller than the error.
+ESTIMATE = 10.0
+
+
+def system_of(rng, index, *, damped=(0.01, 0.08), quadratic=True):
+    """Draw a nonlinear system of one to three coordinates, with memory or not."""
+    memory = some_memory(rng) if index % 3 == 2 else None
+    if index % 4 == 3:
+        kernel = rzhanitsyn(0.048, 0.1, 0.05) if memory else None
+        return mount(
+            rng,
+            damped=few(rng, *damped, 2),
+            memory=kernel,
+            geometry=str(rng.choice(["cubic", "printed"])),
+        )
+    n = int(rng.integers(1, 4))
+    return chain(
+        rng, n, few(rng, *damped, 2), memory=memory, quadratic=quadratic and index % 5 == 0
+    ).model()
+
+
+def refined(model, coefficients, orders, nu, load, highest=None):
+    """Motion of twice the orders near an answer, X_k from 0 on; None if there is none."""
+    top = int(max(orders.max(), max(load)))
+    balance = Balance(model, highest or min(2 * top + 6, 60))
+    start = balance.real(np.nan_to_num(coefficients), orders)
+    a = balance.solve(start, nu, load_rows(balance, load))
+    return None if a is None else balance.complex(a)
+
+
+def difference(coefficients, orders, true):
+    """Largest difference of any order, kept or not, against the largest coefficient."""
+    whole = np.zeros_like(true)
+    for j, k in enumerate(orders):
+        if k < true.shape[1]:
+            whole[:, k] = coefficients[:, j]
+    return float(np.abs(whole - true).max() / np.abs(true).max())
+
+
+def case(rng, index):
+    """Draw a system, a load and a method."""
+    method = ("newton", "newton", "successive")[index % 3]
+    model = system_of(rng, index // 3)
+    omega = model.frequencies
+    nu = float(f"{rng.uniform(0.25, 1.6) * omega[0]:.4g}")
+    orders = "auto" if rng.random() < 0.5 else int(rng.choice([3, 5, 9, 13]))
+    size = few(rng, 0.01, 0.08 if method == "successive" else 1.0, 3)
+    tolerance = float(rng.choice([1e-10, 1e-10, 1e-7, 1e-12]))
+    load = {1: np.array([size] + [0.0] * (model.n - 1))}
+    if rng.random() < 0.3:
+        load[int(rng.integers(2, 4))] = np.array([even(rng, 0.1, 0.5, 2) * size] * model.n).round(6)
+    if orders != "auto":
+        orders = max(orders, max(load))
+    text = ", ".join(f"{k}: {p.tolist()}" for k, p in load.items())
+    relaxed = ', relaxation="auto"' if method == "successive" and index % 2 else ""
+    call = f"""system = {model.source}
+r = vv.forced_response(
+    system, [{nu}], load={{{text}}}, method={method!r}, harmonics={orders!r}, tolerance={tolerance}{relaxed}
+)
+coefficients, orders, outcome = r.coefficients[0], r.harmonics, r.outcome[0]
+truncation, corrections = r.truncation[0], r.corrections[0]
+"""
+
+    def judge(names, told):
+        if names["outcome"] != "converged":
+            # No answer, and it says so.
+            yield Claim("what is not found is told", bool(told), True)
+            return
+        kept = names["orders"]
+        same = refined(model, names["coefficients"], kept, nu, load, highest=int(kept.max()))
+        true = refined(model, names["coefficients"], kept, nu, load)
+        if true is None:
+            yield Claim("a motion is near the answer", False, True)
+            return
+        off = difference(names["coefficients"], kept, true)
+        admitted = names["truncation"] + 3 * tolerance
+        warned = any("Convergence" in text for text in told)
+        yield Claim(
+            "truncation", 1 + off, 1.0, ESTIMATE * admitted + 1e-11, damage=max(1e-6, 30 * admitted)
+        )
+        yield Claim(
+            "truncation above the tolerance is told",
+            bool(names["truncation"] <= 1.0001 * tolerance or warned),
+            True,
+        )
+        full = np.arange(int(kept.max()) + 1)
+        if same is not None and set(full[1::2]) <= set(kept.tolist()):
+            # With the same orders the iteration alone errs; even orders may be absent by symmetry.
+            own = difference(names["coefficients"], kept, same)
+            yield Claim(
+                "solution of the balance",
+                1 + own,
+                1.0,
+                300 * tolerance + 1e-11,
+                damage=max(1e-6, 1e3 * tolerance),
+            )
+        if method == "successive" and np.size(names["corrections"]) > 1:
+            c = names["corrections"][np.isfinite(names["corrections"])]
+            yield Claim("last correction", bool(c[-1] <= tolerance), True)
+
+    return Case(call, judge, may_refuse=False)

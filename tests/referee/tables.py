@@ -1,0 +1,109 @@
+"""What is written is read again and compared with the result; Datasets against attributes."""
+
+import numpy as np
+
+from referee.case import Case, Claim, few
+
+JUDGES = (
+    "Response.to_dataset", "Response.to_csv", "Branch.to_dataset", "Branch.to_csv", "Branch.label",
+    "DrivenResponse.to_dataset", "DrivenResponse.to_csv", "DrivenBranch.to_dataset",
+    "DrivenBranch.to_csv", "DrivenBranch.label", "Backbone.to_dataset", "Backbone.to_csv",
+    "Trajectory.to_dataset", "Trajectory.to_csv", "Trajectory.plan", "Trajectory.dof_names",
+    "Spectrum.to_dataset", "Spectrum.to_csv", "ScalesResponse.to_dataset", "ScalesResponse.to_csv",
+    "ScalesResponse.nearest",
+    "ScalesMotion.to_dataset",
+)  # fmt: skip
+_DUFFING = 'system = vv.PolynomialSystem(mass=1, stiffness=1, damping={c}, forces="0.5*x^3")\n'
+_PENDULUM = "system = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1={c}, c2={c}, c3={c}, m01={p}, p2=0.37)\n"
+#: What is made, and pairs of a column of the table and what it should hold.
+_KINDS = (
+    (_DUFFING, 'r = vv.forced_response(system, np.linspace(0.5, 1.5, 9), load={p}, method="newton", stability=True)',
+     {"nu": "r.nu", "x_1_re": "r.coefficient('x', 1).real", "x_3_im": "r.coefficient('x', 3).imag", "truncation": "r.truncation"},
+     {"amplitude": "abs(r.coefficients)", "nu": "r.nu", "highest": "r.highest"}),
+    (_DUFFING, "r = vv.trace_response(system, (0.5, 1.5), load={p}, harmonics=7)",
+     {"nu": "r.nu", "x_1_re": "r.coefficients[:, 0, 0].real", "growing": "r.growing", "multiplier": "abs(r.multipliers[:, 0])"},
+     {"nu": "r.nu", "coefficients": "r.coefficients", "growing": "r.growing"}),
+    (_PENDULUM, "r = vv.forced_response(system, p2=np.linspace(0.3, 0.5, 4), harmonics=9)",
+     {"parameter": "r.parameter", "phi_1_re": "r.coefficient('phi', 1).real", "stable": "r.stable"},
+     {"parameter": "r.parameter", "coefficients": "r.coefficients", "truncation": "r.truncation"}),
+    (_PENDULUM, "r = vv.trace_response(system, p2=(0.3, 0.34), harmonics=9)",
+     {"parameter": "r.parameter", "growing": "r.growing", "z_2_im": "r.coefficients[:, 0, list(r.harmonics).index(2)].imag"},
+     {"parameter": "r.parameter", "coefficients": "r.coefficients", "growing": "r.growing"}),
+    (_DUFFING, "r = vv.backbone(system, 0, (0.01, 0.01 + {p}))",
+     {"nu": "r.nu", "x_1": "r.coefficients[:, 0, list(r.harmonics).index(1)].imag"},
+     {"nu": "r.nu", "coefficients": "r.coefficients"}),
+    (_DUFFING, "r = vv.simulate(system, 10, dt=0.1, initial=[{p}, 0.0])",
+     {"t": "r.t", "x": "r.state[:, 0]", "x_dot": "r.state[:, 1]"}, {"x": "r.state[:, 0]", "t": "r.t", "x_dot": "r.state[:, 1]"}),
+    (_DUFFING, "r = vv.spectrum(vv.simulate(system, 10, dt=0.1, initial=[{p}, 0.0]).state[:, 0], 0.1)",
+     {"omega": "r.omega", "signal_amplitude": "r.amplitude", "signal_phase": "r.phase"}, {"amplitude": "r.amplitude", "omega": "r.omega", "phase": "r.phase"}),
+    (_DUFFING, 'r = vv.MultipleScales(system, load={p} / 100, nu=1.0).response("nu", np.linspace(0.95, 1.05, 9))',
+     {}, {"harmonics": "r.harmonics", "error_estimate": "r.error_estimate", "eigenvalues": "r.eigenvalues"}),
+    (_DUFFING, "r = vv.MultipleScales(system, load={p} / 100, nu=1.0).motion(np.linspace(0, 9, 7), [0.01, 0.0])",
+     None, {"state": "r.state", "amplitude": "r.modulation.amplitude", "error_estimate": "r.error_estimate"}),
+)  # fmt: skip
+
+
+def case(rng, index):
+    """Draw a result and write it."""
+    system, made, columns, variables = _KINDS[index % len(_KINDS)]
+    given = {"c": few(rng, 0.03, 0.1, 2), "p": few(rng, 0.02, 0.2, 2)}
+    if "Pendulum" in system:
+        given["p"] = few(rng, 0.001, 0.005, 2)
+    call = system.format(**given) + made.format(**given) + "\n"
+    if columns is not None:
+        call += f"""import pathlib, tempfile
+with tempfile.TemporaryDirectory() as folder:
+    path = pathlib.Path(folder) / "table.csv"
+    r.to_csv(path)
+    lines = [line for line in open(path) if line[0] != "#"]
+table = np.genfromtxt(lines, delimiter=",", names=True)
+columns = {{{", ".join(f"{k!r}: (table[{k!r}], {v})" for k, v in columns.items())}}}
+"""
+    else:
+        call += "columns = {}\n"
+    call += f"""data = r.to_dataset()
+variables = {{{", ".join(f"{k!r}: (data[{k!r}].values, {v})" for k, v in variables.items())}}}
+label = getattr(r, "label", None)
+plan = str(r.plan)
+dof_names = getattr(r, "dof_names", ("x",))
+"""
+
+    def judge(names, told):
+        for name, (got, true) in names["columns"].items():
+            if np.asarray(true).dtype.kind in "bi":
+                yield Claim(
+                    f"column {name}", np.asarray(got).astype(int), np.asarray(true).astype(int)
+                )
+                continue
+            true = np.asarray(true, float)
+            yield Claim(
+                f"column {name}",
+                np.asarray(got, float),
+                true,
+                1e-15 * np.abs(true).max() + 1e-300,
+                damage=1e-3,
+            )
+        for name, (got, true) in names["variables"].items():
+            if np.asarray(true).dtype.kind in "bi":
+                yield Claim(
+                    f"variable {name}", np.asarray(got).astype(int), np.asarray(true).astype(int)
+                )
+                continue
+            yield Claim(
+                f"variable {name}",
+                np.nan_to_num(np.asarray(got)),
+                np.nan_to_num(np.asarray(true)),
+                1e-300,
+                damage=1e-3,
+            )
+        if hasattr(names["r"], "nearest"):
+            r, value = names["r"], 0.9512
+            true = np.abs(r.at - value) == np.abs(r.values - value).min()
+            yield Claim("nearest", names["r"].nearest(value), np.flatnonzero(true))
+        yield Claim("plan says what is computed", "computes: " in names["plan"], True)
+        dofs = ("z", "phi", "psi") if "Pendulum" in system else ("x",)
+        yield Claim("dof_names", tuple(names["dof_names"]), dofs)
+        if names["label"] is not None:
+            yield Claim("label", bool(names["label"]), True)
+
+    return Case(call, judge)
