@@ -48,7 +48,8 @@ from viscovib.plots import (
     plot_trajectory,
 )
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
-from viscovib.response import Peak, Response, plan_response
+from viscovib.response import plan_response
+from viscovib.response_result import Peak, Response
 from viscovib.scales_plots import plot_modulation, plot_scales_response
 from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
 from viscovib.scene import Scene, SceneResult, plan, run

@@ -13,13 +13,15 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.curves import MAX_SPECIAL, OUTCOMES
+from viscovib.curves import MAX_SPECIAL, OUTCOMES, largest_panels
 from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.motion_stability import stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
 from viscovib.response import _MAX_HARMONICS, _MAX_UNKNOWNS
+from viscovib.results import Number, Panel, Result, named, span
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +40,8 @@ class BackbonePoint:
     _direction: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Backbone:
+@dataclass(frozen=True, eq=False, repr=False)
+class Backbone(PeriodicMotions, Result):
     """A nonlinear normal mode u = Im sum_k X_k exp(i k nu t) = sum_k a_k cos(k nu t).
 
     Every motion begins at rest, u'(0) = 0, so that X_k = i a_k.
@@ -93,14 +95,58 @@ class Backbone:
     stable: npt.NDArray[np.bool_] | None = None
     growing: npt.NDArray[np.int32] | None = None
 
-    def amplitude(self, dof: str, harmonic: int = 1) -> FloatArray:
+    kind = "backbone"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all of it was followed."""
+        return self.outcome == "completed"
+
+    @property
+    def _unit(self) -> str:
+        """Unit of frequencies."""
+        return "rad/s" if self.energy is None else ""
+
+    def _headline(self) -> str:
+        points = "" if self.energy is None else f", {len(self.branch_points)} branch points"
+        return f"{self.outcome}, {self.nu.size} points, {self.folds.size} folds{points}"
+
+    def _scope(self) -> list[str]:
+        return [
+            f"mode {self.mode}, nu: {span(self.nu, self._unit)}; "
+            f"{named(self.dof_names, self.dof_units)}; {self.harmonics.size} harmonics"
+        ]
+
+    def _details(self) -> list[str]:
+        lines = [f"fold at {self.varies} = {fold:.10g}" for fold in self.folds]
+        return lines + [
+            f"branch point at {self.varies} = {point.parameter:.10g}"
+            for point in self.branch_points
+        ]
+
+    def numbers(self) -> dict[str, Number]:
+        """Frequencies at its ends, ``nu_first`` and ``nu_last``, ``folds`` and ``outcome``."""
+        return {
+            "nu_first": Number(self.nu[0], self._unit),
+            "nu_last": Number(self.nu[-1], self._unit),
+            "folds": Number(self.folds.size),
+            "outcome": Number(self.outcome),
+        }
+
+    def panels(self) -> list[Panel]:
+        """Amplitudes over frequency, each of the order of which there is most."""
+        return largest_panels(self, self.nu, f"$\\nu$ ({self._unit})" if self._unit else r"$\nu$")
+
+    def _pieces(self) -> tuple[int, str, str]:
+        n = self.nu.size
+        return n, f"{n} points of {self.harmonics.size} harmonics", "point"
+
+    def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
+        return self.nu, self.harmonics, self.coefficients
+
+    def amplitude(self, dof: int | str, harmonic: int = 1) -> FloatArray:
         """Size of a harmonic of a coordinate, shape (n,)."""
-        d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
-        where = np.flatnonzero(self.harmonics == harmonic)
-        if not where.size:
-            kept = ", ".join(map(str, self.harmonics))
-            raise InputError(f"harmonic = {harmonic}: must be one of those kept ({kept})")
-        return np.abs(self.coefficients[:, d, where[0]])
+        return np.abs(self.coefficient(dof, harmonic))
 
     @property
     def start(self) -> FloatArray:
@@ -132,7 +178,7 @@ class Backbone:
                 "unit": ("dof", list(self.dof_units)),
                 "harmonic": self.harmonics,
             },
-            attrs={"outcome": self.outcome, "mode": self.mode, "plan": str(self.plan)},
+            attrs={"outcome": self.outcome, "linear_mode": self.mode, "plan": str(self.plan)},
         )
 
     def to_csv(self, path: str | Path, *, coordinates: Sequence[str] | None = None) -> None:

@@ -13,13 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from viscovib import __version__, _native
 from viscovib.backbone import Backbone
 from viscovib.branch import Branch
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError, ViscovibError
-from viscovib.response import Response, forced_response
+from viscovib.response import forced_response
+from viscovib.response_result import Response
+from viscovib.results import Result
 from viscovib.scene import Scene, SceneResult, plan, run
 from viscovib.sweep_points import quiet
 from viscovib.trajectory import Trajectory
@@ -99,16 +102,18 @@ def measure(scene: Scene, *, seconds: float = 2.0, runs: int | None = None) -> B
     with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
         quiet()
         result = run(one)
+        if isinstance(result.value, xr.Dataset):
+            raise InputError("bench: must be a single result, not a sweep")
         table = Path(folder) / "table.csv"
         share = limit / 6
         phases = (
             _timing("read", lambda: Scene.read(scene.path, allow_paths=True), share, count),
             _timing("plan", lambda: plan(one), share, count),
             _timing("compute", lambda: run(one), 3 * share, count),
-            _timing("table", lambda: _written(result, table), share, count),
+            _timing("table", lambda: result.to_csv(table), share, count),
         )
         error, compared = _error(result)
-    return Benchmark(scene, phases, _size(result, phases[2].best), error, compared)
+    return Benchmark(scene, phases, _size(result.value, phases[2].best), error, compared)
 
 
 def run_bench(options: argparse.Namespace) -> int:
@@ -137,23 +142,9 @@ def _timing(name: str, what: Callable[[], Any], limit: float, count: int | None)
     return Timing(name, tuple(taken))
 
 
-def _written(result: SceneResult, path: Path) -> None:
-    if isinstance(result.value, (Response, Branch, DrivenBranch, Backbone, Trajectory)):
-        result.to_csv(path)
-
-
-def _size(result: SceneResult, best: float) -> str:
-    value = result.value
-    if isinstance(value, Trajectory):
-        n, what = value.stats["steps"], f"step of {value.method}"
-        return f"{n} steps, {_time(best / n)} a {what}"
-    if isinstance(value, DrivenBranch):
-        n = value.parameter.size
-        return f"{n} points of {len(value.orders)} orders, {_time(best / n)} a point"
-    if isinstance(value, (Response, Branch, Backbone)):
-        n = value.nu.size
-        return f"{n} points of {value.harmonics.size} harmonics, {_time(best / n)} a point"
-    raise InputError("bench: this scene gave nothing that can be timed")
+def _size(value: Result, best: float) -> str:
+    n, pieces, piece = value._pieces()
+    return f"{pieces}, {_time(best / n)} a {piece}"
 
 
 def _error(result: SceneResult) -> tuple[float | None, str]:

@@ -29,6 +29,7 @@ from viscovib.files import whole_file
 from viscovib.load import LoadLike
 from viscovib.motion_stability import Stability, codes_of, stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
 from viscovib.response import _prepare
 from viscovib.varying import varied
@@ -41,8 +42,8 @@ _KINDS = {"nu": 1, "load_factor": 2}
 _MOST_CHOSEN = 63
 
 
-@dataclass(frozen=True, eq=False)
-class Branch(Curve):
+@dataclass(frozen=True, eq=False, repr=False)
+class Branch(PeriodicMotions, Curve):
     """A branch of periodic solutions u = Im sum_k X_k exp(i k nu t), in the order followed.
 
     Attributes
@@ -130,6 +131,17 @@ class Branch(Curve):
             return r"circular frequency of the load $\nu$ (rad/s)"
         name = "factor of the load" if self.varies == "load_factor" else self.varies
         return f"{name}, at frequency {self.nu[0]:g} rad/s"
+
+    @property
+    def _orders(self) -> npt.NDArray[np.int32]:
+        return self.harmonics
+
+    def _lacking(self) -> str:
+        short = int((self.truncation > self._tolerance).sum())
+        return f", {short} with too few harmonics" if short else ""
+
+    def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
+        return self.nu, self.harmonics, self.coefficients
 
     def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
         d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))

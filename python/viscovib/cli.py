@@ -5,22 +5,16 @@ import sys
 import warnings
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
 from viscovib import __version__, bench, cli_sweep, explore
-from viscovib.backbone import Backbone
-from viscovib.branch import Branch
 from viscovib.cli_sweep import run_sweep
-from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, ViscovibError
 from viscovib.limits import StoppedError, limit_memory, limited_seconds
 from viscovib.pendulum import Pendulum
-from viscovib.plots import save_picture
-from viscovib.response import Response
-from viscovib.scales_results import ScalesResponse
+from viscovib.pictures import save_picture
+from viscovib.results import Result
 from viscovib.scene import Scene, SceneResult, plan, run
-from viscovib.spectrum import Spectrum
 from viscovib.trajectory import Trajectory
 
 _UNSOLVED, _BAD_INPUT, _BAD_FILE, _INTERRUPTED = 1, 2, 3, 130
@@ -110,59 +104,9 @@ def _run(options: argparse.Namespace) -> int:
     if result.spectrum is not None:
         result.spectrum.to_csv(options.out / f"{options.scene.stem}_spectrum.csv")
     _picture(options, result)
-    lines, whole = _summary(result.value)
     if not options.quiet:
-        print(f"{table}: {lines[0]}", *lines[1:], sep="\n  ")
-    return 0 if whole and not wanting else _UNSOLVED
-
-
-def _summary(
-    value: Response | Branch | DrivenBranch | Backbone | Trajectory | ScalesResponse,
-) -> tuple[list[str], bool]:
-    """Lines about a result, and whether all of it was found."""
-    if isinstance(value, (DrivenBranch, Backbone)):
-        name, points = value.varies, value.branch_points
-        size = len(value.coefficients)
-        lines = [f"{value.outcome}, {size} points, {value.folds.size} folds"]
-        if isinstance(value, DrivenBranch) or value.energy is not None:
-            lines[0] += f", {len(points)} branch points"
-        lines += [f"fold at {name} = {fold:.10g}" for fold in value.folds]
-        lines += [f"branch point at {name} = {point.parameter:.10g}" for point in points]
-        lacking = isinstance(value, DrivenBranch) and value._worst > value._tolerance
-        if isinstance(value, DrivenBranch) and lacking:
-            lines[0] += f", too few harmonics (estimated error {value._worst:.1e})"
-        return lines, value.outcome == "completed" and not lacking
-    if isinstance(value, Branch):
-        lines = [f"{value.outcome}, {value.nu.size} points, {value.folds.size} folds"]
-        lines += [f"fold at {value.varies} = {fold:.10g}" for fold in value.folds]
-        short = int((value.truncation > value._tolerance).sum())
-        if short:
-            lines[0] += f", {short} with too few harmonics"
-        return lines, value.outcome == "completed" and not short
-    if isinstance(value, ScalesResponse):
-        lines = [
-            f"{value.index.size} steady motions at {value.values.size} values, "
-            f"{value.stable.sum()} of them stable"
-        ]
-        if not value.in_range.all():
-            lines.append(f"{(~value.in_range).sum()} of them outside the range of the expansion")
-        return lines, np.unique(value.index).size == value.values.size
-    if isinstance(value, Trajectory):
-        lines = [f"{value.outcome} at t = {value.t_reached:g}, {value.t.size} states"]
-        if value.error is not None:
-            lines.append(f"step {value.dt:.6g}, estimated error {value.error:.1e}")
-        return lines, value.outcome == "completed"
-    lines = [f"{value.converged.sum()} of {value.nu.size} frequencies solved"]
-    short = int((value.truncation > value._tolerance).sum())
-    if short:
-        lines[0] += f", {short} with too few harmonics"
-    if value.converged.any():
-        for name, unit in zip(value.dof_names, value.dof_units, strict=True):
-            peak = value.peak(name)
-            lines.append(f"largest |{name}_1| = {peak.amplitude:.6g} {unit} at nu = {peak.nu:.6g}")
-            if not peak.enclosed:
-                lines[-1] += " (of the motions found; no summit)"
-    return lines, bool(value.converged.all()) and not short
+        print(f"{table}: " + result.value.summary().replace("\n", "\n  "))
+    return 0 if result.value.complete and not wanting else _UNSOLVED
 
 
 def _plan(options: argparse.Namespace) -> int:
@@ -189,21 +133,16 @@ def _compute(options: argparse.Namespace, scene: Scene) -> SceneResult:
 
 def _picture(options: argparse.Namespace, result: SceneResult) -> None:
     assert not isinstance(result.value, xr.Dataset)
-    pictures: list[
-        tuple[
-            str,
-            Response | Branch | DrivenBranch | Backbone | Trajectory | Spectrum | ScalesResponse,
-        ]
-    ] = [(result.kind, result.value)]
+    pictures: list[Result] = [result.value]
     bases = None
     if isinstance(result.value, Trajectory) and isinstance(result.value.system, Pendulum):
         body = result.value.system
         loads = {"p1": (body.f0, body.p1), "p2": (body.m01, body.p2), "p3": (body.m02, body.p3)}
         bases = {name: p for name, (size, p) in loads.items() if size and p} or None
     if result.spectrum is not None:
-        pictures.append(("spectrum", result.spectrum))
-    for kind, shown in pictures:
-        path = options.out / f"{options.scene.stem}_{kind}.png"
+        pictures.append(result.spectrum)
+    for shown in pictures:
+        path = options.out / f"{options.scene.stem}_{shown.kind}.png"
         save_picture(shown, path, bases=bases, others=result.switched)
         if not options.quiet:
             print(path)

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError, StabilityWarning
-from viscovib.response import Peak, band_of
+from viscovib.response_result import Peak, band_of, lowest_order, peaks
+from viscovib.results import Number, Panel, Result, named, span
 
 OUTCOMES: tuple[str, ...] = (
     "completed", "returned", "step limit", "stuck", "overflow", "unphysical", "closed",
@@ -71,8 +72,10 @@ class BranchPoint:
         return self._unknowns, (-1 if opposite else 1) * self._direction
 
 
-class Curve:
+class Curve(Result):
     """What branches of either system share: amplitudes along them and their peaks."""
+
+    kind = "branch"
 
     coefficients: ComplexArray
     dof_names: tuple[str, ...]
@@ -80,6 +83,9 @@ class Curve:
     stable: npt.NDArray[Any] | None
     folds: FloatArray
     fold_coefficients: ComplexArray
+    branch_points: tuple[BranchPoint, ...]
+    outcome: str
+    varies: str
     #: What varies along the branch.
     parameter: FloatArray
 
@@ -90,6 +96,58 @@ class Curve:
 
     def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
         raise NotImplementedError
+
+    @property
+    def _orders(self) -> npt.NDArray[Any]:
+        """Orders kept."""
+        raise NotImplementedError
+
+    def _lacking(self) -> str:
+        """Return words about harmonics that lack, if some do."""
+        raise NotImplementedError
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all of the branch was followed, with enough harmonics."""
+        return self.outcome == "completed" and not self._lacking()
+
+    def _headline(self) -> str:
+        return (
+            f"{self.outcome}, {self.parameter.size} points, {self.folds.size} folds, "
+            f"{len(self.branch_points)} branch points{self._lacking()}"
+        )
+
+    def _scope(self) -> list[str]:
+        unit = "rad/s" if self.varies == "nu" and "m" in self.dof_units else ""
+        known = "" if self.stable is None else f", stable at {np.sum(self.stable == True)} points"  # noqa: E712
+        return [
+            f"{self.varies}: {span(self.parameter, unit)}; {named(self.dof_names, self.dof_units)}",
+            f"{len(self._orders)} harmonics{known}",
+        ]
+
+    def _details(self) -> list[str]:
+        lines = [f"fold at {self.varies} = {fold:.10g}" for fold in self.folds]
+        return lines + [
+            f"branch point at {self.varies} = {point.parameter:.10g}"
+            for point in self.branch_points
+        ]
+
+    def numbers(self) -> dict[str, Number]:
+        """Largest amplitudes ``peak_x``, where they are, ``nu_peak_x``, ``folds``, ``outcome``."""
+        found = peaks(self, "rad/s" if "m" in self.dof_units else "")
+        return found | {"folds": Number(self.folds.size), "outcome": Number(self.outcome)}
+
+    def panels(self) -> list[Panel]:
+        """Amplitudes of the lowest harmonic along the branch."""
+        order = lowest_order(self._orders)
+        return [
+            Panel(self.parameter, self.amplitude(name, order), self.label, name, unit, order)
+            for name, unit in zip(self.dof_names, self.dof_units, strict=True)
+        ]
+
+    def _pieces(self) -> tuple[int, str, str]:
+        n = self.parameter.size
+        return n, f"{n} points of {len(self._orders)} harmonics", "point"
 
     def amplitude(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> FloatArray:
         """Size of a harmonic of a coordinate, shape (n,)."""
@@ -126,6 +184,24 @@ class Curve:
     ) -> tuple[float, float] | None:
         """Where the branch leads up to from its i-th point, if that is within bounds."""
         raise NotImplementedError
+
+
+def largest_order(coefficients: ComplexArray, harmonics: npt.NDArray[Any], d: int) -> int:
+    """Place of the order, other than the mean, that a coordinate has most of."""
+    first = int(not np.any(harmonics[0]))
+    return first + int(np.abs(coefficients[:, d, first:]).max(axis=0).argmax())
+
+
+def largest_panels(curve: Any, x: FloatArray, x_label: str) -> list[Panel]:
+    """Amplitudes along a curve, each of the order of which there is most.
+
+    The lowest may be idle where the motion has a longer period than the loads.
+    """
+    found = []
+    for d, (name, unit) in enumerate(zip(curve.dof_names, curve.dof_units, strict=True)):
+        order = int(curve.harmonics[largest_order(curve.coefficients, curve.harmonics, d)])
+        found.append(Panel(x, curve.amplitude(name, order), x_label, name, unit, order))
+    return found
 
 
 def located_crossings(

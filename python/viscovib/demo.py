@@ -16,7 +16,8 @@ from viscovib.errors import StabilityWarning
 from viscovib.kernels import RzhanitsynKernel
 from viscovib.mount import GEOMETRIES, Mount
 from viscovib.plots import COLOURS, plot_response
-from viscovib.response import Peak, Response, forced_response
+from viscovib.response import forced_response
+from viscovib.response_result import Peak, Response
 
 AMPLITUDES = (0.078, 0.048, 0.030, 0.020, 0.015)
 #: Below and above: where each coordinate resonates (rad/s).

@@ -18,6 +18,7 @@ from viscovib.files import whole_file
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan
 from viscovib.response import OUTCOMES
+from viscovib.results import Result, span
 from viscovib.stability import STILL, check_duration, warn_of_unknown
 from viscovib.torus import (
     FREQUENCIES,
@@ -42,8 +43,8 @@ _MAX_NUMBERS = 50_000_000
 _FIRST = {1: 9, 2: 5, 3: 4}
 
 
-@dataclass(frozen=True, eq=False)
-class DrivenResponse:
+@dataclass(frozen=True, eq=False, repr=False)
+class DrivenResponse(Result):
     """Steady motions q = Im sum_k X_k exp(i k.omega t) of the pendulum, one a row.
 
     Periodic if there is one base frequency omega, quasi-periodic if there are more; half of the
@@ -102,6 +103,26 @@ class DrivenResponse:
     plan: Plan
     dof_names: tuple[str, ...] = _DOFS
     dof_units: tuple[str, ...] = ("1", "rad", "rad")
+
+    kind = "response"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all motions are solved."""
+        return bool(self.converged.all())
+
+    def _headline(self) -> str:
+        return f"{self.converged.sum()} of {self.parameter.size} motions solved"
+
+    def _scope(self) -> list[str]:
+        worst = np.nanmax(self.truncation, initial=0.0)
+        known = "" if self.stable is None else f", {self.stable.sum()} stable"
+        return [
+            f"{self.varies or 'nu'}: {span(self.parameter)}; base frequencies: "
+            f"{', '.join(self.axes)}{known}",
+            f"orders up to {self.highest.max(initial=0)}, estimated error of those left out "
+            f"{worst:.1e}",
+        ]
 
     @property
     def nu(self) -> FloatArray:

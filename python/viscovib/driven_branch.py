@@ -18,6 +18,7 @@ from viscovib.curves import (
     Crossing,
     Curve,
     check_departure,
+    largest_panels,
     located_crossings,
     range_of,
 )
@@ -25,7 +26,9 @@ from viscovib.driven import check_size, write_table
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.motion_stability import stability_columns
 from viscovib.pendulum import Pendulum
+from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan
+from viscovib.results import Panel
 from viscovib.stability import STILL, check_duration, warn_of_unknown
 from viscovib.torus import (
     FREQUENCIES,
@@ -50,8 +53,8 @@ from viscovib.torus_plan import torus_plan
 _FEWER, _MAX_VAIN = 2.0, 2
 
 
-@dataclass(frozen=True, eq=False)
-class DrivenBranch(Curve):
+@dataclass(frozen=True, eq=False, repr=False)
+class DrivenBranch(PeriodicMotions, Curve):
     """A branch of driven motions q = Im sum_k X_k exp(i k.omega t), in the order followed.
 
     Attributes
@@ -135,6 +138,26 @@ class DrivenBranch(Curve):
     def label(self) -> str:
         """What varies, for the axis of a picture."""
         return {"nu": r"base frequency $\nu$"}.get(self.varies, self.varies)
+
+    @property
+    def _orders(self) -> IntArray:
+        return self.orders
+
+    def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
+        if len(self.axes) > 1:
+            raise InputError("these motions are quasi-periodic: they have no period")
+        return self.nu, self.harmonics, self.coefficients
+
+    def _lacking(self) -> str:
+        if self._worst <= self._tolerance:
+            return ""
+        return f", too few harmonics (estimated error {self._worst:.1e})"
+
+    def panels(self) -> list[Panel]:
+        """Amplitudes along the branch, each of the order of which there is most."""
+        if len(self.axes) > 1:
+            raise InputError("quasi-periodic motions have no single harmonic to draw")
+        return largest_panels(self, self.parameter, self.varies)
 
     def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
         d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))

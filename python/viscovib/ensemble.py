@@ -18,6 +18,7 @@ from viscovib.accuracy import Accuracy, rounding_of
 from viscovib.errors import InputError
 from viscovib.pendulum import PARAMETERS, Pendulum
 from viscovib.plan import Plan
+from viscovib.results import Result, span
 from viscovib.runs import hopeless
 from viscovib.trajectory import OUTCOMES
 from viscovib.transient import EXPLICIT, checked_state, first_steps
@@ -30,8 +31,8 @@ _MAX_STEPS = 10**12
 _MAX_PIECE = 1024
 
 
-@dataclass(frozen=True, eq=False)
-class Ensemble:
+@dataclass(frozen=True, eq=False, repr=False)
+class Ensemble(Result):
     """Many motions, and what was gathered from them on the way.
 
     Attributes
@@ -83,6 +84,23 @@ class Ensemble:
     parameters: Mapping[str, FloatArray]
     system: Pendulum
     plan: Plan
+
+    kind = "ensemble"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all motions were followed to their ends."""
+        return bool((self.outcome == "completed").all())
+
+    def _headline(self) -> str:
+        kinds, counts = np.unique(self.outcome, return_counts=True)
+        ends = ", ".join(f"{n} {kind}" for kind, n in zip(kinds, counts, strict=True))
+        return f"{self.t_end.size} motions: {ends}"
+
+    def _scope(self) -> list[str]:
+        varied = ", ".join(f"{name} {span(v)}" for name, v in self.parameters.items()) or "nothing"
+        error = "" if self.error is None else f", estimated error {self.error:.1e}"
+        return [f"t_end: {span(self.t_end)}; varied: {varied}; {self.method}{error}"]
 
     def to_dataset(self) -> xr.Dataset:
         """Everything that was gathered, over the runs."""

@@ -9,25 +9,20 @@ import argparse
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
-from viscovib._native import FloatArray
-from viscovib.backbone import Backbone
-from viscovib.branch import Branch
-from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import FileError, InputError, ViscovibError
 from viscovib.files import whole_file
-from viscovib.plots import _SYMBOLS, COLOURS, STYLES, _bare, _largest_place
-from viscovib.response import Response
+from viscovib.plots import _SYMBOLS, COLOURS, STYLES, _bare
+from viscovib.results import Panel
 from viscovib.scene import Scene, SceneResult, run
 from viscovib.sweep_points import quiet
 from viscovib.sweep_scene import summary
-from viscovib.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,44 +38,21 @@ _NOT_PHYSICS = ("t_end", "dt", "tolerance", "save_every", "order", "cubic_scale"
 _FACTOR = 1.25
 
 
-@dataclass(frozen=True)
-class Curve:
-    """One panel: a coordinate over frequency or time."""
-
-    x: FloatArray
-    y: FloatArray
-    x_label: str
-    y_label: str
-    log: bool
-
-
-def curves(result: SceneResult) -> list[Curve]:
+def curves(result: SceneResult) -> list[Panel]:
     """One curve a coordinate."""
-    value, found = result.value, []
-    if isinstance(value, Trajectory):
-        time = "$t$ (s)" if value.system.time_unit == "s" else r"$\tau$"
-        for d, name in enumerate(value.dof_names):
-            label = f"${_SYMBOLS.get(name, name)}$"
-            found.append(Curve(value.t, value.state[:, 2 * d], time, label, False))
-    elif isinstance(value, (Response, Branch, DrivenBranch, Backbone)):
-        if value.harmonics.ndim > 1:
-            raise InputError("explore: quasi-periodic motions have no single harmonic to draw")
-        orders = value.harmonics[value.harmonics > 0]
-        if not orders.size:
-            raise InputError("explore: the response is a mean only, which has no curve")
-        k = int(orders[0])
-        for d, (name, unit) in enumerate(zip(value.dof_names, value.dof_units, strict=True)):
-            if isinstance(value, (DrivenBranch, Backbone)):
-                # The lowest may be idle where the base frequency is a part of the motion's.
-                k = int(value.harmonics[_largest_place([value], d)])
-            label = f"$|{_SYMBOLS.get(name, name)}_{{{k}}}|$ ({unit})"
-            x = value.parameter if isinstance(value, (Branch, DrivenBranch)) else value.nu
-            x_label = value.varies if isinstance(value, DrivenBranch) else r"$\nu$ (rad/s)"
-            if isinstance(value, Backbone) and value.energy is not None:
-                x_label = r"$\nu$"
-            log = isinstance(value, Response)
-            found.append(Curve(x, value.amplitude(name, k), x_label, label, log))
-    return found
+    if isinstance(result.value, xr.Dataset):
+        raise InputError("explore: must be a single result, not a sweep")
+    try:
+        return result.value.panels()
+    except InputError as error:
+        raise InputError(f"explore: {error}") from None
+
+
+def _label(panel: Panel) -> str:
+    symbol = _SYMBOLS.get(panel.name, panel.name)
+    if panel.order is None:
+        return f"${symbol}$"
+    return f"$|{symbol}_{{{panel.order}}}|$ ({panel.unit})"
 
 
 def parameters(scene: Scene) -> dict[str, float]:
@@ -146,7 +118,7 @@ class Explorer:
         for axis, curve in zip(self.axes, first, strict=True):
             axis.plot(curve.x, curve.y, color="0.75", linewidth=3, label="as it was")
             self.lines += axis.plot(curve.x, curve.y, color=COLOURS[0], linewidth=1.4, label="now")
-            axis.set_ylabel(curve.y_label)
+            axis.set_ylabel(_label(curve))
             axis.set_yscale("log" if curve.log else "linear")
             axis.tick_params(labelbottom=axis is self.axes[-1])
             _bare(axis)
@@ -295,7 +267,7 @@ def save_sheet(scene: Scene, path: Path, keys: list[str] | None = None) -> None:
                         curve.x, curve.y, color=colour, linestyle=style, linewidth=1.1, label=label
                     )
             for axis, curve in zip(row, middle, strict=True):
-                axis.set_ylabel(curve.y_label)
+                axis.set_ylabel(_label(curve))
                 axis.set_yscale("log" if curve.log else "linear")
                 _bare(axis)
             row[0].legend(

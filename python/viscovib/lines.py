@@ -6,19 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.line_fit import ROUGH, LineFit
+from viscovib.results import Result
 from viscovib.signals import read_signal
 from viscovib.trajectory import Trajectory
 
 _MAX_LINES = 50
 
 
-@dataclass(frozen=True, eq=False)
-class Lines:
+@dataclass(frozen=True, eq=False, repr=False)
+class Lines(Result):
     """Lines of a signal.
 
     u(t) = mean + sum_j amplitude_j exp(-decay_j (t - start)) cos(omega_j t + phase_j)
@@ -50,6 +52,36 @@ class Lines:
     resolved: npt.NDArray[np.bool_]
     decay: FloatArray
     start: float
+
+    kind = "lines"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether every line stands apart from the others."""
+        return bool(self.resolved.all())
+
+    def _headline(self) -> str:
+        close = int((~self.resolved).sum())
+        apart = f", {close} close to others" if close else ""
+        return f"{self.omega.size} lines, root mean square of the rest {self.residual:.2g}{apart}"
+
+    def _scope(self) -> list[str]:
+        lines = [
+            f"omega {omega:.12g}: amplitude {amplitude:.6g}, phase {phase:.6g}"
+            + (f", decay {decay:.6g}" if decay else "")
+            for omega, amplitude, phase, decay in zip(
+                self.omega, self.amplitude, self.phase, self.decay, strict=True
+            )
+        ]
+        return [*lines[:8], *([f"and {len(lines) - 8} more"] if len(lines) > 8 else [])]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over the lines."""
+        names = ("omega", "amplitude", "phase", "decay", "resolved")
+        return xr.Dataset(
+            {name: ("line", getattr(self, name)) for name in names},
+            attrs={"mean": self.mean, "residual": self.residual, "start": self.start},
+        )
 
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
         """Value of the sum at times t."""

@@ -15,8 +15,8 @@ from viscovib.load import LoadLike
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
 from viscovib.pendulum_backbone import pendulum_backbone as _pendulum_backbone
-from viscovib.response import Response
 from viscovib.response import forced_response as _mount_response
+from viscovib.response_result import Response
 
 
 @overload

@@ -1,8 +1,6 @@
 """Pictures: every curve is told apart by line style as well as by colour."""
 
-import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,10 +14,7 @@ from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import DrivenBranch
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
-from viscovib.files import whole_file
-from viscovib.response import Response
-from viscovib.scales_plots import moving, plot_scales_response
-from viscovib.scales_results import ScalesResponse
+from viscovib.response_result import Response
 from viscovib.spectrum import Spectrum, name_frequencies
 from viscovib.trajectory import Trajectory
 
@@ -324,7 +319,7 @@ def plot_trajectory(
         import matplotlib.pyplot as plt
 
         figure = plt.figure(figsize=(10, 2.4 * len(names)), layout="constrained")
-        ax = _motion_axes(figure, len(names))
+        ax = motion_axes(figure, len(names))
     axes = list(np.asarray(ax, dtype=object).ravel())
     if len(axes) != 2 * len(names):
         raise InputError(f"ax: {len(axes)} axes given, must be {2 * len(names)}")
@@ -478,85 +473,10 @@ def _bare(axis: "Axes") -> None:
     axis.set_axisbelow(True)
 
 
-def _motion_axes(figure: "Figure", n: int) -> "Sequence[Axes]":
+def motion_axes(figure: "Figure", n: int) -> "Sequence[Axes]":
+    """Return two panels a coordinate, history and phase plane, in rows."""
     axes = figure.subplots(n, 2, width_ratios=[3, 1], squeeze=False)
     for row in axes[:-1]:
         row[0].sharex(axes[-1, 0])
         row[0].tick_params(labelbottom=False)
     return [axis for row in axes for axis in row]
-
-
-def _largest_place(curves: Sequence[DrivenBranch | Backbone], d: int) -> int:
-    """Place of the order, other than the mean, that a coordinate has most of."""
-    first = int(not np.any(curves[0].harmonics[0]))
-    sizes = np.max([np.abs(curve.coefficients[:, d, first:]).max(axis=0) for curve in curves], 0)
-    return first + int(sizes.argmax())
-
-
-def _largest_order(branches: Sequence[DrivenBranch], d: int) -> int | tuple[int, ...]:
-    order = branches[0].orders[_largest_place(branches, d)]
-    return int(order[0]) if order.size == 1 else tuple(order.tolist())
-
-
-def save_picture(
-    result: Response | Branch | DrivenBranch | Backbone | Trajectory | Spectrum | ScalesResponse,
-    path: str | os.PathLike[str],
-    *,
-    bases: Mapping[str, float] | None = None,
-    others: Sequence[DrivenBranch] | Sequence[Backbone] = (),
-) -> None:
-    """Draw a result into a file, without a display.
-
-    ``bases`` name the peaks of a spectrum; ``others`` are those that leave the one drawn.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    if isinstance(result, Spectrum):
-        figure = Figure(figsize=(8, 4.5), layout="constrained")
-        FigureCanvasAgg(figure)
-        highest = 5 * max(bases.values()) if bases else None
-        plot_spectrum(result, figure.subplots(), bases=bases, highest=highest)
-    elif isinstance(result, Branch):
-        names = result.dof_names
-        figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
-        FigureCanvasAgg(figure)
-        plot_branch(result, figure.subplots(len(names), 1, sharex=True))
-    elif isinstance(result, DrivenBranch):
-        figure = Figure(figsize=(7, 3 * len(result.dof_names)), layout="constrained")
-        FigureCanvasAgg(figure)
-        axes = figure.subplots(len(result.dof_names), 1, sharex=True)
-        branches: list[DrivenBranch] = [result, *others]
-        orders = {name: _largest_order(branches, d) for d, name in enumerate(result.dof_names)}
-        for branch in branches:
-            plot_branch(branch, axes, harmonic=orders)
-    elif isinstance(result, Backbone):
-        names = result.dof_names
-        figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
-        FigureCanvasAgg(figure)
-        curves: list[Backbone] = [result, *others]
-        most = {
-            name: int(result.harmonics[_largest_place(curves, d)]) for d, name in enumerate(names)
-        }
-        plot_backbone(curves, figure.subplots(len(names), 1, sharex=True), harmonic=most)
-    elif isinstance(result, ScalesResponse):
-        names = moving(result)
-        figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
-        FigureCanvasAgg(figure)
-        plot_scales_response(result, figure.subplots(len(names), 1, sharex=True))
-    elif isinstance(result, Trajectory):
-        names = result.dof_names
-        figure = Figure(figsize=(10, 2.4 * len(names)), layout="constrained")
-        FigureCanvasAgg(figure)
-        plot_trajectory(result, _motion_axes(figure, len(names)))
-    else:
-        names = result.dof_names
-        # Harmonic 1, or the lowest there is.
-        there = result.harmonics[result.harmonics > 0]
-        if not there.size:
-            raise InputError("response: holds a mean only, which has no amplitude curve")
-        figure = Figure(figsize=(7, 3 * len(names)), layout="constrained")
-        FigureCanvasAgg(figure)
-        plot_response(result, figure.subplots(len(names), 1, sharex=True), harmonic=int(there[0]))
-    with whole_file(path, "wb") as file:
-        figure.savefig(file, dpi=200, format=Path(path).suffix.lstrip(".") or "png")

@@ -17,6 +17,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.plan import Plan
+from viscovib.results import Result, span
 
 #: Growth below this part of the frequency counts as none.
 _NEUTRAL = 1e-9
@@ -66,8 +67,8 @@ class Resonance(NamedTuple):
         return f"{self.label}: order {self.order}, divisor {self.divisor:.4g}{near}"
 
 
-@dataclass(frozen=True, eq=False)
-class Modulation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Modulation(Result):
     """Amplitudes in time, q = Re sum_j r_j A_j(t) exp(i frame_j t) + higher orders.
 
     Attributes
@@ -95,6 +96,28 @@ class Modulation:
     outcome: str
     plan: Plan
 
+    kind = "modulation"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether the last time was reached."""
+        return self.outcome == "complete"
+
+    def _headline(self) -> str:
+        return f"{self.outcome}, {self.t.size} times, {self.steps} steps"
+
+    def _scope(self) -> list[str]:
+        return [f"t: {span(self.t)}; {self.frame.size} modes"]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Amplitudes and phases as an xarray Dataset over t."""
+        dims = ("t", "mode")
+        return xr.Dataset(
+            {"amplitude": (dims, self.amplitude), "phase": (dims, self.phase, {"units": "rad"})},
+            coords={"t": self.t},
+            attrs={"outcome": self.outcome, "plan": str(self.plan)},
+        )
+
     @property
     def amplitude(self) -> FloatArray:
         """Real amplitudes b_j, shape (n, n_modes)."""
@@ -106,8 +129,8 @@ class Modulation:
         return np.asarray(np.unwrap(np.angle(self.complex_amplitudes), axis=0))
 
 
-@dataclass(frozen=True, eq=False)
-class ScalesMotion:
+@dataclass(frozen=True, eq=False, repr=False)
+class ScalesMotion(Result):
     """A motion to third order.
 
     Attributes
@@ -136,6 +159,15 @@ class ScalesMotion:
     _errors: Callable[[], FloatArray] = field(repr=False)
     #: Units of the coordinates over that of the sizes, shape (n, n_dof).
     _units: FloatArray = field(repr=False)
+
+    kind = "motion"
+
+    def _headline(self) -> str:
+        return f"{self.t.size} states by multiple scales, {self.in_range.sum()} of them in range"
+
+    def _scope(self) -> list[str]:
+        error = float(self.error_estimate.max(initial=0.0))
+        return [f"t: {span(self.t)}; {', '.join(self.dof_names)}; estimated error {error:.1e}"]
 
     @cached_property
     def coordinate_errors(self) -> FloatArray:
@@ -175,8 +207,8 @@ class ScalesMotion:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class ScalesResponse:
+@dataclass(frozen=True, eq=False, repr=False)
+class ScalesResponse(Result):
     """Steady motions, one a point; several may belong to one value.
 
     Attributes
@@ -218,6 +250,26 @@ class ScalesResponse:
     _errors: Callable[[], tuple[FloatArray, FloatArray]] = field(repr=False)
     #: As of `ScalesMotion`.
     _units: FloatArray = field(repr=False)
+
+    kind = "multiple_scales"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether every value has a steady motion."""
+        return bool(np.unique(self.index).size == self.values.size)
+
+    def _headline(self) -> str:
+        return (
+            f"{self.index.size} steady motions at {self.values.size} values, "
+            f"{self.stable.sum()} of them stable"
+        )
+
+    def _scope(self) -> list[str]:
+        return [f"{self.parameter}: {span(self.values)}; {', '.join(self.dof_names)}"]
+
+    def _details(self) -> list[str]:
+        outside = int((~self.in_range).sum())
+        return [f"{outside} of them outside the range of the expansion"] if outside else []
 
     @cached_property
     def _both_errors(self) -> tuple[FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +38,12 @@ from viscovib.pendulum import Pendulum
 from viscovib.periodic import backbone
 from viscovib.plan import Plan, wanted_places
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
-from viscovib.response import Response, forced_response
+from viscovib.response import forced_response
+from viscovib.response_result import Response
 from viscovib.scales_results import ScalesResponse
 from viscovib.scene_keys import groups_of, namelist_text, with_key
 from viscovib.spectrum import Spectrum, spectrum
-from viscovib.trajectory import Trajectory
+from viscovib.trajectory import Trajectory, given_plan
 from viscovib.transient import simulate
 
 _KERNELS: dict[str, type[Kernel]] = {
@@ -385,13 +387,7 @@ class SceneResult:
         """As in the names of tables: "response", "branch", "transient", ..."""
         if isinstance(self.value, xr.Dataset):
             return "sweep"
-        if isinstance(self.value, ScalesResponse):
-            return "multiple_scales"
-        if isinstance(self.value, Backbone):
-            return "backbone"
-        if isinstance(self.value, (Branch, DrivenBranch)):
-            return "branch"
-        return "response" if isinstance(self.value, Response) else "transient"
+        return self.value.kind
 
     @property
     def plan(self) -> Plan:
@@ -474,7 +470,8 @@ def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> Sce
     if "multiple_scales" in read.groups:
         return SceneResult(read, replace(read._steady(), plan=planned))
     if "transient" in read.groups:
-        run = replace(simulate(**read._motion(), progress=progress), _planned=lambda: planned)
+        found = simulate(**read._motion(), progress=progress)
+        run = replace(found, _planned=partial(given_plan, planned))
         return SceneResult(read, run, _spectrum(read, run))
     if "backbone" in read.groups:
         free, families = read._backbones()

@@ -17,14 +17,15 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.plan import Plan
+from viscovib.results import Result, span
 from viscovib.signals import read_signal
 from viscovib.trajectory import Trajectory
 
 WINDOWS = ("rectangular", "hann", "blackman_harris", "flat_top")
 
 
-@dataclass(frozen=True, eq=False)
-class Spectrum:
+@dataclass(frozen=True, eq=False, repr=False)
+class Spectrum(Result):
     """One-sided amplitude spectrum.
 
     Attributes
@@ -52,6 +53,15 @@ class Spectrum:
     dt: float
     names: tuple[str, ...]
     plan: Plan
+
+    kind = "spectrum"
+
+    def _headline(self) -> str:
+        return f"{self.omega.size} frequencies of {', '.join(self.names)}"
+
+    def _scope(self) -> list[str]:
+        width = self.omega[1] if self.omega.size > 1 else math.nan
+        return [f"omega: {span(self.omega)}, {width:.6g} apart; window {self.window}"]
 
     @property
     def amplitude(self) -> FloatArray:

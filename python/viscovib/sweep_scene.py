@@ -1,6 +1,5 @@
 """Scenes over a grid: their keys as parameters, and a few numbers of each result."""
 
-import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -8,19 +7,17 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from viscovib import _native
-from viscovib.backbone import Backbone
-from viscovib.branch import Branch
-from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError
 from viscovib.fingerprint import describe
-from viscovib.response import Response
+from viscovib.response_result import Response
+from viscovib.results import Number
 from viscovib.scene import Scene, SceneResult, run
 from viscovib.scene_keys import with_key
 from viscovib.scene_units import unit_of
 from viscovib.sweep_points import Grid, Numbers
-from viscovib.trajectory import Trajectory
 
 #: Highest order of responses whose orders are chosen that a sweep keeps, so that all have one
 #: shape; the load may have higher ones.
@@ -39,7 +36,9 @@ class _AtPoint:
         if callable(self.extract):
             return self.extract(result)
         if self.extract == "summary":
-            return _with_units(summary(result), result.value)
+            found = _numbers(result)
+            units = {name: number.unit for name, number in found.items() if number.unit}
+            return Numbers({name: number.value for name, number in found.items()}, units)
         chosen = result.scene.groups.get("response", {}).get("harmonics") == "auto"
         if isinstance(result.value, Response) and chosen and result.value.method != "linear":
             return _of_one_shape(result.value)
@@ -90,53 +89,13 @@ def summary(result: SceneResult) -> dict[str, Any]:
     its ends, ``folds`` and ``outcome``. Of a motion: ``max_z``, ``max_phi``, ``max_psi`` and
     ``rms_z``, ... over its second half, and ``outcome``.
     """
-    value = result.value
-    if isinstance(value, Trajectory):
-        late = value.t >= 0.5 * value.t_reached
-        found: dict[str, Any] = {}
-        for name, column in zip(value.dof_names, value.state[late, ::2].T, strict=True):
-            found[f"max_{name}"] = np.abs(column).max() if column.size else np.nan
-            found[f"rms_{name}"] = _rms(value.t[late], column)
-        return found | {"outcome": value.outcome}
-    if isinstance(value, Backbone):
-        ends = {"nu_first": value.nu[0], "nu_last": value.nu[-1]}
-        return ends | {"folds": value.folds.size, "outcome": value.outcome}
-    if not isinstance(value, (Response, Branch, DrivenBranch)):
-        raise InputError("summary: must be that of a response, a branch, a backbone or a motion")
-    return _peaks(value)
+    return {name: number.value for name, number in _numbers(result).items()}
 
 
-def _rms(t: npt.NDArray[np.float64], values: npt.NDArray[np.float64]) -> float:
-    """Root mean square over time, whatever the spacing of the states; NaN without any."""
-    if t.size < 2:
-        return float(np.abs(values[0])) if t.size else math.nan
-    return math.sqrt(np.trapezoid(values**2, t) / (t[-1] - t[0]))
-
-
-def _peaks(value: Response | Branch | DrivenBranch) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    orders = value.harmonics[value.harmonics > 0] if value.harmonics.ndim == 1 else np.empty(0)
-    for name in value.dof_names:
-        at, size = np.nan, np.nan
-        if orders.size and np.isfinite(value.amplitude(name, int(orders[0]))).any():
-            at, size = value.peak(name, int(orders[0]))[:2]
-        found |= {f"peak_{name}": size, f"nu_peak_{name}": at}
-    if isinstance(value, (Branch, DrivenBranch)):
-        return found | {"folds": value.folds.size, "outcome": value.outcome}
-    return found | {"unsolved": 1 - value.converged.mean()}
-
-
-def _with_units(found: dict[str, Any], value: Any) -> Numbers:
-    if isinstance(value, Trajectory):
-        pairs = zip(value.dof_names, value.system.dof_units, strict=True)
-        return Numbers(found, {f"{kind}_{n}": u for n, u in pairs for kind in ("max", "rms")})
-    if isinstance(value, Backbone) and value.energy is None:
-        return Numbers(found, {"nu_first": "rad/s", "nu_last": "rad/s"})
-    if not isinstance(value, (Response, Branch)):
-        return Numbers(found, {})
-    units = {f"nu_peak_{name}": "rad/s" for name in value.dof_names}
-    units |= {f"peak_{n}": u for n, u in zip(value.dof_names, value.dof_units, strict=True)}
-    return Numbers(found, units)
+def _numbers(result: SceneResult) -> dict[str, Number]:
+    if isinstance(result.value, xr.Dataset):
+        raise InputError("summary: must be that of a single result, not of a sweep")
+    return result.value.numbers()
 
 
 def _flat(scene: Scene) -> dict[str, str]:

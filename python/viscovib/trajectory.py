@@ -1,6 +1,7 @@
 """A motion in time, however it was integrated."""
 
 import csv
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,12 +21,13 @@ from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan, wanted_places
 from viscovib.polynomial_system import PolynomialSystem
+from viscovib.results import Number, Panel, Result, named, span
 
 OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large")
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Result):
     """A motion in time.
 
     Attributes
@@ -70,6 +72,53 @@ class Trajectory:
     _resume: Any = field(repr=False)
     _planned: Callable[..., Plan] = field(repr=False)
     resolution: float | None = None
+
+    kind = "transient"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether the motion was followed to the end."""
+        return self.outcome == "completed"
+
+    def _headline(self) -> str:
+        return f"{self.outcome} at t = {self.t_reached:g}, {self.t.size} states"
+
+    def _scope(self) -> list[str]:
+        return [
+            f"t: {span(self.t, self.system.time_unit)}; "
+            f"{named(self.dof_names, self.system.dof_units)}; {self.method}",
+            *self._details(),
+        ]
+
+    def _details(self) -> list[str]:
+        if self.error is None:
+            return []
+        return [f"step {self.dt:.6g}, estimated error {self.error:.1e}"]
+
+    def numbers(self) -> dict[str, Number]:
+        """Return ``max_x`` and ``rms_x``, ... over the second half, and ``outcome``."""
+        late = self.t >= 0.5 * self.t_reached
+        found: dict[str, Number] = {}
+        columns = self.state[late, ::2].T
+        for name, unit, column in zip(self.dof_names, self.system.dof_units, columns, strict=True):
+            largest = float(np.abs(column).max()) if column.size else math.nan
+            found[f"max_{name}"] = Number(largest, unit)
+            found[f"rms_{name}"] = Number(_rms(self.t[late], column), unit)
+        return found | {"outcome": Number(self.outcome)}
+
+    def panels(self) -> list[Panel]:
+        """Coordinates over time."""
+        label = "$t$ (s)" if self.system.time_unit == "s" else r"$\tau$"
+        return [
+            Panel(self.t, self.state[:, 2 * d], label, name, unit)
+            for d, (name, unit) in enumerate(
+                zip(self.dof_names, self.system.dof_units, strict=True)
+            )
+        ]
+
+    def _pieces(self) -> tuple[int, str, str]:
+        n = self.stats["steps"]
+        return n, f"{n} steps", f"step of {self.method}"
 
     @cached_property
     def plan(self) -> Plan:
@@ -156,3 +205,15 @@ class Trajectory:
             writer.writerow(["t", *names])
             for t, row in zip(self.t, state, strict=True):
                 writer.writerow([f"{value:.16e}" for value in (t, *row)])
+
+
+def given_plan(plan: Plan) -> Plan:
+    """Return the plan itself: a function that pickles."""
+    return plan
+
+
+def _rms(t: FloatArray, values: FloatArray) -> float:
+    """Root mean square over time, whatever the spacing of the states; NaN without any."""
+    if t.size < 2:
+        return float(np.abs(values[0])) if t.size else math.nan
+    return math.sqrt(np.trapezoid(values**2, t) / (t[-1] - t[0]))

@@ -4,6 +4,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -20,6 +21,7 @@ from viscovib.mesh import Mesh
 from viscovib.mount import Mount
 from viscovib.past import Past
 from viscovib.pendulum import Pendulum
+from viscovib.plan import Plan
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.runs import (
     MAX_FIRST_STEPS,
@@ -247,11 +249,15 @@ def simulate(
         return replace(
             result,
             error=difference(result, fine),
-            _planned=lambda: result.plan.instead(
-                "estimate of the error", "computes: estimate of the error, by a run in half steps"
-            ),
+            _planned=partial(_plan_with_estimate, result),
         )
     return result
+
+
+def _plan_with_estimate(run: Trajectory) -> Plan:
+    return run.plan.instead(
+        "estimate of the error", "computes: estimate of the error, by a run in half steps"
+    )
 
 
 def _with_table(make: Callable[[float], Run], force: LoadTable) -> Callable[[float], Run]:

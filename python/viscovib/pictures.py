@@ -1,0 +1,158 @@
+"""Pictures of whole results: by `Result.plot`, into files, beside text in notebooks."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from viscovib.backbone import Backbone
+from viscovib.branch import Branch
+from viscovib.driven import DrivenResponse
+from viscovib.driven_branch import DrivenBranch
+from viscovib.ensemble import Ensemble
+from viscovib.errors import InputError
+from viscovib.files import whole_file
+from viscovib.plots import (
+    motion_axes,
+    plot_backbone,
+    plot_branch,
+    plot_response,
+    plot_sections,
+    plot_spectrum,
+    plot_trajectory,
+)
+from viscovib.response_result import Response, lowest_order
+from viscovib.results import Result
+from viscovib.scales_plots import moving, plot_modulation, plot_scales_response
+from viscovib.scales_results import Modulation, ScalesResponse
+from viscovib.spectrum import Spectrum
+from viscovib.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Drawn(NamedTuple):
+    """What is drawn beside a result: names of frequencies, other branches."""
+
+    bases: Mapping[str, float] | None = None
+    others: Sequence[Any] = ()
+
+
+def _largest_place(curves: Sequence[DrivenBranch | Backbone], d: int) -> int:
+    """Place of the order, other than the mean, that a coordinate has most of."""
+    first = int(not np.any(curves[0].harmonics[0]))
+    sizes = np.max([np.abs(curve.coefficients[:, d, first:]).max(axis=0) for curve in curves], 0)
+    return first + int(sizes.argmax())
+
+
+def _largest_order(branches: Sequence[DrivenBranch], d: int) -> int | tuple[int, ...]:
+    order = branches[0].orders[_largest_place(branches, d)]
+    return int(order[0]) if order.size == 1 else tuple(order.tolist())
+
+
+def _draw_response(result: Response, figure: "Figure", _: Drawn) -> None:
+    axes = figure.subplots(len(result.dof_names), 1, sharex=True)
+    plot_response(result, axes, harmonic=lowest_order(result.harmonics))
+
+
+def _draw_driven(result: DrivenResponse, figure: "Figure", _: Drawn) -> None:
+    axes = figure.subplots(len(result.dof_names), 1, sharex=True)
+    plot_response(result, axes, harmonic=lowest_order(result.harmonics))
+
+
+def _draw_branch(result: Branch, figure: "Figure", _: Drawn) -> None:
+    plot_branch(result, figure.subplots(len(result.dof_names), 1, sharex=True))
+
+
+def _draw_driven_branch(result: DrivenBranch, figure: "Figure", more: Drawn) -> None:
+    axes = figure.subplots(len(result.dof_names), 1, sharex=True)
+    branches: list[DrivenBranch] = [result, *more.others]
+    orders = {name: _largest_order(branches, d) for d, name in enumerate(result.dof_names)}
+    for branch in branches:
+        plot_branch(branch, axes, harmonic=orders)
+
+
+def _draw_backbone(result: Backbone, figure: "Figure", more: Drawn) -> None:
+    names = result.dof_names
+    curves: list[Backbone] = [result, *more.others]
+    most = {name: int(result.harmonics[_largest_place(curves, d)]) for d, name in enumerate(names)}
+    plot_backbone(curves, figure.subplots(len(names), 1, sharex=True), harmonic=most)
+
+
+def _draw_scales(result: ScalesResponse, figure: "Figure", _: Drawn) -> None:
+    plot_scales_response(result, figure.subplots(len(moving(result)), 1, sharex=True))
+
+
+def _draw_trajectory(result: Trajectory, figure: "Figure", _: Drawn) -> None:
+    plot_trajectory(result, motion_axes(figure, len(result.dof_names)))
+
+
+def _draw_spectrum(result: Spectrum, figure: "Figure", more: Drawn) -> None:
+    highest = 5 * max(more.bases.values()) if more.bases else None
+    plot_spectrum(result, figure.subplots(), bases=more.bases, highest=highest)
+
+
+def _panel_size(result: Any) -> tuple[float, float]:
+    return 7, 3 * len(result.dof_names)
+
+
+#: For each kind of result: what draws it into a figure, the size of that, the public function.
+_DRAWN: dict[type, tuple[Callable[..., None], Callable[[Any], tuple[float, float]], Any]] = {
+    Response: (_draw_response, _panel_size, plot_response),
+    DrivenResponse: (_draw_driven, _panel_size, plot_response),
+    Branch: (_draw_branch, _panel_size, plot_branch),
+    DrivenBranch: (_draw_driven_branch, _panel_size, plot_branch),
+    Backbone: (_draw_backbone, _panel_size, plot_backbone),
+    Trajectory: (_draw_trajectory, lambda r: (10, 2.4 * len(r.dof_names)), plot_trajectory),
+    Spectrum: (_draw_spectrum, lambda _: (8, 4.5), plot_spectrum),
+    ScalesResponse: (
+        _draw_scales, lambda r: (7, 3 * len(moving(r))), plot_scales_response,
+    ),
+}  # fmt: skip
+#: Those that only the public function draws.
+_PLOTTED: dict[type, Any] = {Ensemble: plot_sections, Modulation: plot_modulation}
+
+
+def plot(result: Result, *args: Any, **options: Any) -> Any:
+    """Draw a result by the function for its kind."""
+    if type(result) in _PLOTTED:
+        return _PLOTTED[type(result)](result, *args, **options)
+    return _drawn(result)[2](result, *args, **options)
+
+
+def _drawn(result: Result) -> Any:
+    if type(result) not in _DRAWN:
+        raise InputError(f"plot: no picture of {result.kind} is known")
+    return _DRAWN[type(result)]
+
+
+def save_picture(
+    result: Result,
+    path: str | os.PathLike[str] | IO[str],
+    *,
+    bases: Mapping[str, float] | None = None,
+    others: Sequence[DrivenBranch] | Sequence[Backbone] = (),
+    small: bool = False,
+) -> None:
+    """Draw a result into a file, without a display; into an open one as SVG.
+
+    ``bases`` name the peaks of a spectrum; ``others`` are those that leave the one drawn;
+    ``small``: at half the size, for notebooks.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    draw, size, _ = _drawn(result)
+    figure = Figure(figsize=size(result), layout="constrained")
+    FigureCanvasAgg(figure)
+    draw(result, figure, Drawn(bases, others))
+    if small:
+        figure.set_size_inches(*(0.6 * x for x in size(result)))
+    if not isinstance(path, (str, os.PathLike)):
+        figure.savefig(path, format="svg")
+        return
+    with whole_file(path, "wb") as file:
+        figure.savefig(file, dpi=200, format=Path(path).suffix.lstrip(".") or "png")

@@ -1,0 +1,149 @@
+"""Results as values: they print in a few lines, compare, pickle, copy, are drawn and saved."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+import viscovib as vv
+import xarray as xr
+from scipy.integrate import quad
+
+MOUNT = vv.Mount(
+    mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,
+    kernel=vv.PronyKernel(weights=[0.1], rates=[1.0]),
+)  # fmt: skip
+DUFFING = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3 + 0.3*x^2")
+BODY = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, c1=0.05, c2=0.05, c3=0.05, f0=0.01, p1=0.9)
+
+
+def _driven_motion():
+    return vv.simulate(BODY, 10, initial=[0.1, 0, 0.1, 0, 0, 0])
+
+
+def _estimated():
+    return vv.simulate(DUFFING, 5, dt=0.1, initial=[0.1, 0], estimate_error=True)
+
+
+MOTION = """&pendulum e=0.1 w2=0.4 w3=0.8 /
+&transient initial=0.05 0 0.3 0 0 0 t_end=5 dt=0.1 /
+"""
+
+RESULTS = {
+    "response": lambda: vv.forced_response(MOUNT, [1, 1.5, 3], load=0.1),
+    "judged response": lambda: vv.forced_response(
+        MOUNT, [1, 2, 3], load=0.1, method="newton", stability=True
+    ),
+    "branch": lambda: vv.trace_response(DUFFING, (0.5, 2), load=0.3),
+    "pendulum response": lambda: vv.forced_response(BODY, p1=[0.8, 0.9]),
+    "pendulum branch": lambda: vv.trace_response(BODY, p1=(0.8, 1.0)),
+    "backbone": lambda: vv.backbone(DUFFING, mode=0, amplitude_range=(0.01, 0.3)),
+    "motion": _driven_motion,
+    "motion with an estimate": _estimated,
+    "motion with memory": lambda: vv.simulate(MOUNT, 5, dt=0.1, initial=[0.1, 0, 0, 0]),
+    "ensemble": lambda: vv.simulate_ensemble(BODY, initial=np.full((3, 6), 0.01), t_end=5, dt=0.1),
+    "spectrum": lambda: vv.spectrum(_driven_motion()),
+    "lines": lambda: vv.dominant_frequencies(_driven_motion(), count=2, coordinate="z"),
+    "steady motions": lambda: vv.MultipleScales(BODY, tolerance=0.05).response("p1", [0.9, 1.0]),
+}
+DRAWN = set(RESULTS) - {"ensemble", "lines"}
+
+
+@pytest.fixture(scope="module", params=RESULTS)
+def named_result(request):
+    return request.param, RESULTS[request.param]()
+
+
+def test_it_is_a_value(named_result):
+    name, result = named_result
+    again = RESULTS[name]()
+    assert result == again
+    assert hash(result) == hash(again)
+    for other in (pickle.loads(pickle.dumps(result)), copy.copy(result), copy.deepcopy(result)):
+        assert other == result
+        assert repr(other) == repr(result)
+    assert result != "something else"
+
+
+def test_it_prints_in_a_few_lines(named_result):
+    _, result = named_result
+    text = repr(result)
+    assert text.startswith(f"<{type(result).__name__}: ")
+    assert len(text.splitlines()) <= 6
+    assert len(text) < 400
+    assert result.summary().splitlines()[0] in text
+    assert result.complete or result.kind == "lines"
+
+
+def test_it_is_drawn(named_result):
+    name, result = named_result
+    text = result._repr_html_()
+    assert ("<svg" in text) == (name in DRAWN)
+    if name in DRAWN:
+        import matplotlib.pyplot as plt
+
+        assert result.plot() is not None
+        plt.close("all")
+
+
+def test_netcdf_holds_everything(named_result, tmp_path):
+    _, result = named_result
+    path = tmp_path / "result.nc"
+    result.to_netcdf(path)
+    with xr.open_dataset(path, engine="scipy") as read:
+        for key, array in result.to_dataset().data_vars.items():
+            if np.iscomplexobj(array):
+                parts = read[f"{key}_re"].values + 1j * read[f"{key}_im"].values
+                np.testing.assert_array_equal(parts, array.values)
+            elif array.dtype.kind in "biuf":
+                np.testing.assert_array_equal(read[key].values, array.values)
+            else:
+                assert read[key].values.astype(str).tolist() == array.values.astype(str).tolist()
+
+
+def test_a_difference_is_seen():
+    one, other = (vv.forced_response(MOUNT, [1, 1.5], load=load) for load in (0.1, 0.1 + 1e-12))
+    assert one != other
+
+
+def test_corrections_survive_pickling():
+    response = RESULTS["response"]()
+    np.testing.assert_array_equal(
+        pickle.loads(pickle.dumps(response)).corrections, response.corrections
+    )
+
+
+def test_motions_of_scenes_pickle(tmp_path):
+    path = tmp_path / "motion.nml"
+    path.write_text(MOTION)
+    result = vv.run(path)
+    assert pickle.loads(pickle.dumps(result)).value == result.value
+
+
+@pytest.mark.parametrize("name", ["judged response", "branch", "pendulum branch", "backbone"])
+def test_what_follows_from_the_harmonics(name):
+    """Against integrals and samples of the waveform itself."""
+    result = RESULTS[name]()
+    dof = result.dof_names[-1]
+    d = len(result.dof_names) - 1
+    i = len(result.coefficients) // 2
+    orders = result.harmonics
+    nu = float(result.nu[i])
+    own = result.coefficients[i, d]
+
+    def u(t, times=0):
+        return float((own * (1j * orders * nu) ** times * np.exp(1j * orders * nu * t)).sum().imag)
+
+    period = 2 * np.pi / nu
+    mean_square = quad(lambda t: u(t) ** 2, 0, period, epsabs=0, epsrel=1e-12, limit=400)[0]
+    assert result.rms(dof)[i] == pytest.approx(np.sqrt(mean_square / period), rel=1e-9)
+    t, waves = result.waveform(i, 100_000)
+    assert waves[1234, d] == pytest.approx(u(t[1234]), abs=1e-14)
+    wide = waves[:, d].max() - waves[:, d].min()
+    assert result.peak_to_peak(dof)[i] == pytest.approx(wide, rel=1e-8)
+    k = int(orders[orders > 0][0])
+    assert result.velocity(dof, k)[i] == 1j * k * nu * own[list(orders).index(k)]
+    assert result.acceleration(dof, k)[i] == pytest.approx(
+        -((k * nu) ** 2) * own[list(orders).index(k)], rel=1e-15
+    )
+    assert result.phase(dof, k)[i] == np.angle(own[list(orders).index(k)])
