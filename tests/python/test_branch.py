@@ -1,20 +1,17 @@
 """Newton's method, branches and stability, against independent references (data/README.md)."""
 
 import json
-import os
-import resource
-import signal
 import subprocess
 import sys
 import time
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import matplotlib
 import numpy as np
 import pytest
 import viscovib as vv
+from processes import end_by_interrupt
 from scipy.integrate import solve_ivp
 from tables import DATA
 
@@ -343,11 +340,6 @@ def test_bad_input_is_named(changes, text):
     assert text in str(error.value)
 
 
-def _own_seconds(pid):
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 @pytest.mark.parametrize("what", ["branch", "response", "orders"])
 def test_long_work_hears_an_interrupt(what):
     """SIGINT to a process of its own, in the middle of a native call of a minute or more."""
@@ -365,19 +357,13 @@ def test_long_work_hears_an_interrupt(what):
         "damping=0.02 * np.array([[10, -5], [-5, 4.5]]))\n"
         f"print('ready', flush=True)\n{work}\n"
     )
-    started = resource.getrusage(resource.RUSAGE_CHILDREN)
-    before = started.ru_utime + started.ru_stime
     child = subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert child.stdout.readline() == "ready\n"
     time.sleep(0.5)
-    # Time of its own, whatever else this machine does.
-    spent = _own_seconds(child.pid)
-    child.send_signal(signal.SIGINT)
-    _, errors = child.communicate(timeout=30)
-    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert ended.ru_utime + ended.ru_stime - before - spent < 1
+    spent, errors = end_by_interrupt(child)
+    assert spent < 1
     assert "KeyboardInterrupt" in errors
 
 

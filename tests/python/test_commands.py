@@ -1,8 +1,5 @@
 """The commands sweep, explore and bench, and maps of sweeps."""
 
-import os
-import resource
-import signal
 import subprocess
 import sys
 import time
@@ -17,6 +14,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 import xarray as xr
+from processes import end_by_interrupt
 from viscovib import bench, explore
 from viscovib.cli import main
 
@@ -83,12 +81,6 @@ def test_options_of_the_sweep(tmp_path, capsys):
         assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-def busy(pid):
-    """Seconds of processor time that a process has used (proc(5), utime and stime)."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 def test_ctrl_c_says_how_to_go_on(start, tmp_path):
     scene = small_map(tmp_path, "&sweep key='mount.stiffness_x', min=8, max=12, count=100000 /\n")
     command = [sys.executable, "-m", "viscovib.cli", "sweep", str(scene), "--out", str(tmp_path)]
@@ -99,13 +91,8 @@ def test_ctrl_c_says_how_to_go_on(start, tmp_path):
         assert child.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    before, others = busy(child.pid), resource.getrusage(resource.RUSAGE_CHILDREN)
-    child.send_signal(signal.SIGINT)
-    _, said = child.communicate(timeout=30)
-    # Work done after the signal, whatever else this machine does.
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    total = after.ru_utime + after.ru_stime - others.ru_utime - others.ru_stime
-    assert total - before < 1
+    spent, said = end_by_interrupt(child)
+    assert spent < 1
     assert child.returncode == 130
     assert said.splitlines() == [
         f"{outcomes.parents[1]}: holds what is finished, the same command goes on from there",

@@ -62,13 +62,15 @@ def test_fading_costs_nothing(kind):
     body = vv.Pendulum(**PENDULUM)
 
     def seconds(start):
-        begun = time.perf_counter()
+        begun = time.process_time()
         if kind == "one":
             vv.simulate(body, 50_000, dt=0.25, initial=start, keep="last")
         else:
             vv.simulate_ensemble(
                 body, initial=start, t_end=50_000, dt=0.25, method="rk4", n_threads=1
             )
-        return time.perf_counter() - begun
+        return time.process_time() - begun
 
-    assert min(seconds(FADING) / seconds(SILENT) for _ in range(5)) < 2
+    # Time of the process itself, the best of several: whatever else this machine does.
+    fading, silent = (min(seconds(start) for _ in range(4)) for start in (FADING, SILENT))
+    assert fading < 2 * silent
