@@ -52,7 +52,9 @@ from viscovib.response import plan_response
 from viscovib.response_result import Peak, Response
 from viscovib.scales_plots import plot_modulation, plot_scales_response
 from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
-from viscovib.scene import Scene, SceneResult, plan, run
+from viscovib.scene import Scene
+from viscovib.scene_job import SceneResult, plan
+from viscovib.scene_run import run
 from viscovib.spectrum import Spectrum, name_frequencies, spectrum
 from viscovib.sweep import sweep
 from viscovib.trajectory import Trajectory

@@ -23,7 +23,8 @@ from viscovib.errors import InputError, ViscovibError
 from viscovib.response import forced_response
 from viscovib.response_result import Response
 from viscovib.results import Result
-from viscovib.scene import Scene, SceneResult, plan, run
+from viscovib.scene import Scene
+from viscovib.scene_job import SceneResult, plan, run_one
 from viscovib.sweep_points import quiet
 from viscovib.trajectory import Trajectory
 from viscovib.transient import simulate
@@ -101,7 +102,7 @@ def measure(scene: Scene, *, seconds: float = 2.0, runs: int | None = None) -> B
     one = scene.override({})
     with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
         quiet()
-        result = run(one)
+        result = run_one(one)
         if isinstance(result.value, xr.Dataset):
             raise InputError("bench: must be a single result, not a sweep")
         table = Path(folder) / "table.csv"
@@ -109,7 +110,7 @@ def measure(scene: Scene, *, seconds: float = 2.0, runs: int | None = None) -> B
         phases = (
             _timing("read", lambda: Scene.read(scene.path, allow_paths=True), share, count),
             _timing("plan", lambda: plan(one), share, count),
-            _timing("compute", lambda: run(one), 3 * share, count),
+            _timing("compute", lambda: run_one(one), 3 * share, count),
             _timing("table", lambda: result.to_csv(table), share, count),
         )
         error, compared = _error(result)
@@ -186,7 +187,7 @@ def _response_error(scene: Scene, value: Response) -> tuple[float | None, str]:
 
 def _branch_error(scene: Scene, value: Branch | DrivenBranch) -> tuple[float | None, str]:
     more = min(2 * int(value.harmonics.max()) + 1, _MAX_HARMONICS)
-    better = run(scene.override({"branch.harmonics": more, "branch.tolerance": 1e-13})).branch
+    better = run_one(scene.override({"branch.harmonics": more, "branch.tolerance": 1e-13})).branch
     # The peaks of the lowest order that moves.
     change = []
     for d, name in enumerate(value.dof_names):
@@ -202,7 +203,7 @@ def _backbone_error(scene: Scene, value: Backbone) -> tuple[float | None, str]:
     group = scene.groups["backbone"]
     more = min(2 * group["harmonics"] + 1, _MAX_HARMONICS // group.get("subharmonic", 1))
     finer = {"backbone.harmonics": more, "backbone.tolerance": 1e-13}
-    better = run(scene.override(finer)).backbone
+    better = run_one(scene.override(finer)).backbone
     if value.outcome != "completed" or better.outcome != "completed":
         return None, "the curve does not reach its end"
     note = f"relative, of the last frequency, against {more} harmonics and tolerance 1e-13"

@@ -14,7 +14,9 @@ from viscovib.limits import StoppedError, limit_memory, limited_seconds
 from viscovib.pendulum import Pendulum
 from viscovib.pictures import save_picture
 from viscovib.results import Result
-from viscovib.scene import Scene, SceneResult, plan, run
+from viscovib.scene import Scene
+from viscovib.scene_job import SceneResult, plan
+from viscovib.scene_run import run
 from viscovib.trajectory import Trajectory
 
 _UNSOLVED, _BAD_INPUT, _BAD_FILE, _INTERRUPTED = 1, 2, 3, 130

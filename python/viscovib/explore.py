@@ -20,7 +20,8 @@ from viscovib.errors import FileError, InputError, ViscovibError
 from viscovib.files import whole_file
 from viscovib.plots import _SYMBOLS, COLOURS, STYLES, _bare
 from viscovib.results import Panel
-from viscovib.scene import Scene, SceneResult, run
+from viscovib.scene import Scene
+from viscovib.scene_job import SceneResult, run_one
 from viscovib.sweep_points import quiet
 from viscovib.sweep_scene import summary
 
@@ -207,7 +208,7 @@ class Explorer:
         begun = time.perf_counter()
         with warnings.catch_warnings():
             quiet()
-            result = run(self.scene.override(changed))
+            result = run_one(self.scene.override(changed))
         return result, time.perf_counter() - begun
 
     def _say(self, message: str = "", *, wrong: bool = False) -> None:
@@ -243,7 +244,7 @@ def save_sheet(scene: Scene, path: Path, keys: list[str] | None = None) -> None:
     start = _chosen(one, keys)
     with warnings.catch_warnings():
         quiet()
-        middle = curves(run(one))
+        middle = curves(run_one(one))
         n = len(middle)
         figure = Figure(figsize=(4.2 * n, 1.9 * len(start) + 0.6), layout="constrained")
         FigureCanvasAgg(figure)
@@ -256,7 +257,9 @@ def save_sheet(scene: Scene, path: Path, keys: list[str] | None = None) -> None:
             ):
                 try:
                     found = (
-                        middle if factor == 1 else curves(run(one.override({key: value * factor})))
+                        middle
+                        if factor == 1
+                        else curves(run_one(one.override({key: value * factor})))
                     )
                 except ViscovibError:
                     # Out of range on this side: the others show.

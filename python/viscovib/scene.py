@@ -7,22 +7,18 @@ back the scene with every default written out, which is what Python sees.
 import math
 import os
 import re
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.backbone import Backbone
-from viscovib.branch import Branch, trace_response
 from viscovib.driven_branch import DrivenBranch, trace_pendulum
-from viscovib.errors import ConvergenceWarning, FileError, InputError
+from viscovib.errors import FileError, InputError
 from viscovib.kernels import (
     AbelKernel,
     Kernel,
@@ -36,15 +32,9 @@ from viscovib.multiple_scales import MultipleScales
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
 from viscovib.periodic import backbone
-from viscovib.plan import Plan, wanted_places
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
-from viscovib.response import forced_response
-from viscovib.response_result import Response
 from viscovib.scales_results import ScalesResponse
 from viscovib.scene_keys import groups_of, namelist_text, with_key
-from viscovib.spectrum import Spectrum, spectrum
-from viscovib.trajectory import Trajectory, given_plan
-from viscovib.transient import simulate
 
 _KERNELS: dict[str, type[Kernel]] = {
     "rzhanitsyn": RzhanitsynKernel,
@@ -148,7 +138,7 @@ class Scene:
     def polynomial_system(self) -> PolynomialSystem:
         """Build the polynomial system."""
         given = self._group("system")
-        names = _texts(given["coordinates"])
+        names = texts(given["coordinates"])
         direction = np.atleast_1d(given["base_direction"])
         kernels: list[Kernel | None] = [None, *(_kernel(group) for group in self.groups["kernel"])]
         springs = [
@@ -171,7 +161,7 @@ class Scene:
             damping=_matrix(given["damping"], len(names)),
             springs=springs,
             names=names,
-            units=_texts(given["units"]),
+            units=texts(given["units"]),
             base_direction=direction if direction.any() else None,
         )
 
@@ -233,7 +223,7 @@ class Scene:
 
     def _names(self) -> tuple[str, ...]:
         if "system" in self.groups:
-            return _texts(self.groups["system"]["coordinates"])
+            return texts(self.groups["system"]["coordinates"])
         return ("z", "phi", "psi") if self.is_pendulum else ("x", "phi")
 
     def _group(self, name: str) -> Mapping[str, Any]:
@@ -368,162 +358,12 @@ class Scene:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class SceneResult:
-    """What a scene gave.
-
-    Response or branch of a mount; motion of a pendulum and its spectra, or a branch of its motions
-    and those that leave it, ``switched``; free motions (of a pendulum with families that leave
-    them) or steady motions of either; a table of a sweep.
-    """
-
-    scene: Scene
-    value: Response | Branch | DrivenBranch | Backbone | Trajectory | ScalesResponse | xr.Dataset
-    spectrum: Spectrum | None = None
-    switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] = ()
-
-    @property
-    def kind(self) -> str:
-        """As in the names of tables: "response", "branch", "transient", ..."""
-        if isinstance(self.value, xr.Dataset):
-            return "sweep"
-        return self.value.kind
-
-    @property
-    def plan(self) -> Plan:
-        """What was computed, what was skipped and why."""
-        return plan(self.scene)
-
-    def to_csv(self, path: str | os.PathLike[str], which: int = 0) -> None:
-        """Write the table, of the coordinates that the scene wants.
-
-        ``which``: 0 the result itself, 1, 2, ... those that leave it, as in ``switched``.
-        """
-        value = self.switched[which - 1] if which else self.value
-        if isinstance(value, xr.Dataset):
-            raise InputError("to_csv: is for single results, a sweep has points")
-        if isinstance(value, (ScalesResponse, DrivenBranch)):
-            value.to_csv(os.fspath(path))
-            return
-        group = self.scene.groups[self.kind]
-        value.to_csv(os.fspath(path), coordinates=_texts(group["coordinates"]))
-
-    @property
-    def response(self) -> Response:
-        """The response of a mount."""
-        if not isinstance(self.value, Response):
-            raise InputError("response: this scene gave something else, see value")
-        return self.value
-
-    @property
-    def branch(self) -> Branch | DrivenBranch:
-        """The branch."""
-        if not isinstance(self.value, (Branch, DrivenBranch)):
-            raise InputError("branch: this scene gave something else, see value")
-        return self.value
-
-    @property
-    def backbone(self) -> Backbone:
-        """The free motions of a mode."""
-        if not isinstance(self.value, Backbone):
-            raise InputError("backbone: this scene gave something else, see value")
-        return self.value
-
-    @property
-    def sweep(self) -> xr.Dataset:
-        """A few numbers at every point of a grid (`viscovib.sweep_scene.summary`)."""
-        if not isinstance(self.value, xr.Dataset):
-            raise InputError("sweep: this scene gave something else, see value")
-        return self.value
-
-    @property
-    def steady(self) -> ScalesResponse:
-        """The steady motions by multiple scales."""
-        if not isinstance(self.value, ScalesResponse):
-            raise InputError("steady: this scene gave something else, see value")
-        return self.value
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """The motion of a pendulum."""
-        if not isinstance(self.value, Trajectory):
-            raise InputError("trajectory: this scene gave something else, see value")
-        return self.value
-
-
 def _band(group: Mapping[str, Any]) -> float | None:
     """Return the band of resonances in a group, None where the core chooses by influence.
 
     The core writes the lowest number there is for a band that is not given.
     """
     return None if group["tolerance"] < 0 else float(group["tolerance"])
-
-
-def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
-    """Compute what a scene asks for; with &sweep groups, at every point of their grid."""
-    read = scene if isinstance(scene, Scene) else Scene.read(scene)
-    if read.groups["sweep"]:
-        from viscovib.sweep import sweep
-
-        return SceneResult(read, sweep(read, progress=progress, extract="summary"))
-    planned = plan(read)
-    if "multiple_scales" in read.groups:
-        return SceneResult(read, replace(read._steady(), plan=planned))
-    if "transient" in read.groups:
-        found = simulate(**read._motion(), progress=progress)
-        run = replace(found, _planned=partial(given_plan, planned))
-        return SceneResult(read, run, _spectrum(read, run))
-    if "backbone" in read.groups:
-        free, families = read._backbones()
-        told = tuple(replace(family, plan=planned) for family in families)
-        return SceneResult(read, replace(free, plan=planned), switched=told)
-    if "branch" in read.groups and read.is_pendulum:
-        first, others = read._driven()
-        return SceneResult(read, first, switched=others)
-    if "branch" in read.groups:
-        return SceneResult(read, replace(trace_response(**read._branch()), plan=planned))
-    response = forced_response(**read._job(), progress=progress)
-    return SceneResult(read, replace(response, plan=planned))
-
-
-def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
-    """Spectra of the coordinates, where the scene wants them."""
-    group = scene.groups.get("spectrum")
-    if group is None:
-        return None
-    kept = run.t >= group["discard"] * (1 - 1e-12)
-    if kept.sum() < 2:
-        warnings.warn(
-            f"no spectrum: {kept.sum()} states from discard = {group['discard']:g} on, must be at "
-            "least 2",
-            ConvergenceWarning,
-            stacklevel=3,
-        )
-        return None
-    step = float(run.t[min(1, run.t.size - 1)])
-    wanted = wanted_places(_texts(group["coordinates"]), run.dof_names)
-    found = spectrum(
-        run.state[kept][:, [2 * d for d in wanted]],
-        step,
-        window=group["window"],
-        names=tuple(run.dof_names[d] for d in wanted),
-    )
-    return replace(found, plan=run.plan)
-
-
-def plan(scene: Scene | str | os.PathLike[str]) -> Plan:
-    """Say what a scene will compute and what is skipped, with the reasons."""
-    read = scene if isinstance(scene, Scene) else Scene.read(scene)
-    if read.groups["sweep"]:
-        return _plan_sweep(read)
-    return Plan(_read(core.scene_plan, f"{read.path}".encode(), read.canonical.encode()))
-
-
-def _plan_sweep(scene: Scene) -> Plan:
-    grid = scene.sweep_grid()
-    axes = [f"{name} ({v.size} values {v[0]:g} to {v[-1]:g})" for name, v in grid.items()]
-    points = math.prod(v.size for v in grid.values())
-    return Plan(f"sweeps: {' x '.join(axes)} = {points} points, each:\n{plan(scene.override({}))}")
 
 
 def _canonical(path: str | os.PathLike[str], allow_paths: bool) -> str:
@@ -534,14 +374,15 @@ def _canonical(path: str | os.PathLike[str], allow_paths: bool) -> str:
     encoded = os.fsencode(name)
     if not encoded or b"\0" in encoded or len(encoded) > _MAX_PATH:
         raise FileError(f"{name!r}: not a path of a scene file")
-    return _read(core.scene_canonical, encoded, int(allow_paths))
+    return read_text(core.scene_canonical, encoded, int(allow_paths))
 
 
 def _canonical_text(name: str, text: str) -> str:
-    return _read(core.scene_canonical_of_text, name.encode(), text.encode())
+    return read_text(core.scene_canonical_of_text, name.encode(), text.encode())
 
 
-def _read(routine: Callable[..., tuple[Any, ...]], *given: bytes | int) -> str:
+def read_text(routine: Callable[..., tuple[Any, ...]], *given: bytes | int) -> str:
+    """Call a routine of the core that returns a text of any length."""
     room = 1 << 16
     while True:
         text, length = _native.call(routine, *given, room)
@@ -550,7 +391,8 @@ def _read(routine: Callable[..., tuple[Any, ...]], *given: bytes | int) -> str:
         room = int(length)
 
 
-def _texts(value: str | list[str]) -> tuple[str, ...]:
+def texts(value: str | list[str]) -> tuple[str, ...]:
+    """Return the texts that a key has, one or several."""
     return (value,) if isinstance(value, str) else tuple(value)
 
 

@@ -65,6 +65,8 @@ def _of_trajectory(
     if dt is not None or start is not None:
         raise InputError("dt, start: must not be given with a Trajectory, which has its own times")
     names: tuple[str, ...]
+    if coordinates is None and most == 1 and len(run.dof_names) == 1:
+        coordinates = run.dof_names[0]
     if isinstance(coordinates, str):
         columns, names = run.coordinate(coordinates), (coordinates,)
     elif most == 1:

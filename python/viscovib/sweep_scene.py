@@ -14,7 +14,8 @@ from viscovib.errors import InputError
 from viscovib.fingerprint import describe
 from viscovib.response_result import Response
 from viscovib.results import Number
-from viscovib.scene import Scene, SceneResult, run
+from viscovib.scene import Scene
+from viscovib.scene_job import SceneResult, run_one
 from viscovib.scene_keys import with_key
 from viscovib.scene_units import unit_of
 from viscovib.sweep_points import Grid, Numbers
@@ -32,7 +33,7 @@ class _AtPoint:
     extract: Callable[[SceneResult], Any] | str
 
     def __call__(self, **point: Any) -> Any:
-        result = run(self.scene.override(point))
+        result = run_one(self.scene.override(point))
         if callable(self.extract):
             return self.extract(result)
         if self.extract == "summary":

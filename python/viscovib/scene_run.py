@@ -1,0 +1,15 @@
+"""`viscovib.run`: a scene, at one point or at every point of a grid."""
+
+import os
+
+from viscovib.scene import Scene
+from viscovib.scene_job import SceneResult, run_one
+from viscovib.sweep import sweep
+
+
+def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
+    """Compute what a scene asks for; with &sweep groups, at every point of their grid."""
+    read = scene if isinstance(scene, Scene) else Scene.read(scene)
+    if read.groups["sweep"]:
+        return SceneResult(read, sweep(read, progress=progress, extract="summary"))
+    return run_one(read, progress=progress)
