@@ -85,7 +85,7 @@ def _integrated(pend, state, periods=150):
 def _one_resonance(folder):
     _section("4. Steady motion near p1 ~ w1: all branches, stability, two judges")
     pend = vv.Pendulum(**DAMPED, f0=0.002, p1=1.02)
-    ms = vv.MultipleScales(pend, tolerance=0.05)
+    ms = vv.MultipleScales(pend)
     values = np.linspace(1.0, 1.05, 1000)
     start = time.perf_counter()
     response = ms.response("p1", values)
@@ -94,11 +94,11 @@ def _one_resonance(folder):
     figure, axis = plt.subplots(figsize=(7, 4.2), layout="constrained")
     branch = vv.trace_response(pend, p1=(1.0, 1.05), stability=False)
     axis.plot(branch.parameter, branch.amplitude("z"), color="0.75", lw=4, label="harmonic balance")
-    vv.plot_scales_response(response, axis)
+    vv.plot_scales_response(response, axis, dofs=["z"])
     points = []
     for p1 in np.linspace(1.0, 1.04, 9):
         here = vv.Pendulum(**DAMPED, f0=0.002, p1=p1)
-        at_value = vv.MultipleScales(here, tolerance=0.05)
+        at_value = vv.MultipleScales(here)
         steady = at_value.response("p1", [p1])
         for i in np.flatnonzero(steady.stable):
             state = at_value.motion([0.0], amplitudes=steady.amplitudes[i]).state[0]
@@ -123,7 +123,7 @@ def _mount_response(folder):
     nu = np.linspace(1.3, 1.75, 136)
     figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
     for load, colour in ((0.05, "#7fa7d9"), (0.1, "#3566ab"), (0.15, _DARK)):
-        steady = vv.MultipleScales(mount, load=load, nu=1.5, tolerance=0.05).response("nu", nu)
+        steady = vv.MultipleScales(mount, load=load, nu=1.5).response("nu", nu)
         exact = vv.forced_response(mount, nu, load=load, method="newton")
         axis.plot(steady.at, steady.amplitude("x"), color=colour, label=f"{load} N")
         last = axis.plot(nu[::9], exact.amplitude("x")[::9], "o", mfc="none", color=_WARM, ms=5)

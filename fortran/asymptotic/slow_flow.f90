@@ -48,7 +48,7 @@ contains
     type(normal_form_type), intent(in) :: normal
     type(polynomial_form_type), intent(in) :: form
     type(flow_term_type), allocatable :: terms(:)
-    real(wp) :: scale
+    real(wp) :: scale, largest(0:3)
     integer :: i, j, k, n
 
     flow%n_modes = normal%n_modes
@@ -66,15 +66,17 @@ contains
     end do
     ! Coefficients at the level of rounding are none; those with as many loads among their
     ! factors have the same units.
+    largest = largest_of(normal%pair, normal%g_pair)
     do i = 1, size(normal%pair, 2)
-      scale = largest_like(normal%pair, normal%g_pair, i)
+      scale = largest(n_loads(normal%pair(:, i)))
       do j = 1, normal%n_modes
         if (.not. abs(normal%g_pair(j, i)) > 1.0e-13_wp*scale) cycle
         call add([normal%pair(:, i), 0], normal%g_pair(j, i))
       end do
     end do
+    largest = largest_of(normal%triple, normal%g_triple)
     do i = 1, size(normal%triple, 2)
-      scale = largest_like(normal%triple, normal%g_triple, i)
+      scale = largest(n_loads(normal%triple(:, i)))
       do j = 1, normal%n_modes
         if (.not. abs(normal%g_triple(j, i)) > 1.0e-13_wp*scale) cycle
         call add(normal%triple(:, i), normal%g_triple(j, i))
@@ -86,17 +88,18 @@ contains
 
   contains
 
-    !> Largest coefficient of a term with as many loads as that of column i.
-    pure real(wp) function largest_like(factors, g, i) result(largest)
-      integer, intent(in) :: factors(:, :), i
+    !> Largest coefficient of a term with so many loads.
+    pure function largest_of(factors, g) result(largest)
+      integer, intent(in) :: factors(:, :)
       complex(wp), intent(in) :: g(:, :)
-      integer :: k
+      real(wp) :: largest(0:3)
+      integer :: k, loads
       largest = 0.0_wp
       do k = 1, size(factors, 2)
-        if (n_loads(factors(:, k)) /= n_loads(factors(:, i))) cycle
-        largest = max(largest, maxval(abs(g(:normal%n_modes, k))))
+        loads = n_loads(factors(:, k))
+        largest(loads) = max(largest(loads), maxval(abs(g(:normal%n_modes, k))))
       end do
-    end function largest_like
+    end function largest_of
 
     pure integer function n_loads(factors)
       integer, intent(in) :: factors(:)

@@ -27,9 +27,12 @@ module viscovib_steady_states
     integer :: kind = kind_none
     !> Amplitudes are in units of this.
     real(wp) :: unit = 1.0_wp
-    type(family_type), private :: family
+    !> All that were met, and the present one: terms come again at other values.
+    type(family_type), allocatable, private :: families(:)
+    integer, private :: present = 0
   contains
     procedure :: solve
+    procedure, private :: choose_family
     procedure, private :: solve_squares
     procedure, private :: solve_general
   end type steady_solver_type
@@ -62,15 +65,10 @@ contains
       solver%unit = natural_unit(flow, solver%active)
       if (shifts_only) then
         call square_terms(flow, solver%active, solver%unit, row, at, coefficients)
-        if (.not. same_terms(solver%family, n, row, at)) then
-          call new_family(solver%family, n, row, at, cancel)
-        end if
+        call solver%choose_family(n, .false., row, at, cancel)
       else
         call general_terms(flow, solver%active, solver%unit, row, at, coefficients)
-        n = 2*n
-        if (.not. same_terms(solver%family, n, row, at)) then
-          call new_family(solver%family, n, row, at, cancel)
-        end if
+        call solver%choose_family(2*n, .true., row, at, cancel)
       end if
     else
       call fail(status, status_input_error, 'system', 'system: '//show(n)//' modes move together ' &
@@ -78,17 +76,29 @@ contains
     end if
   end subroutine new_steady_solver
 
-  pure logical function same_terms(family, n, row, at)
-    type(family_type), intent(in) :: family
+  subroutine choose_family(self, n, conjugates, row, at, cancel)
+    class(steady_solver_type), intent(inout) :: self
     integer, intent(in) :: n, row(:), at(:, :)
-    same_terms = family%n == n .and. allocated(family%row)
-    if (same_terms) same_terms = size(family%row) == size(row)
-    if (same_terms) same_terms = all(family%row == row) .and. all(family%at == at)
-  end function same_terms
+    logical, intent(in) :: conjugates
+    integer, intent(inout), volatile :: cancel
+    type(family_type), allocatable :: more(:)
+    integer :: present
+
+    if (.not. allocated(self%families)) allocate (self%families(0))
+    do present = 1, size(self%families)
+      if (self%families(present)%is_of(n, row, at)) exit
+    end do
+    self%present = present
+    if (present <= size(self%families)) return
+    allocate (more(present))
+    more(:present - 1) = self%families
+    call new_family(more(present), n, conjugates, row, at, cancel)
+    call move_alloc(more, self%families)
+  end subroutine choose_family
 
   !> Amplitudes of all steady motions, the smallest first; modes that cannot move are 0.
   subroutine solve(self, flow, a, n_found, cancel)
-    class(steady_solver_type), intent(in) :: self
+    class(steady_solver_type), intent(inout) :: self
     type(slow_flow_type), intent(in) :: flow
     !> Shape (n_modes, max_steady); columns beyond n_found are left alone.
     complex(wp), intent(inout) :: a(:, :)
@@ -136,20 +146,23 @@ contains
   end subroutine solve_one
 
   subroutine solve_squares(self, flow, a, n_found, cancel)
-    class(steady_solver_type), intent(in) :: self
+    class(steady_solver_type), intent(inout) :: self
     type(slow_flow_type), intent(in) :: flow
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
     integer, intent(inout), volatile :: cancel
     complex(wp) :: sigma(size(self%active)), gamma(size(self%active), size(self%active))
     complex(wp) :: load(size(self%active)), bottom(size(self%active))
-    complex(wp) :: x(size(self%active), size(self%family%solutions, 2))
+    complex(wp), allocatable :: x(:, :)
     complex(wp), allocatable :: coefficients(:)
     integer, allocatable :: row(:), at(:, :)
     integer :: i, n
 
     call square_terms(flow, self%active, self%unit, row, at, coefficients)
-    call self%family%solve_member(coefficients, x, n, cancel)
+    associate (family => self%families(self%present))
+      allocate (x(size(self%active), size(family%solutions, 2)))
+      call family%solve_member(coefficients, self%unit**2, x, n, cancel)
+    end associate
     call shifts(flow, self%active, self%unit, sigma, gamma, load)
     n_found = 0
     do i = 1, n
@@ -164,19 +177,22 @@ contains
   end subroutine solve_squares
 
   subroutine solve_general(self, flow, a, n_found, cancel)
-    class(steady_solver_type), intent(in) :: self
+    class(steady_solver_type), intent(inout) :: self
     type(slow_flow_type), intent(in) :: flow
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
     integer, intent(inout), volatile :: cancel
-    complex(wp) :: x(2*size(self%active), size(self%family%solutions, 2))
+    complex(wp), allocatable :: x(:, :)
     complex(wp), allocatable :: coefficients(:)
     integer, allocatable :: row(:), at(:, :)
     integer :: i, n, m
 
     m = size(self%active)
     call general_terms(flow, self%active, self%unit, row, at, coefficients)
-    call self%family%solve_member(coefficients, x, n, cancel)
+    associate (family => self%families(self%present))
+      allocate (x(2*m, size(family%solutions, 2)))
+      call family%solve_member(coefficients, self%unit, x, n, cancel)
+    end associate
     n_found = 0
     do i = 1, n
       if (maxval(abs(x(:m, i) - conjg(x(m + 1:, i)))) > 1.0e-7_wp*max(maxval(abs(x(:, i))), &
@@ -185,8 +201,6 @@ contains
       n_found = n_found + 1
       a(:, n_found) = (0.0_wp, 0.0_wp)
       a(self%active, n_found) = 0.5_wp*(x(:m, i) + conjg(x(m + 1:, i)))*self%unit
-      ! Rest is found as some tiny number.
-      where (abs(a(:, n_found)) < 1.0e-30_wp*self%unit) a(:, n_found) = (0.0_wp, 0.0_wp)
     end do
   end subroutine solve_general
 

@@ -1,81 +1,218 @@
 !> All isolated solutions of a small polynomial system of degree 3, by following paths from
 !! a system whose solutions are known (Sommese and Wampler, The numerical solution of systems
-!! of polynomials, 2005, chapters 2, 7 and 8): first from x_i^d = 1 to a system of the same
-!! terms with coefficients at random, and from its finite solutions to any wanted one.
+!! of polynomials, 2005, chapters 2, 7 and 8): first from products of linear forms to a system of
+!! the same terms with coefficients at random, and from its finite solutions to any wanted one.
+!!
+!! How many solutions there are is the same for almost all coefficients. So where Newton's method
+!! leads from the solutions of the member before to as many that differ, those are all. Signs that
+!! leave every term as it is, and the conjugate, lead from one solution to others.
 module viscovib_homotopy
   use viscovib_dense, only: solve_complex
   use viscovib_kinds, only: wp
+  use viscovib_solution_paths, only: correct, follow, infinite, max_unknowns, polynomials_type, &
+    size_of
   implicit none
   private
 
-  public :: family_type, new_family
+  public :: family_type, max_unknowns, new_family
 
-  integer, parameter, public :: max_unknowns = 6
-  integer, parameter :: max_steps = 2000
-  !> Solutions of the random member larger than this lie at infinity; on the way from it to
-  !! another member a path may pass far outside.
-  real(wp), parameter :: infinite = 1.0e4_wp, far = 1.0e8_wp
+  !> On the way to a member of the family a path may pass far outside.
+  real(wp), parameter :: far = 1.0e8_wp
 
-  !> Systems with the same terms: sum over terms of coefficient x_i x_j x_k in equation row.
+  !> Systems with the same terms.
   type :: family_type
-    integer :: n = 0
-    !> Shape (n_terms) and (3, n_terms); 0: no factor.
-    integer, allocatable :: row(:), at(:, :)
-    !> Coefficients and solutions, shape (n, n_solutions), of the member at random.
+    type(polynomials_type) :: system
+    !> Coefficients and solutions, shape (n, n_solutions), of a member at random.
     complex(wp), allocatable :: generic(:), solutions(:, :)
+    !> Where the conjugate of each unknown is.
+    integer, allocatable, private :: mirror(:)
+    !> Signs of the unknowns that change nothing, shape (n, n_signs), the first all 1.
+    real(wp), allocatable, private :: signs(:, :)
+    !> Of each solution of the random member which one gives it by which signs.
+    integer, allocatable, private :: leader(:), image(:)
+    !> The member before, its solutions, of how many there were at most, the unit of their unknowns,
+    !! and which one gives each by which signs, the conjugate beyond n_signs.
+    complex(wp), allocatable, private :: last_coefficients(:), last(:, :)
+    integer, private :: most = 0
+    integer, allocatable, private :: last_leader(:), last_image(:)
+    real(wp), private :: last_unit = 0.0_wp
   contains
     procedure :: solve_member
+    procedure :: is_of
+    procedure, private :: choose_generic
+    procedure, private :: find_signs
+    procedure, private :: find_images
+    procedure, private :: imaged
+    procedure, private :: solve_near
   end type family_type
 
 contains
 
   !> Unknowns and coefficients should be scaled to the size 1.
-  subroutine new_family(family, n, row, at, cancel)
+  subroutine new_family(family, n, conjugates, row, at, cancel)
     type(family_type), intent(out) :: family
-    integer, intent(in) :: n, row(:), at(:, :)
+    integer, intent(in) :: n
+    !> The second half of the unknowns are conjugates of the first; else unknowns are real.
+    logical, intent(in) :: conjugates
+    integer, intent(in) :: row(:), at(:, :)
     !> Not 0, perhaps set by another thread, gives up.
     integer, intent(inout), volatile :: cancel
-    complex(wp) :: from(size(row) + 2*n), to(size(row) + 2*n), x(n), found(n, 3**n)
-    integer :: rows(size(row) + 2*n), places(3, size(row) + 2*n), degree(n), part(n)
-    integer :: i, k, m, path, rest
-    logical :: ended
+    complex(wp) :: forms(0:n, 3, n), x(n)
+    complex(wp), allocatable :: found(:, :)
+    integer :: kinds(3, n), i, k
+    logical :: careful, met
 
-    family%n = n
-    family%row = row
-    family%at = at
-    m = size(row)
-    family%generic = [(wave(0.7548776662466927_wp*i + 0.1_wp) &
-                       *(0.6_wp + 0.8_wp*modulo(0.5698402909980532_wp*i, 1.0_wp)), i=1, m)]
-    rows(:m) = row
-    places(:, :m) = at
-    to(:m) = family%generic
-    from(:m) = (0.0_wp, 0.0_wp)
-    do i = 1, n
-      degree(i) = max(1, maxval(count(at > 0, 1), mask=row == i))
-      rows(m + 2*i - 1:m + 2*i) = i
-      places(:, m + 2*i - 1) = [(merge(i, 0, k <= degree(i)), k=1, 3)]
-      places(:, m + 2*i) = 0
-      from(m + 2*i - 1) = wave(0.317_wp + 0.231_wp*i)
-      from(m + 2*i) = -from(m + 2*i - 1)*wave(0.137_wp*i)
-    end do
-    to(m + 1:) = (0.0_wp, 0.0_wp)
+    family%system = polynomials_type(n, row, at)
+    family%mirror = [(i, i=1, n)]
+    if (conjugates) family%mirror = modulo(family%mirror - 1 + n/2, n) + 1
+    call family%find_signs()
+    call family%choose_generic()
+    call find_forms(family%system, merge(n/2, n, conjugates), kinds, forms)
+    allocate (found(n, 3**n))
+    careful = .false.
     k = 0
-    do path = 0, product(degree) - 1
-      if (cancel /= 0) exit
-      rest = path
-      do i = 1, n
-        part(i) = modulo(rest, degree(i))
-        rest = rest/degree(i)
-        x(i) = wave((0.137_wp*i + part(i))/degree(i))
-      end do
-      call follow(n, rows, places, from, to, infinite, x, ended)
-      if (.not. ended) cycle
-      if (known(found(:, :k), x)) cycle
-      k = k + 1
-      found(:, k) = x
+    do
+      met = .false.
+      call choose(1, [integer ::])
+      call complete()
+      ! Two paths that end in one, or an image that none ended in: one of them went astray.
+      if (careful .or. .not. met) exit
+      careful = .true.
     end do
     family%solutions = found(:, :k)
+    call family%find_images(family%solutions, 2*size(family%signs, 2), family%leader, family%image)
+    ! Between members with the same symmetry solutions may meet: not so by this detour.
+    family%generic = family%generic*wave(0.2360679774997897_wp)
+
+  contains
+
+    !> Start at the zero of one form of each equation.
+    recursive subroutine choose(equation, chosen)
+      integer, intent(in) :: equation, chosen(:)
+      complex(wp) :: matrix(n, n)
+      integer :: q
+      logical :: ended, singular
+      if (cancel /= 0) return
+      if (equation <= n) then
+        do q = 1, 3
+          if (kinds(q, equation) > 0) call choose(equation + 1, [chosen, q])
+        end do
+        return
+      end if
+      do q = 1, n
+        matrix(q, :) = forms(1:, chosen(q), q)
+        x(q) = -forms(0, chosen(q), q)
+      end do
+      if (conjugates) then
+        ! More forms of one half of the unknowns than there are of these.
+        if (count([(kinds(chosen(q), q) == 1, q=1, n)]) > n/2) return
+        if (count([(kinds(chosen(q), q) == 2, q=1, n)]) > n/2) return
+      end if
+      call solve_complex(matrix, x, .false., singular)
+      if (singular) return
+      call follow(family%system, family%generic, family%generic, infinite, careful, x, ended, forms)
+      if (.not. ended) return
+      if (careful .and. known(found(:, :k), x)) return
+      if (known(found(:, :k), x)) then
+        met = .true.
+      else
+        k = k + 1
+        found(:, k) = x
+      end if
+    end subroutine choose
+
+    !> Images of solutions are solutions.
+    subroutine complete()
+      complex(wp) :: y(n)
+      integer :: way, which
+      which = 1
+      do while (which <= k)
+        do way = 2, 2*size(family%signs, 2)
+          y = family%imaged(found(:, which), way)
+          if (place_of(found(:, :k), y, 1.0e-6_wp) > 0) cycle
+          met = .true.
+          if (k == size(found, 2)) return
+          k = k + 1
+          found(:, k) = y
+        end do
+        which = which + 1
+      end do
+    end subroutine complete
+
   end subroutine new_family
+
+  !> At random, but those of a term and of its conjugate are conjugates, so that solutions have the
+  !! symmetries of all members that matter.
+  subroutine choose_generic(self)
+    class(family_type), intent(inout) :: self
+    integer :: i, k, mirrored(0:self%system%n), wanted(4)
+
+    mirrored = [0, self%mirror]
+    associate (row => self%system%row, at => self%system%at)
+      ! Phases that grow in equal steps would make products of coefficients equal.
+      self%generic = [(wave(0.7548776662466927_wp*i**3 + 0.1_wp) &
+                       *(0.6_wp + 0.8_wp*modulo(0.5698402909980532_wp*i**2, 1.0_wp)), &
+                       i=1, size(row))]
+      do i = 1, size(row)
+        wanted = [mirrored(row(i)), sorted(mirrored(at(:, i)))]
+        do k = 1, i
+          if (any([row(k), sorted(at(:, k))] /= wanted)) cycle
+          self%generic(i) = conjg(self%generic(k))
+          if (k == i) self%generic(i) = real(self%generic(i))
+          exit
+        end do
+      end do
+    end associate
+  end subroutine choose_generic
+
+  pure function sorted(three) result(ordered)
+    integer, intent(in) :: three(3)
+    integer :: ordered(3)
+    ordered(1) = minval(three)
+    ordered(3) = maxval(three)
+    ordered(2) = sum(three) - ordered(1) - ordered(3)
+  end function sorted
+
+  !> Linear forms whose products have all terms: of the first m unknowns (kind 1), of the others
+  !! (2), of all (3), or none (0, the form 1). The fewer of all, the fewer start solutions.
+  subroutine find_forms(system, m, kinds, forms)
+    type(polynomials_type), intent(in) :: system
+    integer, intent(in) :: m
+    integer, intent(out) :: kinds(:, :)
+    complex(wp), intent(out) :: forms(0:, :, :)
+    integer :: i, q, k, r, first, second, both, n_first, n_second, n_both
+
+    forms = (0.0_wp, 0.0_wp)
+    kinds = 0
+    k = 0
+    do r = 1, system%n
+      n_first = 0
+      n_second = 0
+      n_both = 0
+      do i = 1, size(system%row)
+        if (system%row(i) /= r) cycle
+        first = count(system%at(:, i) > 0 .and. system%at(:, i) <= m)
+        second = count(system%at(:, i) > m)
+        n_first = max(n_first, first)
+        n_second = max(n_second, second)
+        n_both = max(n_both, first + second)
+      end do
+      both = n_first + n_second - n_both
+      kinds(:n_both, r) = [(merge(1, 0, q <= n_first - both) + merge(2, 0, q > n_first), &
+                            q=1, n_both)]
+      where (kinds(:n_both, r) == 0) kinds(:n_both, r) = 3
+      do q = 1, 3
+        forms(0, q, r) = (1.0_wp, 0.0_wp)
+        if (kinds(q, r) == 0) cycle
+        do i = 0, system%n
+          if (i > 0 .and. i <= m .and. kinds(q, r) == 2) cycle
+          if (i > m .and. kinds(q, r) == 1) cycle
+          k = k + 1
+          forms(i, q, r) = wave(0.6180339887498949_wp*k + 0.2236067977499790_wp*k**2)
+        end do
+      end do
+    end do
+  end subroutine find_forms
 
   !> exp(2 pi i turns).
   elemental complex(wp) function wave(turns)
@@ -86,129 +223,195 @@ contains
 
   pure logical function known(found, x)
     complex(wp), intent(in) :: found(:, :), x(:)
-    integer :: i
-    known = .true.
-    do i = 1, size(found, 2)
-      if (maxval(abs(found(:, i) - x)) <= 1.0e-8_wp*max(maxval(abs(x)), 1.0e-3_wp)) return
-    end do
-    known = .false.
+    known = place_of(found, x, 1.0e-8_wp) > 0
   end function known
 
-  !> The finite solutions for given coefficients.
-  subroutine solve_member(self, coefficients, x, n_found, cancel)
+  !> Which of the columns x is; 0: none.
+  pure integer function place_of(found, x, tolerance) result(i)
+    complex(wp), intent(in) :: found(:, :), x(:)
+    real(wp), intent(in) :: tolerance
+    real(wp) :: limit
+    integer :: k
+    limit = tolerance*max(size_of(x), 1.0e-3_wp)
+    columns: do i = 1, size(found, 2)
+      do k = 1, size(x)
+        if (abs(real(found(k, i) - x(k))) > limit) cycle columns
+        if (abs(aimag(found(k, i) - x(k))) > limit) cycle columns
+      end do
+      return
+    end do columns
+    i = 0
+  end function place_of
+
+  pure logical function is_of(self, n, row, at)
     class(family_type), intent(in) :: self
+    integer, intent(in) :: n, row(:), at(:, :)
+    is_of = self%system%n == n .and. allocated(self%system%row)
+    if (is_of) is_of = size(self%system%row) == size(row)
+    if (is_of) is_of = all(self%system%row == row) .and. all(self%system%at == at)
+  end function is_of
+
+  !> Unknowns and their conjugates change sign together.
+  subroutine find_signs(self)
+    class(family_type), intent(inout) :: self
+    real(wp) :: signs(0:self%system%n)
+    integer :: code, i, k, n
+    logical :: holds
+
+    n = self%system%n
+    allocate (self%signs(n, 0))
+    do code = 0, 2**n - 1
+      signs(0) = 1.0_wp
+      signs(1:) = [(merge(-1.0_wp, 1.0_wp, btest(code, i - 1)), i=1, n)]
+      if (any(signs(1:)*signs(self%mirror) < 0.0_wp)) cycle
+      holds = .true.
+      do k = 1, size(self%system%row)
+        holds = holds .and. signs(self%system%row(k))*product(signs(self%system%at(:, k))) > 0.0_wp
+      end do
+      if (holds) self%signs = reshape([self%signs, signs(1:)], [n, size(self%signs, 2) + 1])
+    end do
+  end subroutine find_signs
+
+  !> x by signs k, or beyond their number the conjugate by these.
+  pure function imaged(self, x, k) result(y)
+    class(family_type), intent(in) :: self
+    complex(wp), intent(in) :: x(:)
+    integer, intent(in) :: k
+    complex(wp) :: y(size(x))
+    y = self%signs(:, modulo(k - 1, size(self%signs, 2)) + 1)*x
+    if (k > size(self%signs, 2)) y = conjg(y(self%mirror))
+  end function imaged
+
+  !> Which solution gives each by which of the first n_images ways.
+  subroutine find_images(self, x, n_images, leader, image)
+    class(family_type), intent(in) :: self
+    complex(wp), intent(in) :: x(:, :)
+    integer, intent(in) :: n_images
+    integer, allocatable, intent(out) :: leader(:), image(:)
+    integer :: i, k, other
+
+    allocate (leader(size(x, 2)), image(size(x, 2)), source=0)
+    do i = 1, size(x, 2)
+      if (leader(i) > 0) cycle
+      leader(i) = i
+      image(i) = 1
+      do k = 2, n_images
+        other = place_of(x, self%imaged(x(:, i), k), 1.0e-6_wp)
+        if (other == 0) cycle
+        if (leader(other) > 0) cycle
+        leader(other) = i
+        image(other) = k
+      end do
+    end do
+  end subroutine find_images
+
+  !> The finite solutions for given coefficients, those of a conjugate in its place conjugate.
+  subroutine solve_member(self, coefficients, unit, x, n_found, cancel)
+    class(family_type), intent(inout) :: self
     complex(wp), intent(in) :: coefficients(:)
+    !> Of the unknowns, so that those of different members compare.
+    real(wp), intent(in) :: unit
     !> Shape (n, at least size(solutions, 2)).
     complex(wp), intent(out) :: x(:, :)
     integer, intent(out) :: n_found
     integer, intent(inout), volatile :: cancel
-    complex(wp) :: path(self%n)
+    complex(wp) :: path(self%system%n)
+    complex(wp) :: ends(self%system%n, size(self%solutions, 2))
+    logical :: arrived(size(self%solutions, 2)), careful, met, double
     integer :: i
-    logical :: ended
 
-    n_found = 0
     x = (0.0_wp, 0.0_wp)
-    do i = 1, size(self%solutions, 2)
-      if (cancel /= 0) exit
-      path = self%solutions(:, i)
-      call follow(self%n, self%row, self%at, self%generic, coefficients, far, path, ended)
-      if (.not. ended) cycle
-      if (known(x(:, :n_found), path)) cycle
-      n_found = n_found + 1
-      x(:, n_found) = path
+    call self%solve_near(coefficients, unit, x, n_found)
+    if (n_found == self%most .and. self%most > 0) return
+    careful = .false.
+    do
+      n_found = 0
+      met = .false.
+      double = .false.
+      do i = 1, size(self%solutions, 2)
+        if (cancel /= 0) return
+        if (self%leader(i) == i .or. self%image(i) > size(self%signs, 2)) then
+          path = self%solutions(:, i)
+          call follow(self%system, self%generic, coefficients, far, careful, path, arrived(i))
+          if (arrived(i)) call settle(path, arrived(i))
+        else
+          path = self%imaged(ends(:, self%leader(i)), self%image(i))
+          arrived(i) = arrived(self%leader(i))
+        end if
+        ends(:, i) = path
+        if (.not. arrived(i)) cycle
+        if (known(x(:, :n_found), path)) then
+          met = .true.
+        else
+          n_found = n_found + 1
+          x(:, n_found) = path
+        end if
+      end do
+      if (careful .or. .not. met .or. n_found >= self%most) exit
+      careful = .true.
     end do
+    if (allocated(self%last)) deallocate (self%last)
+    if (double) return
+    self%last = x(:, :n_found)
+    self%last_coefficients = coefficients
+    self%last_unit = unit
+    self%most = max(self%most, n_found)
+    call self%find_images(self%last, 2*size(self%signs, 2), self%last_leader, self%last_image)
+
+  contains
+
+    !> A path may only come near a double solution, or near one at infinity. The first matters
+    !! where it is its own conjugate, and Newton's method leads to no other from it.
+    subroutine settle(y, found)
+      complex(wp), intent(inout) :: y(:)
+      logical, intent(inout) :: found
+      complex(wp) :: exact(size(y))
+      exact = y
+      call correct(self%system, coefficients, exact, found)
+      if (found) then
+        y = exact
+        return
+      end if
+      found = size_of(y - conjg(y(self%mirror))) <= 1.0e-3_wp*size_of(y)
+      double = double .or. found
+    end subroutine settle
+
   end subroutine solve_member
 
-  !> One path of (1 - t) from + t to = 0, t from 0 to 1: tangent predictor, Newton corrector.
-  subroutine follow(n, row, at, from, to, limit, x, ended)
-    integer, intent(in) :: n, row(:), at(:, :)
-    complex(wp), intent(in) :: from(:), to(:)
-    !> A path that leaves this is given up.
-    real(wp), intent(in) :: limit
-    complex(wp), intent(inout) :: x(n)
-    logical, intent(out) :: ended
-    complex(wp) :: now(size(from)), f(n), slope(n, n), tangent(n), new(n)
-    complex(wp) :: unused(n, n), middle(n)
-    real(wp) :: t, h, size_of
-    integer :: step, round
-    logical :: singular, settled
+  !> From the solutions of the member before, by Newton's method or, where that does not settle,
+  !! along a path of their own; 0: not all of them.
+  subroutine solve_near(self, coefficients, unit, x, n_found)
+    class(family_type), intent(inout) :: self
+    complex(wp), intent(in) :: coefficients(:)
+    real(wp), intent(in) :: unit
+    complex(wp), intent(inout) :: x(:, :)
+    integer, intent(out) :: n_found
+    complex(wp) :: from(size(coefficients))
+    logical :: found
+    integer :: i
 
-    t = 0.0_wp
-    h = 0.05_wp
-    ended = .false.
-    do step = 1, max_steps
-      if (t >= 1.0_wp) exit
-      h = min(h, 1.0_wp - t)
-      ! The tangent at the start, then at the middle of the step.
-      now = (1.0_wp - t)*from + t*to
-      call evaluate(n, row, at, now, x, f, slope)
-      call evaluate(n, row, at, from - to, x, tangent, unused)
-      call solve_complex(slope, tangent, .false., singular)
-      if (singular) return
-      middle = x + 0.5_wp*h*tangent
-      now = (1.0_wp - t - 0.5_wp*h)*from + (t + 0.5_wp*h)*to
-      call evaluate(n, row, at, now, middle, f, slope)
-      call evaluate(n, row, at, from - to, middle, tangent, unused)
-      call solve_complex(slope, tangent, .false., singular)
-      if (singular) return
-      new = x + h*tangent
-      now = (1.0_wp - t - h)*from + (t + h)*to
-      settled = .false.
-      do round = 1, 3
-        call evaluate(n, row, at, now, new, f, slope)
-        call solve_complex(slope, f, .false., singular)
-        if (singular) exit
-        new = new - f
-        size_of = max(maxval(abs(new)), 1.0e-3_wp)
-        ! A first correction too large may lead to another path.
-        if (.not. maxval(abs(f)) <= 0.02_wp*size_of) exit
-        settled = maxval(abs(f)) <= 1.0e-7_wp*size_of
-        if (settled) exit
-      end do
-      if (settled) then
-        t = t + h
-        x = new
-        if (maxval(abs(x)) > limit) return
-        if (round <= 2) h = 2.0_wp*h
+    n_found = 0
+    if (.not. allocated(self%last)) return
+    if (size(self%last, 2) < self%most) return
+    from = self%last_coefficients*(unit/self%last_unit)**count(self%system%at > 0, 1)
+    do i = 1, size(self%last, 2)
+      if (self%last_leader(i) == i) then
+        x(:, i) = self%last(:, i)*(self%last_unit/unit)
+        call correct(self%system, coefficients, x(:, i), found)
+        if (.not. found) then
+          x(:, i) = self%last(:, i)*(self%last_unit/unit)
+          call follow(self%system, from, coefficients, far, .false., x(:, i), found)
+        end if
+        if (.not. found) return
       else
-        h = 0.4_wp*h
-        if (h < 1.0e-12_wp) exit
+        x(:, i) = self%imaged(x(:, self%last_leader(i)), self%last_image(i))
       end if
+      if (known(x(:, :i - 1), x(:, i))) return
     end do
-    ! A double solution is reached but slowly: near the end is taken as the end.
-    if (t < 1.0_wp - 1.0e-7_wp) return
-    do round = 1, 5
-      call evaluate(n, row, at, to, x, f, slope)
-      call solve_complex(slope, f, .false., singular)
-      if (singular) exit
-      if (.not. maxval(abs(f)) <= 1.0e-2_wp*max(maxval(abs(x)), 1.0e-3_wp)) exit
-      x = x - f
-    end do
-    ended = maxval(abs(x)) <= infinite
-  end subroutine follow
-
-  pure subroutine evaluate(n, row, at, coefficients, x, f, slope)
-    integer, intent(in) :: n, row(:), at(:, :)
-    complex(wp), intent(in) :: coefficients(:), x(n)
-    complex(wp), intent(out) :: f(n), slope(n, n)
-    complex(wp) :: factor(3)
-    integer :: i, q, r
-
-    f = (0.0_wp, 0.0_wp)
-    slope = (0.0_wp, 0.0_wp)
-    do i = 1, size(row)
-      r = row(i)
-      factor = (1.0_wp, 0.0_wp)
-      do q = 1, 3
-        if (at(q, i) > 0) factor(q) = x(at(q, i))
-      end do
-      f(r) = f(r) + coefficients(i)*factor(1)*factor(2)*factor(3)
-      do q = 1, 3
-        if (at(q, i) == 0) cycle
-        slope(r, at(q, i)) = slope(r, at(q, i)) &
-                             + coefficients(i)*factor(modulo(q, 3) + 1)*factor(modulo(q + 1, 3) + 1)
-      end do
-    end do
-  end subroutine evaluate
+    n_found = size(self%last, 2)
+    self%last = x(:, :n_found)
+    self%last_coefficients = coefficients
+    self%last_unit = unit
+  end subroutine solve_near
 
 end module viscovib_homotopy

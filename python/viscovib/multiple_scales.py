@@ -338,7 +338,7 @@ class MultipleScales:
         return np.ascontiguousarray(of_harmonic.T[:n]), np.ascontiguousarray(of_motion.T[:n])
 
     def _steady(self, load: int, vary: int, where: FloatArray, errors: bool) -> tuple[Any, ...]:
-        room = 3 * where.size + 40
+        room = 12 * where.size + 100
         while True:
             cancel = np.zeros(1, dtype=np.intc)
             found = _native.call_interruptibly(

@@ -1,6 +1,7 @@
 !> The method of multiple scales: formulas known by hand, with every run-time check on.
 module test_scales
   use testing, only: begin, check, check_close, check_ok
+  use viscovib_homotopy, only: family_type, new_family
   use viscovib_kinds, only: wp
   use viscovib_modulation, only: modulate, modulation_complete
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
@@ -24,6 +25,7 @@ contains
     call forced_duffing()
     call pendulum()
     call count_of_resonances()
+    call all_steady_motions()
   end subroutine run_scales
 
   !> q'' + c q' + w^2 q + al q^3 = f cos(p t).
@@ -143,5 +145,48 @@ contains
     call check(count(orders == 2) == 2, 'two of second order')
     call check_close(minval(divisors), 0.1_wp/1.9_wp, 1.0e-14_wp, 'p ~ 2 w')
   end subroutine count_of_resonances
+
+  !> s_j a_j + g_j + sum_k c_jk a_k conj(a_k) a_j = 0, j = 1, 2: a_j follows from x_k = a_k conj(a_k),
+  !! and x_j |s_j + sum_k c_jk x_k|^2 = |g_j|^2 has nine solutions.
+  subroutine all_steady_motions()
+    integer, parameter :: row(16) = [1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 4, 4]
+    integer, parameter :: at(3, 16) = reshape([ &
+                                              1, 0, 0, 0, 0, 0, 1, 1, 3, 1, 2, 4, &
+                                              2, 0, 0, 0, 0, 0, 2, 1, 3, 2, 2, 4, &
+                                              3, 0, 0, 0, 0, 0, 3, 3, 1, 3, 4, 2, &
+                                              4, 0, 0, 0, 0, 0, 4, 3, 1, 4, 4, 2], [3, 16])
+    type(family_type) :: family
+    complex(wp), allocatable :: x(:, :)
+    complex(wp) :: c(16), y(0:4), sides(4)
+    real(wp) :: worst, part
+    integer :: cancel, i, k, q, n, counts(2)
+
+    if (.not. begin('all solutions of steady motions that only shift each other')) return
+    cancel = 0
+    call new_family(family, 4, .true., row, at, cancel)
+    call check(size(family%solutions, 2) == 9, 'nine with coefficients at random')
+    allocate (x(4, size(family%solutions, 2)))
+    worst = 0.0_wp
+    counts = [huge(1), 0]
+    do i = 1, 60
+      part = i/60.0_wp
+      c(:8) = [cmplx(-0.1_wp, 1.0_wp - 3.0_wp*part, wp), (0.5_wp, 0.1_wp), (0.01_wp, 1.0_wp), &
+               (0.0_wp, 0.3_wp), (-0.2_wp, 0.7_wp), cmplx(0.3_wp, 0.2_wp*part, wp), &
+               (0.02_wp, -0.4_wp), (0.0_wp, 0.8_wp)]
+      c(9:) = conjg(c(:8))
+      call family%solve_member(c, 1.0_wp, x, n, cancel)
+      counts = [min(counts(1), n), max(counts(2), n)]
+      do q = 1, n
+        y = [(1.0_wp, 0.0_wp), x(:, q)]
+        sides = (0.0_wp, 0.0_wp)
+        do k = 1, 16
+          sides(row(k)) = sides(row(k)) + c(k)*product(y(at(:, k)))
+        end do
+        worst = max(worst, maxval(abs(sides)))
+      end do
+    end do
+    call check(all(counts == 9), 'nine of each member')
+    call check(worst < 1.0e-10_wp, 'residuals')
+  end subroutine all_steady_motions
 
 end module test_scales

@@ -1,0 +1,292 @@
+!> Solutions of small polynomial systems of degree 3 followed while the coefficients change along a
+!! line, or from a product of linear forms (Sommese and Wampler, The numerical solution of systems
+!! of polynomials, 2005, chapters 2 and 8).
+!!
+!! Each step is extrapolated by the cubic through the last two points and their tangents, and
+!! corrected by Newton's method; the last matrix of the correction gives the next tangent. Sizes of
+!! complex numbers are sums of the moduli of both parts, without a square root.
+module viscovib_solution_paths
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: polynomials_type, follow, correct, size_of, infinite
+
+  integer, parameter, public :: max_unknowns = 6
+  integer, parameter :: max_steps = 1000
+  !> Solutions larger than this lie at infinity.
+  real(wp), parameter :: infinite = 1.0e4_wp
+  !> Of solutions with coefficients at random.
+  real(wp), parameter :: large = 1.0e3_wp, late = 1.0e-8_wp
+  !> What x = 0 is measured by.
+  real(wp), parameter :: least_size = 1.0e-3_wp
+
+  !> sum over terms of coefficient x_i x_j x_k in equation row.
+  type :: polynomials_type
+    integer :: n = 0
+    !> Shape (n_terms) and (3, n_terms); 0: no factor.
+    integer, allocatable :: row(:), at(:, :)
+  end type polynomials_type
+
+contains
+
+  !> One path of (1 - t) from + t to = 0, t from 0 to 1. With linear forms instead of `from`, that
+  !! of (1 - t) (product of the forms) + t to.
+  pure subroutine follow(system, from, to, limit, careful, x, ended, forms)
+    type(polynomials_type), intent(in) :: system
+    complex(wp), intent(in) :: from(:), to(:)
+    !> A path that leaves this is given up.
+    real(wp), intent(in) :: limit
+    !> Shorter steps, for paths that come close to each other.
+    logical, intent(in) :: careful
+    complex(wp), intent(inout) :: x(:)
+    logical, intent(out) :: ended
+    !> Of each equation, the constant first, shape (0:n, 3, n).
+    complex(wp), intent(in), optional :: forms(0:, :, :)
+    complex(wp), dimension(system%n) :: old, old_tangent, tangent, new, f, by_t
+    complex(wp) :: slope(system%n, system%n)
+    real(wp) :: t, h, last, error, first, largest_first, enough
+    integer :: step, round
+    logical :: singular, settled
+
+    largest_first = merge(2.0e-3_wp, 2.0e-2_wp, careful)
+    enough = merge(1.0e-8_wp, 1.0e-6_wp, careful)
+    ended = .false.
+    t = 0.0_wp
+    h = 0.02_wp
+    last = 0.0_wp
+    old = x
+    call evaluate_between(system, from, to, t, x, f, slope, by_t, forms)
+    call solve_two(system%n, slope, f, by_t, singular)
+    if (singular) return
+    tangent = -by_t
+    old_tangent = tangent
+    do step = 1, max_steps
+      if (t >= 1.0_wp) exit
+      h = min(h, 1.0_wp - t)
+      new = x + h*tangent
+      if (last > 0.0_wp) new = new + bend(h/last)
+      settled = .false.
+      first = 0.0_wp
+      do round = 1, 3
+        call evaluate_between(system, from, to, t + h, new, f, slope, by_t, forms)
+        call solve_two(system%n, slope, f, by_t, singular)
+        if (singular) exit
+        new = new - f
+        error = size_of(f)/max(size_of(new), least_size)
+        if (round == 1) first = error
+        ! A first correction too large may lead to another path.
+        if (.not. error <= largest_first) exit
+        settled = error <= enough
+        if (settled) exit
+      end do
+      if (settled) then
+        last = h
+        old = x
+        old_tangent = tangent
+        x = new
+        tangent = -by_t
+        t = t + h
+        if (size_of(x) > limit) return
+        ! With coefficients at random solutions are simple: what still grows this late ends nowhere.
+        if (present(forms) .and. 1.0_wp - t < late .and. t < 1.0_wp .and. size_of(x) > large) return
+        h = h*min(3.0_wp, max(0.5_wp, (0.1_wp*largest_first/max(first, 1.0e-9_wp))**0.25_wp))
+      else
+        h = 0.4_wp*h
+        if (h < 1.0e-12_wp) exit
+      end if
+    end do
+    ! A double solution is reached but slowly: near the end is taken as the end.
+    if (t < 1.0_wp - merge(0.0_wp, 1.0e-7_wp, present(forms))) return
+    do round = 1, 5
+      call evaluate(system, to, x, f, slope)
+      by_t = f
+      call solve_two(system%n, slope, f, by_t, singular)
+      if (singular) exit
+      if (.not. size_of(f) <= 1.0e-2_wp*max(size_of(x), least_size)) exit
+      x = x - f
+    end do
+    call clear(x)
+    ended = size_of(x) <= infinite
+
+  contains
+
+    !> What the cubic adds to the tangent, a step in units of the last one.
+    pure function bend(part) result(more)
+      real(wp), intent(in) :: part
+      complex(wp) :: more(size(x))
+      complex(wp), dimension(size(x)) :: a, c
+      a = old - x + last*tangent
+      c = last*(old_tangent - tangent) + 2.0_wp*a
+      more = part**2*((a + c) + part*c)
+    end function bend
+
+  end subroutine follow
+
+  !> Newton's method from near a solution; not found where it does not settle at once.
+  pure subroutine correct(system, coefficients, x, found)
+    type(polynomials_type), intent(in) :: system
+    complex(wp), intent(in) :: coefficients(:)
+    complex(wp), intent(inout) :: x(:)
+    logical, intent(out) :: found
+    complex(wp) :: f(system%n), slope(system%n, system%n), copy(system%n)
+    real(wp) :: error, before
+    integer :: round
+    logical :: singular
+
+    found = .false.
+    before = 0.2_wp
+    do round = 1, 10
+      call evaluate(system, coefficients, x, f, slope)
+      copy = f
+      call solve_two(system%n, slope, f, copy, singular)
+      if (singular) return
+      x = x - f
+      error = size_of(f)/max(size_of(x), least_size)
+      if (.not. error <= before) return
+      ! Convergence is quadratic: what comes after is rounding.
+      found = error <= 1.0e-8_wp
+      if (found) exit
+      before = 0.3_wp*error
+    end do
+    call clear(x)
+  end subroutine correct
+
+  !> What is at rest is found as some tiny number.
+  pure subroutine clear(x)
+    complex(wp), intent(inout) :: x(:)
+    where (abs(real(x)) + abs(aimag(x)) <= 1.0e-30_wp) x = (0.0_wp, 0.0_wp)
+  end subroutine clear
+
+  !> The largest of |re| + |im|.
+  pure real(wp) function size_of(x)
+    complex(wp), intent(in) :: x(:)
+    size_of = maxval(abs(real(x)) + abs(aimag(x)))
+  end function size_of
+
+  !> Both systems at once: value, slope, and derivative by t.
+  pure subroutine evaluate_between(system, from, to, t, x, f, slope, by_t, forms)
+    type(polynomials_type), intent(in) :: system
+    complex(wp), intent(in) :: from(:), to(:), x(system%n)
+    real(wp), intent(in) :: t
+    complex(wp), intent(out) :: f(system%n), slope(system%n, system%n), by_t(system%n)
+    complex(wp), intent(in), optional :: forms(0:, :, :)
+    complex(wp) :: y(0:system%n), all_slopes(system%n, 0:system%n), c, change, p
+    complex(wp) :: values(3), first(system%n)
+    integer :: i, q, r
+
+    if (present(forms)) then
+      call evaluate(system, to, x, f, slope)
+      by_t = f
+      f = t*f
+      slope = t*slope
+      do r = 1, system%n
+        do q = 1, 3
+          values(q) = forms(0, q, r) + sum(forms(1:, q, r)*x)
+        end do
+        p = values(1)*values(2)*values(3)
+        f(r) = f(r) + (1.0_wp - t)*p
+        by_t(r) = by_t(r) - p
+        first = forms(1:, 1, r)*(values(2)*values(3)) + forms(1:, 2, r)*(values(1)*values(3)) &
+                + forms(1:, 3, r)*(values(1)*values(2))
+        slope(r, :) = slope(r, :) + (1.0_wp - t)*first
+      end do
+      return
+    end if
+    y(0) = (1.0_wp, 0.0_wp)
+    y(1:) = x
+    f = (0.0_wp, 0.0_wp)
+    by_t = (0.0_wp, 0.0_wp)
+    all_slopes = (0.0_wp, 0.0_wp)
+    do i = 1, size(system%row)
+      r = system%row(i)
+      change = to(i) - from(i)
+      c = from(i) + t*change
+      associate (a => system%at(1, i), b => system%at(2, i), d => system%at(3, i))
+        p = y(a)*y(b)
+        by_t(r) = by_t(r) + change*(p*y(d))
+        p = c*p
+        f(r) = f(r) + p*y(d)
+        all_slopes(r, d) = all_slopes(r, d) + p
+        p = c*y(d)
+        all_slopes(r, a) = all_slopes(r, a) + p*y(b)
+        all_slopes(r, b) = all_slopes(r, b) + p*y(a)
+      end associate
+    end do
+    slope = all_slopes(:, 1:)
+  end subroutine evaluate_between
+
+  pure subroutine evaluate(system, coefficients, x, f, slope)
+    type(polynomials_type), intent(in) :: system
+    complex(wp), intent(in) :: coefficients(:), x(system%n)
+    complex(wp), intent(out) :: f(system%n), slope(system%n, system%n)
+    complex(wp) :: y(0:system%n), all_slopes(system%n, 0:system%n), p
+    integer :: i, r
+
+    y(0) = (1.0_wp, 0.0_wp)
+    y(1:) = x
+    f = (0.0_wp, 0.0_wp)
+    all_slopes = (0.0_wp, 0.0_wp)
+    do i = 1, size(system%row)
+      r = system%row(i)
+      ! Factors that are not there are 1; their slopes are not read.
+      associate (a => system%at(1, i), b => system%at(2, i), d => system%at(3, i))
+        p = coefficients(i)*y(a)*y(b)
+        f(r) = f(r) + p*y(d)
+        all_slopes(r, d) = all_slopes(r, d) + p
+        p = coefficients(i)*y(d)
+        all_slopes(r, a) = all_slopes(r, a) + p*y(b)
+        all_slopes(r, b) = all_slopes(r, b) + p*y(a)
+      end associate
+    end do
+    slope = all_slopes(:, 1:)
+  end subroutine evaluate
+
+  !> A x = b and A y = c by elimination with row pivoting; A is lost.
+  pure subroutine solve_two(n, a, b, c, singular)
+    integer, intent(in) :: n
+    complex(wp), intent(inout) :: a(n, n), b(n), c(n)
+    logical, intent(out) :: singular
+    complex(wp) :: factor, row(n)
+    real(wp) :: largest, here
+    integer :: i, k, pivot
+
+    singular = .true.
+    do k = 1, n
+      pivot = k
+      largest = -1.0_wp
+      do i = k, n
+        here = abs(real(a(i, k))) + abs(aimag(a(i, k)))
+        if (here > largest) then
+          largest = here
+          pivot = i
+        end if
+      end do
+      if (.not. (largest > 0.0_wp .and. largest <= huge(1.0_wp))) return
+      if (pivot /= k) then
+        row(k:) = a(k, k:)
+        a(k, k:) = a(pivot, k:)
+        a(pivot, k:) = row(k:)
+        factor = b(k)
+        b(k) = b(pivot)
+        b(pivot) = factor
+        factor = c(k)
+        c(k) = c(pivot)
+        c(pivot) = factor
+      end if
+      a(k, k) = 1.0_wp/a(k, k)
+      do i = k + 1, n
+        factor = a(i, k)*a(k, k)
+        a(i, k + 1:) = a(i, k + 1:) - factor*a(k, k + 1:)
+        b(i) = b(i) - factor*b(k)
+        c(i) = c(i) - factor*c(k)
+      end do
+    end do
+    do k = n, 1, -1
+      b(k) = (b(k) - sum(a(k, k + 1:)*b(k + 1:)))*a(k, k)
+      c(k) = (c(k) - sum(a(k, k + 1:)*c(k + 1:)))*a(k, k)
+    end do
+    singular = .not. (size_of(b) <= huge(1.0_wp) .and. size_of(c) <= huge(1.0_wp))
+  end subroutine solve_two
+
+end module viscovib_solution_paths
