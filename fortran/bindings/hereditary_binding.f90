@@ -3,25 +3,31 @@
 
 !> A run from time 0 in steps h; first steps are done already. The load is
 !! Im sum_k amplitudes(:,k) exp(i frequencies(k) t) and cubics between breaks. Steps end
-!! at `ends`, `made_by` of them by each, none of this or a later run being shorter than
-!! `shortest`; if none of these is greater than 0 they are equal. s
-!! nodes a step; past: 1 exponentials, 2 step by step; held: the displacement for
-!! all t < 0, or before the first of the times `before` with displacements `moved`,
-!! ascending to 0. With resume /= 0, `memory` is what an earlier call returned in
-!! `kept`(:n_kept); if n_kept > n_memory there was no room for it. resolution: largest
-!! last Legendre coefficient of a displacement on a step, relative to its largest value.
-!! reason /= 0: no run, see `viscovib_hereditary`. Only coordinates with moves /= 0 are
+!! at `ends`, `made_by` of them by each; if none of these is greater than 0 they are equal.
+!! Loads may have corners, kinks /= 0: the base too, no step of this or a later run being
+!! shorter than `shortest`; or not, with shortest = 0. s nodes a step; past: 1
+!! exponentials, 2 step by step; held: the displacement for all t < 0, or before the first
+!! of the times `before` with displacements `moved`, ascending to 0. The base moves by
+!! waves(k) at frequencies(k), and by the cubics between base_breaks, the last for ever
+!! (n_base = 1: no cubics); of this its acceleration is in the load already, and states
+!! are those of the body. With resume = 1, `memory` is what an earlier call returned in
+!! `kept`(:n_kept); if n_kept > n_memory there was no room for it. With resume = 2 load and
+!! base are others than then, and `initial` counts. resolution: largest last Legendre
+!! coefficient of a displacement on a step, relative to its largest value. reason /= 0: no
+!! run, see `viscovib_hereditary`. Only coordinates with moves /= 0 are
 !! computed, as `moving_coordinates` tells; the others stay at rest.
 subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
                           frequencies, amplitudes, n_dof, n_frequencies, breaks, pieces, &
-                          n_breaks, ends, made_by, n_ends, s, past, held, before, moved, &
-                          n_before, moves, initial, h, shortest, t_end, tolerance, first, &
-                          n_steps, save_every, resume, memory, n_memory, times, n_times, &
-                          n_columns, states, at_times, last, kept, n_kept, n_done, n_reached, &
-                          ended, n_iterations, resolution, reason, status, message)
+                          n_breaks, waves, base_breaks, base_pieces, n_base, ends, made_by, &
+                          n_ends, s, past, held, before, moved, n_before, moves, initial, h, &
+                          shortest, kinks, t_end, tolerance, first, n_steps, save_every, &
+                          resume, memory, n_memory, times, n_times, n_columns, states, &
+                          at_times, last, kept, n_kept, n_done, n_reached, ended, n_iterations, &
+                          resolution, reason, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: keep_moving, make_system, report
-  use viscovib_hereditary, only: begun, hereditary_type, new_hereditary
+  use viscovib_base_motion, only: base_motion_type
+  use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, step_too_large
   use viscovib_hereditary_run, only: run_hereditary
   use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_oscillator, only: oscillator_type
@@ -31,11 +37,13 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_dof, n_frequencies
   integer(c_int), intent(in) :: n_ends, n_breaks, s, past, resume, n_before, n_memory, n_times
-  integer(c_int), intent(in) :: n_columns, moves(n_dof)
+  integer(c_int), intent(in) :: n_columns, moves(n_dof), n_base, kinks
   integer(c_long), intent(in) :: first, n_steps, save_every, made_by(n_ends)
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), ends(n_ends)
   real(c_double), intent(in) :: frequencies(n_frequencies), breaks(n_breaks)
   complex(c_double_complex), intent(in) :: amplitudes(n_dof, n_frequencies)
+  complex(c_double_complex), intent(in) :: waves(n_frequencies)
+  real(c_double), intent(in) :: base_breaks(n_base), base_pieces(4, n_base)
   real(c_double), intent(in) :: pieces(n_dof, 4, n_breaks), held(n_dof), initial(2*n_dof)
   real(c_double), intent(in) :: before(n_before), moved(n_dof, n_before)
   real(c_double), intent(in) :: h, shortest, t_end, tolerance
@@ -49,11 +57,14 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   class(oscillator_type), allocatable :: system
   type(hereditary_type) :: run
   type(time_load_type) :: load
+  type(base_motion_type) :: base
   type(mesh_type) :: mesh
   type(status_type) :: outcome
   real(c_double), allocatable :: some_states(:, :), some_at_times(:, :)
+  real(c_double), allocatable :: u(:), v(:)
   integer, allocatable :: dofs(:), rows(:)
-  integer :: i
+  integer :: i, piece
+  logical :: made
 
   kept = 0.0_c_double
   last = initial
@@ -74,31 +85,57 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     load%amplitudes = amplitudes(dofs, :)
     load%breaks = breaks
     load%pieces = pieces(dofs, :, :)
+    if (any(abs(waves) > 0.0_c_double) .or. n_base > 1) then
+      base%direction = system%base_direction
+      base%frequencies = frequencies
+      base%amplitudes = waves
+      if (n_base > 1) then
+        base%breaks = base_breaks
+        base%pieces = base_pieces
+      end if
+    end if
     call new_mesh(mesh, h, ends, made_by)
-    if (mesh%is_broken()) then
-      call new_hereditary(run, system, load, s, past, held(dofs), initial(2*dofs - 1), &
-                          initial(2*dofs), mesh%h(mesh%piece_of(first)), t_end, tolerance, &
-                          reason, before, moved(dofs, :), shortest)
+    piece = mesh%piece_of(first)
+    u = initial(2*dofs - 1)
+    v = initial(2*dofs)
+    if (piece > 1) then
+      call base%enter(mesh%ends(piece - 1), mesh%ends(piece))
     else
-      call new_hereditary(run, system, load, s, past, held(dofs), initial(2*dofs - 1), &
-                          initial(2*dofs), h, t_end, tolerance, reason, before, moved(dofs, :))
+      call base%enter(0.0_c_double, mesh%ends(1))
+    end if
+    call base%add_to(start_of(first), u, v, share=-1.0_c_double)
+    if (shortest > 0.0_c_double) then
+      call new_hereditary(run, system, load, s, past, held(dofs), u, v, mesh%h(piece), t_end, &
+                          tolerance, reason, before, moved(dofs, :), shortest, kinks /= 0)
+    else
+      call new_hereditary(run, system, load, s, past, held(dofs), u, v, mesh%h(piece), t_end, &
+                          tolerance, reason, before, moved(dofs, :))
+    end if
+    made = .true.
+    if (reason == begun .and. resume /= 0) then
+      call run%load_memory(memory, resume == 2)
+      if (resume == 2) call run%take_up(system, load, start_of(first), u, v, made)
+      if (.not. made) reason = step_too_large
     end if
     if (reason == begun) then
-      if (resume /= 0) call run%load_memory(memory)
       if (size(dofs) == n_dof) then
-        call run_hereditary(run, system, load, first, n_steps, save_every, times, states, &
-                            at_times, n_done, n_reached, ended, mesh)
+        call run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
+                            at_times, n_done, n_reached, ended, mesh, resume == 2)
       else
         allocate (some_states(size(rows), n_columns), some_at_times(size(rows), n_times))
         some_at_times = 0.0_c_double
-        call run_hereditary(run, system, load, first, n_steps, save_every, times, some_states, &
-                            some_at_times, n_done, n_reached, ended, mesh)
+        call run_hereditary(run, system, load, base, first, n_steps, save_every, times, &
+                            some_states, some_at_times, n_done, n_reached, ended, mesh, &
+                            resume == 2)
         states = 0.0_c_double
         states(rows, :) = some_states
         at_times(rows, :) = some_at_times
       end if
-      last(2*dofs - 1) = run%u
-      last(2*dofs) = run%v
+      u = run%u
+      v = run%v
+      call base%add_to(start_of(first + n_done), u, v)
+      last(2*dofs - 1) = u
+      last(2*dofs) = v
       n_iterations = run%equations%n_iterations
       resolution = run%resolution()
       n_kept = run%memory_size()
@@ -106,6 +143,16 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     end if
   end if
   call report(outcome, status, message)
+
+contains
+
+  !> Time after k steps.
+  real(c_double) function start_of(k)
+    integer(c_long), intent(in) :: k
+    start_of = 0.0_c_double
+    if (k > 0) start_of = mesh%time(mesh%piece_of(k - 1), k)
+  end function start_of
+
 end subroutine mount_simulate
 
 !> Which coordinates move (1) if those with driven /= 0 are driven, as `moves` above.

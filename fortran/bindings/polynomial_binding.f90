@@ -63,6 +63,7 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   type(load_type) :: part
   type(mesh_type) :: mesh
   real(c_double), allocatable :: some_states(:, :), some_at_times(:, :)
+  real(c_double) :: start
   integer, allocatable :: dofs(:), rows(:)
   integer :: i
 
@@ -90,9 +91,11 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   if (.not. outcome%failed()) then
     if (n_breaks > 1) call motion%add_table(breaks, pieces(dofs, :, :))
     call new_mesh(mesh, h, ends, made_by)
-    call new_stepper(stepper, motion, method, initial(2*dofs - 1), initial(2*dofs), 0.0_c_double, &
+    start = 0.0_c_double
+    if (first > 0) start = mesh%time(mesh%piece_of(first - 1), first)
+    call new_stepper(stepper, motion, method, initial(2*dofs - 1), initial(2*dofs), start, &
                      mesh%h(mesh%piece_of(first)), tolerance)
-    if (resume /= 0) call stepper%load_memory(memory(:stepper%memory_size()))
+    if (resume == 1) call stepper%load_memory(memory(:stepper%memory_size()))
     if (size(dofs) == n_rows - 1) then
       call simulate(stepper, motion, first, n_steps, save_every, times, states, at_times, n_done, &
                     n_reached, t_reached, ended, mesh)

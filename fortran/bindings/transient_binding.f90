@@ -3,8 +3,9 @@
 
 !> A run from time 0 in steps h; first steps are done already; `last` is the state at
 !! t_reached, n_reached of the times lie before. method: the
-!! place in `transient_methods`. With resume /= 0, `memory` is what an earlier call
-!! returned in `kept`. swings = 0: of the spring alone, phi = psi = 0.
+!! place in `transient_methods`. With resume = 1, `memory` is what an earlier call
+!! returned in `kept`; else the run begins with `initial`, whatever time it is.
+!! swings = 0: of the spring alone, phi = psi = 0.
 subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first, n_steps, &
                              save_every, resume, memory, n_memory, times, n_times, n_columns, &
                              states, at_times, last, kept, n_done, n_reached, t_reached, ended, &
@@ -45,9 +46,9 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
   call make_pendulum(system, flat, outcome)
   if (.not. outcome%failed() .and. swings == 0) then
     call new_spring(spring, system)
-    call new_stepper(stepper, spring, method, initial(1:1), initial(2:2), 0.0_c_double, h, &
+    call new_stepper(stepper, spring, method, initial(1:1), initial(2:2), first*h, h, &
                      tolerance)
-    if (resume /= 0) call stepper%load_memory(memory(:stepper%memory_size()))
+    if (resume == 1) call stepper%load_memory(memory(:stepper%memory_size()))
     allocate (spring_states(2, n_columns), spring_at_times(2, n_times))
     spring_at_times = 0.0_c_double
     call simulate(stepper, spring, first, n_steps, save_every, times, spring_states, &
@@ -60,9 +61,9 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
     kept(:stepper%memory_size()) = stepper%save_memory()
     n_evaluations = stepper%n_evaluations
   else if (.not. outcome%failed()) then
-    call new_stepper(stepper, system, method, initial(1::2), initial(2::2), 0.0_c_double, h, &
+    call new_stepper(stepper, system, method, initial(1::2), initial(2::2), first*h, h, &
                      tolerance)
-    if (resume /= 0) call stepper%load_memory(memory(:stepper%memory_size()))
+    if (resume == 1) call stepper%load_memory(memory(:stepper%memory_size()))
     call simulate(stepper, system, first, n_steps, save_every, times, states, at_times, n_done, &
                   n_reached, t_reached, ended)
     kept(:stepper%memory_size()) = stepper%save_memory()

@@ -1,8 +1,9 @@
 !> A motion with memory as one job: a periodic load, a start, an end.
 module viscovib_hereditary_job
+  use viscovib_base_motion, only: base_motion_type
   use viscovib_channels, only: channels_type, new_channels
   use viscovib_collocation, only: collocation_type, new_collocation
-  use viscovib_constants, only: imaginary_unit, pi
+  use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_idle, counted_runs, counting
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, no_exponentials, &
     past_direct, past_exponentials, step_too_large
@@ -51,7 +52,7 @@ module viscovib_hereditary_job
   type, extends(run_maker) :: hereditary_runs
     class(oscillator_type), pointer :: system => null()
     type(time_load_type) :: load
-    complex(wp), allocatable :: base(:)
+    type(base_motion_type) :: base
   contains
     procedure :: make
   end type hereditary_runs
@@ -109,7 +110,6 @@ contains
     integer :: k
 
     maker%system => system
-    maker%base = load%base
     allocate (maker%load%frequencies(size(load%orders)))
     allocate (maker%load%amplitudes(system%n_dof(), size(load%orders)))
     allocate (maker%load%breaks(0), maker%load%pieces(system%n_dof(), 4, 0))
@@ -119,6 +119,11 @@ contains
       maker%load%amplitudes(:, k) = load%coefficient(system, load%orders(k), job%nu)
       frequency = max(frequency, maker%load%frequencies(k))
     end do
+    if (load%moves_base()) then
+      maker%base%direction = system%base_direction
+      maker%base%frequencies = maker%load%frequencies
+      maker%base%amplitudes = load%base
+    end if
     frequency = job%t_end*frequency*per_period(job%method)/(2.0_wp*pi)
     if (counting) call count_up(counted_idle, count( &
                                 .not. moved_coordinates(system, driven(job, system, load))))
@@ -133,24 +138,28 @@ contains
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(hereditary_type) :: run
+    type(base_motion_type) :: base
     real(wp), allocatable :: states(:, :)
-    real(wp) :: start(size(job%initial)), no_times(0), no_states(size(job%initial), 0)
+    real(wp), dimension(size(job%initial)/2) :: u, v
+    real(wp) :: no_times(0), no_states(size(job%initial), 0)
     integer(i8) :: every, kept, i
     integer :: reached, reason
 
     if (counting) call count_up(counted_runs, 1)
     every = int(job%save_every, i8)*thinning
     trajectory%h = job%t_end/real(n, wp)
-    call base_state(self, 0.0_wp, start)
-    start = job%initial - start
+    base = self%base
+    u = job%initial(1::2)
+    v = job%initial(2::2)
+    call base%add_to(0.0_wp, u, v, share=-1.0_wp)
     select type (job)
     type is (hereditary_job)
-      call begin(self, job, n, start, trajectory%h, run, reason, status)
+      call begin(self, job, n, u, v, trajectory%h, run, reason, status)
     end select
     if (status%failed()) return
     allocate (states(size(job%initial), merge(0_i8, n/every, job%last_only)))
     if (reason == begun) then
-      call run_hereditary(run, self%system, self%load, 0_i8, n, every, no_times, states, &
+      call run_hereditary(run, self%system, self%load, base, 0_i8, n, every, no_times, states, &
                           no_states, trajectory%n_steps, reached, trajectory%outcome)
     else
       trajectory%outcome = run_diverged
@@ -159,28 +168,28 @@ contains
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(job%initial), 1))
-      call base_state(self, trajectory%t_reached, start)
-      trajectory%states(1::2, 1) = run%u + start(1::2)
-      trajectory%states(2::2, 1) = run%v + start(2::2)
+      u = run%u
+      v = run%v
+      call base%add_to(trajectory%t_reached, u, v)
+      trajectory%states(1::2, 1) = u
+      trajectory%states(2::2, 1) = v
       return
     end if
     kept = trajectory%n_steps/every
     allocate (trajectory%states(size(job%initial), kept + 1), trajectory%t(kept + 1))
     trajectory%states(:, 1) = job%initial
+    trajectory%states(:, 2:) = states(:, :kept)
     do i = 0, kept
       trajectory%t(i + 1) = real(every*i, wp)*trajectory%h
-      if (i == 0) cycle
-      call base_state(self, trajectory%t(i + 1), start)
-      trajectory%states(:, i + 1) = states(:, i) + start
     end do
   end subroutine make
 
   !> The run at its start, its past kept as the job wants it.
-  subroutine begin(self, job, n, start, h, run, reason, status)
+  subroutine begin(self, job, n, u, v, h, run, reason, status)
     class(hereditary_runs), intent(in) :: self
     type(hereditary_job), intent(in) :: job
     integer(i8), intent(in) :: n
-    real(wp), intent(in) :: start(:), h
+    real(wp), intent(in) :: u(:), v(:), h
     type(hereditary_type), intent(out) :: run
     integer, intent(out) :: reason
     type(status_type), intent(out) :: status
@@ -195,10 +204,10 @@ contains
     past = past_exponentials
     if (job%past == keep_direct) past = past_direct
     call new_hereditary(run, self%system, self%load, nodes(job%method), past, job%held, &
-                        start(1::2), start(2::2), h, reach*job%t_end, solved, reason)
+                        u, v, h, reach*job%t_end, solved, reason)
     if (reason == no_exponentials .and. job%past == past_auto .and. n <= most_direct) then
       call new_hereditary(run, self%system, self%load, nodes(job%method), past_direct, job%held, &
-                          start(1::2), start(2::2), h, reach*job%t_end, solved, reason)
+                          u, v, h, reach*job%t_end, solved, reason)
     end if
     select case (reason)
     case (begun, step_too_large)
@@ -212,25 +221,6 @@ contains
                 //'was held for ever would be forgotten wholly; must be left out')
     end select
   end subroutine begin
-
-  !> Motion of the base as a state of the body: displacements are those of the body,
-  !! the steps know them relative to the base.
-  subroutine base_state(self, t, state)
-    class(hereditary_runs), intent(in) :: self
-    real(wp), intent(in) :: t
-    real(wp), intent(out) :: state(:)
-    complex(wp) :: wave
-    integer :: k
-
-    state = 0.0_wp
-    do k = 1, size(self%base)
-      if (.not. abs(self%base(k)) > 0.0_wp) cycle
-      wave = self%base(k)*exp(imaginary_unit*self%load%frequencies(k)*t)
-      state(1::2) = state(1::2) + self%system%base_direction*aimag(wave)
-      state(2::2) = state(2::2) + self%system%base_direction &
-                    *aimag(imaginary_unit*self%load%frequencies(k)*wave)
-    end do
-  end subroutine base_state
 
   !> What will be computed and what is skipped, with the reasons.
   function plan_hereditary(job, system, load) result(text)

@@ -8,7 +8,7 @@ module viscovib_channels
   implicit none
   private
 
-  public :: channels_type, new_channels
+  public :: channels_type, is_steep, new_channels
 
   type :: channels_type
     !> T, shape (n_channels, n_memory), and S, shape (n_dof, n_channels).
@@ -85,5 +85,21 @@ contains
       channels%held_recalled(c) = system%memory_scale*total*channels%held(c)
     end do
   end subroutine set_held
+
+  !> Whether a kernel grows without bound towards 0, or falls off well within a step h.
+  logical function is_steep(system, channels, h)
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    real(wp), intent(in) :: h
+    real(wp) :: values(2)
+    integer :: k
+
+    is_steep = .false.
+    do k = 1, size(system%kernels)
+      if (.not. any(channels%kernel_of == k)) cycle
+      call system%kernels(k)%kernel%value([1.0e-9_wp*h, 1.0e-2_wp*h], values)
+      is_steep = is_steep .or. abs(values(1) - values(2)) > 0.1_wp*abs(values(2))
+    end do
+  end function is_steep
 
 end module viscovib_channels

@@ -5,14 +5,14 @@
 !! `step_equations`.
 module viscovib_hereditary
   use viscovib_ancient, only: ancient_type, new_ancient
-  use viscovib_channels, only: channels_type, new_channels
+  use viscovib_channels, only: channels_type, is_steep, new_channels
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counting
   use viscovib_direct_history, only: direct_history_type, new_direct_history
   use viscovib_exponential_history, only: exponential_history_type, new_exponential_history
-  use viscovib_hereditary_kernels, only: add_held, add_up, gather_channels, judge
+  use viscovib_hereditary_kernels, only: add_any, add_held, add_up, gather_channels, judge
   use viscovib_hereditary_maps, only: new_step_map, step_map_type
-  use viscovib_hereditary_start, only: march_start, start_type
+  use viscovib_hereditary_start, only: march_start, panel_ends, start_type
   use viscovib_history, only: history_type
   use viscovib_kinds, only: i8, wp
   use viscovib_oscillator, only: oscillator_type
@@ -30,8 +30,10 @@ module viscovib_hereditary
 
   !> Doublings from the first panel after a corner or a jump of the load to a step:
   !! accelerations follow it like t^(2+alpha) at most, so that fewer are needed than at a
-  !! start, see `viscovib_hereditary_start`.
-  integer, parameter :: corner_doublings = 14
+  !! start, see `viscovib_hereditary_start`; and after a corner of the base, which is a jump
+  !! of the relative velocity: like t^(1+alpha). At most, where a piece follows a much
+  !! shorter one.
+  integer, parameter :: corner_doublings = 14, kink_doublings = 21, most_doublings = 60
   !> Lengths of steps whose maps are kept for when they come again.
   integer, parameter :: most_lengths = 64
 
@@ -65,11 +67,14 @@ module viscovib_hereditary
     real(wp), allocatable, private :: lengths(:)
     integer, private :: n_lengths = 0
     logical, private :: steep = .false.
-    !> The next step follows a corner of the load.
+    !> The next step follows a corner of the load; doublings that it needs, and all do.
     logical, private :: at_corner = .false.
+    integer, private :: n_doublings = corner_doublings, doublings = corner_doublings
   contains
     procedure :: step
     procedure :: enter
+    procedure :: take_up
+    procedure :: kick
     procedure :: inside
     procedure :: resolution
     procedure :: memory_size
@@ -86,7 +91,7 @@ contains
 
   !> A run from (u, v) at time 0. `reason`: `begun`, or why it is not.
   subroutine new_hereditary(run, system, load, s, past, held, u, v, h, t_end, tolerance, reason, &
-                            before, moved, shortest)
+                            before, moved, shortest, kinks)
     type(hereditary_type), intent(out) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
@@ -103,6 +108,8 @@ contains
     real(wp), intent(in), optional :: before(:), moved(:, :)
     !> Shortest step of a run whose steps change after corners of the load.
     real(wp), intent(in), optional :: shortest
+    !> Whether velocities may jump at corners.
+    logical, intent(in), optional :: kinks
     real(wp) :: least
     type(exponential_history_type), allocatable :: exponentials
     type(direct_history_type), allocatable :: direct
@@ -134,7 +141,8 @@ contains
     if (present(shortest)) then
       run%steep = is_steep(system, run%channels, h)
       least = min(h, shortest)
-      if (run%steep) least = scale(least, -corner_doublings - 1)
+      if (present(kinks)) run%doublings = merge(kink_doublings, corner_doublings, kinks)
+      if (run%steep) least = scale(least, -run%doublings - 1)
     end if
     if (past == past_exponentials) then
       allocate (exponentials)
@@ -173,22 +181,6 @@ contains
     self%rolling = .false.
   end subroutine stand_still
 
-  !> Whether a kernel grows without bound towards 0, or falls off well within a step h.
-  logical function is_steep(system, channels, h)
-    class(oscillator_type), intent(in) :: system
-    type(channels_type), intent(in) :: channels
-    real(wp), intent(in) :: h
-    real(wp) :: values(2)
-    integer :: k
-
-    is_steep = .false.
-    do k = 1, size(system%kernels)
-      if (.not. any(channels%kernel_of == k)) cycle
-      call system%kernels(k)%kernel%value([1.0e-9_wp*h, 1.0e-2_wp*h], values)
-      is_steep = is_steep .or. abs(values(1) - values(2)) > 0.1_wp*abs(values(2))
-    end do
-  end function is_steep
-
   !> A piece of the mesh begins at time t, in steps h: the load has a corner there.
   !! `made` is false where such steps are too large.
   subroutine enter(self, system, load, t, h, made)
@@ -197,9 +189,40 @@ contains
     type(time_load_type), intent(in) :: load
     real(wp), intent(in) :: t, h
     logical, intent(out) :: made
+    real(wp) :: before
+
+    before = self%h
     call self%change_step(system, load, t, h, made)
     self%at_corner = self%steep
+    ! What a short piece left behind is as steep as that piece is short.
+    self%n_doublings = min(max(self%doublings, exponent(h) - exponent(before)), most_doublings)
   end subroutine enter
+
+  !> Go on at time t from a state, relative to the base, under another load; what is
+  !! remembered stays. `made` is false where steps are too large.
+  subroutine take_up(self, system, load, t, u, v, made)
+    class(hereditary_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: t, u(:), v(:)
+    logical, intent(out) :: made
+
+    self%u = u
+    self%v = v
+    self%u_rest = 0.0_wp*u
+    self%v_rest = 0.0_wp*v
+    call self%enter(system, load, t, self%h, made)
+    call self%stand_still(system)
+  end subroutine take_up
+
+  !> A jump of the state relative to the base.
+  subroutine kick(self, du, dv)
+    class(hereditary_type), intent(inout) :: self
+    !> Shape (n_dof).
+    real(wp), intent(in) :: du(:), dv(:)
+    call add_any(self%u, self%u_rest, du)
+    call add_any(self%v, self%v_rest, dv)
+  end subroutine kick
 
   !> Steps from time t on are h long.
   subroutine change_step(self, system, load, t, h, made)
@@ -328,17 +351,20 @@ contains
     real(wp), intent(in) :: until
     logical, intent(out) :: made
     real(wp), dimension(size(self%u)) :: u, v
-    real(wp) :: from, h, ends(0:corner_doublings + 1)
+    real(wp) :: from, h
+    real(wp), allocatable :: ends(:)
     integer :: k, n
 
     h = self%h
     from = self%clock%t
     u = self%u
     v = self%v
-    ends = panel_ends(h)
-    n = ubound(ends, 1)
+    n = self%n_doublings + 1
+    allocate (ends(0:n))
+    ends(:) = panel_ends(h, self%n_doublings)
     self%start%table = self%table
-    self%start%ends = ends
+    if (allocated(self%start%ends)) deallocate (self%start%ends)
+    allocate (self%start%ends, source=ends)
     if (allocated(self%start%points)) deallocate (self%start%points)
     allocate (self%start%points(0:self%table%s + 1, size(u), n))
     do k = 1, n
@@ -353,21 +379,6 @@ contains
     end do
     call self%change_step(system, load, until, h, made)
   end subroutine add_graded_step
-
-  !> 0, then powers of 2 that double, then h.
-  pure function panel_ends(h) result(ends)
-    real(wp), intent(in) :: h
-    real(wp) :: ends(0:corner_doublings + 1)
-    integer :: k
-    ends(0) = 0.0_wp
-    do k = 1, corner_doublings
-      ends(k) = scale(1.0_wp, exponent(h) - 1 - corner_doublings + k)
-    end do
-    ! The last power of 2 is at most 3 h/4.
-    if (ends(corner_doublings) > 0.75_wp*h) ends(1:corner_doublings) = &
-      0.5_wp*ends(1:corner_doublings)
-    ends(corner_doublings + 1) = h
-  end function panel_ends
 
   !> Largest last Legendre coefficient of a displacement, relative to its largest value.
   pure real(wp) function resolution(self)
@@ -418,7 +429,7 @@ contains
 
   pure integer function memory_size(self)
     class(hereditary_type), intent(in) :: self
-    memory_size = 3 + 4*size(self%u) + size(self%equations%y_start) + size(self%equations%y) &
+    memory_size = 4 + 6*size(self%u) + size(self%equations%y_start) + size(self%equations%y) &
                   + 2*size(self%clock%high)
     if (self%maps(1)%n_channels > 0) memory_size = memory_size + self%history%memory_size()
   end function memory_size
@@ -430,11 +441,11 @@ contains
 
     n = 0
     call push([merge(1.0_wp, 0.0_wp, self%rolling), self%clock%t, &
-               merge(1.0_wp, 0.0_wp, self%at_corner)])
-    call push([self%u, self%v, self%u_rest, self%v_rest])
+               merge(1.0_wp, 0.0_wp, self%at_corner), real(self%n_doublings, wp)])
+    call push([self%u, self%v, self%u_rest, self%v_rest, self%roughness, self%largest])
     call push([self%equations%y_start, self%equations%y])
-    call push([self%clock%high, self%clock%low])
     if (self%maps(1)%n_channels > 0) call push(self%history%save_memory())
+    call push([self%clock%high, self%clock%low])
 
   contains
 
@@ -446,24 +457,33 @@ contains
 
   end function save_memory
 
-  subroutine load_memory(self, memory)
+  subroutine load_memory(self, memory, other_load)
     class(hereditary_type), intent(inout) :: self
     real(wp), intent(in) :: memory(:)
+    !> The load is another one now: its phases are not those that were saved.
+    logical, intent(in) :: other_load
     integer :: n
 
     self%rolling = memory(1) > 0.5_wp
     self%clock%t = memory(2)
     self%at_corner = memory(3) > 0.5_wp
-    n = 3
+    self%n_doublings = nint(memory(4))
+    n = 4
     call pull(self%u)
     call pull(self%v)
     call pull(self%u_rest)
     call pull(self%v_rest)
+    call pull(self%roughness)
+    call pull(self%largest)
     call pull(self%equations%y_start)
     call pull(self%equations%y)
+    if (self%maps(1)%n_channels > 0) then
+      call self%history%load_memory(memory(n + 1:))
+      n = n + self%history%memory_size()
+    end if
+    if (other_load) return
     call pull(self%clock%high)
     call pull(self%clock%low)
-    if (self%maps(1)%n_channels > 0) call self%history%load_memory(memory(n + 1:))
 
   contains
 

@@ -5,7 +5,8 @@ module viscovib_hereditary_kernels
   implicit none
   private
 
-  public :: add_columns, add_held, add_up, carry_on, compare, copy, gather_channels, judge
+  public :: add_any, add_columns, add_held, add_up, carry_on, compare, copy
+  public :: gather_channels, judge
   public :: product_of
 
 contains
@@ -59,6 +60,19 @@ contains
     rest = part - (sum - total)
     total = sum
   end subroutine add_up
+
+
+  !> As `add_up`, whichever is the larger.
+  elemental subroutine add_any(total, rest, increment)
+    real(wp), intent(inout) :: total, rest
+    real(wp), intent(in) :: increment
+    real(wp) :: part, sum, back
+    part = increment + rest
+    sum = total + part
+    back = sum - total
+    rest = (total - (sum - back)) + (part - back)
+    total = sum
+  end subroutine add_any
 
   !> The next start is the last end, and the next points are extrapolated.
   pure subroutine carry_on(n, of_start, of_points, start, y)

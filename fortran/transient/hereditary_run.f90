@@ -2,6 +2,7 @@
 module viscovib_hereditary_run
   use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode, &
     ieee_support_underflow_control
+  use viscovib_base_motion, only: base_motion_type
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_hereditary, only: hereditary_type
   use viscovib_kinds, only: i8, wp
@@ -19,15 +20,16 @@ contains
 
   !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
   !! those at wanted times. Underflow is abrupt meanwhile.
-  subroutine run_hereditary(run, system, load, first, n_steps, save_every, times, states, &
-                            at_times, n_done, n_reached, outcome, mesh)
+  subroutine run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
+                            at_times, n_done, n_reached, outcome, mesh, anew)
     type(hereditary_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
+    type(base_motion_type), intent(inout) :: base
     integer(i8), intent(in) :: first, n_steps, save_every
     !> Wanted times within these steps, ascending.
     real(wp), intent(in) :: times(:)
-    !> (u_1, u'_1, u_2, u'_2, ...) after steps save_every, 2 save_every, ..., shape
+    !> Of the body, (u_1, u'_1, u_2, u'_2, ...) after steps save_every, 2 save_every, ..., shape
     !! (2 n_dof, n_steps/save_every), or no columns at all to keep none; the same at
     !! the wanted times, as many as were reached.
     real(wp), intent(inout) :: states(:, :), at_times(:, :)
@@ -35,11 +37,13 @@ contains
     integer, intent(out) :: n_reached, outcome
     !> Where steps end; without: equal ones.
     type(mesh_type), intent(in), optional :: mesh
+    !> Whether load and base are others than before; the state is relative to this base.
+    logical, intent(in), optional :: anew
     type(mesh_type) :: ends
     real(wp) :: u(size(run%u)), v(size(run%u)), ahead, now
     integer(i8) :: i, column
     logical :: made
-    integer :: piece
+    integer :: piece, before
 
     ! As in viscovib_simulate.
     if (ieee_support_underflow_control(1.0_wp)) call ieee_set_underflow_mode(.false.)
@@ -51,12 +55,15 @@ contains
     piece = ends%piece_of(first)
     now = 0.0_wp
     if (first > 0) now = ends%time(piece, first)
+    before = piece
+    if (piece > 1 .and. ends%begins(piece, first)) before = piece - 1
+    if (present(anew)) before = merge(piece, before, anew)
+    call enter_base(base, ends, before)
     do while (n_reached < size(times))
       if (times(n_reached + 1) > now) exit
-      n_reached = n_reached + 1
-      if (counting) call count_up(counted_states, 1)
-      at_times(1::2, n_reached) = run%u
-      at_times(2::2, n_reached) = run%v
+      u = run%u
+      v = run%v
+      call keep_at_time(now)
     end do
     do i = 1, n_steps
       if (stop_wanted()) then
@@ -66,6 +73,7 @@ contains
       piece = ends%piece_of_next(piece, first + i - 1)
       made = .true.
       if (ends%is_broken() .and. ends%begins(piece, first + i - 1)) then
+        if (first + i > 1 .and. base%has_corners()) call turn(run, base, ends, piece, now)
         call run%enter(system, load, now, ends%h(piece), made)
       end if
       now = ends%time(piece, first + i)
@@ -85,18 +93,56 @@ contains
         else
           exit
         end if
-        n_reached = n_reached + 1
-        if (counting) call count_up(counted_states, 1)
-        at_times(1::2, n_reached) = u
-        at_times(2::2, n_reached) = v
+        call keep_at_time(times(n_reached + 1))
       end do
       if (mod(i, save_every) /= 0) cycle
       column = i/save_every
       if (column > size(states, 2)) cycle
       if (counting) call count_up(counted_states, 1)
-      states(1::2, column) = run%u
-      states(2::2, column) = run%v
+      u = run%u
+      v = run%v
+      call base%add_to(now, u, v)
+      states(1::2, column) = u
+      states(2::2, column) = v
     end do
+
+  contains
+
+    !> Keep (u, v) as the state at the next wanted time, t.
+    subroutine keep_at_time(t)
+      real(wp), intent(in) :: t
+      call base%add_to(t, u, v)
+      n_reached = n_reached + 1
+      if (counting) call count_up(counted_states, 1)
+      at_times(1::2, n_reached) = u
+      at_times(2::2, n_reached) = v
+    end subroutine keep_at_time
+
   end subroutine run_hereditary
+
+  subroutine enter_base(base, ends, piece)
+    type(base_motion_type), intent(inout) :: base
+    type(mesh_type), intent(in) :: ends
+    integer, intent(in) :: piece
+    real(wp) :: from
+    from = 0.0_wp
+    if (piece > 1) from = ends%ends(piece - 1)
+    call base%enter(from, ends%ends(piece))
+  end subroutine enter_base
+
+  !> The base turns a corner at time `now`, of which the body knows nothing.
+  subroutine turn(run, base, ends, piece, now)
+    type(hereditary_type), intent(inout) :: run
+    type(base_motion_type), intent(inout) :: base
+    type(mesh_type), intent(in) :: ends
+    integer, intent(in) :: piece
+    real(wp), intent(in) :: now
+    real(wp) :: displacement(2), velocity(2)
+    call base%along(now, displacement(1), velocity(1))
+    call enter_base(base, ends, piece)
+    call base%along(now, displacement(2), velocity(2))
+    call run%kick(base%direction*(displacement(1) - displacement(2)), &
+                  base%direction*(velocity(1) - velocity(2)))
+  end subroutine turn
 
 end module viscovib_hereditary_run

@@ -23,7 +23,7 @@ module viscovib_hereditary_start
   implicit none
   private
 
-  public :: start_type, march_start
+  public :: start_type, march_start, panel_ends
 
   !> Doublings from the first panel to the step: the error that the first leaves in
   !! a velocity is below (2^-doublings)^(1+alpha) of its change over the step.
@@ -285,5 +285,20 @@ contains
     u = matmul(basis, self%points(:, :, k))
     v = matmul(slopes, self%points(:, :, k))/length
   end subroutine at
+
+  !> 0, then powers of 2 that double, then h.
+  pure function panel_ends(h, doublings) result(ends)
+    real(wp), intent(in) :: h
+    integer, intent(in) :: doublings
+    real(wp) :: ends(0:doublings + 1)
+    integer :: k
+    ends(0) = 0.0_wp
+    do k = 1, doublings
+      ends(k) = scale(1.0_wp, exponent(h) - 1 - doublings + k)
+    end do
+    ! The last power of 2 is at most 3 h/4.
+    if (ends(doublings) > 0.75_wp*h) ends(1:doublings) = 0.5_wp*ends(1:doublings)
+    ends(doublings + 1) = h
+  end function panel_ends
 
 end module viscovib_hereditary_start

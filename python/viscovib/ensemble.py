@@ -16,12 +16,12 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.accuracy import Accuracy, rounding_of
 from viscovib.errors import InputError
+from viscovib.memoryless import EXPLICIT, checked_state, first_steps
 from viscovib.pendulum import PARAMETERS, Pendulum
 from viscovib.plan import Plan
 from viscovib.results import Result, span
 from viscovib.runs import hopeless
 from viscovib.trajectory import OUTCOMES
-from viscovib.transient import EXPLICIT, checked_state, first_steps
 
 _LANES = 8
 #: Places of "diverged" and "step too large".

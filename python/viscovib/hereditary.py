@@ -3,7 +3,8 @@
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +12,9 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, StabilityWarning
+from viscovib.kernels import PronyKernel
 from viscovib.load import LoadLike, load_series
-from viscovib.load_table import LoadTable
+from viscovib.load_table import LoadTable, added
 from viscovib.mesh import Mesh
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.past import Past
@@ -55,6 +57,10 @@ class MountMotion:
     #: Which coordinates move at all, and the load as given.
     moves: npt.NDArray[np.int32]
     series: tuple[npt.NDArray[np.int32], ComplexArray]
+    #: A table of displacements of the base: its times and cubics; one time: none.
+    table: LoadTable | None = None
+    base_breaks: FloatArray = field(default_factory=lambda: np.zeros(1))
+    base_pieces: FloatArray = field(default_factory=lambda: np.zeros((4, 1), order="F"))
 
     @classmethod
     def checked(
@@ -65,7 +71,7 @@ class MountMotion:
         method: str,
         load: LoadLike | None,
         nu: float | None,
-        base: LoadLike | None,
+        base: LoadLike | LoadTable | None,
         force: LoadTable | None,
         held: npt.ArrayLike | Past | None,
         memory: str,
@@ -82,30 +88,57 @@ class MountMotion:
         name = _native.choice("method", method, ("auto", *NODES))
         name = "gauss8" if name == "auto" else name
         _native.choice("memory", memory, ("auto", *_PASTS))
-        frequencies, amplitudes, waves = _sinusoids(mount, load, nu, base)
+        table = base if isinstance(base, LoadTable) else None
+        waved = None if isinstance(base, LoadTable) else base
+        check_oscillator(mount, base)
+        frequencies, amplitudes, waves = _sinusoids(mount, load, nu, waved)
         breaks, pieces = table_of(force, n)
         _warn_of_slow_mode(mount)
         motion = cls(
             mount, end, state, name, frequencies, amplitudes, waves, breaks, pieces, first, before,
-            moved, memory, np.ones(n, dtype=np.int32), load_series(load, base, n),
+            moved, memory, np.ones(n, dtype=np.int32), load_series(load, waved, n),
         )  # fmt: skip
-        # The core works on coordinates relative to the base.
-        state = state - motion.base_state(np.zeros(1))[0]
         driven = (amplitudes != 0).any(axis=1) | (moved != 0).any(axis=1)
         driven |= pieces.any(axis=(1, 2)) | state.reshape(n, 2).any(axis=1)
-        return replace(motion, state=state, moves=moving(mount, driven))
+        if table is not None:
+            motion = motion._on_table(table)
+        if table is not None or waves.any():
+            # At rest they move relative to the base.
+            driven |= mount._base_direction != 0
+        return replace(motion, moves=moving(mount, driven))
 
-    def base_state(self, t: FloatArray) -> FloatArray:
-        """Motion of the base as states of the body, shape (n, 2 n_dof)."""
-        state = np.zeros((t.size, self.state.size))
-        if self.base.any():
-            waves = self.base * np.exp(1j * np.outer(t, self.frequencies))
-            assert self.mount._base_direction is not None
-            direction = self.mount._base_direction
-            state[:, ::2] = np.outer(waves.imag.sum(axis=1), direction)
-            rates = (1j * self.frequencies * waves).imag.sum(axis=1)
-            state[:, 1::2] = np.outer(rates, direction)
-        return state
+    def _on_table(self, table: LoadTable) -> "MountMotion":
+        """The same with a base that moves by a table: its acceleration acts on what is relative."""
+        assert self.mount._base_direction is not None
+        base_pieces = table._base_pieces()
+        times = np.asarray(table.times)
+        push = self.mount._mass_matrix @ self.mount._base_direction
+        load = np.zeros((push.size, 4, times.size), order="F")
+        load[:, 2, :-1] = np.outer(-6 * push, base_pieces[0, :-1])
+        load[:, 3, :-1] = np.outer(-2 * push, base_pieces[1, :-1])
+        breaks, pieces = self.breaks, self.pieces
+        if load.any():
+            breaks, pieces = (
+                (times, load) if breaks.size < 2 else added((breaks, pieces), (times, load))
+            )
+        return replace(
+            self, breaks=breaks, pieces=pieces, table=table, base_breaks=times,
+            base_pieces=base_pieces,
+        )  # fmt: skip
+
+    @property
+    def travel(self) -> float:
+        """Largest displacement of the base, or more."""
+        table = 0.0 if self.table is None else float(np.abs(np.asarray(self.table.values)).max())
+        return float(np.abs(self.base).sum()) + table
+
+    def base_at(self, t: float) -> float:
+        """Displacement of the base."""
+        place = float((self.base * np.exp(1j * t * self.frequencies)).imag.sum())
+        if self.table is not None:
+            times = np.asarray(self.table.times)
+            place += float(self.table(np.clip(t, times[0], times[-1])))
+        return place
 
     def first_steps(self) -> int:
         """Steps to begin with when the step is to be found."""
@@ -125,7 +158,7 @@ class MountMotion:
 
     def runs(self, tolerance: float) -> Callable[[float], Run]:
         """Return what makes a run with a step."""
-        return lambda h: _MountRun(self, h, tolerance)
+        return partial(_MountRun, self, tolerance)
 
 
 class _MountRun(Run):
@@ -133,12 +166,16 @@ class _MountRun(Run):
 
     counts = "iterations"
 
-    def __init__(self, motion: MountMotion, h: float, tolerance: float) -> None:
+    def __init__(self, motion: MountMotion, tolerance: float, h: float) -> None:
         super().__init__(motion.mount, motion.method, motion.state, h, tolerance)
         self.motion = motion
         self.resolution = 0.0
         self.past = "exponentials"
-        self.shortest = h
+        #: Shortest step after corners, 0: none follows any; whether the base has some.
+        self.shortest, self.kinks = 0.0, motion.table is not None
+        self.moves = motion.moves
+        #: Coordinates that the run it goes on from computed.
+        self.left_out: npt.NDArray[np.int32] | None = None
         if motion.memory == "direct":
             self._keep_all()
 
@@ -148,17 +185,49 @@ class _MountRun(Run):
         return super().on(mesh)
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
-        """Make n steps; states are those of the body, not relative to the base."""
-        run = replace(super().steps(n, want, progress), resolution=self.resolution)
-        if not self.motion.base.any():
-            return run
-        return replace(run, state=run.state + self.motion.base_state(run.t))
+        """Make n steps."""
+        return replace(super().steps(n, want, progress), resolution=self.resolution)
+
+    def adopt(self, earlier: Run) -> None:
+        """Go on from the end of an earlier run, under the loads of this one."""
+        super().adopt(earlier)
+        if not isinstance(earlier, _MountRun):
+            return
+        self.memory, self.past, self.piece = earlier.memory, earlier.past, earlier.piece
+        self.shortest, self.kinks = earlier.shortest, earlier.kinks
+        self.left_out = earlier.moves
+        self.resolution = earlier.resolution
+
+    def prepare(self, like: Run, factor: int) -> None:
+        """Remember as much as another run will need."""
+        if isinstance(like, _MountRun):
+            self.shortest, self.kinks = like.shortest / factor, like.kinks
+            self.moves = like.moves
+
+    def serves(self) -> bool:
+        """Whether what is remembered serves the steps to come; if not, say what would."""
+        kinks = self.kinks or self.motion.table is not None
+        shortest = self.shortest
+        if self.anew or self.mesh is not None:
+            needed = self.h if self.mesh is None else self.mesh.shortest
+            shortest = min(shortest or needed, needed)
+        same = self.shortest > 0 and kinks == self.kinks
+        same = same and shortest >= self.shortest * (1 - 1e-9)
+        same = same or (shortest == 0 and not kinks)
+        if same:
+            shortest = self.shortest
+        fitted = self.past == "exponentials" and any(
+            not isinstance(kernel, PronyKernel) for kernel in self.motion.mount._active_kernels
+        )
+        left_out = self.left_out is not None and not np.array_equal(self.left_out, self.moves)
+        self.shortest, self.kinks = shortest, kinks
+        return not ((fitted and not same) or left_out)
 
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
         motion, mount = self.motion, self.motion.mount
-        state = motion.state + motion.base_state(np.zeros(1))[0]
         text: bytes = _native.call(
-            core.hereditary_plan, mount._flat, *mount._kernels, *motion.series, state, motion.held,
+            core.hereditary_plan, mount._flat, *mount._kernels, *motion.series, motion.state,
+            motion.held,
             end, dt, tolerance, tuple(reversed(NODES)).index(self.method) + 1,
             2 if self.past == "exponentials" else 3, every, int(last),
         )[0]  # fmt: skip
@@ -197,28 +266,32 @@ class _MountRun(Run):
                 motion.amplitudes,
                 motion.breaks,
                 motion.pieces,
+                motion.base,
+                motion.base_breaks,
+                motion.base_pieces,
                 *self._mesh_arrays(),
                 NODES[self.method],
                 _PASTS.index(self.past) + 1,
                 motion.held,
                 motion.before,
                 motion.moved,
-                motion.moves,
+                self.moves,
                 self.state,
                 self.h,
                 self.shortest,
+                int(self.kinks),
                 _REACH * motion.end,
                 self.solved,
                 self.done,
                 count,
                 every,
-                int(self.memory is not None),
+                2 if self.anew else int(self.memory is not None),
                 memory,
                 times,
                 columns,
             )
         )
-        self.resolution = max(self.resolution, float(rough))
+        self.resolution = float(rough)
         if reason == _NO_INTEGRAL:
             raise InputError(
                 "held: a kernel has no integral, and what was held for ever would be forgotten "
@@ -250,6 +323,11 @@ class _MountRun(Run):
                 "sum_of_exponentials"
             )
         self._keep_all()
+
+
+def hereditary_run_of(run: Run) -> MountMotion | None:
+    """The motion of a run that is one with memory, or may be."""
+    return run.motion if isinstance(run, _MountRun) else None
 
 
 def table_of(force: LoadTable | None, n: int) -> tuple[FloatArray, FloatArray]:
@@ -297,7 +375,6 @@ def _sinusoids(
 
     Of the motion of the base its acceleration acts, on coordinates relative to it.
     """
-    check_oscillator(mount, base)
     n = len(mount.dof_names)
     if load is None and base is None:
         if nu is not None:

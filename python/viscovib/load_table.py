@@ -11,17 +11,23 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 
+#: Two times of a base closer than this, relative to the last, are a jump.
+_JUMP = 1e-12
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoadTable:
     """A load known at times, nothing before the first and after the last.
+
+    As the ``base`` of `simulate` it is a displacement of the base instead, which stands still
+    before the first time and after the last, where it is then.
 
     Parameters
     ----------
     times : array_like, shape (n,)
         Strictly ascending (s), n >= 2.
     values : array_like, shape (n,) or (n, n_dof)
-        Force on the first coordinate, or on each (N, N m).
+        Force on the first coordinate, or on each (N, N m); of a base: shape (n,) (m).
     interpolation : {"linear", "cubic"}
         Straight lines, or a spline, which is twice continuously differentiable. Steps in time
         end on every corner of it and on its ends, so that the order of a method is kept.
@@ -97,6 +103,22 @@ class LoadTable:
         inner = times[1:-1][jumps.any(axis=(0, 1))]
         return np.concatenate([times[:1], inner, times[-1:]])
 
+    def _base_pieces(self) -> FloatArray:
+        """Cubics between times of a displacement of the base, shape (4, n), the last for ever."""
+        times, values = np.asarray(self.times), np.asarray(self.values)
+        if values.ndim != 1:
+            raise InputError(f"base: values must have shape (n,), got {values.shape}")
+        short = np.diff(times) < _JUMP * np.abs(times).max()
+        if (short & (np.diff(values) != 0)).any():
+            i = int(np.flatnonzero(short & (np.diff(values) != 0))[0])
+            raise InputError(
+                f"base: moves from {values[i]:g} to {values[i + 1]:g} within {np.diff(times)[i]:g} "
+                f"at t = {times[i]:g}, must not jump: take a longer ramp"
+            )
+        pieces = self._pieces(1)[0]
+        pieces[3, -1] = values[-1]
+        return np.asfortranarray(pieces)
+
     def _columns(self, n_dof: int) -> FloatArray:
         values = np.asarray(self.values)
         if values.ndim == 1:
@@ -108,3 +130,22 @@ class LoadTable:
                 f"values: must have {n_dof} columns for this system, got {values.shape[1]}"
             )
         return values
+
+
+def added(
+    one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """The sum of two tables, each by its times and cubics of shape (n_dof, 4, n)."""
+    times = np.union1d(one[0], other[0])
+    total = np.zeros((one[1].shape[0], 4, times.size), order="F")
+    middle = (times[1:] + times[:-1]) / 2
+    for own, pieces in (one, other):
+        place = np.searchsorted(own, middle, side="right") - 1
+        inside = (place >= 0) & (place < own.size - 1)
+        a, b, c, d = np.moveaxis(pieces[:, :, place[inside]], 1, 0)
+        x = times[:-1][inside] - own[place[inside]]
+        shifted = np.stack(
+            [a, b + 3 * x * a, c + x * (2 * b + 3 * x * a), d + x * (c + x * (b + x * a))], axis=1
+        )
+        total[:, :, :-1][:, :, inside] += shifted
+    return times, total

@@ -6,13 +6,14 @@ from typing import Any, TypeAlias
 from viscovib import _native
 from viscovib.errors import InputError
 from viscovib.load import LoadLike
+from viscovib.load_table import LoadTable
 from viscovib.mount import Mount
 from viscovib.polynomial_system import PolynomialSystem
 
 Oscillator: TypeAlias = Mount | PolynomialSystem
 
 
-def check_oscillator(system: Any, base: LoadLike | None) -> None:
+def check_oscillator(system: Any, base: "LoadLike | LoadTable | None") -> None:
     """Refuse what is no such system, or a motion of a base that it lacks."""
     if not isinstance(system, (Mount, PolynomialSystem)):
         raise InputError(f"mount = {_native.shown(system)}: must be a Mount or a PolynomialSystem")

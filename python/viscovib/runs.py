@@ -1,6 +1,5 @@
 """Runs in equal steps: what is kept of them, how they go on, how their step is found."""
 
-import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -102,6 +101,18 @@ def difference(coarse: Trajectory, fine: Trajectory) -> float:
     return max(moved, float(np.abs(fine.state[:n] - coarse.state[:n]).max(initial=0.0)))
 
 
+def with_estimate(run: Trajectory, fine: Trajectory | None, how: str) -> Trajectory:
+    """The run with the error that another tells, in steps half as long; None: it stopped."""
+    change = math.inf if fine is None else difference(run, fine)
+    error = max(change, rounding_of(run.state))
+    return replace(run, error=error, _planned=partial(_plan_with_estimate, run, how))
+
+
+def _plan_with_estimate(run: Trajectory, how: str) -> Plan:
+    words = "estimate of the error"
+    return run.plan.instead(words, f"computes: {words}, {how}")
+
+
 def _allowed_at_stop(run: Trajectory, want: Accuracy) -> float:
     """Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away."""
     size = max(1.0, float(np.abs(run.state).max(initial=0.0)))
@@ -161,41 +172,6 @@ def agree(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> bool:
     return bool((parts <= want.allowed(fine.state)).all())
 
 
-def go_on(earlier: Trajectory, end: float, want: Wanted, progress: bool) -> Trajectory:
-    """Continue a run to ``end``."""
-    if earlier.outcome != "completed":
-        raise InputError(f"resume: that run ended {earlier.outcome!r}, must be 'completed'")
-    run: Run = copy.copy(earlier._resume)
-    if run.mesh is not None:
-        return _go_on_with_breaks(run, end, want, progress)
-    n = round((end - run.time) / run.h)
-    if n < 1 or abs(run.time + n * run.h - end) > 1e-9 * max(abs(end), run.h):
-        raise InputError(
-            f"t_end = {end:g}: must be a whole number of steps {run.h:g} after {run.time:g}"
-        )
-    return run.steps(n, want, progress)
-
-
-def _go_on_with_breaks(run: "Run", end: float, want: Wanted, progress: bool) -> Trajectory:
-    """Continue a run whose steps end on the breaks of its loads."""
-    assert run.mesh is not None
-    begin, before = run.time, run.done
-    if not end > begin:
-        raise InputError(f"t_end = {end:g}: must be greater than {begin:g}, where the run ended")
-    shortest = run.mesh.shortest
-    mesh = run.mesh.extended(end)
-    if mesh.lengths.min() < shortest * (1 - 1e-9) and run.counts == "iterations":
-        raise InputError(
-            f"t_end = {end:g}: takes a step of {mesh.lengths.min():g}, must be none shorter than "
-            f"{shortest:g}, for which the run was made"
-        )
-    run.mesh = mesh
-    if want.times is None and want.keep != "last":
-        k = np.arange(before, mesh.count + 1, want.every)
-        want = want.at(mesh.times(k))
-    return run.steps(mesh.count - before, want, progress)
-
-
 class Piece(NamedTuple):
     """What a native call returns of the steps it made."""
 
@@ -236,13 +212,36 @@ class Run(ABC):
         self.memory: FloatArray | None = None
         #: Where steps end, if they are not equal.
         self.mesh: Mesh | None = None
-        #: What a table of forces is called in the plan.
-        self.table: str | None = None
+        #: What tables of loads are called in the plan.
+        self.tables: tuple[str, ...] = ()
+        #: What made the run, and where its loads have corners.
+        self.maker: Callable[[float], Run] | None = None
+        self.breaks: FloatArray = np.empty(0)
+        #: Whether other loads act from now on than before; what made the earlier parts, and
+        #: how many steps were done at the end of each.
+        self.anew = False
+        self.parts: tuple[tuple[Callable[[float], Run], int], ...] = ()
 
     def on(self, mesh: Mesh) -> "Run":
         """The same run in the steps of a mesh."""
         self.mesh, self.h = mesh, mesh.h
         return self
+
+    def adopt(self, earlier: "Run") -> None:
+        """Go on from the end of an earlier run, under the loads of this one."""
+        assert earlier.maker is not None
+        self.state, self.done, self.reached = earlier.state, earlier.done, earlier.reached
+        self.h, self.mesh = earlier.h, earlier.mesh
+        self.anew = True
+        self.parts = (*earlier.parts, (earlier.maker, earlier.done))
+
+    def prepare(self, like: "Run", factor: int) -> None:
+        """Remember as much as another run will need, in steps shorter by the factor."""
+        self.piece = like.piece
+
+    def serves(self) -> bool:
+        """Whether what is remembered serves the steps to come."""
+        return True
 
     def _mesh_arrays(self) -> tuple[FloatArray, npt.NDArray[np.int64]]:
         """Return ends of pieces and the steps made by each, one at 0 for equal steps."""
@@ -264,9 +263,9 @@ class Run(ABC):
         want = want.asked or want
         every, last = min(want.every, np.iinfo(np.int32).max), want.keep == "last"
         plan = Plan(self._plan(end, dt, sought or self.solved, every, last).decode())
-        if self.table is not None:
+        if self.tables:
             lines = [s for s in str(plan).splitlines() if s != "skips: the load (there is none)"]
-            plan = Plan("\n".join([*lines, self.table]))
+            plan = Plan("\n".join([*lines, *self.tables]))
         if want.times is not None:
             return plan.and_also(
                 [f"skips: storing states but at {want.times.size} times (not asked for)"]
@@ -358,6 +357,7 @@ class Run(ABC):
                 times = want.times[(want.times >= now) & (want.times < until)]
             part = self._native_steps(count, want.every, columns, times)
             self.memory, self.state, ended = part.memory, part.last, part.ended
+            self.anew = False
             self.done += part.made
             self.reached = part.reached if ended else self.time
             counts[self.counts] += part.counted

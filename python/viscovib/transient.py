@@ -2,54 +2,36 @@
 
 import math
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import replace
-from functools import partial
-from typing import Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.accuracy import Accuracy
 from viscovib.errors import ConvergenceWarning, InputError
-from viscovib.hereditary import MountMotion, moving, table_of
-from viscovib.load import LoadLike, load_series
+from viscovib.hereditary import MountMotion
+from viscovib.load import LoadLike
 from viscovib.load_table import LoadTable
+from viscovib.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
 from viscovib.mesh import Mesh
 from viscovib.mount import Mount
 from viscovib.past import Past
 from viscovib.pendulum import Pendulum
-from viscovib.plan import Plan
 from viscovib.polynomial_system import PolynomialSystem
+from viscovib.resume import breaks_of, check_resumed, go_on, known, other_loads
 from viscovib.runs import (
     MAX_FIRST_STEPS,
     MAX_STEPS,
     ROUNDING,
-    Piece,
-    Run,
     Wanted,
     by_tolerance,
-    difference,
-    go_on,
+    with_estimate,
 )
 from viscovib.trajectory import Trajectory
 
-#: Explicit methods by their place in the core.
-EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
-#: All methods by their place in the core.
-METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
-    name: place + 4 for name, place in EXPLICIT.items()
-}
-#: Numbers that a run needs to go on; the core uses as many as the method has.
-_MEMORY = 256
 #: Above this last coefficient of a step, relative to the motion, a run warns.
 _ROUGH = 1e-2
-#: Highest order of a load without memory: its phase is reached by rotations.
-_MAX_LOAD_ORDER = 199
-#: Coordinates of a polynomial system that the methods of a pendulum take.
-_MAX_DOF = 6
 
 
 def simulate(
@@ -65,7 +47,7 @@ def simulate(
     atol: float | None = None,
     load: LoadLike | None = None,
     nu: float | None = None,
-    base: LoadLike | None = None,
+    base: LoadLike | LoadTable | None = None,
     force: LoadTable | None = None,
     held: npt.ArrayLike | Past | None = None,
     memory: str = "auto",
@@ -92,9 +74,13 @@ def simulate(
         State at t = 0, (z, z', phi, phi', psi, psi') or (x, x', phi, phi'). A mount without one
         starts at rest, or where it was ``held``.
     resume : Trajectory
-        Continue this run instead, bit for bit as if it had never stopped; system, step, method
-        and loads are those of the run. A kernel that is fitted by exponentials is so for the
-        first ``t_end``: there the two agree to the tolerance only.
+        Continue this run instead, with its system, step, method and past. Without a load it is
+        as if the run had never stopped, bit for bit where all steps are equal (not under tables).
+        A kernel that is fitted by exponentials is so for the first ``t_end``: there the two agree
+        to the tolerance only. If any of ``load``,
+        ``base`` and ``force`` is given, these act from there on instead of all that acted
+        before, time running on (``load=0``: none); a pendulum may have other loads. Where a
+        fitted kernel must resolve the jump, the past is computed once more.
     method : str
         Of a pendulum: "gauss8", "gauss16", "gauss2", "gauss3": Gauss-Legendre collocation of
         that many nodes (order twice as high), symplectic; "rk4"; "dop8": Dormand and Prince,
@@ -115,7 +101,9 @@ def simulate(
         atol + rtol times its largest value of the run (rtol 1e-13 to 1; atol 0 if not given).
     load, nu, base
         Not of a pendulum: periodic load, its frequency and motion of the base, as for
-        ``forced_response``; a constant force F is ``load={0: 1j * F}``.
+        ``forced_response``; a constant force F is ``load={0: 1j * F}``. ``base`` may be a
+        `LoadTable` instead, displacements in time: the springs' memory sees them too. States are
+        those of the body, not relative to the base; without ``initial`` it is at rest at 0.
     force : LoadTable
         Not of a pendulum: any load in time, besides the periodic one. Steps end on its corners
         and ends; with ``dt`` given, states are kept at equal times all the same.
@@ -138,8 +126,8 @@ def simulate(
     tail : float
         Length of the part that ``keep="tail"`` keeps.
     estimate_error : bool
-        With ``dt`` given, run once more in half steps and report the largest difference of the
-        states kept.
+        With ``dt`` given, run once more in half steps, from the first start on, and report the
+        largest difference of the states kept.
     progress : bool
         Show a progress bar.
 
@@ -170,18 +158,18 @@ def simulate(
         raise InputError('rtol, atol: are for dt = "auto", must not be given with dt')
     # The step alone decides the error: its equations are solved to rounding, which costs little.
     wanted = None if auto or accuracy is None else accuracy.absolute
+    solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
+    estimated = _native.flag("estimate_error", estimate_error)
     if resume is not None:
         if initial is not None:
             raise InputError("initial and resume are both given: must be one of them")
-        if load is not None or nu is not None:
-            raise InputError("load, nu: are those of the run that is resumed, must not be given")
-        _check_resumed(
-            system,
+        check_resumed(
             resume,
-            {"base": base, "force": force, "held": held, "tolerance": tolerance},
+            {"held": held, "tolerance": tolerance, "rtol": rtol, "atol": atol},
             {"dt": dt, "method": method, "memory": memory},
         )
-        return go_on(resume, end, want, progress)
+        other = other_loads(system, resume, end, load, nu, base, force)
+        return go_on(resume, end, want, progress, other, estimated)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
     if isinstance(system, Pendulum):
@@ -190,21 +178,18 @@ def simulate(
             if value is not None:
                 raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
         _native.choice("memory", memory, ("auto",))
-        make, n = _pendulum_runs(system, end, initial, method, wanted)
-    elif _as_pendulum(system, method, load, base, held, memory):
-        make, n = _polynomial_runs(system, end, initial, method, load, nu, force, wanted)
+        make, n = pendulum_runs(system, end, initial, method, solved)
+    elif goes_as_pendulum(system, method, load, base, held, memory):
+        make, n = polynomial_runs(system, end, initial, method, load, nu, force, solved)
     else:
         motion = MountMotion.checked(
             system, end, initial, method, load, nu, base, force, held, memory
         )
-        solved = ROUNDING if accuracy is None else accuracy.solved
-        make = motion.runs(solved if motion.remembers or not auto else ROUNDING)
+        far = ROUNDING if accuracy is None else accuracy.solved
+        make = motion.runs(far if motion.remembers or not auto else ROUNDING)
         n, at_first = motion.first_steps(), 2 if motion.remembers else 1
-    breaks = np.empty(0) if force is None else force._breaks(len(system.dof_names))
-    if force is not None:
-        make = _with_table(make, force)
-
-    estimated = _native.flag("estimate_error", estimate_error)
+    breaks = breaks_of(force, base, len(system.dof_names))
+    make = known(make, breaks, force, base)
 
     def run(factor: int, parts: int) -> Trajectory:
         if mesh is not None:
@@ -226,7 +211,7 @@ def simulate(
                 "give dt"
             )
         n = want.every * math.ceil(n / want.every)
-        mesh, on_mesh = _mesh(force, breaks, end, end / n, at_first, want)
+        mesh, on_mesh = _mesh(breaks, end, end / n, at_first, want)
         free = want.every == 1 and want.keep == "all" and want.times is None
         return by_tolerance(run, n, accuracy, dense=free)
     step = _native.number("dt", dt)
@@ -235,7 +220,7 @@ def simulate(
     if end / step > MAX_STEPS:
         raise InputError(f"dt = {step:g}: t_end / dt must be at most {MAX_STEPS:g}")
     n = math.ceil(end / step * (1 - 1e-12))
-    mesh, on_mesh = _mesh(force, breaks, end, end / n, at_first, want, equal=n)
+    mesh, on_mesh = _mesh(breaks, end, end / n, at_first, want, equal=n)
     result = run(1, 1)
     if result.resolution is not None and result.resolution > _ROUGH:
         warnings.warn(
@@ -245,36 +230,11 @@ def simulate(
             stacklevel=2,
         )
     if estimated:
-        fine = run(2, 1)
-        return replace(
-            result,
-            error=difference(result, fine),
-            _planned=partial(_plan_with_estimate, result),
-        )
+        return with_estimate(result, run(2, 1), "by a run in half steps")
     return result
 
 
-def _plan_with_estimate(run: Trajectory) -> Plan:
-    return run.plan.instead(
-        "estimate of the error", "computes: estimate of the error, by a run in half steps"
-    )
-
-
-def _with_table(make: Callable[[float], Run], force: LoadTable) -> Callable[[float], Run]:
-    """Let the plan of a run name the table of forces that acts."""
-    times = np.asarray(force.times)
-    words = f"computes: force by a table of {times.size} times, {times[0]:g} to {times[-1]:g}"
-
-    def made(h: float) -> Run:
-        run = make(h)
-        run.table = words
-        return run
-
-    return made
-
-
 def _mesh(
-    force: LoadTable | None,
     breaks: FloatArray,
     end: float,
     h: float,
@@ -286,226 +246,15 @@ def _mesh(
 
     ``equal``: states are kept after so many equal steps, whatever the loads are.
     """
-    if force is None:
+    if not breaks.size:
         return None, want
     mesh = Mesh.until(end, h, breaks, at_first=at_first)
     if mesh.count > MAX_STEPS:
-        raise InputError(f"force: takes {mesh.count:.1e} steps, must be at most {MAX_STEPS:g}")
+        raise InputError(
+            f"force, base: takes {mesh.count:.1e} steps, must be at most {MAX_STEPS:g}"
+        )
     if want.times is not None or want.keep == "last":
         return mesh, want
     times = mesh.all_times() if equal is None else np.multiply(np.arange(equal + 1), h, dtype=float)
     times[-1] = end
     return mesh, want.at(times[:: want.every])
-
-
-def _check_resumed(
-    system: Pendulum | Mount | PolynomialSystem,
-    run: Trajectory,
-    given: Mapping[str, object],
-    choices: Mapping[str, object],
-) -> None:
-    """Refuse by name what a run that goes on has already."""
-    _native.check_instance("resume", run, Trajectory)
-    parts = [(body._flat, *getattr(body, "_kernels", ())) for body in (system, run.system)]
-    if type(system) is not type(run.system) or not all(
-        np.array_equal(one, other) for one, other in zip(*parts, strict=True)
-    ):
-        raise InputError("system: must be that of the run that is resumed")
-    told = [name for name, value in given.items() if value is not None]
-    told += [name for name, value in choices.items() if not _native.is_auto(value)]
-    if told:
-        raise InputError(
-            f"{', '.join(told)}: as of the run that is resumed, must not be given with resume"
-        )
-
-
-def _pendulum_runs(
-    system: Pendulum,
-    end: float,
-    initial: npt.ArrayLike | None,
-    method: str,
-    wanted: float | None,
-) -> tuple[Callable[[float], Run], int]:
-    """Return what makes a run with a step, and the steps to begin with."""
-    if initial is None:
-        raise InputError("initial: must be given (or resume)")
-    state = checked_state("initial", initial, (6,))
-    name = _native.choice("method", method, ("auto", *METHODS))
-    name = "gauss8" if name == "auto" else name
-    solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
-    return lambda h: _PendulumRun(system, name, state, h, solved), first_steps(system, end)
-
-
-def checked_state(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Return states with z > -1, of the given shape."""
-    state = _native.real_array(name, value)
-    if state.shape != shape:
-        raise InputError(f"{name}: must have shape {shape}, got {state.shape}")
-    if (state[..., 0] <= -1).any():
-        raise InputError(f"{name} z = {state[..., 0].min():g}: must be greater than -1")
-    return state
-
-
-def first_steps(system: Pendulum, end: float) -> int:
-    """Steps to begin with when the step is to be found: four a fastest linear period."""
-    natural = float(system.natural_frequencies().max())
-    fastest = max(natural, system.p1, system.p2, system.p3)
-    return max(1, math.ceil(min(end * fastest / (0.5 * math.pi), 2.0 * MAX_STEPS)))
-
-
-def _as_pendulum(
-    system: Mount | PolynomialSystem,
-    method: str,
-    load: LoadLike | None,
-    base: LoadLike | None,
-    held: npt.ArrayLike | Past | None,
-    memory: str,
-) -> TypeGuard[PolynomialSystem]:
-    """Whether a system needs nothing but what the methods of a pendulum give."""
-    if isinstance(system, Mount) or system._active_kernels or not _native.is_auto(memory):
-        return False
-    highest = max(load, default=0) if isinstance(load, Mapping) else 1
-    return (
-        len(system.dof_names) <= _MAX_DOF
-        and method in ("auto", *METHODS)
-        and all(given is None for given in (base, held))
-        and isinstance(highest, int)
-        and highest <= _MAX_LOAD_ORDER
-    )
-
-
-def _polynomial_runs(
-    system: PolynomialSystem,
-    end: float,
-    initial: npt.ArrayLike | None,
-    method: str,
-    load: LoadLike | None,
-    nu: float | None,
-    force: LoadTable | None,
-    wanted: float | None,
-) -> tuple[Callable[[float], Run], int]:
-    """Return what makes a run with a step, and the steps to begin with."""
-    n = len(system.dof_names)
-    breaks, pieces = table_of(force, n)
-    state = np.zeros(2 * n) if initial is None else _native.real_array("initial", initial)
-    if state.shape != (2 * n,):
-        raise InputError(f"initial: must have shape ({2 * n},), got {state.shape}")
-    if load is None and nu is not None:
-        raise InputError("nu: must not be given without load")
-    orders, series = load_series(load, None, n)
-    frequency = 0.0 if nu is None else _native.number("nu", nu)
-    if frequency < 0 or (frequency == 0 and (orders > 0).any() and series.any()):
-        given = "None" if nu is None else f"{frequency:g}"
-        raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
-    name = "gauss8" if method == "auto" else method
-    solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
-    # Steps must see the highest order of the load.
-    highest = frequency * int(orders[series.any(axis=0)].max(initial=0))
-    steps = max(1, math.ceil(end * max(system._fastest(), highest) / (0.5 * math.pi)))
-    driven = (series[:-1] != 0).any(axis=1) | (state.reshape(n, 2) != 0).any(axis=1)
-    moves = moving(system, driven | pieces.any(axis=(1, 2)))
-    job = (system._flat, orders, series, frequency, breaks, pieces, moves, force)
-    return lambda h: _PolynomialRun(system, name, state, h, solved, job), steps
-
-
-class _PolynomialRun(Run):
-    """A run of a polynomial system without memory."""
-
-    counts = "evaluations"
-    system: PolynomialSystem
-
-    def __init__(
-        self,
-        system: PolynomialSystem,
-        method: str,
-        state: FloatArray,
-        h: float,
-        solved: float,
-        job: tuple[Any, ...],
-    ) -> None:
-        super().__init__(system, method, state, h, solved)
-        self.job = job
-
-    def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
-        """Power of load and damping."""
-        _, orders, series, nu, *_, table = self.job
-        v = state[:, 1::2]
-        force = (np.exp(1j * nu * np.outer(t, orders)) @ series[:-1].T).imag
-        if table is not None:
-            given = table(t)
-            force = force + given if given.ndim == 2 else force
-            force[:, 0] += given if given.ndim == 1 else 0.0
-        return np.asarray(np.einsum("ta,ta->t", v, force - v @ self.system._damping.T))
-
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
-        text: bytes = _native.call(
-            core.polynomial_plan, *self.job[:3], self.begin, end, dt, tolerance,
-            METHODS[self.method], every, int(last),
-        )[0]  # fmt: skip
-        return text
-
-    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
-        resume = self.memory is not None
-        return Piece(
-            *_native.call(
-                core.polynomial_simulate,
-                *self.job[:6],
-                *self._mesh_arrays(),
-                METHODS[self.method],
-                self.job[6],
-                self.state,
-                self.h,
-                self.solved,
-                self.done,
-                count,
-                every,
-                int(resume),
-                self.memory if resume else np.zeros(_MEMORY),
-                times,
-                columns,
-            )
-        )
-
-
-class _PendulumRun(Run):
-    """A run of a pendulum."""
-
-    counts = "evaluations"
-    system: Pendulum
-
-    def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
-        """Power of loads and damping."""
-        return self.system.power(t, state)
-
-    @property
-    def swings(self) -> int:
-        """Whether anything moves phi or psi; else the spring alone is integrated."""
-        return int(self.begin[2:].any() or self.system.m01 != 0 or self.system.m02 != 0)
-
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
-        text: bytes = _native.call(
-            core.pendulum_plan, self.system._flat, self.begin, end, dt, tolerance,
-            METHODS[self.method], every, int(last),
-        )[0]  # fmt: skip
-        return text
-
-    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
-        resume = self.memory is not None
-        return Piece(
-            *_native.call(
-                core.pendulum_simulate,
-                self.system._flat,
-                METHODS[self.method],
-                self.swings,
-                self.state,
-                self.h,
-                self.solved,
-                self.done,
-                count,
-                every,
-                int(resume),
-                self.memory if resume else np.zeros(_MEMORY),
-                times,
-                columns,
-            )
-        )

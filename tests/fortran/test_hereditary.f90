@@ -2,6 +2,7 @@
 !! of independent programs (data/mount_memory_reference.json).
 module test_hereditary
   use testing, only: begin, check, check_close, check_ok
+  use viscovib_base_motion, only: base_motion_type
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, no_exponentials, &
     no_integral, past_direct, past_exponentials
   use viscovib_hereditary_run, only: run_hereditary
@@ -201,6 +202,7 @@ contains
     real(wp), intent(in) :: start(4), t_end
     real(wp), intent(out) :: last(4)
     type(hereditary_type) :: run
+    type(base_motion_type) :: base
     real(wp) :: no_states(4, 0), no_times(0)
     integer(i8) :: n_done
     integer :: reason, reached, outcome
@@ -208,8 +210,8 @@ contains
     call new_hereditary(run, mount, load, s, past, [0.0_wp, 0.0_wp], start(1::2), start(2::2), &
                         t_end/n, t_end, 1.0e-13_wp, reason)
     call check(reason == begun, 'begun')
-    call run_hereditary(run, mount, load, 0_i8, int(n, i8), 1_i8, no_times, no_states, no_states, &
-                        n_done, reached, outcome)
+    call run_hereditary(run, mount, load, base, 0_i8, int(n, i8), 1_i8, no_times, no_states, &
+                        no_states, n_done, reached, outcome)
     call check(outcome == run_completed .and. n_done == n, 'completed')
     last(1::2) = run%u
     last(2::2) = run%v
@@ -331,7 +333,7 @@ contains
       memory = first%save_memory()
       call new_hereditary(second, mount, sine_load(0.5_wp), 4, past, [0.0_wp, 0.0_wp], &
                           [0.0_wp, 0.0_wp], [0.0_wp, 0.0_wp], 0.1_wp, 2.0_wp, 1.0e-13_wp, reason)
-      call second%load_memory(memory)
+      call second%load_memory(memory, .false.)
       do i = 8, 20
         call second%step(mount, sine_load(0.5_wp), int(i - 1, i8), i*second%h, made)
       end do

@@ -1,0 +1,119 @@
+!> How the base moves: sinusoids, and a piecewise cubic with corners. The equations are
+!! those of coordinates relative to the base; states given and kept are those of the body.
+!!
+!! A corner of the base is a jump of the relative velocity, of which the body's knows
+!! nothing: velocities here are those within the present piece of time, whichever end of it
+!! they are asked at.
+module viscovib_base_motion
+  use viscovib_constants, only: imaginary_unit
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: base_motion_type
+
+  type :: base_motion_type
+    !> How the coordinates move with the base, shape (n_dof); not allocated: it is at rest.
+    real(wp), allocatable :: direction(:)
+    !> Displacement Im sum_k amplitudes(k) exp(i frequencies(k) t).
+    real(wp), allocatable :: frequencies(:)
+    complex(wp), allocatable :: amplitudes(:)
+    !> Besides, cubics sum_p pieces(p,i) (t - breaks(i))^(4-p) from each break to the next,
+    !! the last for ever; before the first break the base is where it is there. Shapes (n)
+    !! and (4, n); no breaks: none.
+    real(wp), allocatable :: breaks(:), pieces(:, :)
+    integer, private :: present = 0
+  contains
+    procedure :: moves
+    procedure :: has_corners
+    procedure :: enter
+    procedure :: along
+    procedure :: add_to
+  end type base_motion_type
+
+contains
+
+  pure logical function moves(self)
+    class(base_motion_type), intent(in) :: self
+    moves = allocated(self%direction)
+  end function moves
+
+  !> Whether relative velocities may jump.
+  pure logical function has_corners(self)
+    class(base_motion_type), intent(in) :: self
+    has_corners = .false.
+    if (allocated(self%breaks)) has_corners = self%moves() .and. size(self%breaks) > 0
+  end function has_corners
+
+  !> A piece of time begins that no corner divides.
+  pure subroutine enter(self, from, to)
+    class(base_motion_type), intent(inout) :: self
+    real(wp), intent(in) :: from, to
+    real(wp) :: middle
+    integer :: low, high, i
+
+    if (.not. self%has_corners()) return
+    middle = from + 0.5_wp*(to - from)
+    low = 0
+    high = size(self%breaks)
+    do while (low < high)
+      i = (low + high + 1)/2
+      if (self%breaks(i) <= middle) then
+        low = i
+      else
+        high = i - 1
+      end if
+    end do
+    self%present = low
+  end subroutine enter
+
+  !> Displacement and velocity of the base.
+  pure subroutine along(self, t, displacement, velocity)
+    class(base_motion_type), intent(in) :: self
+    real(wp), intent(in) :: t
+    real(wp), intent(out) :: displacement, velocity
+    complex(wp) :: wave
+    real(wp) :: x
+    integer :: k
+
+    displacement = 0.0_wp
+    velocity = 0.0_wp
+    if (.not. self%moves()) return
+    do k = 1, size(self%frequencies)
+      if (.not. abs(self%amplitudes(k)) > 0.0_wp) cycle
+      wave = self%amplitudes(k)*exp(imaginary_unit*(self%frequencies(k)*t))
+      displacement = displacement + aimag(wave)
+      velocity = velocity + self%frequencies(k)*real(wave)
+    end do
+    if (.not. self%has_corners()) return
+    if (self%present == 0) then
+      displacement = displacement + self%pieces(4, 1)
+      return
+    end if
+    associate (a => self%pieces(:, self%present))
+      x = t - self%breaks(self%present)
+      displacement = displacement + (((a(1)*x + a(2))*x + a(3))*x + a(4))
+      velocity = velocity + ((3.0_wp*a(1)*x + 2.0_wp*a(2))*x + a(3))
+    end associate
+  end subroutine along
+
+  !> From a state relative to the base to that of the body; `share` -1: back.
+  pure subroutine add_to(self, t, u, v, share)
+    class(base_motion_type), intent(in) :: self
+    real(wp), intent(in) :: t
+    !> Shape (n_dof).
+    real(wp), intent(inout) :: u(:), v(:)
+    real(wp), intent(in), optional :: share
+    real(wp) :: displacement, velocity
+
+    if (.not. self%moves()) return
+    call self%along(t, displacement, velocity)
+    if (present(share)) then
+      displacement = share*displacement
+      velocity = share*velocity
+    end if
+    u = u + self%direction*displacement
+    v = v + self%direction*velocity
+  end subroutine add_to
+
+end module viscovib_base_motion

@@ -1,0 +1,215 @@
+"""Runs that go on: under the same loads, or under others, which act from there on."""
+
+import copy
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+from viscovib.hereditary import NODES, MountMotion, hereditary_run_of, moving
+from viscovib.load import LoadLike
+from viscovib.load_table import LoadTable
+from viscovib.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
+from viscovib.mesh import Mesh
+from viscovib.mount import Mount
+from viscovib.pendulum import Pendulum
+from viscovib.polynomial_system import PolynomialSystem
+from viscovib.runs import Run, Wanted, with_estimate
+from viscovib.trajectory import Trajectory
+
+#: Numbers of a pendulum that are its loads.
+_LOADS = ("f0", "m01", "m02", "p1", "p2", "p3")
+#: Part of its travel by which a base may be off where another motion of it begins.
+_OFF = 1e-9
+
+Maker = Callable[[float], Run]
+
+
+def known(
+    make: Maker,
+    breaks: FloatArray | None = None,
+    force: LoadTable | None = None,
+    base: LoadLike | LoadTable | None = None,
+) -> Maker:
+    """Let a run know what made it, where its loads have corners, and what tables its plan names."""
+    words = []
+    for name, table in (("force", force), ("motion of the base", base)):
+        if isinstance(table, LoadTable):
+            times = np.asarray(table.times)
+            span = f"{times.size} times, {times[0]:g} to {times[-1]:g}"
+            words.append(f"computes: {name} by a table of {span}")
+    return _Known(make, np.empty(0) if breaks is None else breaks, tuple(words))
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What makes runs that know it."""
+
+    make: Maker
+    breaks: FloatArray
+    tables: tuple[str, ...]
+
+    def __call__(self, h: float) -> Run:
+        run = self.make(h)
+        run.maker, run.breaks, run.tables = self, self.breaks, self.tables
+        return run
+
+
+def breaks_of(force: LoadTable | None, base: LoadLike | LoadTable | None, n_dof: int) -> FloatArray:
+    """Return the times at which tables have corners, jumps and ends, ascending; none: no tables."""
+    breaks = np.empty(0)
+    if force is not None:
+        breaks = force._breaks(n_dof)
+    if isinstance(base, LoadTable):
+        breaks = np.union1d(breaks, base._breaks(1))
+    return breaks
+
+
+def check_resumed(
+    run: Trajectory, given: Mapping[str, object], choices: Mapping[str, object]
+) -> None:
+    """Refuse by name what a run that goes on has already."""
+    _native.check_instance("resume", run, Trajectory)
+    told = [name for name, value in given.items() if value is not None]
+    told += [name for name, value in choices.items() if not _native.is_auto(value)]
+    if told:
+        raise InputError(
+            f"{', '.join(told)}: as of the run that is resumed, must not be given with resume"
+        )
+    if run.outcome != "completed":
+        raise InputError(f"resume: that run ended {run.outcome!r}, must be 'completed'")
+
+
+def other_loads(
+    system: Pendulum | Mount | PolynomialSystem,
+    earlier: Trajectory,
+    end: float,
+    load: LoadLike | None,
+    nu: float | None,
+    base: LoadLike | LoadTable | None,
+    force: LoadTable | None,
+) -> Maker | None:
+    """Return what makes a run under the loads given, None if none are."""
+    run: Run = earlier._resume
+    given = {"load": load, "nu": nu, "base": base, "force": force}
+    loaded = any(value is not None for value in given.values())
+    if isinstance(system, Pendulum):
+        for name, value in given.items():
+            if value is not None:
+                raise InputError(f"{name}: is for a Mount; a Pendulum has its loads in itself")
+        if isinstance(run.system, Pendulum):
+            loads = {name: getattr(run.system, name) for name in _LOADS}
+            if np.array_equal(replace(system, **loads)._flat, run.system._flat):
+                if np.array_equal(system._flat, run.system._flat):
+                    return None
+                make, _ = pendulum_runs(system, end, run.state, run.method, run.solved)
+                return known(make)
+    parts = [(body._flat, *getattr(body, "_kernels", ())) for body in (system, run.system)]
+    if type(system) is not type(run.system) or not all(
+        np.array_equal(one, other) for one, other in zip(*parts, strict=True)
+    ):
+        raise InputError("system: must be that of the run that is resumed, but for its loads")
+    if not loaded:
+        return None
+    assert not isinstance(system, Pendulum)
+    breaks = breaks_of(force, base, len(system.dof_names))
+    before = hereditary_run_of(run)
+    if before is None and goes_as_pendulum(system, run.method, load, base, None, "auto"):
+        make, _ = polynomial_runs(system, end, run.state, run.method, load, nu, force, run.solved)
+        return known(make, breaks, force, base)
+    if run.method not in NODES:
+        raise InputError(
+            f"resume: by method {run.method!r} no base moves and no load has such orders, must be "
+            f"one of {', '.join(NODES)}"
+        )
+    past = "auto" if before is None else before.memory
+    reach = end if before is None else before.end
+    motion = MountMotion.checked(
+        system, reach, run.state, run.method, load, nu, base, force, None, past
+    )
+    now, place = run.time, 0.0 if before is None else before.base_at(run.time)
+    most = max(motion.travel, 0.0 if before is None else before.travel)
+    if abs(motion.base_at(now) - place) > _OFF * most:
+        raise InputError(
+            f"base: is at {motion.base_at(now):.9g} at t = {now:g}, must go on from {place:.9g}, "
+            "where it was"
+        )
+    if before is not None:
+        moves = moving(system, (motion.moves | before.moves).astype(bool))
+        motion = replace(
+            motion, held=before.held, before=before.before, moved=before.moved, moves=moves
+        )
+    return known(motion.runs(run.solved), breaks, force, base)
+
+
+def go_on(
+    earlier: Trajectory,
+    end: float,
+    want: Wanted,
+    progress: bool,
+    other: Maker | None,
+    estimated: bool,
+) -> Trajectory:
+    """Continue a run to ``end``, under other loads if they are given."""
+    run: Run = copy.copy(earlier._resume)
+    if other is not None:
+        before, run = run, other(run.h)
+        run.adopt(before)
+    n, kept = _ahead(run, end, want)
+    if not run.serves():
+        again = _again(run, 1)
+        assert again is not None
+        run = again
+    begun = copy.copy(run)
+    result = run.steps(n, kept, progress)
+    if not estimated:
+        return result
+    again = _again(begun, 2)
+    fine = None if again is None else again.steps(2 * n, kept.finer(2), progress)
+    return with_estimate(result, fine, "by a run in half steps from the first start on")
+
+
+def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:
+    """Return the steps to ``end``, and what is kept of them; the run gets their mesh."""
+    now = run.time
+    if run.mesh is None and not run.breaks.size:
+        n = round((end - now) / run.h)
+        if n < 1 or abs(now + n * run.h - end) > 1e-9 * max(abs(end), run.h):
+            raise InputError(
+                f"t_end = {end:g}: must be a whole number of steps {run.h:g} after {now:g}"
+            )
+        return n, want
+    if not end > now:
+        raise InputError(f"t_end = {end:g}: must be greater than {now:g}, where the run ended")
+    done = run.done
+    if run.mesh is None:
+        run.mesh = Mesh(run.h, run.breaks, np.array([now]), np.array([done], dtype=np.int64))
+    elif run.anew:
+        run.mesh = replace(run.mesh, breaks=run.breaks)
+    run.mesh = mesh = run.mesh.extended(end)
+    if want.times is None and want.keep != "last":
+        want = want.at(mesh.times(np.arange(done, mesh.count + 1, want.every)))
+    return mesh.count - done, want
+
+
+def _again(run: Run, factor: int) -> Run | None:
+    """The same run from its first start, in steps shorter by a factor; None: it stopped before.
+
+    It remembers what its steps to come will need.
+    """
+    assert run.maker is not None
+    latest: Run | None = None
+    for maker, done in (*run.parts, (run.maker, run.done)):
+        part = maker(run.h / factor)
+        if latest is not None:
+            part.adopt(latest)
+        part.prepare(run, factor)
+        part.mesh = None if run.mesh is None else run.mesh.finer(factor)
+        latest = part
+        n = done * factor - part.done
+        if n and part.steps(n, Wanted(keep="last"), False).outcome != "completed":
+            return None
+    return latest
