@@ -132,7 +132,7 @@ contains
     self%broken = c_write(line//new_line('a'), len(line, c_int64_t) + 1, self%handle)
   end subroutine add_line
 
-  !> Add lines, separated by new-line characters, each behind a "# ".
+  !> Add lines, separated by new-line characters, each behind a "# "; empty ones are left out.
   subroutine add_comments(self, text)
     class(text_writer), intent(inout) :: self
     character(len=*), intent(in) :: text
@@ -141,7 +141,7 @@ contains
     do while (first <= len(text))
       last = index(text(first:), new_line('a')) + first - 2
       if (last < first - 1) last = len(text)
-      call self%add_line('# '//text(first:last))
+      if (last >= first) call self%add_line('# '//text(first:last))
       first = last + 2
     end do
   end subroutine add_comments

@@ -5,11 +5,10 @@ module viscovib_branch_job
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_crossings, only: crossing_type, find_crossings, known_folds
   use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes
-  use viscovib_curve_groups, only: listed, read_curve, read_yes, stability_names, &
-    stability_note, stability_text, write_crossings
+  use viscovib_curve_groups, only: add_stability, note_crossings, read_curve, read_yes, &
+    stability_note
   use viscovib_family_curve, only: judge_systems, nearly_nothing, new_family_curve, &
     new_plain_curve, system_builder
-  use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
@@ -17,7 +16,6 @@ module viscovib_branch_job
   use viscovib_motion_stability, only: judge_type, new_judge, stability_type
   use viscovib_mount, only: mount_type
   use viscovib_mount_builder, only: change_mount, mount_numbers, new_mount_builder
-  use viscovib_number_text, only: exact
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency, vary_load
   use viscovib_outcomes, only: outcome_converged
@@ -25,7 +23,7 @@ module viscovib_branch_job
   use viscovib_response_branch, only: follow_response, highest_chosen
   use viscovib_response_plan, only: method_newton, response_plan_type
   use viscovib_status, only: fail, show, status_input_error, status_type
-  use viscovib_text_file, only: text_writer
+  use viscovib_table, only: listed, listed_units, table_type
   implicit none
   private
 
@@ -232,8 +230,8 @@ contains
     !> What varies, the first column.
     character(len=*), intent(in) :: folder, name, varies
     integer, intent(in) :: orders(:)
-    integer, intent(in) :: highest(:)
-    type(curve_branch_type), intent(in) :: branch
+    integer, intent(in), target :: highest(:)
+    type(curve_branch_type), intent(in), target :: branch
     type(stability_type), intent(in) :: stability
     type(crossing_type), intent(in) :: crossings(:)
     !> Names and units, one a coordinate.
@@ -241,49 +239,35 @@ contains
     !> Lines for the top, separated by new-line characters.
     character(len=*), intent(in) :: header
     type(status_type), intent(out) :: status
-    type(text_writer) :: table
-    character(len=:), allocatable :: row, order
-    integer :: i, d, k
+    type(table_type) :: table
+    character(len=:), allocatable :: note, order
+    integer :: d, i, k, n
 
     if (counting) call count_up(counted_columns, size(coordinates))
-    call make_folder(folder)
-    call table%create(folder//'/'//name, status)
-    if (status%failed()) return
-    call table%add_comments(header)
-    call table%add_line('# branch '//trim(curve_outcomes(branch%outcome))//'; folds at ' &
-                        //varies//' =' &
-                        //listed(branch%folds%p(:branch%folds%n)))
-    call write_crossings(table, crossings, varies)
-    row = '# nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)'
-    if (allocated(stability%stable)) row = row//stability_note
-    row = row//'; highest: order kept; truncation: estimated relative error of leaving out ' &
-          //'higher orders'
-    do d = 1, size(coordinates)
-      row = row//', '//trim(coordinates(d))//' in '//trim(units(d))
-    end do
-    call table%add_line(row)
-    row = varies
-    if (allocated(stability%stable)) row = row//stability_names
-    row = row//',highest,truncation'
+    n = branch%n_points
+    call table%note('branch '//trim(curve_outcomes(branch%outcome))//'; folds at '//varies//' =' &
+                    //listed(branch%folds%p(:branch%folds%n)))
+    call note_crossings(table, crossings, varies)
+    call table%add_reals(varies, branch%parameter(:n))
+    note = 'nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)'
+    if (allocated(stability%stable)) then
+      note = note//stability_note
+      call add_stability(table, stability%n_growing(:n), stability%multipliers(1, :n))
+    end if
+    call table%note(note//'; highest: order kept; truncation: estimated relative error of ' &
+                    //'leaving out higher orders; '//listed_units(coordinates, units))
+    call table%add_integers('highest', highest)
+    call table%add_reals('truncation', branch%truncation(:n))
+    i = 0
     do d = 1, size(coordinates)
       do k = 1, size(orders)
         order = trim(coordinates(d))//'_'//show(orders(k))
-        row = row//','//order//'_re,'//order//'_im'
+        call table%add_reals(order//'_re', branch%x(i + 1, :n))
+        call table%add_reals(order//'_im', branch%x(i + 2, :n))
+        i = i + 2
       end do
     end do
-    call table%add_line(row)
-    do i = 1, branch%n_points
-      row = trim(exact(branch%parameter(i)))
-      if (allocated(stability%stable)) then
-        row = row//','//stability_text(stability%n_growing(i), stability%multipliers(1, i))
-      end if
-      row = row//','//show(highest(i))//','//trim(exact(branch%truncation(i)))
-      do k = 1, size(branch%x, 1)
-        row = row//','//trim(exact(branch%x(k, i)))
-      end do
-      call table%add_line(row)
-    end do
-    call table%finish(status)
+    call table%write(folder, name, header, status)
   end subroutine write_branch
 
 end module viscovib_branch_job

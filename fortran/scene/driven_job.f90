@@ -5,12 +5,11 @@ module viscovib_driven_job
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
     curve_outcomes, follow_curve
   use viscovib_crossings, only: crossing_type
-  use viscovib_curve_groups, only: check_between, listed, read_curve, read_switch, read_yes, &
-    stability_names, stability_note, stability_text, write_crossings
+  use viscovib_curve_groups, only: add_stability, check_between, note_crossings, read_curve, &
+    read_switch, read_yes, stability_note
   use viscovib_drive_torus, only: default_bound, drive_torus_type, judging_shells, &
     kept_by_symmetry, largest_bound, lattice, lowest_bound, max_unknowns, n_drives, sort_drives, &
     varied_names, varies_nu
-  use viscovib_files, only: make_folder
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
@@ -20,7 +19,7 @@ module viscovib_driven_job
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_status, only: fail, show, status_input_error, status_type
-  use viscovib_text_file, only: text_writer
+  use viscovib_table, only: listed, table_type
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_amplitude, &
     vary_frequency
@@ -307,71 +306,54 @@ contains
   subroutine write_driven(folder, name, job, branch, header, status)
     character(len=*), intent(in) :: folder, name
     type(driven_job), intent(in) :: job
-    type(driven_branch), intent(in) :: branch
+    type(driven_branch), intent(in), target :: branch
     !> Lines for the top, separated by new-line characters.
     character(len=*), intent(in) :: header
     type(status_type), intent(out) :: status
     character(len=*), parameter :: coordinates(3) = [character(len=3) :: 'z', 'phi', 'psi']
-    type(text_writer) :: table
+    type(table_type) :: table
     integer, allocatable :: orders(:, :)
-    character(len=:), allocatable :: row, title, quote, note
+    character(len=:), allocatable :: varies, title, note
     integer :: i, j, d, k, n
 
     allocate (orders, source=lattice(job%torus%n_axes, branch%harmonics))
-    n = 2*size(orders, 2) - 1
-    call make_folder(folder)
-    call table%create(folder//'/'//name, status)
-    if (status%failed()) return
-    call table%add_comments(header)
-    call table%add_line('# parameter: '//trim(varied_names(job%parameter))//'; branch ' &
-                        //trim(curve_outcomes(branch%outcome)))
-    call table%add_line('# orders to '//show(branch%harmonics)//' leave an estimated relative ' &
-                        //'error of '//show(branch%truncation)//' at most')
-    call table%add_line('# folds at'//listed(branch%folds))
-    call table%add_line('# branch points at'//listed(branch%branch_points))
-    note = '# q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)'
-    row = 'parameter'
+    varies = trim(varied_names(job%parameter))
+    n = size(branch%parameter)
+    call table%note('branch '//trim(curve_outcomes(branch%outcome))//'; folds at '//varies//' =' &
+                    //listed(branch%folds))
+    call table%note('branch points at '//varies//' ='//listed(branch%branch_points))
+    call table%add_reals(varies, branch%parameter)
     do i = 1, job%torus%n_axes
-      row = row//',omega_'//show(i)
+      call table%add_reals('omega_'//show(i), branch%base(i, :))
     end do
+    note = 'q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)'
     if (allocated(branch%multipliers)) then
-      call write_crossings(table, branch%crossings, trim(varied_names(job%parameter)))
-      row = row//stability_names
+      call note_crossings(table, branch%crossings, varies)
       note = note//stability_note
+      call add_stability(table, [(count_larger(branch%multipliers(:, i), orbit_circle), i=1, n)], &
+                         branch%multipliers(1, :))
     end if
-    call table%add_line(note)
-    quote = ''
-    if (job%torus%n_axes > 1) quote = '"'
+    call table%note(note//'; orders to '//show(branch%harmonics)//' leave an estimated relative ' &
+                    //'error of '//trim(exact(branch%truncation))//' at most')
+    i = 0
     do d = 1, 3
       do k = 1, size(orders, 2)
-        title = quote//trim(coordinates(d))//'_'//show(orders(1, k))
+        title = trim(coordinates(d))//'_'//show(orders(1, k))
         do j = 2, size(orders, 1)
           title = title//','//show(orders(j, k))
         end do
-        row = row//','//title//'_re'//quote//','//title//'_im'//quote
-      end do
-    end do
-    call table%add_line(row)
-    do i = 1, size(branch%parameter)
-      row = trim(exact(branch%parameter(i)))
-      do j = 1, job%torus%n_axes
-        row = row//','//trim(exact(branch%base(j, i)))
-      end do
-      if (allocated(branch%multipliers)) then
-        associate (multipliers => branch%multipliers(:, i))
-          row = row//','//stability_text(count_larger(multipliers, orbit_circle), multipliers(1))
-        end associate
-      end if
-      do d = 1, 3
         ! The mean is Im X_0.
-        row = row//',0,'//trim(exact(branch%x((d - 1)*n + 1, i)))
-        do k = (d - 1)*n + 2, d*n
-          row = row//','//trim(exact(branch%x(k, i)))
-        end do
+        if (k == 1) then
+          call table%hold_reals(title//'_re', [(0.0_wp, j=1, n)])
+        else
+          i = i + 1
+          call table%add_reals(title//'_re', branch%x(i, :))
+        end if
+        i = i + 1
+        call table%add_reals(title//'_im', branch%x(i, :))
       end do
-      call table%add_line(row)
     end do
-    call table%finish(status)
+    call table%write(folder, name, header, status)
   end subroutine write_driven
 
 end module viscovib_driven_job

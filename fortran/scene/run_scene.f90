@@ -27,6 +27,7 @@ module viscovib_run_scene
   use viscovib_scene, only: scene_type
   use viscovib_simulate, only: run_completed, run_names
   use viscovib_spectrum_table, only: write_spectrum
+  use viscovib_table, only: listed_units
   use viscovib_tabulated, only: tabulated_unseen, unseen_integral
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_pendulum_job, only: plan_pendulum, run_pendulum_job
@@ -381,21 +382,17 @@ contains
     type(trajectory_type) :: trajectory
     character(len=:), allocatable :: units, method
     real(wp) :: omega(3), shapes(3, 3)
-    integer :: kept, d, i
+    integer :: kept, i
 
     kept = 2
     if (scene%is_pendulum) then
-      units = 'dimensionless: t in 1/omega_1, z in L, phi and psi in rad'
+      units = 'dimensionless: t in 1/omega_1'
       method = transient_methods(scene%transient%method)
       call scene%pendulum%natural_modes(omega, shapes)
       call run_pendulum_job(scene%transient, scene%pendulum, &
                             max(maxval(omega), maxval(scene%pendulum%drives)), trajectory, status)
     else
       units = 'units: t in s'
-      do i = 1, size(scene%wanted)
-        d = scene%wanted(i)
-        units = units//', '//trim(scene%coordinates(d))//' in '//trim(scene%units(d))
-      end do
       if (scene%has_memory) then
         method = hereditary_methods(scene%hereditary%method)
         call run_hereditary_job(scene%hereditary, scene%oscillator(), scene%load, &
@@ -411,6 +408,7 @@ contains
       status%message = scene%path//': '//status%message
       return
     end if
+    units = units//', '//listed_units(scene%coordinates(scene%wanted), scene%units(scene%wanted))
     report%path = folder//'/'//stem(scene%path)//'_transient.csv'
     if (scene%spectrum%wanted) then
       kept = count(trajectory%t >= scene%spectrum%discard*(1.0_wp - 1.0e-12_wp))

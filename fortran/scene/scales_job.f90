@@ -2,13 +2,11 @@
 !! of a load, of a pendulum, a mount or a polynomial system.
 module viscovib_scales_job
   use viscovib_checks, only: check_positive
-  use viscovib_files, only: make_folder
   use viscovib_grids, only: linear_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_normal_form, only: by_influence
-  use viscovib_number_text, only: exact
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_form, only: new_pendulum_form, ordering_names
@@ -17,7 +15,7 @@ module viscovib_scales_job
     vary_frequency
   use viscovib_status, only: show, status_type
   use viscovib_system_form, only: new_oscillator_form
-  use viscovib_text_file, only: text_writer
+  use viscovib_table, only: table_type
   implicit none
   private
 
@@ -179,49 +177,33 @@ contains
   subroutine write_scales(folder, name, job, points, coordinates, header, status)
     character(len=*), intent(in) :: folder, name
     type(scales_job), intent(in) :: job
-    type(steady_points_type), intent(in) :: points
+    type(steady_points_type), intent(in), target :: points
     character(len=*), intent(in) :: coordinates(:)
     !> Lines for the top, separated by new-line characters.
     character(len=*), intent(in) :: header
     type(status_type), intent(out) :: status
-    type(text_writer) :: table
-    character(len=:), allocatable :: row
-    logical :: stable(points%n)
-    integer :: i, d
+    type(table_type) :: table
+    integer :: d, n
 
-    stable = stable_points(points)
-    call make_folder(folder)
-    call table%create(folder//'/'//name, status)
-    if (status%failed()) return
-    call table%add_comments(header)
-    call table%add_line('# steady motions by multiple scales to third order')
-    call table%add_line('# first harmonic of u = Re X exp(i p t) under the load f cos(p t); ' &
-                        //'amplitudes of the modes; largest growth; sizes of the three orders; ' &
-                        //'estimated error of X, of the coordinate where it is largest')
-    row = trim(job%parameter)//',stable'
+    n = points%n
+    call table%note('steady motions by multiple scales to third order')
+    call table%note('first harmonic of u = Re X exp(i p t) under the load f cos(p t); amplitudes ' &
+                    //'of the modes; largest growth; sizes of the three orders; estimated error ' &
+                    //'of X, of the coordinate where it is largest')
+    call table%hold_reals(trim(job%parameter), job%values(points%value(:n)))
+    call table%hold_integers('stable', merge(1, 0, stable_points(points)))
     do d = 1, size(coordinates)
-      row = row//','//trim(coordinates(d))//'_re,'//trim(coordinates(d))//'_im'
+      call table%add_complex(trim(coordinates(d)), points%harmonic(d, :n))
     end do
     do d = 1, size(points%a, 1)
-      row = row//',mode_'//show(d)
+      call table%hold_reals('mode_'//show(d), 2.0_wp*abs(points%a(d, :n)))
     end do
-    call table%add_line(row//',growth,order_1,order_2,order_3,error_estimate')
-    do i = 1, points%n
-      row = trim(exact(job%values(points%value(i))))//','//show(merge(1, 0, stable(i)))
-      do d = 1, size(coordinates)
-        row = row//','//trim(exact(real(points%harmonic(d, i))))//',' &
-              //trim(exact(aimag(points%harmonic(d, i))))
-      end do
-      do d = 1, size(points%a, 1)
-        row = row//','//trim(exact(2.0_wp*abs(points%a(d, i))))
-      end do
-      row = row//','//trim(exact(maxval(real(points%eigenvalues(:, i)))))
-      do d = 1, 3
-        row = row//','//trim(exact(points%sizes(d, i)))
-      end do
-      call table%add_line(row//','//trim(exact(maxval(points%harmonic_errors(:, i)))))
+    call table%hold_reals('growth', maxval(real(points%eigenvalues(:, :n)), 1))
+    do d = 1, 3
+      call table%add_reals('order_'//show(d), points%sizes(d, :n))
     end do
-    call table%finish(status)
+    call table%hold_reals('error_estimate', maxval(points%harmonic_errors(:, :n), 1))
+    call table%write(folder, name, header, status)
   end subroutine write_scales
 
 end module viscovib_scales_job

@@ -1,13 +1,12 @@
-!> Spectra of a motion as a table: comma separated, a row a frequency.
+!> Spectra of a motion as a table, a row a frequency.
 module viscovib_spectrum_table
   use viscovib_amplitude_spectrum, only: amplitude_spectrum
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_columns, counting
-  use viscovib_files, only: make_folder
   use viscovib_kinds, only: wp
-  use viscovib_number_text, only: exact
+  use viscovib_polar, only: argument, modulus
   use viscovib_status, only: status_type
-  use viscovib_text_file, only: text_writer
+  use viscovib_table, only: table_type
   use viscovib_windows, only: window_names
   implicit none
   private
@@ -16,8 +15,7 @@ module viscovib_spectrum_table
 
 contains
 
-  !> Transform the coordinates and write the table NAME in a folder, which is made
-  !! if need be; the table is there whole or not at all.
+  !> Transform the coordinates and write the table NAME in a folder.
   subroutine write_spectrum(folder, name, coordinates, names, step, window, header, status)
     character(len=*), intent(in) :: folder, name
     !> Samples, shape (n, m), m names.
@@ -29,35 +27,22 @@ contains
     !> Lines for the top, separated by new-line characters.
     character(len=*), intent(in) :: header
     type(status_type), intent(out) :: status
-    type(text_writer) :: table
-    complex(wp), allocatable :: spectra(:, :)
-    character(len=:), allocatable :: row
+    type(table_type) :: table
+    complex(wp), allocatable :: spectrum(:)
     integer :: j, k, n
 
-    n = size(coordinates, 1)
-    allocate (spectra(0:n/2, size(names)))
-    row = 'omega'
-    do j = 1, size(names)
-      call amplitude_spectrum(coordinates(:, j), window, spectra(:, j))
-      row = row//','//trim(names(j))//'_amplitude,'//trim(names(j))//'_phase'
-    end do
     if (counting) call count_up(counted_columns, size(names))
-    call make_folder(folder)
-    call table%create(folder//'/'//name, status)
-    if (status%failed()) return
-    call table%add_comments(header)
-    call table%add_line('# window '//trim(window_names(window))//'; omega in rad per unit of ' &
-                        //'time, phases in rad at the first sample')
-    call table%add_line(row)
-    do k = 0, n/2
-      row = trim(exact(2.0_wp*pi/(n*step)*k))
-      do j = 1, size(names)
-        row = row//','//trim(exact(abs(spectra(k, j))))//',' &
-              //trim(exact(atan2(aimag(spectra(k, j)), real(spectra(k, j)))))
-      end do
-      call table%add_line(row)
+    n = size(coordinates, 1)
+    allocate (spectrum(0:n/2))
+    call table%note('window '//trim(window_names(window))//'; omega in rad per unit of time, ' &
+                    //'phases in rad at the first sample')
+    call table%hold_reals('omega', [(2.0_wp*pi/(n*step)*k, k=0, n/2)])
+    do j = 1, size(names)
+      call amplitude_spectrum(coordinates(:, j), window, spectrum)
+      call table%hold_reals(trim(names(j))//'_amplitude', modulus(spectrum))
+      call table%hold_reals(trim(names(j))//'_phase', argument(spectrum))
     end do
-    call table%finish(status)
+    call table%write(folder, name, header, status)
   end subroutine write_spectrum
 
 end module viscovib_spectrum_table

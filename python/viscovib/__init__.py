@@ -38,6 +38,7 @@ from viscovib.multiple_scales import MultipleScales
 from viscovib.past import Past
 from viscovib.pendulum import Pendulum
 from viscovib.periodic import backbone, forced_response, trace_response
+from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan
 from viscovib.plots import (
     plot_backbone,
@@ -50,6 +51,7 @@ from viscovib.plots import (
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
 from viscovib.response import plan_response
 from viscovib.response_result import Peak, Response
+from viscovib.results import Result
 from viscovib.scales_plots import plot_modulation, plot_scales_response
 from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
 from viscovib.scene import Scene
@@ -89,6 +91,7 @@ __all__ = [
     "Past",
     "Peak",
     "Pendulum",
+    "PeriodicMotions",
     "Plan",
     "PolynomialSystem",
     "PronyKernel",
@@ -96,6 +99,7 @@ __all__ = [
     "RangeWarning",
     "Resonance",
     "Response",
+    "Result",
     "RzhanitsynKernel",
     "ScalesMotion",
     "ScalesResponse",

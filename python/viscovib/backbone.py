@@ -1,10 +1,7 @@
 """Backbone curves: free periodic motions of systems without losses."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,13 +12,13 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.curves import MAX_SPECIAL, OUTCOMES, largest_panels
 from viscovib.errors import InputError
-from viscovib.files import whole_file
-from viscovib.motion_stability import stability_columns
+from viscovib.motion_stability import STABILITY_NOTE, stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
 from viscovib.response import _MAX_HARMONICS, _MAX_UNKNOWNS
 from viscovib.results import Number, Panel, Result, named, span
+from viscovib.tables import Table, listed, listed_units
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,35 +178,25 @@ class Backbone(PeriodicMotions, Result):
             attrs={"outcome": self.outcome, "linear_mode": self.mode, "plan": str(self.plan)},
         )
 
-    def to_csv(self, path: str | Path, *, coordinates: Sequence[str] | None = None) -> None:
-        """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1.
-
-        ``coordinates``: names of those wanted; all by default.
-        """
-        columns: dict[str, Any] = {"nu": self.nu}
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
+        folds = f"folds at {self.varies} ={listed(self.folds)}"
+        table = Table([f"backbone {self.outcome}; {folds}"], {"nu": self.nu})
+        if self.branch_points:
+            places = listed(point.parameter for point in self.branch_points)
+            table.notes.append(f"branch points at {self.varies} ={places}")
         if self.energy is not None:
-            columns["energy"] = self.energy
+            table.columns["energy"] = self.energy
+        note = "nu: circular frequency"
         if self.growing is not None:
-            columns |= stability_columns(self.growing, self.multipliers)
-        for d in wanted_places(coordinates, self.dof_names):
+            note += STABILITY_NOTE
+            table.columns |= stability_columns(self.growing, self.multipliers)
+        units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
+        table.notes.append(f"{note}; u = sum_k a_k cos(k nu t); {units}")
+        for d, name in names.items():
             for j, k in enumerate(self.harmonics):
-                columns[f"{self.dof_names[d]}_{k}"] = self.coefficients[:, d, j].imag
-        with whole_file(path) as file:
-            file.write(f"# viscovib {version('viscovib')}, backbone of mode {self.mode}\n")
-            file.write(self.plan.comments())
-            file.write(f"# {self.outcome}; folds at {self.varies} = {_listed(self.folds)}\n")
-            if self.branch_points:
-                points = _listed([point.parameter for point in self.branch_points])
-                file.write(f"# branch points at {self.varies} = {points}\n")
-            file.write("# nu: circular frequency; u = sum_k a_k cos(k nu t)\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            for row in zip(*columns.values(), strict=True):
-                writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
-
-
-def _listed(values: Sequence[float] | FloatArray) -> str:
-    return ", ".join(f"{x:.15g}" for x in values)
+                table.columns[f"{name}_{k}"] = self.coefficients[:, d, j].imag
+        return table
 
 
 def oscillator_backbone(

@@ -1,11 +1,8 @@
 """Branches of periodic solutions: continuation through folds, with stability."""
 
-import csv
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,18 +17,19 @@ from viscovib.curves import (
     BranchPoint,
     Crossing,
     Curve,
+    branch_notes,
     check_departure,
     located_crossings,
     range_of,
 )
 from viscovib.errors import ConvergenceWarning, InputError
-from viscovib.files import whole_file
 from viscovib.load import LoadLike
-from viscovib.motion_stability import Stability, codes_of, stability_columns
+from viscovib.motion_stability import STABILITY_NOTE, Stability, codes_of, stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
 from viscovib.response import _prepare
+from viscovib.tables import Table, listed_units
 from viscovib.varying import varied
 
 #: Numbers that all points together may hold.
@@ -188,31 +186,21 @@ class Branch(PeriodicMotions, Curve):
             attrs={"outcome": self.outcome, "folds": self.folds, "plan": str(self.plan)},
         )
 
-    def to_csv(self, path: str | Path, *, coordinates: Sequence[str] | None = None) -> None:
-        """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1.
-
-        ``coordinates``: names of those wanted; all by default.
-        """
-        columns: dict[str, Any] = {"nu": self.nu, "load_factor": self.load_factor}
-        columns[self.varies] = self.parameter
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
+        table = Table(branch_notes(self), {self.varies: self.parameter})
+        note = "nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)"
         if self.growing is not None:
-            columns |= stability_columns(self.growing, self.multipliers)
-        columns |= {"highest": self.highest, "truncation": self.truncation}
-        for d in wanted_places(coordinates, self.dof_names):
-            name = self.dof_names[d]
-            for j, k in enumerate(self.harmonics):
-                columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real
-                columns[f"{name}_{k}_im"] = self.coefficients[:, d, j].imag
-        with whole_file(path) as file:
-            file.write(f"# viscovib {version('viscovib')}, branch {self.outcome}\n")
-            file.write(self.plan.comments())
-            file.write(f"# folds at {self.varies} = {', '.join(f'{x:.15g}' for x in self.folds)}\n")
-            file.writelines(f"# {crossing}\n" for crossing in self.crossings)
-            file.write("# nu (rad/s); u = Im sum_k X_k exp(i k nu t)\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            for row in zip(*columns.values(), strict=True):
-                writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
+            note += STABILITY_NOTE
+            table.columns |= stability_columns(self.growing, self.multipliers)
+        units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
+        table.notes.append(
+            f"{note}; highest: order kept; truncation: estimated relative error of leaving out "
+            f"higher orders; {units}"
+        )
+        table.columns |= {"highest": self.highest, "truncation": self.truncation}
+        table.add_harmonics(names, map(str, self.harmonics), self.coefficients)
+        return table
 
 
 def trace_response(

@@ -104,7 +104,7 @@ def _run(options: argparse.Namespace) -> int:
         result.to_csv(options.out / f"{options.scene.stem}_{result.kind}_{i}.csv", i)
     wanting = "spectrum" in scene.groups and result.spectrum is None
     if result.spectrum is not None:
-        result.spectrum.to_csv(options.out / f"{options.scene.stem}_spectrum.csv")
+        result.spectrum_to_csv(options.out / f"{options.scene.stem}_spectrum.csv")
     _picture(options, result)
     if not options.quiet:
         print(f"{table}: " + result.value.summary().replace("\n", "\n  "))

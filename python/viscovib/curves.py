@@ -12,6 +12,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError, StabilityWarning
 from viscovib.response_result import Peak, band_of, lowest_order, peaks
 from viscovib.results import Number, Panel, Result, named, span
+from viscovib.tables import listed
 
 OUTCOMES: tuple[str, ...] = (
     "completed", "returned", "step limit", "stuck", "overflow", "unphysical", "closed",
@@ -184,6 +185,23 @@ class Curve(Result):
     ) -> tuple[float, float] | None:
         """Where the branch leads up to from its i-th point, if that is within bounds."""
         raise NotImplementedError
+
+
+def branch_notes(branch: Any) -> list[str]:
+    """Lines of a table: how the branch ended, where it turns back and where stability changes."""
+    at = branch.varies
+    return [
+        f"branch {branch.outcome}; folds at {at} ={listed(branch.folds)}",
+        *(
+            f"stability changes after point {crossing.before + 1}: {crossing.kind}"
+            + (
+                f" at {at} ={listed([crossing.parameter])}"
+                if crossing.parameter is not None
+                else ""
+            )
+            for crossing in branch.crossings
+        ),
+    ]
 
 
 def largest_order(coefficients: ComplexArray, harmonics: npt.NDArray[Any], d: int) -> int:

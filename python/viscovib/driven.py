@@ -1,10 +1,8 @@
 """Periodic and quasi-periodic motions of the pendulum under its loads, by harmonic balance."""
 
-import csv
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +12,12 @@ import xarray as xr
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError
-from viscovib.files import whole_file
 from viscovib.pendulum import Pendulum
-from viscovib.plan import Plan
+from viscovib.plan import Plan, wanted_places
 from viscovib.response import OUTCOMES
 from viscovib.results import Result, span
 from viscovib.stability import STILL, check_duration, warn_of_unknown
+from viscovib.tables import Table
 from viscovib.torus import (
     FREQUENCIES,
     IntArray,
@@ -201,42 +199,23 @@ class DrivenResponse(Result):
             attrs={"varies": self.varies or "", "plan": str(self.plan)},
         )
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write a table: one row a motion."""
-        columns: dict[str, Any] = {"parameter": self.parameter}
-        columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
-        columns |= {"outcome": self.outcome, "iterations": self.iterations}
-        columns |= {"highest": self.highest, "truncation": self.truncation}
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        varies = self.varies or self.axes[0]
+        table = Table(
+            [
+                f"{varies} varies; q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad); "
+                "nan where no solution was found"
+            ],
+            {varies: self.parameter},
+        )
+        table.columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
+        table.columns |= {"outcome": self.outcome, "iterations": self.iterations}
+        table.columns |= {"highest": self.highest, "truncation": self.truncation}
         if self.stable is not None:
-            columns["stable"] = self.stable.astype(int)
-        write_table(
-            path, columns, self.coefficients, self.orders, self.plan,
-            f"parameter: {self.varies or self.axes[0]}; nan where no solution was found",
-        )  # fmt: skip
-
-
-def write_table(
-    path: str | Path,
-    columns: dict[str, Any],
-    coefficients: ComplexArray,
-    orders: IntArray,
-    plan: Plan,
-    *comments: str,
-) -> None:
-    """Write columns, then real and imaginary part of each coefficient."""
-    for d, name in enumerate(_DOFS):
-        for j, order in enumerate(orders):
-            columns[f"{name}_{order_name(order)}_re"] = coefficients[:, d, j].real
-            columns[f"{name}_{order_name(order)}_im"] = coefficients[:, d, j].imag
-    with whole_file(path) as file:
-        file.write(f"# viscovib {version('viscovib')}\n{plan.comments()}")
-        for comment in comments:
-            file.write(f"# {comment}\n")
-        file.write("# q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)\n")
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        for row in zip(*columns.values(), strict=True):
-            writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
+            table.columns["stable"] = self.stable
+        names = {d: _DOFS[d] for d in wanted_places(coordinates, _DOFS)}
+        table.add_harmonics(names, map(order_name, self.orders), self.coefficients)
+        return table
 
 
 def pendulum_response(

@@ -1,8 +1,8 @@
 """Branches of driven motions of the pendulum: folds, branch points, stability."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,19 +17,21 @@ from viscovib.curves import (
     BranchPoint,
     Crossing,
     Curve,
+    branch_notes,
     check_departure,
     largest_panels,
     located_crossings,
     range_of,
 )
-from viscovib.driven import check_size, write_table
+from viscovib.driven import check_size
 from viscovib.errors import ConvergenceWarning, InputError
-from viscovib.motion_stability import stability_columns
+from viscovib.motion_stability import STABILITY_NOTE, stability_columns
 from viscovib.pendulum import Pendulum
 from viscovib.periodic_motions import PeriodicMotions
-from viscovib.plan import Plan
+from viscovib.plan import Plan, wanted_places
 from viscovib.results import Panel
 from viscovib.stability import STILL, check_duration, warn_of_unknown
+from viscovib.tables import Table, listed
 from viscovib.torus import (
     FREQUENCIES,
     IntArray,
@@ -42,6 +44,7 @@ from viscovib.torus import (
     kept_by_symmetry,
     make_torus,
     moved,
+    order_name,
     place_of,
     tail,
     unknowns_of,
@@ -201,21 +204,26 @@ class DrivenBranch(PeriodicMotions, Curve):
             },
         )
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write a table: one row a point; stable is 1, 0 or, where that is unknown, -1."""
-        columns: dict[str, Any] = {"parameter": self.parameter}
-        columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        notes = branch_notes(self)
+        places = listed(point.parameter for point in self.branch_points)
+        notes.insert(1, f"branch points at {self.varies} ={places}")
+        table = Table(notes, {self.varies: self.parameter})
+        table.columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
+        note = "q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)"
         if self.growing is not None:
-            columns |= stability_columns(self.growing, self.multipliers)
+            note += STABILITY_NOTE
+            table.columns |= stability_columns(self.growing, self.multipliers)
         elif self.stable is not None:
-            columns["stable"] = self.stable.astype(int)
-        folds = ", ".join(f"{x:.15g}" for x in self.folds)
-        points = ", ".join(f"{point.parameter:.15g}" for point in self.branch_points)
-        write_table(
-            path, columns, self.coefficients, self.orders, self.plan,
-            f"parameter: {self.varies}; branch {self.outcome}", f"folds at {folds}",
-            f"branch points at {points}", *(str(crossing) for crossing in self.crossings),
-        )  # fmt: skip
+            table.columns["stable"] = self.stable
+        highest = int(np.abs(self.orders).sum(axis=1).max())
+        table.notes.append(
+            f"{note}; orders to {highest} leave an estimated relative error of {self._worst:.16e} "
+            "at most"
+        )
+        names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
+        table.add_harmonics(names, map(order_name, self.orders), self.coefficients)
+        return table
 
 
 def _kept(

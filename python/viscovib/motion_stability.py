@@ -15,6 +15,13 @@ def codes_of(stable: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
     return np.array([-1 if s is None else int(s) for s in stable])
 
 
+#: What the columns about stability are.
+STABILITY_NOTE = (
+    "; stable: 1, not: 0, unknown: -1; growing: multipliers outside the unit circle, unknown: -1; "
+    "multiplier: size of the largest"
+)
+
+
 def stability_columns(
     growing: npt.NDArray[np.int32], multipliers: ComplexArray | None
 ) -> dict[str, Any]:

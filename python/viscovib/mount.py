@@ -69,7 +69,6 @@ class Mount:
     dof_units: ClassVar[tuple[str, ...]] = ("m", "rad")
     rate_units: ClassVar[tuple[str, ...]] = ("m/s", "rad/s")
     time_unit: ClassVar[str] = "s"
-    unit_note: ClassVar[str] = "units: t in s, x in m, phi in rad"
 
     def __post_init__(self) -> None:
         for name in (

@@ -72,7 +72,6 @@ class Pendulum:
     dof_units: ClassVar[tuple[str, ...]] = ("L", "rad", "rad")
     rate_units: ClassVar[tuple[str, ...]] = ("L omega_1", "rad omega_1", "rad omega_1")
     time_unit: ClassVar[str] = "1/omega_1"
-    unit_note: ClassVar[str] = "dimensionless: t in 1/omega_1, z in L, phi and psi in rad"
     #: The numbers as the core takes them.
     _flat: FloatArray = field(init=False, repr=False, compare=False)
 

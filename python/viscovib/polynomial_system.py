@@ -163,12 +163,6 @@ class PolynomialSystem:
         """Units of the velocities."""
         return tuple(f"{unit}/s" for unit in self.dof_units)
 
-    @property
-    def unit_note(self) -> str:
-        """Say in which units a motion is."""
-        pairs = zip(self.dof_names, self.dof_units, strict=True)
-        return f"units: t in s, {', '.join(f'{name} in {unit}' for name, unit in pairs)}"
-
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
 

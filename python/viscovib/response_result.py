@@ -1,11 +1,8 @@
 """Steady forced responses: amplitudes of every harmonic over a band of frequencies."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,11 +12,11 @@ import xarray as xr
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
-from viscovib.files import whole_file
 from viscovib.motion_stability import codes_of
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
 from viscovib.results import Number, Panel, Result, named, span
+from viscovib.tables import Table
 
 #: Multiplications up to which a peak is looked for between all frequencies.
 _MAX_SEARCH = 3e9
@@ -243,45 +240,33 @@ class Response(PeriodicMotions, Result):
             "exponents": (("nu", "multiplier"), self.exponents),
         }
 
-    def to_csv(self, path: str | Path, *, coordinates: Sequence[str] | None = None) -> None:
-        """Write the table that the standalone driver writes: one row a frequency.
-
-        ``coordinates``: names of those wanted; all by default.
-        """
-        wanted = wanted_places(coordinates, self.dof_names)
-        columns: dict[str, Any] = {
-            "nu": self.nu,
-            "outcome": self.outcome,
-            "iterations": self.iterations,
-            "rate": self.rate,
-            "highest": self.highest,
-            "truncation": self.truncation,
-        }
-        if self.stable is not None:
-            columns["stable"] = codes_of(self.stable)
-        for d in wanted:
-            name = self.dof_names[d]
-            for j, k in enumerate(self.harmonics):
-                columns[f"{name}_{k}_re"] = self.coefficients[:, d, j].real
-                columns[f"{name}_{k}_im"] = self.coefficients[:, d, j].imag
-        units = ", ".join(
-            f"{self.dof_names[d]}_k_re, {self.dof_names[d]}_k_im: X_k of {self.dof_names[d]} "
-            f"({self.dof_units[d]})"
-            for d in wanted
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
+        about = "".join(
+            f"{name}_k_re, {name}_k_im: X_k of {name} ({self.dof_units[d]}); "
+            for d, name in names.items()
         )
-        with whole_file(path) as file:
-            file.write(f"# viscovib {version('viscovib')}\n{self.plan.comments()}")
-            file.write("# nu: circular frequency of the load (rad/s); ")
-            file.write("rate: factor between the last corrections; highest: order kept; ")
-            file.write("truncation: estimated relative error of leaving out higher orders; ")
-            file.write("u = Im sum_k X_k exp(i k nu t),\n")
-            if self.stable is not None:
-                file.write("# stable: 1: stable, 0: not, -1: unknown\n")
-            file.write(f"# {units}; nan where no solution was found\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            for row in zip(*columns.values(), strict=True):
-                writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
+        table = Table(
+            [
+                "nu: circular frequency of the load (rad/s); rate: factor between the last "
+                "corrections; highest: order kept; truncation: estimated relative error of leaving "
+                "out higher orders; u = Im sum_k X_k exp(i k nu t),",
+                f"{about}nan where no solution was found",
+            ],
+            {
+                "nu": self.nu,
+                "outcome": self.outcome,
+                "iterations": self.iterations,
+                "rate": self.rate,
+                "highest": self.highest,
+                "truncation": self.truncation,
+            },
+        )
+        if self.stable is not None:
+            table.notes.append("stable: 1: stable, 0: not, -1: unknown")
+            table.columns["stable"] = codes_of(self.stable)
+        table.add_harmonics(names, map(str, self.harmonics), self.coefficients)
+        return table
 
 
 def lowest_order(harmonics: npt.NDArray[Any]) -> int:

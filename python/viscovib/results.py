@@ -3,7 +3,8 @@
 import dataclasses
 import html
 import io
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +16,7 @@ import xarray as xr
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.files import whole_file
+from viscovib.tables import Table
 
 
 class Number(NamedTuple):
@@ -82,6 +84,19 @@ class Result:
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset."""
         raise NotImplementedError
+
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        """Return its table, of the coordinates wanted or of all."""
+        raise InputError(f"to_csv: no table of {self.kind} is known, use to_dataset")
+
+    def to_csv(
+        self, path: str | os.PathLike[str], *, coordinates: Sequence[str] | None = None
+    ) -> None:
+        """Write the table that the standalone driver writes.
+
+        ``coordinates``: names of those wanted; all by default.
+        """
+        self._table(coordinates).write(path, str(getattr(self, "plan", "")))
 
     def to_netcdf(self, path: str | Path) -> None:
         """Write `to_dataset` into a netCDF file (version 3, by SciPy).

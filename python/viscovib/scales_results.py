@@ -1,11 +1,8 @@
 """Results of the method of multiple scales."""
 
-import csv
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,9 +12,9 @@ import xarray as xr
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
-from viscovib.files import whole_file
-from viscovib.plan import Plan
+from viscovib.plan import Plan, wanted_places
 from viscovib.results import Result, span
+from viscovib.tables import Table
 
 #: Growth below this part of the frequency counts as none.
 _NEUTRAL = 1e-9
@@ -358,26 +355,26 @@ class ScalesResponse(Result):
             attrs={"plan": str(self.plan)},
         )
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write a table: one row a point."""
-        columns: dict[str, Any] = {self.parameter: self.at, "stable": self.stable.astype(int)}
-        for d, name in enumerate(self.dof_names):
-            columns[f"{name}_re"] = self.harmonics[:, d].real
-            columns[f"{name}_im"] = self.harmonics[:, d].imag
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        table = Table(
+            [
+                "steady motions by multiple scales to third order",
+                "first harmonic of u = Re X exp(i p t) under the load f cos(p t); amplitudes of "
+                "the modes; largest growth; sizes of the three orders; estimated error of X, of "
+                "the coordinate where it is largest",
+            ],
+            {self.parameter: self.at, "stable": self.stable},
+        )
+        for d in wanted_places(coordinates, self.dof_names):
+            table.add_complex(self.dof_names[d], self.harmonics[:, d])
         for j in range(self.amplitudes.shape[1]):
-            columns[f"mode_{j + 1}"] = np.abs(self.amplitudes[:, j])
-        columns["growth"] = self.eigenvalues.real.max(axis=1)
+            own = self.amplitudes[:, j]
+            table.columns[f"mode_{j + 1}"] = np.hypot(own.real, own.imag)
+        table.columns["growth"] = self.eigenvalues.real.max(axis=1)
         for k in range(3):
-            columns[f"order_{k + 1}"] = self.order_sizes[:, k]
-        columns["error_estimate"] = self.error_estimate
-        with whole_file(path) as file:
-            file.write(f"# viscovib {version('viscovib')}, multiple scales\n")
-            file.write(self.plan.comments())
-            file.write(f"# first harmonic of u = Re X exp(i p t) along {self.parameter}\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            for row in zip(*columns.values(), strict=True):
-                writer.writerow([f"{v:.16e}" if isinstance(v, float) else v for v in row])
+            table.columns[f"order_{k + 1}"] = self.order_sizes[:, k]
+        table.columns["error_estimate"] = self.error_estimate
+        return table
 
     def nearest(self, value: float) -> npt.NDArray[np.intp]:
         """Points that belong to the value nearest to ``value``."""

@@ -16,6 +16,7 @@ from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.plan import Plan, wanted_places
 from viscovib.response import forced_response
 from viscovib.response_result import Response
+from viscovib.results import Result
 from viscovib.scales_results import ScalesResponse
 from viscovib.scene import Scene, read_text, texts
 from viscovib.spectrum import Spectrum, spectrum
@@ -50,18 +51,26 @@ class SceneResult:
         return plan(self.scene)
 
     def to_csv(self, path: str | os.PathLike[str], which: int = 0) -> None:
-        """Write the table, of the coordinates that the scene wants.
+        """Write the table, of the coordinates that the scene wants: that of the standalone driver.
 
         ``which``: 0 the result itself, 1, 2, ... those that leave it, as in ``switched``.
         """
         value = self.switched[which - 1] if which else self.value
         if isinstance(value, xr.Dataset):
             raise InputError("to_csv: is for single results, a sweep has points")
-        if isinstance(value, (ScalesResponse, DrivenBranch)):
-            value.to_csv(os.fspath(path))
-            return
-        group = self.scene.groups[self.kind]
-        value.to_csv(os.fspath(path), coordinates=texts(group["coordinates"]))
+        self._write(value, path)
+
+    def spectrum_to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the table of the spectrum."""
+        if self.spectrum is None:
+            raise InputError("spectrum_to_csv: this scene gave no spectrum")
+        self._write(self.spectrum, path)
+
+    def _write(self, value: Result, path: str | os.PathLike[str]) -> None:
+        wanted = self.scene.groups[value.kind].get("coordinates")
+        title = self.scene.groups.get("scene", {}).get("title", "")
+        table = value._table(None if wanted is None else texts(wanted))
+        table.write(path, str(self.plan), f", scene {self.scene.path}\n{title}".rstrip())
 
     @property
     def response(self) -> Response:

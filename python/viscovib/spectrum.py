@@ -1,12 +1,9 @@
 """Spectra of signals under windows, and names of the frequencies found."""
 
-import csv
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -15,10 +12,10 @@ import xarray as xr
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
-from viscovib.files import whole_file
-from viscovib.plan import Plan
+from viscovib.plan import Plan, wanted_places
 from viscovib.results import Result, span
 from viscovib.signals import read_signal
+from viscovib.tables import Table
 from viscovib.trajectory import Trajectory
 
 WINDOWS = ("rectangular", "hann", "blackman_harris", "flat_top")
@@ -87,19 +84,23 @@ class Spectrum(Result):
             },
         )
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write a table: one row a frequency, amplitude and phase of each signal."""
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
         columns = self.coefficients.reshape(self.omega.size, -1)
-        names = [f"{name}_{kind}" for name in self.names for kind in ("amplitude", "phase")]
-        with whole_file(path) as file:
-            file.write(f"# viscovib {version('viscovib')}\n{self.plan.comments()}")
-            file.write(f"# window {self.window}; omega in rad per unit of time, phases in rad at ")
-            file.write("the first sample\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["omega", *names])
-            for omega, row in zip(self.omega, columns, strict=True):
-                cells = [part for x in row for part in (abs(x), np.angle(x))]
-                writer.writerow([f"{value:.16e}" for value in (omega, *cells)])
+        table = Table(
+            [
+                f"window {self.window}; omega in rad per unit of time, phases in rad at the first "
+                "sample"
+            ],
+            {"omega": self.omega},
+        )
+        for j in wanted_places(coordinates, self.names):
+            name, own = self.names[j], columns[:, j]
+            # Not abs and np.angle, whose last bits are not those of the core.
+            table.columns[f"{name}_amplitude"] = np.hypot(own.real, own.imag)
+            table.columns[f"{name}_phase"] = np.array(
+                list(map(math.atan2, own.imag.tolist(), own.real.tolist()))
+            )
+        return table
 
 
 def spectrum(

@@ -162,9 +162,11 @@ def bound_of(torus: Torus, harmonics: object, largest: int) -> int:
 def complex_coefficients(x: FloatArray) -> ComplexArray:
     """X_k from unknowns, shape (n_unknowns, n) to (n, 3, n_orders); the mean as 1j mean."""
     parts = x.T.reshape(x.shape[1], 3, x.shape[0] // 3)
-    result = np.empty((*parts.shape[:2], (parts.shape[2] + 1) // 2), dtype=complex)
-    result[:, :, 0] = 1j * parts[:, :, 0]
-    result[:, :, 1:] = parts[:, :, 1::2] + 1j * parts[:, :, 2::2]
+    result = np.zeros((*parts.shape[:2], (parts.shape[2] + 1) // 2), dtype=complex)
+    # Part by part: a product with 1j has zeros with a sign.
+    result[:, :, 0].imag = parts[:, :, 0]
+    result[:, :, 1:].real = parts[:, :, 1::2]
+    result[:, :, 1:].imag = parts[:, :, 2::2]
     return result
 
 

@@ -1,12 +1,9 @@
 """A motion in time, however it was integrated."""
 
-import csv
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,12 +13,12 @@ from scipy.interpolate import CubicSpline
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
-from viscovib.files import whole_file
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan, wanted_places
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.results import Number, Panel, Result, named, span
+from viscovib.tables import Table, listed_units
 
 OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large")
 
@@ -189,22 +186,17 @@ class Trajectory(Result):
         coordinates = {"t": ("t", self.t * time, {"units": time_unit})}
         return xr.Dataset(variables, coords=coordinates, attrs=attributes)
 
-    def to_csv(self, path: str | Path, *, coordinates: Sequence[str] | None = None) -> None:
-        """Write the table that the standalone driver writes: one row a time.
-
-        ``coordinates``: names of those wanted; all by default.
-        """
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        table = Table([f"method {self.method}, step {self.dt:.16e}, {self.outcome}"], {"t": self.t})
         wanted = wanted_places(coordinates, self.dof_names)
-        names = [f"{self.dof_names[d]}{dot}" for d in wanted for dot in ("", "_dot")]
-        state = self.state[:, [2 * d + i for d in wanted for i in (0, 1)]]
-        with whole_file(path) as file:
-            file.write(f"# viscovib {version('viscovib')}\n{self.plan.comments()}")
-            file.write(f"# method {self.method}, step {self.dt:.17g}, {self.outcome}\n")
-            file.write(f"# {self.system.unit_note}\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["t", *names])
-            for t, row in zip(self.t, state, strict=True):
-                writer.writerow([f"{value:.16e}" for value in (t, *row)])
+        names = [self.dof_names[d] for d in wanted]
+        units = listed_units(names, [self.system.dof_units[d] for d in wanted])
+        what = "units" if self.system.time_unit == "s" else "dimensionless"
+        table.notes.append(f"{what}: t in {self.system.time_unit}, {units}")
+        for d in wanted:
+            table.columns[self.dof_names[d]] = self.state[:, 2 * d]
+            table.columns[f"{self.dof_names[d]}_dot"] = self.state[:, 2 * d + 1]
+        return table
 
 
 def given_plan(plan: Plan) -> Plan:

@@ -58,8 +58,8 @@ def test_branches_of_a_pendulum_agree(solve, tmp_path):
         path = tmp_path / f"pendulum_branch_{name}.csv"
         table = read_csv(path)
         text = path.read_text()
-        folds = [float(x) for x in re.search("# folds at(.*)", text)[1].split()]
-        points = [float(x) for x in re.search("# branch points at(.*)", text)[1].split()]
+        folds = [float(x) for x in re.search("; folds at p1 =(.*)", text)[1].split()]
+        points = [float(x) for x in re.search("# branch points at p1 =(.*)", text)[1].split()]
         assert folds == pytest.approx(branch.folds, rel=1e-9)
         assert points == pytest.approx([p.parameter for p in branch.branch_points], rel=1e-9)
         changes = re.findall(r"# stability changes after point (\d+): (.*) at p1 = (\S+)", text)
@@ -71,7 +71,7 @@ def test_branches_of_a_pendulum_agree(solve, tmp_path):
         if "debug" in os.environ.get("VISCOVIB_SOLVE", ""):
             continue
         assert folds == branch.folds.tolist()
-        assert (table["parameter"] == branch.parameter).all()
+        assert (table["p1"] == branch.parameter).all()
         assert [int(before) for before, _, _ in changes] == [1 + c.before for c in branch.crossings]
         assert [float(at) for _, _, at in changes] == where
         assert (table["growing"] == outside).all()
@@ -108,7 +108,7 @@ def test_quasi_periodic_branch_of_a_scene(solve, tmp_path):
     with pytest.warns(vv.ConvergenceWarning, match="4 orders leave an estimated"):
         branch = vv.run(scene).branch
     assert branch.axes == ("p1", "p2")
-    assert rows[0][:3] == ["parameter", "omega_1", "omega_2"]
+    assert rows[0][:3] == ["p1", "omega_1", "omega_2"]
     assert len(rows[0]) == 3 + 6 * len(branch.orders)
     column = rows[0].index("phi_1,-2_re")
     values = np.array([float(row[column]) for row in rows[1:]])

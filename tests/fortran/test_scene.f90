@@ -76,7 +76,7 @@ contains
                      //load//response, scene, status)
       call check_ok(status)
       call check(index(scene%canonical, 'file') == 0, 'what the file holds is written out')
-      call check(index(scene%canonical, '5.0000000000000003E-002') > 0, 'the second value')
+      call check(index(scene%canonical, '5.0000000000000003e-02') > 0, 'the second value')
       call read_kernel_table(scratch('kernel.txt'), times, values, status)
       call check_ok(status)
       call check(size(times) == 3 .and. size(values) == 3, 'three pairs')

@@ -36,9 +36,9 @@ contains
       call check(index(text, '# first'//nl//'# second'//nl//'# nu: ') == 1, 'header')
       call check(index(text, nl//'nu,outcome,iterations,rate,highest,truncation,x_1_re,' &
                        //'x_1_im,x_3_re,x_3_im,phi_1_re,') > 0, 'columns')
-      call check(index(text, nl//'1.0000000000000001E-001,converged,0,') > 0, 'digits')
-      call check(index(text, ',1.0000000000000000E+000,-2.9999999999999999E-001,') > 0, 'values')
-      call check(index(text, nl//'2.0000000000000000E+000,diverged,0,0.0000000000000000E+000,0' &
+      call check(index(text, nl//'1.0000000000000001e-01,converged,0,') > 0, 'digits')
+      call check(index(text, ',1.0000000000000000e+00,-2.9999999999999999e-01,') > 0, 'values')
+      call check(index(text, nl//'2.0000000000000000e+00,diverged,0,0.0000000000000000e+00,0' &
                        //repeat(',nan', 9)//nl) > 0, 'no solution is nan')
       call check(read_scratch('table/a/t.csv.part') == '(none)', 'nothing left beside it')
     end if

@@ -10,7 +10,8 @@ JUDGES = (
     "Mount", "Mount.natural_frequencies", "Mount.mode_shapes", "Mount.dynamic_stiffness",
     "PolynomialSystem", "PolynomialSystem.natural_frequencies", "PolynomialSystem.mode_shapes",
     "PolynomialSystem.dynamic_stiffness", "Springs", "Response", "Response.converged",
-    "Response.coefficient", "Response.amplitude", "Response.phase", "Response.waveform",
+    "PeriodicMotions.coefficient", "Response.amplitude", "PeriodicMotions.phase",
+    "PeriodicMotions.waveform",
     "fourier_coefficients",
 )  # fmt: skip
 

@@ -6,7 +6,11 @@ from referee.balance import Balance, load_rows
 from referee.case import Case, Claim, even, few
 from referee.models import chain, mount, rzhanitsyn, some_memory
 
-JUDGES = ("forced_response", "Response.corrections", "Monomial")
+JUDGES = (
+    "forced_response", "Response.corrections", "Monomial", "PeriodicMotions",
+    "PeriodicMotions.velocity", "PeriodicMotions.acceleration", "PeriodicMotions.rms",
+    "PeriodicMotions.peak_to_peak",
+)  # fmt: skip
 #: An estimate may be this much smaller than the error.
 ESTIMATE = 10.0
 
@@ -46,6 +50,24 @@ def difference(coefficients, orders, true):
     return float(np.abs(whole - true).max() / np.abs(true).max())
 
 
+def _of_the_waveform(names, nu):
+    """What follows from the harmonics: by samples of a period."""
+    orders, own = names["orders"], names["coefficients"][-1]
+    t = 2 * np.pi / nu * np.arange(4096) / 4096
+    waves = np.exp(1j * nu * np.outer(t, orders))
+    u, v, a = ((waves * (1j * orders * nu) ** m @ own).imag for m in range(3))
+    k = names["k"]
+    for name, values in (("velocity", v), ("acceleration", a)):
+        # X = (2 i/N) sum_j u_j exp(-i k nu t_j) of u = Im X exp(i k nu t).
+        true = 2j / t.size * (values @ np.exp(-1j * k * nu * t))
+        yield Claim(name, names[name], true, 1e-12 * max(abs(true), np.abs(values).max()))
+    yield Claim("rms", names["rms"], np.sqrt(np.mean(u**2)), 1e-12 * np.abs(u).max())
+    wide = u.max() - u.min()
+    # Between samples the turning point may stand higher.
+    room = np.abs(a).max() * (t[1] - t[0]) ** 2
+    yield Claim("peak to peak", names["extent"], wide, room + 1e-12 * wide, damage=1e-3)
+
+
 def case(rng, index):
     """Draw a system, a load and a method."""
     method = ("newton", "newton", "successive")[index % 3]
@@ -68,6 +90,9 @@ r = vv.forced_response(
 )
 coefficients, orders, outcome = r.coefficients[0], r.harmonics, r.outcome[0]
 truncation, corrections = r.truncation[0], r.corrections[0]
+k, dof = int(orders[orders > 0][0]), r.dof_names[-1]
+velocity, acceleration = r.velocity(dof, k)[0], r.acceleration(dof, k)[0]
+rms, extent = r.rms(dof)[0], r.peak_to_peak(dof)[0]
 """
 
     def judge(names, told):
@@ -76,6 +101,7 @@ truncation, corrections = r.truncation[0], r.corrections[0]
             yield Claim("what is not found is told", bool(told), True)
             return
         kept = names["orders"]
+        yield from _of_the_waveform(names, nu)
         same = refined(model, names["coefficients"], kept, nu, load, highest=int(kept.max()))
         true = refined(model, names["coefficients"], kept, nu, load)
         if true is None:

@@ -5,11 +5,11 @@ import numpy as np
 from referee.case import Case, Claim, few
 
 JUDGES = (
-    "Response.to_dataset", "Response.to_csv", "Branch.to_dataset", "Branch.to_csv", "Branch.label",
-    "DrivenResponse.to_dataset", "DrivenResponse.to_csv", "DrivenBranch.to_dataset",
-    "DrivenBranch.to_csv", "DrivenBranch.label", "Backbone.to_dataset", "Backbone.to_csv",
-    "Trajectory.to_dataset", "Trajectory.to_csv", "Trajectory.plan", "Trajectory.dof_names",
-    "Spectrum.to_dataset", "Spectrum.to_csv", "ScalesResponse.to_dataset", "ScalesResponse.to_csv",
+    "Result", "Result.to_csv", "Result.to_dataset", "Response.to_dataset", "Branch.to_dataset", "Branch.label",
+    "DrivenResponse.to_dataset", "DrivenBranch.to_dataset",
+    "DrivenBranch.label", "Backbone.to_dataset", 
+    "Trajectory.to_dataset", "Trajectory.plan", "Trajectory.dof_names",
+    "Spectrum.to_dataset", "ScalesResponse.to_dataset", 
     "ScalesResponse.nearest",
     "ScalesMotion.to_dataset",
 )  # fmt: skip
@@ -24,10 +24,10 @@ _KINDS = (
      {"nu": "r.nu", "x_1_re": "r.coefficients[:, 0, 0].real", "growing": "r.growing", "multiplier": "abs(r.multipliers[:, 0])"},
      {"nu": "r.nu", "coefficients": "r.coefficients", "growing": "r.growing"}),
     (_PENDULUM, "r = vv.forced_response(system, p2=np.linspace(0.3, 0.5, 4), harmonics=9)",
-     {"parameter": "r.parameter", "phi_1_re": "r.coefficient('phi', 1).real", "stable": "r.stable"},
+     {"p2": "r.parameter", "phi_1_re": "r.coefficient('phi', 1).real", "stable": "r.stable"},
      {"parameter": "r.parameter", "coefficients": "r.coefficients", "truncation": "r.truncation"}),
     (_PENDULUM, "r = vv.trace_response(system, p2=(0.3, 0.34), harmonics=9)",
-     {"parameter": "r.parameter", "growing": "r.growing", "z_2_im": "r.coefficients[:, 0, list(r.harmonics).index(2)].imag"},
+     {"p2": "r.parameter", "growing": "r.growing", "z_2_im": "r.coefficients[:, 0, list(r.harmonics).index(2)].imag"},
      {"parameter": "r.parameter", "coefficients": "r.coefficients", "growing": "r.growing"}),
     (_DUFFING, "r = vv.backbone(system, 0, (0.01, 0.01 + {p}))",
      {"nu": "r.nu", "x_1": "r.coefficients[:, 0, list(r.harmonics).index(1)].imag"},

@@ -1,7 +1,7 @@
 !> Numbers as text: strict reading, exact writing.
 module viscovib_number_text
-  use, intrinsic :: ieee_arithmetic, only: ieee_get_halting_mode, ieee_is_finite, &
-    ieee_overflow, ieee_set_halting_mode
+  use, intrinsic :: ieee_arithmetic, only: ieee_get_halting_mode, ieee_is_finite, ieee_is_nan, &
+    ieee_is_negative, ieee_overflow, ieee_set_halting_mode
   use viscovib_kinds, only: i8, wp
   implicit none
   private
@@ -137,12 +137,23 @@ contains
     if (point > 0) is_decimal = is_decimal .and. index(text(point + 1:), '.') == 0
   end function is_decimal
 
-  !> Text that reads back to the same number.
+  !> Text that reads back to the same number, as other languages write it too: 17 digits, an
+  !! exponent of two digits or, where it takes them, three; "nan", "inf".
   pure function exact(value)
     real(wp), intent(in) :: value
     character(len=width) :: exact
+    integer :: at
+
+    if (.not. ieee_is_finite(value)) then
+      exact = 'nan'
+      if (.not. ieee_is_nan(value)) exact = merge('inf ', '-inf', ieee_is_negative(value))
+      return
+    end if
     write (exact, '(es24.16e3)') value
     exact = adjustl(exact)
+    at = index(exact, 'E')
+    exact(at:at) = 'e'
+    if (exact(at + 2:at + 2) == '0') exact(at + 2:) = exact(at + 3:)
   end function exact
 
   !> Numbers in lines of four, each after a blank; made in one piece, since a

@@ -1,0 +1,225 @@
+!> A result as a table: notes, then comma separated columns with names.
+module viscovib_table
+  use viscovib_files, only: make_folder
+  use viscovib_kinds, only: wp
+  use viscovib_number_text, only: exact
+  use viscovib_status, only: show, status_type
+  use viscovib_text_file, only: text_writer
+  implicit none
+  private
+
+  public :: table_type, listed, listed_units
+
+  character(len=*), parameter :: nl = new_line('a')
+  !> Length of a cell that holds a number.
+  integer, parameter :: width = 24
+
+  !> A column sees its values, which outlive it, or holds them.
+  type :: column_type
+    real(wp), pointer :: reals(:) => null()
+    integer, pointer :: integers(:) => null()
+    real(wp), allocatable :: held(:)
+    integer, allocatable :: codes(:)
+    !> Words that the integers stand for; without, they are numbers.
+    character(len=:), allocatable :: words(:)
+  end type column_type
+
+  type :: table_type
+    private
+    character(len=:), allocatable :: notes, names
+    type(column_type), allocatable :: columns(:)
+    integer :: n = 0
+  contains
+    procedure :: note
+    !> Of values that outlive the table.
+    procedure :: add_reals
+    procedure :: add_complex
+    procedure :: add_integers
+    procedure :: add_words
+    !> Of values that do not.
+    procedure :: hold_reals
+    procedure :: hold_integers
+    procedure :: write => write_table
+    procedure, private :: grow
+  end type table_type
+
+contains
+
+  !> Add a line above the columns.
+  subroutine note(self, line)
+    class(table_type), intent(inout) :: self
+    character(len=*), intent(in) :: line
+    if (.not. allocated(self%notes)) self%notes = ''
+    self%notes = self%notes//line//nl
+  end subroutine note
+
+  subroutine add_reals(self, name, values)
+    class(table_type), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    real(wp), intent(in), target :: values(:)
+    call self%grow(name)
+    self%columns(self%n)%reals => values
+  end subroutine add_reals
+
+  subroutine hold_reals(self, name, values)
+    class(table_type), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    real(wp), intent(in) :: values(:)
+    call self%grow(name)
+    allocate (self%columns(self%n)%held, source=values)
+  end subroutine hold_reals
+
+  subroutine hold_integers(self, name, values)
+    class(table_type), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    integer, intent(in) :: values(:)
+    call self%grow(name)
+    allocate (self%columns(self%n)%codes, source=values)
+  end subroutine hold_integers
+
+  !> Two columns, NAME_re and NAME_im.
+  subroutine add_complex(self, name, values)
+    class(table_type), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    complex(wp), intent(in), target :: values(:)
+    call self%grow(name//'_re')
+    self%columns(self%n)%reals => values%re
+    call self%grow(name//'_im')
+    self%columns(self%n)%reals => values%im
+  end subroutine add_complex
+
+  subroutine add_integers(self, name, values)
+    class(table_type), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    integer, intent(in), target :: values(:)
+    call self%grow(name)
+    self%columns(self%n)%integers => values
+  end subroutine add_integers
+
+  !> Codes, written as the words they stand for.
+  subroutine add_words(self, name, codes, words)
+    class(table_type), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    integer, intent(in), target :: codes(:)
+    !> Those of 0, 1, ...
+    character(len=*), intent(in) :: words(0:)
+    call self%add_integers(name, codes)
+    allocate (self%columns(self%n)%words, source=words)
+  end subroutine add_words
+
+  subroutine grow(self, name)
+    class(table_type), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    type(column_type), allocatable :: wider(:)
+    character(len=:), allocatable :: quoted
+    integer :: i
+
+    if (.not. allocated(self%columns)) then
+      allocate (self%columns(16))
+      self%names = ''
+    else if (self%n == size(self%columns)) then
+      allocate (wider(2*self%n))
+      do i = 1, self%n
+        wider(i)%reals => self%columns(i)%reals
+        wider(i)%integers => self%columns(i)%integers
+        call move_alloc(self%columns(i)%held, wider(i)%held)
+        call move_alloc(self%columns(i)%codes, wider(i)%codes)
+        if (allocated(self%columns(i)%words)) then
+          call move_alloc(self%columns(i)%words, wider(i)%words)
+        end if
+      end do
+      call move_alloc(wider, self%columns)
+    end if
+    quoted = name
+    if (index(name, ',') > 0) quoted = '"'//name//'"'
+    if (self%n > 0) self%names = self%names//','
+    self%names = self%names//quoted
+    self%n = self%n + 1
+  end subroutine grow
+
+  !> Write the table NAME into a folder, which is made if need be; the table is there whole or
+  !! not at all.
+  subroutine write_table(self, folder, name, header, status)
+    class(table_type), intent(in) :: self
+    character(len=*), intent(in) :: folder, name
+    !> Lines above the notes, separated by new-line characters.
+    character(len=*), intent(in) :: header
+    type(status_type), intent(out) :: status
+    type(text_writer) :: file
+    character(len=:), allocatable :: row
+    integer :: i, j, n_rows, length, at
+
+    call make_folder(folder)
+    call file%create(folder//'/'//name, status)
+    if (status%failed()) return
+    call file%add_comments(header)
+    if (allocated(self%notes)) call file%add_comments(self%notes)
+    call file%add_line(self%names)
+    n_rows = 0
+    length = 0
+    do j = 1, self%n
+      associate (column => self%columns(j))
+        length = length + width + 1
+        if (allocated(column%words)) length = length + len(column%words)
+        if (associated(column%reals)) n_rows = size(column%reals)
+        if (associated(column%integers)) n_rows = size(column%integers)
+        if (allocated(column%held)) n_rows = size(column%held)
+        if (allocated(column%codes)) n_rows = size(column%codes)
+      end associate
+    end do
+    allocate (character(len=length) :: row)
+    do i = 1, n_rows
+      at = 0
+      do j = 1, self%n
+        if (j > 1) call append(',')
+        associate (column => self%columns(j))
+          if (associated(column%reals)) then
+            call append(trim(exact(column%reals(i))))
+          else if (allocated(column%held)) then
+            call append(trim(exact(column%held(i))))
+          else if (allocated(column%codes)) then
+            call append(show(column%codes(i)))
+          else if (allocated(column%words)) then
+            call append(trim(column%words(column%integers(i))))
+          else
+            call append(show(column%integers(i)))
+          end if
+        end associate
+      end do
+      call file%add_line(row(:at))
+    end do
+    call file%finish(status)
+
+  contains
+
+    subroutine append(cell)
+      character(len=*), intent(in) :: cell
+      row(at + 1:at + len(cell)) = cell
+      at = at + len(cell)
+    end subroutine append
+  end subroutine write_table
+
+  !> Numbers in a line, each after a space.
+  pure function listed(values)
+    real(wp), intent(in) :: values(:)
+    character(len=:), allocatable :: listed
+    integer :: i
+    listed = ''
+    do i = 1, size(values)
+      listed = listed//' '//trim(exact(values(i)))
+    end do
+  end function listed
+
+  !> "x in m, phi in rad".
+  pure function listed_units(names, units) result(text)
+    character(len=*), intent(in) :: names(:), units(:)
+    character(len=:), allocatable :: text
+    integer :: i
+    text = ''
+    do i = 1, size(names)
+      if (i > 1) text = text//', '
+      text = text//trim(names(i))//' in '//trim(units(i))
+    end do
+  end function listed_units
+
+end module viscovib_table

@@ -1,0 +1,69 @@
+"""The same table to the last byte, by the driver and by Python, of every sample scene."""
+
+import warnings
+
+import pytest
+import viscovib as vv
+from driver import SCENES
+
+POINTS = sorted(path.name for path in SCENES.glob("*.nml"))
+SWEPT = ("mount_map.nml",)
+#: Beside the samples: what they do not ask for.
+MORE = {
+    "judged": """&scene title='a response, its stability and its mean' /
+&system coordinates='x' 'y' mass=1 1 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1 /
+&force on='x' law='0.5*x^3 + 0.2*x^2' /
+&load on='x' amplitude=0.2 /
+&response nu=0.5 0.7 1.2 method='newton' stability='yes' coordinates='y' /
+""",
+    "vary": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2
+  damping=0.1 0 0 0.1 /
+&load amplitude=0.1 /
+&branch vary='stiffness_x' nu=2 from=8 to=12 coordinates='x' /
+""",
+    "diverged": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
+&load amplitude=2 /
+&response nu=1.9 2 2.1 harmonics=5 /
+""",
+    "two_tones": """&pendulum e=0.1 w2=0.4 w3=0.8 c1=0.05 c2=0.05 c3=0.05
+  f0=0.01 p1=0.9 m01=0.01 p2=0.31 /
+&branch parameter='p1' from=0.9 to=0.95 harmonics=3 max_points=10 /
+""",
+    "part": """&pendulum e=0.1 w2=0.4 w3=0.8 /
+&transient initial=0.05 0 0.3 0 -0.2 0 t_end=20 dt=0.25 coordinates='phi' /
+&spectrum coordinates='psi' window='flat_top' discard=5 /
+""",
+}
+
+
+def _compare(solve, scene, folder):
+    out = folder / "driver"
+    done = solve(scene, "--out", out, "--quiet")
+    assert done.returncode in (0, 1), done
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        warnings.simplefilter("ignore", vv.StabilityWarning)
+        result = vv.run(scene)
+    tables = {path.name: path.read_bytes() for path in out.glob("*.csv")}
+    mine = folder / "mine.csv"
+    stem = f"{scene.stem}_{result.kind}"
+    for i in range(len(result.switched) + 1):
+        result.to_csv(mine, i)
+        assert mine.read_bytes() == tables.pop(f"{stem}_{i}.csv" if i else f"{stem}.csv")
+    if result.spectrum is not None:
+        result.spectrum_to_csv(mine)
+        assert mine.read_bytes() == tables.pop(f"{scene.stem}_spectrum.csv")
+    assert not tables
+
+
+@pytest.mark.parametrize("name", [name for name in POINTS if name not in SWEPT])
+def test_sample(solve, tmp_path, name):
+    # Names of files in the table are those that both were given.
+    _compare(solve, SCENES / name, tmp_path)
+
+
+@pytest.mark.parametrize("name", MORE)
+def test_more(solve, tmp_path, name):
+    scene = tmp_path / f"{name}.nml"
+    scene.write_text(MORE[name])
+    _compare(solve, scene, tmp_path)
