@@ -146,8 +146,8 @@ contains
     call check_close(minval(divisors), 0.1_wp/1.9_wp, 1.0e-14_wp, 'p ~ 2 w')
   end subroutine count_of_resonances
 
-  !> s_j a_j + g_j + sum_k c_jk a_k conj(a_k) a_j = 0, j = 1, 2: a_j follows from x_k = a_k conj(a_k),
-  !! and x_j |s_j + sum_k c_jk x_k|^2 = |g_j|^2 has nine solutions.
+  !> s_j a_j + g_j + sum_k c_jk a_k conj(a_k) a_j = 0, j = 1, 2: a_j follows from
+  !! x_k = a_k conj(a_k), and x_j |s_j + sum_k c_jk x_k|^2 = |g_j|^2 has nine solutions.
   subroutine all_steady_motions()
     integer, parameter :: row(16) = [1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 4, 4]
     integer, parameter :: at(3, 16) = reshape([ &
