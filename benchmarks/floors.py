@@ -112,8 +112,8 @@ def of_branch(table: Table) -> None:
     points = plain().nu.size
     table.add(
         "stability with memory, a point",
-        "5 determinants of 20 complex equations for the count, 3 for each of 4 exponents",
-        17 * k["complex_lu_20"],
+        "5 determinants of 20 complex equations for the count, 5 for 2 pairs and for memory's each",
+        20 * k["complex_lu_20"],
         (least(branches.followed(remembering, 9, True), repeats=3) - least(plain, repeats=3))
         / points,
     )  # fmt: skip

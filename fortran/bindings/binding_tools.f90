@@ -150,7 +150,8 @@ contains
     options%keep_history = keep_history /= 0
   end function make_options
 
-  !> Into arrays that may have room for more; NaN there.
+  !> Into arrays that may have room for more; NaN there. Stable is 2 where exponents may lack
+  !! that decay more slowly than the first.
   subroutine fill_stability(stability, stable, multipliers, exponents)
     type(stability_type), intent(in) :: stability
     integer, intent(out) :: stable(:)
@@ -161,6 +162,7 @@ contains
     n = size(stability%stable)
     stable = -1
     stable(:n) = stability%stable
+    where (stability%stable == 1 .and. .not. stability%slowest) stable(:n) = 2
     multipliers = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     exponents = multipliers
     multipliers(:m, :n) = stability%multipliers

@@ -27,6 +27,8 @@ module viscovib_kernel
     procedure(value_interface), deferred :: value
     !> integral_0^inf R(t) dt; +infinity where it does not exist.
     procedure(integral_interface), deferred :: integral
+    !> Largest rate r >= 0 (1/s) such that R(s) is analytic right of -r.
+    procedure(fading_rate_interface), deferred :: fading_rate
     !> Quadrature for R times a polynomial over [0, tau], singularity and all.
     procedure(local_interface), deferred :: local_rules
     !> The same over [from, to], from > 0.
@@ -88,6 +90,11 @@ module viscovib_kernel
       import :: kernel_type, wp
       class(kernel_type), intent(in) :: self
     end function integral_interface
+
+    pure real(wp) function fading_rate_interface(self)
+      import :: kernel_type, wp
+      class(kernel_type), intent(in) :: self
+    end function fading_rate_interface
 
     !> integral_0^tau R(t) g(t) dt = sum_k weights(k) g(nodes(k)) to rounding for
     !! polynomials g up to degree 12, for each tau.

@@ -20,6 +20,7 @@ module viscovib_prony
     procedure :: laplace
     procedure :: value
     procedure :: integral
+    procedure :: fading_rate
     procedure :: local_rules
     procedure :: exponentials
   end type prony_kernel
@@ -118,6 +119,12 @@ contains
       integral = integral + self%weights(j)/self%rates(j)
     end do
   end function integral
+
+  !> The slowest of its rates.
+  pure real(wp) function fading_rate(self)
+    class(prony_kernel), intent(in) :: self
+    fading_rate = minval(self%rates, abs(self%weights) > 0.0_wp)
+  end function fading_rate
 
   !> A rule for each term, over the part of [0, tau] where the term has not vanished.
   subroutine local_rules(self, tau, nodes, weights)

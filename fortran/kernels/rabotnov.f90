@@ -34,6 +34,7 @@ module viscovib_rabotnov
     procedure :: laplace
     procedure :: value
     procedure :: integral
+    procedure :: fading_rate
     procedure :: local_rules
     procedure :: spectrum
     procedure :: ripple
@@ -223,6 +224,13 @@ contains
       integral = ieee_value(integral, ieee_positive_inf)
     end if
   end function integral
+
+  !> 0, for s = 0 begins a cut; of a single exponential its rate.
+  pure real(wp) function fading_rate(self)
+    class(rabotnov_kernel), intent(in) :: self
+    fading_rate = merge(self%beta, 0.0_wp, self%alpha >= 1.0_wp)
+    if (.not. abs(self%amplitude) > 0.0_wp) fading_rate = huge(1.0_wp)
+  end function fading_rate
 
   !> Gauss-Legendre panels that halve their length towards 0, and the first piece by
   !! the integral of R, A t^alpha E_{alpha,alpha+1}(-beta t^alpha).

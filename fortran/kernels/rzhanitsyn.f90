@@ -32,6 +32,7 @@ module viscovib_rzhanitsyn
     procedure :: laplace
     procedure :: value
     procedure :: integral
+    procedure :: fading_rate
     procedure :: local_rules
     procedure :: spectrum
     procedure :: ripple
@@ -107,6 +108,12 @@ contains
       integral = ieee_value(integral, ieee_positive_inf)
     end if
   end function integral
+
+  !> beta: s = -beta begins a cut.
+  pure real(wp) function fading_rate(self)
+    class(rzhanitsyn_kernel), intent(in) :: self
+    fading_rate = merge(self%beta, huge(1.0_wp), abs(self%amplitude) > 0.0_wp)
+  end function fading_rate
 
   !> Gauss quadrature with the weight t^(alpha-1) where the exponential is still a
   !! smooth factor, Gauss-Legendre panels beyond.

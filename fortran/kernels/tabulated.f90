@@ -40,6 +40,7 @@ module viscovib_tabulated
     procedure :: laplace
     procedure :: value
     procedure :: integral
+    procedure :: fading_rate
     procedure :: local_rules
     procedure :: lag_rule
     procedure :: exponentials
@@ -293,6 +294,13 @@ contains
       integral = real(self%laplace_at((0.0_wp, 0.0_wp)))
     end if
   end function integral
+
+  !> That of the last two points, whose exponential goes on; linear pieces end.
+  pure real(wp) function fading_rate(self)
+    class(tabulated_kernel), intent(in) :: self
+    fading_rate = huge(1.0_wp)
+    if (self%interpolation == interpolation_exponential) fading_rate = self%tail_rate()
+  end function fading_rate
 
   pure real(wp) function tail_rate(self)
     class(tabulated_kernel), intent(in) :: self

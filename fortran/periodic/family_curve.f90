@@ -141,6 +141,7 @@ contains
 
     n = size(p)
     allocate (stability%stable(n), stability%n_growing(n), source=-1)
+    allocate (stability%slowest(n), source=.false.)
     allocate (stability%exponents(judge%n_slots, n), stability%multipliers(judge%n_slots, n), &
               source=cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp))
     do i = 1, n
@@ -154,6 +155,7 @@ contains
                        stability%exponents(:, max(i - 1, 1)))
       stability%stable(i) = one%stable(1)
       stability%n_growing(i) = one%n_growing(1)
+      stability%slowest(i) = one%slowest(1)
       stability%exponents(:, i) = one%exponents(:, 1)
       stability%multipliers(:, i) = one%multipliers(:, 1)
     end do

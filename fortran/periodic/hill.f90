@@ -19,6 +19,9 @@ module viscovib_hill
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_hill_blocks, only: add_column, add_rows, add_toeplitz, copy_blocks, eliminate, &
+    scale_rows
+  use viscovib_hill_relaxing, only: relaxing_points
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   implicit none
@@ -30,6 +33,8 @@ module viscovib_hill
   integer, parameter :: max_unknowns = 240
   !> Degree of a force that stands for one that is no polynomial: how many samples.
   integer, parameter :: as_degree = 11
+  !> Exponents of memory itself are no faster, in nu.
+  real(wp), parameter :: widest = 100.0_wp
 
   type :: hill_type
     !> d: exponents matter modulo i d (rad/s).
@@ -45,12 +50,14 @@ module viscovib_hill
     integer :: highest = 0, stride = 1
     !> Whether `along` found a determinant of reasonable size.
     logical :: ready = .false.
-    real(wp), private :: nu = 0.0_wp
+    !> Where memory alone would relax (rad/s, < 0).
+    real(wp), allocatable :: relaxing(:)
+    real(wp) :: nu = 0.0_wp
     !> Trace of M^(-1) dF/du without memory, its mean along the solution.
-    real(wp), private :: trace = 0.0_wp
+    real(wp) :: trace = 0.0_wp
     type(harmonic_set_type), private :: set
     !> M^(-1), M^(-1) C and M^(-1) B.
-    real(wp), allocatable, private :: inverse(:, :), damping(:, :), spread(:, :)
+    real(wp), allocatable :: inverse(:, :), damping(:, :), spread(:, :)
     !> Kernel of each group of hereditary variables; 0: none.
     integer, allocatable, private :: kernel_of_group(:)
     !> Matrices below have their real parts first, imaginary parts second in the last index;
@@ -68,10 +75,8 @@ module viscovib_hill
     real(wp), allocatable, private :: by_v(:, :, :)
   contains
     procedure :: along
+    procedure :: count_from
     procedure :: determinant
-    procedure :: tail
-    procedure :: to_polynomial
-    procedure :: relaxation
   end type hill_type
 
 contains
@@ -123,7 +128,8 @@ contains
 
     self%nu = nu
     self%period = self%stride*nu
-    self%shift = 0.5_wp*self%period
+    call self%count_from(0.0_wp)
+    if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
     do b = 1, self%n_dof
       self%u(:, b) = matmul(x(:, b), self%set%synthesis)
     end do
@@ -145,6 +151,13 @@ contains
     self%highest = b
     call fill(self, system, p)
   end subroutine along
+
+  !> The poles at -a lie left of a line Re lambda = -delta along which exponents are counted.
+  subroutine count_from(self, delta)
+    class(hill_type), intent(inout) :: self
+    real(wp), intent(in) :: delta
+    self%shift = delta + 0.5_wp*self%period
+  end subroutine count_from
 
   !> v along the solution, in w.
   subroutine variables_along(self, system, nu, x)
@@ -289,21 +302,6 @@ contains
     c(p + 1) = c(p + 1) + constant
   end subroutine moments_of
 
-  !> Products with a periodic factor: entries c(i - l).
-  pure subroutine add_toeplitz(p, c, rows, re, im)
-    integer, intent(in) :: p, rows
-    complex(wp), intent(in) :: c(-p:p)
-    real(wp), intent(inout) :: re(rows, p), im(rows, p)
-    integer :: i, l
-
-    do l = 1, p
-      do i = 1, p
-        re(i, l) = re(i, l) + real(c(i - l))
-        im(i, l) = im(i, l) + aimag(c(i - l))
-      end do
-    end do
-  end subroutine add_toeplitz
-
   !> The determinant at lambda; not to be asked for on a cut of a kernel or at -a.
   subroutine determinant(self, system, lambda, value, about_half)
     class(hill_type), intent(in) :: self
@@ -365,56 +363,6 @@ contains
     call eliminate(p*self%n_dof, h(:, :, 1), h(:, :, 2), value)
   end subroutine of_orders
 
-  !> h + f part, f by the rows of each coordinate; of the part's orders the p highest.
-  pure subroutine add_rows(all, p, n, f, re, im, h)
-    integer, intent(in) :: all, p, n
-    complex(wp), intent(in) :: f(p)
-    real(wp), intent(in) :: re(all, n, all, n), im(all, n, all, n)
-    real(wp), intent(inout) :: h(p, n, p, n, 2)
-    integer :: a, b, i, l, o
-
-    o = all - p
-    do b = 1, n
-      do l = 1, p
-        do a = 1, n
-          do i = 1, p
-            h(i, a, l, b, 1) = h(i, a, l, b, 1) + (real(f(i))*re(i + o, a, l + o, b) &
-                                                   - aimag(f(i))*im(i + o, a, l + o, b))
-            h(i, a, l, b, 2) = h(i, a, l, b, 2) + (real(f(i))*im(i + o, a, l + o, b) &
-                                                   + aimag(f(i))*re(i + o, a, l + o, b))
-          end do
-        end do
-      end do
-    end do
-  end subroutine add_rows
-
-  !> Of a matrix with all orders the blocks of the p highest.
-  pure subroutine copy_blocks(all, p, n, from, h)
-    integer, intent(in) :: all, p, n
-    real(wp), intent(in) :: from(all, n, all, n, 2)
-    real(wp), intent(out) :: h(p, n, p, n, 2)
-    h = from(all - p + 1:, :, all - p + 1:, :, :)
-  end subroutine copy_blocks
-
-  !> h becomes f h, f by the rows of each coordinate.
-  pure subroutine scale_rows(p, n, f, h)
-    integer, intent(in) :: p, n
-    complex(wp), intent(in) :: f(p)
-    real(wp), intent(inout) :: h(p, n, p*n, 2)
-    real(wp) :: re
-    integer :: a, i, l
-
-    do l = 1, p*n
-      do a = 1, n
-        do i = 1, p
-          re = real(f(i))*h(i, a, l, 1) - aimag(f(i))*h(i, a, l, 2)
-          h(i, a, l, 2) = real(f(i))*h(i, a, l, 2) + aimag(f(i))*h(i, a, l, 1)
-          h(i, a, l, 1) = re
-        end do
-      end do
-    end do
-  end subroutine scale_rows
-
   !> The part that goes through hereditary variables: (b + B) f (w + W), b and w what varies.
   subroutine add_products(self, system, kept, h)
     class(hill_type), intent(in) :: self
@@ -470,156 +418,5 @@ contains
       end associate
     end do
   end subroutine add_products
-
-  !> A complex multiple of one column to another.
-  pure subroutine add_column(n, f, from_re, from_im, re, im)
-    integer, intent(in) :: n
-    complex(wp), intent(in) :: f
-    real(wp), intent(in) :: from_re(n), from_im(n)
-    real(wp), intent(inout) :: re(n), im(n)
-    re = re + (real(f)*from_re - aimag(f)*from_im)
-    im = im + (real(f)*from_im + aimag(f)*from_re)
-  end subroutine add_column
-
-  !> Determinant by elimination, rows exchanged for the largest pivot.
-  pure subroutine eliminate(n, re, im, value)
-    integer, intent(in) :: n
-    real(wp), intent(inout) :: re(n, n), im(n, n)
-    complex(wp), intent(out) :: value
-    complex(wp) :: pivot, factor
-    real(wp) :: largest, swap
-    integer :: i, j, k, p
-
-    value = (1.0_wp, 0.0_wp)
-    do k = 1, n
-      p = k
-      largest = abs(re(k, k)) + abs(im(k, k))
-      do i = k + 1, n
-        if (abs(re(i, k)) + abs(im(i, k)) > largest) then
-          largest = abs(re(i, k)) + abs(im(i, k))
-          p = i
-        end if
-      end do
-      pivot = cmplx(re(p, k), im(p, k), wp)
-      value = value*pivot
-      if (.not. largest > 0.0_wp) return
-      if (p /= k) then
-        value = -value
-        do j = k, n
-          swap = re(p, j)
-          re(p, j) = re(k, j)
-          re(k, j) = swap
-          swap = im(p, j)
-          im(p, j) = im(k, j)
-          im(k, j) = swap
-        end do
-      end if
-      pivot = 1.0_wp/pivot
-      do i = k + 1, n
-        swap = real(pivot)*re(i, k) - aimag(pivot)*im(i, k)
-        im(i, k) = real(pivot)*im(i, k) + aimag(pivot)*re(i, k)
-        re(i, k) = swap
-      end do
-      do j = k + 1, n
-        factor = -cmplx(re(k, j), im(k, j), wp)
-        call add_column(n - k, factor, re(k + 1:, k), im(k + 1:, k), re(k + 1:, j), im(k + 1:, j))
-      end do
-    end do
-  end subroutine eliminate
-
-  !> Phase at i omega of the orders left out of the determinant: of
-  !! 1 + (trace(M^(-1) C) - 2 a n)/s_k, summed over them by the midpoint rule.
-  pure real(wp) function tail(self, omega)
-    class(hill_type), intent(in) :: self
-    real(wp), intent(in) :: omega
-    real(wp) :: edge, excess
-    integer :: a
-
-    excess = -2.0_wp*self%shift*self%n_dof
-    do a = 1, self%n_dof
-      excess = excess + self%damping(a, a)
-    end do
-    edge = (self%highest + 0.5_wp*self%stride)*self%nu
-    tail = excess/self%period*log((edge + omega)/(edge - omega))
-  end function tail
-
-  !> Factor, without its constant, that makes D(i omega) the polynomial in z = exp(-2 pi lambda/d)
-  !! which exp(-2 pi n lambda/d) times the product of all orders is without memory: it takes the
-  !! divisors (s_k + a)^2n away and adds the orders left out, |k| > b, as
-  !!
-  !!   s_k^2n [1 + trace(M^(-1) C)/s_k + trace(M^(-1) K)/s_k^2],
-  !!
-  !! k and -k together, powers of 1/k summed by the midpoint rule and its first correction.
-  complex(wp) function to_polynomial(self, omega) result(factor)
-    class(hill_type), intent(in) :: self
-    real(wp), intent(in) :: omega
-    complex(wp) :: total
-    real(wp) :: edge, step, x, by_2, by_4, by_6, damping
-    integer :: a, k
-
-    total = (0.0_wp, 0.0_wp)
-    do k = -self%highest, self%highest, self%stride
-      total = total + log(cmplx(self%shift, omega + k*self%nu, wp) &
-                          /abs(cmplx(self%shift, k*self%nu, wp)))
-    end do
-    step = self%stride
-    edge = self%highest + 0.5_wp*step
-    x = omega/self%nu
-    by_2 = 1.0_wp/(step*edge) - step/(12.0_wp*edge**3)
-    by_4 = 1.0_wp/(3.0_wp*step*edge**3) - step/(6.0_wp*edge**5)
-    by_6 = 1.0_wp/(5.0_wp*step*edge**5)
-    total = total - (x**2*by_2 + x**4/2.0_wp*by_4 + x**6/3.0_wp*by_6)
-    damping = 0.0_wp
-    do a = 1, self%n_dof
-      damping = damping + self%damping(a, a)
-    end do
-    factor = exp(2.0_wp*self%n_dof*(total - cmplx(0.0_wp, pi*omega/self%period, wp)) &
-                 - 6.0_wp*self%trace*(x/self%nu)**2*by_4 &
-                 + cmplx(0.0_wp, 2.0_wp*damping*x/self%nu*(by_2 + x**2*by_4), wp))
-  end function to_polynomial
-
-  !> What memory leaves of the static stiffness at rest at s = i (omega - d/2 under half-wave
-  !! symmetry, else omega), det K(s)/det K without memory; 1 where that vanishes. Near s = 0
-  !! this is how slow memory enters D: with singularities where it fades, and zeros beside them.
-  complex(wp) function relaxation(self, system, omega) result(ratio)
-    class(hill_type), intent(in) :: self
-    class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: omega
-    real(wp) :: re(self%n_dof, self%n_dof), im(self%n_dof, self%n_dof)
-    complex(wp) :: kept(1), without
-    integer :: a, j, q
-
-    call eliminate_stiffness(.false., without)
-    ratio = (1.0_wp, 0.0_wp)
-    if (.not. abs(without) > 0.0_wp) return
-    call eliminate_stiffness(.true., ratio)
-    ratio = ratio/without
-
-  contains
-
-    subroutine eliminate_stiffness(remembers, value)
-      logical, intent(in) :: remembers
-      complex(wp), intent(out) :: value
-      complex(wp) :: s(1)
-
-      s(1) = cmplx(0.0_wp, merge(omega - 0.5_wp*self%period, omega, self%stride == 2), wp)
-      re = 0.0_wp
-      im = 0.0_wp
-      do j = 1, size(system%kernel_of)
-        kept = (1.0_wp, 0.0_wp)
-        q = system%kernel_of(j)
-        if (remembers .and. q > 0) then
-          call system%kernels(q)%kernel%laplace(s, kept)
-          kept = 1.0_wp - system%memory_scale*kept
-        end if
-        do a = 1, self%n_dof
-          re(a, :) = re(a, :) + real(kept(1))*self%spread(a, j)*system%gather(j, :)
-          im(a, :) = im(a, :) + aimag(kept(1))*self%spread(a, j)*system%gather(j, :)
-        end do
-      end do
-      call eliminate(self%n_dof, re, im, value)
-    end subroutine eliminate_stiffness
-
-  end function relaxation
 
 end module viscovib_hill

@@ -1,50 +1,60 @@
-!> Exponents of a periodic solution that grow, counted by the argument principle.
+!> Exponents of a periodic solution right of a line, as those that grow, counted by the argument
+!! principle.
 !!
-!! Hill's determinant D has no poles right of the imaginary axis, is periodic along
-!! it, real at 0 and at half the period i d, and does not wind at large Re lambda.
-!! Around the half strip |Im lambda| <= d/2, Re lambda >= 0, the sides along which it
+!! Hill's determinant D has no poles right of the line Re lambda = -delta, is periodic along
+!! it, real at -delta and half a period i d further, and does not wind at large Re lambda.
+!! Around the half strip |Im lambda| <= d/2, Re lambda >= -delta, the sides along which it
 !! is periodic cancel, and
 !!
-!!   number of zeros = -[arg D(i d/2) - arg D(0)]/pi.
+!!   number of zeros = -[arg D(i d/2 - delta) - arg D(-delta)]/pi.
 !!
 !! Zeros that are known are divided out, D/(1 - exp(2 pi (lambda_k - lambda)/d)), which has all
-!! of these properties: what is left turns slowly, also where zeros lie next to the axis. Those
-!! with positive real part count on their own; were one of them no zero, it would count as a
+!! of these properties: what is left turns slowly, also where zeros lie next to the line. Those
+!! right of it count on their own; were one of them no zero, it would count as a
 !! pole of what is left, so that the sum is right whatever is thought to be known.
 !!
 !! The logarithm of what is left must be seen to change little from node to node. Two zeros
-!! next to the axis between the same two nodes turn it by 2 pi there, of which the nodes see
+!! next to the line between the same two nodes turn it by 2 pi there, of which the nodes see
 !! nothing. The modulus tells, beside them: x and y being their places in the interval, 0 to 1,
 !! and w the width of the interval before, it changes there by the factor (1 + w/x)(1 + w/y),
 !! and alike behind with 1 - x and 1 - y; with w >= 1/2 one of both is 4 or more. So an interval
 !! counts when it and its neighbours are quiet, and none of them may be much narrower.
+!!
+!! Singularities of memory lie left of the line beside one of its ends, and hide zeros as near to
+!! them. Unless all exponents are known that the motion has without memory, and none of memory lies
+!! right of the line, the interval at that end is no wider than they are away.
 module viscovib_hill_count
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
+  use viscovib_hill_orders, only: fading_rate
   use viscovib_hill_path, only: hill_path_type, new_hill_path
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   implicit none
   private
 
-  public :: count_growing
+  public :: count_growing, count_right
 
   !> A quiet interval turns the argument by this at most, and changes the logarithm of the
   !! modulus by that: less than half of what two zeros unseen would do to a neighbour.
   real(wp), parameter :: largest_turn = 0.6_wp, largest_ratio = 0.6_wp
+  !> No interval is loud where all changes together are less.
+  real(wp), parameter :: quiet = 0.6_wp
   !> An interval may be so many times as wide as its neighbours.
   real(wp), parameter :: grading = 2.01_wp
   integer, parameter :: max_passes = 60
   !> A count must be this near to an integer.
   real(wp), parameter :: margin = 0.2_wp
-  !> Real parts that count as 0, in d.
-  real(wp), parameter :: on_axis = 1.0e-13_wp
+  !> An interval need be no narrower than this, in d, to see past memory.
+  real(wp), parameter :: narrowest = 1.0e-5_wp
+  !> Distances from a line that count as 0, in d.
+  real(wp), parameter, public :: on_axis = 1.0e-13_wp
 
 contains
 
   !> Exponents with positive real part in the strip |Im lambda| <= d/2; -1: unknown.
-  subroutine count_growing(hill, system, known, n_growing, evaluations, path)
+  subroutine count_growing(hill, system, known, n_growing, evaluations)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     !> Exponents found, both of conjugate pairs; NaN is passed over.
@@ -52,91 +62,159 @@ contains
     integer, intent(out) :: n_growing
     !> Determinants that it took.
     integer, intent(out) :: evaluations
-    !> Nodes where the determinant is known; more may be added.
-    type(hill_path_type), intent(inout), optional :: path
-    type(hill_path_type) :: own
+    type(hill_path_type) :: path
 
-    n_growing = -1
-    evaluations = 0
-    if (.not. hill%ready) return
-    if (present(path)) then
-      evaluations = -path%n
-      call count_along(hill, system, pack(known,.not. ieee_is_nan(real(known))), path, n_growing)
-      evaluations = evaluations + path%n
-    else
-      call new_hill_path(own, hill, system)
-      call count_along(hill, system, pack(known,.not. ieee_is_nan(real(known))), own, n_growing)
-      evaluations = own%n
-    end if
+    call new_hill_path(path, hill, system)
+    call count_right(hill, system, known, path, n_growing)
+    evaluations = path%n
   end subroutine count_growing
 
-  subroutine count_along(hill, system, known, path, n_growing)
+  !> Exponents right of the line of a path in the strip |Im lambda| <= d/2; -1: unknown.
+  subroutine count_right(hill, system, known, path, n_right)
+    type(hill_type), intent(in) :: hill
+    class(oscillator_type), intent(in) :: system
+    !> Exponents found, both of conjugate pairs; NaN is passed over.
+    complex(wp), intent(in) :: known(:)
+    !> Nodes where the determinant is known; more may be added.
+    type(hill_path_type), intent(inout) :: path
+    integer, intent(out) :: n_right
+
+    n_right = -1
+    if (.not. hill%ready) return
+    call count_along(hill, system, pack(known,.not. ieee_is_nan(real(known))), path, n_right)
+  end subroutine count_right
+
+  subroutine count_along(hill, system, known, path, n_right)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: known(:)
     type(hill_path_type), intent(inout) :: path
-    integer, intent(inout) :: n_growing
-    complex(wp), allocatable :: change(:), divided(:)
-    logical, allocatable :: marked(:)
-    real(wp) :: counted
-    integer :: i, pass
-    logical :: made
+    integer, intent(inout) :: n_right
+    type(hill_path_type) :: memory
+    complex(wp), allocatable :: divided(:)
+    complex(wp) :: none(0)
+    real(wp) :: turn, of_memory, away, width
+    integer :: i
+    logical :: made, relaxed, of_its_own(size(known))
 
-    ! On the axis to rounding: who could tell.
-    if (any(abs(real(known)) <= on_axis*hill%period)) return
-    call choose(hill, known, path, divided)
-    made = .false.
-    do pass = 1, max_passes
-      call changes(hill, divided, path, change, made)
+    ! On the line to rounding: who could tell.
+    if (any(abs(real(known) + path%shift) <= on_axis*hill%period)) return
+    call choose(hill, known, path, divided, relaxed)
+    away = max(fading_rate(system) - path%shift, narrowest*hill%period)
+    of_its_own = may_be_of_memory(hill, known)
+    width = huge(width)
+    if (count(.not. of_its_own) < 2*hill%n_dof) width = away
+    if (any(of_its_own .and. real(known) > -path%shift) .and. .not. relaxed) width = away
+    call follow(hill, system, divided, relaxed, width, path, turn, made)
+    if (.not. made) return
+    if (relaxed) then
+      call path%path_of_ratio(memory)
+      call follow(hill, system, none, .false., away, memory, of_memory, made)
       if (.not. made) return
-      call mark(path, change, marked)
-      made = .not. any(marked)
-      if (made) exit
+      turn = turn + of_memory
+    end if
+    if (.not. abs(turn/pi - nint(turn/pi)) <= margin) return
+    i = count(real(divided) > -path%shift) - nint(turn/pi)
+    if (i >= 0) n_right = i
+  end subroutine count_along
+
+  !> By how much the argument of what is left of D turns along the path, refined until that is
+  !! certain.
+  subroutine follow(hill, system, divided, relaxed, width, path, turn, made)
+    type(hill_type), intent(in) :: hill
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: divided(:)
+    logical, intent(in) :: relaxed
+    !> Of the interval beside memory at most.
+    real(wp), intent(in) :: width
+    type(hill_path_type), intent(inout) :: path
+    real(wp), intent(out) :: turn
+    logical, intent(out) :: made
+    complex(wp), allocatable :: change(:)
+    logical, allocatable :: marked(:)
+    integer :: pass
+
+    turn = 0.0_wp
+    do pass = 1, max_passes
+      call changes(hill, divided, relaxed, path, change, made)
+      if (.not. made) return
+      turn = sum(aimag(change))
+      call mark(path, change, merge(path%n - 1, 1, hill%stride == 2), width, marked)
+      if (.not. any(marked)) return
       call path%split(hill, system, marked, made)
       if (.not. made) return
     end do
-    if (.not. made) return
-    counted = -sum(aimag(change))/pi
-    if (.not. abs(counted - nint(counted)) <= margin) return
-    i = nint(counted) + count(real(divided) > 0.0_wp)
-    if (i >= 0) n_growing = i
-  end subroutine count_along
+    made = .false.
+  end subroutine follow
 
-  !> Which zeros to divide out. Beside exponents of memory the determinant is singular, at the
-  !! rate at which memory fades; what both do to it nearly cancels. They are left in where less
-  !! is changed then from node to node.
-  pure subroutine choose(hill, known, path, divided)
+  !> Which zeros to divide out, and whether also what memory leaves of the static stiffness. Beside
+  !! exponents of memory the determinant is singular, at the rate at which memory fades; what both
+  !! do to it nearly cancels, and is nearly what they do to that stiffness. What changes least from
+  !! node to node is taken.
+  pure subroutine choose(hill, known, path, divided, relaxed)
     type(hill_type), intent(in) :: hill
     complex(wp), intent(in) :: known(:)
     type(hill_path_type), intent(in) :: path
     complex(wp), allocatable, intent(out) :: divided(:)
-    complex(wp), allocatable :: change(:)
-    complex(wp) :: place
-    logical :: kept(size(known)), made
-    real(wp) :: least
-    integer :: k
+    logical, intent(out) :: relaxed
+    logical :: kept(size(known)), also(size(known)), beyond
+    real(wp) :: least, with_memory
 
-    place = cmplx(0.0_wp, merge(0.5_wp*hill%period, 0.0_wp, hill%stride == 2), wp)
+    relaxed = .false.
+    call leave_in(hill, known, path, .false., kept, least)
+    ! Of memory right of the line, which would ask for narrow intervals.
+    beyond = any(may_be_of_memory(hill, known) .and. real(known) > -path%shift)
+    if (least > quiet .or. beyond) then
+      call leave_in(hill, known, path, .true., also, with_memory)
+      relaxed = with_memory < least .or. (beyond .and. with_memory <= quiet)
+      if (relaxed) kept = also
+    end if
+    divided = pack(known, kept)
+  end subroutine choose
+
+  !> Of exponents that may be of memory those that are left in, and the sum of all changes then.
+  pure subroutine leave_in(hill, known, path, relaxed, kept, least)
+    type(hill_type), intent(in) :: hill
+    complex(wp), intent(in) :: known(:)
+    type(hill_path_type), intent(in) :: path
+    logical, intent(in) :: relaxed
+    logical, intent(out) :: kept(:)
+    real(wp), intent(out) :: least
+    complex(wp), allocatable :: change(:)
+    integer :: k
+    logical :: made, left(size(known))
+
+    left = may_be_of_memory(hill, known)
     kept = .true.
-    divided = known
-    call changes(hill, known, path, change, made)
+    least = huge(least)
+    call changes(hill, known, relaxed, path, change, made)
     if (.not. made) return
     least = sum(abs(change))
     do k = 1, size(known)
-      if (real(known(k)) > 0.0_wp .or. abs(aimag(known(k) - place)) > 0.0_wp) cycle
+      if (.not. left(k)) cycle
       kept(k) = .false.
-      call changes(hill, pack(known, kept), path, change, made)
+      call changes(hill, pack(known, kept), relaxed, path, change, made)
       if (made) kept(k) = sum(abs(change)) >= least
       if (.not. made) kept(k) = .true.
       if (.not. kept(k)) least = sum(abs(change))
     end do
-    divided = pack(known, kept)
-  end subroutine choose
+  end subroutine leave_in
+
+  !> Exponents of memory decay and are real, or at i d/2 where orders are odd; others may be there.
+  elemental logical function may_be_of_memory(hill, exponent)
+    type(hill_type), intent(in) :: hill
+    complex(wp), intent(in) :: exponent
+    may_be_of_memory = real(exponent) <= 0.0_wp .and. &
+                       .not. abs(aimag(exponent) - merge(0.5_wp*hill%period, 0.0_wp, &
+                                                         hill%stride == 2)) > 0.0_wp
+  end function may_be_of_memory
 
   !> By how much the logarithm of what is left of D changes from node to node.
-  pure subroutine changes(hill, known, path, change, made)
+  pure subroutine changes(hill, known, relaxed, path, change, made)
     type(hill_type), intent(in) :: hill
     complex(wp), intent(in) :: known(:)
+    !> Divided by what memory leaves of the static stiffness.
+    logical, intent(in) :: relaxed
     type(hill_path_type), intent(in) :: path
     complex(wp), allocatable, intent(out) :: change(:)
     !> Not where D is 0 or no number.
@@ -148,6 +226,7 @@ contains
     multipliers = exp(2.0_wp*pi/hill%period*known)
     do i = 1, path%n
       left(i) = path%value(i)
+      if (relaxed .and. abs(path%ratio(i)) > 0.0_wp) left(i) = left(i)/path%ratio(i)
       z = exp(-2.0_wp*pi/hill%period*path%lambda(i))
       do k = 1, size(known)
         left(i) = left(i)/(1.0_wp - multipliers(k)*z)
@@ -160,9 +239,12 @@ contains
 
   !> Intervals to be split: those that are not quiet, their neighbours unless these are
   !! narrower, and those that are too wide beside a neighbour.
-  pure subroutine mark(path, change, marked)
+  pure subroutine mark(path, change, last, widest, marked)
     type(hill_path_type), intent(in) :: path
     complex(wp), intent(in) :: change(:)
+    !> The interval beside memory, and how wide it may be.
+    integer, intent(in) :: last
+    real(wp), intent(in) :: widest
     logical, allocatable, intent(out) :: marked(:)
     logical :: loud(size(change))
     real(wp) :: width(size(change))
@@ -170,9 +252,10 @@ contains
 
     n = size(change)
     loud = abs(aimag(change)) > largest_turn .or. abs(real(change)) > largest_ratio
-    allocate (marked(n), source=loud)
-    if (n == 1) return
     width = abs(path%lambda(2:n + 1) - path%lambda(:n))
+    allocate (marked(n), source=loud)
+    marked(last) = loud(last) .or. width(last) > widest
+    if (n == 1) return
     marked(2:) = marked(2:) .or. beside(width(2:), width(:n - 1), loud(:n - 1))
     marked(:n - 1) = marked(:n - 1) .or. beside(width(:n - 1), width(2:), loud(2:))
   end subroutine mark

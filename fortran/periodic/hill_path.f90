@@ -1,16 +1,18 @@
-!> Hill's determinant along the imaginary axis, and what it says of the exponents.
+!> Hill's determinant along a line Re lambda = -delta, and what it says of the exponents.
 !!
-!! Nodes lie on the axis from 0 to i d/2; where a kernel has no integral, a quarter of a small
+!! Nodes lie on the line from its start to i d/2; delta is 0, or left of exponents that are to be
+!! counted too, but right of all singularities. Where a kernel has no integral, a quarter of a small
 !! circle goes round its branch point. At first they are evenly spaced. Without memory
 !! D(lambda) times a known factor is a polynomial of degree 2n in z = exp(-2 pi lambda/d) with
 !! real coefficients, and what is remembered over m periods adds to its coefficient m. Most of
 !! that is what memory leaves of the static stiffness, which is divided out. 2n + 4 values
-!! around the unit circle, of which half mirror the others, give the polynomial, and its zeros
+!! around a circle, of which half mirror the others, give the polynomial, and its zeros
 !! are near those of D.
 module viscovib_hill_path
   use viscovib_constants, only: pi
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_hill, only: hill_type
+  use viscovib_hill_orders, only: relaxation, tail, to_polynomial
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   implicit none
@@ -25,28 +27,38 @@ module viscovib_hill_path
   integer, parameter :: n_arc = 8
 
   type :: hill_path_type
+    !> delta (rad/s).
+    real(wp) :: shift = 0.0_wp
     integer :: n = 0
-    !> Nodes in order, and D there with the phase of the orders left out.
+    !> Nodes in order, and D there with the factor of the orders left out.
     complex(wp), allocatable :: lambda(:), value(:)
+    !> What memory leaves of the static stiffness there.
+    complex(wp), allocatable :: ratio(:)
+    !> Not D but that ratio is meant by `value`.
+    logical, private :: of_ratio = .false.
     !> The polynomial at the evenly spaced ones.
     complex(wp), allocatable, private :: even(:)
   contains
+    procedure :: path_of_ratio
     procedure :: split
     procedure :: approximations
   end type hill_path_type
 
 contains
 
-  subroutine new_hill_path(path, hill, system)
+  subroutine new_hill_path(path, hill, system, shift)
     type(hill_path_type), intent(out) :: path
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
-    complex(wp) :: centre
-    real(wp) :: low, high, angle, omega, phase
+    !> delta, less than the rate at which memory fades; 0 unless given.
+    real(wp), intent(in), optional :: shift
+    complex(wp) :: centre, lambda
+    real(wp) :: low, high, angle
     integer :: i, pieces
     logical :: singular
 
-    allocate (path%lambda(usual_nodes), path%value(usual_nodes))
+    if (present(shift)) path%shift = shift
+    allocate (path%lambda(usual_nodes), path%value(usual_nodes), path%ratio(usual_nodes))
     if (.not. hill%ready) return
     low = 0.0_wp
     high = 0.5_wp*hill%period
@@ -57,11 +69,10 @@ contains
     pieces = hill%n_dof + 2
     allocate (path%even(0:pieces))
     do i = 0, pieces
-      omega = low + (high - low)*i/pieces
-      call append(cmplx(0.0_wp, omega, wp))
-      phase = hill%tail(omega)
-      path%even(i) = path%value(path%n)*cmplx(cos(phase), -sin(phase), wp) &
-                     *(hill%to_polynomial(omega)/hill%relaxation(system, omega))
+      lambda = cmplx(-path%shift, low + (high - low)*i/pieces, wp)
+      call append(lambda)
+      path%even(i) = path%value(path%n)/tail(hill, lambda) &
+                     *(to_polynomial(hill, lambda)/path%ratio(path%n))
     end do
     if (.not. singular .or. hill%stride == 1) return
     centre = cmplx(0.0_wp, 0.5_wp*hill%period, wp)
@@ -80,25 +91,40 @@ contains
       end do
     end subroutine arc
 
-    subroutine append(lambda)
-      complex(wp), intent(in) :: lambda
+    subroutine append(node)
+      complex(wp), intent(in) :: node
       path%n = path%n + 1
-      path%lambda(path%n) = lambda
-      call evaluate(hill, system, lambda, path%value(path%n))
+      path%lambda(path%n) = node
+      call evaluate(path, hill, system, node, path%value(path%n), path%ratio(path%n))
     end subroutine append
 
   end subroutine new_hill_path
 
-  subroutine evaluate(hill, system, lambda, value)
+  subroutine evaluate(path, hill, system, lambda, value, ratio)
+    class(hill_path_type), intent(in) :: path
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: lambda
-    complex(wp), intent(out) :: value
-    real(wp) :: phase
+    complex(wp), intent(out) :: value, ratio
+
+    ratio = relaxation(hill, system, lambda)
+    value = ratio
+    if (path%of_ratio) return
     call hill%determinant(system, lambda, value)
-    phase = hill%tail(aimag(lambda))
-    value = value*cmplx(cos(phase), sin(phase), wp)
+    value = value*tail(hill, lambda)
   end subroutine evaluate
+
+  !> The same nodes with what memory leaves of the static stiffness instead of D.
+  subroutine path_of_ratio(self, path)
+    class(hill_path_type), intent(in) :: self
+    type(hill_path_type), intent(out) :: path
+
+    path%shift = self%shift
+    path%n = self%n
+    allocate (path%lambda, source=self%lambda)
+    allocate (path%value, path%ratio, source=self%ratio)
+    path%of_ratio = .true.
+  end subroutine path_of_ratio
 
   !> Nodes amid the intervals that are marked.
   subroutine split(self, hill, system, marked, made)
@@ -109,30 +135,33 @@ contains
     logical, intent(in) :: marked(:)
     !> Not where there would be too many, or where numbers do not lie closer.
     logical, intent(out) :: made
-    complex(wp), allocatable :: lambda(:), value(:)
+    complex(wp), allocatable :: lambda(:), value(:), ratio(:)
     complex(wp) :: middle
     integer :: i, k, n
 
     n = self%n + count(marked)
     made = n <= max_nodes
     if (.not. made) return
-    allocate (lambda(max(n, size(self%lambda))), value(max(n, size(self%lambda))))
+    allocate (lambda(max(n, size(self%lambda))), value(max(n, size(self%lambda))), &
+              ratio(max(n, size(self%lambda))))
     k = 0
     do i = 1, self%n
       k = k + 1
       lambda(k) = self%lambda(i)
       value(k) = self%value(i)
+      ratio(k) = self%ratio(i)
       if (i == self%n) exit
       if (.not. marked(i)) cycle
       middle = 0.5_wp*(self%lambda(i) + self%lambda(i + 1))
       made = made .and. abs(middle - self%lambda(i)) > epsilon(1.0_wp)*hill%period
       k = k + 1
       lambda(k) = middle
-      call evaluate(hill, system, middle, value(k))
+      call evaluate(self, hill, system, middle, value(k), ratio(k))
     end do
     self%n = n
     call move_alloc(lambda, self%lambda)
     call move_alloc(value, self%value)
+    call move_alloc(ratio, self%ratio)
   end subroutine split
 
   !> Zeros of the polynomial, both of conjugate pairs: exponents without memory but for the
@@ -158,7 +187,7 @@ contains
       end do
     end do
     if (.not. abs(c(0)) > 1.0e-10_wp*maxval(abs(c))) return
-    ! Of 1/z, the multipliers.
+    ! Of 1/z, the multipliers, times the radius of the circle.
     companion = 0.0_wp
     companion(1, :) = -c(1:)/c(0)
     do j = 2, size(c) - 1
@@ -168,7 +197,7 @@ contains
     if (.not. found) return
     multipliers = pack(multipliers, abs(multipliers) > tiny(1.0_wp), &
                        [(cmplx(tiny(1.0_wp), 0.0_wp, wp), j=1, size(multipliers))])
-    exponents = hill%period/(2.0_wp*pi)*log(multipliers)
+    exponents = hill%period/(2.0_wp*pi)*log(multipliers) - self%shift
   end subroutine approximations
 
 end module viscovib_hill_path

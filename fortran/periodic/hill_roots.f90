@@ -15,23 +15,26 @@ module viscovib_hill_roots
   implicit none
   private
 
-  public :: find_exponents, follow_exponent, search_grid
+  public :: complete, find_exponents, follow_exponent
 
   integer, parameter :: max_iterations = 30
   !> In units of d: the range of Re lambda, longest step, last step wanted and least, distance
   !! that tells two exponents apart, distance from a line of symmetry that counts as
   !! on it.
-  real(wp), parameter :: leftmost = -1.5_wp, rightmost = 4.0_wp, longest = 0.2_wp
+  real(wp), parameter, public :: leftmost = -1.5_wp
+  real(wp), parameter :: rightmost = 4.0_wp, longest = 0.2_wp
   real(wp), parameter :: last_step = 1.0e-8_wp, smallest_step = 1.0e-13_wp
   real(wp), parameter :: apart = 1.0e-9_wp, on_line = 1.0e-7_wp
+  !> Zeros so near to each other slow the secant method down unless one is divided out.
+  real(wp), parameter :: twin = 1.0e-4_wp
   !> How far left approximations are bad, how near an approximation is that of an exponent.
   real(wp), parameter :: far = -0.25_wp, taken = 0.1_wp
-  !> How much of the stiffness remembers: starts for exponents of memory.
-  real(wp), parameter :: parts(2) = [1.0_wp, 0.3_wp]
   !> The grid of starts: real parts in units of d, and imaginary ones over [0, 1/2].
   real(wp), parameter :: grid_re(5) = [-0.02_wp, 0.05_wp, -0.15_wp, -0.4_wp, &
                                       1.0e-4_wp]
   integer, parameter :: grid_im = 4
+  !> Imaginary parts, in d, from where exponents of memory are.
+  real(wp), parameter :: grid_beside(4) = [0.02_wp, 0.06_wp, 0.005_wp, 0.2_wp]
 
 contains
 
@@ -65,140 +68,118 @@ contains
       call try(hill, system, starts(i), exponents, n)
     end do
     if (n_known(near) == 0) call try_relaxing(hill, system, exponents, n)
-    if (n < 2*hill%n_dof) then
-      ! Some starts have led to the same: whatever else is near these.
-      call path%approximations(hill, starts)
-      call leave_out(hill, exponents(:n), starts)
-      do i = 1, size(starts)
-        if (aimag(starts(i)) >= 0.0_wp .and. n < 2*hill%n_dof) then
-          call try(hill, system, starts(i), exponents, n, beside=.true.)
-        end if
-      end do
-    end if
+    ! Some starts may have led to the same: whatever else is near these.
+    call path%approximations(hill, starts)
+    call leave_out(hill, exponents(:n), starts)
+    do i = 1, size(starts)
+      if (n >= size(exponents) - 1) exit
+      if (aimag(starts(i)) < 0.0_wp) cycle
+      if (n >= 2*hill%n_dof .and. real(starts(i)) < far*hill%period) cycle
+      call try(hill, system, starts(i), exponents, n, beside=.true.)
+    end do
     call sort(exponents(:n))
   end subroutine find_exponents
 
-  !> Of approximations those that are left when each exponent found has taken the nearest.
+  !> Of approximations those that are left when each exponent found has taken one, nearest pairs
+  !! first. Exponents nearer to where memory alone relaxes are its own and take none.
   pure subroutine leave_out(hill, found, starts)
     type(hill_type), intent(in) :: hill
     complex(wp), intent(in) :: found(:)
     complex(wp), allocatable, intent(inout) :: starts(:)
-    logical :: free(size(starts))
-    real(wp) :: distance(size(starts))
-    integer :: i, k
+    complex(wp) :: own(size(hill%relaxing))
+    real(wp) :: distance(size(starts), size(found))
+    logical :: free(size(starts)), takes(size(found))
+    integer :: nearest(2), k
 
     free = real(starts) > leftmost*hill%period
-    do i = 1, size(found)
-      if (.not. any(free)) exit
-      distance = abs(into_strip(starts - found(i), hill%period))
-      k = minloc(distance, 1, free)
-      if (distance(k) < taken*hill%period) free(k) = .false.
+    own = relaxing_alone(hill)
+    do k = 1, size(found)
+      distance(:, k) = abs(into_strip(starts - found(k), hill%period))
+      takes(k) = .not. any(abs(into_strip(own - found(k), hill%period)) &
+                           < minval(distance(:, k), free))
+    end do
+    do k = 1, size(found)
+      nearest = minloc(distance, spread(free, 2, size(found)) .and. spread(takes, 1, size(starts)))
+      if (any(nearest == 0)) exit
+      if (distance(nearest(1), nearest(2)) > taken*hill%period) exit
+      free(nearest(1)) = .false.
+      takes(nearest(2)) = .false.
     end do
     starts = pack(starts, free)
   end subroutine leave_out
 
-  !> Exponents of memory itself: next to a rate at which it fades, -r, where what a kernel R
-  !! leaves of a spring, 1 - R(s), vanishes, or somewhat left of it if other springs remember
-  !! less. They are real, or at i d/2 where orders are odd.
+  !> Where memory alone would relax.
+  pure function relaxing_alone(hill) result(exponents)
+    type(hill_type), intent(in) :: hill
+    complex(wp) :: exponents(size(hill%relaxing))
+    exponents = cmplx(hill%relaxing, merge(0.5_wp*hill%period, 0.0_wp, hill%stride == 2), wp)
+  end function relaxing_alone
+
+  !> Exponents of memory itself.
   subroutine try_relaxing(hill, system, exponents, n)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(inout) :: exponents(:)
     integer, intent(inout) :: n
-    complex(wp) :: start
-    real(wp) :: s
-    integer :: i, q
-    logical :: made
+    complex(wp) :: starts(size(hill%relaxing))
+    integer :: i
 
-    do q = 1, size(system%kernels)
-      if (.not. any(system%kernel_of == q)) cycle
-      do i = 1, merge(1, size(parts), all(system%kernel_of == q))
-        if (n >= size(exponents) - 1) return
-        call relaxing(system, q, parts(i), -leftmost*hill%period, s, made)
-        if (.not. made) exit
-        start = cmplx(s, merge(0.5_wp*hill%period, 0.0_wp, hill%stride == 2), wp)
-        call try(hill, system, start, exponents, n)
-      end do
+    starts = relaxing_alone(hill)
+    do i = 1, size(starts)
+      if (n >= size(exponents) - 1) return
+      if (real(starts(i)) > leftmost*hill%period) call try(hill, system, starts(i), exponents, n)
     end do
   end subroutine try_relaxing
 
-  !> Where part R(s) = 1 at real s, 0 > s > -range: R grows from s = 0 to its first singularity, and
-  !! is no positive real number behind it.
-  subroutine relaxing(system, q, part, range, s, made)
-    class(oscillator_type), intent(in) :: system
-    integer, intent(in) :: q
-    real(wp), intent(in) :: part, range
-    real(wp), intent(out) :: s
-    logical, intent(out) :: made
-    complex(wp) :: r(1)
-    real(wp) :: low, high, last
-    integer :: i
-
-    made = .false.
-    s = 0.0_wp
-    if (.not. system%kernels(q)%kernel%integral() < 1.0_wp/(part*system%memory_scale)) return
-    ! Above the root at low, below it, or behind the singularity, at high.
-    low = 0.0_wp
-    high = 0.0_wp
-    last = 0.0_wp
-    s = 1.0e-12_wp*range
-    do while (s < range)
-      call system%kernels(q)%kernel%laplace([cmplx(-s, 0.0_wp, wp)], r)
-      if (beyond()) then
-        high = s
-        exit
-      end if
-      last = real(r(1))
-      low = s
-      s = 2.0_wp*s
-    end do
-    if (.not. high > 0.0_wp) return
-    do i = 1, 60
-      s = 0.5_wp*(low + high)
-      call system%kernels(q)%kernel%laplace([cmplx(-s, 0.0_wp, wp)], r)
-      if (beyond()) then
-        high = s
-      else
-        low = s
-        last = real(r(1))
-      end if
-      if (high - low <= 1.0e-14_wp*high) exit
-    end do
-    s = -low
-    made = .true.
-
-  contains
-
-    logical function beyond()
-      beyond = .true.
-      if (.not. abs(r(1)) <= huge(1.0_wp)) return
-      if (abs(aimag(r(1))) > 1.0e-12_wp*abs(real(r(1)))) return
-      beyond = real(r(1)) < last .or. real(r(1))*part*system%memory_scale > 1.0_wp
-    end function beyond
-
-  end subroutine relaxing
-
-  !> More exponents from a grid, until as many that grow are found as were counted.
-  subroutine search_grid(hill, system, n_growing, exponents)
+  !> More exponents, from what is left of approximations and, of those that grow, from a grid,
+  !! until as many right of the line of a path are found as were counted.
+  subroutine complete(hill, system, path, counted, exponents)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
-    integer, intent(in) :: n_growing
+    type(hill_path_type), intent(in) :: path
+    integer, intent(in) :: counted
     !> Those found, NaN behind the last; more on exit.
     complex(wp), intent(inout) :: exponents(:)
+    complex(wp), allocatable :: starts(:)
+    real(wp) :: place
     integer :: n, i, j
 
     if (.not. hill%ready) return
     n = n_known(exponents)
+    if (done()) return
+    call path%approximations(hill, starts)
+    call leave_out(hill, exponents(:n), starts)
+    ! Equal springs have exponents of memory side by side.
+    starts = [starts, pack(exponents(:n), abs(exponents(:n) - conjg(exponents(:n))) &
+                           <= on_line*hill%period .or. aimag(exponents(:n)) >= 0.5_wp*hill%period)]
+    do i = 1, size(starts)
+      if (aimag(starts(i)) < 0.0_wp) cycle
+      if (.not. done()) call try(hill, system, starts(i), exponents, n, beside=.true.)
+    end do
+    ! Beside the singularities of memory approximations are bad.
+    place = merge(0.5_wp, 0.0_wp, hill%stride == 2)
+    do i = 1, size(grid_beside)
+      if (done()) exit
+      call try(hill, system, cmplx(-0.5_wp*path%shift, &
+                                   abs(place - grid_beside(i))*hill%period, wp), exponents, n, &
+               beside=.true.)
+    end do
     do i = 1, size(grid_re)
       do j = 0, grid_im
-        if (n >= size(exponents) - 1) exit
-        if (count(real(exponents(:n)) > 0.0_wp) >= n_growing) exit
+        if (done() .or. path%shift > 0.0_wp) exit
         call try(hill, system, hill%period*cmplx(grid_re(i), 0.5_wp*j/grid_im, wp), exponents, n, &
                  beside=.true.)
       end do
     end do
     call sort(exponents(:n))
-  end subroutine search_grid
+
+  contains
+
+    logical function done()
+      done = n >= size(exponents) - 1 .or. count(real(exponents(:n)) > -path%shift) >= counted
+    end function done
+
+  end subroutine complete
 
   !> How many stand in front of the NaN.
   pure integer function n_known(exponents)
@@ -219,20 +200,24 @@ contains
     logical :: made, again
 
     root = start
-    again = .false.
-    if (present(beside)) again = beside .and. n > 0
+    again = is_known(twin)
+    if (present(beside)) again = again .or. (beside .and. n > 0)
     if (.not. again) then
       call zero_near(hill, system, exponents(:0), start, root, made)
       if (.not. made) return
-      again = is_known()
+      again = is_known(apart)
     end if
     if (again) then
       ! Another one beside those known, then made sharp as a zero of D itself.
       call zero_near(hill, system, exponents(:n), start, rough, made)
       if (.not. made) return
-      call zero_near(hill, system, exponents(:0), rough, root, made)
-      if (.not. made) return
-      if (is_known()) return
+      root = rough
+      ! A twin of one that is known is told from it only where that is divided out.
+      if (.not. is_known(twin)) then
+        call zero_near(hill, system, exponents(:0), rough, root, made)
+        if (.not. made) return
+      end if
+      if (is_known(apart)) return
     end if
     n = n + 1
     exponents(n) = root
@@ -243,8 +228,9 @@ contains
 
   contains
 
-    logical function is_known()
-      is_known = any(abs(exponents(:n) - root) < apart*hill%period)
+    logical function is_known(distance)
+      real(wp), intent(in) :: distance
+      is_known = any(abs(exponents(:n) - root) < distance*hill%period)
     end function is_known
 
   end subroutine try
@@ -316,7 +302,7 @@ contains
     !> Not made where it cannot be told on which side of the axis it is.
     logical, intent(in), optional :: sided
     complex(wp) :: before, value_before, value, step, ratio
-    real(wp) :: last
+    real(wp) :: last, earlier, error
     integer :: i
     logical :: about_half
 
@@ -324,6 +310,7 @@ contains
     ! All the way with the same orders: with others D has another scale.
     about_half = is_upper(hill, start)
     last = huge(last)
+    earlier = huge(earlier)
     ! Off the real axis, or it would never be left.
     before = start + 1.0e-4_wp*hill%period*(1.0_wp, 1.0_wp)
     root = start
@@ -340,16 +327,20 @@ contains
       value_before = value
       root = root + step
       if (real(root) < leftmost*hill%period .or. real(root) > rightmost*hill%period) return
+      ! Steps go with the product of the two before: what the next one would be.
+      error = abs(step)
+      if (i > 2 .and. error < last .and. last < earlier) error = error*(error/earlier)
       ! To rounding, or as far as zeros side by side let it come.
-      made = abs(step) <= smallest_step*hill%period &
+      made = error <= smallest_step*hill%period &
              .or. (abs(step) <= last_step*hill%period .and. abs(step) >= last)
       if (made) then
         ! Closer to the axis than to be told from it.
-        if (present(sided) .and. abs(step) > smallest_step*hill%period) then
-          made = .not. sided .or. abs(real(root)) > 3.0_wp*abs(step)
+        if (present(sided) .and. error > smallest_step*hill%period) then
+          made = .not. sided .or. abs(real(root)) > 3.0_wp*error
         end if
         return
       end if
+      earlier = last
       last = abs(step)
     end do
 

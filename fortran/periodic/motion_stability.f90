@@ -8,9 +8,10 @@ module viscovib_motion_stability
   use viscovib_floquet, only: floquet_type, new_floquet
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_hill, only: hill_type, new_hill
-  use viscovib_hill_count, only: count_growing
+  use viscovib_hill_count, only: count_right, on_axis
+  use viscovib_hill_orders, only: fading_rate
   use viscovib_hill_path, only: hill_path_type, new_hill_path
-  use viscovib_hill_roots, only: find_exponents, search_grid
+  use viscovib_hill_roots, only: complete, find_exponents, leftmost
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_oscillator, only: oscillator_type
@@ -23,11 +24,17 @@ module viscovib_motion_stability
   real(wp), parameter :: circle = 1.0e-9_wp
   !> Exponents kept beyond two a coordinate: memory has slow ones of its own.
   integer, parameter :: more = 4
+  !> How far left of the slowest exponent to count, of that and of d: for a neighbour, and for the
+  !! motion itself; and how far memory must fade faster than it, in d.
+  real(wp), parameter :: wide(2) = [0.2_wp, 5.0e-3_wp], narrow(2) = [0.05_wp, 1.0e-3_wp]
+  real(wp), parameter :: least_room = 1.0e-6_wp
 
   !> Of n solutions.
   type :: stability_type
     !> 1: stable, 0: not, -1: unknown; how many disturbances grow, -1: unknown. Shape (n).
     integer, allocatable :: stable(:), n_growing(:)
+    !> Whether none decays more slowly than the first exponent. Shape (n).
+    logical, allocatable :: slowest(:)
     !> Of disturbances exp(lambda t) times a periodic function (1/s), modulo i nu, or 2 i nu
     !! under half-wave symmetry; largest real part first. With memory those that grow are
     !! complete, or all NaN; of others some may lack, NaN behind the last. Shape (slots, n).
@@ -87,6 +94,7 @@ contains
     complex(wp), intent(in), optional :: near(:)
 
     allocate (stability%stable(size(nu)), stability%n_growing(size(nu)), source=-1)
+    allocate (stability%slowest(size(nu)), source=.not. self%remembers)
     allocate (stability%exponents(self%n_slots, size(nu)), &
               stability%multipliers(self%n_slots, size(nu)), source=not_a_number())
     if (self%remembers) then
@@ -141,7 +149,7 @@ contains
     end if
   end function logarithm
 
-  !> Exponents that grow are counted by the argument principle and must all be found.
+  !> Exponents right of a line are counted by the argument principle and must all be found.
   subroutine by_hill(self, system, nu, x, stability, cancel, beside)
     class(judge_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -150,9 +158,8 @@ contains
     integer, intent(inout), volatile, optional :: cancel
     complex(wp), intent(in), optional :: beside(:)
     complex(wp) :: near(self%n_slots)
-    type(hill_path_type) :: path
     real(wp) :: period
-    integer :: evaluations, found, i
+    integer :: i
 
     near = not_a_number()
     period = -1.0_wp
@@ -168,29 +175,93 @@ contains
       end where
       call self%hill%along(system, nu(i), x(:, :, i))
       period = self%hill%period
-      call new_hill_path(path, self%hill, system)
-      call find_exponents(self%hill, system, path, near, stability%exponents(:, i))
-      call count_growing(self%hill, system, stability%exponents(:, i), stability%n_growing(i), &
-                         evaluations, path)
-      found = n_positive(stability%exponents(:, i))
-      if (found < stability%n_growing(i)) then
-        call search_grid(self%hill, system, stability%n_growing(i), stability%exponents(:, i))
-        found = n_positive(stability%exponents(:, i))
-      end if
-      near = stability%exponents(:, i)
-      ! More found than counted: one of the two is wrong.
-      if (found > stability%n_growing(i)) stability%n_growing(i) = -1
-      if (found /= stability%n_growing(i)) stability%exponents(:, i) = not_a_number()
-      where (.not. ieee_is_nan(real(stability%exponents(:, i))))
-        stability%multipliers(:, i) = exp(2.0_wp*pi/nu(i)*stability%exponents(:, i))
-      end where
+      associate (exponents => stability%exponents(:, i))
+        call judge_by_hill(self%hill, system, near, exponents, stability%n_growing(i), &
+                           stability%slowest(i))
+        near = exponents
+        if (n_right_of(0.0_wp, exponents) /= stability%n_growing(i)) exponents = not_a_number()
+        where (.not. ieee_is_nan(real(exponents)))
+          stability%multipliers(:, i) = exp(2.0_wp*pi/nu(i)*exponents)
+        end where
+      end associate
     end do
   end subroutine by_hill
 
-  pure integer function n_positive(exponents)
+  !> One solution, that of `hill`.
+  subroutine judge_by_hill(hill, system, near, exponents, n_growing, slowest)
+    type(hill_type), intent(inout) :: hill
+    class(oscillator_type), intent(in) :: system
+    !> Exponents of a neighbour, NaN for none.
+    complex(wp), intent(in) :: near(:)
+    complex(wp), intent(out) :: exponents(:)
+    integer, intent(out) :: n_growing
+    logical, intent(out) :: slowest
+    type(hill_path_type) :: path
+    real(wp) :: fading, shift
+    integer :: counted
+
+    fading = fading_rate(system)
+    ! Left of where the slowest exponent was: one line for both questions.
+    shift = line_beyond(near, fading, hill%period, wide)
+    call hill%count_from(shift)
+    call new_hill_path(path, hill, system, shift)
+    call find_exponents(hill, system, path, near, exponents)
+    call count_right(hill, system, exponents, path, counted)
+    if (shift > 0.0_wp) then
+      slowest = counted > 0 .and. counted == n_right_of(shift, exponents)
+      n_growing = n_right_of(0.0_wp, exponents)
+      if (on_the_axis(hill, exponents)) n_growing = -1
+      if (slowest) return
+      call hill%count_from(0.0_wp)
+      call new_hill_path(path, hill, system)
+      call count_right(hill, system, exponents, path, counted)
+    end if
+    n_growing = counted
+    call complete(hill, system, path, n_growing, exponents)
+    ! More found than counted: one of the two is wrong.
+    if (n_right_of(0.0_wp, exponents) > n_growing) n_growing = -1
+    slowest = n_growing > 0
+    if (n_growing /= 0) return
+    shift = line_beyond(exponents, fading, hill%period, narrow)
+    if (.not. shift > 0.0_wp) return
+    call hill%count_from(shift)
+    call new_hill_path(path, hill, system, shift)
+    call count_right(hill, system, exponents, path, counted)
+    call complete(hill, system, path, counted, exponents)
+    slowest = counted > 0 .and. counted == n_right_of(shift, exponents)
+    call hill%count_from(0.0_wp)
+  end subroutine judge_by_hill
+
+  !> How far left of the axis to count, so that the slowest of the exponents is counted and memory
+  !! does not fade more slowly; 0: nowhere, or not needed.
+  pure real(wp) function line_beyond(exponents, fading, period, part) result(shift)
     complex(wp), intent(in) :: exponents(:)
-    n_positive = count(merge(-1.0_wp, real(exponents), ieee_is_nan(real(exponents))) > 0.0_wp)
-  end function n_positive
+    real(wp), intent(in) :: fading, period
+    !> Of the slowest exponent, and of the period: how far beyond.
+    real(wp), intent(in) :: part(2)
+    real(wp) :: slowest
+
+    shift = 0.0_wp
+    if (all(ieee_is_nan(real(exponents)))) return
+    slowest = -maxval(merge(-huge(1.0_wp), real(exponents), ieee_is_nan(real(exponents))))
+    if (slowest <= 0.0_wp .or. slowest > -leftmost*period) return
+    if (.not. fading - slowest > least_room*period) return
+    shift = slowest + min(part(1)*slowest + part(2)*period, 0.5_wp*(fading - slowest))
+  end function line_beyond
+
+  pure logical function on_the_axis(hill, exponents)
+    type(hill_type), intent(in) :: hill
+    complex(wp), intent(in) :: exponents(:)
+    on_the_axis = any(abs(merge(huge(1.0_wp), real(exponents), ieee_is_nan(real(exponents)))) &
+                      <= on_axis*hill%period)
+  end function on_the_axis
+
+  !> How many exponents lie right of -shift.
+  pure integer function n_right_of(shift, exponents)
+    real(wp), intent(in) :: shift
+    complex(wp), intent(in) :: exponents(:)
+    n_right_of = count(merge(-huge(1.0_wp), real(exponents), ieee_is_nan(real(exponents))) > -shift)
+  end function n_right_of
 
   elemental complex(wp) function not_a_number()
     not_a_number = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)

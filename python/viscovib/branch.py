@@ -66,6 +66,11 @@ class Branch(PeriodicMotions, Curve):
         part first, modulo i nu (of motions symmetric about half a period: 2 i nu; there Im lambda =
         nu at a breaking of the symmetry). With memory those that grow are complete, or all of a
         motion's are NaN; of those that decay some may lack; NaN behind the last.
+    slowest : ndarray of bool, shape (n,), or None
+        True: no disturbance decays more slowly than the first multiplier says. False: some may. The
+        search may have failed, or memory itself fades more slowly: right of the rate at which it
+        does, exponents are counted; further left no multiplier says how disturbances decay. Memory
+        of a Rabotnov kernel fades like a power of time, more slowly than any exponential.
     folds : ndarray, shape (n_folds,)
         Where the branch turns back: values of what varies (nu, or the load factor).
     fold_coefficients : complex ndarray, shape (n_folds, n_dof, m)
@@ -103,6 +108,7 @@ class Branch(PeriodicMotions, Curve):
     growing: npt.NDArray[np.int32] | None
     multipliers: ComplexArray | None
     exponents: ComplexArray | None
+    slowest: npt.NDArray[np.bool_] | None
     folds: FloatArray
     fold_coefficients: ComplexArray
     branch_points: tuple[BranchPoint, ...]
@@ -180,6 +186,7 @@ class Branch(PeriodicMotions, Curve):
             data["growing"] = ("point", self.growing)
             data["exponents"] = (("point", "multiplier"), self.exponents)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
+            data["slowest"] = ("point", self.slowest)
         return xr.Dataset(
             data,
             coords={"dof": list(self.dof_names), "harmonic": self.harmonics},
@@ -395,6 +402,7 @@ def trace_response(
         growing=growing[:n].copy() if found else None,
         multipliers=found.multipliers if found else None,
         exponents=found.exponents if found else None,
+        slowest=found.slowest if found else None,
         folds=folds[:n_folds].copy(),
         fold_coefficients=absolute(fold_coefficients[:n_used, :, :n_folds], folds[:n_folds]),
         branch_points=tuple(

@@ -44,6 +44,7 @@ class Stability(NamedTuple):
     stable: npt.NDArray[Any]
     multipliers: ComplexArray
     exponents: ComplexArray
+    slowest: npt.NDArray[np.bool_]
 
     @classmethod
     def of(
@@ -55,6 +56,7 @@ class Stability(NamedTuple):
     ) -> "Stability":
         """From arrays of the core, codes being 1: stable, 0: not, -1: unknown.
 
+        2: stable, but others may decay more slowly than the first exponent says.
         Warns of motions, among those ``solved``, whose stability is unknown.
         """
         unknown = codes < 0
@@ -75,4 +77,5 @@ class Stability(NamedTuple):
             stable,
             np.ascontiguousarray(multipliers[:columns].T),
             np.ascontiguousarray(exponents[:columns].T),
+            (codes == 0) | (codes == 1),
         )

@@ -66,6 +66,8 @@ class Response(PeriodicMotions, Result):
         was found, the array holds objects: True, False and None.
     multipliers, exponents : complex ndarray, shape (n, m), or None
         As in `Branch`; NaN where unknown.
+    slowest : ndarray of bool, shape (n,), or None
+        As in `Branch`: whether the first multiplier is the largest for certain.
     """
 
     nu: FloatArray
@@ -88,6 +90,7 @@ class Response(PeriodicMotions, Result):
     stable: npt.NDArray[Any] | None = None
     multipliers: ComplexArray | None = None
     exponents: ComplexArray | None = None
+    slowest: npt.NDArray[np.bool_] | None = None
 
     kind = "response"
 
@@ -238,6 +241,7 @@ class Response(PeriodicMotions, Result):
             "stable": ("nu", codes_of(self.stable)),
             "multipliers": (("nu", "multiplier"), self.multipliers),
             "exponents": (("nu", "multiplier"), self.exponents),
+            "slowest": ("nu", self.slowest),
         }
 
     def _table(self, coordinates: Sequence[str] | None) -> Table:

@@ -48,6 +48,10 @@ class Chain:
         self.weights, self.rates = 10 ** rng.uniform(-5, -2, terms), 10 ** rng.uniform(-1, 1, terms)
         self.cubic = cubic * (np.arange(n) == rng.integers(n))
         self.load = 1.0 * (np.arange(n) == rng.integers(n))
+        self.remember(self.weights, self.rates)
+
+    def remember(self, weights, rates):
+        self.weights, self.rates, n = weights, rates, self.n
         self.system = vv.PolynomialSystem(
             mass=self.mass,
             stiffness=self.k,
@@ -102,7 +106,8 @@ def test_zeros_next_to_the_axis_are_not_lost(damping):
             expected = np.abs(chain.multipliers(nu, r.harmonics, r.coefficients[0])).max()
             assert expected < 1
             assert r.stable[0]
-            # The least stable one is among those found.
+            # The least stable one is among those found, and known to be that.
+            assert r.slowest[0]
             assert told(r.multipliers[0])[0] == pytest.approx(expected, abs=1e-8)
 
 
@@ -126,3 +131,51 @@ def test_nor_along_branches_through_folds():
             assert largest == pytest.approx(expected[0], rel=1e-6)
             growing += count > 0
     assert growing > 4
+
+
+def test_the_slowest_exponent_is_found_or_may_lack():
+    """Damping and memory of all sizes: structure or memory may be the slowest, or several alike."""
+    rng = np.random.default_rng(8)
+    certain = judged = 0
+    for _ in range(120):
+        chain = Chain(rng, int(rng.integers(1, 4)), (-5, -0.7), 0.3)
+        rates = 10 ** rng.uniform(-2, 0.5, chain.rates.size)
+        chain.remember(rates * rng.uniform(0.02, 0.4) / rates.size, rates)
+        nu = rng.choice(chain.frequencies()) * rng.choice([0.3, 0.5, 0.9, 1.02, 1.1, 2.0])
+        load = 10 ** rng.uniform(-3, -0.5) * chain.load
+        r = vv.forced_response(
+            chain.system, nu, load={1: load}, method="newton", harmonics=9, stability=True
+        )
+        if r.outcome[0] != "converged" or not r.stable[0]:
+            continue
+        judged += 1
+        if r.slowest[0]:
+            certain += 1
+            expected = np.abs(chain.multipliers(nu, r.harmonics, r.coefficients[0])).max()
+            assert told(r.multipliers[0])[0] == pytest.approx(expected, rel=1e-5)
+    assert judged > 80
+    assert certain > 0.9 * judged
+
+
+def test_what_memory_hides_is_counted():
+    """A pair beside the poles of slow memory: from afar they look like nothing."""
+    chain = Chain(np.random.default_rng(1), 2, (-5, -4), 0.1)
+    chain.mass = np.array([1.794, 1.012])
+    chain.k = np.array([[2.606, -1.211], [-1.211, 2.654]])
+    chain.damping, chain.cubic = 2.2e-5 * chain.k, np.array([0, 0.1])
+    chain.remember(np.array([0.00288, 0.015]), np.array([0.02846, 0.1484]))
+    nu = 0.47978
+    r = vv.forced_response(
+        chain.system, nu, load={1: [0.3, 0.0]}, method="newton", harmonics=9, stability=True
+    )
+    expected = chain.multipliers(nu, r.harmonics, r.coefficients[0])
+    assert r.slowest[0]
+    assert told(r.multipliers[0])[0] == pytest.approx(np.abs(expected).max(), rel=1e-8)
+
+
+def test_memory_slower_than_any_exponential_is_told():
+    kernel = vv.RabotnovKernel(amplitude=0.01, alpha=0.5, beta=0.3)
+    slow = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="0.3*x^3", kernel=kernel)
+    r = vv.forced_response(slow, [0.5, 2.0], load=0.1, method="newton", stability=True)
+    assert r.stable.all()
+    assert not r.slowest.any()

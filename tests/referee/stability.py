@@ -54,6 +54,7 @@ r = vv.forced_response(
 )
 coefficients, orders, outcome = r.coefficients[0], r.harmonics, r.outcome[0]
 stable, multipliers, exponents = r.stable[0], r.multipliers[0], r.exponents[0]
+slowest = r.slowest[0]
 """
 
     def judge(names, told):
@@ -82,6 +83,11 @@ stable, multipliers, exponents = r.stable[0], r.multipliers[0], r.exponents[0]
         else:
             grown = own_sizes[own_sizes > 1 + CLOSE + 10 * off]
             found = np.sort(got[got > 1 + CLOSE])[::-1]
+            if got.size and names["slowest"]:
+                yield Claim(
+                    "slowest multiplier", got.max(), own_sizes[0], 1e-5 * own_sizes[0] + 10 * off,
+                    damage=1e-3,
+                )  # fmt: skip
             if got.size and grown.size:
                 yield Claim("growing multipliers", found, grown, 1e-6 * grown[0], damage=1e-4)
 

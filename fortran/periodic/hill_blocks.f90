@@ -1,0 +1,134 @@
+!> Complex matrices of Hill's determinant, real and imaginary parts apart.
+!!
+!! Rows and columns of a coordinate stand together, order by order.
+module viscovib_hill_blocks
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: add_column, add_rows, add_toeplitz, copy_blocks, eliminate, scale_rows
+
+contains
+
+  !> Products with a periodic factor: entries c(i - l).
+  pure subroutine add_toeplitz(p, c, rows, re, im)
+    integer, intent(in) :: p, rows
+    complex(wp), intent(in) :: c(-p:p)
+    real(wp), intent(inout) :: re(rows, p), im(rows, p)
+    integer :: i, l
+
+    do l = 1, p
+      do i = 1, p
+        re(i, l) = re(i, l) + real(c(i - l))
+        im(i, l) = im(i, l) + aimag(c(i - l))
+      end do
+    end do
+  end subroutine add_toeplitz
+
+  !> h + f part, f by the rows of each coordinate; of the part's orders the p highest.
+  pure subroutine add_rows(all, p, n, f, re, im, h)
+    integer, intent(in) :: all, p, n
+    complex(wp), intent(in) :: f(p)
+    real(wp), intent(in) :: re(all, n, all, n), im(all, n, all, n)
+    real(wp), intent(inout) :: h(p, n, p, n, 2)
+    integer :: a, b, i, l, o
+
+    o = all - p
+    do b = 1, n
+      do l = 1, p
+        do a = 1, n
+          do i = 1, p
+            h(i, a, l, b, 1) = h(i, a, l, b, 1) + (real(f(i))*re(i + o, a, l + o, b) &
+                                                   - aimag(f(i))*im(i + o, a, l + o, b))
+            h(i, a, l, b, 2) = h(i, a, l, b, 2) + (real(f(i))*im(i + o, a, l + o, b) &
+                                                   + aimag(f(i))*re(i + o, a, l + o, b))
+          end do
+        end do
+      end do
+    end do
+  end subroutine add_rows
+
+  !> Of a matrix with all orders the blocks of the p highest.
+  pure subroutine copy_blocks(all, p, n, from, h)
+    integer, intent(in) :: all, p, n
+    real(wp), intent(in) :: from(all, n, all, n, 2)
+    real(wp), intent(out) :: h(p, n, p, n, 2)
+    h = from(all - p + 1:, :, all - p + 1:, :, :)
+  end subroutine copy_blocks
+
+  !> h becomes f h, f by the rows of each coordinate.
+  pure subroutine scale_rows(p, n, f, h)
+    integer, intent(in) :: p, n
+    complex(wp), intent(in) :: f(p)
+    real(wp), intent(inout) :: h(p, n, p*n, 2)
+    real(wp) :: re
+    integer :: a, i, l
+
+    do l = 1, p*n
+      do a = 1, n
+        do i = 1, p
+          re = real(f(i))*h(i, a, l, 1) - aimag(f(i))*h(i, a, l, 2)
+          h(i, a, l, 2) = real(f(i))*h(i, a, l, 2) + aimag(f(i))*h(i, a, l, 1)
+          h(i, a, l, 1) = re
+        end do
+      end do
+    end do
+  end subroutine scale_rows
+
+  !> A complex multiple of one column to another.
+  pure subroutine add_column(n, f, from_re, from_im, re, im)
+    integer, intent(in) :: n
+    complex(wp), intent(in) :: f
+    real(wp), intent(in) :: from_re(n), from_im(n)
+    real(wp), intent(inout) :: re(n), im(n)
+    re = re + (real(f)*from_re - aimag(f)*from_im)
+    im = im + (real(f)*from_im + aimag(f)*from_re)
+  end subroutine add_column
+
+  !> Determinant by elimination, rows exchanged for the largest pivot.
+  pure subroutine eliminate(n, re, im, value)
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: re(n, n), im(n, n)
+    complex(wp), intent(out) :: value
+    complex(wp) :: pivot, factor
+    real(wp) :: largest, swap
+    integer :: i, j, k, p
+
+    value = (1.0_wp, 0.0_wp)
+    do k = 1, n
+      p = k
+      largest = abs(re(k, k)) + abs(im(k, k))
+      do i = k + 1, n
+        if (abs(re(i, k)) + abs(im(i, k)) > largest) then
+          largest = abs(re(i, k)) + abs(im(i, k))
+          p = i
+        end if
+      end do
+      pivot = cmplx(re(p, k), im(p, k), wp)
+      value = value*pivot
+      if (.not. largest > 0.0_wp) return
+      if (p /= k) then
+        value = -value
+        do j = k, n
+          swap = re(p, j)
+          re(p, j) = re(k, j)
+          re(k, j) = swap
+          swap = im(p, j)
+          im(p, j) = im(k, j)
+          im(k, j) = swap
+        end do
+      end if
+      pivot = 1.0_wp/pivot
+      do i = k + 1, n
+        swap = real(pivot)*re(i, k) - aimag(pivot)*im(i, k)
+        im(i, k) = real(pivot)*im(i, k) + aimag(pivot)*re(i, k)
+        re(i, k) = swap
+      end do
+      do j = k + 1, n
+        factor = -cmplx(re(k, j), im(k, j), wp)
+        call add_column(n - k, factor, re(k + 1:, k), im(k + 1:, k), re(k + 1:, j), im(k + 1:, j))
+      end do
+    end do
+  end subroutine eliminate
+
+end module viscovib_hill_blocks
