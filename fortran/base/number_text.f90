@@ -2,6 +2,7 @@
 module viscovib_number_text
   use, intrinsic :: ieee_arithmetic, only: ieee_get_halting_mode, ieee_is_finite, ieee_is_nan, &
     ieee_is_negative, ieee_overflow, ieee_set_halting_mode
+  use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int
   use viscovib_kinds, only: i8, wp
   implicit none
   private
@@ -11,6 +12,16 @@ module viscovib_number_text
   character(len=*), parameter :: digits = '0123456789'
   !> Length of a number with 17 significant digits.
   integer, parameter :: width = 24
+
+  interface
+    !> The C library writes numbers several times faster than the compiler's run-time library.
+    pure subroutine c_format(value, text, length) bind(c, name='viscovib_format')
+      import :: c_char, c_double, c_int
+      real(c_double), value :: value
+      character(kind=c_char), intent(out) :: text(*)
+      integer(c_int), intent(out) :: length
+    end subroutine c_format
+  end interface
 
 contains
 
@@ -142,18 +153,15 @@ contains
   pure function exact(value)
     real(wp), intent(in) :: value
     character(len=width) :: exact
-    integer :: at
+    integer(c_int) :: length
 
     if (.not. ieee_is_finite(value)) then
       exact = 'nan'
-      if (.not. ieee_is_nan(value)) exact = merge('inf ', '-inf', ieee_is_negative(value))
+      if (.not. ieee_is_nan(value)) exact = merge('-inf', 'inf ', ieee_is_negative(value))
       return
     end if
-    write (exact, '(es24.16e3)') value
-    exact = adjustl(exact)
-    at = index(exact, 'E')
-    exact(at:at) = 'e'
-    if (exact(at + 2:at + 2) == '0') exact(at + 2:) = exact(at + 3:)
+    call c_format(value, exact, length)
+    exact(length + 1:) = ''
   end function exact
 
   !> Numbers in lines of four, each after a blank; made in one piece, since a

@@ -115,6 +115,11 @@ contains
       text = '0'
       return
     end if
+    if (abs(value) >= nearest(huge(value), -1.0_wp)) then
+      ! Rounded to fewer digits it would be infinite.
+      text = trim(merge('-1.7976931348623157e308', '1.7976931348623157e308 ', value < 0.0_wp))
+      return
+    end if
     decade = floor(log10(abs(value)))
     do digits = 6, 17
       if (decade >= -4 .and. decade < 7) then

@@ -237,7 +237,8 @@ contains
     do i = 1, max_halvings
       factor = 2*factor
       change = huge(1.0_wp)
-      if (n/job%save_every > max_kept .or. n*factor > max_steps) exit
+      if (.not. job%last_only .and. n/job%save_every > max_kept) exit
+      if (n*factor > max_steps) exit
       call maker%make(job, int(n, i8)*factor, factor, trajectory, status)
       if (status%failed() .or. trajectory%outcome == run_stopped) return
       change = change_of(coarse, trajectory)
@@ -258,6 +259,13 @@ contains
       changes(i) = change
       if (i >= min_halvings .and. change > 0.1_wp*changes(max(i - 2, 1))) exit
     end do
+    if (.not. allocated(trajectory%states)) then
+      call fail(status, status_input_error, 't_end', 't_end = '//show(job%t_end)//': takes ' &
+                //show(n)//' steps, and twice as many, which would tell the error, are too many ' &
+                //'(at most '//show(max_steps)//', and '//show(max_kept)//' states kept): take ' &
+                //'a shorter run or give dt')
+      return
+    end if
     call fail(status, status_input_error, 'tolerance', told(job)//': not met with ' &
               //show(n*factor)//' steps (states still change by '//show(change)//'): ' &
               //cause(job, trajectory, change))
