@@ -22,8 +22,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report, &
     to_complex
-  use viscovib_crossings, only: crossing_branch_point, crossing_fold, crossing_type, &
-    find_crossings, known_folds
+  use viscovib_crossings, only: crossing_type, find_crossings
   use viscovib_curve_branch, only: curve_branch_type, curve_options
   use viscovib_family_curve, only: judge_systems, new_family_curve, new_plain_curve, &
     system_builder
@@ -169,28 +168,18 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       end if
       call fill_stability(stability, stable, multipliers, exponents)
       growing(:n_points) = stability%n_growing
-      call find_crossings(judge, curve, nu, p(:n_points), motions, stability, &
-                          known_folds(branch%folds%p, reshape(branch%folds%x, &
-                                                              [shape_x, branch%folds%n])), &
-                          found_crossings, cancel(1))
+      call find_crossings(judge, curve, nu, p(:n_points), branch%x(:, :n_points), stability, &
+                          branch%folds, branch%branch_points, found_crossings, cancel(1))
       n_crossings = size(found_crossings)
       do i = 1, min(n_crossings, max_special)
         associate (crossing => found_crossings(i))
           kinds(i) = crossing%kind
           before(i) = crossing%before
           crossings(i) = ieee_value(0.0_c_double, ieee_quiet_nan)
-          if (.not. crossing%located) then
-            ! Where another branch leaves, only the continuation knows the place.
-            j = findloc(branch_before(:n_branch_points), crossing%before, 1)
-            if (crossing%kind /= crossing_fold .or. j == 0) cycle
-            kinds(i) = crossing_branch_point
-            crossings(i) = branch_points(j)
-            call to_complex(branch_point_x(:, j:j), crossing_coefficients(:, :, i:i))
-            cycle
-          end if
+          if (.not. crossing%located) cycle
           crossings(i) = crossing%p
-          crossing_coefficients(:n_used, :, i) = cmplx(crossing%x(1::2, :), crossing%x(2::2, :), &
-                                                       c_double)
+          call to_complex(reshape(crossing%x, [size(crossing%x), 1]), &
+                          crossing_coefficients(:n_used, :, i:i))
         end associate
       end do
     end if

@@ -239,7 +239,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
       call judge_orbits(floquet, balance, p(:n_points), branch%x(:, :n_points), &
                         multipliers(:, :n_points), cancel(1))
       growing(:n_points) = [(count_larger(multipliers(:, i), orbit_circle), i=1, n_points)]
-      call find_orbit_crossings(floquet, balance, tolerance, p(:n_points), &
+      call find_orbit_crossings(floquet, balance, p(:n_points), &
                                 branch%x(:, :n_points), multipliers(:, :n_points), branch%folds, &
                                 branch%branch_points, changes, cancel(1))
       n_crossings = size(changes)
@@ -249,7 +249,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
         crossings(i) = ieee_value(0.0_c_double, ieee_quiet_nan)
         if (.not. changes(i)%located) cycle
         crossings(i) = changes(i)%p
-        crossing_x(:, i) = reshape(changes(i)%x, [n_unknowns])
+        crossing_x(:, i) = reshape(balance%expanded(changes(i)%x), [n_unknowns])
       end do
     else if (duration > 0.0_c_double) then
       do i = 1, n_points

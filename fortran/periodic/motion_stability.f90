@@ -21,7 +21,7 @@ module viscovib_motion_stability
   public :: judge_type, stability_type, new_judge
 
   !> Multipliers this close to the unit circle count as on it.
-  real(wp), parameter :: circle = 1.0e-9_wp
+  real(wp), parameter, public :: circle = 1.0e-9_wp
   !> Exponents kept beyond two a coordinate: memory has slow ones of its own.
   integer, parameter :: more = 4
   !> How far left of the slowest exponent to count, of that and of d: for a neighbour, and for the

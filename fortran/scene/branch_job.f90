@@ -3,7 +3,7 @@
 module viscovib_branch_job
   use viscovib_checks, only: check_positive
   use viscovib_counters, only: count_up, counted_columns, counting
-  use viscovib_crossings, only: crossing_type, find_crossings, known_folds
+  use viscovib_crossings, only: crossing_type, find_crossings
   use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes
   use viscovib_curve_groups, only: add_stability, note_crossings, read_curve, read_yes, &
     stability_note
@@ -181,7 +181,7 @@ contains
     highest = orders(branch%kept(:branch%n_points)/(2*system%n_dof()))
     allocate (crossings(0))
     if (job%stability) then
-      associate (n => branch%n_points, folds => branch%folds)
+      associate (n => branch%n_points)
         motions = reshape(branch%x(:, :n), [shape_x, n])
         call new_judge(judge, system, set)
         if (job%number > 0) then
@@ -190,10 +190,8 @@ contains
           call judge%judge(system, merge(branch%parameter(:n), job%nu, job%varies == 'nu'), &
                            motions, stability)
         end if
-        call find_crossings(judge, curve, job%nu, branch%parameter(:n), motions, &
-                            stability, &
-                            known_folds(folds%p, reshape(folds%x, [shape_x, folds%n])), &
-                            crossings)
+        call find_crossings(judge, curve, job%nu, branch%parameter(:n), branch%x(:, :n), &
+                            stability, branch%folds, branch%branch_points, crossings)
       end associate
     end if
     call add_base_motion()

@@ -293,7 +293,7 @@ contains
       allocate (to%multipliers(6, from%n_points))
       associate (p => from%parameter(:from%n_points), points => from%x(:, :from%n_points))
         call judge_orbits(floquet, balance, p, points, to%multipliers)
-        call find_orbit_crossings(floquet, balance, options%tolerance, p, points, &
+        call find_orbit_crossings(floquet, balance, p, points, &
                                   to%multipliers, from%folds, from%branch_points, to%crossings)
       end associate
       to%crossings%p = to%crossings%p*unit

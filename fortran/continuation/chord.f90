@@ -1,0 +1,113 @@
+!> Points of a curve between two neighbours z_0, z_1, z = (x, p): those on the planes
+!! <z_1 - z_0, z - z_0> = sigma <z_1 - z_0, z_1 - z_0>, also where p turns back.
+module viscovib_chord
+  use viscovib_curve, only: curve_type
+  use viscovib_dense, only: factorize, solve
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: chord_type, chord_point, new_chord
+
+  integer, parameter :: max_corrections = 12
+  real(wp), parameter :: correction_tolerance = 1.0e-12_wp, as_rounding_lets = 1.0e-6_wp
+
+  type :: chord_point
+    real(wp) :: sigma = 0.0_wp, p = 0.0_wp
+    !> dp/dsigma, where `go_to` has found the point.
+    real(wp) :: slope = 0.0_wp
+    !> Shape (n).
+    real(wp), allocatable :: x(:)
+  end type chord_point
+
+  type :: chord_type
+    real(wp) :: p = 0.0_wp
+    real(wp), allocatable :: x(:)
+    !> Gradient of <z_1 - z_0, z>, and <z_1 - z_0, z_1 - z_0>.
+    real(wp), allocatable, private :: normal_x(:)
+    real(wp), private :: normal_p = 0.0_wp, length = 0.0_wp
+  contains
+    procedure :: go_to
+    procedure :: sigma_of
+  end type chord_type
+
+contains
+
+  pure subroutine new_chord(chord, curve, p, x)
+    type(chord_type), intent(out) :: chord
+    class(curve_type), intent(in) :: curve
+    !> The neighbours, shapes (2) and (n, 2).
+    real(wp), intent(in) :: p(2), x(:, :)
+    real(wp), allocatable :: weights(:)
+    real(wp) :: total
+
+    chord%p = p(1)
+    chord%x = x(:, 1)
+    allocate (weights(size(x, 1)), source=1.0_wp)
+    if (allocated(curve%weights)) weights = curve%weights
+    ! Squares are weighed by inertia, and against the size of the motion and of p.
+    total = sum(weights*x(:, 2)**2)
+    chord%normal_x = x(:, 2) - x(:, 1)
+    if (total > 0.0_wp) chord%normal_x = chord%normal_x*weights/total
+    chord%normal_p = (p(2) - p(1))/maxval(abs(p))**2
+    chord%length = sum(chord%normal_x*(x(:, 2) - x(:, 1))) + chord%normal_p*(p(2) - p(1))
+  end subroutine new_chord
+
+  !> On which plane a point lies.
+  pure real(wp) function sigma_of(self, p, x)
+    class(chord_type), intent(in) :: self
+    real(wp), intent(in) :: p, x(:)
+    sigma_of = (sum(self%normal_x*(x - self%x)) + self%normal_p*(p - self%p))/self%length
+  end function sigma_of
+
+  !> The point of the curve on the plane sigma, by Newton's method from between two others.
+  subroutine go_to(self, curve, sigma, a, b, found, made)
+    class(chord_type), intent(in) :: self
+    class(curve_type), intent(inout) :: curve
+    real(wp), intent(in) :: sigma
+    type(chord_point), intent(in) :: a, b
+    type(chord_point), intent(out) :: found
+    logical, intent(out) :: made
+    real(wp) :: matrix(size(a%x) + 1, size(a%x) + 1), right(size(a%x) + 1)
+    real(wp) :: r(size(a%x)), by_p(size(a%x)), size_x, change, last, part
+    integer :: pivots(size(a%x) + 1), n, k
+    logical :: singular, inside
+
+    n = size(a%x)
+    part = (sigma - a%sigma)/(b%sigma - a%sigma)
+    found%sigma = sigma
+    found%x = a%x + part*(b%x - a%x)
+    found%p = a%p + part*(b%p - a%p)
+    made = .false.
+    last = huge(last)
+    do k = 1, max_corrections
+      call curve%equations(found%x, found%p, r, matrix, by_p, inside)
+      if (.not. inside) return
+      matrix(:n, n + 1) = by_p
+      matrix(n + 1, :n) = self%normal_x
+      matrix(n + 1, n + 1) = self%normal_p
+      right(:n) = r
+      right(n + 1) = (self%sigma_of(found%p, found%x) - sigma)*self%length
+      call factorize(n + 1, matrix, pivots, singular)
+      if (singular) return
+      call solve(n + 1, matrix, pivots, right)
+      found%x = found%x - right(:n)
+      found%p = found%p - right(n + 1)
+      size_x = norm2(found%x)
+      change = norm2(right(:n))
+      if (.not. change <= size_x) return
+      ! To rounding, or as far as rounding lets it come.
+      made = change <= correction_tolerance*size_x .and. abs(right(n + 1)) &
+             <= correction_tolerance*abs(found%p)
+      made = made .or. (change <= as_rounding_lets*size_x .and. change >= last)
+      if (made) exit
+      last = change
+    end do
+    if (.not. made) return
+    right = 0.0_wp
+    right(n + 1) = self%length
+    call solve(n + 1, matrix, pivots, right)
+    found%slope = right(n + 1)
+  end subroutine go_to
+
+end module viscovib_chord

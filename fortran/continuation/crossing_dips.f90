@@ -1,0 +1,99 @@
+!> Whether two crossings may lie between two neighbours at which as many exponents grow.
+!!
+!! With multipliers mu the products of (mu - 1)/|mu|^(1/2), (mu + 1)/|mu|^(1/2) and, over pairs,
+!! (mu mu' - 1)/|mu mu'|^(1/2) are smooth along a curve, also where multipliers meet, and vanish
+!! at folds and branch points, at period doublings and at Neimark-Sacker bifurcations. A cubic
+!! through four neighbours tells whether one of them dips between the middle two.
+module viscovib_crossing_dips
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: tests_of, find_dip
+
+  integer, parameter, public :: n_tests = 3
+  !> A dip is looked into below the first part of the lower end, and below the second part of the
+  !! largest of the four, by which the cubic may be wrong.
+  real(wp), parameter :: deep = 0.2_wp, wrong = 0.03_wp
+  integer, parameter :: n_places = 19
+
+contains
+
+  !> The three products; 0: unknown.
+  pure function tests_of(eta) result(tests)
+    !> Logarithms of multipliers.
+    complex(wp), intent(in) :: eta(:)
+    real(wp) :: tests(n_tests)
+    complex(wp) :: mu(size(eta)), products(n_tests)
+    real(wp) :: part
+    integer :: j, k, n
+
+    tests = 0.0_wp
+    n = 0
+    do k = 1, size(eta)
+      if (.not. ieee_is_finite(real(eta(k)))) cycle
+      if (abs(real(eta(k))) > 100.0_wp) return
+      n = n + 1
+      mu(n) = eta(k)
+    end do
+    products = 1.0_wp
+    do k = 1, n
+      part = exp(-0.5_wp*real(mu(k)))
+      products(1) = products(1)*(exp(mu(k)) - 1.0_wp)*part
+      products(2) = products(2)*(exp(mu(k)) + 1.0_wp)*part
+      do j = 1, k - 1
+        products(3) = products(3)*(exp(mu(k) + mu(j)) - 1.0_wp) &
+                      *exp(-0.5_wp*real(mu(k) + mu(j)))
+      end do
+    end do
+    tests = real(products)
+  end function tests_of
+
+  !> The test that may vanish between points i and i + 1, 0: none, and where, 0 to 1.
+  pure subroutine find_dip(tests, p, x, i, which, at)
+    !> Shape (n_tests, n); the points, shapes (n) and (n_unknowns, n).
+    real(wp), intent(in) :: tests(:, :), p(:), x(:, :)
+    integer, intent(in) :: i
+    integer, intent(out) :: which
+    real(wp), intent(out) :: at
+    real(wp) :: s(4), length, f, depth, deepest, value, lower, doubt
+    integer :: first, last, j, k, t, m
+
+    which = 0
+    at = 0.5_wp
+    first = max(1, i - 1)
+    last = min(size(p), i + 2)
+    if (last - first < 2) return
+    s(1) = 0.0_wp
+    do j = first, last - 1
+      length = norm2(x(:, j + 1) - x(:, j))/max(norm2(x(:, j)), norm2(x(:, j + 1)), tiny(1.0_wp)) &
+               + abs(p(j + 1) - p(j))/max(abs(p(j)), abs(p(j + 1)), tiny(1.0_wp))
+      if (.not. length > 0.0_wp) return
+      s(j - first + 2) = s(j - first + 1) + length
+    end do
+    deepest = 1.0_wp
+    do t = 1, n_tests
+      associate (f_of => tests(t, first:last), ends => tests(t, i:i + 1))
+        if (.not. all(abs(f_of) > 0.0_wp)) cycle
+        if (.not. ends(1)*ends(2) > 0.0_wp) cycle
+        lower = minval(abs(ends))
+        doubt = max(deep, min(1.0_wp, wrong*maxval(abs(f_of))/lower))
+        do m = 1, n_places
+          f = s(i - first + 1) + m/(n_places + 1.0_wp)*(s(i - first + 2) - s(i - first + 1))
+          value = 0.0_wp
+          do j = 1, last - first + 1
+            value = value + f_of(j)*product([((f - s(k))/(s(j) - s(k)), k=1, j - 1)]) &
+                    *product([((f - s(k))/(s(j) - s(k)), k=j + 1, last - first + 1)])
+          end do
+          depth = value*sign(1.0_wp, ends(1))/lower/doubt
+          if (.not. depth < deepest) cycle
+          deepest = depth
+          which = t
+          at = m/(n_places + 1.0_wp)
+        end do
+      end associate
+    end do
+  end subroutine find_dip
+
+end module viscovib_crossing_dips

@@ -1,0 +1,109 @@
+!> Points between two neighbours of a curve, with their exponents.
+module viscovib_crossing_nodes
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+  use viscovib_chord, only: chord_point, chord_type
+  use viscovib_curve, only: curve_type
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: node_type, spectrum_type, look_at, put_between
+
+  !> Exponents of the solutions of a curve: logarithms of multipliers, those that grow first,
+  !! imaginary parts within pi.
+  type, abstract :: spectrum_type
+    integer :: n = 0
+    !> Real parts above it grow.
+    real(wp) :: threshold = 0.0_wp
+    !> Whether multipliers are those of half a period.
+    logical :: half_wave = .false.
+    !> Whether all exponents are always known, else some of those that decay may lack.
+    logical :: complete = .true.
+  contains
+    procedure(look_interface), deferred :: look
+    procedure(follow_interface), deferred :: follow
+  end type spectrum_type
+
+  abstract interface
+
+    !> Exponents at a solution (p, x), NaN behind the last, and how many grow, -1: unknown.
+    subroutine look_interface(self, curve, p, x, near, eta, n_growing)
+      import :: curve_type, spectrum_type, wp
+      class(spectrum_type), intent(inout) :: self
+      class(curve_type), intent(inout) :: curve
+      real(wp), intent(in) :: p, x(:)
+      !> Those of a solution nearby.
+      complex(wp), intent(in) :: near(:)
+      complex(wp), intent(out) :: eta(:)
+      integer, intent(out) :: n_growing
+    end subroutine look_interface
+
+    !> One exponent near another.
+    subroutine follow_interface(self, curve, p, x, near, eta, made)
+      import :: curve_type, spectrum_type, wp
+      class(spectrum_type), intent(inout) :: self
+      class(curve_type), intent(inout) :: curve
+      real(wp), intent(in) :: p, x(:)
+      complex(wp), intent(in) :: near
+      complex(wp), intent(out) :: eta
+      logical, intent(out) :: made
+    end subroutine follow_interface
+
+  end interface
+
+  !> A point of a chord with its exponents.
+  type :: node_type
+    type(chord_point) :: at
+    complex(wp), allocatable :: eta(:)
+    integer :: n_growing = -1
+  end type node_type
+
+contains
+
+  !> The point on the plane sigma between two others, with its exponents.
+  subroutine look_at(curve, spectrum, chord, sigma, a, b, node)
+    class(curve_type), intent(inout) :: curve
+    class(spectrum_type), intent(inout) :: spectrum
+    type(chord_type), intent(in) :: chord
+    real(wp), intent(in) :: sigma
+    type(node_type), intent(in) :: a, b
+    type(node_type), intent(out) :: node
+    complex(wp) :: near(spectrum%n)
+    logical :: made
+
+    if (sigma <= a%at%sigma .or. sigma >= b%at%sigma) then
+      if (sigma <= a%at%sigma) then
+        node = a
+      else
+        node = b
+      end if
+      return
+    end if
+    allocate (node%eta(spectrum%n))
+    node%eta = a%eta
+    near = a%eta
+    if (b%at%sigma - sigma < sigma - a%at%sigma) near = b%eta
+    call chord%go_to(curve, sigma, a%at, b%at, node%at, made)
+    if (.not. made) return
+    call spectrum%look(curve, node%at%p, node%at%x, near, node%eta, &
+                       node%n_growing)
+  end subroutine look_at
+
+  !> A point on the straight line between two.
+  subroutine put_between(a, b, sigma, node)
+    type(node_type), intent(in) :: a, b
+    real(wp), intent(in) :: sigma
+    type(node_type), intent(out) :: node
+    real(wp) :: part
+    part = (sigma - a%at%sigma)/(b%at%sigma - a%at%sigma)
+    node%at%sigma = sigma
+    node%at%p = a%at%p + part*(b%at%p - a%at%p)
+    node%at%x = a%at%x + part*(b%at%x - a%at%x)
+    node%at%slope = (b%at%p - a%at%p)/(b%at%sigma - a%at%sigma)
+    node%eta = a%eta
+    where (ieee_is_finite(real(a%eta)) .and. ieee_is_finite(real(b%eta)))
+      node%eta = a%eta + part*(b%eta - a%eta)
+    end where
+  end subroutine put_between
+
+end module viscovib_crossing_nodes

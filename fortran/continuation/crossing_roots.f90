@@ -1,0 +1,205 @@
+!> Where the real part of an exponent vanishes between two points of a curve, by false position
+!! (Illinois: Dowell and Jarratt, BIT 11 (1971) 168).
+module viscovib_crossing_roots
+  use viscovib_chord, only: chord_type
+  use viscovib_constants, only: pi
+  use viscovib_crossing_nodes, only: look_at, node_type, put_between, spectrum_type
+  use viscovib_curve, only: curve_type
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: bracket, given_up
+
+  integer, parameter :: max_evaluations = 60, max_halvings = 12
+  !> Wanted part of the distance between the two neighbours, and of a real part.
+  real(wp), parameter :: narrow = 1.0e-11_wp, small = 1.0e-12_wp
+  !> How far off the real axis, or off i pi, an exponent on it may be.
+  real(wp), parameter, public :: on_line = 1.0e-5_wp
+  !> Between points this close the curve is straight to rounding.
+  real(wp), parameter :: straight = 1.0e-4_wp
+  !> Real parts beyond this say nothing more.
+  real(wp), parameter :: deepest = 100.0_wp
+
+contains
+
+  !> Where the exponent that is next to cross does so: nodes on both sides, and the place, with
+  !! that exponent first.
+  subroutine bracket(curve, spectrum, chord, lo, hi, root, located, cancel)
+    class(curve_type), intent(inout) :: curve
+    class(spectrum_type), intent(inout) :: spectrum
+    type(chord_type), intent(in) :: chord
+    type(node_type), intent(inout) :: lo, hi
+    type(node_type), intent(out) :: root
+    logical, intent(out) :: located
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), volatile, optional :: cancel
+
+    if (spectrum%complete) then
+      call bracket_by_size(curve, spectrum, chord, lo, hi, root, located, cancel)
+    else
+      call bracket_by_following(curve, spectrum, chord, lo, hi, root, located, cancel)
+    end if
+  end subroutine bracket
+
+  subroutine bracket_by_size(curve, spectrum, chord, lo, hi, root, located, cancel)
+    class(curve_type), intent(inout) :: curve
+    class(spectrum_type), intent(inout) :: spectrum
+    type(chord_type), intent(in) :: chord
+    type(node_type), intent(inout) :: lo, hi
+    type(node_type), intent(out) :: root
+    logical, intent(out) :: located
+    integer, intent(inout), volatile, optional :: cancel
+    type(node_type) :: trial
+    real(wp) :: low, high, sigma, last_sigma, value, level
+    integer :: k, place, side, before
+
+    located = .false.
+    place = max(lo%n_growing, hi%n_growing)
+    low = height(lo, place)
+    high = height(hi, place)
+    level = 0.0_wp
+    if (.not. low*high < 0.0_wp) then
+      ! One is on the axis, as far as numbers tell.
+      level = spectrum%threshold
+      low = low - level
+      high = high - level
+    end if
+    last_sigma = huge(last_sigma)
+    before = 0
+    do k = 1, max_evaluations
+      if (given_up(cancel) .or. .not. low*high < 0.0_wp) return
+      sigma = lo%at%sigma + (hi%at%sigma - lo%at%sigma)*low/(low - high)
+      if (sigma <= lo%at%sigma .or. sigma >= hi%at%sigma) exit
+      call look_at(curve, spectrum, chord, sigma, lo, hi, trial)
+      if (trial%n_growing < 0) then
+        ! Where another branch crosses the equations are singular.
+        if (hi%at%sigma - lo%at%sigma > straight) return
+        call put_between(lo, hi, sigma, root)
+        exit
+      end if
+      root = trial
+      value = height(trial, place) - level
+      if (value*low > 0.0_wp) then
+        lo = trial
+        low = value
+        side = -1
+        if (side == before) high = 0.5_wp*high
+      else
+        hi = trial
+        high = value
+        side = 1
+        if (side == before) low = 0.5_wp*low
+      end if
+      before = side
+      if (abs(sigma - last_sigma) <= narrow .or. abs(value) <= small) exit
+      last_sigma = sigma
+    end do
+    located = k <= max_evaluations .and. allocated(root%eta)
+    if (located) root%eta(1) = root%eta(place)
+  end subroutine bracket_by_size
+
+  !> Real part of the exponent of a place.
+  pure real(wp) function height(node, place)
+    type(node_type), intent(in) :: node
+    integer, intent(in) :: place
+    height = max(real(node%eta(place)), -deepest)
+  end function height
+
+  !> Where exponents that decay may lack: halved until the one that grows can be followed to
+  !! where it decays.
+  subroutine bracket_by_following(curve, spectrum, chord, lo, hi, root, located, cancel)
+    class(curve_type), intent(inout) :: curve
+    class(spectrum_type), intent(inout) :: spectrum
+    type(chord_type), intent(in) :: chord
+    type(node_type), intent(inout) :: lo, hi
+    type(node_type), intent(out) :: root
+    logical, intent(out) :: located
+    integer, intent(inout), volatile, optional :: cancel
+    type(node_type) :: middle
+    complex(wp) :: here, there, found
+    real(wp) :: sigma, last_sigma, sides(2), values(2)
+    complex(wp) :: ends(2)
+    integer :: k, place, side, before
+    logical :: made, upward
+
+    located = .false.
+    place = max(lo%n_growing, hi%n_growing)
+    upward = hi%n_growing == place
+    do k = 1, max_halvings
+      if (given_up(cancel)) return
+      if (upward) then
+        here = hi%eta(place)
+        call spectrum%follow(curve, lo%at%p, lo%at%x, here, there, made)
+      else
+        here = lo%eta(place)
+        call spectrum%follow(curve, hi%at%p, hi%at%x, here, there, made)
+      end if
+      if (made) made = real(there) < 0.0_wp .and. real(here) > 0.0_wp &
+                       .and. line_of(here) == line_of(there)
+      if (made) exit
+      call look_at(curve, spectrum, chord, lo%at%sigma + 0.5_wp*(hi%at%sigma &
+                   - lo%at%sigma), lo, hi, middle)
+      if (middle%n_growing < 0) then
+        call look_at(curve, spectrum, chord, lo%at%sigma + 0.37_wp*(hi%at%sigma &
+                     - lo%at%sigma), lo, hi, middle)
+      end if
+      if (middle%n_growing < 0) return
+      if ((middle%n_growing >= place) .eqv. upward) then
+        hi = middle
+      else
+        lo = middle
+      end if
+      ! More may grow there than at the end.
+      place = max(lo%n_growing, hi%n_growing)
+    end do
+    if (.not. made) return
+    sides = [lo%at%sigma, hi%at%sigma]
+    ends = merge([there, here], [here, there], upward)
+    values = real(ends)
+    last_sigma = huge(last_sigma)
+    before = 0
+    allocate (root%eta(spectrum%n))
+    do k = 1, max_evaluations
+      if (given_up(cancel)) return
+      sigma = sides(1) + (sides(2) - sides(1))*values(1)/(values(1) - values(2))
+      call chord%go_to(curve, sigma, lo%at, hi%at, root%at, made)
+      if (.not. made) then
+        if (sides(2) - sides(1) > straight) return
+        call put_between(lo, hi, sigma, root)
+        exit
+      end if
+      found = ends(1) + (ends(2) - ends(1))*((sigma - sides(1))/(sides(2) - sides(1)))
+      call spectrum%follow(curve, root%at%p, root%at%x, found, there, made)
+      if (.not. made) return
+      side = merge(1, 2, real(there)*values(1) > 0.0_wp)
+      sides(side) = sigma
+      ends(side) = there
+      if (side == 1) lo%at = root%at
+      if (side == 2) hi%at = root%at
+      values(side) = real(there)
+      if (side == before) values(3 - side) = 0.5_wp*values(3 - side)
+      before = side
+      if (abs(sigma - last_sigma) <= narrow .or. sides(2) - sides(1) <= narrow) exit
+      if (.not. abs(real(there)) > 0.0_wp) exit
+      last_sigma = sigma
+    end do
+    located = k <= max_evaluations
+    root%eta(1) = there
+  end subroutine bracket_by_following
+
+  !> 0 on the real axis, 1 on i pi, 2 elsewhere.
+  pure integer function line_of(exponent)
+    complex(wp), intent(in) :: exponent
+    line_of = 2
+    if (abs(aimag(exponent)) <= on_line) line_of = 0
+    if (abs(pi - abs(aimag(exponent))) <= on_line) line_of = 1
+  end function line_of
+
+  logical function given_up(cancel)
+    integer, intent(inout), volatile, optional :: cancel
+    given_up = .false.
+    if (present(cancel)) given_up = cancel /= 0
+  end function given_up
+
+end module viscovib_crossing_roots
