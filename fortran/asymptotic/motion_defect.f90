@@ -39,13 +39,15 @@ module viscovib_motion_defect
 
 contains
 
-  subroutine find_defect(scales, full, a, defect)
+  subroutine find_defect(scales, full, a, defect, band)
     type(multiple_scales_type), intent(in) :: scales
     !> The system itself, in the caller's units; not allocated: the form is all of it.
     class(full_system_type), intent(in), optional :: full
     !> Amplitudes in natural units and the frame.
     complex(wp), intent(in) :: a(:)
     type(defect_type), intent(out) :: defect
+    !> Waves this near to a mode, in parts of its frequency, are in g; else by the tolerance.
+    real(wp), intent(in), optional :: band
     type(angles_type) :: angles
     real(wp), allocatable :: y(:, :, :), load(:, :), e(:, :), w(:, :, :)
     integer, allocatable :: orders(:, :)
@@ -72,7 +74,7 @@ contains
         if (round > 1) call add_waves(angles, step, orders, defect, y)
         call evaluate_sides(scales, full, y, load, e)
         if (form%has_memory()) call slow_sides(scales, y, w)
-        call answer_waves(scales, angles, step, orders, y, e, w, defect)
+        call answer_waves(scales, angles, step, orders, y, e, w, defect, band)
         if (.not. defect%known) return
       end do
     end associate
@@ -189,12 +191,13 @@ contains
   end subroutine slow_sides
 
   !> One round: what answers the waves of the residual, on top of U; g as a whole.
-  subroutine answer_waves(scales, angles, step, orders, y, e, w, defect)
+  subroutine answer_waves(scales, angles, step, orders, y, e, w, defect, band)
     type(multiple_scales_type), intent(in) :: scales
     type(angles_type), intent(in) :: angles
     integer, intent(in) :: step(:), orders(:, :)
     real(wp), intent(in) :: y(:, :, 0:), e(:, :), w(:, :, :)
     type(defect_type), intent(inout) :: defect
+    real(wp), intent(in), optional :: band
     complex(wp) :: root(0:size(y, 1) - 1), rates(2*scales%normal%n_generators)
     complex(wp) :: waves(scales%form%n), u(scales%form%n), s
     real(wp) :: slowest
@@ -210,7 +213,8 @@ contains
       call take_waves()
       s = cmplx(0.0_wp, max(defect%frequency(i), slowest), wp)
       call scales%normal%answer(scales%form, s, -waves, &
-                                scales%normal%near_modes(defect%frequency(i)), u, rates, singular)
+                                scales%normal%near_modes(defect%frequency(i), band), u, rates, &
+                                singular)
       defect%rates(:, i) = rates(:scales%flow%n_modes)
       ! A stiffness that vanishes: no finite motion answers.
       if (singular .and. any(abs(waves) > 0.0_wp)) defect%known = .false.

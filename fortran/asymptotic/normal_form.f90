@@ -612,14 +612,19 @@ contains
 
   !> The same of all modes and conjugates for a wave that turns at this frequency, whichever
   !! turn with it in the frame included.
-  pure function near_modes(self, frequency) result(acts)
+  pure function near_modes(self, frequency, band) result(acts)
     class(normal_form_type), intent(in) :: self
     real(wp), intent(in) :: frequency
+    !> Instead of the tolerance, in parts of the mode's own frequency.
+    real(wp), intent(in), optional :: band
     logical :: acts(2*self%n_generators)
     integer :: a
     do a = 1, size(acts)
       acts(a) = self%near(cmplx(0.0_wp, frequency, wp), abs(frequency), a)
     end do
+    if (present(band)) then
+      acts(:self%n_modes) = abs(frequency - self%frame) <= band*self%frame
+    end if
     acts(:self%n_modes) = acts(:self%n_modes) .or. &
                           abs(frequency - self%frame) <= 1.0e-7_wp*self%frame
   end function near_modes

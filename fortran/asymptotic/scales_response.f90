@@ -5,6 +5,7 @@ module viscovib_scales_response
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales, reach_of
   use viscovib_normal_form, only: reach_type
   use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_resting_modes, only: resting_growth
   use viscovib_scales_error, only: steady_error
   use viscovib_scales_motion, only: harmonic_of, n_sizes
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
@@ -30,6 +31,8 @@ module viscovib_scales_response
     real(wp), allocatable :: frame(:, :), sizes(:, :)
     !> Largest influence of what is not among the resonant terms (`viscovib_resonance_choice`).
     real(wp), allocatable :: left_out(:)
+    !> Growth of modes at rest by what is of the order that follows; -huge: nothing is near.
+    real(wp), allocatable :: resting(:)
     !> Where asked for, errors of the harmonic and of the whole motion in each coordinate.
     real(wp), allocatable :: harmonic_errors(:, :), motion_errors(:, :)
   end type steady_points_type
@@ -126,6 +129,7 @@ contains
         call harmonic_of(scales, amplitudes, scales%form%drives(load), points%harmonic(:, m), &
                          points%sizes(:, m))
         points%left_out(m) = scales%normal%left_out(abs(amplitudes))
+        call resting_growth(scales, form%full, amplitudes, points%resting(m))
         if (with_errors) then
           call steady_error(scales, form%full, amplitudes, scales%form%drives(load), &
                             points%harmonic_errors(:, m), points%motion_errors(:, m))
@@ -178,7 +182,7 @@ contains
     type(steady_points_type) :: more
     allocate (more%value(room), more%a(n_modes, room), more%eigenvalues(2*n_modes, room), &
               more%harmonic(n_dof, room), more%frame(n_modes, room), more%sizes(n_sizes, room), &
-              more%left_out(room), &
+              more%left_out(room), more%resting(room), &
               more%harmonic_errors(n_dof, room), more%motion_errors(n_dof, room))
     more%n = points%n
     if (points%n > 0) then
@@ -190,6 +194,7 @@ contains
         more%frame(:, :m) = points%frame(:, :m)
         more%sizes(:, :m) = points%sizes(:, :m)
         more%left_out(:m) = points%left_out(:m)
+        more%resting(:m) = points%resting(:m)
         more%harmonic_errors(:, :m) = points%harmonic_errors(:, :m)
         more%motion_errors(:, :m) = points%motion_errors(:, :m)
       end associate

@@ -241,8 +241,8 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
                            data_phi, n_phi, &
                            tolerance, load, vary, values, n, with_errors, n_modes, n_dof, &
                            max_points, cancel, n_points, which, amplitudes, frames, eigenvalues, &
-                           harmonics, sizes, left_out, harmonic_errors, motion_errors, status, &
-                           message)
+                           harmonics, sizes, left_out, resting, harmonic_errors, motion_errors, &
+                           status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_polynomial_form, only: polynomial_form_type
@@ -261,7 +261,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
   complex(c_double_complex), intent(out) :: eigenvalues(2*n_modes, max_points)
   complex(c_double_complex), intent(out) :: harmonics(n_dof, max_points)
   real(c_double), intent(out) :: frames(n_modes, max_points), sizes(4, max_points)
-  real(c_double), intent(out) :: left_out(max_points)
+  real(c_double), intent(out) :: left_out(max_points), resting(max_points)
   real(c_double), intent(out) :: harmonic_errors(n_dof, max_points), &
                                  motion_errors(n_dof, max_points)
   character(len=512), intent(out) :: message
@@ -287,6 +287,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
     harmonics(:, :m) = points%harmonic(:, :m)
     sizes(:, :m) = points%sizes(:, :m)
     left_out(:m) = points%left_out(:m)
+    resting(:m) = points%resting(:m)
     if (with_errors /= 0) then
       harmonic_errors(:, :m) = points%harmonic_errors(:, :m)
       motion_errors(:, :m) = points%motion_errors(:, :m)

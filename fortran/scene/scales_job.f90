@@ -168,7 +168,8 @@ contains
     logical :: stable(points%n)
     integer :: i
     do i = 1, points%n
-      stable(i) = maxval(real(points%eigenvalues(:, i))) <= 1.0e-9_wp*maxval(points%frame(:, i))
+      stable(i) = max(maxval(real(points%eigenvalues(:, i))), points%resting(i)) &
+                  <= 1.0e-9_wp*maxval(points%frame(:, i))
     end do
   end function stable_points
 
@@ -198,7 +199,8 @@ contains
     do d = 1, size(points%a, 1)
       call table%hold_reals('mode_'//show(d), 2.0_wp*abs(points%a(d, :n)))
     end do
-    call table%hold_reals('growth', maxval(real(points%eigenvalues(:, :n)), 1))
+    call table%hold_reals('growth', max(maxval(real(points%eigenvalues(:, :n)), 1), &
+                                       points%resting(:n)))
     do d = 1, 3
       call table%add_reals('order_'//show(d), points%sizes(d, :n))
     end do

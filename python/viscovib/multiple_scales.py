@@ -35,6 +35,8 @@ _KNOTS, _MOST_KNOTS, _STEPS_A_KNOT = 65, 1025, 5
 _BY_INFLUENCE = -float(np.finfo(float).max)
 #: Of free vibrations: internal resonances within this part are solved for.
 _FREE_BAND = 0.2
+#: The core's growth of modes at rest where nothing is near.
+_NOT_NEAR = -1e300
 _OUTCOMES = ("complete", "overflow", "step limit", "cancelled")
 
 
@@ -310,7 +312,7 @@ class MultipleScales:
         if vary == 1 and not where.min() > 0:
             raise InputError(f"{parameter} = {where.min():g}: must be greater than 0")
         found = self._steady(load, vary, where, False)
-        n, which, a, frames, eigenvalues, harmonics, sizes, left_out = found[:8]
+        n, which, a, frames, eigenvalues, harmonics, sizes, left_out, resting = found[:9]
         kept = slice(n)
         return ScalesResponse(
             parameter=parameter,
@@ -322,6 +324,7 @@ class MultipleScales:
             harmonics=harmonics.T[kept].copy(),
             order_sizes=sizes.T[kept, :3].copy(),
             left_out=left_out[kept].copy(),
+            resting_growth=np.where(resting[kept] > _NOT_NEAR, resting[kept], -np.inf),
             _units=self._units / sizes.T[kept, 3:],
             dof_names=self._names,
             _errors=partial(self._steady_errors, load, vary, where),

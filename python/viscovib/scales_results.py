@@ -229,6 +229,9 @@ class ScalesResponse(Result):
         Largest influence of a term near resonance that is not in the modulation equations: its
         coupling times the amplitudes over its divisor. Below 0.05 as a rule; more where its
         frequency has no place beside the others (the motion is then quasi-periodic).
+    resting_growth : ndarray, shape (n,)
+        Growth of modes at rest by what is of fourth order (as at 3 p ~ 2 w1), which is not in the
+        modulation equations; -inf where no such condition is near.
     plan : Plan
         What was computed, what was skipped and why.
     """
@@ -242,6 +245,7 @@ class ScalesResponse(Result):
     harmonics: ComplexArray
     order_sizes: FloatArray
     left_out: FloatArray
+    resting_growth: FloatArray
     dof_names: tuple[str, ...]
     plan: Plan
     _errors: Callable[[], tuple[FloatArray, FloatArray]] = field(repr=False)
@@ -308,9 +312,12 @@ class ScalesResponse(Result):
 
     @property
     def stable(self) -> npt.NDArray[np.bool_]:
-        """No eigenvalue with a positive real part, shape (n,)."""
-        limit = _NEUTRAL * self.frequencies.max(axis=1)
-        return np.asarray(self.eigenvalues.real.max(axis=1) <= limit)
+        """Nothing grows, by eigenvalues or by what is of fourth order, shape (n,)."""
+        return np.asarray(self._growth <= _NEUTRAL * self.frequencies.max(axis=1))
+
+    @property
+    def _growth(self) -> FloatArray:
+        return np.asarray(np.maximum(self.eigenvalues.real.max(axis=1), self.resting_growth))
 
     def amplitude(self, dof: str) -> FloatArray:
         """Size of the first harmonic of a coordinate, shape (n,)."""
@@ -370,7 +377,7 @@ class ScalesResponse(Result):
         for j in range(self.amplitudes.shape[1]):
             own = self.amplitudes[:, j]
             table.columns[f"mode_{j + 1}"] = np.hypot(own.real, own.imag)
-        table.columns["growth"] = self.eigenvalues.real.max(axis=1)
+        table.columns["growth"] = self._growth
         for k in range(3):
             table.columns[f"order_{k + 1}"] = self.order_sizes[:, k]
         table.columns["error_estimate"] = self.error_estimate

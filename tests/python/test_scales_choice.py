@@ -226,3 +226,42 @@ def test_backbones_out_of_range_are_told():
     ms = vv.MultipleScales(system)
     with pytest.warns(vv.RangeWarning, match="amplitude 5 of mode 0"):
         ms.backbone(0, 5.0)
+
+
+def test_tongues_of_the_order_that_follows():
+    """3 p ~ 2 w is no term of the modulation equations; Floquet's growth at its middle is found."""
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        w, h, damping = rng.uniform(0.7, 1.5), rng.uniform(0.25, 0.45), 10 ** rng.uniform(-5, -4)
+        fast = 40.0
+
+        def system(p, w=w, h=h, damping=damping, fast=fast):
+            quadratic = np.zeros((2, 2, 2))
+            quadratic[0, 0, 1] = w**2
+            return vv.CubicSystem(
+                mass=np.eye(2), stiffness=np.diag([w**2, fast**2]),
+                damping=np.diag([damping, 0]), quadratic=quadratic,
+                load=[[0.0], [h * (fast**2 - p**2)]], drives=[p],
+            )  # fmt: skip
+
+        def true(p, w=w, h=h, damping=damping):
+            def matrix_at(t):
+                return np.array([[0, 1], [-(w**2) * (1 + h * np.cos(p * t)), -damping]])
+
+            return growth(matrix_at, 2 * np.pi / p, 2)
+
+        places = 2 / 3 * w * (1 + np.linspace(-0.5, 0.5, 41) * h**2)
+        middle, wide = places[np.argmax([true(p) for p in places])], places[1] - places[0]
+        top = scipy.optimize.minimize_scalar(
+            lambda p, true=true: -true(p), bounds=(middle - wide, middle + wide), method="bounded",
+            options={"xatol": 1e-5},
+        )  # fmt: skip
+        assert -top.fun > 5 * damping
+        ms = vv.MultipleScales(system(top.x))
+        here = ms.response("p1", [top.x])
+        assert here.eigenvalues.real.max() < 1e-9
+        assert not here.stable[0]
+        around = ms.response("p1", top.x + wide * np.linspace(-1, 1, 61))
+        np.testing.assert_allclose(around.resting_growth.max(), -top.fun, rtol=0.1)
+        beside = ms.response("p1", top.x + np.array([-4, 4]) * wide)
+        assert beside.stable.all()

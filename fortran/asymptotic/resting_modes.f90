@@ -1,0 +1,171 @@
+!> Whether modes at rest grow by what is left out of the modulation equations.
+!!
+!! A motion of frequencies f_i drives pairs of modes that rest where n.f is near the sum of
+!! their frequencies. With |n| = 1 and 2 that is among the products of the expansion; with 3 it is
+!! of the order that follows, and what the motion with a little of a resting mode leaves over
+!! (`viscovib_motion_defect`) is its coefficient: modes j and k change by
+!!
+!!   a_k' = sum_m P_km a_m + Q_kj conj(a_j) exp(i D t), and j the other way round,
+!!
+!! D = n.f - W_j - W_k; P from the modulation equations, with what is left over of the modes' own
+!! exponents. A little real and as much imaginary amplitude tell Q from that. Turned with half of
+!! D all stands still, and the eigenvalues are those of one matrix.
+module viscovib_resting_modes
+  use viscovib_eigenvalues, only: eigenvalues
+  use viscovib_flow_stability, only: real_matrix
+  use viscovib_kinds, only: wp
+  use viscovib_motion_defect, only: defect_type, find_defect
+  use viscovib_motion_lattice, only: angles_type, find_angles, max_angles
+  use viscovib_multiple_scales, only: multiple_scales_type
+  use viscovib_polynomial_form, only: full_system_type
+  implicit none
+  private
+
+  public :: resting_growth
+
+  !> Farther than this part of a mode's frequency no such tongue reaches.
+  real(wp), parameter :: reach = 0.3_wp
+  !> Of a resting mode, in parts of the largest that moves.
+  real(wp), parameter :: little = 1.0e-4_wp
+  integer, parameter :: order = 3
+
+contains
+
+  !> The fastest growth of a pair of resting modes; -huge where nothing is near.
+  subroutine resting_growth(scales, full, a, growth)
+    type(multiple_scales_type), intent(in) :: scales
+    !> As in `find_defect`.
+    class(full_system_type), intent(in), optional :: full
+    !> Amplitudes of a steady motion, in natural units.
+    complex(wp), intent(in) :: a(:)
+    real(wp), intent(out) :: growth
+    logical, dimension(size(a)) :: rests, asked
+    complex(wp), dimension(size(a), size(a)) :: coupling, by_a, by_conjugate
+    type(angles_type) :: angles
+    real(wp) :: drive, nearest
+    integer :: n(max_angles), j, k
+
+    growth = -huge(1.0_wp)
+    rests = .not. abs(a) > 0.0_wp
+    if (.not. any(rests)) return
+    call find_angles(scales, a, angles)
+    if (angles%n > max_angles - 1) return
+    associate (frame => scales%flow%frame)
+      asked = .false.
+      do j = 1, size(a)
+        do k = 1, size(a)
+          if (.not. (rests(j) .and. rests(k))) cycle
+          call find_nearest(frame(j) + frame(k), drive, nearest)
+          if (nearest <= reach*min(frame(j), frame(k))) asked([j, k]) = .true.
+        end do
+      end do
+      if (.not. any(asked)) return
+      call scales%flow%slopes(a, by_a, by_conjugate)
+      coupling = (0.0_wp, 0.0_wp)
+      do j = 1, size(a)
+        if (asked(j)) call probe(j)
+      end do
+      do j = 1, size(a)
+        do k = j, size(a)
+          if (.not. (asked(j) .and. asked(k))) cycle
+          call find_nearest(frame(j) + frame(k), drive, nearest)
+          if (nearest > reach*min(frame(j), frame(k))) cycle
+          growth = max(growth, growth_of(j, k, drive - frame(j) - frame(k)))
+        end do
+      end do
+    end associate
+
+  contains
+
+    !> n.f, |n| = 3, nearest to a frequency.
+    subroutine find_nearest(wanted, drive, nearest)
+      real(wp), intent(in) :: wanted
+      real(wp), intent(out) :: drive, nearest
+      n = 0
+      drive = 0.0_wp
+      nearest = huge(1.0_wp)
+      call place(1, order, wanted, drive, nearest)
+    end subroutine find_nearest
+
+    recursive subroutine place(i, left, wanted, drive, nearest)
+      integer, intent(in) :: i, left
+      real(wp), intent(in) :: wanted
+      real(wp), intent(inout) :: drive, nearest
+      real(wp) :: here
+      integer :: value
+      if (i > angles%n) then
+        here = sum(n(:angles%n)*angles%frequency(:angles%n))
+        if (left > 0 .or. abs(here - wanted) >= nearest) return
+        nearest = abs(here - wanted)
+        drive = here
+        return
+      end if
+      do value = -left, left
+        n(i) = value
+        call place(i + 1, left - abs(value), wanted, drive, nearest)
+      end do
+      n(i) = 0
+    end subroutine place
+
+    !> Mode j of a little real, then imaginary amplitude: changes by it and by its conjugate.
+    subroutine probe(j)
+      integer, intent(in) :: j
+      type(defect_type) :: real_part, imaginary_part
+      complex(wp) :: b(size(a)), own, by_own, by_other
+      integer :: i, k
+      b = a
+      b(j) = little*maxval(abs(a))
+      if (.not. maxval(abs(a)) > 0.0_wp) b(j) = little
+      call find_defect(scales, full, b, real_part, reach)
+      own = b(j)
+      b(j) = cmplx(0.0_wp, real(own), wp)
+      call find_defect(scales, full, b, imaginary_part, reach)
+      if (.not. (real_part%known .and. imaginary_part%known)) return
+      do i = 1, real_part%n
+        do k = 1, size(a)
+          if (.not. asked(k)) cycle
+          associate (r => real_part%rates(k, i), s => imaginary_part%rates(k, i), &
+                     f => real_part%frequency(i), frame => scales%flow%frame)
+            by_own = 0.5_wp*(r - (0.0_wp, 1.0_wp)*s)/own
+            by_other = 0.5_wp*(r + (0.0_wp, 1.0_wp)*s)/own
+            if (k == j .and. abs(f - frame(j)) <= 1.0e-9_wp*frame(j)) then
+              by_a(j, j) = by_a(j, j) + by_own
+            end if
+            if (is_drive(f + frame(j), frame(j) + frame(k))) coupling(k, j) = by_other
+          end associate
+        end do
+      end do
+    end subroutine probe
+
+    !> Whether this is the nearest n.f to a frequency.
+    logical function is_drive(f, wanted)
+      real(wp), intent(in) :: f, wanted
+      real(wp) :: drive, nearest
+      call find_nearest(wanted, drive, nearest)
+      is_drive = nearest < huge(1.0_wp) .and. abs(f - drive) <= 1.0e-9_wp*wanted
+    end function is_drive
+
+    !> Largest real part for the resting modes, j and k driven.
+    real(wp) function growth_of(j, k, off)
+      integer, intent(in) :: j, k
+      real(wp), intent(in) :: off
+      complex(wp) :: driven(size(a), size(a)), turned(size(a), size(a)), values(2*count(rests))
+      integer, allocatable :: which(:)
+      integer :: i
+      logical :: found
+      driven = (0.0_wp, 0.0_wp)
+      driven(j, k) = coupling(j, k)
+      driven(k, j) = coupling(k, j)
+      turned = by_a
+      do i = 1, size(a)
+        turned(i, i) = turned(i, i) - cmplx(0.0_wp, 0.5_wp*off, wp)
+      end do
+      which = pack([(i, i=1, size(a))], rests)
+      call eigenvalues(real_matrix(turned(which, which), driven(which, which)), values, found)
+      growth_of = -huge(1.0_wp)
+      if (found) growth_of = maxval(real(values))
+    end function growth_of
+
+  end subroutine resting_growth
+
+end module viscovib_resting_modes
