@@ -1,5 +1,4 @@
-! Flat routines over spectra, for f2py. Those that transform are not `threadsafe`:
-! plans are made under Python's lock.
+! Flat routines over spectra, for f2py.
 
 !> Discrete Fourier transform of a real signal, shape (n/2 + 1).
 subroutine real_dft(signal, n, spectrum, n_spectrum)
@@ -9,6 +8,7 @@ subroutine real_dft(signal, n, spectrum, n_spectrum)
   integer(c_int), intent(in) :: n, n_spectrum
   real(c_double), intent(in) :: signal(n)
   complex(c_double_complex), intent(out) :: spectrum(n_spectrum)
+  !f2py threadsafe
   call real_spectrum(signal, spectrum)
 end subroutine real_dft
 
@@ -22,6 +22,7 @@ subroutine windowed_spectrum(signals, n, m, window, spectra, n_spectrum, bandwid
   real(c_double), intent(in) :: signals(n, m)
   complex(c_double_complex), intent(out) :: spectra(n_spectrum, m)
   real(c_double), intent(out) :: bandwidth
+  !f2py threadsafe
   integer :: j
   do j = 1, m
     call amplitude_spectrum(signals(:, j), window, spectra(:, j))

@@ -57,6 +57,10 @@ contains
     real(wp) :: factor
     integer :: i, j
 
+    if (.not. (may_square(mu) .and. may_square(self%rates) .and. may_square(self%weights))) then
+      call far_transform(self, mu, cosine, sine)
+      return
+    end if
     cosine = 0.0_wp
     sine = 0.0_wp
     do j = 1, size(self%weights)
@@ -67,6 +71,36 @@ contains
       end do
     end do
   end subroutine transform
+
+  !> Whether squares of these numbers stay in the range of numbers, and their quotients.
+  pure logical function may_square(x)
+    real(wp), intent(in) :: x(:)
+    real(wp), parameter :: largest = 1.0e100_wp
+    may_square = all(abs(x) <= largest .and. (abs(x) >= 1.0_wp/largest .or. x == 0.0_wp))
+  end function may_square
+
+  !> The transform where squares would leave the range: r_j and mu relative to the larger.
+  pure subroutine far_transform(self, mu, cosine, sine)
+    class(prony_kernel), intent(in) :: self
+    real(wp), intent(in) :: mu(:)
+    real(wp), intent(out) :: cosine(:), sine(:)
+    real(wp) :: larger, a, b, scaled
+    integer :: i, j
+
+    cosine = 0.0_wp
+    sine = 0.0_wp
+    do j = 1, size(self%weights)
+      if (self%weights(j) == 0.0_wp) cycle
+      do i = 1, size(mu)
+        larger = max(self%rates(j), abs(mu(i)))
+        a = self%rates(j)/larger
+        b = mu(i)/larger
+        scaled = self%weights(j)/larger/(a**2 + b**2)
+        cosine(i) = cosine(i) + scaled*a
+        sine(i) = sine(i) + scaled*b
+      end do
+    end do
+  end subroutine far_transform
 
   !> -i sum_j w_j/(r_j + i mu)^2.
   subroutine transform_slope(self, mu, transform, slope)

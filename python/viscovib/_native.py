@@ -5,9 +5,9 @@ argument is brought to its exact type, shape and memory order here.
 """
 
 import math
+import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,17 +21,33 @@ core: Any = _viscovib
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
+_T = TypeVar("_T")
+
 _IO_ERROR = 3
+#: Entries of a list that are looked at one by one, at a cost like that of reading them.
+_LONG_LIST = 1000
+#: Lists within lists that may be an array.
+_DEEPEST = 32
+#: Seconds that a call which was asked to stop is given; one that cannot is left behind.
+_PATIENCE = 0.3
+#: Samples, and steps in time, that may take long.
+MANY_SAMPLES, MANY_STEPS = 2**18, 2000
+#: Seconds of work between two looks at Ctrl-C, on a machine that is busy.
+_PART = 0.1
 
 
 def number(name: str, value: object) -> float:
     """Return ``value`` as a finite float, or say what it should have been."""
-    if isinstance(value, (bool, np.bool_, str, bytes)) or value is None:
-        raise InputError(f"{name} = {shown(value)}: must be a real number")
-    try:
-        result = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} = {shown(value)}: must be a real number") from None
+    if type(value) is not float:
+        refuse_mask(name, value)
+        if isinstance(value, (bool, np.bool_, str, bytes)) or value is None:
+            raise InputError(f"{name} = {shown(value)}: must be a real number")
+        try:
+            value = float(value)  # type: ignore[arg-type]
+        except Exception:
+            # Whatever an object raises that is asked for its value: it is none.
+            raise InputError(f"{name} = {shown(value)}: must be a real number") from None
+    result: float = value
     if not math.isfinite(result):
         raise InputError(f"{name} = {result}: must be a finite number")
     return result
@@ -67,11 +83,55 @@ def complex_array(name: str, value: object, *, ndim: int | None = None) -> Compl
     return _checked(name, _array(name, value).astype(np.complex128, copy=False), ndim)
 
 
-def _array(name: str, value: object) -> npt.NDArray[Any]:
+def any_array(name: str, value: object) -> npt.NDArray[Any]:
+    """Return ``value`` as an array of any kind; the only way in for arrays of users."""
+    if type(value) is np.ndarray:
+        return value
+    # Of a long list single entries are not looked at: one that is masked becomes NaN.
+    long = isinstance(value, (list, tuple)) and len(value) > _LONG_LIST
+    if not long:
+        refuse_mask(name, value)
     try:
         array = np.asarray(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: must be an array of numbers of one shape") from None
+    except Exception:
+        # Whatever an object raises that is asked for an array: it has none.
+        raise InputError(
+            f"{name} = {shown(value)}: must be an array of numbers of one shape"
+        ) from None
+    if long and array.ndim > 1:
+        refuse_mask(name, value)
+    return array
+
+
+def refuse_mask(name: str, value: object) -> None:
+    """Refuse an array of which entries are masked: what stands behind a mask is no value."""
+    if isinstance(value, np.ma.MaskedArray):
+        if np.ma.is_masked(value):
+            n = int(np.ma.getmaskarray(value).sum())
+            raise InputError(
+                f"{name}: {n} of {value.size} masked, must be without a mask: drop them, or "
+                "give values by filled()"
+            )
+    elif isinstance(value, (list, tuple)):
+        # Numbers, as most lists hold, are passed over at once.
+        kinds = set(map(type, value))
+        if any(issubclass(kind, (np.ma.MaskedArray, list, tuple)) for kind in kinds):
+            if any(part is value for part in value):
+                raise InputError(f"{name}: holds itself, must be numbers")
+            for i, part in enumerate(value):
+                _refuse_below(f"{name}[{i}]", part, 1)
+
+
+def _refuse_below(name: str, value: object, depth: int) -> None:
+    if depth < _DEEPEST and isinstance(value, (list, tuple)):
+        for i, part in enumerate(value):
+            _refuse_below(f"{name}[{i}]", part, depth + 1)
+    elif isinstance(value, np.ma.MaskedArray):
+        refuse_mask(name, value)
+
+
+def _array(name: str, value: object) -> npt.NDArray[Any]:
+    array = any_array(name, value)
     if array.dtype.kind not in "iufc":
         raise InputError(f"{name} = {shown(value)}: must be numbers, got {array.dtype}")
     return array
@@ -130,7 +190,12 @@ def mapping(name: str, value: Any) -> Mapping[str, Any]:
 
 def shown(value: object) -> str:
     """Return a value as messages show it: a line, not too long."""
-    text = " ".join(repr(value).split())
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:
+        text = f"<{type(value).__name__}>"
+    # A letter that no file can hold would make the message one that cannot be printed.
+    text = text.encode("utf-8", "backslashreplace").decode()
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -144,16 +209,106 @@ def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[A
 
 
 def call_interruptibly(
-    routine: Callable[..., tuple[Any, ...]], cancel: npt.NDArray[np.intc], *arguments: object
+    routine: Callable[..., tuple[Any, ...]],
+    cancel: npt.NDArray[np.intc] | None,
+    *arguments: object,
 ) -> tuple[Any, ...]:
     """Call a flat routine that may take long in a thread, so that Ctrl-C is heard.
 
-    ``cancel`` is among the arguments; the routine gives up once it holds 1.
+    ``cancel`` is among the arguments; the routine gives up once it holds 1. One that has none, or
+    does not look at it in time, is left to end unseen: what it writes into is kept for it.
     """
-    pool = ThreadPoolExecutor(1)
+    return apart(lambda: call(routine, *arguments), cancel)
+
+
+def call_either(
+    long: bool, routine: Callable[..., tuple[Any, ...]], *arguments: object
+) -> tuple[Any, ...]:
+    """Call a flat routine; in a thread if it may take ``long``, as that costs 50 microseconds."""
+    return call_interruptibly(routine, None, *arguments) if long else call(routine, *arguments)
+
+
+def apart(work: Callable[[], _T], cancel: npt.NDArray[np.intc] | None = None) -> _T:
+    """Do some work in a thread and wait for it, so that Ctrl-C is heard."""
+    results: list[_T] = []
+    errors: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            results.append(work())
+        except BaseException as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
     try:
-        return pool.submit(call, routine, *arguments).result()
-    finally:
-        # Reached early by Ctrl-C, which may come at any point above.
-        cancel[0] = 1
-        pool.shutdown()
+        thread.start()
+        thread.join()
+    except BaseException:
+        # Ctrl-C, which may come at any point above.
+        if cancel is not None:
+            cancel[0] = 1
+            thread.join(_PATIENCE)
+        raise
+    if errors:
+        raise errors[0]
+    return results[0]
+
+
+def in_parts(
+    routine: Callable[..., tuple[Any, ...]],
+    first: tuple[object, ...],
+    seconds: float,
+    *arrays: npt.NDArray[Any],
+) -> tuple[Any, ...]:
+    """Call a flat routine on so many values at a time that Ctrl-C is heard between.
+
+    ``seconds``: what a value takes at most. Values are the last axis of what is given and got.
+    """
+    n = arrays[0].shape[-1]
+    if n * seconds <= _PART:
+        return call(routine, *first, *arrays)
+    size = max(int(_PART / seconds), 1)
+    found: list[npt.NDArray[Any]] = []
+    for start in range(0, n, size):
+        end = start + size
+        parts = call(routine, *first, *(array[..., start:end] for array in arrays))
+        if not found:
+            found = [np.empty((*p.shape[:-1], n), dtype=p.dtype, order="F") for p in parts]
+        for whole, part in zip(found, parts, strict=True):
+            whole[..., start:end] = part
+    return tuple(found)
+
+
+def all_finite(array: npt.NDArray[Any]) -> bool:
+    """Whether there is no NaN and no infinity; in a fifth of the time of looking at each."""
+    flat = array.ravel("K")
+    return math.isfinite(np.vdot(flat, flat).real) or bool(np.isfinite(flat).all())
+
+
+def check_range(name: str, given: npt.NDArray[Any], found: npt.NDArray[Any], what: str) -> None:
+    """Refuse the first value given at which ``what`` is not a finite number.
+
+    ``found`` has an entry or a row for each value.
+    """
+    if all_finite(found):
+        return
+    rows = np.isfinite(found.reshape(given.size, -1)).all(axis=1)
+    if rows.all():
+        return
+    i = int(np.flatnonzero(~rows)[0])
+    place = f"[{', '.join(str(k) for k in np.unravel_index(i, given.shape))}]" if given.ndim else ""
+    raise InputError(
+        f"{name}{place} = {given.ravel()[i]:g}: {what} is no finite number there, must be elsewhere"
+    )
+
+
+def check_states(states: FloatArray, found: FloatArray, what: str) -> None:
+    """Refuse the first state at which something is not a finite number."""
+    if all_finite(found):
+        return
+    i = tuple(int(k) for k in np.argwhere(~np.isfinite(found))[0][: states.ndim - 1])
+    place = f"[{', '.join(map(str, i))}]" if i else ""
+    largest = float(np.abs(states[i]).max())
+    raise InputError(
+        f"state{place}: {what} of a state of size {largest:g} is no finite number, must be smaller"
+    )

@@ -14,6 +14,7 @@ from viscovib.curves import MAX_SPECIAL, OUTCOMES, largest_panels
 from viscovib.errors import InputError
 from viscovib.motion_stability import STABILITY_NOTE, stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.parameters import MAX_POINTS, MAX_STEP, Interval
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
 from viscovib.response import _MAX_HARMONICS, _MAX_UNKNOWNS
@@ -247,13 +248,9 @@ def oscillator_backbone(
     names = system.dof_names
     j = _native.integer("mode", mode, 0, len(names) - 1)
     place = 0 if dof is None else names.index(_native.choice("dof", dof, names)) + 1
-    ends = _native.real_array("amplitude_range", amplitude_range)
-    if ends.shape != (2,) or not 0 < ends[0] < ends[1]:
-        raise InputError("amplitude_range: must be two numbers, 0 < from < to")
-    points = _native.integer("max_points", max_points, 2, 100_000)
-    step = _native.number("max_step", max_step)
-    if not 1e-4 <= step <= 1:
-        raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
+    ends = Interval("amplitude_range", above=0).check(amplitude_range)
+    points = MAX_POINTS.check(max_points)
+    step = MAX_STEP.check(max_step)
     highest = _native.integer("harmonics", harmonics, 1, _MAX_HARMONICS)
     wanted = _native.number("tolerance", tolerance)
     job = (system._flat, *system._kernels, j, place)

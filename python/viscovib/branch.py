@@ -26,6 +26,7 @@ from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.load import LoadLike
 from viscovib.motion_stability import STABILITY_NOTE, Stability, codes_of, stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.parameters import MAX_POINTS, MAX_STEP, OPPOSITE, STABILITY, SYMMETRIC
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
 from viscovib.response import _prepare
@@ -308,12 +309,10 @@ def trace_response(
         raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
     fixed = start if nu is None else _native.number("nu", nu)
     stops = _native.real_array("at", at).reshape(-1)
-    judged_too = _native.flag("stability", stability)
-    keeps = _native.flag("symmetric", symmetric)
-    points = _native.integer("max_points", max_points, 2, 100_000)
-    step = _native.number("max_step", max_step)
-    if not 1e-4 <= step <= 1:
-        raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
+    judged_too = STABILITY.check(stability)
+    keeps = SYMMETRIC.check(symmetric)
+    points = MAX_POINTS.check(max_points)
+    step = MAX_STEP.check(max_step)
     job, _, options, planned = _prepare(
         mount, [fixed], load, base, "newton", harmonics, tolerance, 100, 1.0, keep_idle=True,
         flat=first, may_choose=True,
@@ -339,7 +338,7 @@ def trace_response(
     begin_p = 0.0
     if leave is not None:
         check_departure(leave)
-        begin, along = leave.departure(2 * m * n_dof, _native.flag("opposite", opposite))
+        begin, along = leave.departure(2 * m * n_dof, OPPOSITE.check(opposite))
         begin_p = leave.parameter
     cancel = np.zeros(1, dtype=np.intc)
     (

@@ -12,6 +12,7 @@ import xarray as xr
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.parameters import STABILITY, TOLERANCE
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan, wanted_places
 from viscovib.response import OUTCOMES
@@ -158,7 +159,10 @@ class DrivenResponse(Result):
         row = self._row(i)
         times = _native.real_array("t", t)
         omega = self.frequencies(row)
-        waves = np.exp(1j * np.multiply.outer(times, omega))
+        with np.errstate(over="ignore", invalid="ignore"):
+            phases = np.multiply.outer(times, omega)
+        _native.check_range("t", times, phases, "the phase of the motion")
+        waves = np.exp(1j * phases)
         result = np.empty((*times.shape, 6))
         result[..., ::2] = (waves @ self.coefficients[row].T).imag
         result[..., 1::2] = (waves @ (1j * omega * self.coefficients[row]).T).imag
@@ -287,10 +291,8 @@ def pendulum_response(
     varies, values = chosen(
         {"p1": p1, "p2": p2, "p3": p3, "f0": f0, "m01": m01, "m02": m02, "nu": nu}
     )
-    wanted = _native.number("tolerance", tolerance)
-    if not 1e-14 <= wanted <= 0.1:
-        raise InputError(f"tolerance = {wanted:g}: must be in [1e-14, 0.1]")
-    span = check_duration(duration) if stability else 0.0
+    wanted = TOLERANCE.check(tolerance)
+    span = check_duration(duration) if STABILITY.check(stability) else 0.0
     subharmonic = _native.integer("subharmonic", subharmonic, 1, 20)
     denominator = _native.integer("max_denominator", max_denominator, 1, 99)
     if varies in FREQUENCIES:

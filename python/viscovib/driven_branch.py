@@ -26,6 +26,15 @@ from viscovib.curves import (
 from viscovib.driven import check_size
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.motion_stability import STABILITY_NOTE, stability_columns
+from viscovib.parameters import (
+    MAX_POINTS,
+    MAX_STEP,
+    OPPOSITE,
+    STABILITY,
+    SYMMETRIC,
+    TOLERANCE,
+    checked,
+)
 from viscovib.pendulum import Pendulum
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
@@ -318,13 +327,10 @@ def trace_pendulum(
     start, finish = range_of(varies, value)
     if (varies in FREQUENCIES or varies == "nu") and min(start, finish) <= 0:
         raise InputError(f"{varies} = ({start:g}, {finish:g}): must be greater than 0")
-    wanted = _native.number("tolerance", tolerance)
-    if not 1e-14 <= wanted <= 0.1:
-        raise InputError(f"tolerance = {wanted:g}: must be in [1e-14, 0.1]")
-    step = _native.number("max_step", max_step)
-    if not 1e-4 <= step <= 1:
-        raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
-    points = _native.integer("max_points", max_points, 2, 100_000)
+    wanted = TOLERANCE.check(tolerance)
+    checked((STABILITY, SYMMETRIC, OPPOSITE), locals())
+    step = MAX_STEP.check(max_step)
+    points = MAX_POINTS.check(max_points)
     denominator = _native.integer("max_denominator", max_denominator, 1, 99)
     if varies in FREQUENCIES:
         pend = moved(pend, varies, start)

@@ -199,6 +199,7 @@ def simulate_ensemble(
         lines = _native.real_array("amplitudes_at", amplitudes_at, ndim=1)
         if np.any(lines <= 0):
             raise InputError(f"amplitudes_at: must be greater than 0, got {lines.min():g}")
+    _native.flag("progress", progress)
     length = _Length.checked(systems, t_end, n_periods, discard, sections)
     cores = os.cpu_count() or 1
     threads = cores if n_threads is None else _native.integer("n_threads", n_threads, 1, 4096)
@@ -339,8 +340,8 @@ class _Length:
         else:
             if np.any(period != period[0]):
                 raise InputError(f"t_end: {name} varies, give n_periods instead")
-            periods = max(1, round(end / period[0]))
-            skipped = math.ceil(before / period[0])
+            periods = max(1, round(min(end / period[0], 2.0 * _MAX_STEPS)))
+            skipped = math.ceil(min(before / period[0], 2.0 * _MAX_STEPS))
         if skipped >= periods:
             raise InputError(f"discard: {skipped} of {periods} periods, leaves none")
         return cls(periods * period, 0.0, periods, skipped)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import IO
 
 from viscovib.errors import FileError
+from viscovib.parameters import FilePath
 
 
 @contextmanager
@@ -15,7 +16,9 @@ def whole_file(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[str
 
     What stands beside it is removed first, and not followed if it is a link.
     """
-    target = Path(path)
+    target = Path(FilePath("path").check(path))
+    if not target.name:
+        raise FileError(f"path = {str(target)!r}: is no path of a file")
     part = target.with_name(target.name + ".part")
     encoding = None if "b" in mode else "utf-8"
     try:

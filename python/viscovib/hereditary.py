@@ -258,7 +258,8 @@ class _MountRun(Run):
         if self.memory is not None:
             memory[: self.memory.size] = self.memory
         states, at_times, last, kept, n_kept, made, n_reached, ended, counted, rough, reason = (
-            _native.call(
+            _native.call_either(
+                count > _native.MANY_STEPS,
                 core.mount_simulate,
                 mount._flat,
                 *mount._kernels,

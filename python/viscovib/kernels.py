@@ -11,6 +11,7 @@ in closed form, to the last digits.
 import math
 import warnings
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -22,6 +23,7 @@ from scipy.optimize import least_squares, nnls
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, StabilityWarning
+from viscovib.parameters import TOLERANCE
 
 
 class Kernel(ABC):
@@ -45,7 +47,10 @@ class Kernel(ABC):
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
         """R(t) (1/s) at times t > 0 (s), any shape."""
         times = _positive_times(t)
-        (values,) = _native.call(core.kernel_value, self._kind, self._data, times.ravel())
+        (values,) = _native.in_parts(
+            core.kernel_value, (self._kind, self._data), 200 * self._seconds, times.ravel()
+        )
+        _native.check_range("t", times, values, "R(t)")
         result: FloatArray = _same_shape(values, times)
         return result
 
@@ -54,7 +59,7 @@ class Kernel(ABC):
         frequencies = _native.real_array("mu", mu)
         if not np.isfinite(self.integral) and (frequencies == 0).any():
             raise InputError("mu = 0: this kernel has no integral, mu must not be 0")
-        (values,) = _native.call(core.kernel_transform, self._kind, self._data, frequencies.ravel())
+        values = self._in_units(core.kernel_transform, "mu", frequencies)
         result: ComplexArray = _same_shape(values, frequencies)
         return result
 
@@ -67,9 +72,12 @@ class Kernel(ABC):
         return np.array(-self.transform(mu).imag)[()]
 
     def laplace(self, s: npt.ArrayLike) -> ComplexArray:
-        """Laplace transform at complex s (1/s), any shape, continued off its branch cut."""
+        """Laplace transform at complex s (1/s), any shape, continued off its branch cut.
+
+        A pole, or the end of the cut, is an `InputError`.
+        """
         points = _native.complex_array("s", s)
-        (values,) = _native.call(core.kernel_laplace, self._kind, self._data, points.ravel())
+        values = self._in_units(core.kernel_laplace, "s", points)
         result: ComplexArray = _same_shape(values, points)
         return result
 
@@ -79,9 +87,49 @@ class Kernel(ABC):
         Times t > 0 (s), any shape; dimensionless.
         """
         times = _positive_times(t)
-        (total,) = _native.call(core.kernel_accumulated, self._kind, self._data, times.ravel())
+        total = self._in_units(core.kernel_accumulated, "t", times, -1)
         result: FloatArray = _same_shape(1 - total, times)
         return result
+
+    @cached_property
+    def _seconds(self) -> float:
+        """What a value of the transform takes at most (s)."""
+        return 2e-8 + 5e-9 * self._data.size
+
+    @abstractmethod
+    def _scaled(self, unit: float) -> FloatArray:
+        """Parameters with times in units of ``unit`` (s): those of unit R(unit t)."""
+
+    def _in_units(
+        self,
+        routine: Callable[..., tuple[Any, ...]],
+        name: str,
+        points: npt.NDArray[Any],
+        power: int = 1,
+    ) -> npt.NDArray[Any]:
+        """Call a routine whose values have no unit; where they are not finite, in other units.
+
+        Powers of points far out leave the range of numbers in seconds. Points have the unit
+        s^-power.
+        """
+        flat = points.ravel()
+        seconds = self._seconds if power > 0 else _SUMMED * self._seconds
+        (values,) = _native.in_parts(routine, (self._kind, self._data), seconds, flat)
+        if _native.all_finite(values):
+            return np.asarray(values)
+        sizes = np.maximum(np.abs(flat.real), np.abs(flat.imag))
+        for far, factor in ((sizes > 1 / _SMALL, _SMALL**2), (sizes < _SMALL, _SMALL**-2)):
+            far &= (sizes != 0) & ~np.isfinite(values)
+            if far.any():
+                with np.errstate(over="ignore", invalid="ignore"):
+                    data = self._scaled(factor**power)
+                if np.isfinite(data).all():
+                    (values[far],) = _native.in_parts(
+                        routine, (self._kind, data), seconds, flat[far] * factor
+                    )
+        what = "the transform" if power > 0 else "the relaxation"
+        _native.check_range(name, points, values, what)
+        return np.asarray(values)
 
     def sum_of_exponentials(
         self, *, tolerance: float = 1e-10, t_min: float, t_max: float
@@ -104,9 +152,7 @@ class Kernel(ABC):
             A PronyKernel that knows its measured ``error``; of a table this may be larger than
             ``tolerance``.
         """
-        wanted = _native.number("tolerance", tolerance)
-        if not 1e-14 <= wanted <= 0.1:
-            raise InputError(f"tolerance = {wanted:g}: must be in [1e-14, 0.1]")
+        wanted = TOLERANCE.check(tolerance)
         first, last = _native.number("t_min", t_min), _native.number("t_max", t_max)
         if not 0 < first < last:
             raise InputError(f"t_min = {first:g}, t_max = {last:g}: must be 0 < t_min < t_max")
@@ -152,6 +198,10 @@ def _same_shape(values: npt.NDArray[Any], like: npt.NDArray[Any]) -> Any:
     return values.reshape(like.shape)[()]
 
 
+#: What a value of the relaxation takes, in values of the transform.
+_SUMMED = 10_000
+#: Points below it and above its inverse may be taken in other units.
+_SMALL = 1e-100
 #: A table that lacks more than this part of its integral is told; as in the core.
 _UNSEEN = 0.01
 
@@ -183,6 +233,9 @@ class RzhanitsynKernel(Kernel):
     def _data(self) -> FloatArray:
         return np.array([self.amplitude, self.alpha, self.beta])
 
+    def _scaled(self, unit: float) -> FloatArray:
+        return np.array([self.amplitude * unit**self.alpha, self.alpha, self.beta * unit])
+
     @property
     def limit_amplitude(self) -> float:
         """The A at which the integral reaches 1: beta^alpha / Gamma(alpha)."""
@@ -205,6 +258,9 @@ class AbelKernel(Kernel):
     @cached_property
     def _data(self) -> FloatArray:
         return np.array([self.amplitude, self.alpha])
+
+    def _scaled(self, unit: float) -> FloatArray:
+        return np.array([self.amplitude * unit**self.alpha, self.alpha])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,6 +293,10 @@ class RabotnovKernel(Kernel):
     def _data(self) -> FloatArray:
         return np.array([self.amplitude, self.alpha, self.beta])
 
+    def _scaled(self, unit: float) -> FloatArray:
+        both = np.array([self.amplitude, self.beta]) * unit**self.alpha
+        return np.array([both[0], self.alpha, both[1]])
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PronyKernel(Kernel):
@@ -261,6 +321,9 @@ class PronyKernel(Kernel):
     @cached_property
     def _data(self) -> FloatArray:
         return np.concatenate([np.asarray(self.weights), np.asarray(self.rates)])
+
+    def _scaled(self, unit: float) -> FloatArray:
+        return self._data * unit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -321,6 +384,14 @@ class TabulatedKernel(Kernel):
     def _data(self) -> FloatArray:
         code = float(self._codes.index(self.interpolation))
         return np.concatenate([[code], np.asarray(self.times), np.asarray(self.values)])
+
+    @cached_property
+    def _seconds(self) -> float:
+        return 1e-7 * self._data.size
+
+    def _scaled(self, unit: float) -> FloatArray:
+        times, values = np.split(self._data[1:], 2)
+        return np.concatenate([self._data[:1], times / unit, values * unit])
 
     def _warn_of_what_no_material_does(self) -> None:
         times, values = np.asarray(self.times), np.asarray(self.values)

@@ -1,12 +1,16 @@
 """Least squares fits of lines, steady or decaying, to a signal."""
 
 import math
+from collections.abc import Callable
 from copy import copy
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from viscovib import _native
 from viscovib._native import FloatArray, core
+from viscovib.signals import windowed
 
 _MAX_ITERATIONS = 40
 #: Lines smaller than this part of the largest are rounding.
@@ -56,8 +60,9 @@ class LineFit:
         places = np.flatnonzero(damped).astype(np.int32) + 1
         n_free = self.omega.size if free else 0
         columns = 1 + 2 * self.omega.size + n_free + places.size
-        matrix, right, total = core.fit_sums(
-            self.samples, self._table(), self.mean, n_free, places, columns
+        table = self._table()
+        matrix, right, total = self._apart(
+            lambda: core.fit_sums(self.samples, table, self.mean, n_free, places, columns)
         )
         self.total = float(total)
         return matrix, right
@@ -216,12 +221,15 @@ class LineFit:
 
     def _left(self) -> FloatArray:
         """Amplitude spectrum of what the lines leave, under a Hann window."""
-        left = core.fit_residual(self.samples, self._table(), self.mean)
-        spectra, _ = core.windowed_spectrum(
-            left[:, np.newaxis], 2, n_spectrum=self.samples.size // 2 + 1
-        )
+        left = self._apart(lambda: core.fit_residual(self.samples, self._table(), self.mean))
+        spectra, _ = windowed(left[:, np.newaxis], 2)
         amplitudes: FloatArray = np.abs(spectra[:, 0])
         return amplitudes
+
+    def _apart(self, work: Callable[[], Any]) -> Any:
+        """Do what takes long with many samples so that Ctrl-C is heard."""
+        many = self.samples.size * (1 + self.omega.size) > _native.MANY_SAMPLES
+        return _native.apart(work) if many else work()
 
     def _table(self) -> FloatArray:
         return np.asfortranarray(np.stack([self.omega, self.decay, self.a, self.b]))

@@ -37,7 +37,14 @@ def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, compl
         raise InputError(
             f"samples: {values.size} values, must be more than {2 * highest} for order {highest}"
         )
-    spectrum = core.real_dft(values, values.size // 2 + 1)[: highest + 1] / values.size
+    n_kept = values.size // 2 + 1
+    many = values.size > _native.MANY_SAMPLES
+    whole = (
+        _native.apart(lambda: core.real_dft(values, n_kept))
+        if many
+        else core.real_dft(values, n_kept)
+    )
+    spectrum = whole[: highest + 1] / values.size
     series = {0: 1j * spectrum[0].real}
     series.update({k: 2j * spectrum[k] for k in range(1, highest + 1)})
     return {order: complex(value) for order, value in series.items()}

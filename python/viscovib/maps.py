@@ -7,13 +7,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from viscovib import _native
 from viscovib.errors import InputError
 from viscovib.files import whole_file
+from viscovib.panels import panel
+from viscovib.parameters import Flag, Optional, Text, checked
 from viscovib.plots import COLOURS, _bare
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_LOOKS = (Flag("log"), Optional.or_none(Text("label")))
 #: Values that are still told apart by a colour each.
 _MOST_CLASSES = 8
 
@@ -43,6 +47,7 @@ def plot_map(
     label : str, optional
         What the quantity is called; its name and units otherwise.
     """
+    checked(_LOOKS, locals())
     array = _array(data, name)
     if array.ndim not in (1, 2) or not all(array.shape):
         raise InputError(
@@ -51,10 +56,7 @@ def plot_map(
         )
     if array.dtype.kind not in "biuf":
         raise InputError(f"data: {array.name!r} must be real numbers to be drawn")
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        ax = plt.figure(figsize=(7, 5), layout="constrained").subplots()
+    ax = panel(ax)
     shown = label or _called(array)
     axes = [array[d] if d in array.coords else xr.DataArray(np.arange(n), name=str(d))
             for d, n in zip(array.dims, array.shape, strict=True)]  # fmt: skip
@@ -77,9 +79,7 @@ def _array(data: Any, name: str | None) -> xr.DataArray:
     names = [str(key) for key in data.data_vars]
     if name is None and len(names) == 1:
         name = names[0]
-    if name not in names:
-        raise InputError(f"name = {name!r}: must be one of {', '.join(names)}")
-    return data[name]
+    return data[_native.choice("name", name, tuple(names))]
 
 
 def _called(array: xr.DataArray) -> str:

@@ -114,7 +114,8 @@ def polynomial_runs(
     name = "gauss8" if method == "auto" else method
     # Steps must see the highest order of the load.
     highest = frequency * int(orders[series.any(axis=0)].max(initial=0))
-    steps = max(1, math.ceil(end * max(system._fastest(), highest) / (0.5 * math.pi)))
+    many = end * max(system._fastest(), highest) / (0.5 * math.pi)
+    steps = max(1, math.ceil(min(many, 2.0 * MAX_STEPS)))
     driven = (series[:-1] != 0).any(axis=1) | (state.reshape(n, 2) != 0).any(axis=1)
     moves = moving(system, driven | pieces.any(axis=(1, 2)))
     job = (system._flat, orders, series, frequency, breaks, pieces, moves, force)
@@ -173,7 +174,8 @@ class _PolynomialRun(Run):
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         resume = self.memory is not None and not self.anew
         return Piece(
-            *_native.call(
+            *_native.call_either(
+                count > _native.MANY_STEPS,
                 core.polynomial_simulate,
                 *self.job[:6],
                 *self._mesh_arrays(),
@@ -225,7 +227,8 @@ class _PendulumRun(Run):
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         resume = self.memory is not None and not self.anew
         return Piece(
-            *_native.call(
+            *_native.call_either(
+                count > _native.MANY_STEPS,
                 core.pendulum_simulate,
                 self.system._flat,
                 METHODS[self.method],

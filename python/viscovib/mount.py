@@ -130,10 +130,13 @@ class Mount:
         K_x (1 - R_x(nu)) + K_phi (1 - R_phi(nu)) + i nu C - nu^2 M.
         """
         frequencies = check_dynamic_frequencies(nu, self._active_kernels)
-        (stiffness,) = _native.call(
-            core.mount_dynamic_stiffness, self._flat, *self._kernels, frequencies.ravel()
+        seconds = 1e-6 + sum(kernel._seconds for kernel in self._active_kernels)
+        (stiffness,) = _native.in_parts(
+            core.mount_dynamic_stiffness, (self._flat, *self._kernels), seconds, frequencies.ravel()
         )
-        return np.ascontiguousarray(np.moveaxis(stiffness, 2, 0)).reshape(*frequencies.shape, 2, 2)
+        found = np.ascontiguousarray(np.moveaxis(stiffness, 2, 0)).reshape(*frequencies.shape, 2, 2)
+        _native.check_range("nu", frequencies, found, "the dynamic stiffness")
+        return found
 
     @property
     def _flat(self) -> FloatArray:

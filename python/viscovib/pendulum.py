@@ -10,12 +10,25 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.errors import InputError
+from viscovib.parameters import Number, checked
 
 EQUATIONS = ("exact", "cubic", "printed")
 #: Numbers of a pendulum, in the order of the core.
 PARAMETERS = (
     "e", "w2", "w3", "alpha", "c1", "c2", "c3", "f0", "m01", "m02", "p1", "p2", "p3",
 )  # fmt: skip
+
+
+#: What the equations take at most at a state (s).
+_SECONDS = 1e-6
+#: Arguments of `Pendulum.from_physical` in their order; without E the body would not swing.
+_PHYSICAL = (
+    *(Number(name, above=0) for name in ("m", "I_A", "E", "L0", "k1")),
+    Number("k2", lowest=0),
+    *map(Number, ("C1", "C2", "C3")),
+    Number("g", above=0),
+    *map(Number, ("F1", "M2", "M3", "Omega1", "Omega2", "Omega3")),
+)
 
 
 @dataclass(frozen=True)
@@ -116,14 +129,36 @@ class Pendulum:
         (N m) at Omega1..3 (rad/s). Lengths are measured in L = L0 + Z_r with the static
         elongation k1 Z_r + k2 Z_r^3 = m g.
         """
-        for name, value in (("m", m), ("I_A", I_A), ("L0", L0), ("k1", k1), ("g", g)):
-            if _native.number(name, value) <= 0:
-                raise InputError(f"{name} = {value:g}: must be greater than 0")
-        for name, value in (("E", E), ("k2", k2)):
-            if _native.number(name, value) < 0:
-                raise InputError(f"{name} = {value:g}: must not be negative")
-        if E == 0:
-            raise InputError("E = 0: must be greater than 0 (the body would not swing)")
+        m, I_A, E, L0, k1, k2, C1, C2, C3, g, F1, M2, M3, Omega1, Omega2, Omega3 = checked(
+            _PHYSICAL, locals()
+        ).values()
+        try:
+            return cls._scaled(
+                m, I_A, E, L0, k1, k2, (C1, C2, C3), g, (F1, M2, M3), (Omega1, Omega2, Omega3),
+                equations,
+            )  # fmt: skip
+        except (OverflowError, ZeroDivisionError):
+            raise InputError(
+                "m, I_A, E, L0, k1, k2, g, ...: are too far apart, the dimensionless numbers "
+                "must be in the range of numbers"
+            ) from None
+
+    @classmethod
+    def _scaled(
+        cls,
+        m: float,
+        I_A: float,
+        E: float,
+        L0: float,
+        k1: float,
+        k2: float,
+        damping: tuple[float, float, float],
+        g: float,
+        loads: tuple[float, float, float],
+        frequencies: tuple[float, float, float],
+        equations: str,
+    ) -> "Pendulum":
+        (C1, C2, C3), (F1, M2, M3), (Omega1, Omega2, Omega3) = damping, loads, frequencies
         # Z_r of k1 Z + k2 Z^3 = m g without cancellation.
         ratio, weight = k2 / k1, m * g / k1
         scale = math.sqrt(3 * ratio)
@@ -134,23 +169,24 @@ class Pendulum:
         )
         length = L0 + elongation
         omega = math.sqrt(k1 / m)
-        return cls(
-            e=E / length,
-            w2=math.sqrt(g / length) / omega,
-            w3=math.sqrt(m * g * E / I_A) / omega,
-            alpha=ratio * length**2,
-            c1=C1 / (m * omega),
-            c2=C2 / (m * length**2 * omega),
-            c3=C3 / (I_A * omega),
-            f0=F1 / (m * length * omega**2),
-            m01=M2 / (m * length**2 * omega**2),
-            m02=M3 / (I_A * omega**2),
-            p1=Omega1 / omega,
-            p2=Omega2 / omega,
-            p3=Omega3 / omega,
-            equations=equations,
-            scales=Scales(time=1 / omega, length=length),
-        )
+        numbers = {
+            "e": E / length,
+            "w2": math.sqrt(g / length) / omega,
+            "w3": math.sqrt(m * g * E / I_A) / omega,
+            "alpha": ratio * length**2,
+            "c1": C1 / (m * omega),
+            "c2": C2 / (m * length**2 * omega),
+            "c3": C3 / (I_A * omega),
+            "f0": F1 / (m * length * omega**2),
+            "m01": M2 / (m * length**2 * omega**2),
+            "m02": M3 / (I_A * omega**2),
+            "p1": Omega1 / omega,
+            "p2": Omega2 / omega,
+            "p3": Omega3 / omega,
+        }
+        if not all(map(math.isfinite, numbers.values())):
+            raise OverflowError
+        return cls(**numbers, equations=equations, scales=Scales(time=1 / omega, length=length))
 
     @property
     def r(self) -> float:
@@ -174,6 +210,7 @@ class Pendulum:
         """Time derivative of states, shape (..., 6), at times t (scalar or shape (...))."""
         states = self._states(state)
         acceleration, _, _ = self._evaluate(t, states)
+        _native.check_states(states, acceleration, "the acceleration")
         derivative = np.empty_like(states)
         derivative[..., ::2] = states[..., 1::2]
         derivative[..., 1::2] = acceleration
@@ -183,21 +220,28 @@ class Pendulum:
         """Derivative of `rhs` with respect to the state, shape (..., 6, 6)."""
         states = self._states(state)
         result = np.zeros((*states.shape, 6))
-        (of_accelerations,) = _native.call(
-            core.pendulum_jacobian, self._flat, self._drives(t, states), states.reshape(-1, 6).T
-        )
+        (of_accelerations,) = _native.in_parts(
+            core.pendulum_jacobian, (self._flat,), _SECONDS, self._drives(t, states),
+            states.reshape(-1, 6).T,
+        )  # fmt: skip
+        found = np.moveaxis(of_accelerations, 2, 0).reshape(*states.shape[:-1], 3, 6)
+        _native.check_states(states, found, "the Jacobian matrix")
         result[..., 0, 1] = result[..., 2, 3] = result[..., 4, 5] = 1
         result[..., 1::2, :] = of_accelerations.transpose(2, 0, 1).reshape(*states.shape[:-1], 3, 6)
         return result
 
     def energy(self, state: npt.ArrayLike) -> FloatArray:
         """Energy over m L^2 omega_1^2, shape (...): constant without loads and damping."""
-        result: FloatArray = self._evaluate(0.0, self._states(state))[1][()]
+        states = self._states(state)
+        result: FloatArray = self._evaluate(0.0, states)[1][()]
+        _native.check_states(states, np.asarray(result), "the energy")
         return result
 
     def power(self, t: npt.ArrayLike, state: npt.ArrayLike) -> FloatArray:
         """Rate of change of the energy: work of the loads less dissipation, shape (...)."""
-        result: FloatArray = self._evaluate(t, self._states(state))[2][()]
+        states = self._states(state)
+        result: FloatArray = self._evaluate(t, states)[2][()]
+        _native.check_states(states, np.asarray(result), "the power")
         return result
 
     def _states(self, state: npt.ArrayLike) -> FloatArray:
@@ -209,9 +253,10 @@ class Pendulum:
     def _evaluate(
         self, t: npt.ArrayLike, states: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        acceleration, energy, power = _native.call(
-            core.pendulum_evaluate, self._flat, self._drives(t, states), states.reshape(-1, 6).T
-        )
+        acceleration, energy, power = _native.in_parts(
+            core.pendulum_evaluate, (self._flat,), _SECONDS, self._drives(t, states),
+            states.reshape(-1, 6).T,
+        )  # fmt: skip
         shape = states.shape[:-1]
         return acceleration.T.reshape(*shape, 3), energy.reshape(shape), power.reshape(shape)
 
@@ -223,4 +268,11 @@ class Pendulum:
                 f"t: must be one number or have shape {states.shape[:-1]}, got {times.shape}"
             )
         times = np.broadcast_to(times, states.shape[:-1])
-        return np.asfortranarray(np.cos(np.outer([self.p1, self.p2, self.p3], times.ravel())))
+        with np.errstate(over="ignore", invalid="ignore"):
+            phases = np.outer([self.p1, self.p2, self.p3], times.ravel())
+            if not np.isfinite(phases).all():
+                raise InputError(
+                    f"t = {times.ravel()[np.abs(times).argmax()]:g}: the phases of the loads leave "
+                    "the range of numbers, must be smaller"
+                )
+        return np.asfortranarray(np.cos(phases))

@@ -11,6 +11,16 @@ from viscovib.backbone import Backbone, BackbonePoint
 from viscovib.curves import MAX_SPECIAL, OUTCOMES
 from viscovib.driven import check_size
 from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.parameters import (
+    MAX_POINTS,
+    MAX_STEP,
+    OPPOSITE,
+    STABILITY,
+    SYMMETRIC,
+    TOLERANCE,
+    Interval,
+    checked,
+)
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan
 from viscovib.stability import warn_of_unknown
@@ -110,21 +120,18 @@ def pendulum_backbone(
         raise InputError(f"dof = {dof!r}: stands still in mode {j}")
     varies = "amplitude" if energy_range is None else "energy"
     start, finish = _ends(amplitude_range, energy_range)
-    wanted = _native.number("tolerance", tolerance)
-    if not 1e-14 <= wanted <= 0.1:
-        raise InputError(f"tolerance = {wanted:g}: must be in [1e-14, 0.1]")
-    points = _native.integer("max_points", max_points, 2, 100_000)
-    step = _native.number("max_step", max_step)
-    if not 1e-4 <= step <= 1:
-        raise InputError(f"max_step = {step:g}: must be in [1e-4, 1]")
+    wanted = TOLERANCE.check(tolerance)
+    points = MAX_POINTS.check(max_points)
+    step = MAX_STEP.check(max_step)
     n = 3 * (highest + 1)
     check_size("max_points", points, n)
-    kept = _kept(pend, j, highest, multiple, bool(symmetric))
+    given = checked((STABILITY, SYMMETRIC, OPPOSITE), locals())
+    kept = _kept(pend, j, highest, multiple, given["symmetric"])
     unit = float(free.natural_frequencies()[j]) / multiple
     begin, begin_nu, begin_p, along = np.zeros((3, highest + 1)), unit, 0.0, np.zeros(n + 2)
     begin[:, multiple] = shape / shape[place]
     if leave is not None:
-        begin, along = _departure(leave, n, bool(opposite))
+        begin, along = _departure(leave, n, given["opposite"])
         lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
         if lost > 1e-6 * np.abs(leave.across).max():
             raise InputError(
@@ -138,7 +145,7 @@ def pendulum_backbone(
     ) = _native.call_interruptibly(
         core.pendulum_backbone, cancel, free._flat, kept, unit,
         place + 1 if varies == "amplitude" else 0, multiple, start, finish, wanted, points, step,
-        int(bool(stability)), int(leave is not None), begin.ravel(), begin_nu, begin_p, along,
+        int(given["stability"]), int(leave is not None), begin.ravel(), begin_nu, begin_p, along,
         MAX_SPECIAL, cancel,
     )  # fmt: skip
     if not count:
@@ -196,9 +203,7 @@ def _ends(amplitude: object, energy: object) -> tuple[float, float]:
     if (amplitude is None) == (energy is None):
         raise InputError("amplitude_range or energy_range: must be given, and only one of them")
     name = "amplitude_range" if energy is None else "energy_range"
-    ends = _native.real_array(name, amplitude if energy is None else energy)
-    if ends.shape != (2,) or not 0 < ends[0] < ends[1]:
-        raise InputError(f"{name}: must be two numbers, 0 < from < to")
+    ends = Interval(name, above=0).check(amplitude if energy is None else energy)
     return float(ends[0]), float(ends[1])
 
 

@@ -1,5 +1,6 @@
 """Steady motions of any system: one name for oscillators, as a mount, and for the pendulum."""
 
+from collections.abc import Mapping
 from typing import Any, overload
 
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from viscovib.driven import DrivenResponse, pendulum_response
 from viscovib.driven_branch import DrivenBranch, trace_pendulum
 from viscovib.load import LoadLike
 from viscovib.oscillators import Oscillator
+from viscovib.parameters import Form
 from viscovib.pendulum import Pendulum
 from viscovib.pendulum_backbone import pendulum_backbone as _pendulum_backbone
 from viscovib.response import forced_response as _mount_response
@@ -58,9 +60,7 @@ def forced_response(*args: Any, **options: Any) -> Response | DrivenResponse:
     forced_response(mount, nu, *, load=None, base=None, method="successive", harmonics="auto", ...)
     forced_response(pend, *, p1=None, ..., m02=None, nu=None, harmonics="auto", ...)
     """
-    if "pend" in options or (args and isinstance(args[0], Pendulum)):
-        return pendulum_response(*args, **options)
-    return _mount_response(*args, **options)
+    return (_OF_PENDULUM if _is_pendulum(args, options) else _OF_MOUNT)(args, options)
 
 
 @overload
@@ -114,9 +114,7 @@ def trace_response(*args: Any, **options: Any) -> Branch | DrivenBranch:
     trace_response(mount, nu_range=None, *, load=None, nu=None, load_range=None, ...)
     trace_response(pend, *, p1=None, ..., m02=None, nu=None, leave=None, harmonics="auto", ...)
     """
-    if "pend" in options or (args and isinstance(args[0], Pendulum)):
-        return trace_pendulum(*args, **options)
-    return _trace_mount(*args, **options)
+    return (_TRACE_PENDULUM if _is_pendulum(args, options) else _TRACE_MOUNT)(args, options)
 
 
 @overload
@@ -155,9 +153,20 @@ def backbone(*args: Any, **options: Any) -> Backbone:
     backbone(system, mode, amplitude_range, *, dof=None, harmonics=9, ...)
     backbone(pend, mode, amplitude_range=None, *, energy_range=None, leave=None, ...)
     """
-    if "pend" in options or (args and isinstance(args[0], Pendulum)):
-        return _pendulum_backbone(*args, **options)
-    return _oscillator_backbone(*args, **options)
+    return (_FREE_PENDULUM if _is_pendulum(args, options) else _FREE_OSCILLATOR)(args, options)
+
+
+def _is_pendulum(args: tuple[Any, ...], options: Mapping[str, Any]) -> bool:
+    return "pend" in options or bool(args and isinstance(args[0], Pendulum))
+
+
+_MOUNT, _PENDULUM = "a mount or a polynomial system", "a pendulum"
+_OF_MOUNT = Form(_mount_response, "forced_response", _MOUNT)
+_OF_PENDULUM = Form(pendulum_response, "forced_response", _PENDULUM)
+_TRACE_MOUNT = Form(_trace_mount, "trace_response", _MOUNT)
+_TRACE_PENDULUM = Form(trace_pendulum, "trace_response", _PENDULUM)
+_FREE_OSCILLATOR = Form(_oscillator_backbone, "backbone", _MOUNT)
+_FREE_PENDULUM = Form(_pendulum_backbone, "backbone", _PENDULUM)
 
 
 forced_response.__doc__ = f"{forced_response.__doc__}\nFor a mount: {_mount_response.__doc__}\n" \

@@ -1,12 +1,12 @@
 """What a job computes, what it skips, and why."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-from viscovib import _native
 from viscovib.errors import InputError
+from viscovib.parameters import Names, Text
 
 _SKIP = re.compile(r"skips: (.*?) \((.*)\)")
 
@@ -25,14 +25,17 @@ class Plan(Mapping[str, Any]):
     """
 
     def __init__(self, text: str) -> None:
+        Text("text").check(text)
         self._lines = tuple(line.strip() for line in text.strip().splitlines())
 
-    def and_also(self, lines: Iterable[str]) -> "Plan":
+    def and_also(self, lines: Sequence[str]) -> "Plan":
         """Return the plan with more lines."""
-        return Plan("\n".join([*self._lines, *lines]))
+        return Plan("\n".join([*self._lines, *Names("lines").check(lines)]))
 
     def instead(self, beginning: str, line: str) -> "Plan":
         """Return the plan with another line in place of what skips ``beginning``..."""
+        Text("beginning").check(beginning)
+        Text("line").check(line)
         return Plan(
             "\n".join(line if s.startswith(f"skips: {beginning}") else s for s in self._lines)
         )
@@ -52,9 +55,9 @@ class Plan(Mapping[str, Any]):
 
     def __getitem__(self, key: str) -> Any:
         """Return one of the two parts."""
-        if key == "computes":
+        if isinstance(key, str) and key == "computes":
             return self.computes
-        if key == "skips":
+        if isinstance(key, str) and key == "skips":
             return self.skips
         raise KeyError(key)
 
@@ -83,7 +86,7 @@ def wanted_places(coordinates: Sequence[str] | None, names: tuple[str, ...]) -> 
     """Return the places of the coordinates wanted, in the order of all; all if None."""
     if coordinates is None:
         return list(range(len(names)))
-    if isinstance(coordinates, str) or not coordinates:
-        raise InputError(f"coordinates = {coordinates!r}: must be a sequence of names")
-    chosen = {_native.choice("coordinates", name, names) for name in coordinates}
+    chosen = Names("coordinates", names).check(coordinates)
+    if not chosen:
+        raise InputError("coordinates: must not be empty")
     return [d for d, name in enumerate(names) if name in chosen]

@@ -14,6 +14,8 @@ from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import DrivenBranch
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
+from viscovib.panels import Labels, order_of, panel, panels
+from viscovib.parameters import Flag
 from viscovib.response_result import Response
 from viscovib.spectrum import Spectrum, name_frequencies
 from viscovib.trajectory import Trajectory
@@ -33,6 +35,7 @@ _CROSSING_MARKERS = {
     "period doubling": "D",
     "Neimark-Sacker": "v",
 }
+_LOG, _LABELS = Flag("log"), Labels("labels")
 _SYMBOLS = {"x": "x", "phi": r"\varphi", "psi": r"\psi"}
 _DOTS: dict[str, Any] = {
     "linestyle": "none",
@@ -73,15 +76,10 @@ def plot_response(
     sequence of Axes, one a coordinate.
     """
     curves = _native.several("response", response, Response, DrivenResponse)
+    _LOG.check(log)
+    labels = _LABELS.of(labels, len(curves))
     names = curves[0].dof_names
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        figure = plt.figure(figsize=(7, 3 * len(names)), layout="constrained")
-        ax = figure.subplots(len(names), 1, sharex=True)
-    axes = list(np.atleast_1d(np.asarray(ax, dtype=object)))
-    if len(axes) != len(names):
-        raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
+    axes = panels(ax, len(names))
     for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
         for i, curve in enumerate(curves):
             amplitude = _amplitude(curve, name, harmonic)
@@ -152,17 +150,11 @@ def plot_branch(
     from coordinates.
     """
     _native.check_instance("branch", branch, Branch, DrivenBranch)
+    _LOG.check(log)
     names = branch.dof_names
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        figure = plt.figure(figsize=(7, 3 * len(names)), layout="constrained")
-        ax = figure.subplots(len(names), 1, sharex=True)
-    axes = list(np.atleast_1d(np.asarray(ax, dtype=object)))
-    if len(axes) != len(names):
-        raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
+    axes = panels(ax, len(names))
     for axis, name, unit in zip(axes, names, branch.dof_units, strict=True):
-        order = harmonic[name] if isinstance(harmonic, Mapping) else harmonic
+        order = order_of(harmonic, name)
         amplitude = branch.amplitude(name, order)
         if branch.stable is None:
             axis.plot(branch.parameter, amplitude, color="0.45", label="stability unknown")
@@ -240,21 +232,14 @@ def plot_backbone(
     """
     curves = _native.several("backbone", backbone, Backbone)
     names = curves[0].dof_names
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        figure = plt.figure(figsize=(7, 3 * len(names)), layout="constrained")
-        ax = figure.subplots(len(names), 1, sharex=True)
-    axes = list(np.atleast_1d(np.asarray(ax, dtype=object)))
-    if len(axes) != len(names):
-        raise InputError(f"ax: {len(axes)} axes given, must be {len(names)}, one a coordinate")
+    axes = panels(ax, len(names))
     labels: list[str] = []
     for curve in curves:
         label = f"backbone, mode {curve.mode}"
         again = sum(other.startswith(label) for other in labels)
         labels.append(f"{label}, family {again + 1}" if again else label)
     for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
-        order = harmonic[name] if isinstance(harmonic, Mapping) else harmonic
+        order = order_of(harmonic, name)
         for i, curve in enumerate(curves):
             amplitude = curve.amplitude(name, order)
             shaky = np.zeros(curve.nu.size, dtype=bool)
@@ -314,15 +299,14 @@ def plot_trajectory(
     sequence of Axes: history and phase plane of z, then of phi, then of psi.
     """
     runs = _native.several("trajectory", trajectory, Trajectory)
+    labels = _LABELS.of(labels, len(runs))
     names = runs[0].dof_names
     if ax is None:
         import matplotlib.pyplot as plt
 
         figure = plt.figure(figsize=(10, 2.4 * len(names)), layout="constrained")
         ax = motion_axes(figure, len(names))
-    axes = list(np.asarray(ax, dtype=object).ravel())
-    if len(axes) != 2 * len(names):
-        raise InputError(f"ax: {len(axes)} axes given, must be {2 * len(names)}")
+    axes = panels(ax, 2 * len(names), "two a coordinate")
     for d, name in enumerate(names):
         history, plane = axes[2 * d], axes[2 * d + 1]
         for i, run in enumerate(runs):
@@ -360,10 +344,7 @@ def plot_sections(
         raise InputError("ensemble: holds no sections, ask for them by sections=1, 2 or 3")
     dofs = ensemble.system.dof_names
     d = dofs.index(_native.choice("quantity", quantity, dofs))
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        ax = plt.figure(figsize=(7, 5), layout="constrained").subplots()
+    ax = panel(ax)
     symbol = _symbol(quantity)
     q = ensemble.sections[:, :, 2 * d]
     if parameter is None:
@@ -397,10 +378,7 @@ def plot_spectrum(
         Highest frequency shown.
     """
     _native.check_instance("spectrum", spectrum, Spectrum)
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        ax = plt.figure(figsize=(8, 4.5), layout="constrained").subplots()
+    ax = panel(ax, (8, 4.5))
     columns = spectrum.amplitude.reshape(spectrum.omega.size, -1)
     shown = spectrum.omega > 0
     if highest is not None:
@@ -416,7 +394,9 @@ def plot_spectrum(
         )
     if bases is not None:
         _name_peaks(ax, spectrum.omega[shown], columns[shown].max(axis=1), bases)
-    ax.set(xlabel=r"circular frequency $\omega$", ylabel="amplitude", yscale="log")
+    ax.set(xlabel=r"circular frequency $\omega$", ylabel="amplitude")
+    if (columns[shown] > 0).any():
+        ax.set_yscale("log")
     ax.margins(y=0.12 if bases else 0.05)
     ax.legend(frameon=False)
     _bare(ax)

@@ -185,14 +185,17 @@ class PolynomialSystem:
         """
         frequencies = check_dynamic_frequencies(nu, self._active_kernels)
         at = frequencies[..., np.newaxis, np.newaxis]
-        total: Any = 1j * at * self._damping - at**2 * self._mass_matrix
+        with np.errstate(over="ignore", invalid="ignore"):
+            total: Any = 1j * at * self._damping - at**2 * self._mass_matrix
         for group in self.groups:
             kept: Any = 1.0
             if group.kernel is not None:
                 kept = 1 - np.asarray(group.kernel.transform(frequencies))
                 kept = kept[..., np.newaxis, np.newaxis]
             total = total + kept * group.stiffness
-        return np.asarray(total, dtype=complex)
+        found = np.asarray(total, dtype=complex)
+        _native.check_range("nu", frequencies, found, "the dynamic stiffness")
+        return found
 
     def _fastest(self) -> float:
         """Upper bound of the rates of the linear system without memory (1/s), as in the core."""
@@ -211,11 +214,14 @@ class PolynomialSystem:
             raise InputError(f"state: must have shape (..., {2 * n}), got {states.shape}")
         u, v = states[..., ::2], states[..., 1::2]
         stiffness, forces = self._conservative
-        total = 0.5 * np.einsum("...a,ab,...b", v, self._mass_matrix, v)
-        total += 0.5 * np.einsum("...a,ab,...b", u, stiffness, u)
-        # Euler: a potential of degree d + 1 has u . f = (d + 1) V.
-        for (on, powers), c in forces.items():
-            total += c / (sum(powers) + 1) * u[..., on] * np.prod(u ** np.array(powers), axis=-1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = 0.5 * np.einsum("...a,ab,...b", v, self._mass_matrix, v)
+            total += 0.5 * np.einsum("...a,ab,...b", u, stiffness, u)
+            # Euler: a potential of degree d + 1 has u . f = (d + 1) V.
+            for (on, powers), c in forces.items():
+                shape = np.prod(u ** np.array(powers), axis=-1)
+                total += c / (sum(powers) + 1) * u[..., on] * shape
+        _native.check_states(states, np.asarray(total), "the energy")
         return np.asarray(total)
 
     @property

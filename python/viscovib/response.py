@@ -112,9 +112,10 @@ def forced_response(
     """
     job, frequencies, options, planned = _prepare(
         mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
-        bool(stability), may_choose=True,
+        _native.flag("stability", stability), may_choose=True,
     )  # fmt: skip
-    chosen = harmonics == "auto" and planned.method != "linear"
+    _native.flag("progress", progress)
+    chosen = _native.is_auto(harmonics) and planned.method != "linear"
 
     n_dof = len(mount.dof_names)
     # A matrix of the unknowns is factorized a few times a frequency.
@@ -172,7 +173,7 @@ def plan_response(
     """Say what `forced_response` would compute and skip, and why; same arguments."""
     return _prepare(
         mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
-        bool(stability), may_choose=True,
+        _native.flag("stability", stability), may_choose=True,
     )[3].plan  # fmt: skip
 
 

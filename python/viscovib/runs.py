@@ -292,7 +292,7 @@ class Run(ABC):
         # What is not kept is passed over in larger pieces.
         skipped = 0
         if want.keep == "tail":
-            skipped = max(0, n - math.ceil(want.tail / self.h)) // want.every * want.every
+            skipped = max(0, n - math.ceil(min(want.tail / self.h, n))) // want.every * want.every
         if want.times is None and want.keep != "last":
             n_kept, most = (n - skipped) // want.every, _MAX_KEPT // max(first.size, 1)
             if n_kept > most:

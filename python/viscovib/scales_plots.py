@@ -1,12 +1,14 @@
 """Pictures of the method of multiple scales."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from viscovib import _native
 from viscovib.errors import InputError
+from viscovib.panels import panels
+from viscovib.parameters import Names
 from viscovib.scales_results import ScalesMotion, ScalesResponse
 from viscovib.trajectory import Trajectory
 
@@ -17,19 +19,6 @@ _DARK, _WARM = "#0b1d51", "#c8452e"
 _LABELS = {"z": "z", "x": "x", "phi": r"\varphi", "psi": r"\psi"}
 #: Loads of systems with units; those of others are dimensionless.
 _PARAMETERS = {"nu": r"$\nu$ (rad/s)", "load": "load"}
-
-
-def _axes(ax: Any, n: int) -> list["Axes"]:
-    """Return the axes given, or those of a new figure with n panels."""
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        figure = plt.figure(figsize=(7, 3 * n), layout="constrained")
-        ax = figure.subplots(n, 1, sharex=True)
-    axes = list(np.atleast_1d(np.asarray(ax, dtype=object)))
-    if len(axes) != n:
-        raise InputError(f"ax: {len(axes)} axes given, must be {n}, one a coordinate")
-    return axes
 
 
 def moving(response: ScalesResponse) -> tuple[str, ...]:
@@ -51,8 +40,12 @@ def plot_scales_response(
     are left out. ``dofs`` are the coordinates, by default those that move.
     """
     _native.check_instance("response", response, ScalesResponse)
-    names = tuple(dofs) if dofs is not None else moving(response)
-    axes = _axes(ax, len(names))
+    names = moving(response)
+    if dofs is not None:
+        names = Names("dofs", response.dof_names).check(dofs)
+        if not names:
+            raise InputError("dofs: must not be empty")
+    axes = panels(ax, len(names))
     for axis, name in zip(axes, names, strict=True):
         amplitude = response.amplitude(name)
         for stable, marker, colour in ((True, ".", _DARK), (False, "x", _WARM)):
@@ -86,8 +79,15 @@ def plot_modulation(
     the modes' amplitudes make of the coordinate at most.
     """
     _native.check_instance("motion", motion, ScalesMotion)
+    if exact is not None:
+        _native.check_instance("exact", exact, Trajectory)
+        if exact.dof_names != motion.dof_names:
+            raise InputError(
+                f"exact: has coordinates {', '.join(exact.dof_names)}, must have "
+                f"{', '.join(motion.dof_names)}"
+            )
     names = motion.dof_names
-    axes = _axes(ax, len(names))
+    axes = panels(ax, len(names))
     for d, (axis, name) in enumerate(zip(axes, names, strict=True)):
         if exact is not None:
             axis.plot(exact.t, exact.state[:, 2 * d], color="0.7", lw=2.2, label="integrated")

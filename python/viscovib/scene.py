@@ -18,7 +18,7 @@ from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.backbone import Backbone
 from viscovib.driven_branch import DrivenBranch, trace_pendulum
-from viscovib.errors import FileError, InputError
+from viscovib.errors import InputError
 from viscovib.kernels import (
     AbelKernel,
     Kernel,
@@ -30,6 +30,7 @@ from viscovib.kernels import (
 from viscovib.mount import Mount
 from viscovib.multiple_scales import MultipleScales
 from viscovib.oscillators import Oscillator
+from viscovib.parameters import FilePath
 from viscovib.pendulum import Pendulum
 from viscovib.periodic import backbone
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
@@ -46,7 +47,6 @@ _KERNELS: dict[str, type[Kernel]] = {
 #: Groups that a scene may have any number of.
 _REPEATABLE = ("kernel", "load", "spring", "force", "sweep")
 _LISTS = ("weights", "rates", "times", "values")
-_MAX_PATH = 4096
 
 #: Keys of a pendulum's &branch that `trace_response` has under the same names.
 _DRIVEN = (
@@ -110,6 +110,7 @@ class Scene:
         ``"load(2).amplitude"``, one entry of a list ``"transient.initial(3)"``, counted from 1.
         Groups &sweep are left out.
         """
+        _native.mapping("values", values)
         groups: Mapping[str, Any] = {**self.groups, "sweep": []}
         for key, value in values.items():
             groups = with_key(groups, key, value)
@@ -367,13 +368,7 @@ def _band(group: Mapping[str, Any]) -> float | None:
 
 
 def _canonical(path: str | os.PathLike[str], allow_paths: bool) -> str:
-    try:
-        name = os.fspath(path)
-    except TypeError:
-        raise InputError(f"path = {_native.shown(path)}: must be a path") from None
-    encoded = os.fsencode(name)
-    if not encoded or b"\0" in encoded or len(encoded) > _MAX_PATH:
-        raise FileError(f"{name!r}: not a path of a scene file")
+    encoded = os.fsencode(FilePath("path").check(path))
     return read_text(core.scene_canonical, encoded, int(allow_paths))
 
 

@@ -8,6 +8,7 @@ from functools import partial
 
 import xarray as xr
 
+from viscovib import _native
 from viscovib._native import core
 from viscovib.backbone import Backbone
 from viscovib.branch import Branch, trace_response
@@ -55,7 +56,8 @@ class SceneResult:
 
         ``which``: 0 the result itself, 1, 2, ... those that leave it, as in ``switched``.
         """
-        value = self.switched[which - 1] if which else self.value
+        place = _native.integer("which", which, 0, len(self.switched))
+        value = self.switched[place - 1] if place else self.value
         if isinstance(value, xr.Dataset):
             raise InputError("to_csv: is for single results, a sweep has points")
         self._write(value, path)

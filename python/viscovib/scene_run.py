@@ -2,13 +2,17 @@
 
 import os
 
+from viscovib.parameters import Flag
 from viscovib.scene import Scene
 from viscovib.scene_job import SceneResult, run_one
 from viscovib.sweep import sweep
 
+_PROGRESS = Flag("progress")
+
 
 def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
     """Compute what a scene asks for; with &sweep groups, at every point of their grid."""
+    _PROGRESS.check(progress)
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
     if read.groups["sweep"]:
         return SceneResult(read, sweep(read, progress=progress, extract="summary"))

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray
+from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
 from viscovib.trajectory import Trajectory
 
@@ -92,3 +92,15 @@ def _of_trajectory(
     if not math.isfinite(float(np.abs(columns).max())) or float(np.abs(columns).max()) > 1e150:
         raise InputError("signal: values beyond 1e150 leave the range of numbers")
     return Signal(columns, step, float(run.t[0]), names)
+
+
+def windowed(columns: FloatArray, window: int) -> tuple[ComplexArray, float]:
+    """One-sided spectra of signals, a column each, and the noise bandwidth of the window."""
+
+    def work() -> tuple[ComplexArray, float]:
+        found: tuple[ComplexArray, float] = core.windowed_spectrum(
+            np.asfortranarray(columns), window, n_spectrum=columns.shape[0] // 2 + 1
+        )
+        return found
+
+    return _native.apart(work) if columns.size > _native.MANY_SAMPLES else work()

@@ -10,11 +10,12 @@ import numpy.typing as npt
 import xarray as xr
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
+from viscovib.parameters import Names
 from viscovib.plan import Plan, wanted_places
 from viscovib.results import Result, span
-from viscovib.signals import read_signal
+from viscovib.signals import read_signal, windowed
 from viscovib.tables import Table
 from viscovib.trajectory import Trajectory
 
@@ -145,18 +146,15 @@ def spectrum(
         names = source.names
     if names is None:
         names = ("signal",) if samples.ndim == 1 else tuple(f"signal_{j + 1}" for j in range(m))
-    if len(names) != m:
-        raise InputError(f"names: {len(names)} given, must be {m}, one a signal")
-    spectra, bandwidth = core.windowed_spectrum(
-        np.asfortranarray(columns), kind, n_spectrum=n // 2 + 1
-    )
+    names = Names("names", count=m).check(names)
+    spectra, bandwidth = windowed(columns, kind)
     return Spectrum(
         omega=2 * math.pi / (n * step) * np.arange(n // 2 + 1),
         coefficients=np.ascontiguousarray(spectra).reshape(n // 2 + 1, *samples.shape[1:]),
         window=window,
         noise_bandwidth=float(bandwidth),
         dt=step,
-        names=tuple(names),
+        names=names,
         plan=Plan(
             f"computes: spectra of {', '.join(names)}, {n} samples, window {window}\n"
             "skips: negative frequencies (signals are real)"

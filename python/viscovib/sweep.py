@@ -34,7 +34,7 @@ from viscovib.sweep_points import (
     quiet,
 )
 from viscovib.sweep_scene import scene_job
-from viscovib.sweep_store import DiskStore, MemoryStore
+from viscovib.sweep_store import DiskStore, MemoryStore, is_begun
 from viscovib.sweep_workers import DaskWorkers, Threads, Workers
 
 #: What a chunk aims at: seconds of work, and bytes at most.
@@ -120,6 +120,7 @@ def sweep(
     function, points, identity, name = _job(function_or_scene, grid, extract)
     mode = _native.choice("errors", errors, ("raise", "keep"))
     whole = _native.flag("vectorized", vectorized)
+    progress = _native.flag("progress", progress)
     identity = {
         "viscovib": version("viscovib"),
         **identity,
@@ -167,7 +168,7 @@ class _Sweep:
             self._fill(store, np.zeros(len(store.chunks), dtype=bool), progress)
             return self._named(store.dataset())
         path = _path(checkpoint)
-        begun = os.path.exists(os.path.join(path, "zarr.json"))
+        begun = is_begun(path)
         # A checkpoint that is there has its chunks, so that no first point need be tried.
         chunks = Chunks.of_about(self.grid.shape, 1) if begun else self._chunks(wanted)
         disk = DiskStore(path, self.grid, chunks, identity)
@@ -281,7 +282,7 @@ def _job(
             f"function_or_scene = {_native.shown(what)}: "
             "must be a function, a scene or the path of one"
         )
-    if extract != "all":
+    if not (isinstance(extract, str) and extract == "all"):
         raise InputError("extract: is for scenes; a function returns what is to be kept")
     if grid is None:
         raise InputError("grid: must be given with a function")

@@ -58,10 +58,7 @@ class Grid:
         for name, given in grid.items():
             if not isinstance(name, str) or not _is_name(name) or name in (OUTCOME, ERROR):
                 raise InputError(f"grid: {name!r} is no name of a parameter")
-            try:
-                array = np.asarray(given)
-            except ValueError:
-                raise InputError(f"grid[{name!r}]: must be a list of numbers or words") from None
+            array = _native.any_array(f"grid[{name!r}]", given)
             if array.ndim != 1 or not array.size:
                 raise InputError(
                     f"grid[{name!r}]: must be a list of at least one value, got shape {array.shape}"
@@ -403,9 +400,13 @@ def _items(dataset: xr.Dataset, attributes: bool) -> Iterator[tuple[str, Any]]:
 
 def _values(name: str, value: Any, keep_integers: bool = False) -> tuple[Array, str]:
     """Return an array of one of the kinds that are kept."""
+    if isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "biufc":
+        # What is masked is missing, as what was not found is.
+        inexact = np.asarray(value.data, dtype=np.result_type(value.dtype, np.float64))
+        value = np.where(np.ma.getmaskarray(value), math.nan, inexact)
     try:
         array = np.asarray(value)
-    except ValueError:
+    except Exception:
         raise InputError(f"result: {name!r} must be numbers of one shape") from None
     kind = array.dtype.kind
     if name in (OUTCOME, ERROR):

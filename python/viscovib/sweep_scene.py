@@ -65,7 +65,7 @@ def scene_job(
 ) -> tuple[_AtPoint, Grid, dict[str, Any], str]:
     """What `sweep` computes for a scene, where, and by what it is known again."""
     scene = what if isinstance(what, Scene) else Scene.read(os.fspath(what))
-    if not callable(extract) and extract not in ("all", "summary"):
+    if not callable(extract) and not (isinstance(extract, str) and extract in ("all", "summary")):
         raise InputError(
             f"extract = {_native.shown(extract)}: must be 'all', 'summary' or a function"
         )

@@ -3,7 +3,7 @@
 On disk it is a Zarr group (format 3): one file a chunk and variable, put in place whole by a
 rename, compressed, with a CRC-32C at its end. NetCDF was the alternative: a single file that a
 kill may leave unreadable, without complex numbers. A chunk counts as finished if its outcomes,
-written last, and all its variables are there and agree with their checksums.
+written last, and all its variables are there and fit its seal (`viscovib.sweep_seal`).
 """
 
 import json
@@ -34,6 +34,7 @@ from viscovib.sweep_points import (
     Variable,
     box_shape,
 )
+from viscovib.sweep_seal import Copies, Seals
 
 _T = TypeVar("_T")
 _ABOUT = "viscovib_sweep"
@@ -105,6 +106,11 @@ class MemoryStore:
         return xr.Dataset(data, coords=coords)
 
 
+def is_begun(path: str | os.PathLike[str]) -> bool:
+    """Whether a folder holds a Zarr group, or could be made to: its metadata may be lost."""
+    return (Path(path) / "zarr.json").exists() or Copies(Path(path)).begun
+
+
 class DiskStore:
     """A Zarr group; made anew, or opened if it holds the same sweep."""
 
@@ -118,7 +124,10 @@ class DiskStore:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             self._lock = _locked(self.path)
-            if (self.path / "zarr.json").exists():
+            copies, self._seals = Copies(self.path), Seals(self.path, identity, grid.shape)
+            if is_begun(self.path):
+                copies.restore()
+                copies.check()
                 self._group = zarr.open_group(self.path, mode="r+", use_consolidated=False)
                 about = self._opened(identity)
                 self.chunks = Chunks(grid.shape, tuple(about["chunk"]))
@@ -137,10 +146,14 @@ class DiskStore:
                 self._begin()
         except BaseException as error:
             self.close()
-            wrong = (OSError, ValueError, KeyError, TypeError)
-            if isinstance(error, ViscovibError) or not isinstance(error, wrong):
+            if isinstance(error, ViscovibError) or not isinstance(error, Exception):
                 raise
-            raise FileError(f"checkpoint = {self.path}: cannot be used ({error})") from None
+            raise self._unusable(error) from None
+
+    def _unusable(self, error: Exception) -> FileError:
+        """What to say of files that cannot be read."""
+        why = " ".join(f"{getattr(error, 'strerror', None) or error}".split())[:200]
+        return FileError(f"checkpoint = {self.path}: cannot be used ({why})")
 
     def _opened(self, identity: dict[str, Any]) -> dict[str, Any]:
         about = self._group.attrs.get(_ABOUT)
@@ -160,6 +173,7 @@ class DiskStore:
         chunk = self.chunks.chunk
         self._array(OUTCOME, self.grid.shape, chunk, np.dtype(np.int8), names, 0, _FLAGS)
         self._array(ERROR, self.grid.shape, chunk, str, names, "", {})
+        Copies(self.path).save(dict(self._group.attrs), names)
 
     def define(self, template: Template) -> None:
         """Make the arrays of the variables."""
@@ -192,6 +206,7 @@ class DiskStore:
         about["variables"] = {n: item.kind for n, item in template.variables.items()}
         about["coords"] = list(template.coords)
         self._group.attrs[_ABOUT] = about
+        Copies(self.path).save(dict(self._group.attrs), [*self.grid.names, *template.coords])
         self.template = template
 
     def _read_template(self, about: dict[str, Any]) -> Template:
@@ -258,27 +273,28 @@ class DiskStore:
 
     def _sound(self, i: int, failures_count: bool) -> bool:
         box = self.chunks.box(i)
-        place = tuple(cut.start // c for cut, c in zip(box, self.chunks.chunk, strict=True))
+        place = self._place(i)
         if not self._file(OUTCOME, place).exists():
             return False
         # Reading raises where a checksum is wrong.
         outcome = self._open(OUTCOME)[box]
         if not (outcome == COMPLETED).all() and not (failures_count and (outcome != 0).all()):
             return False
-        names = [ERROR]
-        if (outcome == COMPLETED).any():
-            if self.template is None:
-                return False
-            names += self.template.variables
-        for name in names:
-            array = self._open(name)
-            rest = (0,) * (array.ndim - len(place))
-            if not array.size:
-                continue
-            if not self._file(name, (*place, *rest)).exists():
-                return False
-            array[box]
-        return True
+        if self.template is None and (outcome == COMPLETED).any():
+            return False
+        return self._seals.fits(place, outcome, self._files(place))
+
+    def _place(self, i: int) -> tuple[int, ...]:
+        """Place of a chunk among chunks."""
+        box = self.chunks.box(i)
+        return tuple(cut.start // c for cut, c in zip(box, self.chunks.chunk, strict=True))
+
+    def _files(self, place: tuple[int, ...]) -> list[Path]:
+        """Files of a chunk, but that of its outcomes."""
+        files = [self._file(ERROR, place)]
+        for name, item in (self.template.variables if self.template else {}).items():
+            files.append(self._file(name, (*place, *(0 for _ in item.shape))))
+        return files
 
     def _file(self, name: str, place: tuple[int, ...]) -> Path:
         return self.path.joinpath(name, "c", *map(str, place))
@@ -292,6 +308,8 @@ class DiskStore:
                 if values.size:
                     self._open(name)[box] = values.reshape(*shape, *values.shape[1:])
             self._open(ERROR)[box] = errors.reshape(shape)
+            place, outcome = self._place(i), part.outcome.reshape(shape)
+            self._seals.write(place, outcome, self._files(place))
             self._open(OUTCOME)[box] = part.outcome.reshape(shape)
         except OSError as error:
             why = error.strerror or error
@@ -299,13 +317,16 @@ class DiskStore:
 
     def dataset(self) -> xr.Dataset:
         """Everything, read from disk where it is used."""
-        with warnings.catch_warnings():
-            # Zarr says that consolidated metadata are young in format 3.
-            warnings.simplefilter("ignore")
-            _zarr().consolidate_metadata(self._group.store)
-        data: xr.Dataset = xr.open_zarr(
-            self.path, chunks=None, consolidated=False, mask_and_scale=False
-        )
+        try:
+            with warnings.catch_warnings():
+                # Zarr says that consolidated metadata are young in format 3.
+                warnings.simplefilter("ignore")
+                _zarr().consolidate_metadata(self._group.store)
+            data: xr.Dataset = xr.open_zarr(
+                self.path, chunks=None, consolidated=False, mask_and_scale=False
+            )
+        except Exception as error:
+            raise self._unusable(error) from None
         data.attrs.pop(_ABOUT, None)
         wanted, coords = [OUTCOME, ERROR], []
         if self.template is not None:

@@ -14,6 +14,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.mount import Mount
+from viscovib.parameters import Flag
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan, wanted_places
 from viscovib.polynomial_system import PolynomialSystem
@@ -159,6 +160,7 @@ class Trajectory(Result):
         With ``physical=True`` in s, m and rad: of a mount they are, of a pendulum if it was built
         from physical units; z is then the extension beyond static.
         """
+        Flag("physical").check(physical)
         time, length = 1.0, 1.0
         system = self.system
         time_unit, units, rates = system.time_unit, system.dof_units, system.rate_units

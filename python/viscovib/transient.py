@@ -150,6 +150,7 @@ def simulate(
             f"system = {_native.shown(system)}: must be a Pendulum or a Mount or a PolynomialSystem"
         )
     end = _native.number("t_end", t_end)
+    _native.flag("progress", progress)
     at_first = 1
     want = Wanted.checked(times, save_every, keep, tail)
     auto = _native.is_auto(dt)

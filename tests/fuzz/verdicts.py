@@ -18,7 +18,7 @@ GOOD = (
 #: How it may not.
 BAD = (
     "signal", "exit status", "message", "too long", "memory", "part left", "not finite",
-    "exception",
+    "exception", "not the same", "not kept",
 )  # fmt: skip
 
 #: Of processor time; a busy machine may take this many times as long.

@@ -184,7 +184,7 @@ def test_tables_and_picture(tmp_path):
         ({"mode": 2}, "mode = 2: must be 0 to 1"),
         ({"amplitude_range": (0, 1)}, "amplitude_range: must be two numbers, 0 < from < to"),
         ({"amplitude_range": (2, 1)}, "amplitude_range: must be two numbers"),
-        ({"amplitude_range": 1}, "amplitude_range: must be two numbers"),
+        ({"amplitude_range": 1}, "amplitude_range = 1: must be two numbers"),
         ({"dof": "y"}, "dof = 'y': must be one of"),
         ({"max_points": 1}, "max_points = 1: must be 2 to"),
         ({"max_step": 2}, "max_step = 2: must be in [1e-4, 1]"),

@@ -153,7 +153,7 @@ def test_a_map_shows_what_was_computed():
     line = vv.plot_map(data.y.isel(b=1), label="size").lines[0]
     assert (line.get_ydata() == data.y.values[:, 1]).all()
     for wrong, message in (
-        ((data,), "name = None: must be one of y, n"),
+        ((data,), "name = None: must be one of 'y', 'n'"),
         ((data, "z"), "name = 'z'"),
         ((data.y.expand_dims("c"),), "must be one or two"),
         ((3,), "must be a Dataset"),

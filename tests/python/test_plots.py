@@ -47,5 +47,5 @@ def test_what_cannot_be_drawn_is_told():
     with pytest.raises(vv.InputError, match="must not be empty"):
         vv.plot_trajectory([])
     run = vv.simulate(body, 1, dt=0.5, initial=START)
-    with pytest.raises(vv.InputError, match="must be 6"):
+    with pytest.raises(vv.InputError, match="must be Axes"):
         vv.plot_trajectory(run, ax=[1, 2])

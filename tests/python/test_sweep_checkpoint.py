@@ -295,11 +295,52 @@ def test_folders_that_are_no_checkpoint_are_left_alone(tmp_path):
     xr.Dataset({"y": ("t", [1.0])}).to_zarr(foreign, zarr_format=3, consolidated=False)
     with pytest.raises(vv.InputError, match="is not the checkpoint of a sweep"):
         sweep(Counted(), GRID, checkpoint=foreign)
-    broken = tmp_path / "broken"
-    sweep(Counted(), GRID, checkpoint=broken)
-    (broken / "zarr.json").write_text("{")
-    with pytest.raises(vv.FileError, match="cannot be used"):
-        sweep(Counted(), GRID, checkpoint=broken)
+
+
+@pytest.mark.parametrize(
+    "file", ["zarr.json", "y/zarr.json", "point_error/zarr.json", "a/zarr.json", "a/c/0"]
+)
+@pytest.mark.parametrize("content", [b"{", b"\xff\xfe", b"null", b"[" * 5000, b"{}", None])
+def test_damaged_metadata_are_put_right(tmp_path, file, content):
+    folder = tmp_path / "c"
+    want = sweep(Counted(), GRID, checkpoint=folder, chunk=5).load()
+    CALLS.clear()
+    (folder / file).unlink() if content is None else (folder / file).write_bytes(content)
+    again = sweep(Counted(), GRID, checkpoint=folder).load()
+    assert not CALLS
+    assert again.identical(want)
+    # Without the copy as well there is no way to know what was there: a line that names the file.
+    (folder / "point_outcome" / "copies.json").write_bytes(b"{")
+    if content is not None and file != "a/c/0":
+        (folder / file).write_bytes(b"{")
+        with pytest.raises(vv.FileError, match=rf"c: {file} is damaged and cannot be put right"):
+            sweep(Counted(), GRID, checkpoint=folder)
+
+
+def test_chunks_in_the_place_of_others_are_made_again(tmp_path):
+    """All files of a chunk, whole and sound, from elsewhere in the sweep or from a like one."""
+    folder, other = tmp_path / "c", tmp_path / "other"
+    want = sweep(Counted(), GRID, checkpoint=folder, chunk=3).load()
+    sweep(Counted(3.0), GRID, checkpoint=other, chunk=3)
+    names = [f.parent.name for f in sorted(folder.glob("*/c"))]
+
+    def files(where, i):
+        found = [p for n in names for p in (where / n / "c" / str(i)).rglob("*") if p.is_file()]
+        return [*found, *(p for p in (where / "point_outcome/seal" / str(i)).iterdir())]
+
+    for source, i, j in ((folder, 2, 5), (other, 3, 3), (other, 0, 1)):
+        before = {file: file.read_bytes() for file in files(folder, j)}
+        for file in files(source, i):
+            there = folder.joinpath(*file.relative_to(source).parts)
+            parts = list(there.relative_to(folder).parts)
+            parts[2] = str(j)
+            folder.joinpath(*parts).write_bytes(file.read_bytes())
+        assert before != {file: file.read_bytes() for file in files(folder, j)}
+        CALLS.clear()
+        again = sweep(Counted(), GRID, checkpoint=folder).load()
+        assert {a for a, _ in CALLS} == {j + 1.0}
+        assert len(CALLS) == 3
+        assert again.identical(want)
 
 
 def test_a_checkpoint_is_written_by_one_at_a_time(start, tmp_path):

@@ -1,5 +1,7 @@
 """Wrong arguments of every kind: an error of ours, in one line, at once."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -8,6 +10,18 @@ START = (0.05, 0, 0.3, 0, -0.2, 0)
 EMPTY = np.zeros((0, 3))
 CUBE = np.zeros((2, 2, 2))
 KERNEL = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+CUBIC = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3", names=("x",))
+MASKED = np.ma.masked_array([1.0, 2.0], mask=[False, True])
+SCENES = Path(__file__).parents[2] / "data" / "scenes"
+
+
+def scene():
+    return vv.Scene.read(SCENES / "mount_paper.nml")
+
+
+def physical(**changes):
+    given = {"m": 1, "I_A": 0.2, "E": 0.1, "L0": 0.5, "k1": 100} | changes
+    return vv.Pendulum.from_physical(**given)
 
 
 def body(**changes):
@@ -92,9 +106,83 @@ def follow(**options):
             lambda: vv.simulate(body(kernel=KERNEL), 1e308, load=0.1, nu=1),
             "t_end = 1e[+]308: takes",
         ),
+        # Arguments by name, of functions that have several forms too.
+        (
+            lambda: vv.backbone(CUBIC, mode=0, energy_range=(0.1, 1)),
+            "backbone: energy_range: is no argument for a mount or a polynomial system",
+        ),
+        (lambda: vv.forced_response(pendulum(), nu=1, mount=body()), "mount: is no argument for a"),
+        (lambda: vv.trace_response(body(), (1, 2), f0=1), "trace_response: f0: is no argument"),
+        (lambda: vv.forced_response(body()), "forced_response: nu: must be given for a mount"),
+        (
+            lambda: vv.forced_response(body(), 1, nu=1, load=1),
+            "forced_response: nu: is given twice",
+        ),
+        (lambda: vv.backbone(body(), 1, (1, 2), "x"), "4 arguments without a name, must be at"),
+        (lambda: scene().override(1), "values = 1: must be a mapping"),
+        (lambda: vv.run(scene()).to_csv("x.csv", 1), "which = 1: must be 0 to 0"),
+        (lambda: vv.run(scene()).to_csv(1), "path = 1: must be a path"),
+        (lambda: swing(dt=0.5).to_csv(""), "path = '': is no path of a file"),
+        (lambda: swing(dt=0.5).to_csv("a\0b"), "path = 'a.*b': is no path of a file"),
+        (lambda: swing(dt=0.5).to_csv("x", coordinates=5), "coordinates = 5: must be a list or tu"),
+        (lambda: swing(dt=0.5).to_dataset(physical=EMPTY), "physical = array"),
+        (lambda: swing(dt=0.5, progress=EMPTY), "progress = array"),
+        (lambda: many(dt=0.5, progress="no"), "progress = 'no'"),
+        (lambda: swing(dt=0.5, keep="tail", tail="x"), "tail = 'x'"),
+        (lambda: vv.simulate(CUBIC, 1e308), "t_end = 1e[+]308: takes"),
+        (lambda: many(t_end=1e308, sections=2, dt=0.1), "t_end / dt = .*must be 1 to"),
+        (lambda: physical(Omega1="e"), "Omega1 = 'e': must be a real number"),
+        (lambda: physical(m=0), "m = 0: must be greater than 0"),
+        (lambda: physical(k2=1e308, k1=1e-300), "too far apart"),
+        (lambda: vv.plot_branch(follow(), harmonic={"x": 1}), "harmonic: has no order for 'phi'"),
+        (lambda: vv.plot_branch(follow(), 5), "ax = 5: must be Axes"),
+        (lambda: vv.plot_response(respond(), labels=0.5), "labels = 0.5: must be a list or tuple"),
+        (lambda: vv.plot_response(respond(), log=EMPTY), "log = array"),
+        (
+            lambda: vv.plot_response([respond(), respond()], labels=["a"]),
+            "labels: 1 given, must be 2",
+        ),
+        (lambda: vv.spectrum([1, 2], 1, names=5), "names = 5: must be a list or tuple"),
+        (lambda: vv.sweep(lambda x: x, {"x": [1]}, progress=CUBE), "progress = array"),
+        # A mask hides values: they are none.
+        (lambda: respond(load=MASKED), r"load\[1\]: 1 of 2 masked, must be without a mask"),
+        (lambda: vv.forced_response(body(), MASKED, load=1), "nu: 1 of 2 masked"),
+        (lambda: vv.spectrum([[MASKED, MASKED]], 1), r"signal\[0\]\[0\]: 1 of 2 masked"),
+        (lambda: body(mass=np.ma.masked), "mass: 1 of 1 masked"),
+        (lambda: vv.LoadTable(times=[0, 1], values=MASKED), "values: 1 of 2 masked"),
+        (lambda: vv.sweep(lambda x: x, {"x": MASKED}), r"grid\['x'\]: 1 of 2 masked"),
+        (lambda: KERNEL.transform([1, np.ma.masked]), r"mu\[1\]: 1 of 1 masked"),
+        # Values that are no finite number.
+        (
+            lambda: vv.PronyKernel(weights=[1], rates=[2]).laplace([0, -2]),
+            r"s\[1\] = -2.*no finite",
+        ),
+        (lambda: vv.AbelKernel(amplitude=1, alpha=0.5).laplace(0), "s = 0.*: the transform is no"),
+        (lambda: body().dynamic_stiffness([1, 1e308]), r"nu\[1\] = 1e[+]308: the dynamic stiffn"),
+        (lambda: CUBIC.dynamic_stiffness(1e200), "nu = 1e[+]200: the dynamic stiffness is no"),
+        (lambda: pendulum().rhs(0, [0, 1e199, 0, 1e199, 0, 1e199]), "state: the acceleration"),
+        (lambda: pendulum().energy([START, [0, 1e199, 0, 0, 0, 0]]), r"state\[1\]: the energy of"),
+        (
+            lambda: pendulum(f0=0.1, p1=10).rhs(1e308, START),
+            "t = 1e[+]308: the phases of the loads",
+        ),
+        (lambda: CUBIC.energy([1e200, 0]), "state: the energy of a state of size 1e[+]200"),
     ],
 )
 def test_wrong_arguments_are_told_in_a_line(work, text):
     with pytest.raises(vv.ViscovibError, match=text) as told:
         work()
     assert "\n" not in str(told.value)
+
+
+def test_a_mask_that_hides_nothing_is_no_mask():
+    signal = np.ma.masked_array([1.0, 2.0, 1.0], mask=False)
+    assert (vv.spectrum(signal, 1).coefficients == vv.spectrum(signal.data, 1).coefficients).all()
+
+
+def test_what_a_function_of_a_sweep_masks_has_no_value():
+    data = vv.sweep(
+        lambda x: np.ma.masked_array([x, 2 * x], mask=[False, x > 1]), {"x": [1.0, 3.0]},
+        progress=False,
+    )  # fmt: skip
+    assert np.array_equal(data.result.values, [[1, 2], [3, np.nan]], equal_nan=True)

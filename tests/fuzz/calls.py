@@ -1,0 +1,336 @@
+"""Calls of the public Python API at random, as texts.
+
+Names, signatures (overloads too) and words are read from the package itself, so that what is new
+is fuzzed the day it appears. `SOUND` are calls that work; a random call is one of them with some
+arguments changed, or one made from a signature alone.
+"""
+
+import inspect
+import random
+import re
+import typing
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import viscovib as vv
+
+PENDULUM = "vv.Pendulum(e=0.1, w2=0.4, w3=0.8, c1=0.05, c2=0.05, c3=0.05, f0=0.01, p1=0.9)"
+FREE = "vv.Pendulum(e=0.1, w2=0.4, w3=0.8)"
+KERNEL = "vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)"
+MOUNT = (
+    "vv.Mount(mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, "
+    "damping=[[0.2, 0], [0, 0.1]])"
+)
+MEMORY = MOUNT.replace("damping", f"kernel={KERNEL}, damping")
+SYSTEM = "vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces='x^3', names=('x',))"
+RUN = f"vv.simulate({PENDULUM}, t_end=20, dt=0.25, initial=[0.05, 0, 0.3, 0, -0.2, 0])"
+RESPONSE = (
+    f"vv.forced_response(mount={MOUNT}, nu=[1, 2, 3], load=0.1, method='newton', harmonics=3)"
+)
+STEADY = f"vv.forced_response({PENDULUM}, p1=[0.8, 0.9], harmonics=3)"
+BRANCH = (
+    f"vv.trace_response(mount={SYSTEM}, nu_range=(0.8, 1.6), load=0.2, harmonics=3, max_points=80)"
+)
+DRIVEN = f"vv.trace_response({PENDULUM}, p1=(0.85, 0.95), harmonics=3, max_points=20)"
+SCALES = f"vv.MultipleScales({PENDULUM})"
+ENSEMBLE = (
+    f"vv.simulate_ensemble({PENDULUM}, initial=[[0.05, 0, 0.3, 0, -0.2, 0]], t_end=5, dt=0.25)"
+)
+SCENE = "vv.Scene.read('scene.nml')"
+SIGNAL = "np.cos(0.3 * np.arange(200.0))"
+
+#: Files that calls may read, in the folder where they run.
+FILES = {
+    "scene.nml": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
+&load amplitude=0.1 /
+&response nu_min=0.5 nu_max=4 nu_count=4 method='linear' /
+""",
+    "pendulum.nml": """&pendulum e=0.1 w2=0.4 w3=0.8 c1=0.01 f0=0.005 p1=0.93 /
+&transient initial=0.05 0 0.3 0 -0.2 0 t_end=5 dt=0.25 /
+&spectrum window='hann' discard=1 /
+""",
+}
+
+#: Calls that work, each quick.
+SOUND = (
+    PENDULUM, KERNEL, MOUNT, MEMORY, SYSTEM, RUN, RESPONSE, STEADY, BRANCH, DRIVEN, SCALES,
+    ENSEMBLE, SCENE,
+    "vv.AbelKernel(amplitude=0.05, alpha=0.3)",
+    "vv.RabotnovKernel(amplitude=0.05, alpha=0.3, beta=1)",
+    "vv.PronyKernel(weights=[0.1, 0.2], rates=[0.5, 3])",
+    "vv.TabulatedKernel(times=[0, 1, 2], values=[0.2, 0.1, 0.05], interpolation='linear')",
+    f"{KERNEL}.sum_of_exponentials(tolerance=1e-6, t_min=0.01, t_max=10)",
+    "vv.Pendulum.from_physical(m=1, I_A=0.2, E=0.1, L0=0.5, k1=100, Omega1=3, F1=0.1)",
+    "vv.CubicSystem(mass=[[1]], stiffness=[[1]], damping=[[0.1]], cubic=[[[[0.5]]]], "
+    "load=[[0.1]], drives=[1])",
+    "vv.LoadTable(times=[0, 1, 2], values=[0, 1, 0])",
+    "vv.Past(times=[-1, 0], displacements=[[0, 0], [0.1, 0]])",
+    "vv.Monomial(coefficient=1, powers=[3], on='x')",
+    "vv.Springs(stiffness=1)",
+    f"vv.simulate({MOUNT}, t_end=5, initial=[0.1, 0, 0, 0])",
+    f"vv.simulate({MEMORY}, t_end=2, dt=0.1, held=[0.1, 0])",
+    f"vv.simulate({SYSTEM}, t_end=5, dt=0.1, load=0.3, nu=1.2, tolerance=1e-6)",
+    f"vv.backbone({SYSTEM}, mode=0, amplitude_range=(0.01, 0.5), harmonics=3)",
+    f"vv.backbone({FREE}, mode=1, energy_range=(1e-4, 1e-3), harmonics=3, max_points=20)",
+    f"vv.plan_response(mount={MOUNT}, nu=[1, 2], load=0.1)",
+    f"vv.spectrum(signal={SIGNAL}, dt=0.1, window='hann')",
+    f"vv.amplitudes_at(signal={SIGNAL}, dt=1, frequencies=[0.3])",
+    f"vv.dominant_frequencies(signal={SIGNAL}, dt=1, count=1)",
+    "vv.fourier_coefficients(samples=[0, 1, 0, -1], orders=1)",
+    f"vv.free_decay(trajectory=vv.simulate({SYSTEM}, t_end=60, dt=0.1, initial=[0.1, 0]), count=1)",
+    "vv.name_frequencies(frequencies=[1, 2], bases={'p1': 1.0}, order=3)",
+    "vv.plan(scene='scene.nml')",
+    "vv.run(scene='scene.nml')",
+    "vv.run(scene='pendulum.nml')",
+    "vv.sweep(lambda a: {'y': a * a}, grid={'a': [1.0, 2.0]}, progress=False, n_threads=1)",
+    "vv.sweep('scene.nml', grid={'mount.mass': [1, 2]}, progress=False, n_threads=1)",
+    "vv.plot_map(vv.sweep(lambda a, b: {'y': a * b}, grid={'a': [1.0, 2.0], 'b': [1.0, 2.0]}, "
+    "progress=False, n_threads=1), name='y')",
+    f"vv.plot_response(response={RESPONSE})",
+    f"vv.plot_branch(branch={BRANCH})",
+    f"vv.plot_trajectory(trajectory={RUN})",
+    f"vv.plot_spectrum(spectrum=vv.spectrum({SIGNAL}, 0.1))",
+    f"vv.plot_backbone(backbone=vv.backbone({SYSTEM}, 0, (0.01, 0.5), harmonics=3))",
+    f"vv.plot_scales_response(response={SCALES}.response('p1', [0.8, 0.9]))",
+    f"vv.plot_modulation(motion={SCALES}.motion([0, 1], [0.05, 0, 0.1, 0, 0.1, 0]))",
+    f"{SCALES}.response('p1', [0.8, 0.9])",
+    f"{SCALES}.motion([0, 1, 2], [0.05, 0, 0.1, 0, 0.1, 0])",
+    f"{SCALES}.modulation([0, 1, 2], [0.05, 0, 0.1, 0, 0.1, 0])",
+    f"{MEMORY}.characteristic_roots()",
+    f"vv.trace_response({SYSTEM}, nu=0.5, load_range=(0, 10), load=1, harmonics=5, "
+    "symmetric=False, max_points=200)",
+    f"{SCALES}.resonances(tolerance=0.9)",
+)  # fmt: skip
+
+#: Methods that need arguments, with some that work.
+GIVEN = {
+    "t": "[0.5, 1, 2]", "mu": "[0.5, 1]", "s": "1 + 1j", "nu": "[1, 2]", "dof": "'x'",
+    "state": "[0.05, 0, 0.3, 0, -0.2, 0]", "path": "'out.csv'", "tolerance": "1e-6",
+    "t_min": "0.01", "t_max": "10", "values": "[0.8, 0.9]", "i": "0", "harmonic": "1",
+    "initial": "[0.05, 0, 0.1, 0, 0.1, 0]", "name": "'phi'", "index": "0", "n": "16",
+    "parameter": "'p1'",
+}  # fmt: skip
+
+#: Values that no argument expects, or that lie at an end of what numbers are.
+NASTY = (
+    "nan", "inf", "-inf", "1e308", "-1e308", "1.7e308", "1e-308", "5e-324", "1e-320", "0", "0.0",
+    "-0.0", "-1", "-1.5", "1", "2", "7", "1e5", "1e9", "1e12", "1e-12", "1e150", "1e-150", "1e199",
+    "2**31 - 1", "2**31", "-2**31", "2**63", "2**70", "10**400", "1e300", "1j", "complex('nan')",
+    "True", "False", "None", "np.True_", "'x'", "''", "'auto'", "'phi'", "'e'", "'p1'", "'a\\nb'",
+    "'\\x00'", "'\\ud800'", "'caf\u00e9'", "'x' * 5000", "b'x'", "b'\\xff'", "[]", "()", "{}",
+    "set()", "{1, 2}", "[1]", "[1, 2]", "[2, 1]", "(0.5, 1)", "(1, 1)", "[1, 2, 3]",
+    "[[1, 2], [3]]",
+    "[[1, 2], [3, 4]]", "[None]", "['x']", "['x', 'phi']", "[[]]", "{'a': 1}", "{1: 0.1}",
+    "{0: 0.1}", "{1: [0.1, 0]}", "{-1: 1}", "{'x': 'y'}", "{None: None}", "np.zeros(0)",
+    "np.zeros((0, 3))", "np.zeros((0, 6))", "np.zeros(6)", "np.zeros((2, 2, 2))", "np.ones((3, 3))",
+    "np.array(1.0)", "np.array([True, False])", "np.array(['a'])", "np.array([None, 1])",
+    "np.float32(0.1)", "np.int8(3)", "np.longdouble('1e4000')", "np.datetime64('2020')",
+    "np.ma.masked_array([1.0, 2.0], mask=[True, False])", "np.ma.masked", "np.array([1, nan])",
+    "np.array([1, inf])", "np.array([1e308, 1e308])", "np.arange(6.0)[::-1]", "np.eye(6)[::2]",
+    "np.full(3, 1e-320)", "object()", "int", "len", "lambda *a, **k: 1", "lambda: 1 / 0",
+    "(i for i in range(3))", "range(3)", "range(10**9)", "Fraction(1, 3)", "Decimal('0.1')",
+    "Decimal('nan')", "Path('x')", "Ellipsis", "slice(1)", "xr.Dataset()", "xr.DataArray([1, 2])",
+    "np.matrix([[1, 2], [3, 4]])", "np.broadcast_to(1.0, (3,))", "memoryview(b'ab')",
+    "float('1e-5')", "nested", "Odd()", "Liar()",
+)  # fmt: skip
+_NUMBERS = ("0.1", "0.5", "1", "2", "3", "0.01", "1e-6", "10", "0.9", "5", "1.5")
+_WHOLE = ("0", "1", "2", "3", "5", "9", "-1", "16", "100")
+#: Fields by which a result is known.
+_OF_RESULTS = ("plan", "outcome", "coefficients")
+#: Systems and results where others are wanted.
+_OBJECTS = (PENDULUM, MOUNT, MEMORY, SYSTEM, KERNEL, RUN, RESPONSE, BRANCH, SCALES, SCENE)
+
+
+@dataclass(frozen=True)
+class Callee:
+    """What can be called: ``text`` up to the parenthesis, and its parameters."""
+
+    text: str
+    parameters: tuple[inspect.Parameter, ...]
+    words: tuple[str, ...]
+    #: Class whose object ``this`` must be; "" for functions and constructors.
+    of: str = ""
+
+
+@dataclass
+class Api:
+    """Everything public, and where objects of each class come from."""
+
+    callees: list[Callee] = field(default_factory=list)
+    #: Names of the public classes that have methods or properties.
+    classes: dict[str, type] = field(default_factory=dict)
+
+
+def public() -> Api:
+    """Read the package."""
+    api = Api()
+    for name in vv.__all__:
+        value = getattr(vv, name)
+        if inspect.isclass(value) and issubclass(value, (BaseException, Warning)):
+            continue
+        api.callees += _callees(f"vv.{name}", value)
+        if inspect.isclass(value):
+            api.classes[name] = value
+            api.callees += _methods(name, value)
+    return api
+
+
+def _callees(text: str, value: Any, of: str = "") -> Iterator[Callee]:
+    words = tuple(dict.fromkeys(re.findall(r'"(\w+)"', inspect.getdoc(value) or "")))
+    forms: list[Callable[..., Any]] = list(typing.get_overloads(value)) or [value]
+    for form in forms:
+        try:
+            parameters = list(inspect.signature(form).parameters.values())
+        except (ValueError, TypeError):
+            continue
+        results = any(p.name.startswith("_") or p.name in _OF_RESULTS for p in parameters)
+        if inspect.isclass(value) and results:
+            # Only the package makes them.
+            continue
+        if of and parameters and parameters[0].name == "self":
+            parameters = parameters[1:]
+        yield Callee(text, tuple(parameters), words, of)
+
+
+def _methods(name: str, kind: type) -> Iterator[Callee]:
+    for member in dir(kind):
+        if member.startswith("_") and member != "__call__":
+            continue
+        found = inspect.getattr_static(kind, member)
+        if isinstance(found, (classmethod, staticmethod)):
+            yield from _callees(f"vv.{name}.{member}", getattr(kind, member))
+        elif inspect.isfunction(found):
+            call = "this" if member == "__call__" else f"this.{member}"
+            yield from _callees(call, found, name)
+        elif isinstance(found, property) or type(found).__name__ == "cached_property":
+            yield Callee(f"this.{member}", (), (), name)
+
+
+def is_property(api: Api, callee: Callee) -> bool:
+    """Whether a callee is only looked at."""
+    if not callee.of or callee.text == "this":
+        return False
+    found = inspect.getattr_static(api.classes[callee.of], callee.text.partition(".")[2])
+    return not inspect.isfunction(found)
+
+
+class Caller:
+    """Makes calls at random."""
+
+    def __init__(self, makers: dict[str, list[str]]) -> None:
+        """``makers``: for each class expressions that give its objects."""
+        self.api, self.makers = public(), makers
+        self.methods = [c for c in self.api.callees if c.of and c.of in makers]
+        self.others = [c for c in self.api.callees if not c.of]
+        self.sound = [split(text) for text in SOUND]
+
+    def call(self, rng: random.Random) -> str:
+        """Return the text of a call: one line, or two where it is a method's."""
+        draw = rng.random()
+        if draw < 0.45:
+            return self._changed(rng)
+        callee = rng.choice(self.methods if draw < 0.85 else self.others)
+        lines = []
+        if callee.of:
+            lines.append(f"this = {rng.choice(self.makers[callee.of])}")
+        if is_property(self.api, callee):
+            lines.append(callee.text)
+        else:
+            lines.append(f"{callee.text}({self._arguments(rng, callee)})")
+        return "\n".join(lines)
+
+    def _arguments(self, rng: random.Random, callee: Callee) -> str:
+        given = []
+        strange = rng.random() < 0.75
+        for p in callee.parameters:
+            if p.kind in (p.VAR_KEYWORD, p.VAR_POSITIONAL):
+                continue
+            if p.default is not p.empty and rng.random() < 0.7:
+                continue
+            text = GIVEN.get(p.name)
+            if text is None or (strange and rng.random() < 0.5):
+                text = self.value(rng, p, callee.words, text)
+            given.append(text if p.kind == p.POSITIONAL_ONLY else f"{p.name}={text}")
+        return ", ".join(given)
+
+    def _changed(self, rng: random.Random) -> str:
+        """A sound call with some arguments changed, added or left out."""
+        name, given = rng.choice(self.sound)
+        if name is None:
+            return str(given)
+        arguments = dict(given)
+        forms = [c for c in self.others if c.text == name]
+        known = {p.name: p for form in forms for p in form.parameters}
+        words = forms[0].words if forms else ()
+        for _ in range(rng.choice([1, 1, 1, 2, 2, 3])):
+            draw = rng.random()
+            if draw < 0.6 or not known:
+                key = rng.choice(sorted(arguments))
+                arguments[key] = self.value(rng, known.get(key), words, arguments[key])
+            elif draw < 0.95:
+                key = rng.choice(sorted(known))
+                if known[key].kind in (
+                    inspect.Parameter.VAR_KEYWORD,
+                    inspect.Parameter.VAR_POSITIONAL,
+                ):
+                    continue
+                if known[key].kind is not inspect.Parameter.KEYWORD_ONLY and any(
+                    k.startswith("*") for k in arguments
+                ):
+                    continue
+                arguments[key] = self.value(rng, known[key], words, arguments.get(key))
+        inside = ", ".join(v if k.startswith("*") else f"{k}={v}" for k, v in arguments.items())
+        return f"{name}({inside})"
+
+    def value(
+        self,
+        rng: random.Random,
+        parameter: inspect.Parameter | None,
+        words: tuple[str, ...],
+        before: str | None,
+    ) -> str:
+        """A value for an argument: of its kind, or of any other."""
+        kind = "" if parameter is None else str(parameter.annotation)
+        draw = rng.random()
+        if draw < 0.45:
+            return rng.choice(NASTY)
+        if draw < 0.5:
+            return rng.choice(_OBJECTS)
+        if before is not None and draw < 0.75:
+            return _number_changed(rng, before)
+        if "str" in kind and words and draw < 0.85:
+            return repr(rng.choice(words))
+        if "bool" in kind:
+            return rng.choice(["True", "False"])
+        if "'int'" in kind or kind.startswith("int"):
+            return rng.choice(_WHOLE)
+        if "tuple[float, float]" in kind:
+            return f"({rng.choice(_NUMBERS)}, {rng.choice(_NUMBERS)})"
+        if "ArrayLike" in kind or "Buffer" in kind:
+            n = rng.choice([1, 2, 3, 6])
+            return f"[{', '.join(rng.choice(_NUMBERS + NASTY[:35]) for _ in range(n))}]"
+        return rng.choice(_NUMBERS)
+
+
+def split(text: str) -> tuple[str | None, Any]:
+    """Name and arguments of a call, positional ones under names that begin with a star."""
+    import ast
+
+    tree = ast.parse(text, mode="eval").body
+    assert isinstance(tree, ast.Call)
+    arguments = {f"*{i}": ast.unparse(arg) for i, arg in enumerate(tree.args)}
+    arguments |= {str(k.arg): ast.unparse(k.value) for k in tree.keywords}
+    if not arguments:
+        return None, text
+    return ast.unparse(tree.func), arguments
+
+
+def _number_changed(rng: random.Random, before: str) -> str:
+    """One of the numbers in a text replaced."""
+    found = list(re.finditer(r"(?<![\w.'])\d+(\.\d*)?(e-?\d+)?(?![\w.'])", before))
+    if not found:
+        return rng.choice(NASTY)
+    here = rng.choice(found)
+    new = rng.choice(NASTY[:35] if rng.random() < 0.5 else _NUMBERS)
+    return f"{before[: here.start()]}{new}{before[here.end() :]}"

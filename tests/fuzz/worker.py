@@ -1,0 +1,144 @@
+"""A process in which calls are run, one after the other, within limits.
+
+As a program: reads a line of JSON, does the job that it names, writes a line of JSON. A call is
+run as text; its objects ``this`` are kept, since making them takes most of the time. The other
+side is `Worker`, which asks it to stop as Ctrl-C does after a while, and ends it if it is deaf.
+"""
+
+import json
+import os
+import resource
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from verdicts import MEMORY, SECONDS
+
+#: Seconds until a call is asked to stop; and how long it may then take, on a machine shared.
+PATIENCE = 3.0
+DEAF = 2.5
+#: Jobs after which a process is replaced, and bytes that it may hold in the end.
+_JOBS = 2000
+_HERE = Path(__file__).parent
+
+
+class Worker:
+    """The side that asks."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._child: subprocess.Popen[bytes] | None = None
+        self._done = 0
+
+    def ask(self, patience: float = PATIENCE, **job: Any) -> dict[str, Any]:
+        """Have a job done: its answer, or a ``verdict`` on a process that gave none."""
+        if self._child is None or self._done >= _JOBS:
+            self._start()
+        child = self._child
+        assert child is not None
+        assert child.stdin is not None
+        assert child.stdout is not None
+        self._done += 1
+        started = time.monotonic()
+        child.stdin.write(json.dumps(job).encode() + b"\n")
+        child.stdin.flush()
+        asked = False
+        while True:
+            taken = time.monotonic() - started
+            left = SECONDS - taken if asked else patience - taken
+            if select.select([child.stdout], [], [], max(left, 0.0))[0]:
+                break
+            if asked:
+                self.close()
+                return {"verdict": "too long", "detail": f"{SECONDS:g} s; deaf to Ctrl-C"}
+            asked, since = True, time.monotonic()
+            child.send_signal(signal.SIGINT)
+        line = child.stdout.readline()
+        if not line:
+            return self._fallen()
+        answer: dict[str, Any] = json.loads(line)
+        if asked and time.monotonic() - since > DEAF:
+            late = time.monotonic() - since
+            answer |= {"verdict": "too long", "detail": f"heard Ctrl-C after {late:.1f} s"}
+        answer["seconds"] = time.monotonic() - started
+        if answer.get("size", 0) > MEMORY // 2:
+            self.close()
+        return answer
+
+    def _fallen(self) -> dict[str, Any]:
+        assert self._child is not None
+        self._child.wait()
+        status = self._child.returncode
+        self.close()
+        said = (self.folder / "stderr").read_text(errors="replace")[-1500:]
+        if "allocat" in said or status == -signal.SIGKILL:
+            return {"verdict": "memory", "detail": f"{status}: {said}"}
+        if status < 0:
+            return {"verdict": "signal", "detail": f"{signal.Signals(-status).name}: {said}"}
+        return {"verdict": "exit status", "detail": f"{status}: {said}"}
+
+    def _start(self) -> None:
+        self.close()
+        self.folder.mkdir(parents=True, exist_ok=True)
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        more = {"MPLBACKEND": "agg", **threads}
+        with (self.folder / "stderr").open("wb") as errors:
+            self._child = subprocess.Popen(
+                [sys.executable, str(_HERE / "worker.py")], stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE, stderr=errors, cwd=self.folder, env=os.environ | more,
+                start_new_session=True,
+            )  # fmt: skip
+        self._done = 0
+        # It says so when all is imported: only then may it be asked to stop.
+        assert self._child.stdout is not None
+        if not self._child.stdout.readline():
+            raise SystemExit(
+                f"fuzz: a worker does not start: {(self.folder / 'stderr').read_text()}"
+            )
+
+    def close(self) -> None:
+        """End the process."""
+        if self._child is not None:
+            self._child.kill()
+            self._child.communicate()
+        self._child = None
+
+
+def main() -> None:
+    """Do jobs until there are none."""
+    # What the libraries map when they are imported is no part of what a call takes.
+    import call_runner
+
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY + used, MEMORY + used))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 28, 1 << 28))
+    jobs = call_runner.JOBS
+    with tempfile.TemporaryDirectory(dir=".") as place:
+        os.chdir(place)
+        answers.write("ready\n")
+        answers.flush()
+        while True:
+            try:
+                line = sys.stdin.readline()
+                if not line:
+                    return
+                job = json.loads(line)
+                answer = jobs[job.pop("job")](**job)
+            except KeyboardInterrupt:
+                answer = {"verdict": "stopped at a given limit", "detail": ""}
+            pages = int(Path("/proc/self/statm").read_text().split()[1])
+            answer["size"] = pages * resource.getpagesize()
+            answers.write(json.dumps(answer) + "\n")
+            answers.flush()
+
+
+if __name__ == "__main__":
+    main()
