@@ -37,6 +37,22 @@ module viscovib_drive_torus
     integer :: axis = 1, multiple = 1
   end type drive_torus_type
 
+  !> Loads on their way to axes.
+  type :: sorting_type
+    real(wp) :: frequency(n_drives) = 0.0_wp
+    !> Whether there may be one axis only.
+    logical :: single = .false.
+    integer :: n_axes = 0
+    !> The first load on each axis; the axis of each load, 0: it does not act, and the ratio
+    !! top/bottom of its frequency to that of the first.
+    integer, dimension(n_drives) :: first = 0, axis = 0, top = 1, bottom = 1
+  contains
+    procedure :: place
+    procedure :: whole
+    procedure :: largest_multiple
+    procedure :: base_frequencies
+  end type sorting_type
+
 contains
 
   !> Sort the loads that act by frequency. A frequency that varies keeps an axis of its
@@ -51,114 +67,125 @@ contains
     !> Largest numbers in a ratio that counts as commensurate.
     integer, intent(in) :: max_denominator
     type(status_type), intent(out) :: status
-    integer :: first(n_drives), axis(n_drives), top(n_drives), bottom(n_drives)
-    integer :: i, j, multiple, common
-    logical :: acts, single
+    type(sorting_type) :: sorting
+    logical :: acts(n_drives)
+    integer :: j
 
-    axis = 0
-    ! All together, however far below them their base frequency is.
-    single = subharmonic > 1 .or. varies == varies_nu
-    do j = 1, n_drives
-      acts = abs(amplitude(j)) > 0.0_wp
-      if (varies == j .and. .not. acts) then
-        call fail(status, status_input_error, 'parameter', frequency_names(j) &
-                  //': varies, but no load acts at it: '//trim(amplitude_names(j))//' = 0')
+    acts = abs(amplitude) > 0.0_wp
+    if (varies >= 1 .and. varies <= n_drives) then
+      if (.not. acts(varies)) then
+        call fail(status, status_input_error, 'parameter', frequency_names(varies) &
+                  //': varies, but no load acts at it: '//trim(amplitude_names(varies))//' = 0')
         return
       end if
-      acts = (acts .or. varies == n_drives + j) .and. (varies == j .or. frequency(j) > 0.0_wp)
-      if (acts) call place(j)
+    end if
+    sorting%frequency = frequency
+    ! All together, however far below them their base frequency is.
+    sorting%single = subharmonic > 1 .or. varies == varies_nu
+    do j = 1, n_drives
+      if (.not. (acts(j) .or. varies == n_drives + j)) cycle
+      if (varies == j .or. frequency(j) > 0.0_wp) call sorting%place(j, varies, max_denominator)
     end do
-    if (torus%n_axes == 0) then
+    if (sorting%n_axes == 0) then
       call fail(status, status_input_error, 'parameter', &
                 'f0, m01, m02: at least one load of a frequency > 0 must act')
-      return
+    else if (sorting%n_axes > 1 .and. sorting%single) then
+      call refuse_axes(sorting, subharmonic, status)
     end if
-    if (torus%n_axes > 1 .and. single) then
-      call complain()
-      return
-    end if
-    allocate (torus%base(torus%n_axes), torus%orders(torus%n_axes, n_drives), &
-              torus%named(torus%n_axes))
-    torus%orders = 0
-    do i = 1, torus%n_axes
-      multiple = 1
-      do j = 1, n_drives
-        if (axis(j) == i) multiple = multiple/gcd(multiple, bottom(j))*bottom(j)
-      end do
-      multiple = multiple*subharmonic
-      common = multiple
-      do j = 1, n_drives
-        if (axis(j) == i) common = gcd(common, top(j)*(multiple/bottom(j)))
-      end do
-      if (subharmonic > 1) common = 1
-      do j = 1, n_drives
-        if (axis(j) == i) torus%orders(i, j) = top(j)*(multiple/bottom(j))/common
-      end do
-      multiple = multiple/common
-      torus%base(i) = frequency(first(i))/multiple
-      torus%named(i) = merge(first(i), 0, multiple == 1 .and. count(axis == i) == 1)
-    end do
+    if (status%failed()) return
+    call sorting%base_frequencies(subharmonic, torus)
     if (lowest_bound(torus) > max_bound) then
       call fail(status, status_input_error, 'max_denominator', 'max_denominator = ' &
                 //show(max_denominator)//': the loads are up to '//show(lowest_bound(torus)) &
                 //' times their base frequency, must be at most '//show(max_bound))
-      return
+    else if (varies >= 1 .and. varies <= n_drives) then
+      torus%axis = sorting%axis(varies)
+      torus%multiple = torus%orders(torus%axis, varies)
     end if
-    if (varies >= 1 .and. varies <= n_drives) then
-      torus%axis = axis(varies)
-      torus%multiple = torus%orders(axis(varies), varies)
-    end if
-
-  contains
-
-    !> Load j on the first axis whose frequency is a ratio of small numbers to its own; of
-    !! small numbers with all that are there.
-    subroutine place(j)
-      integer, intent(in) :: j
-      integer :: i
-      do i = 1, torus%n_axes
-        if (varies == j .or. varies == first(i)) cycle
-        call find_ratio(frequency(j), frequency(first(i)), max_denominator, top(j), bottom(j))
-        if (bottom(j) == 0) cycle
-        axis(j) = i
-        if (single .or. largest_multiple(i) <= max_denominator) return
-      end do
-      torus%n_axes = torus%n_axes + 1
-      axis(j) = torus%n_axes
-      first(torus%n_axes) = j
-      top(j) = 1
-      bottom(j) = 1
-    end subroutine place
-
-    !> The largest number of which the loads on an axis are multiples of their base frequency.
-    pure integer function largest_multiple(i)
-      integer, intent(in) :: i
-      integer :: k, whole
-      whole = 1
-      do k = 1, n_drives
-        if (axis(k) == i) whole = whole/gcd(whole, bottom(k))*bottom(k)
-      end do
-      largest_multiple = 0
-      do k = 1, n_drives
-        if (axis(k) == i) largest_multiple = max(largest_multiple, top(k)*(whole/bottom(k)))
-      end do
-    end function largest_multiple
-
-    subroutine complain()
-      character(len=:), allocatable :: values, what
-      integer :: i
-      values = show(frequency(first(1)))
-      do i = 2, torus%n_axes
-        values = values//', '//show(frequency(first(i)))
-      end do
-      what = 'nu'
-      if (subharmonic > 1) what = 'subharmonic = '//show(subharmonic)
-      call fail(status, status_input_error, merge('subharmonic', 'parameter  ', subharmonic > 1), &
-                what//': needs a single base frequency, but those of the loads are ' &
-                //'incommensurate ('//values//')')
-    end subroutine complain
-
   end subroutine sort_drives
+
+  !> Load j on the first axis whose frequency is a ratio of small numbers to its own; of
+  !! small numbers with all that are there.
+  subroutine place(self, j, varies, most)
+    class(sorting_type), intent(inout) :: self
+    integer, intent(in) :: j, varies, most
+    integer :: i
+
+    do i = 1, self%n_axes
+      if (varies == j .or. varies == self%first(i)) cycle
+      call find_ratio(self%frequency(j), self%frequency(self%first(i)), most, self%top(j), &
+                      self%bottom(j))
+      if (self%bottom(j) == 0) cycle
+      self%axis(j) = i
+      if (self%single .or. self%largest_multiple(i) <= most) return
+    end do
+    self%n_axes = self%n_axes + 1
+    self%axis(j) = self%n_axes
+    self%first(self%n_axes) = j
+    self%top(j) = 1
+    self%bottom(j) = 1
+  end subroutine place
+
+  !> The lowest common multiple of the denominators on an axis.
+  pure integer function whole(self, i)
+    class(sorting_type), intent(in) :: self
+    integer, intent(in) :: i
+    integer :: j
+    whole = 1
+    do j = 1, n_drives
+      if (self%axis(j) == i) whole = whole/gcd(whole, self%bottom(j))*self%bottom(j)
+    end do
+  end function whole
+
+  !> The largest number of which the loads on an axis are multiples of their base frequency.
+  pure integer function largest_multiple(self, i)
+    class(sorting_type), intent(in) :: self
+    integer, intent(in) :: i
+    largest_multiple = maxval(self%top*(self%whole(i)/self%bottom), self%axis == i)
+  end function largest_multiple
+
+  !> Each axis by its base frequency, of which its loads are multiples.
+  subroutine base_frequencies(self, subharmonic, torus)
+    class(sorting_type), intent(in) :: self
+    integer, intent(in) :: subharmonic
+    type(drive_torus_type), intent(inout) :: torus
+    integer :: i, j, multiple, common
+
+    torus%n_axes = self%n_axes
+    allocate (torus%base(self%n_axes), torus%orders(self%n_axes, n_drives), &
+              torus%named(self%n_axes))
+    torus%orders = 0
+    do i = 1, self%n_axes
+      multiple = self%whole(i)*subharmonic
+      common = multiple
+      do j = 1, n_drives
+        if (self%axis(j) == i) common = gcd(common, self%top(j)*(multiple/self%bottom(j)))
+      end do
+      if (subharmonic > 1) common = 1
+      where (self%axis == i) torus%orders(i, :) = self%top*(multiple/self%bottom)/common
+      multiple = multiple/common
+      torus%base(i) = self%frequency(self%first(i))/multiple
+      torus%named(i) = merge(self%first(i), 0, multiple == 1 .and. count(self%axis == i) == 1)
+    end do
+  end subroutine base_frequencies
+
+  subroutine refuse_axes(sorting, subharmonic, status)
+    type(sorting_type), intent(in) :: sorting
+    integer, intent(in) :: subharmonic
+    type(status_type), intent(out) :: status
+    character(len=:), allocatable :: values, what
+    integer :: i
+
+    values = show(sorting%frequency(sorting%first(1)))
+    do i = 2, sorting%n_axes
+      values = values//', '//show(sorting%frequency(sorting%first(i)))
+    end do
+    what = 'nu'
+    if (subharmonic > 1) what = 'subharmonic = '//show(subharmonic)
+    call fail(status, status_input_error, merge('subharmonic', 'parameter  ', subharmonic > 1), &
+              what//': needs a single base frequency, but those of the loads are ' &
+              //'incommensurate ('//values//')')
+  end subroutine refuse_axes
 
   !> value = top/bottom of another, in numbers to `most`; bottom = 0 if there are none.
   pure subroutine find_ratio(value, another, most, top, bottom)

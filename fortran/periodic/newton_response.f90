@@ -22,6 +22,27 @@ module viscovib_newton_response
   !> Orders with which a point is sought from rest: enough not to be led astray.
   integer, parameter :: orders_from_rest = 9
 
+  !> Where the walk along the frequencies stands.
+  type :: walk_type
+    type(order_choice) :: choice
+    type(newton_factors) :: factors
+    !> The motion sought, the last one found and that before it; their unknowns that may be other
+    !! than 0, and those of the motion sought.
+    real(wp), allocatable :: x(:, :), last(:, :), before(:, :)
+    integer :: rows = 0, m = 0
+    real(wp) :: last_nu = 0.0_wp, before_nu = 0.0_wp
+    !> Motions known, and the rung from which one is raised from rest.
+    integer :: known = 0, rest = 0
+    integer :: outcome = outcome_converged
+  contains
+    procedure :: begin
+    procedure :: find
+    procedure :: attempt
+    procedure :: raise_load
+    procedure :: add_orders
+    procedure :: advance
+  end type walk_type
+
 contains
 
   subroutine newton_response(system, load, nu, ladder, options, response, cancel)
@@ -35,24 +56,13 @@ contains
     type(response_type), intent(out) :: response
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile, optional :: cancel
-    type(order_choice) :: choice
-    type(newton_factors) :: factors
-    real(wp), dimension(2*ladder%n_orders(ladder%n_rungs), system%n_dof()) :: x, last, before
-    real(wp) :: last_nu, before_nu
-    !> Rows of x that may be other than 0.
-    integer :: rows
-    integer :: i, m, outcome, known, rest
+    type(walk_type) :: walk
+    integer :: i, rest
 
     rest = ladder%rung_of(orders_from_rest)
     call ladder%prepare(rest, system, load, nu(1))
     call response%allocate_for(nu, ladder%rungs(rest)%balance%set%orders, system%n_dof(), 0)
-    choice%rung = rest
-    rows = 0
-    known = 0
-    x = 0.0_wp
-    last = 0.0_wp
-    before = 0.0_wp
-    last_nu = 0.0_wp
+    call walk%begin(rest, 2*ladder%n_orders(ladder%n_rungs), system%n_dof())
     do i = 1, size(nu)
       if (present(cancel)) then
         if (cancel /= 0) return
@@ -61,85 +71,146 @@ contains
         call response%discard(i, outcome_stopped)
         cycle
       end if
-      outcome = outcome_singular
-      if (known >= 2) then
-        x(:rows, :) = last(:rows, :) + (last(:rows, :) - before(:rows, :)) &
-                      *((nu(i) - last_nu)/(last_nu - before_nu))
-        call attempt()
-      end if
-      if (outcome /= outcome_converged .and. known >= 1) then
-        x(:rows, :) = last(:rows, :)
-        call attempt()
-      end if
-      if (outcome /= outcome_converged) then
-        known = 0
-        choice%rung = rest
-        call raise_load()
-        ! With more orders, where adding them led nowhere.
-        if (outcome /= outcome_converged .and. choice%rung > rest) call raise_load()
-      end if
-      if (outcome /= outcome_converged) then
-        call response%discard(i, outcome)
+      call walk%find(system, load, nu(i), ladder, options%tolerance, response%iterations(i), cancel)
+      if (walk%outcome /= outcome_converged) then
+        call response%discard(i, walk%outcome)
         cycle
       end if
-      call keep()
-      ! Equal frequencies give no direction.
-      if (known > 0 .and. .not. abs(nu(i) - last_nu) > 0.0_wp) known = 0
-      rows = max(rows, m)
-      before(:rows, :) = last(:rows, :)
-      before_nu = last_nu
-      last(:rows, :) = x(:rows, :)
-      last_nu = nu(i)
-      known = known + 1
+      call keep(walk, ladder, i, response)
+      call walk%advance(nu(i))
     end do
     if (options%stability) then
       call judge_all(system, ladder%rungs(ladder%rung_of(maxval(response%orders)))%balance%set, &
                      response, cancel)
     end if
     call response%add_base_motion(system, load)
-
-  contains
-
-    !> Newton's method from x, of which orders that the rung lacks are dropped.
-    subroutine attempt()
-      call ladder%prepare(choice%rung, system, load, nu(i))
-      m = 2*ladder%n_orders(choice%rung)
-      x(m + 1:rows, :) = 0.0_wp
-      call newton_point(ladder%rungs(choice%rung)%balance, system, options%tolerance, x(:m, :), &
-                        outcome, response%iterations(i), factors)
-      call add_orders()
-    end subroutine attempt
-
-    subroutine raise_load()
-      call ladder%prepare(choice%rung, system, load, nu(i))
-      m = 2*ladder%n_orders(choice%rung)
-      x = 0.0_wp
-      call point_from_rest(ladder%rungs(choice%rung)%balance, system, load, options%tolerance, &
-                           x(:m, :), outcome, response%iterations(i), cancel, factors)
-      call add_orders()
-    end subroutine raise_load
-
-    subroutine add_orders()
-      if (outcome /= outcome_converged) return
-      call choose_orders(ladder, system, load, nu(i), options%tolerance, x, factors, choice, &
-                         outcome, response%iterations(i))
-      rows = max(rows, 2*ladder%n_orders(max(choice%solved, choice%rung)))
-    end subroutine add_orders
-
-    subroutine keep()
-      integer :: d, k
-      k = ladder%n_orders(choice%solved)
-      if (k > size(response%orders)) then
-        call response%widen(ladder%rungs(choice%solved)%balance%set%orders)
-      end if
-      do d = 1, system%n_dof()
-        response%coefficients(:k, d, i) = cmplx(x(1:2*k:2, d), x(2:2*k:2, d), wp)
-      end do
-      response%highest(i) = ladder%highest(choice%solved)
-      response%truncation(i) = choice%truncation
-    end subroutine keep
-
   end subroutine newton_response
+
+  !> Nothing is known yet.
+  subroutine begin(self, rest, n, n_dof)
+    class(walk_type), intent(inout) :: self
+    integer, intent(in) :: rest, n, n_dof
+    self%rest = rest
+    self%choice%rung = rest
+    allocate (self%x(n, n_dof), self%last(n, n_dof), self%before(n, n_dof), source=0.0_wp)
+  end subroutine begin
+
+  !> A motion at a frequency: beyond the last two, from the last, or raised from rest.
+  subroutine find(self, system, load, nu, ladder, tolerance, iterations, cancel)
+    class(walk_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu, tolerance
+    type(balance_ladder_type), intent(inout) :: ladder
+    integer, intent(inout) :: iterations
+    integer, intent(inout), volatile, optional :: cancel
+
+    self%outcome = outcome_singular
+    associate (x => self%x(:self%rows, :), last => self%last(:self%rows, :), &
+               before => self%before(:self%rows, :))
+      if (self%known >= 2) then
+        x = last + (last - before)*((nu - self%last_nu)/(self%last_nu - self%before_nu))
+        call self%attempt(system, load, nu, ladder, tolerance, iterations)
+      end if
+    end associate
+    if (self%outcome /= outcome_converged .and. self%known >= 1) then
+      self%x(:self%rows, :) = self%last(:self%rows, :)
+      call self%attempt(system, load, nu, ladder, tolerance, iterations)
+    end if
+    if (self%outcome == outcome_converged) return
+    self%known = 0
+    self%choice%rung = self%rest
+    call self%raise_load(system, load, nu, ladder, tolerance, iterations, cancel)
+    ! With more orders, where adding them led nowhere.
+    if (self%outcome /= outcome_converged .and. self%choice%rung > self%rest) then
+      call self%raise_load(system, load, nu, ladder, tolerance, iterations, cancel)
+    end if
+  end subroutine find
+
+  !> Newton's method from x, of which orders that the rung lacks are dropped.
+  subroutine attempt(self, system, load, nu, ladder, tolerance, iterations)
+    class(walk_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu, tolerance
+    type(balance_ladder_type), intent(inout) :: ladder
+    integer, intent(inout) :: iterations
+    integer :: m
+
+    call ladder%prepare(self%choice%rung, system, load, nu)
+    m = 2*ladder%n_orders(self%choice%rung)
+    self%x(m + 1:self%rows, :) = 0.0_wp
+    self%m = m
+    call newton_point(ladder%rungs(self%choice%rung)%balance, system, tolerance, self%x(:m, :), &
+                      self%outcome, iterations, self%factors)
+    call self%add_orders(system, load, nu, ladder, tolerance, iterations)
+  end subroutine attempt
+
+  subroutine raise_load(self, system, load, nu, ladder, tolerance, iterations, cancel)
+    class(walk_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu, tolerance
+    type(balance_ladder_type), intent(inout) :: ladder
+    integer, intent(inout) :: iterations
+    integer, intent(inout), volatile, optional :: cancel
+    integer :: m
+
+    call ladder%prepare(self%choice%rung, system, load, nu)
+    m = 2*ladder%n_orders(self%choice%rung)
+    self%m = m
+    self%x = 0.0_wp
+    call point_from_rest(ladder%rungs(self%choice%rung)%balance, system, load, tolerance, &
+                         self%x(:m, :), self%outcome, iterations, cancel, self%factors)
+    call self%add_orders(system, load, nu, ladder, tolerance, iterations)
+  end subroutine raise_load
+
+  subroutine add_orders(self, system, load, nu, ladder, tolerance, iterations)
+    class(walk_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu, tolerance
+    type(balance_ladder_type), intent(inout) :: ladder
+    integer, intent(inout) :: iterations
+
+    if (self%outcome /= outcome_converged) return
+    call choose_orders(ladder, system, load, nu, tolerance, self%x, self%factors, self%choice, &
+                       self%outcome, iterations)
+    self%rows = max(self%rows, 2*ladder%n_orders(max(self%choice%solved, self%choice%rung)))
+  end subroutine add_orders
+
+  !> The motion found is the last one.
+  subroutine advance(self, nu)
+    class(walk_type), intent(inout) :: self
+    real(wp), intent(in) :: nu
+
+    ! Equal frequencies give no direction.
+    if (self%known > 0 .and. .not. abs(nu - self%last_nu) > 0.0_wp) self%known = 0
+    self%rows = max(self%rows, self%m)
+    self%before(:self%rows, :) = self%last(:self%rows, :)
+    self%before_nu = self%last_nu
+    self%last(:self%rows, :) = self%x(:self%rows, :)
+    self%last_nu = nu
+    self%known = self%known + 1
+  end subroutine advance
+
+  subroutine keep(walk, ladder, i, response)
+    type(walk_type), intent(in) :: walk
+    type(balance_ladder_type), intent(in) :: ladder
+    integer, intent(in) :: i
+    type(response_type), intent(inout) :: response
+    integer :: d, k
+
+    k = ladder%n_orders(walk%choice%solved)
+    if (k > size(response%orders)) then
+      call response%widen(ladder%rungs(walk%choice%solved)%balance%set%orders)
+    end if
+    do d = 1, size(walk%x, 2)
+      response%coefficients(:k, d, i) = cmplx(walk%x(1:2*k:2, d), walk%x(2:2*k:2, d), wp)
+    end do
+    response%highest(i) = ladder%highest(walk%choice%solved)
+    response%truncation(i) = walk%choice%truncation
+  end subroutine keep
 
   !> Stability of the motions found, in coordinates relative to the base.
   subroutine judge_all(system, set, response, cancel)

@@ -287,9 +287,9 @@ def test_table_dataset_and_picture(tmp_path):
     planned = str(branch.plan).splitlines()
     assert [line.removeprefix("# ") for line in head[1 : len(planned) + 1]] == planned
     head = head[len(planned) :]
-    assert head[1].startswith("# folds at nu = 2.59318")
+    assert head[1].startswith("# branch completed; folds at nu = 2.59318")
     first = branch.crossings[0]
-    place = f"{first.before + 1}: fold at {branch.folds[0]:.15g}"
+    place = f"{first.before + 1}: {first.kind} at nu = {first.parameter:.16e}"
     assert head[2] == f"# stability changes after point {place}"
     assert head[5].startswith("nu,load_factor,stable,growing,multiplier,highest,truncation,x_1_re")
     assert branch.to_dataset().coefficients.shape == branch.coefficients.shape

@@ -360,12 +360,12 @@ def test_table_dataset_and_picture(tmp_path):
     branch = overhanging()
     branch.to_csv(tmp_path / "branch.csv")
     lines = lines_without_plan(tmp_path / "branch.csv")
-    assert lines[2].startswith("# folds at 0.")
+    assert lines[1].startswith(f"# branch completed; folds at {branch.varies} = ")
     first = branch.crossings[0]
-    place = f"{first.before + 1}: fold at {first.parameter:.15g}"
-    assert lines[4] == f"# stability changes after point {place}"
-    assert lines[7].startswith("parameter,omega_1,stable,growing,multiplier,z_0_re")
-    assert len(lines) == 8 + branch.parameter.size
+    place = f"{first.before + 1}: fold at {branch.varies} = {first.parameter:.16e}"
+    assert lines[3] == f"# stability changes after point {place}"
+    assert lines[6].startswith(f"{branch.varies},omega_1,stable,growing,multiplier,z_0_re")
+    assert len(lines) == 7 + branch.parameter.size
     assert branch.to_dataset().coefficients.shape == branch.coefficients.shape
     axes = vv.plot_branch(branch)
     assert axes[1].get_ylabel().startswith("amplitude")
@@ -375,7 +375,7 @@ def test_table_dataset_and_picture(tmp_path):
     matplotlib.pyplot.close("all")
     r = vv.forced_response(swung(), harmonics=9)
     r.to_csv(tmp_path / "row.csv")
-    assert lines_without_plan(tmp_path / "row.csv")[3].startswith("parameter,omega_1,out")
+    assert lines_without_plan(tmp_path / "row.csv")[2].startswith("p2,omega_1,out")
     assert r.to_dataset().outcome.values.tolist() == ["converged"]
     rows = vv.forced_response(swung(), p2=np.linspace(0.5, 0.6, 5), harmonics=9)
     axes = vv.plot_response([rows, rows], labels=["a", "b"], harmonic=3)
