@@ -3,8 +3,9 @@
 !! The secant method on D(lambda) (1 - exp(-2 pi (a + lambda)/d))^(2n), which without
 !! memory is a polynomial in 1/h, h = exp(2 pi lambda/d). It starts from exponents of a solution
 !! nearby, from the zeros of that polynomial, and from where memory alone would relax; where
-!! those that grow are not all found then, from a grid over the strip |Im lambda| <= d/2. Zeros
-!! found before are divided out, with their conjugates, where it finds them again.
+!! those that grow are not all found then, from rates at which the system creeps away from rest,
+!! and from a grid over the strip |Im lambda| <= d/2. Zeros found before are divided out, with
+!! their conjugates, where it finds them again.
 module viscovib_hill_roots
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
@@ -12,6 +13,7 @@ module viscovib_hill_roots
   use viscovib_hill_path, only: hill_path_type
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_rest_growth, only: rates_from_rest
   implicit none
   private
 
@@ -131,8 +133,8 @@ contains
     end do
   end subroutine try_relaxing
 
-  !> More exponents, from what is left of approximations and, of those that grow, from a grid,
-  !! until as many right of the line of a path are found as were counted.
+  !> More exponents, from rates at which the system creeps away from rest, from what is left of
+  !! approximations and, of those that grow, from a grid, until as many right of the line of a path are found as were counted.
   subroutine complete(hill, system, path, counted, exponents)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
@@ -141,12 +143,20 @@ contains
     !> Those found, NaN behind the last; more on exit.
     complex(wp), intent(inout) :: exponents(:)
     complex(wp), allocatable :: starts(:)
+    real(wp), allocatable :: rates(:)
     real(wp) :: place
     integer :: n, i, j
 
     if (.not. hill%ready) return
     n = n_known(exponents)
     if (done()) return
+    place = merge(0.5_wp, 0.0_wp, hill%stride == 2)
+    allocate (rates(0))
+    if (.not. path%shift > 0.0_wp) call rates_from_rest(system, hill%period, rates)
+    do i = size(rates), 1, -1
+      if (done()) exit
+      call try(hill, system, cmplx(rates(i), place*hill%period, wp), exponents, n)
+    end do
     call path%approximations(hill, starts)
     call leave_out(hill, exponents(:n), starts)
     ! Equal springs have exponents of memory side by side.
@@ -157,7 +167,6 @@ contains
       if (.not. done()) call try(hill, system, starts(i), exponents, n, beside=.true.)
     end do
     ! Beside the singularities of memory approximations are bad.
-    place = merge(0.5_wp, 0.0_wp, hill%stride == 2)
     do i = 1, size(grid_beside)
       if (done()) exit
       call try(hill, system, cmplx(-0.5_wp*path%shift, &
@@ -302,7 +311,7 @@ contains
     !> Not made where it cannot be told on which side of the axis it is.
     logical, intent(in), optional :: sided
     complex(wp) :: before, value_before, value, step, ratio
-    real(wp) :: last, earlier, error
+    real(wp) :: last, earlier, error, furthest
     integer :: i
     logical :: about_half
 
@@ -311,6 +320,7 @@ contains
     about_half = is_upper(hill, start)
     last = huge(last)
     earlier = huge(earlier)
+    furthest = max(rightmost*hill%period, 2.0_wp*real(start))
     ! Off the real axis, or it would never be left.
     before = start + 1.0e-4_wp*hill%period*(1.0_wp, 1.0_wp)
     root = start
@@ -326,7 +336,7 @@ contains
       before = root
       value_before = value
       root = root + step
-      if (real(root) < leftmost*hill%period .or. real(root) > rightmost*hill%period) return
+      if (real(root) < leftmost*hill%period .or. real(root) > furthest) return
       ! Steps go with the product of the two before: what the next one would be.
       error = abs(step)
       if (i > 2 .and. error < last .and. last < earlier) error = error*(error/earlier)

@@ -1,0 +1,43 @@
+"""Exponents of mounts whose springs push where they have relaxed: they run far to the right."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.optimize import brentq
+from scipy.special import gamma
+
+STIFFNESS = np.array([[10.0, -5.0], [-5.0, 4.5]])
+MASS = np.diag([1.0, 0.1])
+
+
+def rates_of_rest(amplitude, alpha):
+    """Real s > 0 with det(s^2 M + K (1 - R(s))) = 0, R(s) = A Gamma(alpha) s^-alpha."""
+    found = []
+    for omega2 in np.linalg.eigvals(np.linalg.solve(MASS, STIFFNESS)).real:
+
+        def surplus(s, omega2=omega2):
+            return s**2 + omega2 * (1 - amplitude * gamma(alpha) * s**-alpha)
+
+        found.append(brentq(surplus, 1e-9, 1e9, xtol=1e-13, rtol=1e-14))
+    return sorted(found, reverse=True)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+@pytest.mark.parametrize("seed", range(12))
+def test_growth_far_from_the_axis_is_found(seed):
+    """A growing exponent more than four frequencies from the axis was counted but not found."""
+    rng = np.random.default_rng(seed)
+    alpha = rng.uniform(0.2, 0.6)
+    amplitude = 10 ** rng.uniform(0, 2.3)
+    mount = vv.Mount(
+        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,
+        kernel=vv.AbelKernel(amplitude=amplitude, alpha=alpha),
+    )  # fmt: skip
+    rates = rates_of_rest(amplitude, alpha)
+    nu = rates[0] * rng.uniform(0.08, 0.3)
+    branch = vv.trace_response(mount, (nu, 1.3 * nu), load=1e-6, harmonics=3)
+    told = branch.growing >= 0
+    assert told.any()
+    assert (branch.growing[told] == 2).all()
+    for found in branch.exponents[told]:
+        assert found[:2].real == pytest.approx(rates, rel=1e-7)
