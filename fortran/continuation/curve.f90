@@ -7,6 +7,9 @@ module viscovib_curve
 
   public :: curve_type
 
+  !> Part of all that a group of unknowns may have without being looked at alone, anywhere.
+  real(wp), parameter, public :: negligible_at_least = 1.0e-5_wp
+
   type, abstract :: curve_type
     !> Number of unknowns.
     integer :: n = 0
@@ -20,6 +23,8 @@ module viscovib_curve
     !> Unknowns that are one number with a phase, such as an order of a coordinate: the last of
     !! each such group, ascending; not allocated where that means nothing.
     integer, allocatable :: last_of_group(:)
+    !> Groups smaller than this part of all are not looked at alone.
+    real(wp) :: negligible = negligible_at_least
     real(wp), allocatable, private :: work(:, :), slope(:)
   contains
     procedure(equations_interface), deferred :: equations

@@ -39,7 +39,7 @@ module viscovib_curve_branch
   real(wp), parameter :: wanted_angle = 0.12_wp
   !> How far a point may lie off its prediction, as a part of each order of the motion, and how
   !! far it is wanted to lie, which goes with the fourth power of the step.
-  real(wp), parameter :: most_surprise = 0.3_wp, wanted_surprise = 0.15_wp
+  real(wp), parameter :: most_surprise = 0.3_wp, wanted_surprise = 0.2_wp
   !> How far p may be off its prediction, as a part of its changes.
   real(wp), parameter :: most_drift = 0.5_wp
 

@@ -8,7 +8,7 @@
 !! takes one factorization.
 module viscovib_curve_corrector
   use viscovib_curve, only: curve_type
-  use viscovib_dense, only: factorize_blocks, factorize_padded, solve_padded
+  use viscovib_dense, only: factorize_blocks, factorize_padded, largest_in_rows, solve_padded
   use viscovib_kinds, only: wp
   implicit none
   private
@@ -34,8 +34,6 @@ module viscovib_curve_corrector
   !> Corrections of Newton's method that no longer shrink by this are rounding, if they are as
   !! small as rounding can be where the equations are all but singular.
   real(wp), parameter :: shrinking = 0.7_wp, small_enough = 1.0e-6_wp
-  !> Groups of unknowns smaller than this part of all are not looked at alone.
-  real(wp), parameter :: negligible = 1.0e-5_wp
   !> Those smaller than the first part may surprise more: high orders are powers of the low ones.
   real(wp), parameter :: minor = 1.0e-2_wp, lenience = 1.0_wp/3.0_wp
   !> Cosine of the angle that a motion as a whole may turn by within a step.
@@ -65,6 +63,8 @@ module viscovib_curve_corrector
     logical, private :: nearly_singular = .false.
     integer, private :: n = 0, rows = 0
     real(wp), allocatable, private :: matrix(:, :), right(:), r(:), slope_p(:), weights(:)
+    !> What each unknown amounts to, and the largest of each equation, for pivots free of units.
+    real(wp), allocatable, private :: sizes(:), largest_of(:)
     integer, allocatable, private :: pivots(:)
     !> Prediction, and what it adds to the tangent: h^2 second + h^3 third.
     real(wp), allocatable, private :: predicted(:), second(:), third(:)
@@ -91,6 +91,7 @@ contains
     allocate (corrector%second(n + 1), corrector%third(n + 1), source=0.0_wp)
     allocate (corrector%weights(n), source=1.0_wp)
     if (allocated(curve%weights)) corrector%weights = curve%weights
+    allocate (corrector%sizes(n + 1), corrector%largest_of(n + 1), source=1.0_wp)
     corrector%tolerance = tolerance
     corrector%looks_at_groups = allocated(curve%last_of_group)
     corrector%p_scale = p_scale
@@ -307,18 +308,20 @@ contains
     type(curve_point), intent(in) :: here
     real(wp), intent(in) :: weight_x, weight_p
     logical, intent(out) :: singular
-    real(wp) :: sizes(c%n + 1), rows(c%n + 1), smallest, largest
     integer :: n, i
     n = c%n
     c%matrix(:n, n + 1) = c%slope_p
-    c%matrix(n + 1, :n) = weight_x*c%weights*here%slope_x
+    do i = 1, n
+      c%matrix(n + 1, i) = weight_x*c%weights(i)*here%slope_x(i)
+    end do
     c%matrix(n + 1, n + 1) = weight_p*here%slope_p
     if (c%looks_at_groups) then
       ! In units of what each unknown and each equation amounts to.
-      sizes = 1.0_wp/sqrt([weight_x*c%weights, weight_p])
-      do i = 1, n + 1
-        rows(i) = maxval(abs(c%matrix(i, :n + 1))*sizes)
+      do i = 1, n
+        c%sizes(i) = 1.0_wp/sqrt(weight_x*c%weights(i))
       end do
+      c%sizes(n + 1) = 1.0_wp/sqrt(weight_p)
+      call largest_in_rows(c%rows, n + 1, c%matrix, c%sizes, c%largest_of)
     end if
     if (n < small) then
       call factorize_padded(c%rows, n + 1, c%matrix, c%pivots, singular)
@@ -326,16 +329,26 @@ contains
       call factorize_blocks(n + 1, c%matrix, c%pivots, singular)
     end if
     c%nearly_singular = .false.
-    if (.not. c%looks_at_groups .or. singular) return
+    if (c%looks_at_groups .and. .not. singular) c%nearly_singular = has_small_pivots(c)
+  end subroutine decompose
+
+  !> Whether pivots, in the units of `sizes` and `largest_of`, spread too wide.
+  logical function has_small_pivots(c) result(small_ones)
+    type(corrector_type), intent(inout) :: c
+    real(wp) :: pivot, largest, smallest, row
+    integer :: i
     smallest = huge(smallest)
     largest = 0.0_wp
-    do i = 1, n + 1
-      rows([i, c%pivots(i)]) = rows([c%pivots(i), i])
-      smallest = min(smallest, abs(c%matrix(i, i))*sizes(i)/rows(i))
-      largest = max(largest, abs(c%matrix(i, i))*sizes(i)/rows(i))
+    do i = 1, c%n + 1
+      ! Rows were exchanged.
+      row = c%largest_of(c%pivots(i))
+      c%largest_of(c%pivots(i)) = c%largest_of(i)
+      pivot = abs(c%matrix(i, i))*c%sizes(i)/row
+      smallest = min(smallest, pivot)
+      largest = max(largest, pivot)
     end do
-    c%nearly_singular = .not. smallest > wide*largest
-  end subroutine decompose
+    small_ones = .not. smallest > wide*largest
+  end function has_small_pivots
 
   !> Sign and, if wanted, logarithm of the determinant, from its factors.
   pure subroutine determinant(c, wanted, point)
@@ -445,7 +458,7 @@ contains
       if (.not. size_here > 0.0_wp) cycle
       unit = total/c%weights(last)
       largest = max(size_here, size_next)
-      off = off/max(largest, negligible**2*unit)
+      off = off/max(largest, curve%negligible**2*unit)
       if (largest < minor**2*unit) off = lenience**2*off
       surprise = max(surprise, off)
     end do

@@ -5,7 +5,7 @@ module viscovib_dense
   private
 
   public :: invert, factorize, factorize_padded, factorize_blocks, solve, solve_padded
-  public :: solve_complex, equilibrate, outer
+  public :: solve_complex, equilibrate, largest_in_rows, outer
 
   !> Columns of a block in `factorize_blocks`.
   integer, parameter :: block_width = 48
@@ -356,6 +356,22 @@ contains
     rows = scale(1.0_wp, exponent(rows))
     columns = scale(1.0_wp, exponent(columns))
   end subroutine equilibrate
+
+  !> The largest entry of each row in the first n of some rows, columns in these units.
+  pure subroutine largest_in_rows(rows, n, matrix, sizes, largest)
+    integer, intent(in) :: rows, n
+    real(wp), intent(in) :: matrix(rows, n), sizes(n)
+    real(wp), intent(out) :: largest(n)
+    real(wp) :: entry
+    integer :: i, j
+    largest = 0.0_wp
+    do j = 1, n
+      do i = 1, n
+        entry = abs(matrix(i, j))*sizes(j)
+        if (entry > largest(i)) largest(i) = entry
+      end do
+    end do
+  end subroutine largest_in_rows
 
   !> a_i b_j.
   pure function outer(a, b) result(product)

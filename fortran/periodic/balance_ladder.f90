@@ -173,27 +173,22 @@ contains
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu
-    complex(wp), allocatable :: stiffness(:, :, :), fraction(:, :)
-    integer :: k, d, n
+    integer :: k, d, n, first
     logical :: singular
 
     call self%prepare(self%probe_of(rung), system, load, nu)
     associate (here => self%rungs(self%probe_of(rung)))
       if (.not. abs(here%compliance_nu - nu) > 0.0_wp .and. here%judged == rung) return
       d = system%n_dof()
-      associate (orders => here%balance%set%orders(self%n_orders(rung) + 1:))
-        n = size(orders)
-        allocate (stiffness(d, d, n), fraction(n, system%n_memory()))
-        if (here%judged /= rung) then
-          if (allocated(here%compliance)) deallocate (here%compliance)
-          allocate (here%compliance(d, d, n))
-          here%judged = rung
-        end if
-        call system%retained(orders*nu, fraction)
-        call system%dynamic_stiffness(orders*nu, fraction, stiffness)
-      end associate
+      first = self%n_orders(rung)
+      n = size(here%balance%set%orders) - first
+      if (here%judged /= rung) then
+        if (allocated(here%compliance)) deallocate (here%compliance)
+        allocate (here%compliance(d, d, n))
+        here%judged = rung
+      end if
       do k = 1, n
-        call invert(stiffness(:, :, k), here%compliance(:, :, k), singular)
+        call invert(here%balance%stiffness(:, :, first + k), here%compliance(:, :, k), singular)
         ! Undamped and in resonance: an order of any size may be missing.
         if (singular) here%compliance(:, :, k) = huge(1.0_wp)**0.25_wp
       end do

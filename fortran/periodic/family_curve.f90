@@ -2,6 +2,7 @@
 !! stay: the system is built anew at each value.
 module viscovib_family_curve
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_curve, only: negligible_at_least
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
@@ -99,6 +100,8 @@ contains
       call new_oscillator_curve(family%oscillator_curve_type, family%own%system, load, set, &
                                 vary_load)
       family%changes_system = .true.
+      ! Its damping may change too.
+      family%negligible = negligible_at_least
       call family%balance%set_frequency(family%system, load, nu)
     end if
     call move_alloc(family, curve)

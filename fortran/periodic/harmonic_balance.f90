@@ -33,7 +33,10 @@ module viscovib_harmonic_balance
     type(sample_tables), private :: tables
     !> Dynamic stiffness (n_dof, n_dof, n_orders), and what memory retains
     !! (n_orders, n_memory).
-    complex(wp), allocatable, private :: stiffness(:, :, :), fraction(:, :)
+    complex(wp), allocatable :: stiffness(:, :, :)
+    complex(wp), allocatable, private :: fraction(:, :)
+    !> Frequencies of the orders (rad/s), shape (n_orders).
+    real(wp), allocatable, private :: mu(:)
     !> The load, and its forces alone, shape (n_orders, n_dof).
     complex(wp), allocatable, private :: load(:, :), force(:, :)
     !> Harmonics of the remainders w(u) - W u, and of a force, shape (2 n_orders,
@@ -70,7 +73,7 @@ contains
     balance%n_memory = m
     balance%n = 2*k*d
     allocate (balance%stiffness(d, d, k), balance%fraction(k, m), balance%load(k, d), &
-              balance%force(k, d))
+              balance%force(k, d), balance%mu(k))
     allocate (balance%u(s, d), balance%w(s, m), balance%f(s, d), balance%slopes(s, m, d), &
               balance%by_u(s, d, d), balance%by_v(s, d, m), balance%bent(2*k, m), &
               balance%kept(2*k), balance%f_parts(2*k), balance%block(2*k, 2*k), &
@@ -90,14 +93,17 @@ contains
     if (counting) call count_unknowns(self%set%orders, self%n_dof, 1)
     if (counting) call count_up(counted_loads, size(load%orders))
     self%nu = nu
-    call system%retained(self%set%orders*nu, self%fraction)
-    call system%dynamic_stiffness(self%set%orders*nu, self%fraction, self%stiffness)
+    self%mu(:) = self%set%orders*nu
+    call system%retained(self%mu, self%fraction)
+    call system%dynamic_stiffness(self%mu, self%fraction, self%stiffness)
     self%load = (0.0_wp, 0.0_wp)
     self%force = (0.0_wp, 0.0_wp)
     do j = 1, size(load%orders)
       do k = 1, size(self%set%orders)
         if (load%orders(j) /= self%set%orders(k)) cycle
         self%force(k, :) = load%force(:, j)
+        self%load(k, :) = load%force(:, j)
+        if (.not. abs(load%base(j)) > 0.0_wp) cycle
         self%load(k, :) = load%coefficient(system, load%orders(j), nu)
       end do
     end do

@@ -21,15 +21,17 @@ contains
   pure real(wp) function weighted_norm(system, x) result(norm)
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: x(:, :)
-    real(wp) :: poison
+    real(wp) :: poison, largest
     integer :: d, k
     norm = 0.0_wp
     poison = 0.0_wp
     do d = 1, size(x, 2)
+      largest = 0.0_wp
       do k = 1, size(x, 1), 2
-        norm = max(norm, sqrt(system%mass(d, d))*(abs(x(k, d)) + abs(x(k + 1, d))))
+        largest = max(largest, abs(x(k, d)) + abs(x(k + 1, d)))
         poison = poison + 0.0_wp*(x(k, d) + x(k + 1, d))
       end do
+      norm = max(norm, sqrt(system%mass(d, d))*largest)
     end do
     ! What is not a number may pass unseen through a maximum, but not through a sum.
     norm = norm + poison

@@ -7,6 +7,7 @@ module viscovib_oscillator_curve
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_oscillator_modes, only: least_loss
   use viscovib_order_rules, only: better_rung, max_vain, rung_for_next
   use viscovib_sized_curve, only: sized_curve_type
   use viscovib_truncation, only: find_left_out
@@ -17,6 +18,11 @@ module viscovib_oscillator_curve
 
   !> What the parameter is.
   integer, parameter, public :: vary_frequency = 1, vary_load = 2
+
+  !> Orders that are this part of the motion, in units of the loss factor of the mode damped
+  !! least, remain small in resonance too, and need not be looked at alone; at most so large a
+  !! part in any case.
+  real(wp), parameter :: harmless = 0.05_wp, most_harmless = 1.0e-3_wp
 
   type, extends(sized_curve_type) :: oscillator_curve_type
     type(balance_type) :: balance
@@ -62,6 +68,7 @@ contains
     curve%blocks = system%n_dof()
     call measure(curve)
     curve%n_most = curve%n
+    curve%negligible = max(curve%negligible, min(most_harmless, harmless*least_loss(system)))
   end subroutine new_oscillator_curve
 
   subroutine measure(curve)

@@ -191,18 +191,21 @@ contains
     real(wp), intent(in) :: mu(:)
     !> Shape (n, n_memory).
     complex(wp), intent(out) :: fraction(:, :)
-    real(wp) :: cosine(size(mu)), sine(size(mu))
     integer :: i, j
 
     fraction = (1.0_wp, 0.0_wp)
     do i = 1, size(self%kernels)
       if (.not. any(self%kernel_of == i)) cycle
       if (counting) call count_up(counted_transforms, size(mu))
-      call self%kernels(i)%kernel%transform(mu, cosine, sine)
-      do j = 1, self%n_memory()
-        if (self%kernel_of(j) /= i) cycle
-        fraction(:, j) = cmplx(1.0_wp - self%memory_scale*cosine, self%memory_scale*sine, wp)
-      end do
+      block
+        ! Made where there is a kernel only: room for a few numbers takes as long as they do.
+        real(wp) :: cosine(size(mu)), sine(size(mu))
+        call self%kernels(i)%kernel%transform(mu, cosine, sine)
+        do j = 1, self%n_memory()
+          if (self%kernel_of(j) /= i) cycle
+          fraction(:, j) = cmplx(1.0_wp - self%memory_scale*cosine, self%memory_scale*sine, wp)
+        end do
+      end block
     end do
   end subroutine retained
 
@@ -242,15 +245,27 @@ contains
     complex(wp), intent(in) :: fraction(:, :)
     !> D, shape (n_dof, n_dof, n).
     complex(wp), intent(out) :: stiffness(:, :, :)
-    real(wp) :: elastic, part
-    integer :: a, b, j
+    real(wp) :: part
+    integer :: a, b, j, k
 
-    do b = 1, self%n_dof()
-      do a = 1, self%n_dof()
-        elastic = sum(self%spread(a, :)*self%gather(:, b), self%kernel_of == 0)
-        stiffness(a, b, :) = cmplx(elastic - mu**2*self%mass(a, b), mu*self%damping(a, b), wp)
-        do j = 1, self%n_memory()
-          if (self%kernel_of(j) == 0) cycle
+    if (size(mu) == 0) return
+    do b = 1, size(stiffness, 2)
+      ! What is elastic, in place of the first order, which comes last.
+      stiffness(:, b, 1) = (0.0_wp, 0.0_wp)
+      do j = 1, size(self%kernel_of)
+        if (self%kernel_of(j) == 0 .and. abs(self%gather(j, b)) > 0.0_wp) then
+          stiffness(:, b, 1) = stiffness(:, b, 1) + self%spread(:, j)*self%gather(j, b)
+        end if
+      end do
+      do k = size(mu), 1, -1
+        do a = 1, size(stiffness, 1)
+          stiffness(a, b, k) = cmplx(real(stiffness(a, b, 1)) - mu(k)**2*self%mass(a, b), &
+                                     mu(k)*self%damping(a, b), wp)
+        end do
+      end do
+      do j = 1, size(self%kernel_of)
+        if (self%kernel_of(j) == 0 .or. .not. abs(self%gather(j, b)) > 0.0_wp) cycle
+        do a = 1, size(stiffness, 1)
           part = self%spread(a, j)*self%gather(j, b)
           if (abs(part) > 0.0_wp) stiffness(a, b, :) = stiffness(a, b, :) + part*fraction(:, j)
         end do

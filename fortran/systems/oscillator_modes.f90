@@ -9,7 +9,7 @@ module viscovib_oscillator_modes
   implicit none
   private
 
-  public :: oscillator_modes
+  public :: oscillator_modes, least_loss
 
   !> Parts of the largest entry: asymmetry, imaginary parts and negative values that are
   !! rounding.
@@ -44,6 +44,32 @@ contains
     end if
     omega = sqrt(max(omega, 0.0_wp))
   end subroutine oscillator_modes
+
+  !> The smallest loss factor of all modes, by damping and memory: a resonance is this part of
+  !! its frequency wide. 0 where that is unknown, as with follower forces or modes at frequency 0.
+  real(wp) function least_loss(system) result(loss)
+    class(oscillator_type), intent(in) :: system
+    real(wp), dimension(system%n_dof(), system%n_dof()) :: stiffness, shapes
+    real(wp) :: omega(system%n_dof())
+    complex(wp) :: dynamic(system%n_dof(), system%n_dof(), 1), fraction(1, system%n_memory())
+    type(status_type) :: status
+    integer :: r
+
+    loss = 0.0_wp
+    stiffness = matmul(system%spread, system%gather)
+    if (any(abs(stiffness - transpose(stiffness)) > asymmetric*maxval(abs(stiffness)))) return
+    call oscillator_modes(system, omega, shapes, status)
+    if (status%failed()) return
+    if (.not. minval(omega) > 0.0_wp) return
+    loss = huge(loss)
+    do r = 1, size(omega)
+      call system%retained(omega(r:r), fraction)
+      call system%dynamic_stiffness(omega(r:r), fraction, dynamic)
+      loss = min(loss, dot_product(shapes(:, r), matmul(aimag(dynamic(:, :, 1)), shapes(:, r))) &
+                 /(omega(r)**2*dot_product(shapes(:, r), matmul(system%mass, shapes(:, r)))))
+    end do
+    loss = max(loss, 0.0_wp)
+  end function least_loss
 
   !> Eigenvalues of M^-1 K, ascending, and their vectors by inverse iteration.
   subroutine find_modes(mass, stiffness, squares, shapes, status)

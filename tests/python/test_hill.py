@@ -92,8 +92,10 @@ def test_multipliers_are_those_of_an_ordinary_system(load, geometry):
         assert branch.stable[i] == (np.abs(all_of_them).max() <= 1)
         assert found.size >= 4
         assert np.abs(found[:, None] - all_of_them).min(axis=1).max() < 2e-6
-        # Those on and outside the circle are all there, and the least stable one.
-        assert np.abs(found).max() == pytest.approx(np.abs(all_of_them).max(), abs=1e-6)
+        # Those on and outside the circle are all there, and the least stable one. The orders left
+        # out of the motion, which both sides have in common, do not act alike on both.
+        off = 1e-6 + branch.truncation[i]
+        assert np.abs(found).max() == pytest.approx(np.abs(all_of_them).max(), abs=off)
         assert (np.abs(found) > 1).sum() == (np.abs(all_of_them) > 1).sum()
 
 
