@@ -19,7 +19,10 @@ module viscovib_hill_roots
 
   public :: complete, find_exponents, follow_exponent
 
-  integer, parameter :: max_iterations = 30
+  !> Iterations at most, and at most since the shortest step while that is so long, in d: on a cut
+  !! of D there is no zero, and steps of a few 1e-4 go to and fro.
+  integer, parameter :: max_iterations = 30, patience = 6
+  real(wp), parameter :: long = 3.0e-5_wp
   !> In units of d: the range of Re lambda, longest step, last step wanted and least, distance
   !! that tells two exponents apart, distance from a line of symmetry that counts as
   !! on it.
@@ -311,8 +314,8 @@ contains
     !> Not made where it cannot be told on which side of the axis it is.
     logical, intent(in), optional :: sided
     complex(wp) :: before, value_before, value, step, ratio
-    real(wp) :: last, earlier, error, furthest
-    integer :: i
+    real(wp) :: last, earlier, error, shortest, furthest
+    integer :: i, best
     logical :: about_half
 
     made = .false.
@@ -320,6 +323,8 @@ contains
     about_half = is_upper(hill, start)
     last = huge(last)
     earlier = huge(earlier)
+    shortest = huge(shortest)
+    best = 0
     furthest = max(rightmost*hill%period, 2.0_wp*real(start))
     ! Off the real axis, or it would never be left.
     before = start + 1.0e-4_wp*hill%period*(1.0_wp, 1.0_wp)
@@ -350,6 +355,9 @@ contains
         end if
         return
       end if
+      if (abs(step) < shortest) best = i
+      shortest = min(shortest, abs(step))
+      if (shortest > long*hill%period .and. i > best + patience) return
       earlier = last
       last = abs(step)
     end do
