@@ -253,9 +253,11 @@ contains
       call add_stability(table, stability%n_growing(:n), stability%multipliers(1, :n))
     end if
     call table%note(note//'; highest: order kept; truncation: estimated relative error of ' &
-                    //'leaving out higher orders; '//listed_units(coordinates, units))
+                    //'leaving out higher orders; error: of the last correction and rounding; ' &
+                    //listed_units(coordinates, units))
     call table%add_integers('highest', highest)
     call table%add_reals('truncation', branch%truncation(:n))
+    call table%add_reals('error', branch%error(:n))
     i = 0
     do d = 1, size(coordinates)
       do k = 1, size(orders)

@@ -180,6 +180,7 @@ class Branch(PeriodicMotions, Curve):
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),
             "highest": ("point", self.highest),
             "truncation": ("point", self.truncation),
+            "error": ("point", self.error),
         }
         if self.stable is not None and self.multipliers is not None:
             whole = self.stable.dtype == bool
@@ -204,9 +205,10 @@ class Branch(PeriodicMotions, Curve):
         units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
         table.notes.append(
             f"{note}; highest: order kept; truncation: estimated relative error of leaving out "
-            f"higher orders; {units}"
+            f"higher orders; error: of the last correction and rounding; {units}"
         )
         table.columns |= {"highest": self.highest, "truncation": self.truncation}
+        table.columns["error"] = self.error
         table.add_harmonics(names, map(str, self.harmonics), self.coefficients)
         return table
 

@@ -79,6 +79,7 @@ def test_branches_of_driver_and_python_agree(solve, tmp_path, harmonics):
         if "auto" in harmonics:
             assert (table["highest"] == branch.highest).all()
             assert (table["truncation"] == branch.truncation).all()
+            assert (table["error"] == branch.error).all()
         for d, dof in enumerate(branch.dof_names):
             for j, k in enumerate(branch.harmonics):
                 assert (table[f"{dof}_{k}_re"] == branch.coefficients[:, d, j].real).all()

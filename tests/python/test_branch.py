@@ -291,7 +291,11 @@ def test_table_dataset_and_picture(tmp_path):
     first = branch.crossings[0]
     place = f"{first.before + 1}: {first.kind} at nu = {first.parameter:.16e}"
     assert head[2] == f"# stability changes after point {place}"
-    assert head[5].startswith("nu,stable,growing,multiplier,highest,truncation,x_1_re")
+    assert head[5].startswith("nu,stable,growing,multiplier,highest,truncation,error,x_1_re")
+    assert "error: of the last correction and rounding" in head[4]
+    rows = [line.split(",") for line in head[5:]]
+    errors = [float(row[rows[0].index("error")]) for row in rows[1:]]
+    assert errors == branch.error.tolist() == branch.to_dataset().error.to_numpy().tolist()
     assert branch.to_dataset().coefficients.shape == branch.coefficients.shape
     axes = vv.plot_branch(branch)
     assert {line.get_label() for line in axes[0].lines} == {"stable", "unstable", "fold"}
