@@ -20,6 +20,9 @@ module viscovib_newton_point
   integer, parameter :: max_iterations = 25
   !> A correction this much larger than the smallest so far leads away.
   real(wp), parameter :: growth_limit = 1.0e4_wp
+  !> Corrections that no longer shrink by this are rounding, if they are as small as rounding can
+  !> be where stiffnesses lie far apart.
+  real(wp), parameter :: shrinking = 0.7_wp, small_enough = 1.0e-5_wp
   !> Points of a branch in the load where Newton fails at once.
   integer, parameter :: max_load_points = 400
 
@@ -27,7 +30,7 @@ contains
 
   !> Solve at the frequency and load that `balance` is set to, from x on; x is left
   !! as it was found unless the outcome is converged.
-  subroutine newton_point(balance, system, tolerance, x, outcome, iterations, factors)
+  subroutine newton_point(balance, system, tolerance, x, outcome, iterations, factors, to_rounding)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system
     !> Relative size of the last correction, in the norm of `weighted_norm`.
@@ -39,13 +42,16 @@ contains
     integer, intent(inout) :: iterations
     !> Left alone unless the outcome is converged.
     type(newton_factors), intent(inout), optional :: factors
+    !> Whether what rounding leaves is enough where that is more than the tolerance.
+    logical, intent(in), optional :: to_rounding
     real(wp) :: new(size(x, 1), size(x, 2)), step(size(x, 1), size(x, 2))
     real(wp) :: jacobian(size(x), size(x))
-    real(wp) :: change, smallest, norm
+    real(wp) :: change, before, smallest, norm
     integer :: pivots(size(x)), k
-    logical :: singular
+    logical :: singular, settled
 
     new = x
+    before = 0.0_wp
     smallest = sqrt(huge(1.0_wp))
     outcome = outcome_stalled
     do k = 1, max_iterations
@@ -66,7 +72,11 @@ contains
         outcome = outcome_overflow
         return
       end if
-      if (change <= tolerance*norm) then
+      settled = .false.
+      if (present(to_rounding)) settled = to_rounding .and. k > 4 .and. change > shrinking*before &
+                                          .and. max(change, before) <= small_enough*norm
+      before = change
+      if (change <= tolerance*norm .or. settled) then
         outcome = outcome_converged
         x = new
         if (present(factors)) then
@@ -86,7 +96,7 @@ contains
   !> Solve from the linear response, or, where that is too far away, by following
   !! the branch from no load to the whole, through folds if need be.
   subroutine point_from_rest(balance, system, load, tolerance, x, outcome, iterations, cancel, &
-                             factors)
+                             factors, to_rounding)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -97,12 +107,15 @@ contains
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile, optional :: cancel
     type(newton_factors), intent(inout), optional :: factors
+    !> As for `newton_point`.
+    logical, intent(in), optional :: to_rounding
     type(oscillator_curve_type) :: curve
     type(curve_branch_type) :: branch
     integer :: direct
 
     x = 0.0_wp
-    call newton_point(balance, system, tolerance, x, outcome, iterations, factors)
+    call newton_point(balance, system, tolerance, x, outcome, iterations, factors, &
+                      to_rounding)
     direct = outcome
     if (outcome == outcome_converged .or. size(load%orders) == 0) return
     call new_oscillator_curve(curve, system, load, balance%set, vary_load)
@@ -117,7 +130,8 @@ contains
       return
     end if
     x = reshape(branch%x(:, branch%n_points), shape(x))
-    call newton_point(balance, system, tolerance, x, outcome, iterations, factors)
+    call newton_point(balance, system, tolerance, x, outcome, iterations, factors, &
+                      to_rounding)
   end subroutine point_from_rest
 
 end module viscovib_newton_point

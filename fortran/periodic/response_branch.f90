@@ -74,7 +74,7 @@ contains
         x = reshape([real(wp) ::], [curve%n/curve%blocks, curve%blocks], pad=[0.0_wp])
         iterations = 0
         call point_from_rest(curve%balance, curve%system, curve%load, options%tolerance, x, &
-                             outcome, iterations, cancel)
+                             outcome, iterations, cancel, to_rounding=.true.)
         if (outcome == outcome_converged) then
           call follow_curve(curve, options, reshape(x, [curve%n]), branch, cancel=cancel)
           if (branch%n_points > 0) exit
