@@ -4,6 +4,7 @@ module viscovib_response_branch
   use viscovib_balance_ladder, only: balance_ladder_type, lowest_order, new_ladder, one_rung
   use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
   use viscovib_curve_events, only: special_points
+  use viscovib_damped_start, only: point_from_damping
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_newton_point, only: point_from_rest
@@ -48,6 +49,7 @@ contains
     real(wp), allocatable :: x(:, :)
     real(wp) :: nu, factor
     integer :: iterations, rung
+    logical :: made
 
     outcome = outcome_converged
     rung = 1
@@ -75,6 +77,11 @@ contains
         iterations = 0
         call point_from_rest(curve%balance, curve%system, curve%load, options%tolerance, x, &
                              outcome, iterations, cancel, to_rounding=.true.)
+        if (outcome /= outcome_converged) then
+          call point_from_damping(curve%balance, curve%system, nu, options%tolerance, x, made, &
+                                  cancel)
+          if (made) outcome = outcome_converged
+        end if
         if (outcome == outcome_converged) then
           call follow_curve(curve, options, reshape(x, [curve%n]), branch, cancel=cancel)
           if (branch%n_points > 0) exit

@@ -16,6 +16,26 @@ def _own(model, coefficients, orders, nu, load, highest=None):
     return None if a is None else balance.complex(a)
 
 
+def told_by_crossings(branch):
+    """Crossings explain each change of the count, all have a place, and each fold has one."""
+    g = branch.growing
+    by = {i: [c for c in branch.crossings if c.before == i] for i in range(g.size - 1)}
+    unexplained = 0
+    for i, here in by.items():
+        if g[i] < 0 or g[i + 1] < 0:
+            continue
+        sums = {0}
+        for c in here:
+            weight = 2 if c.kind == "Neimark-Sacker" else 1
+            sums = {s + sign * weight for s in sums for sign in (-1, 1)}
+        unexplained += int(g[i + 1] - g[i]) not in sums
+    yield Claim("every change is explained", unexplained, 0)
+    yield Claim("a crossing has a place", sum(c.parameter is None for c in branch.crossings), 0)
+    if branch.truncation.max() < 1e-3 and (g >= 0).all():
+        told = sum(c.kind == "fold" for c in branch.crossings)
+        yield Claim("every fold is a crossing", told, len(branch.folds))
+
+
 def case(rng, index):
     """Draw a branch whose stability is judged."""
     memory = some_prony(rng) if index % 3 == 2 else None
@@ -42,10 +62,12 @@ def case(rng, index):
         where = f"nu={float(f'{w * rng.uniform(0.5, 1.5):.4g}')}, load_range=(0.2, 4)"
     else:
         where = f"{ends}"
+    same = f"{where}, load={{{order}: {load[order].tolist()}}}, harmonics=13, symmetric={symmetric}"
+    # Many small steps with memory take long.
+    refined = f"vv.trace_response(system, {same}, max_points=4000, max_step=0.02)"
     call = f"""system = {model.source}
-branch = vv.trace_response(
-    system, {where}, load={{{order}: {load[order].tolist()}}}, harmonics=13, symmetric={symmetric}, max_points=600
-)
+branch = vv.trace_response(system, {same}, max_points=600)
+refined = {refined if memory is None or index % 12 == 2 else None}
 """
     draw = np.random.default_rng(index)
 
@@ -74,22 +96,26 @@ branch = vv.trace_response(
                 yield Claim(
                     "multipliers", got[0], sizes[0], 1e-7 * sizes[0] + 10 * off, damage=1e-4
                 )
-        # Where the number of growing disturbances changes there is a crossing, and the reverse.
-        g = branch.growing
-        known = (g[1:] >= 0) & (g[:-1] >= 0)
-        changes = set(np.flatnonzero((np.diff(g) != 0) & known).tolist())
-        placed = {c.before for c in branch.crossings}
-        yield Claim("every change has a crossing", len(changes - placed), 0)
-        alike = {
-            b
-            for b in placed
-            if b not in changes and list(c.before for c in branch.crossings).count(b) < 2
-        }
-        alike = {b for b in alike if known[b]}
-        yield Claim("every crossing changes the count", len(alike), 0)
+        yield from told_by_crossings(branch)
+        refined = names["refined"]
+        # Smaller steps see the same; few orders let places of folds and exponents part.
+        if refined is not None and refined.growing is not None:
+            whole = branch.outcome == refined.outcome == "completed"
+            if whole and max(branch.truncation.max(), refined.truncation.max()) < 1e-3:
+                kinds = [[c.kind for c in b.crossings] for b in (branch, refined)]
+                yield Claim("smaller steps tell the same", *map(" ".join, kinds))
+                if kinds[0] == kinds[1]:
+                    got, true = (
+                        np.array(
+                            [np.nan if c.parameter is None else c.parameter for c in b.crossings]
+                        )
+                        for b in (branch, refined)
+                    )
+                    yield Claim(
+                        "places with smaller steps", got, true, 1e-5 * np.abs(true), damage=1e-3
+                    )
         for c in list(branch.crossings)[:3]:
             if c.parameter is None or c.coefficients is None:
-                yield Claim("a crossing has a place", False, True)
                 continue
             nu = c.parameter if branch.varies == "nu" else branch.nu[0]
             whole = np.zeros((model.n, int(orders.max()) + 1), complex)

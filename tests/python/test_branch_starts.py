@@ -1,0 +1,60 @@
+"""Branches begin where the linear part is singular or stiff, or the load is high."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+pytestmark = pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+
+
+def _ends(rng):
+    nu = float(rng.uniform(0.3, 2.5))
+    return (nu, 1.3 * nu) if rng.random() < 0.5 else (1.3 * nu, nu)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_high_loads_and_no_stiffness(seed):
+    rng = np.random.default_rng(seed)
+    stiff = [0.0, 1.0][seed % 2]
+    c, k3, size = rng.uniform(0.02, 0.2), rng.uniform(0.2, 1), 10 ** rng.uniform(-1, 3.4)
+    system = vv.PolynomialSystem(mass=1, stiffness=stiff, damping=c, forces=f"{k3!r}*x^3")
+    branch = vv.trace_response(system, _ends(rng), load=size, max_points=3, stability=False)
+    nu, period = branch.nu[0], 2 * np.pi / branch.nu[0]
+    waves = branch.coefficients[0, 0]
+    start = [waves.imag.sum(), (1j * branch.harmonics * nu * waves).imag.sum()]
+    run = solve_ivp(
+        lambda t, y: [y[1], size * np.sin(nu * t) - c * y[1] - stiff * y[0] - k3 * y[0] ** 3],
+        (0, period), start, method="DOP853", rtol=1e-12, atol=1e-12,
+    )  # fmt: skip
+    # Errors of the start grow with the largest multiplier at most.
+    admitted = 1e-6 + 1e3 * branch.truncation[0]
+    assert np.abs(run.y[:, -1] - start).max() < admitted * np.abs(run.y).max()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_couplings_far_stiffer_than_the_rest(seed):
+    rng = np.random.default_rng(100 + seed)
+    g, masses, c = 10 ** rng.uniform(6, 10), rng.uniform(0.6, 2, 2), rng.uniform(0.03, 0.2)
+    k3, size = rng.uniform(0.2, 1, 2), 0.5
+    terms = [
+        vv.Monomial(coefficient=k3[0], powers=(3, 0), on=0),
+        vv.Monomial(coefficient=k3[1], powers=(0, 3), on=1),
+    ]
+    pair = vv.PolynomialSystem(
+        mass=masses, damping=np.eye(2) * c, stiffness=[[1 + g, -g], [-g, 1 + g]],
+        forces=terms,
+    )  # fmt: skip
+    one = vv.PolynomialSystem(
+        mass=masses.sum(), damping=2 * c, stiffness=2, forces=f"{float(k3.sum())!r}*x^3"
+    )
+    ends = _ends(rng)
+    same = dict(max_points=2, stability=False)
+    stiff = vv.trace_response(pair, ends, load={1: [size, 0]}, **same)
+    rigid = vv.trace_response(one, ends, load=size, **same)
+    got, true = stiff.coefficients[0, :, :3], rigid.coefficients[0, 0, :3]
+    # The coupling gives way as 1/g; entries of 1 + g hold 1 to g times an ulp.
+    off = np.abs(got - true).max() / np.abs(true).max()
+    if off < 0.1:  # else another of several motions
+        assert off < 30 / g + 100 * g * np.finfo(float).eps
+    assert stiff.error[0] < 1e-4

@@ -1,0 +1,59 @@
+"""Crossings of random branches: they explain every change, and do not depend on the steps."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from referee.crossings import told_by_crossings
+
+pytestmark = pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+
+
+def _pair(rng):
+    """Two masses in a row, lightly damped: resonances with all kinds of crossings."""
+    k = rng.uniform(0.5, 1.8, 3)
+    stiffness = np.array([[k[0] + k[1], -k[1]], [-k[1], k[1] + k[2]]])
+    coefficients = rng.uniform(0.1, 0.6, 3)
+    terms = zip(coefficients, ((3, 0), (0, 3), (2, 0)), (0, 1, 0), strict=True)
+    return vv.PolynomialSystem(
+        mass=rng.uniform(0.6, 2, 2), stiffness=stiffness,
+        damping=rng.uniform(0.005, 0.03) * stiffness,
+        forces=[vv.Monomial(coefficient=c, powers=p, on=d) for c, p, d in terms],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_they_explain_every_change(seed):
+    rng = np.random.default_rng(seed)
+    system = _pair(rng)
+    same = dict(load={1: [rng.uniform(0.1, 0.5), 0]}, harmonics=15, symmetric=bool(seed % 2))
+    branch = vv.trace_response(system, (0.4, 2.0), **same)
+    for claim in told_by_crossings(branch):
+        assert claim.ratio() == 0, str(claim)
+    fine = vv.trace_response(system, (0.4, 2.0), **same, max_step=0.03, max_points=6000)
+    if branch.outcome == fine.outcome == "completed" and fine.truncation.max() < 1e-4:
+        assert [c.kind for c in branch.crossings] == [c.kind for c in fine.crossings]
+        places = [[c.parameter for c in b.crossings] for b in (branch, fine)]
+        np.testing.assert_allclose(*places, rtol=1e-6)
+
+
+@pytest.mark.parametrize("width", [0.11, 0.15, 0.2])
+def test_two_within_a_step(width):
+    # A load of order 2 excites at twice the natural frequency: a tongue narrower than a step.
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="0.8*x^2 + 0.8*x^3")
+    branch = vv.trace_response(system, (0.5, 1.7), load={2: width}, harmonics=9, symmetric=False)
+    fine = vv.trace_response(
+        system, (0.5, 1.7), load={2: width}, harmonics=9, symmetric=False, max_step=0.005,
+        max_points=9000,
+    )  # fmt: skip
+    kinds = [c.kind for c in fine.crossings]
+    assert kinds.count("branch point") >= 2
+    assert [c.kind for c in branch.crossings] == kinds
+
+
+def test_breaking_of_symmetry_with_memory():
+    kernel = vv.PronyKernel(weights=[0.05], rates=[0.4])
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3", kernel=kernel)
+    branch = vv.trace_response(system, load_range=(0.1, 6), nu=1.1, load=1, harmonics=15)
+    for claim in told_by_crossings(branch):
+        assert claim.ratio() == 0, str(claim)
+    assert {c.kind for c in branch.crossings} <= {"fold", "symmetry breaking"}
