@@ -8,7 +8,8 @@
 module viscovib_multiple_scales
   use viscovib_kinds, only: wp
   use viscovib_natural_units, only: to_natural_units
-  use viscovib_normal_form, only: new_normal_form, normal_form_type, reach_type
+  use viscovib_normal_form, only: new_normal_form
+  use viscovib_normal_products, only: normal_form_type, reach_type
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_resonance_choice, only: default_band
   use viscovib_rest_position, only: move_to_rest

@@ -3,8 +3,9 @@ module viscovib_scales_response
   use viscovib_flow_stability, only: flow_eigenvalues
   use viscovib_kinds, only: wp
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales, reach_of
-  use viscovib_normal_form, only: reach_type
+  use viscovib_normal_products, only: reach_type
   use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_resonant_terms, only: left_out, wants_more
   use viscovib_resting_modes, only: resting_growth
   use viscovib_scales_error, only: steady_error
   use viscovib_scales_motion, only: harmonic_of, n_sizes
@@ -128,7 +129,7 @@ contains
         call flow_eigenvalues(scales%flow, amplitudes, points%eigenvalues(:, m))
         call harmonic_of(scales, amplitudes, scales%form%drives(load), points%harmonic(:, m), &
                          points%sizes(:, m))
-        points%left_out(m) = scales%normal%left_out(abs(amplitudes))
+        points%left_out(m) = left_out(scales%normal, abs(amplitudes))
         call resting_growth(scales, form%full, amplitudes, points%resting(m))
         if (with_errors) then
           call steady_error(scales, form%full, amplitudes, scales%form%drives(load), &
@@ -170,7 +171,7 @@ contains
           most = max(most, abs(a(:, k)))
         end if
       end do
-      if (.not. scales%normal%wants_more(most)) return
+      if (.not. wants_more(scales%normal, most)) return
       expected = most
     end do
   end subroutine find_steady

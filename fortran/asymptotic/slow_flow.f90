@@ -10,7 +10,7 @@
 !! right side. The real amplitude of mode j is 2 |a_j|.
 module viscovib_slow_flow
   use viscovib_kinds, only: wp
-  use viscovib_normal_form, only: normal_form_type
+  use viscovib_normal_products, only: normal_form_type
   use viscovib_polynomial_form, only: polynomial_form_type
   implicit none
   private

@@ -138,6 +138,7 @@ subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
   use viscovib_modulation, only: modulate
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
   use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_resonant_terms, only: wants_more
   use viscovib_scales_motion, only: amplitudes_of_state, motion_at
   use viscovib_scales_tools, only: make_form
   use viscovib_status, only: status_type
@@ -181,7 +182,7 @@ subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
     a = start/scales%amplitude_units
     if (given == 0) call amplitudes_of_state(scales, state(:, 1), state(:, 2), a, outcome)
     if (outcome%failed()) exit
-    if (.not. scales%normal%choosing .or. .not. scales%normal%wants_more(abs(a))) exit
+    if (.not. scales%normal%choosing .or. .not. wants_more(scales%normal, abs(a))) exit
     if (round == 1) expected = abs(a)
   end do
   if (.not. outcome%failed()) then

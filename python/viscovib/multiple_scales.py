@@ -1,7 +1,6 @@
 """The method of multiple scales to third order: modulation equations and what follows."""
 
 import warnings
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
@@ -23,6 +22,7 @@ from viscovib.scales_results import (
     ScalesResponse,
     falling,
 )
+from viscovib.scales_terms import FlowTerm, free_frequencies
 
 #: Room for terms and conditions at first; where there are more the call is repeated.
 _ROOM = 500
@@ -38,18 +38,6 @@ _FREE_BAND = 0.2
 #: The core's growth of modes at rest where nothing is near.
 _NOT_NEAR = -1e300
 _OUTCOMES = ("complete", "overflow", "step limit", "cancelled")
-
-
-@dataclass(frozen=True)
-class FlowTerm:
-    """A term of the modulation equations: mode ``mode`` changes by coefficient x product.
-
-    ``factors`` are amplitudes as in "a1", "a2*" (conjugate) and loads "p3" (their wave).
-    """
-
-    mode: int
-    factors: tuple[str, ...]
-    coefficient: complex
 
 
 class MultipleScales:
@@ -366,63 +354,7 @@ class MultipleScales:
             self._warn_beyond(j, float(np.abs(b).max()))
         wide = _FREE_BAND if self.tolerance is None else self.tolerance
         terms = [x for x in self._form(wide)[-1] if not any("p" in f for f in x.factors)]
-        alone = {f"a{j + 1}", f"a{j + 1}*"}
-        driven = {x.mode for x in terms if x.mode != j and set(x.factors) <= alone}
-        if not driven:
-            shifts = [x.coefficient for x in terms if (x.mode, x.factors) == (j, (f"a{j + 1}",))]
-            at_rest = self.frequencies[j] + sum(shifts).imag
-            return np.asarray(at_rest + self.interaction[j, j] * b**2)
-        if len(driven) > 1:
-            raise InputError(
-                f"mode = {j}: moves {len(driven)} others by internal resonance, at most one is "
-                "followed; see modulation"
-            )
-        ways = [self._joint_frequencies(j, driven.copy().pop(), terms, x) for x in b.ravel()]
-        found = np.full((b.size, max(map(len, ways), default=0)), np.nan)
-        for row, values in zip(found, ways, strict=True):
-            row[: len(values)] = values
-        return found.reshape(*b.shape, -1)
-
-    def _joint_frequencies(
-        self, j: int, k: int, terms: list[FlowTerm], amplitude: float
-    ) -> FloatArray:
-        """Frequencies of mode j at an amplitude, k locked to it by real ratios, ascending.
-
-        With W_k = n W_j and real a: W_j = w_j + G_j/a_j and (w_k - n W_j) a_k + G_k = 0, a
-        polynomial for a_k.
-        """
-        a = amplitude / 2
-        if a == 0:
-            shifts = [x.coefficient for x in terms if (x.mode, x.factors) == (j, (f"a{j + 1}",))]
-            return np.array([self.frequencies[j] + sum(shifts).imag])
-        names = {j: f"a{j + 1}", k: f"a{k + 1}"}
-
-        def power(term: FlowTerm, mode: int) -> int:
-            plain = term.factors.count(names[mode])
-            return plain - term.factors.count(names[mode] + "*")
-
-        locks = [x for x in terms if x.mode == k and all(f.rstrip("*") == names[j]
-                                                         for f in x.factors)]  # fmt: skip
-        n = power(locks[0], j)
-        change = {j: np.zeros(4), k: np.zeros(4)}
-        for x in terms:
-            inside = all(f.rstrip("*") in names.values() for f in x.factors)
-            if x.mode not in names or not inside:
-                continue
-            if power(x, j) + n * power(x, k) == (1 if x.mode == j else n):
-                of_k = sum(f.rstrip("*") == names[k] for f in x.factors)
-                change[x.mode][of_k] += x.coefficient.imag * a ** (len(x.factors) - of_k)
-        frequency = change[j] / a + self.frequencies[j] * np.eye(4)[0]
-        poly = np.polynomial.polynomial
-        balance = poly.polyadd(
-            poly.polymul([0, 1], poly.polysub([self.frequencies[k]], n * frequency)), change[k]
-        )
-        balance[abs(balance) < 1e-14 * abs(balance).max()] = 0
-        roots = poly.polyroots(np.trim_zeros(balance, "b"))
-        real = roots.real[abs(roots.imag) < 1e-9 * (abs(a) + abs(roots))]
-        # Beyond, it is a vibration of the other mode.
-        real = real[abs(real) <= abs(a)]
-        return np.sort(poly.polyval(real, frequency))
+        return free_frequencies(j, b, terms, self.frequencies, self.interaction)
 
     def _warn_beyond(self, j: int, amplitude: float) -> None:
         """Say so where orders do not fall off at this amplitude of mode j."""

@@ -1,0 +1,266 @@
+!> Second and third order of a normal form: the right sides of its products and what answers them,
+!! as in `viscovib_normal_form`.
+module viscovib_normal_orders
+  use viscovib_kinds, only: wp
+  use viscovib_normal_products, only: normal_form_type
+  use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  implicit none
+  private
+
+  public :: second_sides, second_order, third_sides, third_order
+
+  !> Nearer than this part of its exponent the linear part of an undamped mode answers nothing.
+  real(wp), parameter :: singular_within = 1.0e-9_wp
+
+contains
+
+  !> R_M of products of two.
+  subroutine second_sides(self, form, sides)
+    class(normal_form_type), intent(inout) :: self
+    type(polynomial_form_type), intent(in) :: form
+    complex(wp), allocatable, intent(out) :: sides(:, :)
+    complex(wp) :: load(form%n)
+    integer :: i, a, b, other, g
+
+    g = 2*self%n_generators
+    allocate (sides(form%n, size(self%pair, 2)), source=(0.0_wp, 0.0_wp))
+    if (.not. allocated(self%x_one)) allocate (self%x_one(form%n_arguments, g))
+    if (.not. allocated(self%n_pair)) then
+      allocate (self%n_pair(form%n, merge(size(self%pair, 2), 0, form%has_memory())))
+      self%n_pair = (0.0_wp, 0.0_wp)
+    end if
+    do a = 1, g
+      self%x_one(:, a) = form%arguments_at(self%s(a), self%right(:, a))
+    end do
+    if (size(form%quadratic) == 0) return
+    do i = 1, size(self%pair, 2)
+      a = self%pair(1, i)
+      b = self%pair(2, i)
+      other = self%pair_at(self%conjugate_of(a), self%conjugate_of(b))
+      if (other < i) then
+        sides(:, i) = conjg(sides(:, other))
+        if (form%has_memory()) self%n_pair(:, i) = conjg(self%n_pair(:, other))
+        cycle
+      end if
+      load = -form%quadratic_at(self%x_one(:, a), self%x_one(:, b))
+      if (a /= b) load = 2.0_wp*load
+      if (form%has_memory()) then
+        self%n_pair(:, i) = -load
+        if (any(abs(load) > 0.0_wp)) load = load*form%retained(self%s_pair(i))
+      end if
+      sides(:, i) = load
+    end do
+  end subroutine second_sides
+
+  subroutine second_order(self, form, sides, status)
+    class(normal_form_type), intent(inout) :: self
+    type(polynomial_form_type), intent(in) :: form
+    complex(wp), intent(in) :: sides(:, :)
+    type(status_type), intent(out) :: status
+    integer :: i, other, a, b, j, k, g
+
+    call set_ok(status)
+    g = 2*self%n_generators
+    if (.not. allocated(self%x_pair)) then
+      allocate (self%x_pair(form%n_arguments, size(self%pair, 2)))
+      allocate (self%u_pair(form%n, size(self%pair, 2)), self%g_pair(g, size(self%pair, 2)))
+    end if
+    self%u_pair = (0.0_wp, 0.0_wp)
+    self%g_pair = (0.0_wp, 0.0_wp)
+    self%x_pair = (0.0_wp, 0.0_wp)
+    if (size(form%quadratic) == 0) return
+    do i = 1, size(self%pair, 2)
+      a = self%pair(1, i)
+      b = self%pair(2, i)
+      other = self%pair_at(self%conjugate_of(a), self%conjugate_of(b))
+      if (other < i) then
+        call copy_conjugate(self, self%u_pair, self%g_pair, other, i)
+        self%x_pair(:, i) = conjg(self%x_pair(:, other))
+        cycle
+      end if
+      call answer_product(self, form, self%s_pair(i), [a, b], sides(:, i), self%acts_pair(:, i), &
+                          self%u_pair(:, i), self%g_pair(:, i), status)
+      if (status%failed()) return
+      self%x_pair(:, i) = form%arguments_at(self%s_pair(i), self%u_pair(:, i))
+      ! In a frame amplitudes stand still.
+      if (self%framed) cycle
+      do j = 1, g
+        if (.not. abs(self%g_pair(j, i)) > 0.0_wp) cycle
+        do k = 1, form%n_arguments
+          associate (x => self%x_pair(k, i), r => self%right(form%source(k), j), &
+                     rate => self%g_pair(j, i))
+            if (form%derivative(k) == 1) x = x + rate*r
+            if (form%derivative(k) == 2) x = x + rate*r*(self%s_pair(i) + self%s(j))
+          end associate
+        end do
+      end do
+    end do
+  end subroutine second_order
+
+  !> R_M of products of three.
+  subroutine third_sides(self, form, sides)
+    class(normal_form_type), intent(in) :: self
+    type(polynomial_form_type), intent(in) :: form
+    complex(wp), allocatable, intent(out) :: sides(:, :)
+    complex(wp) :: load(form%n)
+    integer :: i, other, t(3), q
+    logical :: slow
+
+    allocate (sides(form%n, size(self%triple, 2)))
+    slow = any(abs(self%g_pair) > 0.0_wp) .and. .not. self%framed
+    do i = 1, size(self%triple, 2)
+      t = self%triple(:, i)
+      other = self%place_of(self%conjugate_of(t(1)), self%conjugate_of(t(2)), &
+                       self%conjugate_of(t(3)))
+      if (other < i) then
+        sides(:, i) = conjg(sides(:, other))
+        cycle
+      end if
+      load = (0.0_wp, 0.0_wp)
+      if (size(form%cubic) > 0) then
+        load = -arrangements(t)*form%cubic_at(self%x_one(:, t(1)), self%x_one(:, t(2)), &
+                                              self%x_one(:, t(3)))
+      end if
+      if (size(form%quadratic) > 0) then
+        do q = 1, 3
+          if (repeated(t, q)) cycle
+          associate (pair => self%pair_at(t(modulo(q, 3) + 1), t(modulo(q + 1, 3) + 1)))
+            load = load - 2.0_wp*form%quadratic_at(self%x_one(:, t(q)), self%x_pair(:, pair))
+          end associate
+        end do
+      end if
+      if (form%has_memory()) then
+        if (any(abs(load) > 0.0_wp)) load = load*form%retained(self%s_triple(i))
+      end if
+      if (slow) call slow_changes(self, form, i, load)
+      sides(:, i) = load
+    end do
+  end subroutine third_sides
+
+  subroutine third_order(self, form, sides, status)
+    class(normal_form_type), intent(inout) :: self
+    type(polynomial_form_type), intent(in) :: form
+    complex(wp), intent(in) :: sides(:, :)
+    type(status_type), intent(out) :: status
+    integer :: i, other, t(3), m, g
+
+    call set_ok(status)
+    g = 2*self%n_generators
+    m = size(self%triple, 2)
+    allocate (self%u_triple(form%n, m), self%g_triple(g, m))
+    do i = 1, m
+      t = self%triple(:, i)
+      other = self%place_of(self%conjugate_of(t(1)), self%conjugate_of(t(2)), &
+                       self%conjugate_of(t(3)))
+      if (other < i) then
+        call copy_conjugate(self, self%u_triple, self%g_triple, other, i)
+        cycle
+      end if
+      call answer_product(self, form, self%s_triple(i), t, sides(:, i), self%acts_triple(:, i), &
+                          self%u_triple(:, i), self%g_triple(:, i), status)
+      if (status%failed()) return
+    end do
+  end subroutine third_order
+
+  !> One product: what answers its side, and whether nothing can.
+  subroutine answer_product(self, form, s, factors, side, chosen, u, g, status)
+    class(normal_form_type), intent(in) :: self
+    type(polynomial_form_type), intent(in) :: form
+    complex(wp), intent(in) :: s, side(:)
+    integer, intent(in) :: factors(:)
+    !> Modes and conjugates chosen to resonate.
+    logical, intent(in) :: chosen(:)
+    complex(wp), intent(out) :: u(:), g(:)
+    type(status_type), intent(out) :: status
+    logical :: singular
+    call set_ok(status)
+    call self%answer(form, s, side, chosen .or. near_product(self, s, factors), u, g, singular)
+    ! Without a place in the frame no change can be kept.
+    if (self%framed) where (.not. chosen) g = (0.0_wp, 0.0_wp)
+    if (singular) call no_stiffness(s, status)
+  end subroutine answer_product
+
+  !> By the tolerance; in a frame only what the linear part alone could not answer.
+  pure function near_product(self, s, factors) result(acts)
+    class(normal_form_type), intent(in) :: self
+    complex(wp), intent(in) :: s
+    integer, intent(in) :: factors(:)
+    logical :: acts(2*self%n_generators)
+    integer :: a
+    do a = 1, size(acts)
+      if (self%framed) then
+        acts(a) = modulo(a - 1, self%n_generators) < self%n_modes .and. &
+                  abs(s - self%exponents(a)) <= singular_within*abs(self%exponents(a))
+      else
+        acts(a) = self%near(s, maxval(abs(aimag(self%s(factors)))), a)
+      end if
+    end do
+  end function near_product
+
+  !> What changes of second order do: Y_p Y_q changes by g_p,Q Y_q Y_Q, so that product T = q Q
+  !! gets L[s_T, s_pq] U_pq, with memory (1 - R)[s_T, s_pq] N_2,pq and, where Y_p Y_q is itself
+  !! in the change of a mode j, L[s_T, s_pq, s_j] r_j g_j,pq.
+  subroutine slow_changes(self, form, i, load)
+    class(normal_form_type), intent(in) :: self
+    type(polynomial_form_type), intent(in) :: form
+    integer, intent(in) :: i
+    complex(wp), intent(inout) :: load(:)
+    complex(wp) :: rate
+    integer :: t(3), q, p, rest, pair, j
+
+    t = self%triple(:, i)
+    do q = 1, 3
+      if (repeated(t, q)) cycle
+      rest = self%pair_at(t(modulo(q, 3) + 1), t(modulo(q + 1, 3) + 1))
+      do p = 1, 2*self%n_generators
+        rate = self%g_pair(p, rest)
+        if (.not. abs(rate) > 0.0_wp) cycle
+        if (p == t(q)) rate = 2.0_wp*rate
+        pair = self%pair_at(p, t(q))
+        load = load - rate*matmul(form%operator_between(self%s_triple(i), self%s_pair(pair)), &
+                                  self%u_pair(:, pair))
+        do j = 1, 2*self%n_generators
+          if (.not. abs(self%g_pair(j, pair)) > 0.0_wp) cycle
+          load = load - rate*self%g_pair(j, pair)*matmul( &
+                 form%second_difference(self%s_triple(i), self%s_pair(pair), self%exponents(j)), &
+                 self%right(:, j))
+        end do
+        if (form%has_memory()) then
+          load = load - rate*self%n_pair(:, pair) &
+                 *form%retained_between([self%s_triple(i), self%s_pair(pair)])
+        end if
+      end do
+    end do
+  end subroutine slow_changes
+
+  subroutine no_stiffness(s, status)
+    complex(wp), intent(in) :: s
+    type(status_type), intent(out) :: status
+    call fail(status, status_input_error, 'system', 'system: no stiffness at the combined ' &
+              //'frequency '//show(aimag(s))//', which no resonance of a mode explains')
+  end subroutine no_stiffness
+
+  !> The t(q) that stood before is left out: each factor once.
+  pure logical function repeated(t, q)
+    integer, intent(in) :: t(3), q
+    repeated = any(t(:q - 1) == t(q))
+  end function repeated
+
+  !> In how many orders the factors can be written.
+  pure real(wp) function arrangements(t)
+    integer, intent(in) :: t(3)
+    arrangements = 6.0_wp
+    if (t(1) == t(2) .or. t(2) == t(3)) arrangements = 3.0_wp
+    if (t(1) == t(3)) arrangements = 1.0_wp
+  end function arrangements
+
+  subroutine copy_conjugate(self, u, rates, from, to)
+    class(normal_form_type), intent(in) :: self
+    complex(wp), intent(inout) :: u(:, :), rates(:, :)
+    integer, intent(in) :: from, to
+    u(:, to) = conjg(u(:, from))
+    rates(:, to) = conjg(cshift(rates(:, from), self%n_generators))
+  end subroutine copy_conjugate
+
+end module viscovib_normal_orders

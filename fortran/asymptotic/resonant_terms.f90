@@ -1,0 +1,297 @@
+!> Which loads and products go into the modulation equations of a normal form, by what they do
+!! (`viscovib_resonance_choice`) or by a tolerance.
+module viscovib_resonant_terms
+  use viscovib_frame_choice, only: frame_choice_type
+  use viscovib_kinds, only: wp
+  use viscovib_normal_products, only: normal_form_type, reach_type
+  use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_resonance_choice, only: candidate_type, default_band, influence, least_influence
+  use viscovib_status, only: set_ok, status_type
+  implicit none
+  private
+
+  public :: choose_loads, choose_products, left_out, wants_more
+
+  !> A load farther than this part of a mode's frequency from it never counts as resonant.
+  real(wp), parameter :: farthest_load = 0.3_wp
+  !> Stands for amplitudes that nothing limits.
+  real(wp), parameter :: boundless = 1.0e50_wp
+
+contains
+
+  !> Which loads are in the changes of which modes, and their waves. In a frame: those near
+  !! enough for the mode to be shifted to them, or to be shifted by them; the amplitudes they
+  !! give rise to are put into `expected`.
+  subroutine choose_loads(self, form, choice, expected, status, reach)
+    class(normal_form_type), intent(inout) :: self
+    type(polynomial_form_type), intent(in) :: form
+    type(frame_choice_type), intent(inout) :: choice
+    real(wp), intent(inout) :: expected(:)
+    type(status_type), intent(out) :: status
+    type(reach_type), intent(in), optional :: reach
+    real(wp), dimension(self%n_modes, size(form%drives)) :: strength, distance, linear
+    logical :: candidate(self%n_modes, size(form%drives)), taken
+    integer :: k, j, at(2)
+
+    call set_ok(status)
+    allocate (self%acts_load(self%n_modes, size(form%drives)), source=.false.)
+    if (.not. self%framed) then
+      do k = 1, size(form%drives)
+        do j = 1, self%n_modes
+          self%acts_load(j, k) = self%near(cmplx(0.0_wp, form%drives(k), wp), form%drives(k), j)
+        end do
+      end do
+    end if
+    do k = 1, size(form%drives)
+      do j = 1, self%n_modes
+        strength(j, k) = abs(self%drive_of(form, j, k))
+        distance(j, k) = abs(form%drives(k) - aimag(self%exponents(j)))
+        linear(j, k) = strength(j, k)/max(abs(cmplx(0.0_wp, form%drives(k), wp) &
+                                              - self%exponents(j)), strength(j, k)/boundless, &
+                                          tiny(1.0_wp))
+      end do
+    end do
+    if (.not. present(reach) .or. .not. self%framed) then
+      do j = 1, self%n_modes
+        expected(j) = max(expected(j), maxval(linear(j, :), mask=strength(j, :) > 0.0_wp))
+      end do
+      return
+    end if
+    do k = 1, size(form%drives)
+      do j = 1, self%n_modes
+        candidate(j, k) = strength(j, k) > 0.0_wp .and. &
+                          distance(j, k) <= farthest_load*aimag(self%exponents(j)) .and. &
+                          form%drives(k) > 0.0_wp
+        if (candidate(j, k)) candidate(j, k) = moves_far(reach, j, k)
+        if (strength(j, k) > 0.0_wp) then
+          expected(j) = max(expected(j), limited(reach, j, linear(j, k), strength(j, k)))
+        end if
+      end do
+    end do
+    ! The nearest first.
+    do while (any(candidate))
+      at = minloc(distance/spread(aimag(self%exponents(:self%n_modes)), 2, size(form%drives)), &
+                  mask=candidate)
+      candidate(at(1), at(2)) = .false.
+      call choice%take(at(1), [(0, j=1, self%n_modes)], form%drives(at(2)), .true., taken)
+      self%acts_load(at(1), at(2)) = taken
+    end do
+
+  contains
+
+    !> Whether the mode's own terms can bridge the distance, or a part of it that matters.
+    pure logical function moves_far(reach, j, k)
+      type(reach_type), intent(in) :: reach
+      integer, intent(in) :: j, k
+      real(wp) :: peak, most
+      most = farthest_load*aimag(self%exponents(j))
+      moves_far = distance(j, k) <= default_band*form%drives(k)
+      if (moves_far) return
+      ! At the peak, the decay is all that holds the amplitude.
+      peak = strength(j, k)/max(abs(real(self%exponents(j))), tiny(1.0_wp))
+      moves_far = min(most, shift(reach, j, peak)) > least_influence*distance(j, k) .and. &
+                  shift(reach, j, peak) > 0.5_wp*distance(j, k)
+    end function moves_far
+
+  end subroutine choose_loads
+
+  !> Change of the exponent of mode j at an amplitude.
+  pure real(wp) function shift(reach, j, a)
+    type(reach_type), intent(in) :: reach
+    integer, intent(in) :: j
+    real(wp), intent(in) :: a
+    real(wp) :: b
+    b = min(a, boundless)
+    shift = reach%cubic(j)*b**2 + reach%quadratic(j)*b
+  end function shift
+
+  !> Amplitude under a load of this strength: no larger than what its own terms allow.
+  pure real(wp) function limited(reach, j, linear, strength) result(a)
+    type(reach_type), intent(in) :: reach
+    integer, intent(in) :: j
+    real(wp), intent(in) :: linear, strength
+    a = linear
+    if (reach%cubic(j) > 0.0_wp) a = min(a, (strength/reach%cubic(j))**(1.0_wp/3.0_wp))
+    if (reach%quadratic(j) > 0.0_wp) a = min(a, sqrt(strength/reach%quadratic(j)))
+  end function limited
+
+  !> Candidates of this order, the largest influence first: what stands still in the frame with
+  !! those before is taken. Without a frame all are, those within the tolerance as well.
+  subroutine choose_products(self, form, order, sides, expected, choice)
+    class(normal_form_type), intent(inout) :: self
+    type(polynomial_form_type), intent(in) :: form
+    integer, intent(in) :: order
+    complex(wp), intent(in) :: sides(:, :)
+    real(wp), intent(in) :: expected(:)
+    type(frame_choice_type), intent(inout) :: choice
+    type(candidate_type), allocatable :: found(:)
+    real(wp), allocatable :: does(:)
+    real(wp) :: all_sizes(self%n_generators), reference
+    logical, allocatable :: waits(:)
+    integer :: i, powers(self%n_modes), n_loads
+    real(wp) :: drive
+
+    call sizes_of_generators(self, expected, all_sizes, reference)
+    call list_candidates(self, form, order, sides, found)
+    allocate (does(size(found)))
+    do i = 1, size(found)
+      does(i) = influence(found(i), all_sizes, self%n_modes, reference)
+    end do
+    if (.not. self%framed) then
+      do i = 1, size(found)
+        found(i)%taken = does(i) >= least_influence .or. in_band(found(i))
+      end do
+    else
+      allocate (waits(size(found)))
+      do i = 1, size(found)
+        call net_of(self, found(i), powers, drive, n_loads)
+        powers(found(i)%mode) = powers(found(i)%mode) - 1
+        ! What shifts the mode's own exponent needs no place.
+        found(i)%taken = all(powers == 0) .and. .not. abs(drive) > 0.0_wp
+        waits(i) = .not. found(i)%taken .and. does(i) >= least_influence
+      end do
+      do while (any(waits))
+        i = maxloc(does, 1, mask=waits)
+        waits(i) = .false.
+        call net_of(self, found(i), powers, drive, n_loads)
+        call choice%take(found(i)%mode, powers, drive, n_loads > 0, found(i)%taken)
+        found(i)%turned_away = .not. found(i)%taken
+      end do
+    end if
+    do i = 1, size(found)
+      if (found(i)%taken) call mark(found(i))
+    end do
+    self%candidates = [self%candidates, found]
+
+  contains
+
+    pure logical function in_band(c)
+      type(candidate_type), intent(in) :: c
+      in_band = self%near(sum(self%s(c%factors(:order))), &
+                          maxval(abs(aimag(self%s(c%factors(:order))))), c%mode)
+    end function in_band
+
+    subroutine mark(c)
+      type(candidate_type), intent(in) :: c
+      integer :: other, f(3)
+      f = 0
+      f(:order) = modulo(c%factors(:order) - 1 + self%n_generators, 2*self%n_generators) + 1
+      if (order == 2) then
+        other = self%pair_at(f(1), f(2))
+        self%acts_pair(c%mode, c%at) = .true.
+        self%acts_pair(c%mode + self%n_generators, other) = .true.
+      else
+        other = self%place_of(f(1), f(2), f(3))
+        self%acts_triple(c%mode, c%at) = .true.
+        self%acts_triple(c%mode + self%n_generators, other) = .true.
+      end if
+    end subroutine mark
+
+  end subroutine choose_products
+
+  !> Products of this order within half of a mode's frequency of it, with what they do.
+  subroutine list_candidates(self, form, order, sides, found)
+    class(normal_form_type), intent(in) :: self
+    type(polynomial_form_type), intent(in) :: form
+    integer, intent(in) :: order
+    complex(wp), intent(in) :: sides(:, :)
+    type(candidate_type), allocatable, intent(out) :: found(:)
+    type(candidate_type), allocatable :: some(:)
+    complex(wp) :: s, part
+    integer :: i, j, n
+
+    allocate (some(self%n_modes*size(sides, 2)))
+    n = 0
+    do i = 1, size(sides, 2)
+      if (.not. any(abs(sides(:, i)) > 0.0_wp)) cycle
+      if (order == 2) then
+        s = self%s_pair(i)
+      else
+        s = self%s_triple(i)
+      end if
+      do j = 1, self%n_modes
+        if (abs(aimag(s - self%s(j))) > 0.5_wp*aimag(self%s(j))) cycle
+        part = sum(self%left(:, j)*sides(:, i))
+        if (.not. abs(part) > 1.0e-13_wp*sum(abs(self%left(:, j)*sides(:, i)))) cycle
+        n = n + 1
+        some(n)%order = order
+        some(n)%at = i
+        some(n)%mode = j
+        if (order == 2) some(n)%factors(:2) = self%pair(:, i)
+        if (order == 3) some(n)%factors = self%triple(:, i)
+        some(n)%coupling = abs(part/self%weight(form, j, s))
+        some(n)%divisor = abs(s - self%exponents(j))
+      end do
+    end do
+    found = some(:n)
+  end subroutine list_candidates
+
+  !> Powers of the modes among the factors, conjugates negative, and the loads' frequency.
+  pure subroutine net_of(self, c, powers, drive, n_loads)
+    class(normal_form_type), intent(in) :: self
+    type(candidate_type), intent(in) :: c
+    integer, intent(out) :: powers(:), n_loads
+    real(wp), intent(out) :: drive
+    integer :: q, place, sign_of
+    powers = 0
+    drive = 0.0_wp
+    n_loads = 0
+    do q = 1, c%order
+      place = modulo(c%factors(q) - 1, self%n_generators) + 1
+      sign_of = merge(1, -1, c%factors(q) <= self%n_generators)
+      if (place <= self%n_modes) then
+        powers(place) = powers(place) + sign_of
+      else
+        drive = drive + sign_of*aimag(self%exponents(place))
+        n_loads = n_loads + 1
+      end if
+    end do
+    if (abs(drive) <= 1.0e-12_wp*maxval(abs(self%exponents))) drive = 0.0_wp
+  end subroutine net_of
+
+  !> |Y| of the generators for amplitudes of the modes; and the largest motion of first order.
+  pure subroutine sizes_of_generators(self, sizes, all_sizes, reference)
+    class(normal_form_type), intent(in) :: self
+    real(wp), intent(in) :: sizes(:)
+    real(wp), intent(out) :: all_sizes(:), reference
+    integer :: a
+    all_sizes = 1.0_wp
+    all_sizes(:self%n_modes) = sizes
+    reference = 0.0_wp
+    do a = 1, self%n_generators
+      reference = max(reference, all_sizes(a)*maxval(abs(self%right(:, a))))
+    end do
+  end subroutine sizes_of_generators
+
+  !> The largest influence of what had no place in the frame, at these amplitudes.
+  pure real(wp) function left_out(self, sizes)
+    class(normal_form_type), intent(in) :: self
+    real(wp), intent(in) :: sizes(:)
+    real(wp) :: all_sizes(self%n_generators), reference
+    integer :: i
+    call sizes_of_generators(self, sizes, all_sizes, reference)
+    left_out = 0.0_wp
+    do i = 1, size(self%candidates)
+      if (self%candidates(i)%taken) cycle
+      left_out = max(left_out, influence(self%candidates(i), all_sizes, self%n_modes, reference))
+    end do
+  end function left_out
+
+  !> Whether at these amplitudes more would be chosen.
+  pure logical function wants_more(self, sizes)
+    class(normal_form_type), intent(in) :: self
+    real(wp), intent(in) :: sizes(:)
+    real(wp) :: all_sizes(self%n_generators), reference
+    integer :: i
+    call sizes_of_generators(self, sizes, all_sizes, reference)
+    wants_more = .false.
+    do i = 1, size(self%candidates)
+      associate (c => self%candidates(i))
+        if (c%taken .or. c%turned_away) cycle
+        wants_more = wants_more .or. influence(c, all_sizes, self%n_modes, reference) &
+                     >= least_influence
+      end associate
+    end do
+  end function wants_more
+
+end module viscovib_resonant_terms

@@ -1,0 +1,84 @@
+"""Terms of modulation equations, and the frequencies of free vibration that follow from them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+
+
+@dataclass(frozen=True)
+class FlowTerm:
+    """A term of the modulation equations: mode ``mode`` changes by coefficient x product.
+
+    ``factors`` are amplitudes as in "a1", "a2*" (conjugate) and loads "p3" (their wave).
+    """
+
+    mode: int
+    factors: tuple[str, ...]
+    coefficient: complex
+
+
+def free_frequencies(
+    j: int, b: FloatArray, terms: list[FlowTerm], natural: FloatArray, interaction: FloatArray
+) -> FloatArray:
+    """Frequencies of mode j at real amplitudes b, as of `MultipleScales.backbone`."""
+    alone = {f"a{j + 1}", f"a{j + 1}*"}
+    driven = {x.mode for x in terms if x.mode != j and set(x.factors) <= alone}
+    if not driven:
+        shifts = [x.coefficient for x in terms if (x.mode, x.factors) == (j, (f"a{j + 1}",))]
+        at_rest = natural[j] + sum(shifts).imag
+        return np.asarray(at_rest + interaction[j, j] * b**2)
+    if len(driven) > 1:
+        raise InputError(
+            f"mode = {j}: moves {len(driven)} others by internal resonance, at most one is "
+            "followed; see modulation"
+        )
+    ways = [_joint_frequencies(j, next(iter(driven)), terms, natural, x) for x in b.ravel()]
+    found = np.full((b.size, max(map(len, ways), default=0)), np.nan)
+    for row, values in zip(found, ways, strict=True):
+        row[: len(values)] = values
+    return found.reshape(*b.shape, -1)
+
+
+def _joint_frequencies(
+    j: int, k: int, terms: list[FlowTerm], natural: FloatArray, amplitude: float
+) -> FloatArray:
+    """Frequencies of mode j at an amplitude, k locked to it by real ratios, ascending.
+
+    With W_k = n W_j and real a: W_j = w_j + G_j/a_j and (w_k - n W_j) a_k + G_k = 0, a
+    polynomial for a_k.
+    """
+    a = amplitude / 2
+    if a == 0:
+        shifts = [x.coefficient for x in terms if (x.mode, x.factors) == (j, (f"a{j + 1}",))]
+        return np.array([natural[j] + sum(shifts).imag])
+    names = {j: f"a{j + 1}", k: f"a{k + 1}"}
+
+    def power(term: FlowTerm, mode: int) -> int:
+        plain = term.factors.count(names[mode])
+        return plain - term.factors.count(names[mode] + "*")
+
+    locks = [x for x in terms if x.mode == k and all(f.rstrip("*") == names[j]
+                                                     for f in x.factors)]  # fmt: skip
+    n = power(locks[0], j)
+    change = {j: np.zeros(4), k: np.zeros(4)}
+    for x in terms:
+        inside = all(f.rstrip("*") in names.values() for f in x.factors)
+        if x.mode not in names or not inside:
+            continue
+        if power(x, j) + n * power(x, k) == (1 if x.mode == j else n):
+            of_k = sum(f.rstrip("*") == names[k] for f in x.factors)
+            change[x.mode][of_k] += x.coefficient.imag * a ** (len(x.factors) - of_k)
+    frequency = change[j] / a + natural[j] * np.eye(4)[0]
+    poly = np.polynomial.polynomial
+    balance = poly.polyadd(
+        poly.polymul([0, 1], poly.polysub([natural[k]], n * frequency)), change[k]
+    )
+    balance[abs(balance) < 1e-14 * abs(balance).max()] = 0
+    roots = poly.polyroots(np.trim_zeros(balance, "b"))
+    real = roots.real[abs(roots.imag) < 1e-9 * (abs(a) + abs(roots))]
+    # Beyond, it is a vibration of the other mode.
+    real = real[abs(real) <= abs(a)]
+    return np.sort(poly.polyval(real, frequency))
