@@ -22,8 +22,8 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
                           n_ends, s, past, held, before, moved, n_before, moves, initial, h, &
                           shortest, kinks, t_end, tolerance, first, n_steps, save_every, &
                           resume, memory, n_memory, times, n_times, n_columns, states, &
-                          at_times, last, kept, n_kept, n_done, n_reached, ended, n_iterations, &
-                          resolution, reason, status, message)
+                          at_times, last, kept, n_kept, n_done, n_reached, t_reached, ended, &
+                          n_iterations, resolution, reason, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: keep_moving, make_system, report
   use viscovib_base_motion, only: base_motion_type
@@ -49,7 +49,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   real(c_double), intent(in) :: h, shortest, t_end, tolerance
   real(c_double), intent(in) :: memory(n_memory), times(n_times)
   real(c_double), intent(out) :: states(2*n_dof, n_columns), at_times(2*n_dof, n_times)
-  real(c_double), intent(out) :: last(2*n_dof), kept(n_memory), resolution
+  real(c_double), intent(out) :: last(2*n_dof), kept(n_memory), resolution, t_reached
   integer(c_long), intent(out) :: n_done
   integer(c_int), intent(out) :: n_kept, n_reached, ended, n_iterations, reason, status
   character(len=512), intent(out) :: message
@@ -72,6 +72,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   n_kept = 0
   n_done = 0
   n_reached = 0
+  t_reached = 0.0_c_double
   n_iterations = 0
   resolution = 0.0_c_double
   ended = 0
@@ -120,12 +121,13 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     if (reason == begun) then
       if (size(dofs) == n_dof) then
         call run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
-                            at_times, n_done, n_reached, ended, mesh, resume == 2)
+                            at_times, n_done, n_reached, t_reached, ended, mesh, &
+                            resume == 2)
       else
         allocate (some_states(size(rows), n_columns), some_at_times(size(rows), n_times))
         some_at_times = 0.0_c_double
         call run_hereditary(run, system, load, base, first, n_steps, save_every, times, &
-                            some_states, some_at_times, n_done, n_reached, ended, mesh, &
+                            some_states, some_at_times, n_done, n_reached, t_reached, ended, mesh, &
                             resume == 2)
         states = 0.0_c_double
         states(rows, :) = some_states
@@ -133,7 +135,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
       end if
       u = run%u
       v = run%v
-      call base%add_to(start_of(first + n_done), u, v)
+      call base%add_to(t_reached, u, v)
       last(2*dofs - 1) = u
       last(2*dofs) = v
       n_iterations = run%equations%n_iterations

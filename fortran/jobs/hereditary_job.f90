@@ -14,7 +14,7 @@ module viscovib_hereditary_job
   use viscovib_plan_text, only: tell_idle, tell_zeros, things
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
-  use viscovib_simulate, only: run_diverged
+  use viscovib_simulate, only: run_coarse, run_diverged
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_time_load, only: time_load_type
   use viscovib_transient_job, only: make_runs, plan_steps, run_maker, trajectory_type, &
@@ -139,7 +139,7 @@ contains
     type(status_type), intent(out) :: status
     type(hereditary_type) :: run
     type(base_motion_type) :: base
-    real(wp), allocatable :: states(:, :)
+    real(wp), allocatable :: states(:, :), shortest
     real(wp), dimension(size(job%initial)/2) :: u, v
     real(wp) :: no_times(0), no_states(size(job%initial), 0)
     integer(i8) :: every, kept, i
@@ -148,23 +148,29 @@ contains
     if (counting) call count_up(counted_runs, 1)
     every = int(job%save_every, i8)*thinning
     trajectory%h = job%t_end/real(n, wp)
-    base = self%base
-    u = job%initial(1::2)
-    v = job%initial(2::2)
-    call base%add_to(0.0_wp, u, v, share=-1.0_wp)
-    select type (job)
-    type is (hereditary_job)
-      call begin(self, job, n, u, v, trajectory%h, run, reason, status)
-    end select
-    if (status%failed()) return
     allocate (states(size(job%initial), merge(0_i8, n/every, job%last_only)))
-    if (reason == begun) then
+    do i = 1, 2
+      base = self%base
+      u = job%initial(1::2)
+      v = job%initial(2::2)
+      call base%add_to(0.0_wp, u, v, share=-1.0_wp)
+      select type (job)
+      type is (hereditary_job)
+        call begin(self, job, n, u, v, trajectory%h, shortest, run, reason, status)
+      end select
+      if (status%failed()) return
+      if (reason /= begun) then
+        trajectory%outcome = run_coarse
+        exit
+      end if
       call run_hereditary(run, self%system, self%load, base, 0_i8, n, every, no_times, states, &
-                          no_states, trajectory%n_steps, reached, trajectory%outcome)
-    else
-      trajectory%outcome = run_diverged
-    end if
-    trajectory%t_reached = real(trajectory%n_steps, wp)*trajectory%h
+                          no_states, trajectory%n_steps, reached, trajectory%t_reached, &
+                          trajectory%outcome)
+      if (trajectory%outcome /= run_diverged .and. trajectory%outcome /= run_coarse) exit
+      if (allocated(shortest) .or. size(self%system%kernels) == 0) exit
+      ! Where it stops is seen by steps that the exponentials were not fitted for.
+      shortest = scale(trajectory%h, -14)
+    end do
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(job%initial), 1))
@@ -185,11 +191,13 @@ contains
   end subroutine make
 
   !> The run at its start, its past kept as the job wants it.
-  subroutine begin(self, job, n, u, v, h, run, reason, status)
+  subroutine begin(self, job, n, u, v, h, shortest, run, reason, status)
     class(hereditary_runs), intent(in) :: self
     type(hereditary_job), intent(in) :: job
     integer(i8), intent(in) :: n
     real(wp), intent(in) :: u(:), v(:), h
+    !> Shortest step that the kernels are fitted for; not allocated: h.
+    real(wp), allocatable, intent(in) :: shortest
     type(hereditary_type), intent(out) :: run
     integer, intent(out) :: reason
     type(status_type), intent(out) :: status
@@ -204,10 +212,10 @@ contains
     past = past_exponentials
     if (job%past == keep_direct) past = past_direct
     call new_hereditary(run, self%system, self%load, nodes(job%method), past, job%held, &
-                        u, v, h, reach*job%t_end, solved, reason)
+                        u, v, h, reach*job%t_end, solved, reason, shortest=shortest)
     if (reason == no_exponentials .and. job%past == past_auto .and. n <= most_direct) then
       call new_hereditary(run, self%system, self%load, nodes(job%method), past_direct, job%held, &
-                          u, v, h, reach*job%t_end, solved, reason)
+                          u, v, h, reach*job%t_end, solved, reason, shortest=shortest)
     end if
     select case (reason)
     case (begun, step_too_large)

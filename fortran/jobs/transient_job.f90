@@ -21,6 +21,10 @@ module viscovib_transient_job
   real(wp), parameter :: rounding = 1.0e-15_wp
   !> Halvings of the step before a tolerance is given up.
   integer, parameter :: min_halvings = 5, max_halvings = 12
+  !> Steps before a stop that two runs must differ by: a first step with memory ends as the
+  !! second of half its length does, and what follows a step that fails is found by steps of
+  !! its own.
+  integer, parameter :: few = 4
   !> Bounds that stop a slip of the pen before it fills the memory or the year.
   real(wp), parameter :: max_steps = 1.0e12_wp, max_kept = 2.0e7_wp
   !> Steps of a first run whose step is to be found, and numbers kept of any run.
@@ -247,7 +251,8 @@ contains
                   <= job%allowed(trajectory%states))
         if (met) call fill_in(maker, job, int(n, i8), factor, trajectory)
       else
-        met = change <= max(job%tolerance, job%relative)*size_at_stop(trajectory)
+        met = change <= max(job%tolerance, job%relative)*size_at_stop(trajectory) &
+              .and. (trajectory%n_steps == 0 .or. trajectory%n_steps >= few)
       end if
       if (met) then
         ! Nothing but rest has no error at all.

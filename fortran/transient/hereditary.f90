@@ -10,8 +10,9 @@ module viscovib_hereditary
   use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counting
   use viscovib_direct_history, only: direct_history_type, new_direct_history
   use viscovib_exponential_history, only: exponential_history_type, new_exponential_history
-  use viscovib_hereditary_kernels, only: add_any, add_held, add_up, gather_channels, judge
-  use viscovib_hereditary_maps, only: new_step_map, step_map_type
+  use viscovib_hereditary_kernels, only: add_any, add_held, add_up, gather_channels, judge, &
+    runs_away
+  use viscovib_hereditary_maps, only: find_map, new_step_map, step_map_type
   use viscovib_hereditary_start, only: march_start, panel_ends, start_type
   use viscovib_history, only: history_type
   use viscovib_kinds, only: i8, wp
@@ -34,11 +35,11 @@ module viscovib_hereditary
   !! of the relative velocity: like t^(1+alpha). At most, where a piece follows a much
   !! shorter one.
   integer, parameter :: corner_doublings = 14, kink_doublings = 21, most_doublings = 60
-  !> Lengths of steps whose maps are kept for when they come again.
-  integer, parameter :: most_lengths = 64
 
   type :: hereditary_type
     real(wp) :: h = 0.0_wp
+    !> Beyond this a coordinate or velocity has left the range of numbers.
+    real(wp) :: bound = huge(1.0_wp)
     !> State, shape (n_dof), and what rounding took from it.
     real(wp), allocatable :: u(:), v(:), u_rest(:), v_rest(:)
     !> Largest last Legendre coefficient of the displacements on a step, and largest
@@ -60,6 +61,9 @@ module viscovib_hereditary
     real(wp), allocatable, private :: gather(:, :), gather_bends(:, :)
     !> Room for a step: channels at the points.
     real(wp), allocatable, private :: g(:, :)
+    !> The last step was not made only because it may have passed an escape to infinity;
+    !! the next one is made all the same.
+    logical :: doubtful = .false., trusted = .false.
     !> The next step follows one of its own kind.
     logical, private :: rolling = .false.
     !> Lengths of the maps; how many there are; whether some kernel is so steep at the
@@ -75,6 +79,7 @@ module viscovib_hereditary
     procedure :: enter
     procedure :: take_up
     procedure :: kick
+    procedure :: change_step
     procedure :: inside
     procedure :: resolution
     procedure :: memory_size
@@ -83,7 +88,6 @@ module viscovib_hereditary
     procedure, private :: add_first_step
     procedure, private :: add_graded_step
     procedure, private :: plain_step
-    procedure, private :: change_step
     procedure, private :: stand_still
   end type hereditary_type
 
@@ -117,6 +121,7 @@ contains
 
     reason = begun
     run%h = h
+    run%bound = system%largest_amplitude()
     run%u = u
     run%v = v
     run%u_rest = 0.0_wp*u
@@ -238,7 +243,7 @@ contains
     call new_clock(self%clock, load, t, h, self%table%points(1:self%table%s))
     if (self%maps(1)%n_channels > 0) call self%history%change_step(h)
     singular = .false.
-    call find_map(self, h)
+    call find_map(self%maps, self%lengths, self%n_lengths, h, self%now)
     if (self%now > self%n_lengths) then
       call new_step_map(self%maps(self%now), system, self%channels, self%table, h, singular)
       self%lengths(self%now) = h
@@ -246,29 +251,6 @@ contains
     end if
     made = .not. singular
   end subroutine change_step
-
-  !> The place of the map of steps h, or where it is to be put: `now`.
-  subroutine find_map(self, h)
-    class(hereditary_type), intent(inout) :: self
-    real(wp), intent(in) :: h
-    type(step_map_type), allocatable :: grown(:)
-    integer :: n
-
-    do n = 1, self%n_lengths
-      if (abs(self%lengths(n) - h) <= 0.0_wp) exit
-    end do
-    self%now = n
-    if (n <= size(self%maps)) return
-    if (n > most_lengths) then
-      self%n_lengths = 0
-      self%now = 1
-      return
-    end if
-    allocate (grown(min(most_lengths, 2*n)))
-    grown(:n - 1) = self%maps
-    call move_alloc(grown, self%maps)
-    self%lengths = [self%lengths, spread(0.0_wp, 1, size(self%maps) - size(self%lengths))]
-  end subroutine find_map
 
   !> One step to time `until`; `made` is false, and the state stays, if its equations do
   !! not settle.
@@ -293,6 +275,10 @@ contains
     else
       call self%plain_step(system, load, until, made)
     end if
+    if (made) return
+    self%at_corner = graded
+    ! What was tried says nothing of the start.
+    call self%stand_still(system)
   end subroutine step
 
   !> One step to time `until`, as a polynomial.
@@ -322,6 +308,18 @@ contains
     if (.not. made) return
     associate (x => self%equations%x, map => self%maps(self%now))
       do d = 1, n
+        made = made .and. abs(self%u(d) + x(d*(s + 1))) <= self%bound &
+               .and. abs(self%v(d) + x(map%velocity_row + d - 1)) <= self%bound
+      end do
+      self%doubtful = .false.
+      if (made .and. size(self%equations%y) > 0 .and. .not. self%trusted) then
+        self%doubtful = runs_away(s, self%h, self%u, self%v, self%largest, x, &
+                                  self%table%last_coefficient)
+      end if
+      made = made .and. .not. self%doubtful
+      if (.not. made) return
+      self%trusted = .false.
+      do d = 1, n
         self%points(0, d) = self%u(d)
         self%points(1:, d) = self%u(d) + x((d - 1)*(s + 1) + 1:d*(s + 1))
         call judge(s + 2, self%points(:, d), self%table%last_coefficient, self%roughness(d), &
@@ -350,15 +348,13 @@ contains
     type(time_load_type), intent(in) :: load
     real(wp), intent(in) :: until
     logical, intent(out) :: made
-    real(wp), dimension(size(self%u)) :: u, v
     real(wp) :: from, h
-    real(wp), allocatable :: ends(:)
+    real(wp), allocatable :: ends(:), memory(:)
     integer :: k, n
 
     h = self%h
     from = self%clock%t
-    u = self%u
-    v = self%v
+    allocate (memory, source=self%save_memory())
     n = self%n_doublings + 1
     allocate (ends(0:n))
     ends(:) = panel_ends(h, self%n_doublings)
@@ -366,18 +362,20 @@ contains
     if (allocated(self%start%ends)) deallocate (self%start%ends)
     allocate (self%start%ends, source=ends)
     if (allocated(self%start%points)) deallocate (self%start%points)
-    allocate (self%start%points(0:self%table%s + 1, size(u), n))
+    allocate (self%start%points(0:self%table%s + 1, size(self%u), n))
     do k = 1, n
       call self%change_step(system, load, from + ends(k - 1), ends(k) - ends(k - 1), made)
       if (made) call self%plain_step(system, load, from + ends(k), made)
-      if (.not. made) then
-        self%u = u
-        self%v = v
-        return
-      end if
+      if (.not. made) exit
       self%start%points(:, :, k) = self%points
     end do
-    call self%change_step(system, load, until, h, made)
+    if (made) then
+      call self%change_step(system, load, until, h, made)
+    else
+      call self%load_memory(memory, .false.)
+      call self%change_step(system, load, from, h, made)
+      made = .false.
+    end if
   end subroutine add_graded_step
 
   !> Largest last Legendre coefficient of a displacement, relative to its largest value.
@@ -398,16 +396,20 @@ contains
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
     logical, intent(out) :: made
-    real(wp) :: f(size(self%u))
+    real(wp), dimension(size(self%u)) :: f, u, v
 
     made = .false.
     if (self%maps(1)%n_channels == 0) return
     call load%at(0.0_wp, f)
     if (.not. (any(abs(self%u) > 0.0_wp) .or. any(abs(self%v) > 0.0_wp) &
                .or. any(abs(f) > 0.0_wp) .or. self%ancient%is_known())) return
-    call march_start(self%start, system, self%channels, load, self%ancient, self%h, self%u, &
-                     self%v, made)
+    u = self%u
+    v = self%v
+    call march_start(self%start, system, self%channels, load, self%ancient, self%h, u, v, made)
+    if (made) made = all(abs(u) <= self%bound) .and. all(abs(v) <= self%bound)
     if (.not. made) return
+    self%u = u
+    self%v = v
     call self%history%begin(self%start%table, self%start%past)
     call self%clock%advance(self%h)
     call self%stand_still(system)

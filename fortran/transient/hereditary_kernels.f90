@@ -6,8 +6,12 @@ module viscovib_hereditary_kernels
   private
 
   public :: add_any, add_columns, add_held, add_up, carry_on, compare, copy
-  public :: gather_channels, judge
+  public :: gather_channels, judge, runs_away
   public :: product_of
+
+  !> Part of a displacement by which the last Legendre coefficient of a step shows that the
+  !! step is no picture of the motion.
+  real(wp), parameter :: unresolved = 1.0e-2_wp
 
 contains
 
@@ -165,5 +169,29 @@ contains
       out(r:r + row_block - 1) = even + odd
     end do
   end subroutine product_of
+
+  !> Whether a coordinate, never larger before, grows faster than the step is long, and the
+  !! step does not resolve it: as a polynomial it may pass where the motion has no end.
+  pure logical function runs_away(s, h, u, v, largest, x, last_coefficient)
+    integer, intent(in) :: s
+    real(wp), intent(in) :: h, u(:), v(:), largest(:), x(:), last_coefficient(:)
+    real(wp) :: points(s + 2), size_of
+    logical :: grows
+    integer :: d
+    runs_away = .false.
+    do d = 1, size(u)
+      points(1) = u(d)
+      points(2:) = u(d) + x((d - 1)*(s + 1) + 1:d*(s + 1))
+      size_of = maxval(abs(points))
+      grows = u(d)*v(d) > 0.0_wp .and. h*abs(v(d)) > 0.5_wp*abs(u(d)) &
+              .and. abs(u(d)) > 0.7_wp*largest(d)
+      ! Let go of at rest, as the first step.
+      if (.not. (abs(v(d)) > 0.0_wp .or. largest(d) > 0.0_wp)) then
+        grows = abs(u(d)) > 0.0_wp .and. size_of > 1.5_wp*abs(u(d))
+      end if
+      if (.not. grows) cycle
+      runs_away = runs_away .or. abs(dot_product(last_coefficient, points)) > unresolved*size_of
+    end do
+  end function runs_away
 
 end module viscovib_hereditary_kernels

@@ -26,6 +26,10 @@ module viscovib_hereditary_maps
   private
 
   public :: step_map_type, new_step_map, local_weights
+  public :: find_map
+
+  !> Lengths of steps whose maps are kept for when they come again.
+  integer, parameter :: most_lengths = 64
 
   !> Rows are padded to whole registers.
   integer, parameter, public :: row_block = 8
@@ -275,5 +279,30 @@ contains
     map%from_input = rows(:, :n_in)
     map%from_bend = rows(:, n_in + 1:)
   end subroutine set_rows
+
+  !> The place of the map of steps h, or where it is to be put: `now`.
+  subroutine find_map(maps, lengths, n_lengths, h, now)
+    type(step_map_type), allocatable, intent(inout) :: maps(:)
+    !> Of the steps of each map, as many as there are: n_lengths.
+    real(wp), allocatable, intent(inout) :: lengths(:)
+    integer, intent(inout) :: n_lengths
+    real(wp), intent(in) :: h
+    integer, intent(out) :: now
+    type(step_map_type), allocatable :: grown(:)
+
+    do now = 1, n_lengths
+      if (abs(lengths(now) - h) <= 0.0_wp) exit
+    end do
+    if (now <= size(maps)) return
+    if (now > most_lengths) then
+      n_lengths = 0
+      now = 1
+      return
+    end if
+    allocate (grown(min(most_lengths, 2*now)))
+    grown(:now - 1) = maps
+    call move_alloc(grown, maps)
+    lengths = [lengths, spread(0.0_wp, 1, size(maps) - size(lengths))]
+  end subroutine find_map
 
 end module viscovib_hereditary_maps

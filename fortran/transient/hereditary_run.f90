@@ -5,10 +5,11 @@ module viscovib_hereditary_run
   use viscovib_base_motion, only: base_motion_type
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_hereditary, only: hereditary_type
+  use viscovib_hereditary_stops, only: stop_hereditary
   use viscovib_kinds, only: i8, wp
   use viscovib_mesh, only: equal_steps, mesh_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_simulate, only: run_completed, run_diverged, run_stopped
+  use viscovib_simulate, only: run_coarse, run_completed, run_stopped
   use viscovib_stopping, only: stop_wanted
   use viscovib_time_load, only: time_load_type
   implicit none
@@ -21,7 +22,7 @@ contains
   !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
   !! those at wanted times. Underflow is abrupt meanwhile.
   subroutine run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
-                            at_times, n_done, n_reached, outcome, mesh, anew)
+                            at_times, n_done, n_reached, t_reached, outcome, mesh, anew)
     type(hereditary_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
@@ -33,16 +34,19 @@ contains
     !! (2 n_dof, n_steps/save_every), or no columns at all to keep none; the same at
     !! the wanted times, as many as were reached.
     real(wp), intent(inout) :: states(:, :), at_times(:, :)
+    !> Whole steps made; the state in `run` is that at t_reached, the end of the last or
+    !! where the motion stops inside the next.
     integer(i8), intent(out) :: n_done
+    real(wp), intent(out) :: t_reached
     integer, intent(out) :: n_reached, outcome
     !> Where steps end; without: equal ones.
     type(mesh_type), intent(in), optional :: mesh
     !> Whether load and base are others than before; the state is relative to this base.
     logical, intent(in), optional :: anew
     type(mesh_type) :: ends
-    real(wp) :: u(size(run%u)), v(size(run%u)), ahead, now
+    real(wp) :: u(size(run%u)), v(size(run%u)), ahead, now, from
     integer(i8) :: i, column
-    logical :: made
+    logical :: made, trusted
     integer :: piece, before
 
     ! As in viscovib_simulate.
@@ -68,6 +72,7 @@ contains
     do i = 1, n_steps
       if (stop_wanted()) then
         outcome = run_stopped
+        t_reached = now
         return
       end if
       piece = ends%piece_of_next(piece, first + i - 1)
@@ -76,11 +81,18 @@ contains
         if (first + i > 1 .and. base%has_corners()) call turn(run, base, ends, piece, now)
         call run%enter(system, load, now, ends%h(piece), made)
       end if
+      from = now
       now = ends%time(piece, first + i)
       if (made) call run%step(system, load, first + i - 1, now, made)
       if (.not. made) then
-        outcome = run_diverged
-        return
+        trusted = run%doubtful
+        call stop_hereditary(run, system, load, first + i - 1, from, now, t_reached, outcome)
+        if (outcome /= run_coarse .or. .not. trusted) return
+        run%trusted = .true.
+        call run%change_step(system, load, from, ends%h(piece), made)
+        if (made) call run%step(system, load, first + i - 1, now, made)
+        if (.not. made) return
+        outcome = run_completed
       end if
       n_done = i
       do while (n_reached < size(times))
@@ -105,6 +117,7 @@ contains
       states(1::2, column) = u
       states(2::2, column) = v
     end do
+    t_reached = now
 
   contains
 

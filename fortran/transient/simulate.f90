@@ -1,7 +1,7 @@
 !> A run in fixed steps: what is kept of it, and how it ends.
 module viscovib_simulate
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_set_underflow_mode, &
-    ieee_support_underflow_control, ieee_value
+  use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode, &
+    ieee_support_underflow_control
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
@@ -42,7 +42,7 @@ contains
     type(mesh_type), intent(in), optional :: mesh
     type(mesh_type) :: ends
     real(wp) :: q(size(method%q)), v(size(method%v)), now
-    logical :: made, doubtful
+    logical :: made, doubtful, lost
     integer(i8) :: i, column
     integer :: piece
 
@@ -69,7 +69,7 @@ contains
         call enter_piece(method, system, ends, piece, now)
       end if
       if (system%timed) method%since = now - system%present_piece(1)
-      call keep_between(method, system, now, times, n_reached, at_times)
+      call keep_between(method, system, now, times, n_reached, at_times, lost)
       q = method%q
       v = method%v
       call method%step(system, made)
@@ -85,6 +85,14 @@ contains
           return
         end if
       end if
+      if (lost) then
+        ! The step is made, but not the part of it up to a wanted time.
+        outcome = run_coarse
+        t_reached = now
+        method%q = q
+        method%v = v
+        return
+      end if
       n_done = i
       now = ends%time(piece, first + i)
       if (mod(i, save_every) /= 0) cycle
@@ -95,7 +103,7 @@ contains
       states(2::2, column) = method%v
     end do
     t_reached = now
-    call keep_between(method, system, now, times, n_reached, at_times)
+    call keep_between(method, system, now, times, n_reached, at_times, lost)
   end subroutine simulate
 
   !> Steps of a piece of the mesh from now on; they are the same again if it was entered
@@ -145,17 +153,20 @@ contains
     method%v = stop%v
   end subroutine judge_step
 
-  !> States at the wanted times from the present one up to the end of the step.
-  subroutine keep_between(method, system, now, times, n_reached, at_times)
+  !> States at the wanted times from the present one up to the end of the step, or up to
+  !! one that no step leads to: `lost`.
+  subroutine keep_between(method, system, now, times, n_reached, at_times, lost)
     class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: now, times(:)
     integer, intent(inout) :: n_reached
     real(wp), intent(inout) :: at_times(:, :)
+    logical, intent(out) :: lost
     real(wp) :: q(size(method%q)), v(size(method%v)), ahead
     type(stop_type) :: stop
     logical :: made
 
+    lost = .false.
     do while (n_reached < size(times))
       ahead = times(n_reached + 1) - now
       if (ahead >= method%h*(1.0_wp - 4.0_wp*epsilon(1.0_wp))) return
@@ -163,13 +174,15 @@ contains
       v = method%v
       if (ahead > 4.0_wp*spacing(now)) then
         call method%look_ahead(system, ahead, q, v, made)
+        if (made) made = in_range(q, v)
         if (.not. made) then
           call find_stop(system, size(q), 1, spread(system%drives, 1, n_lanes), method%q, &
                          method%v, now, ahead, stop)
           q = stop%q
           v = stop%v
-          ! Left open where the motion stops before, which the step will tell.
-          if (stop%outcome /= run_completed) q = ieee_value(1.0_wp, ieee_quiet_nan)
+          ! Where the motion stops before, the step will tell.
+          lost = stop%outcome /= run_completed
+          if (lost) return
         end if
       end if
       n_reached = n_reached + 1

@@ -1,5 +1,6 @@
 """Motion with memory: what a run of a mount needs, checked, and its steps."""
 
+import copy
 import math
 import warnings
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from viscovib.mesh import Mesh
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.past import Past
 from viscovib.polynomial_system import PolynomialSystem
-from viscovib.runs import MAX_STEPS, Piece, Run, Wanted
+from viscovib.runs import MAX_STEPS, Piece, Run, Wanted, again
 from viscovib.trajectory import Trajectory
 
 #: Nodes of a step, and steps a fastest period to begin with when the step is to be found.
@@ -28,11 +29,14 @@ _FIRST = {"gauss2": 12, "gauss3": 8, "gauss4": 6, "gauss6": 3, "gauss8": 2}
 #: Ways to keep the past, by their place in the core.
 _PASTS = ("exponentials", "direct")
 _BEGUN, _NO_EXPONENTIALS, _STEP_TOO_LARGE, _NO_INTEGRAL = range(4)
-_DIVERGED = 1
+#: Place of "step too large" in the outcomes of runs.
+_COARSE = 4
 #: Steps up to which all of the past is affordable without being asked for.
 _DIRECT_STEPS = 20_000
 #: How far beyond its end a run may go on: kernels as exponentials reach as far.
 _REACH = 100.0
+#: Part of a step for which kernels are fitted where a run stops inside it.
+_FINE = 2.0**-14
 #: Numbers a run needs to go on, to begin with.
 _MEMORY = 1024
 
@@ -186,7 +190,16 @@ class _MountRun(Run):
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
         """Make n steps."""
-        return replace(super().steps(n, want, progress), resolution=self.resolution)
+        begun = copy.copy(self)
+        run = replace(super().steps(n, want, progress), resolution=self.resolution)
+        least = _FINE * self.h
+        unsure = run.outcome in ("diverged", "step too large") and self.fitted
+        if not unsure or 0 < self.shortest <= least:
+            return run
+        # Where it stops is seen by steps that the exponentials were not fitted for.
+        begun.shortest = least
+        finer = again(begun, 1)
+        return run if finer is None else finer.steps(n, want, progress)
 
     def adopt(self, earlier: Run) -> None:
         """Go on from the end of an earlier run, under the loads of this one."""
@@ -204,6 +217,13 @@ class _MountRun(Run):
             self.shortest, self.kinks = like.shortest / factor, like.kinks
             self.moves = like.moves
 
+    @property
+    def fitted(self) -> bool:
+        """Whether some kernel is a sum of exponentials only for the steps it was fitted for."""
+        return self.past == "exponentials" and any(
+            not isinstance(kernel, PronyKernel) for kernel in self.motion.mount._active_kernels
+        )
+
     def serves(self) -> bool:
         """Whether what is remembered serves the steps to come; if not, say what would."""
         kinks = self.kinks or self.motion.table is not None
@@ -216,12 +236,9 @@ class _MountRun(Run):
         same = same or (shortest == 0 and not kinks)
         if same:
             shortest = self.shortest
-        fitted = self.past == "exponentials" and any(
-            not isinstance(kernel, PronyKernel) for kernel in self.motion.mount._active_kernels
-        )
         left_out = self.left_out is not None and not np.array_equal(self.left_out, self.moves)
         self.shortest, self.kinks = shortest, kinks
-        return not ((fitted and not same) or left_out)
+        return not ((self.fitted and not same) or left_out)
 
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
         motion, mount = self.motion, self.motion.mount
@@ -257,40 +274,51 @@ class _MountRun(Run):
         memory = np.zeros(n_memory)
         if self.memory is not None:
             memory[: self.memory.size] = self.memory
-        states, at_times, last, kept, n_kept, made, n_reached, ended, counted, rough, reason = (
-            _native.call_either(
-                count > _native.MANY_STEPS,
-                core.mount_simulate,
-                mount._flat,
-                *mount._kernels,
-                motion.frequencies,
-                motion.amplitudes,
-                motion.breaks,
-                motion.pieces,
-                motion.base,
-                motion.base_breaks,
-                motion.base_pieces,
-                *self._mesh_arrays(),
-                NODES[self.method],
-                _PASTS.index(self.past) + 1,
-                motion.held,
-                motion.before,
-                motion.moved,
-                self.moves,
-                self.state,
-                self.h,
-                self.shortest,
-                int(self.kinks),
-                _REACH * motion.end,
-                self.solved,
-                self.done,
-                count,
-                every,
-                2 if self.anew else int(self.memory is not None),
-                memory,
-                times,
-                columns,
-            )
+        (
+            states,
+            at_times,
+            last,
+            kept,
+            n_kept,
+            made,
+            n_reached,
+            reached,
+            ended,
+            counted,
+            rough,
+            reason,
+        ) = _native.call_either(
+            count > _native.MANY_STEPS,
+            core.mount_simulate,
+            mount._flat,
+            *mount._kernels,
+            motion.frequencies,
+            motion.amplitudes,
+            motion.breaks,
+            motion.pieces,
+            motion.base,
+            motion.base_breaks,
+            motion.base_pieces,
+            *self._mesh_arrays(),
+            NODES[self.method],
+            _PASTS.index(self.past) + 1,
+            motion.held,
+            motion.before,
+            motion.moved,
+            self.moves,
+            self.state,
+            self.h,
+            self.shortest,
+            int(self.kinks),
+            _REACH * motion.end,
+            self.solved,
+            self.done,
+            count,
+            every,
+            2 if self.anew else int(self.memory is not None),
+            memory,
+            times,
+            columns,
         )
         self.resolution = float(rough)
         if reason == _NO_INTEGRAL:
@@ -299,8 +327,7 @@ class _MountRun(Run):
                 "wholly; must be None"
             )
         if reason == _STEP_TOO_LARGE:
-            ended = _DIVERGED
-        reached = self._time_after(self.done + made)
+            ended, reached = _COARSE, self.time
         part = Piece(
             states, at_times, last, kept[:n_kept], made, n_reached, reached, ended, counted
         )

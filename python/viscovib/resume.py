@@ -17,7 +17,7 @@ from viscovib.mesh import Mesh
 from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.polynomial_system import PolynomialSystem
-from viscovib.runs import Run, Wanted, with_estimate
+from viscovib.runs import Run, Wanted, again, with_estimate
 from viscovib.trajectory import Trajectory
 
 #: Numbers of a pendulum that are its loads.
@@ -160,15 +160,15 @@ def go_on(
         run.adopt(before)
     n, kept = _ahead(run, end, want)
     if not run.serves():
-        again = _again(run, 1)
-        assert again is not None
-        run = again
+        prepared = again(run, 1)
+        assert prepared is not None
+        run = prepared
     begun = copy.copy(run)
     result = run.steps(n, kept, progress)
     if not estimated:
         return result
-    again = _again(begun, 2)
-    fine = None if again is None else again.steps(2 * n, kept.finer(2), progress)
+    finer = again(begun, 2)
+    fine = None if finer is None else finer.steps(2 * n, kept.finer(2), progress)
     return with_estimate(result, fine, "by a run in half steps from the first start on")
 
 
@@ -193,23 +193,3 @@ def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:
     if want.times is None and want.keep != "last":
         want = want.at(mesh.times(np.arange(done, mesh.count + 1, want.every)))
     return mesh.count - done, want
-
-
-def _again(run: Run, factor: int) -> Run | None:
-    """The same run from its first start, in steps shorter by a factor; None: it stopped before.
-
-    It remembers what its steps to come will need.
-    """
-    assert run.maker is not None
-    latest: Run | None = None
-    for maker, done in (*run.parts, (run.maker, run.done)):
-        part = maker(run.h / factor)
-        if latest is not None:
-            part.adopt(latest)
-        part.prepare(run, factor)
-        part.mesh = None if run.mesh is None else run.mesh.finer(factor)
-        latest = part
-        n = done * factor - part.done
-        if n and part.steps(n, Wanted(keep="last"), False).outcome != "completed":
-            return None
-    return latest

@@ -28,6 +28,9 @@ _MAX_KEPT = 2**27
 #: Steps of a first run whose step is to be found.
 MAX_FIRST_STEPS = 10**9
 ROUNDING = 1e-15
+#: Steps before a stop that two runs must differ by: a first step with memory ends as the second
+#: of half its length does, and what follows a step that fails is found by steps of its own.
+_FEW = 4
 #: Halvings of the step before a tolerance is given up.
 _MIN_HALVINGS, _MAX_HALVINGS = 5, 12
 
@@ -144,7 +147,7 @@ def by_tolerance(
                     fine = make(max(factor, parts), parts)
                 error = max(change, rounding_of(fine.state))
                 return replace(fine, error=error, _planned=partial(_plan_of, first, want))
-        elif change <= _allowed_at_stop(fine, want):
+        elif change <= _allowed_at_stop(fine, want) and not 0 < fine.stats["steps"] < _FEW:
             error = max(change, rounding_of(fine.state))
             return replace(fine, error=error, _planned=partial(_plan_of, first, want))
         changes.append(change)
@@ -376,6 +379,26 @@ class Run(ABC):
             raise InputError(
                 f"times: must be between the start {self.time:g} and the end {end:g} of the run"
             )
+
+
+def again(run: Run, factor: int) -> Run | None:
+    """The same run from its first start, in steps shorter by a factor; None: it stopped before.
+
+    It remembers what its steps to come will need.
+    """
+    assert run.maker is not None
+    latest: Run | None = None
+    for maker, done in (*run.parts, (run.maker, run.done)):
+        part = maker(run.h / factor)
+        if latest is not None:
+            part.adopt(latest)
+        part.prepare(run, factor)
+        part.mesh = None if run.mesh is None else run.mesh.finer(factor)
+        latest = part
+        n = done * factor - part.done
+        if n and part.steps(n, Wanted(keep="last"), False).outcome != "completed":
+            return None
+    return latest
 
 
 def _bar(n: int, progress: bool) -> AbstractContextManager["tqdm[Any] | None"]:

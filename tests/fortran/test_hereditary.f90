@@ -203,7 +203,7 @@ contains
     real(wp), intent(out) :: last(4)
     type(hereditary_type) :: run
     type(base_motion_type) :: base
-    real(wp) :: no_states(4, 0), no_times(0)
+    real(wp) :: no_states(4, 0), no_times(0), reached_at
     integer(i8) :: n_done
     integer :: reason, reached, outcome
 
@@ -211,7 +211,7 @@ contains
                         t_end/n, t_end, 1.0e-13_wp, reason)
     call check(reason == begun, 'begun')
     call run_hereditary(run, mount, load, base, 0_i8, int(n, i8), 1_i8, no_times, no_states, &
-                        no_states, n_done, reached, outcome)
+                        no_states, n_done, reached, reached_at, outcome)
     call check(outcome == run_completed .and. n_done == n, 'completed')
     last(1::2) = run%u
     last(2::2) = run%v

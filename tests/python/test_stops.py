@@ -89,6 +89,73 @@ def test_escapes_to_infinity_are_found_with_their_time():
     assert seen == {"completed", "diverged"}
 
 
+def remembering(rng, kernel):
+    """Return a softening oscillator whose linear spring remembers, its equations and a start."""
+    soft, k = rng.uniform(0.2, 1), rng.uniform(0.5, 2)
+    # With a direction of its base it goes the way of a mount, with memory or without.
+    system = vv.PolynomialSystem(
+        mass=1,
+        stiffness=k,
+        damping=0.02,
+        kernel=kernel,
+        base_direction=[1],
+        springs=[vv.Springs(forces=f"-{float(soft)!r}*x^3")],
+    )
+    weights, rates = np.zeros(0), np.zeros(0)
+    if isinstance(kernel, vv.PronyKernel):
+        weights, rates = np.array(kernel.weights), np.array(kernel.rates)
+
+    def rhs(t, y):
+        pull = 0.02 * y[1] + k * (y[0] - weights @ y[2:]) - soft * y[0] ** 3
+        return np.concatenate([[y[1], -pull], y[0] - rates * y[2:]])
+
+    start = np.array([rng.uniform(0.8, 1.8) * math.sqrt(k / soft), 0.0])
+    return system, rhs, np.concatenate([start, np.zeros(weights.size)])
+
+
+@pytest.mark.parametrize("memory", [None, "exponentials", "direct"])
+def test_escapes_with_memory_are_found_inside_the_step(memory):
+    rng = np.random.default_rng(31)
+    kernel = None if memory is None else vv.PronyKernel(weights=[0.1, 0.2], rates=[0.7, 3.0])
+    job = {"base": {0: 0j}} | ({} if memory is None else {"memory": memory})
+    seen = set()
+    for _ in range(2 if memory == "direct" else 10):
+        system, rhs, start = remembering(rng, kernel)
+        t, state, event = reach(rhs, start, 8.0, [lambda t, y: abs(y[0]) - 1e9])
+        run = vv.simulate(system, 8, initial=start[:2], tolerance=1e-8, **job)
+        seen.add(run.outcome)
+        assert run.outcome == ("completed" if event is None else "diverged")
+        assert run.error is not None
+        assert abs(run.t_reached - t) <= 2e-8
+        assert np.isfinite(run.state).all()
+        assert run.t[-1] <= run.t_reached
+        if event is None:
+            assert np.abs(run.state[-1] - state[:2]).max() <= 1e-7
+        for dt in (0.1,) if memory == "direct" else (1.0, 0.3, 0.1, 0.05, 0.02):
+            given = vv.simulate(system, 8, initial=start[:2], dt=dt, keep="last", **job)
+            if event is None:
+                assert given.outcome == "completed"
+            elif given.outcome != "step too large":
+                assert given.outcome == "diverged"
+                assert abs(given.t_reached - t) <= 1e-3
+                assert given.t.tolist() == [given.t_reached]
+                assert np.abs(given.state).max() > 1e6
+    assert memory == "direct" or seen == {"completed", "diverged"}
+
+
+def test_an_escape_that_a_singular_kernel_remembers():
+    """Steps inside a step need kernels fitted for them: the time does not depend on the step."""
+    rng = np.random.default_rng(32)
+    kernel = vv.RabotnovKernel(amplitude=0.3, alpha=0.3, beta=0.5)
+    for _ in range(3):
+        system, _, start = remembering(rng, kernel)
+        start[0] *= 1.7
+        runs = [vv.simulate(system, 8, initial=start, dt=dt) for dt in (0.2, 0.1, 0.07)]
+        assert [run.outcome for run in runs] == ["diverged"] * 3
+        times = [run.t_reached for run in runs]
+        assert np.ptp(times) < 2e-6
+
+
 def hanging(rng, equations="exact"):
     """Return a random pendulum."""
     return vv.Pendulum(

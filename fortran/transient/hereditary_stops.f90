@@ -1,0 +1,133 @@
+!> Where a motion with memory stops: a step that cannot be made is tried again in steps as
+!! small as need be, by the method of the run, each compared with two of half its length.
+!!
+!! What is remembered must be right for lags as short as these steps; a sum of
+!! exponentials that was not fitted for them leaves an error of its own.
+module viscovib_hereditary_stops
+  use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_flag, &
+    ieee_set_halting_mode
+  use viscovib_hereditary, only: hereditary_type
+  use viscovib_kinds, only: i8, wp
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_stops, only: run_coarse, run_diverged
+  use viscovib_time_load, only: time_load_type
+  implicit none
+  private
+
+  public :: stop_hereditary
+
+  !> Part of a state by which a step may differ from two of half its length.
+  real(wp), parameter :: closeness = 1.0e-11_wp
+  !> Times the largest displacement so far, beyond which a motion that no step follows has
+  !! escaped.
+  real(wp), parameter :: far = 1.0e3_wp
+  !> Steps after which a step of the run is given up as too large.
+  integer, parameter :: max_steps = 2000
+
+  !> All that going on needs, and the state.
+  type :: scout_type
+    real(wp) :: ahead = 0.0_wp
+    real(wp), allocatable :: memory(:), u(:), v(:)
+  end type scout_type
+
+contains
+
+  !> How the motion goes on in the step that `run` could not make; the run is at the stop
+  !! then, or where the motion does not stop, at the start of the step.
+  subroutine stop_hereditary(run, system, load, n_before, start, until, t_reached, outcome)
+    type(hereditary_type), intent(inout) :: run
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    !> Steps made before; start and end of this one.
+    integer(i8), intent(in) :: n_before
+    real(wp), intent(in) :: start, until
+    real(wp), intent(out) :: t_reached
+    integer, intent(out) :: outcome
+    type(scout_type) :: begin, at
+    logical :: halting(size(ieee_all))
+
+    begin%memory = run%save_memory()
+    begin%u = run%u
+    begin%v = run%v
+    ! Steps that are too large may overflow, which is how they are known.
+    call ieee_get_halting_mode(ieee_all, halting)
+    call ieee_set_halting_mode(ieee_all, .false.)
+    at = begin
+    call march(run, system, load, n_before, start, until - start, at, outcome)
+    call ieee_set_flag(ieee_all, .false.)
+    call ieee_set_halting_mode(ieee_all, halting)
+    if (outcome == run_coarse) at = begin
+    call run%load_memory(at%memory, .false.)
+    t_reached = start + at%ahead
+  end subroutine stop_hereditary
+
+  !> Small steps up to h or to the stop: the last state before it.
+  subroutine march(run, system, load, n_before, start, h, at, outcome)
+    type(hereditary_type), intent(inout) :: run
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    integer(i8), intent(in) :: n_before
+    real(wp), intent(in) :: start, h
+    type(scout_type), intent(inout) :: at
+    integer, intent(out) :: outcome
+    type(scout_type) :: whole, half, double
+    real(wp) :: s, shortest, scale_of_motion
+    logical :: made
+    integer :: i
+
+    outcome = run_coarse
+    s = 0.5_wp*h
+    scale_of_motion = max(maxval(abs(at%u)), maxval(run%largest))
+    shortest = 4.0_wp*spacing(abs(start) + h)
+    do i = 1, max_steps
+      s = min(s, h - at%ahead)
+      if (s <= shortest) then
+        if (h - at%ahead > shortest .and. maxval(abs(at%u)) > far*scale_of_motion) then
+          outcome = run_diverged
+        end if
+        return
+      end if
+      call advance(at, s, whole, made)
+      if (made) call advance(at, 0.5_wp*s, half, made)
+      if (made) call advance(half, 0.5_wp*s, double, made)
+      if (made) made = alike(whole, double, s)
+      if (made) then
+        at = double
+        s = 2.0_wp*s
+      else
+        s = 0.5_wp*s
+      end if
+    end do
+
+  contains
+
+    subroutine advance(from, length, to, made)
+      type(scout_type), intent(in) :: from
+      real(wp), intent(in) :: length
+      type(scout_type), intent(out) :: to
+      logical, intent(out) :: made
+      integer(i8) :: before
+      before = n_before
+      if (from%ahead > 0.0_wp) before = before + 1
+      call run%load_memory(from%memory, .false.)
+      call run%change_step(system, load, start + from%ahead, length, made)
+      if (made) call run%step(system, load, before, start + from%ahead + length, made)
+      to%ahead = from%ahead + length
+      to%u = run%u
+      to%v = run%v
+      to%memory = run%save_memory()
+    end subroutine advance
+
+  end subroutine march
+
+  !> Whether two ends of a step agree.
+  pure logical function alike(one, other, s)
+    type(scout_type), intent(in) :: one, other
+    real(wp), intent(in) :: s
+    real(wp) :: size_of
+    size_of = maxval(abs(other%u)) + s*maxval(abs(other%v))
+    alike = maxval(abs(one%u - other%u)) <= closeness*size_of &
+            .and. s*maxval(abs(one%v - other%v)) <= closeness*size_of
+  end function alike
+
+end module viscovib_hereditary_stops
