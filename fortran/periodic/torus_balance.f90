@@ -137,6 +137,11 @@ contains
     end do
     balance%n = size(balance%from)
     balance%first(balance%n_dof + 1) = balance%n + 1
+    ! Cosines alone have no phase that could turn.
+    if (balance%even_in_time) return
+    ! A group ends with an imaginary part or a mean: both have odd places.
+    balance%last_of_group = pack([(i, i=1, balance%n)], &
+                                 mod(modulo(balance%from - 1, balance%torus%n), 2) == 0)
   end subroutine choose_unknowns
 
   pure subroutine set_parameter(self, p)

@@ -103,3 +103,27 @@ def test_folds_do_not_depend_on_steps(seed):
     assert some.nu.size < 700
     order = np.argsort(many.folds)
     assert np.sort(some.folds) == pytest.approx(many.folds[order], rel=1e-8)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
+def test_a_pendulum_passes_its_resonance_once(damping):
+    """At dampings of 1e-5 and below it was run round up to 38 times, or without an end."""
+    pendulum = vv.Pendulum(
+        e=0.1,
+        w2=0.53,
+        w3=0.9,
+        alpha=0.5,
+        c1=damping,
+        c2=damping,
+        c3=damping,
+        f0=0.4 * damping,
+        p1=1,
+    )
+    some, many = (
+        vv.trace_response(pendulum, p1=(0.9, 1.2), harmonics=8, stability=False, max_step=step)
+        for step in (0.1, 0.02)
+    )
+    assert some.outcome == many.outcome == "completed"
+    assert some.folds.size == 2
+    assert some.folds == pytest.approx(many.folds, rel=1e-9)
