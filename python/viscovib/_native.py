@@ -30,6 +30,8 @@ _LONG_LIST = 1000
 _DEEPEST = 32
 #: Seconds that a call which was asked to stop is given; one that cannot is left behind.
 _PATIENCE = 0.3
+#: Values that the core takes at a time, and those of its vector unit.
+_BLOCK, _LANES = 1024, 8
 #: Samples, and steps in time, that may take long.
 MANY_SAMPLES, MANY_STEPS = 2**18, 2000
 #: Seconds of work between two looks at Ctrl-C, on a machine that is busy.
@@ -267,7 +269,9 @@ def in_parts(
     n = arrays[0].shape[-1]
     if n * seconds <= _PART:
         return call(routine, *first, *arrays)
-    size = max(int(_PART / seconds), 1)
+    # Whole blocks and lanes of the core, so that no bit depends on where parts end.
+    wide = int(_PART / seconds)
+    size = max(wide // _BLOCK * _BLOCK, min(wide // _LANES * _LANES, _BLOCK), _LANES)
     found: list[npt.NDArray[Any]] = []
     for start in range(0, n, size):
         end = start + size

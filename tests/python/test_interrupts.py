@@ -1,0 +1,102 @@
+"""Ctrl-C in native calls that would take minutes, or whose work must go on apart."""
+
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+import viscovib as vv
+from viscovib import _native
+
+KERNEL = vv.RabotnovKernel(amplitude=0.05, alpha=0.3, beta=1)
+TIMES = np.linspace(0.1, 10, 3_000_000)
+
+
+@pytest.fixture
+def interrupted():
+    """Run something, send Ctrl-C after a while; return the processor's time in this thread."""
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, stop)
+
+    def run(work, after):
+        begun = time.thread_time()
+        signal.setitimer(signal.ITIMER_REAL, after)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                work()
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        return time.thread_time() - begun
+
+    yield run
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        # Minutes of work each.
+        lambda: KERNEL.relaxation(TIMES),
+        lambda: vv.PronyKernel(weights=np.ones(3000), rates=np.arange(3000.0)).transform(TIMES),
+        lambda: vv.TabulatedKernel(
+            times=np.arange(3000.0), values=np.exp(-0.01 * np.arange(3000.0))
+        ).laplace(TIMES),
+    ],
+)
+def test_long_work_is_left_between_its_parts(interrupted, work):
+    assert interrupted(work, 0.2) < 5
+
+
+def test_work_apart_leaves_its_caller_free(interrupted):
+    """What cannot be cut goes on in a thread of its own; its caller only waits."""
+    going_on = threading.Event()
+
+    def work():
+        going_on.wait(20)
+
+    assert interrupted(lambda: _native.apart(work), 0.2) < 0.2
+    going_on.set()
+    cancel = np.zeros(1, dtype=np.intc)
+    assert interrupted(lambda: _native.apart(lambda: going_on.clear() or work(), cancel), 0.2) < 0.2
+    assert cancel[0] == 1
+    going_on.set()
+
+
+def test_long_signals_are_transformed_apart(monkeypatch):
+    """The same numbers either way, and from several threads at once."""
+    signal_ = np.random.default_rng(1).normal(size=4096)
+    plain = vv.spectrum(signal_, 0.1).coefficients
+    lines = vv.amplitudes_at(signal_, 0.1, [3.0]).amplitude
+    series = vv.fourier_coefficients(signal_, 5)
+    seen = []
+    apart = _native.apart
+    monkeypatch.setattr(_native, "MANY_SAMPLES", 100)
+    monkeypatch.setattr(_native, "apart", lambda work, *a: seen.append(1) or apart(work, *a))
+    assert (vv.spectrum(signal_, 0.1).coefficients == plain).all()
+    assert (vv.amplitudes_at(signal_, 0.1, [3.0]).amplitude == lines).all()
+    assert vv.fourier_coefficients(signal_, 5) == series
+    assert len(seen) >= 3
+
+
+def test_parts_are_the_whole(monkeypatch):
+    mu = np.linspace(0.1, 10, 1001)
+    pendulum = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, f0=0.1, p1=0.9)
+    states = np.random.default_rng(1).uniform(-0.5, 0.5, (7, 11, 6))
+    body = vv.Mount(mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=KERNEL)
+
+    def found():
+        return [
+            KERNEL.transform(mu), KERNEL.laplace(mu + 1j), KERNEL.relaxation(mu[:20]),
+            pendulum.rhs(0.3, states), pendulum.jacobian(0.3, states), pendulum.energy(states),
+            body.dynamic_stiffness(mu),
+        ]  # fmt: skip
+
+    whole = found()
+    monkeypatch.setattr(_native, "_PART", 3e-6)
+    for one, other in zip(whole, found(), strict=True):
+        assert one.shape == other.shape
+        assert (one == other).all()
