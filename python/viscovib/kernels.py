@@ -23,7 +23,7 @@ from scipy.optimize import least_squares, nnls
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError, StabilityWarning
-from viscovib.parameters import TOLERANCE
+from viscovib.parameters import TOLERANCE, Number
 
 
 class Kernel(ABC):
@@ -144,7 +144,7 @@ class Kernel(ABC):
         tolerance : float
             Wanted relative error, 1e-14 to 0.1.
         t_min, t_max : float
-            0 < t_min < t_max (s).
+            t_min < t_max (s), both 1e-100 to 1e100.
 
         Returns
         -------
@@ -153,13 +153,19 @@ class Kernel(ABC):
             ``tolerance``.
         """
         wanted = TOLERANCE.check(tolerance)
-        first, last = _native.number("t_min", t_min), _native.number("t_max", t_max)
+        first, last = _T_MIN.check(t_min), _T_MAX.check(t_max)
         if not 0 < first < last:
             raise InputError(f"t_min = {first:g}, t_max = {last:g}: must be 0 < t_min < t_max")
         weights, rates = self._exponentials(wanted, first, last)
+        if weights.size > _MOST_TERMS:
+            raise InputError(
+                f"t_min = {first:g}, t_max = {last:g}: a sum to {wanted:g} takes more than "
+                f"{_MOST_TERMS} terms, must be nearer to each other"
+            )
         times = np.geomspace(first, last, max(200, 12 * weights.size))
         exact = self(times)
-        close = np.exp(-np.outer(times, rates)) @ weights
+        parts = np.array_split(times, -(-times.size * weights.size // _AT_A_TIME))
+        close = np.concatenate([np.exp(-np.outer(part, rates)) @ weights for part in parts])
         scale = np.abs(exact) if (exact != 0).all() else np.abs(exact).max()
         error = float((np.abs(close - exact) / scale).max()) if np.any(exact) else 0.0
         return ExponentialSum(weights=weights, rates=rates, t_min=first, t_max=last, error=error)
@@ -170,8 +176,8 @@ class Kernel(ABC):
         """Weights and rates of the core."""
         room = 512
         while True:
-            n, weights, rates = _native.call(
-                core.kernel_exponentials, self._kind, self._data, tolerance, first, last, room
+            n, weights, rates = _native.call_interruptibly(
+                core.kernel_exponentials, None, self._kind, self._data, tolerance, first, last, room
             )
             if n == 0:
                 raise InputError(
@@ -200,6 +206,10 @@ def _same_shape(values: npt.NDArray[Any], like: npt.NDArray[Any]) -> Any:
 
 #: What a value of the relaxation takes, in values of the transform.
 _SUMMED = 10_000
+#: Times between which a sum of exponentials may stand for a kernel, terms of it, and
+#: exponentials taken at once.
+_T_MIN, _T_MAX = Number("t_min", 1e-100, 1e100), Number("t_max", 1e-100, 1e100)
+_MOST_TERMS, _AT_A_TIME = 4000, 2**22
 #: Points below it and above its inverse may be taken in other units.
 _SMALL = 1e-100
 #: A table that lacks more than this part of its integral is told; as in the core.

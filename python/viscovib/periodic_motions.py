@@ -13,6 +13,8 @@ from viscovib.errors import InputError
 _FEWEST, _PER_ORDER = 64, 8
 #: Newton steps to a turning point, each of which doubles its digits.
 _NEWTON = 6
+#: Times of a waveform that are computed at once.
+_AT_A_TIME = 4096
 
 
 class PeriodicMotions:
@@ -52,11 +54,14 @@ class PeriodicMotions:
 
     def velocity(self, dof: int | str, harmonic: int = 1) -> ComplexArray:
         """Harmonic of the velocity, i k nu X_k, shape (n,)."""
-        return np.asarray(1j * harmonic * self._motions()[0] * self.coefficient(dof, harmonic))
+        # Told first if the harmonic is none.
+        own = self.coefficient(dof, harmonic)
+        return np.asarray(1j * harmonic * self._motions()[0] * own)
 
     def acceleration(self, dof: int | str, harmonic: int = 1) -> ComplexArray:
         """Harmonic of the acceleration, -(k nu)^2 X_k, shape (n,)."""
-        return np.asarray(-((harmonic * self._motions()[0]) ** 2) * self.coefficient(dof, harmonic))
+        own = self.coefficient(dof, harmonic)
+        return np.asarray(-((harmonic * self._motions()[0]) ** 2) * own)
 
     def waveform(self, i: int, n: int = 256) -> tuple[FloatArray, FloatArray]:
         """One period of the i-th motion: n times, shape (n,), and u, shape (n, n_dof)."""
@@ -64,8 +69,13 @@ class PeriodicMotions:
         point = _native.integer("i", i, -nu.size, nu.size - 1)
         count = _native.integer("n", n, 1, 10_000_000)
         t = 2 * np.pi / nu[point] * np.arange(count) / count
-        waves = np.exp(1j * np.outer(t, orders * nu[point]))
-        return t, (waves @ coefficients[point].T).imag
+        found = np.empty((count, coefficients.shape[1]))
+        # Some at a time: all waves at all times may be more than memory holds.
+        for start in range(0, count, _AT_A_TIME):
+            part = slice(start, start + _AT_A_TIME)
+            waves = np.exp(1j * np.outer(t[part], orders * nu[point]))
+            found[part] = (waves @ coefficients[point].T).imag
+        return t, found
 
     def rms(self, dof: int | str) -> FloatArray:
         """Root mean square over a period, the mean included, shape (n,): by Parseval's theorem."""

@@ -392,7 +392,7 @@ def plot_spectrum(
             linewidth=0.9,
             label=f"${_symbol(name)}$" if len(name) < 4 else name,
         )
-    if bases is not None:
+    if bases is not None and columns.size:
         _name_peaks(ax, spectrum.omega[shown], columns[shown].max(axis=1), bases)
     ax.set(xlabel=r"circular frequency $\omega$", ylabel="amplitude")
     if (columns[shown] > 0).any():
@@ -407,6 +407,8 @@ def _name_peaks(
     ax: "Axes", omega: FloatArray, amplitude: FloatArray, bases: Mapping[str, float]
 ) -> None:
     """Write names above the peaks that reach a thousandth of the largest, where there is room."""
+    if amplitude.size < 3:
+        return
     inner = amplitude[1:-1]
     peaks = 1 + np.flatnonzero((inner > amplitude[:-2]) & (inner >= amplitude[2:]))
     peaks = peaks[amplitude[peaks] > 1e-3 * amplitude.max()]

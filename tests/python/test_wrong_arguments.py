@@ -152,6 +152,10 @@ def follow(**options):
         (lambda: vv.LoadTable(times=[0, 1], values=MASKED), "values: 1 of 2 masked"),
         (lambda: vv.sweep(lambda x: x, {"x": MASKED}), r"grid\['x'\]: 1 of 2 masked"),
         (lambda: KERNEL.transform([1, np.ma.masked]), r"mu\[1\]: 1 of 1 masked"),
+        (
+            lambda: KERNEL.sum_of_exponentials(t_min=1e-3, t_max=1e300),
+            "t_max = 1e[+]300: must be in",
+        ),
         # Values that are no finite number.
         (
             lambda: vv.PronyKernel(weights=[1], rates=[2]).laplace([0, -2]),
