@@ -79,6 +79,10 @@ tables = [s.routh_hurwitz(i) for i in range(len(stable))]
                 )
             if not names["in_range"][i]:
                 continue
+            # The balance has multiples of the load's frequency only.
+            moving = names["s"].frequencies[i][np.abs(names["s"].amplitudes[i]) > 0] / nu
+            if (np.abs(moving - moving.round()) > 1e-6).any():
+                continue
             x = names["harmonics"][i]
             a = balance.solve(balance.real(1j * x[:, None], np.array([1])), nu, load)
             if a is None:
@@ -143,6 +147,8 @@ upright = np.abs(s.amplitude("phi")) + np.abs(amplitudes[:, np.argsort(ms.freque
             states[:, 0], states[:, 1] = (waves @ z).imag, (waves @ (1j * p1 * k * z)).imag
             return p.jacobian(t, states)
 
+        if np.abs(z).max() > 1:
+            return  # Newton's method went to a motion through the pivot.
         mu = np.linalg.eigvals(magnus(matrices, 2 * np.pi / p1, 400))
         growth = np.log(np.abs(mu).max()) * p1 / (2 * np.pi)
         if abs(growth) < 2e-3:
