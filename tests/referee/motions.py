@@ -286,6 +286,52 @@ t, state, outcome, error = run.t, run.state, run.outcome, run.error
     return Case(call, judge)
 
 
+def _base_table(rng, index):
+    """The supports move along a table with corners, then under another load the run goes on."""
+    memory = some_prony(rng) if index % 2 else None
+    model = mount(rng, damped=few(rng, 1e-3, 0.05, 2), memory=memory)
+    times = np.cumsum(rng.uniform(0.3, 1.5, 4)).round(3)
+    places = np.append(rng.normal(size=3).round(2) * 0.1, 0.0)
+    middle, end = float(times[-1]) + 1, float(times[-1]) + 5
+    size, nu = few(rng, 0.05, 0.5, 2), even(rng, 0.5, 3, 3)
+    call = f"""system = {model.source}
+table = vv.LoadTable(times={times.tolist()}, values={places.tolist()})
+begun = [{places[0]}, 0, 0, 0]
+run = vv.simulate(system, {middle}, base=table, initial=begun, tolerance=1e-9)
+t, state, outcome, error = run.t, run.state, run.outcome, run.error
+more = vv.simulate(system, {end}, resume=run, load={size}, nu={nu})
+t_more, state_more = more.t, more.state
+"""
+
+    def judge(names, told):
+        push = model.base
+        right = model.equations(None)
+        y = model.start([0, 0, 0, 0])
+        t, found, before = names["t"], [], 0.0
+        ends = np.append(times, middle)
+        begin = 0.0
+        for i, until in enumerate(ends):
+            slope = np.diff(places)[i - 1] / np.diff(times)[i - 1] if 0 < i < 4 else 0.0
+            y = y.copy()
+            y[2:4] -= push * (slope - before)  # relative to the base
+            inside = t[(t > begin) & (t <= until)] if i else t[t <= until]
+            at = np.unique(np.concatenate([[begin], inside, [until]]))
+            path = integrate(right, y, at, begin=begin)
+            y, before = path[-1], slope
+            part = path[np.isin(at, inside)][:, interleaved(2)]
+            part[:, ::2] += np.outer(np.interp(inside, times, places), push)
+            part[:, 1::2] += push * slope
+            found.append(part)
+            begin = until
+        yield from claims(names, np.concatenate(found), 1e-9)
+        loaded = model.equations(lambda t: np.array([size * np.sin(nu * t), 0]))
+        later = integrate(loaded, y, names["t_more"], begin=middle)[:, interleaved(2)]
+        off = 100 * (names["error"] + 1e-9)
+        yield Claim("state under another load", names["state_more"], later, off, damage=1e-3)
+
+    return Case(call, judge)
+
+
 def _stop(rng, index):
     """A spring that reaches its pivot, or does not; where it does is told."""
     p = pendulum(rng, (1e-3, 0.02))
@@ -448,6 +494,8 @@ def case(rng, index):
         _resumed,
         _smooth,
     )
+    if index % 10 == 5 and index % 20 == 5:
+        return _base_table(rng, index // 20)
     if index % 10 in (1, 2, 3, 9):
         return kinds[index % 10](rng, index // 10 * 2 + (index % 10 in (3, 9)))
     return kinds[index % 10](rng, index // 10)
