@@ -19,7 +19,8 @@ module viscovib_damped_start
 
   !> Damping rates tried, in units of the frequency, and points of the way at most.
   integer, parameter :: n_rates = 8, max_points = 800
-  real(wp), parameter :: first_rate = 2.0_wp, ratio = 4.0_wp, max_step = 0.3_wp
+  real(wp), parameter :: first_rate = 2.0_wp, ratio = 4.0_wp, max_step = 0.3_wp, &
+                         loose = 1.0e-8_wp
 
   type, extends(curve_type) :: damped_curve_type
     type(balance_type), pointer :: balance => null()
@@ -65,7 +66,7 @@ contains
       iterations = 0
       call solve_on_curve(curve, 0.0_wp, sqrt(tolerance), start, outcome, iterations, cancel)
       if (outcome /= outcome_converged) cycle
-      call follow_curve(curve, curve_options(0.0_wp, 1.0_wp, max(tolerance, 1.0e-8_wp), max_points, &
+      call follow_curve(curve, curve_options(0.0_wp, 1.0_wp, max(tolerance, loose), max_points, &
                                              max_step), start, branch, cancel=cancel)
       made = branch%outcome == curve_completed .and. branch%n_points > 0
       if (made) exit

@@ -58,3 +58,16 @@ def test_couplings_far_stiffer_than_the_rest(seed):
     if off < 0.1:  # else another of several motions
         assert off < 30 / g + 100 * g * np.finfo(float).eps
     assert stiff.error[0] < 1e-4
+
+
+@pytest.mark.parametrize("load", [1.1281341423069074e101, 1.7e308])
+def test_what_is_no_number_is_told(load):
+    system = vv.PolynomialSystem(
+        mass=0.03, stiffness=672.8, damping=0.01, forces="2.6577956703699335e-26*x^3"
+    )
+    try:
+        branch = vv.trace_response(system, (153.67, 307.3), load=load, max_points=15)
+    except vv.InputError:
+        return
+    assert np.isfinite(branch.coefficients).all()
+    assert np.isfinite(branch.truncation).all()
