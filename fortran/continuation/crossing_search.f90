@@ -76,7 +76,9 @@ contains
       if (minval(n_growing(i:i + 1)) < 0) cycle
       searched = n_growing(i) /= n_growing(i + 1)
       if (folds%n > 0) searched = searched .or. any(folds%before(:folds%n) == i)
-      if (branch_points%n > 0) searched = searched .or. any(branch_points%before(:branch_points%n) == i)
+      associate (before => branch_points%before(:branch_points%n))
+        searched = searched .or. any(before == i)
+      end associate
       which = 0
       if (.not. searched) call find_dip(tests, p, x, i, which, dip)
       if (.not. searched .and. which == 0) cycle
