@@ -90,7 +90,12 @@ amplitude = branch.amplitude({model.names[0]!r})
     def judge(names, told):
         names["told"] = told
         branch = names["branch"]
-        yield Claim("completed", names["outcome"], "completed")
+        if names["outcome"] == "returned":
+            # The peak of a resonance lies behind the beginning: one fold of two is met.
+            yield Claim("back at its beginning", names["last"], names["first"], 1e-12)
+            yield Claim("an odd number of folds", branch.folds.size % 2, 1)
+        else:
+            yield Claim("completed", names["outcome"], "completed")
         own = np.abs(branch.coefficients[:, 0, list(branch.harmonics).index(1)])
         yield Claim("amplitude", names["amplitude"], own, 1e-14 * own)
         yield from _judge_points(model, names, load, tolerance, draw)
