@@ -37,6 +37,8 @@ def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, compl
         raise InputError(
             f"samples: {values.size} values, must be more than {2 * highest} for order {highest}"
         )
+    if float(np.abs(values).max()) > 1e150:
+        raise InputError("samples: values beyond 1e150 leave the range of numbers")
     n_kept = values.size // 2 + 1
     many = values.size > _native.MANY_SAMPLES
     whole = (
