@@ -137,7 +137,8 @@ contains
   end subroutine try_relaxing
 
   !> More exponents, from rates at which the system creeps away from rest, from what is left of
-  !! approximations and, of those that grow, from a grid, until as many right of the line of a path are found as were counted.
+  !! approximations and, of those that grow, from a grid, until as many right of the line of a
+  !! path are found as were counted.
   subroutine complete(hill, system, path, counted, exponents)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
