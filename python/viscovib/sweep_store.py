@@ -142,7 +142,7 @@ class DiskStore:
                 self._group = zarr.create_group(
                     self.path, zarr_format=3, attributes={_ABOUT: about}
                 )
-            if ERROR not in self._group:
+            if not all(name in self._group for name in (OUTCOME, ERROR, *grid.names)):
                 self._begin()
         except BaseException as error:
             self.close()

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -315,6 +316,16 @@ def test_damaged_metadata_are_put_right(tmp_path, file, content):
         (folder / file).write_bytes(b"{")
         with pytest.raises(vv.FileError, match=rf"c: {file} is damaged and cannot be put right"):
             sweep(Counted(), GRID, checkpoint=folder)
+
+
+def test_without_its_outcomes_a_checkpoint_begins_again(tmp_path):
+    """Their folder holds seals and copies too: nothing is known to be sound."""
+    folder = tmp_path / "c"
+    want = sweep(Counted(), GRID, checkpoint=folder, chunk=5).load()
+    shutil.rmtree(folder / "point_outcome")
+    CALLS.clear()
+    assert sweep(Counted(), GRID, checkpoint=folder).load().identical(want)
+    assert len(CALLS) == 24
 
 
 def test_chunks_in_the_place_of_others_are_made_again(tmp_path):
