@@ -309,6 +309,10 @@ class DiskStore:
                     self._open(name)[box] = values.reshape(*shape, *values.shape[1:])
             self._open(ERROR)[box] = errors.reshape(shape)
             place, outcome = self._place(i), part.outcome.reshape(shape)
+            if not part.arrays:
+                # Points that failed have no values: what stands there is of another chunk.
+                for file in self._files(place)[1:]:
+                    file.unlink(missing_ok=True)
             self._seals.write(place, outcome, self._files(place))
             self._open(OUTCOME)[box] = part.outcome.reshape(shape)
         except OSError as error:
