@@ -9,7 +9,7 @@ program viscovib_solve
   use viscovib_command_line, only: command_line, read_command_line
   use viscovib_counters, only: counted, counter_names
   use viscovib_files, only: ignore_file_limit
-  use viscovib_run_scene, only: plan_scene, run_scene, scene_report, scene_warnings
+  use viscovib_run_scene, only: plan_scene, run_scene, scene_report
   use viscovib_scene, only: read_scene, scene_type
   use viscovib_kinds, only: wp
   use viscovib_status, only: one_line, status_type
@@ -50,7 +50,7 @@ program viscovib_solve
   call stop_if_failed()
   call plan_scene(scene, plan, status)
   call stop_if_failed()
-  call say(error_unit, 'warning: ', scene_warnings(scene))
+  call say(error_unit, 'warning: ', scene%subject%warnings())
   if (command%plan) then
     call say(output_unit, '', plan)
     stop 0, quiet=.true.

@@ -110,17 +110,17 @@ end subroutine frequency_grid
 !! chosen at each point.
 subroutine branch_plan(parameter, from, to, n_orders, with_stability, text)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use viscovib_branch_job, only: plan_branch
+  use viscovib_branch_job, only: plan_along
   implicit none
   integer(c_int), intent(in) :: parameter, n_orders, with_stability
   real(c_double), intent(in) :: from, to
   character(len=1024), intent(out) :: text
   if (parameter == 1) then
-    text = plan_branch('nu', from, to, n_orders, with_stability /= 0)
+    text = plan_along('nu', from, to, n_orders, with_stability /= 0)
   else if (parameter == 2) then
-    text = plan_branch('load factor', from, to, n_orders, with_stability /= 0)
+    text = plan_along('load factor', from, to, n_orders, with_stability /= 0)
   else
-    text = plan_branch('the parameter', from, to, n_orders, with_stability /= 0)
+    text = plan_along('the parameter', from, to, n_orders, with_stability /= 0)
   end if
 end subroutine branch_plan
 

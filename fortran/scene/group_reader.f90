@@ -43,6 +43,7 @@ module viscovib_group_reader
     procedure :: place
     procedure :: complain
     procedure :: finish
+    procedure :: close
     procedure, private :: look_up
     procedure, private :: miss
     procedure, private :: one_value
@@ -477,6 +478,16 @@ contains
       end associate
     end do
   end subroutine finish
+
+  !> Finish a group, and hand on its failure and its canonical text.
+  subroutine close(self, canonical, status)
+    class(group_reader), intent(inout) :: self
+    character(len=:), allocatable, intent(inout) :: canonical
+    type(status_type), intent(out) :: status
+    call self%finish()
+    status = self%status
+    canonical = canonical//self%echo
+  end subroutine close
 
   !> Quotes doubled, as inside a quoted text.
   pure function doubled(text)

@@ -7,10 +7,12 @@ module viscovib_scene_groups
 
   public :: check_groups, place_of
 
+  !> What a scene may ask for, each by the name of its group.
+  character(len=*), parameter, public :: result_names(5) = &
+    [character(len=15) :: 'response', 'branch', 'backbone', 'multiple_scales', 'transient']
   character(len=*), parameter :: group_names(15) = &
     [character(len=15) :: 'scene', 'mount', 'system', 'spring', 'force', 'kernel', 'load', &
-     'response', 'branch', 'backbone', 'pendulum', 'transient', 'spectrum', &
-     'multiple_scales', 'sweep']
+     'pendulum', result_names, 'spectrum', 'sweep']
   !> What belongs to each system.
   character(len=*), parameter :: mount_groups(8) = &
     [character(len=15) :: 'mount', 'system', 'spring', 'force', 'kernel', 'load', 'response', &
@@ -27,16 +29,15 @@ contains
     type(namelist_type), intent(in) :: file
     logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
-    character(len=*), parameter :: results(4) = &
-      [character(len=15) :: 'response', 'branch', 'backbone', 'multiple_scales']
-    logical :: is_polynomial, is_moving, wanted(4)
+    character(len=*), parameter :: results(*) = result_names(:size(result_names) - 1)
+    logical :: is_polynomial, is_moving, wanted(size(results))
     integer :: i, j, n
 
     is_pendulum = .false.
     is_polynomial = place_of(file, 'system') <= size(file%groups)
     is_moving = place_of(file, 'transient') <= size(file%groups) &
                 .and. (is_polynomial .or. place_of(file, 'mount') <= size(file%groups))
-    wanted = [(place_of(file, trim(results(i))) <= size(file%groups), i=1, 4)]
+    wanted = [(place_of(file, trim(results(i))) <= size(file%groups), i=1, size(results))]
     do i = 1, size(file%groups)
       associate (group => file%groups(i))
         if (.not. any(group_names == group%name)) then

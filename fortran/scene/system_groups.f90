@@ -11,13 +11,11 @@ module viscovib_system_groups
   use viscovib_number_text, only: exact
   use viscovib_polynomial_text, only: expand, terms_type
   use viscovib_status, only: clipped, fail, show, status_input_error, status_type
+  use viscovib_subject, only: name_length
   implicit none
   private
 
   public :: read_system
-
-  !> Longest name of a coordinate or unit.
-  integer, parameter, public :: name_length = 16
 
   !> Most monomials of all laws, numbers of all stiffnesses, and steps of expanding all laws: what
   !! is read within a second.

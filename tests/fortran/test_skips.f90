@@ -12,6 +12,7 @@ module test_skips
   use viscovib_forced_response, only: forced_response
   use viscovib_kinds, only: i8, wp
   use viscovib_response, only: response_options, response_type
+  use viscovib_response_job, only: response_job
   use viscovib_response_plan, only: method_newton, method_successive, new_response_plan, &
     response_plan_type
   use viscovib_run_scene, only: plan_scene, run_scene, scene_report
@@ -84,6 +85,18 @@ contains
     call check_ok(status)
     counts = [(counted(i), i=1, size(counts))]
   end function work
+
+  !> Those of a scene that asks for a response.
+  function frequencies(scene) result(nu)
+    type(scene_type), intent(in) :: scene
+    real(wp), allocatable :: nu(:)
+    associate (job => scene%job)
+      select type (job)
+      type is (response_job)
+        nu = job%nu
+      end select
+    end associate
+  end function frequencies
 
   !> The work is done in the twin and not at all where it is skipped.
   subroutine compare(skipping, twin, kinds)
@@ -223,9 +236,11 @@ contains
     call check_ok(status)
     options%keep_idle = keep_idle
     call reset_counters()
-    call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, method, options, status)
-    call check_ok(status)
-    call forced_response(plan, scene%oscillator(), scene%load, scene%nu, found)
+    associate (subject => scene%subject, nu => frequencies(scene))
+      call new_response_plan(plan, subject%oscillator(), subject%load, nu, method, options, status)
+      call check_ok(status)
+      call forced_response(plan, subject%oscillator(), subject%load, nu, found)
+    end associate
     call check(.not. any(abs(found%coefficients(:, 2, :)) > 0.0_wp), 'b rests')
     i = findloc(found%orders, 1, 1)
     call check(all(abs(found%coefficients(i, 1, :)) > 1.0e-3_wp), 'a moves')
@@ -290,11 +305,13 @@ contains
     call read_scene('skips.nml', scene, status, mount//load//response//slash)
     call check_ok(status)
     options%keep_history = .true.
-    call new_response_plan(plan, scene%oscillator(), scene%load, scene%nu, method_successive, &
-                           options, status)
-    call check_ok(status)
-    call reset_counters()
-    call forced_response(plan, scene%oscillator(), scene%load, scene%nu, found)
+    associate (subject => scene%subject, nu => frequencies(scene))
+      call new_response_plan(plan, subject%oscillator(), subject%load, nu, method_successive, &
+                             options, status)
+      call check_ok(status)
+      call reset_counters()
+      call forced_response(plan, subject%oscillator(), subject%load, nu, found)
+    end associate
     counts = [(counted(i), i=1, size(counter_names))]
   end subroutine corrections
 

@@ -6,8 +6,9 @@ module test_table
   use viscovib_kinds, only: wp
   use viscovib_outcomes, only: outcome_diverged
   use viscovib_response, only: response_type
-  use viscovib_response_table, only: write_response
+  use viscovib_response_job, only: tabulate_response
   use viscovib_status, only: status_io_error, status_type
+  use viscovib_table, only: table_type
   use viscovib_text_file, only: text_writer
   implicit none
   private
@@ -19,7 +20,8 @@ module test_table
 contains
 
   subroutine run_table()
-    type(response_type) :: response
+    type(response_type), target :: response
+    type(table_type) :: table
     type(status_type) :: status
     type(text_writer) :: file
     character(len=:), allocatable :: text
@@ -27,10 +29,10 @@ contains
     call response%allocate_for([0.1_wp, 2.0_wp], [1, 3], 2, 0)
     response%coefficients(2, 1, 1) = (1.0_wp, -0.3_wp)
     call response%discard(2, outcome_diverged)
+    call tabulate_response(response, ['x  ', 'phi'], ['m  ', 'rad'], table)
 
     if (begin('a table, its folder made')) then
-      call write_response(scratch('table/a'), 't.csv', response, ['x  ', 'phi'], &
-                          ['m  ', 'rad'], 'first'//nl//'second', status)
+      call table%write(scratch('table/a'), 't.csv', 'first'//nl//'second', status)
       call check_ok(status)
       text = read_scratch('table/a/t.csv')
       call check(index(text, '# first'//nl//'# second'//nl//'# nu: ') == 1, 'header')
@@ -45,8 +47,7 @@ contains
 
     if (begin('a table replaces an older one')) then
       call write_scratch('table_old.csv', repeat('old ', 10000))
-      call write_response('.', scratch('table_old.csv'), response, ['x  ', 'phi'], &
-                          ['m  ', 'rad'], 'new', status)
+      call table%write('.', scratch('table_old.csv'), 'new', status)
       call check_ok(status)
       call check(index(read_scratch('table_old.csv'), 'old') == 0, 'nothing of the old one')
       call remove_scratch('table_old.csv')
@@ -54,15 +55,13 @@ contains
 
     if (begin('no table where there is a folder or no way')) then
       call make_folder(scratch('table/b.csv'))
-      call write_response(scratch('table'), 'b.csv', response, ['x  ', 'phi'], &
-                          ['m  ', 'rad'], 'x', status)
+      call table%write(scratch('table'), 'b.csv', 'x', status)
       call check_fails(status, scratch('table/b.csv')//': cannot be written (is it a folder?)')
       call check(status%category == status_io_error, 'an i/o error')
       call check(read_scratch('table/b.csv.part') == '(none)', 'nothing left')
       call remove_file(scratch('table/b.csv'))
       call write_scratch('table_file', '')
-      call write_response(scratch('table_file/c'), 't.csv', response, ['x  ', 'phi'], &
-                          ['m  ', 'rad'], 'x', status)
+      call table%write(scratch('table_file/c'), 't.csv', 'x', status)
       call check_fails(status, scratch('table_file/c/t.csv')//': cannot be written (')
       call check(status%category == status_io_error, 'an i/o error')
       call remove_scratch('table_file')

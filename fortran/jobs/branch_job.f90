@@ -1,35 +1,33 @@
-!> The &branch group of a scene with a mount or a polynomial system: a branch of periodic
-!! solutions in the frequency, the load or a parameter of the mount.
+!> A branch of periodic solutions of a mount or a polynomial system, in the frequency, the load
+!! or a parameter of the mount.
 module viscovib_branch_job
-  use viscovib_checks, only: check_positive
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_crossings, only: crossing_type, find_crossings
-  use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes
-  use viscovib_curve_groups, only: add_stability, note_crossings, read_curve, read_yes, &
-    stability_note
-  use viscovib_family_curve, only: judge_systems, nearly_nothing, new_family_curve, &
-    new_plain_curve, system_builder
-  use viscovib_group_reader, only: group_reader
+  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, curve_outcomes
+  use viscovib_curve_columns, only: add_stability, note_crossings, stability_note
+  use viscovib_family_curve, only: judge_systems, new_family_curve, new_plain_curve, system_builder
   use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_motion_stability, only: judge_type, new_judge, stability_type
   use viscovib_mount, only: mount_type
-  use viscovib_mount_builder, only: change_mount, mount_numbers, new_mount_builder
+  use viscovib_mount_builder, only: new_mount_builder
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency, vary_load
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_options
   use viscovib_response_branch, only: follow_response, highest_chosen
-  use viscovib_response_plan, only: method_newton, response_plan_type
+  use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
   use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_subject, only: subject_type
   use viscovib_table, only: listed, listed_units, table_type
   implicit none
   private
 
-  public :: branch_job, read_branch, begin_mount, plan_branch, run_branch, write_branch
+  public :: branch_job, plan_along
 
-  type :: branch_job
+  type, extends(job_type) :: branch_job
     !> What varies: 'nu', 'load_factor' or one of `mount_numbers`, whose place is `number`.
     character(len=:), allocatable :: varies
     integer :: number = 0
@@ -38,78 +36,50 @@ module viscovib_branch_job
     type(response_options) :: options
     type(curve_options) :: curve
     logical :: stability = .true.
+  contains
+    procedure, nopass :: kind => this_kind
+    procedure :: plan => plan_branch
+    procedure :: run
+    procedure :: response_plan
   end type branch_job
 
 contains
 
-  subroutine read_branch(reader, job, is_mount)
-    type(group_reader), intent(inout) :: reader
-    type(branch_job), intent(out) :: job
-    !> Else of a system, which has no parameters by name.
-    logical, intent(in) :: is_mount
-    character(len=*), parameter :: names(9) = [character(len=13) :: 'nu', 'load_factor', &
-                                               mount_numbers]
-    type(status_type) :: status
-    character(len=:), allocatable :: word, before
-    integer :: choice
+  pure function this_kind() result(kind)
+    character(len=:), allocatable :: kind
+    kind = 'branch'
+  end function this_kind
 
-    word = reader%read_text('vary', 'nu', names(:merge(9, 2, is_mount)), choice)
-    if (reader%status%failed()) return
-    job%varies = trim(names(choice))
-    job%number = max(choice - 2, 0)
-    before = merge('nu_', '   ', choice == 1)
-    job%curve%start = reader%read_real(trim(before)//'from')
-    job%curve%finish = reader%read_real(trim(before)//'to')
-    job%nu = job%curve%start
-    if (choice > 1) job%nu = reader%read_real('nu')
-    job%options%choose_harmonics = .true.
-    call reader%read_count('harmonics', job%options%harmonics, 'auto', &
-                           job%options%choose_harmonics)
-    job%options%keep_idle = .true.
-    call read_curve(reader, job%curve)
-    job%options%tolerance = job%curve%tolerance
-    job%stability = read_yes(reader, 'stability')
-    if (reader%status%failed()) return
-    if (choice > 1) then
-      call check_positive('nu', job%nu, status)
-      call reader%place(status)
-    else
-      call check_positive('nu_from', job%curve%start, status)
-      call reader%place(status)
-      call check_positive('nu_to', job%curve%finish, status)
-      call reader%place(status)
-    end if
-    if (.not. abs(job%curve%finish - job%curve%start) > 0.0_wp) then
-      word = trim(before)//'to'
-      call reader%complain(word, word//' = '//show(job%curve%finish)//': must differ from ' &
-                           //trim(before)//'from')
-    end if
-  end subroutine read_branch
+  !> What is decided of each of its points as of a single response.
+  subroutine response_plan(self, subject, plan, status)
+    class(branch_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    type(response_plan_type), intent(out) :: plan
+    type(status_type), intent(out) :: status
+    call new_response_plan(plan, subject%oscillator(), subject%load, [self%nu], method_newton, &
+                           self%options, status)
+  end subroutine response_plan
 
-  !> The mount at the beginning of a branch along one of its parameters, which must make
-  !! one at both ends.
-  subroutine begin_mount(reader, job, mount)
-    type(group_reader), intent(inout) :: reader
-    type(branch_job), intent(in) :: job
-    type(mount_type), intent(inout) :: mount
-    type(status_type) :: status
+  subroutine plan_branch(self, subject, text, status)
+    class(branch_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    character(len=:), allocatable, intent(out) :: text
+    type(status_type), intent(out) :: status
+    type(response_plan_type) :: plan
+    character(len=:), allocatable :: varies
 
-    if (reader%status%failed() .or. job%number == 0) return
-    call change_mount(mount, job%number, job%curve%finish, status)
-    if (status%failed()) then
-      ! Nothing is left of the mount.
-      call reader%complain('to', status%message)
-      return
-    end if
-    call change_mount(mount, job%number, job%curve%start, status)
-    if (status%failed()) call reader%complain('from', status%message)
-    if (abs(job%curve%start) > 0.0_wp .or. reader%status%failed()) return
-    ! With the terms that other values have.
-    call change_mount(mount, job%number, nearly_nothing, status)
-  end subroutine begin_mount
+    text = ''
+    call self%response_plan(subject, plan, status)
+    if (status%failed()) return
+    varies = self%varies
+    if (varies == 'load_factor') varies = 'load factor'
+    text = plan_along(varies, self%curve%start, self%curve%finish, &
+                      merge(0, size(plan%set%orders), plan%chosen), self%stability)//plan%rest &
+           //plan_unwanted('columns', subject, self%wanted)
+  end subroutine plan_branch
 
   !> What will be computed; the rest of the plan is that of a single response.
-  function plan_branch(varies, from, to, n_orders, stability) result(text)
+  function plan_along(varies, from, to, n_orders, stability) result(text)
     !> 'nu', 'load factor' or a parameter.
     character(len=*), intent(in) :: varies
     real(wp), intent(in) :: from, to
@@ -125,10 +95,44 @@ contains
            //trim(merge('computes: stability of each point, and where it changes', &
                         'skips: stability (not wanted)                          ', stability)) &
            //new_line('a')
-  end function plan_branch
+  end function plan_along
+
+  subroutine run(self, subject, sink, report, status)
+    class(branch_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    class(table_sink), intent(inout) :: sink
+    type(job_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(response_plan_type) :: plan
+    type(curve_branch_type), target :: branch
+    type(stability_type) :: stability
+    type(crossing_type), allocatable :: crossings(:)
+    type(table_type) :: table
+    integer, allocatable :: orders(:)
+    integer, allocatable, target :: highest(:)
+    integer :: i, j, n, short
+
+    call self%response_plan(subject, plan, status)
+    if (status%failed()) return
+    call follow_branch(self, plan, subject%oscillator(), subject%load, branch, orders, highest, &
+                       stability, crossings, status)
+    if (status%failed()) return
+    if (size(self%wanted) < size(subject%coordinates)) then
+      n = 2*size(orders)
+      branch%x = branch%x([((n*(self%wanted(j) - 1) + i, i=1, n), j=1, size(self%wanted))], :)
+    end if
+    call tabulate(self%varies, orders, highest, branch, stability, crossings, &
+                  subject%coordinates(self%wanted), subject%units(self%wanted), table)
+    call sink%put(this_kind(), table, status)
+    short = count(branch%truncation(:branch%n_points) > self%options%tolerance)
+    report%complete = branch%outcome == curve_completed .and. short == 0
+    report%summary = trim(curve_outcomes(branch%outcome))//', '//show(branch%n_points) &
+                     //' points, '//show(branch%folds%n)//' folds'
+    if (short > 0) report%summary = report%summary//', '//show(short)//' with too few harmonics'
+  end subroutine run
 
   !> Follow the branch as planned.
-  subroutine run_branch(job, plan, system, load, branch, orders, highest, stability, crossings, &
+  subroutine follow_branch(job, plan, system, load, branch, orders, highest, stability, crossings, &
                         status)
     type(branch_job), intent(in) :: job
     type(response_plan_type), intent(in) :: plan
@@ -219,29 +223,24 @@ contains
       end do
     end subroutine add_base_motion
 
-  end subroutine run_branch
+  end subroutine follow_branch
 
-  !> Write the table NAME in a folder, which is made if need be; the table is there
-  !! whole or not at all.
-  subroutine write_branch(folder, name, varies, orders, highest, branch, stability, crossings, &
-                          coordinates, units, header, status)
+  !> A row a point.
+  subroutine tabulate(varies, orders, highest, branch, stability, crossings, names, units, table)
     !> What varies, the first column.
-    character(len=*), intent(in) :: folder, name, varies
+    character(len=*), intent(in) :: varies
     integer, intent(in) :: orders(:)
     integer, intent(in), target :: highest(:)
     type(curve_branch_type), intent(in), target :: branch
     type(stability_type), intent(in) :: stability
     type(crossing_type), intent(in) :: crossings(:)
-    !> Names and units, one a coordinate.
-    character(len=*), intent(in) :: coordinates(:), units(:)
-    !> Lines for the top, separated by new-line characters.
-    character(len=*), intent(in) :: header
-    type(status_type), intent(out) :: status
-    type(table_type) :: table
+    !> Of the coordinates.
+    character(len=*), intent(in) :: names(:), units(:)
+    type(table_type), intent(out) :: table
     character(len=:), allocatable :: note, order
     integer :: d, i, k, n
 
-    if (counting) call count_up(counted_columns, size(coordinates))
+    if (counting) call count_up(counted_columns, size(names))
     n = branch%n_points
     call table%note('branch '//trim(curve_outcomes(branch%outcome))//'; folds at '//varies//' =' &
                     //listed(branch%folds%p(:branch%folds%n)))
@@ -254,20 +253,19 @@ contains
     end if
     call table%note(note//'; highest: order kept; truncation: estimated relative error of ' &
                     //'leaving out higher orders; error: of the last correction and rounding; ' &
-                    //listed_units(coordinates, units))
+                    //listed_units(names, units))
     call table%add_integers('highest', highest)
     call table%add_reals('truncation', branch%truncation(:n))
     call table%add_reals('error', branch%error(:n))
     i = 0
-    do d = 1, size(coordinates)
+    do d = 1, size(names)
       do k = 1, size(orders)
-        order = trim(coordinates(d))//'_'//show(orders(k))
+        order = trim(names(d))//'_'//show(orders(k))
         call table%add_reals(order//'_re', branch%x(i + 1, :n))
         call table%add_reals(order//'_im', branch%x(i + 2, :n))
         i = i + 2
       end do
     end do
-    call table%write(folder, name, header, status)
-  end subroutine write_branch
+  end subroutine tabulate
 
 end module viscovib_branch_job

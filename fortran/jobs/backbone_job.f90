@@ -1,29 +1,29 @@
-!> The &backbone group of a scene: free motions of a system without losses, grown from a
-!! linear mode; of a pendulum also families that leave them.
+!> Free motions of a system without losses, grown from a linear mode; of a pendulum also families
+!! that leave them.
 module viscovib_backbone_job
   use viscovib_backbone, only: follow_backbone
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
-  use viscovib_checks, only: check_positive
-  use viscovib_curve_branch, only: curve_branch_type, curve_options
-  use viscovib_curve_groups, only: check_between, read_curve, read_switch, read_yes
-  use viscovib_free_family, only: follow_family, free_family_type, free_options
-  use viscovib_group_reader, only: group_reader
+  use viscovib_counters, only: count_up, counted_columns, counting
+  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, curve_outcomes
+  use viscovib_curve_columns, only: add_stability, stability_note
+  use viscovib_free_family, only: follow_family, free_circle, free_family_type, free_options
+  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_orbit_multipliers, only: count_larger
   use viscovib_pendulum, only: equations_printed, new_pendulum, pendulum_parameters, pendulum_type
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_subject, only: subject_type
+  use viscovib_table, only: listed, listed_units, table_type
   implicit none
   private
 
-  public :: backbone_job, read_backbone, read_free, plan_backbone, plan_free, run_backbone, &
-            run_free
+  public :: backbone_job
 
   character(len=*), parameter, public :: backbone_parameters(2) = &
     [character(len=9) :: 'amplitude', 'energy']
-  character(len=*), parameter :: pendulum_names(3) = [character(len=3) :: 'z', 'phi', 'psi']
-  integer, parameter :: max_harmonics = 199
 
-  type :: backbone_job
+  type, extends(job_type) :: backbone_job
     !> The linear mode, counted from 0.
     integer :: mode = 0
     !> Place in `backbone_parameters`, and the coordinate whose amplitude counts.
@@ -36,111 +36,37 @@ module viscovib_backbone_job
     integer :: subharmonic = 1
     logical :: stability = .false., symmetric = .false.
     integer, allocatable :: switch(:)
+  contains
+    procedure, nopass :: kind => this_kind
+    procedure :: plan => plan_backbone
+    procedure :: run
   end type backbone_job
 
 contains
 
-  !> Of a mount or a polynomial system.
-  subroutine read_backbone(reader, system, coordinates, job)
-    type(group_reader), intent(inout) :: reader
-    class(oscillator_type), intent(in) :: system
-    character(len=*), intent(in) :: coordinates(:)
-    type(backbone_job), intent(out) :: job
-    type(backbone_plan_type) :: plan
-    type(status_type) :: status
-    character(len=:), allocatable :: word, name
+  pure function this_kind() result(kind)
+    character(len=:), allocatable :: kind
+    kind = 'backbone'
+  end function this_kind
 
-    allocate (job%switch(0))
-    job%mode = reader%read_integer('mode', 0)
-    call read_ends(reader, job)
-    job%harmonics = reader%read_integer('harmonics', job%harmonics)
-    call read_curve(reader, job%options)
-    name = ''
-    if (reader%has('dof')) then
-      word = reader%read_text('dof', allowed=coordinates, choice=job%dof)
-      if (job%dof > 0) name = trim(coordinates(job%dof))
-    end if
-    if (reader%status%failed()) return
-    call new_backbone_plan(plan, system, job%mode, job%dof, name, job%harmonics, &
-                           job%options%tolerance, status)
-    call reader%place(status)
-    if (status%failed() .or. job%dof > 0) return
-    word = reader%read_text('dof', trim(coordinates(plan%dof)), coordinates, job%dof)
-  end subroutine read_backbone
-
-  !> Of a pendulum.
-  subroutine read_free(reader, pendulum, job)
-    type(group_reader), intent(inout) :: reader
-    type(pendulum_type), intent(in) :: pendulum
-    type(backbone_job), intent(out) :: job
-    character(len=:), allocatable :: word
-    real(wp) :: omega(3), shapes(3, 3)
-    integer :: symmetry
-
-    job%mode = reader%read_integer('mode', 0)
-    word = reader%read_text('parameter', trim(backbone_parameters(1)), backbone_parameters, &
-                            job%parameter)
-    call read_ends(reader, job)
-    job%subharmonic = reader%read_integer('subharmonic', 1)
-    job%harmonics = reader%read_integer('harmonics', 15)
-    call read_curve(reader, job%options)
-    job%stability = read_yes(reader, 'stability')
-    word = reader%read_text('symmetry', 'any', [character(len=4) :: 'any', 'kept'], symmetry)
-    job%symmetric = symmetry == 2
-    call read_switch(reader, job%switch)
-    if (reader%status%failed()) return
-    call check_between(reader, 'mode', job%mode, 0, 2)
-    call check_between(reader, 'subharmonic', job%subharmonic, 1, 20)
-    if (reader%status%failed()) return
-    call check_between(reader, 'harmonics', job%harmonics, 1, max_harmonics/job%subharmonic)
-    if (pendulum%parameters%equations == equations_printed .and. job%mode > 0) then
-      call reader%complain('mode', 'mode = '//show(job%mode)//': the printed equations keep no ' &
-                           //'energy in swings, must be 0 with them')
-    end if
-    if (job%parameter > 1) then
-      call reader%refuse(['dof'], "goes with parameter = 'amplitude' only")
-      return
-    end if
-    call pendulum%natural_modes(omega, shapes)
-    associate (shape => shapes(:, job%mode + 1))
-      word = reader%read_text('dof', trim(pendulum_names(maxloc(abs(shape), 1))), &
-                              pendulum_names, job%dof)
-      if (reader%status%failed()) return
-      if (.not. abs(shape(job%dof)) > 0.0_wp) then
-        call reader%complain('dof', "dof = '"//trim(pendulum_names(job%dof)) &
-                             //"': stands still in mode "//show(job%mode))
-      end if
-    end associate
-  end subroutine read_free
-
-  !> Sizes from which and to which.
-  subroutine read_ends(reader, job)
-    type(group_reader), intent(inout) :: reader
-    type(backbone_job), intent(inout) :: job
-    type(status_type) :: status
-
-    job%options%start = reader%read_real('from')
-    job%options%finish = reader%read_real('to')
-    if (reader%status%failed()) return
-    call check_positive('from', job%options%start, status)
-    call reader%place(status)
-    if (.not. job%options%finish > job%options%start) then
-      call reader%complain('to', 'to = '//show(job%options%finish)//': must be greater than from')
-    end if
-  end subroutine read_ends
-
-  !> What will be computed of a mount or a polynomial system.
-  subroutine plan_backbone(job, system, text, status)
-    type(backbone_job), intent(in) :: job
-    class(oscillator_type), intent(in) :: system
+  subroutine plan_backbone(self, subject, text, status)
+    class(backbone_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
     character(len=:), allocatable, intent(out) :: text
     type(status_type), intent(out) :: status
     type(backbone_plan_type) :: plan
 
-    text = ''
-    call new_backbone_plan(plan, system, job%mode, job%dof, '', job%harmonics, &
-                           job%options%tolerance, status)
-    if (.not. status%failed()) text = plan%text(job%options%start, job%options%finish)
+    call set_ok(status)
+    if (subject%is_pendulum) then
+      text = plan_free(self, subject%pendulum)
+    else
+      text = ''
+      call new_backbone_plan(plan, subject%oscillator(), self%mode, self%dof, '', &
+                             self%harmonics, self%options%tolerance, status)
+      if (status%failed()) return
+      text = plan%text(self%options%start, self%options%finish)
+    end if
+    text = text//plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_backbone
 
   !> What will be computed of a pendulum.
@@ -166,6 +92,44 @@ contains
       text = text//'skips: families that leave it (no switch)'//nl
     end if
   end function plan_free
+
+  !> A table for the backbone and one for each family that leaves it.
+  subroutine run(self, subject, sink, report, status)
+    class(backbone_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    class(table_sink), intent(inout) :: sink
+    type(job_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(free_family_type), allocatable :: families(:)
+    type(table_type) :: table
+    integer, allocatable :: orders(:)
+    character(len=:), allocatable :: name
+    integer :: i
+
+    if (subject%is_pendulum) then
+      call run_free(self, subject%pendulum, orders, families, status)
+    else
+      allocate (families(1))
+      call run_backbone(self, subject%oscillator(), orders, families(1), status)
+    end if
+    if (status%failed()) return
+    do i = 1, size(families)
+      name = this_kind()
+      if (i > 1) name = name//'_'//show(i - 1)
+      call tabulate(self, subject, orders, families(i), table)
+      call sink%put(name, table, status)
+      if (status%failed()) return
+    end do
+    associate (first => families(1))
+      report%complete = first%outcome == curve_completed
+      report%summary = trim(curve_outcomes(first%outcome))//', '//show(size(first%nu)) &
+                       //' points, '//show(size(first%folds))//' folds'
+      if (subject%is_pendulum) report%summary = report%summary//', '//show(size(first%branch_p)) &
+                                                //' branch points'
+    end associate
+    if (size(families) > 1) report%summary = report%summary//'; tables of ' &
+                                             //show(size(families) - 1)//' more'
+  end subroutine run
 
   !> The family of a mount or a polynomial system, and the orders kept.
   subroutine run_backbone(job, system, orders, family, status)
@@ -275,5 +239,38 @@ contains
       kept(:, 2:) = spread([(mod(k, 2*multiple) == multiple, k=0, highest)], 2, 2)
     end if
   end function kept_orders
+
+  !> A row a motion.
+  subroutine tabulate(self, subject, orders, family, table)
+    type(backbone_job), intent(in) :: self
+    type(subject_type), intent(in) :: subject
+    integer, intent(in) :: orders(:)
+    type(free_family_type), intent(in), target :: family
+    type(table_type), intent(out) :: table
+    character(len=:), allocatable :: note
+    integer :: i, k
+
+    if (counting) call count_up(counted_columns, size(self%wanted))
+    call table%note('backbone '//trim(curve_outcomes(family%outcome))//'; folds at '//trim(backbone_parameters(self%parameter)) &
+                    //' ='//listed(family%folds))
+    if (size(family%branch_p) > 0) call table%note('branch points at '//trim(backbone_parameters(self%parameter))//' =' &
+                                                   //listed(family%branch_p))
+    call table%add_reals('nu', family%nu)
+    if (allocated(family%energy)) call table%add_reals('energy', family%energy)
+    note = 'nu: circular frequency'
+    if (allocated(family%multipliers)) then
+      note = note//stability_note
+      call add_stability(table, [(count_larger(family%multipliers(:, i), free_circle), &
+                                  i=1, size(family%nu))], family%multipliers(1, :))
+    end if
+    call table%note(note//'; u = sum_k a_k cos(k nu t); ' &
+                    //listed_units(subject%coordinates(self%wanted), subject%units(self%wanted)))
+    do i = 1, size(self%wanted)
+      do k = 1, size(orders)
+        call table%add_reals(trim(subject%coordinates(self%wanted(i)))//'_'//show(orders(k)), &
+                             family%x((self%wanted(i) - 1)*size(orders) + k, :))
+      end do
+    end do
+  end subroutine tabulate
 
 end module viscovib_backbone_job

@@ -1,0 +1,49 @@
+!> What tables of curves share: columns and notes about stability.
+module viscovib_curve_columns
+  use viscovib_crossings, only: crossing_names, crossing_type
+  use viscovib_kinds, only: wp
+  use viscovib_number_text, only: exact
+  use viscovib_polar, only: modulus
+  use viscovib_status, only: show
+  use viscovib_table, only: table_type
+  implicit none
+  private
+
+  public :: add_stability, note_crossings
+
+  !> What the columns about stability are.
+  character(len=*), parameter, public :: &
+    stability_note = '; stable: 1, not: 0, unknown: -1; growing: multipliers outside the unit ' &
+                     //'circle, unknown: -1; multiplier: size of the largest'
+
+contains
+
+  !> A line for each change of stability.
+  subroutine note_crossings(table, crossings, varies)
+    type(table_type), intent(inout) :: table
+    type(crossing_type), intent(in) :: crossings(:)
+    !> What varies along the branch.
+    character(len=*), intent(in) :: varies
+    character(len=:), allocatable :: row
+    integer :: i
+    do i = 1, size(crossings)
+      row = 'stability changes after point '//show(crossings(i)%before)//': ' &
+            //trim(crossing_names(crossings(i)%kind))
+      if (crossings(i)%located) row = row//' at '//varies//' = '//trim(exact(crossings(i)%p))
+      call table%note(row)
+    end do
+  end subroutine note_crossings
+
+  !> Columns about stability: how many multipliers are outside the unit circle, -1: unknown, and
+  !! the largest of all, NaN: unknown.
+  subroutine add_stability(table, growing, largest)
+    type(table_type), intent(inout) :: table
+    integer, intent(in), target :: growing(:)
+    complex(wp), intent(in) :: largest(:)
+
+    call table%hold_integers('stable', merge(growing, merge(1, 0, growing == 0), growing < 0))
+    call table%hold_integers('growing', growing)
+    call table%hold_reals('multiplier', modulus(largest))
+  end subroutine add_stability
+
+end module viscovib_curve_columns

@@ -1,0 +1,411 @@
+!> A branch of driven motions of the pendulum along a frequency or an amplitude of its loads, and
+!! others that leave it.
+module viscovib_driven_job
+  use viscovib_crossings, only: crossing_type
+  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
+    curve_outcomes, follow_curve
+  use viscovib_curve_columns, only: add_stability, note_crossings, stability_note
+  use viscovib_drive_torus, only: drive_torus_type, judging_shells, kept_by_symmetry, &
+    largest_bound, lattice, max_unknowns, n_drives, varied_names, varies_nu
+  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
+  use viscovib_kinds, only: wp
+  use viscovib_number_text, only: exact
+  use viscovib_orbit_floquet, only: orbit_floquet_type
+  use viscovib_orbit_multipliers, only: count_larger
+  use viscovib_orbit_stability, only: find_orbit_crossings, judge_orbits, orbit_circle
+  use viscovib_outcomes, only: outcome_converged
+  use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_subject, only: subject_type
+  use viscovib_table, only: listed, table_type
+  use viscovib_torus, only: new_torus, torus_type
+  use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_amplitude, &
+    vary_frequency
+  use viscovib_torus_orders, only: better_bound, branch_truncation, max_vain, new_ladder, &
+    torus_ladder
+  use viscovib_torus_response, only: solve_from_rest
+  implicit none
+  private
+
+  !> Orders are added up to this part of the unknowns that may be asked for.
+  real(wp), parameter :: fewer = 2.0_wp
+
+  public :: driven_job
+
+  type, extends(job_type) :: driven_job
+    !> Place in `varied_names`.
+    integer :: parameter = 1
+    type(curve_options) :: options
+    !> Highest order, the first one tried if they are chosen.
+    integer :: harmonics = 0
+    logical :: choose_harmonics = .true.
+    logical :: stability = .true.
+    !> Only motions that share the symmetry of system and loads.
+    logical :: symmetric = .false.
+    integer :: subharmonic = 1, max_denominator = 12
+    !> Branch points to leave at, counted from 1, negative: the other way.
+    integer, allocatable :: switch(:)
+    type(drive_torus_type) :: torus
+  contains
+    procedure, nopass :: kind => this_kind
+    procedure :: plan => plan_driven
+    procedure :: run
+    procedure, private :: kept_of
+  end type driven_job
+
+  !> A branch, its values in units of the parameter.
+  type :: driven_branch
+    integer :: outcome = curve_completed
+    !> Highest order kept, and the estimated relative error of leaving out others where it is
+    !! largest.
+    integer :: harmonics = 0
+    real(wp) :: truncation = 0.0_wp
+    !> Shape (n); base frequencies, shape (n_axes, n); unknowns, those left out as 0, shape
+    !! (torus%n n_dof, n).
+    real(wp), allocatable :: parameter(:), base(:, :), x(:, :)
+    real(wp), allocatable :: folds(:), branch_points(:)
+    !> Largest first, NaN where unknown, shape (6, n), and changes of stability; left without
+    !! arrays where not wanted, or with several base frequencies.
+    complex(wp), allocatable :: multipliers(:, :)
+    type(crossing_type), allocatable :: crossings(:)
+  end type driven_branch
+
+  !> Branches of one pendulum, with orders to a bound.
+  type :: tracing_type
+    !> Loads of size 1, their amplitudes apart, as what varies may be one of them.
+    type(pendulum_type) :: system
+    real(wp) :: load(n_drives) = 0.0_wp
+    type(torus_type) :: torus
+    type(torus_balance_type) :: balance
+    !> In units of what the balance varies, of which the parameter holds `unit`.
+    type(curve_options) :: options
+    real(wp) :: unit = 1.0_wp
+    integer :: bound = 0
+  contains
+    procedure :: begin
+    procedure :: follow_first
+    procedure :: judge
+    procedure :: keep
+  end type tracing_type
+
+contains
+
+  pure function this_kind() result(kind)
+    character(len=:), allocatable :: kind
+    kind = 'branch'
+  end function this_kind
+
+  subroutine plan_driven(self, subject, text, status)
+    class(driven_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    character(len=:), allocatable, intent(out) :: text
+    type(status_type), intent(out) :: status
+
+    call set_ok(status)
+    text = 'computes: the branch from '//trim(varied_names(self%parameter))//' = ' &
+           //show(self%options%start)//' to '//show(self%options%finish)//', '
+    if (self%torus%n_axes == 1) then
+      text = text//'periodic motions'
+    else
+      text = text//'quasi-periodic motions of '//show(self%torus%n_axes)//' base frequencies'
+    end if
+    if (self%choose_harmonics) then
+      text = text//', as many orders as the tolerance needs, '//show(self%harmonics)//' at first'
+    else
+      text = text//', '//show(size(lattice(self%torus%n_axes, self%harmonics), 2)) &
+             //' orders a coordinate'
+    end if
+    text = text//new_line('a')
+    if (size(self%switch) > 0) then
+      text = text//'computes: '//show(size(self%switch))//' branches that leave it' &
+             //new_line('a')
+    else
+      text = text//'skips: branches that leave it (no switch)'//new_line('a')
+    end if
+    if (.not. self%stability) then
+      text = text//'skips: stability (not wanted)'//new_line('a')
+    else if (self%torus%n_axes == 1) then
+      text = text//'computes: stability of each motion, and where it changes'//new_line('a')
+    else
+      text = text//'skips: stability (of quasi-periodic motions, only over a duration, in ' &
+             //'Python)'//new_line('a')
+    end if
+    if (self%symmetric) text = text//'skips: orders that the symmetry of system and loads rules ' &
+                              //'out'//new_line('a')
+    text = text//plan_unwanted('columns', subject, self%wanted)
+  end subroutine plan_driven
+
+  !> A table for the branch and one for each that leaves it, in the order asked for.
+  subroutine run(self, subject, sink, report, status)
+    class(driven_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    class(table_sink), intent(inout) :: sink
+    type(job_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(driven_branch), allocatable :: branches(:)
+    type(table_type) :: table
+    character(len=:), allocatable :: name
+    integer :: i, short
+
+    call trace(self, subject%pendulum, branches, status)
+    if (status%failed()) return
+    do i = 1, size(branches)
+      name = this_kind()
+      if (i > 1) name = name//'_'//show(i - 1)
+      call tabulate(self, subject, branches(i), table)
+      call sink%put(name, table, status)
+      if (status%failed()) return
+    end do
+    short = count(branches%truncation > self%options%tolerance)
+    associate (first => branches(1))
+      report%complete = first%outcome == curve_completed .and. short == 0
+      report%summary = trim(curve_outcomes(first%outcome))//', '//show(size(first%parameter)) &
+                       //' points, '//show(size(first%folds))//' folds, ' &
+                       //show(size(first%branch_points))//' branch points'
+    end associate
+    if (short > 0) report%summary = report%summary//', '//show(short)//' of '// &
+                                    show(size(branches))//' branches with too few harmonics'
+    if (size(branches) > 1) report%summary = report%summary//'; '//show(size(branches) - 1) &
+                                             //' branches that leave it'
+  end subroutine run
+
+  !> The branch, with as many orders as it needs, then those that leave it.
+  subroutine trace(job, pendulum, branches, status)
+    type(driven_job), intent(in) :: job
+    type(pendulum_type), intent(in) :: pendulum
+    type(driven_branch), allocatable, target, intent(out) :: branches(:)
+    type(status_type), intent(out) :: status
+    type(tracing_type), target :: tracing
+    type(curve_branch_type) :: first, other
+    real(wp) :: truncation
+    integer :: i, n
+
+    allocate (branches(1 + size(job%switch)))
+    call follow_with_enough(job, pendulum, tracing, first, truncation, status)
+    if (status%failed()) return
+    call tracing%keep(job, first, branches(1))
+    branches(1)%truncation = truncation
+    do i = 1, size(job%switch)
+      n = abs(job%switch(i))
+      if (n > first%branch_points%n) then
+        call fail(status, status_input_error, 'switch', 'switch = '//show(job%switch(i)) &
+                  //': the branch has '//show(first%branch_points%n)//' branch points')
+        return
+      end if
+      associate (points => first%branch_points)
+        call follow_curve(tracing%balance, tracing%options, points%x(:, n), other, &
+                          points%p(n)*tracing%unit/tracing%unit, &
+                          sign(1, job%switch(i))*points%across(:, n))
+      end associate
+      call tracing%judge(job, other, truncation, status)
+      if (status%failed()) return
+      call tracing%keep(job, other, branches(i + 1))
+      branches(i + 1)%truncation = truncation
+    end do
+  end subroutine trace
+
+  !> The branch from its beginning, with more orders until they are enough or in vain.
+  subroutine follow_with_enough(job, pendulum, tracing, branch, truncation, status)
+    type(driven_job), intent(in) :: job
+    type(pendulum_type), intent(in) :: pendulum
+    type(tracing_type), target, intent(inout) :: tracing
+    type(curve_branch_type), intent(inout) :: branch
+    real(wp), intent(out) :: truncation
+    type(status_type), intent(out) :: status
+    real(wp) :: last
+    integer :: next, vain, most
+
+    truncation = huge(1.0_wp)
+    call tracing%begin(job, pendulum, status)
+    if (status%failed()) return
+    most = tracing%bound
+    if (job%choose_harmonics) then
+      most = max(most, largest_bound(job%torus%n_axes, fewer, max_unknowns))
+    end if
+    vain = 0
+    do
+      last = truncation
+      call tracing%follow_first(job, branch, status)
+      if (.not. status%failed()) call tracing%judge(job, branch, truncation, status)
+      if (status%failed()) return
+      if (truncation <= tracing%options%tolerance .or. tracing%bound >= most) return
+      if (truncation > 0.5_wp*last) vain = vain + 1
+      if (vain >= max_vain) return
+      next = better_bound(tracing%bound, truncation, tracing%options%tolerance, &
+                          judging_shells(job%torus), most)
+      if (next <= tracing%bound) return
+      tracing%bound = next
+    end do
+  end subroutine follow_with_enough
+
+  subroutine begin(self, job, pendulum, status)
+    class(tracing_type), intent(inout) :: self
+    type(driven_job), intent(in) :: job
+    type(pendulum_type), intent(in) :: pendulum
+    type(status_type), intent(out) :: status
+    type(pendulum_parameters) :: parameters
+
+    parameters = pendulum%parameters
+    self%load = parameters%load
+    parameters%load = 1.0_wp
+    self%bound = job%harmonics
+    call new_pendulum(self%system, parameters, status)
+  end subroutine begin
+
+  !> The branch from its beginning.
+  subroutine follow_first(self, job, branch, status)
+    class(tracing_type), intent(inout), target :: self
+    type(driven_job), intent(in) :: job
+    type(curve_branch_type), intent(inout) :: branch
+    type(status_type), intent(out) :: status
+    real(wp), allocatable :: x(:)
+    integer :: outcome, iterations
+
+    call new_torus(self%torus, lattice(job%torus%n_axes, self%bound), status)
+    if (status%failed()) return
+    call new_torus_balance(self%balance, self%system, self%torus, job%torus%orders, &
+                           job%torus%base, self%load, job%kept_of(self%torus%orders, self%load))
+    self%unit = 1.0_wp
+    if (job%parameter > n_drives .and. job%parameter < varies_nu) then
+      self%balance%vary = vary_amplitude
+      self%balance%which = job%parameter - n_drives
+    else
+      self%balance%vary = vary_frequency
+      self%balance%which = job%torus%axis
+      self%balance%lowest = 0.0_wp
+      self%unit = real(job%torus%multiple, wp)
+    end if
+    self%options = job%options
+    self%options%start = job%options%start/self%unit
+    self%options%finish = job%options%finish/self%unit
+    allocate (x(self%balance%n))
+    iterations = 0
+    call solve_from_rest(self%balance, self%options%start, self%options%tolerance, x, outcome, &
+                         iterations)
+    branch%n_points = 0
+    if (outcome == outcome_converged) call follow_curve(self%balance, self%options, x, branch)
+    if (branch%n_points > 0) return
+    call fail(status, status_input_error, 'from', trim(varied_names(job%parameter)) &
+              //': no solution was found at its beginning '//show(job%options%start) &
+              //': begin elsewhere')
+  end subroutine follow_first
+
+  !> Which orders of which coordinates are unknowns.
+  function kept_of(self, orders, load) result(kept)
+    class(driven_job), intent(in) :: self
+    integer, intent(in) :: orders(:, :)
+    real(wp), intent(in) :: load(n_drives)
+    logical :: kept(size(orders, 2), 3)
+    kept = .true.
+    if (self%symmetric) kept = kept_by_symmetry(self%torus, orders, load, self%parameter)
+  end function kept_of
+
+  !> What more orders would change, where that is most.
+  subroutine judge(self, job, branch, truncation, status)
+    class(tracing_type), intent(in) :: self
+    type(driven_job), intent(in) :: job
+    type(curve_branch_type), intent(in) :: branch
+    real(wp), intent(out) :: truncation
+    type(status_type), intent(out) :: status
+    type(torus_ladder) :: ladder
+    integer, allocatable :: orders(:, :)
+    real(wp), allocatable :: x(:, :)
+    integer :: k, shells
+
+    truncation = 0.0_wp
+    shells = judging_shells(job%torus)
+    orders = lattice(job%torus%n_axes, self%bound + shells)
+    call new_ladder(ladder, self%system, orders, job%kept_of(orders, self%load), &
+                    job%torus%orders, job%torus%base, self%load, self%balance%vary, &
+                    self%balance%which, self%bound, self%bound, shells)
+    allocate (x(self%torus%n*3, branch%n_points))
+    do k = 1, branch%n_points
+      x(:, k) = reshape(self%balance%expanded(branch%x(:, k)), [self%torus%n*3])
+    end do
+    call branch_truncation(ladder, branch%parameter(:branch%n_points), x, &
+                           self%options%tolerance, truncation, status)
+  end subroutine judge
+
+  !> A branch in units of the parameter, with its stability.
+  subroutine keep(self, job, from, to)
+    class(tracing_type), intent(inout), target :: self
+    type(driven_job), intent(in) :: job
+    type(curve_branch_type), intent(in) :: from
+    type(driven_branch), intent(out) :: to
+    ! Its steps are those of the branch, whatever was computed before.
+    type(orbit_floquet_type) :: floquet
+    integer :: k, n
+
+    n = from%n_points
+    to%outcome = from%outcome
+    to%harmonics = self%bound
+    to%parameter = from%parameter(:n)*self%unit
+    to%base = spread(job%torus%base, 2, n)
+    if (self%balance%vary == vary_frequency) to%base(self%balance%which, :) = from%parameter(:n)
+    allocate (to%x(self%torus%n*3, n))
+    do k = 1, n
+      to%x(:, k) = reshape(self%balance%expanded(from%x(:, k)), [self%torus%n*3])
+    end do
+    to%folds = from%folds%p*self%unit
+    to%branch_points = from%branch_points%p*self%unit
+    if (.not. job%stability .or. job%torus%n_axes > 1) return
+    allocate (to%multipliers(6, n))
+    associate (p => from%parameter(:n), points => from%x(:, :n))
+      call judge_orbits(floquet, self%balance, p, points, to%multipliers)
+      call find_orbit_crossings(floquet, self%balance, p, points, to%multipliers, from%folds, &
+                                from%branch_points, to%crossings)
+    end associate
+    to%crossings%p = to%crossings%p*self%unit
+  end subroutine keep
+
+  !> A row a point.
+  subroutine tabulate(self, subject, branch, table)
+    type(driven_job), intent(in) :: self
+    type(subject_type), intent(in) :: subject
+    type(driven_branch), intent(in), target :: branch
+    type(table_type), intent(out) :: table
+    integer, allocatable :: orders(:, :)
+    character(len=:), allocatable :: varies, title, note
+    integer :: i, j, d, k, m, n
+
+    allocate (orders, source=lattice(self%torus%n_axes, branch%harmonics))
+    varies = trim(varied_names(self%parameter))
+    n = size(branch%parameter)
+    call table%note('branch '//trim(curve_outcomes(branch%outcome))//'; folds at '//varies//' =' &
+                    //listed(branch%folds))
+    call table%note('branch points at '//varies//' ='//listed(branch%branch_points))
+    call table%add_reals(varies, branch%parameter)
+    do i = 1, self%torus%n_axes
+      call table%add_reals('omega_'//show(i), branch%base(i, :))
+    end do
+    note = 'q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)'
+    if (allocated(branch%multipliers)) then
+      call note_crossings(table, branch%crossings, varies)
+      note = note//stability_note
+      call add_stability(table, [(count_larger(branch%multipliers(:, i), orbit_circle), i=1, n)], &
+                         branch%multipliers(1, :))
+    end if
+    call table%note(note//'; orders to '//show(branch%harmonics)//' leave an estimated relative ' &
+                    //'error of '//trim(exact(branch%truncation))//' at most')
+    do j = 1, size(self%wanted)
+      d = self%wanted(j)
+      i = (d - 1)*(2*size(orders, 2) - 1)
+      do k = 1, size(orders, 2)
+        title = trim(subject%coordinates(d))//'_'//show(orders(1, k))
+        do m = 2, size(orders, 1)
+          title = title//','//show(orders(m, k))
+        end do
+        ! The mean is Im X_0.
+        if (k == 1) then
+          call table%hold_reals(title//'_re', [(0.0_wp, m=1, n)])
+        else
+          i = i + 1
+          call table%add_reals(title//'_re', branch%x(i, :))
+        end if
+        i = i + 1
+        call table%add_reals(title//'_im', branch%x(i, :))
+      end do
+    end do
+  end subroutine tabulate
+
+end module viscovib_driven_job

@@ -1,0 +1,88 @@
+!> What every job is: options that were read and checked, a plan, a run that gives tables.
+!!
+!! The driver and the bindings know jobs by this alone. A new analysis extends `job_type` in a
+!! file of its own, and is named where scenes are read (`viscovib_scene_results`).
+module viscovib_job
+  use viscovib_status, only: status_type
+  use viscovib_subject, only: subject_type
+  use viscovib_table, only: table_type
+  implicit none
+  private
+
+  public :: job_type, job_report, table_sink, plan_unwanted
+
+  type, abstract :: job_type
+    !> Which coordinates the tables show.
+    integer, allocatable :: wanted(:)
+  contains
+    procedure(plan_interface), deferred :: plan
+    procedure(run_interface), deferred :: run
+    procedure(kind_interface), deferred, nopass :: kind
+  end type job_type
+
+  type :: job_report
+    !> A sentence about the result, and whether all of it was found.
+    character(len=:), allocatable :: summary
+    logical :: complete = .true.
+  end type job_report
+
+  !> Where tables go while their values are at hand.
+  type, abstract :: table_sink
+  contains
+    procedure(put_interface), deferred :: put
+  end type table_sink
+
+  abstract interface
+
+    !> The name of the group that asks for it, and of its first table.
+    pure function kind_interface() result(kind)
+      character(len=:), allocatable :: kind
+    end function kind_interface
+
+    !> What will be computed and what is skipped, with the reasons, a line each.
+    subroutine plan_interface(self, subject, text, status)
+      import :: job_type, status_type, subject_type
+      class(job_type), intent(in) :: self
+      type(subject_type), intent(in), target :: subject
+      character(len=:), allocatable, intent(out) :: text
+      type(status_type), intent(out) :: status
+    end subroutine plan_interface
+
+    subroutine run_interface(self, subject, sink, report, status)
+      import :: job_report, job_type, status_type, subject_type, table_sink
+      class(job_type), intent(in) :: self
+      type(subject_type), intent(in), target :: subject
+      class(table_sink), intent(inout) :: sink
+      type(job_report), intent(out) :: report
+      type(status_type), intent(out) :: status
+    end subroutine run_interface
+
+    subroutine put_interface(self, name, table, status)
+      import :: status_type, table_sink, table_type
+      class(table_sink), intent(inout) :: self
+      !> As in the names of files: "branch", "branch_1", "spectrum".
+      character(len=*), intent(in) :: name
+      type(table_type), intent(in) :: table
+      type(status_type), intent(out) :: status
+    end subroutine put_interface
+
+  end interface
+
+contains
+
+  !> The line about columns, or what else, of coordinates that are not wanted, if there are any.
+  function plan_unwanted(what, subject, wanted) result(text)
+    character(len=*), intent(in) :: what
+    type(subject_type), intent(in) :: subject
+    integer, intent(in) :: wanted(:)
+    character(len=:), allocatable :: text
+    integer :: i
+
+    text = ''
+    do i = 1, size(subject%coordinates)
+      if (all(wanted /= i)) text = text//', '//trim(subject%coordinates(i))
+    end do
+    if (text /= '') text = 'skips: '//what//' of '//text(3:)//' (not asked for)'//new_line('a')
+  end function plan_unwanted
+
+end module viscovib_job

@@ -1,0 +1,246 @@
+!> A motion in time of any system, and spectra of it.
+module viscovib_motion_job
+  use viscovib_amplitude_spectrum, only: amplitude_spectrum
+  use viscovib_constants, only: pi
+  use viscovib_counters, only: count_up, counted_columns, counting
+  use viscovib_dense, only: factorize, solve
+  use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, plan_hereditary, &
+    run_hereditary_job
+  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
+  use viscovib_kinds, only: wp
+  use viscovib_method_catalogue, only: transient_methods
+  use viscovib_number_text, only: exact
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_pendulum_job, only: plan_pendulum, run_pendulum_job
+  use viscovib_polar, only: argument, modulus
+  use viscovib_polynomial_job, only: plan_polynomial, run_polynomial_job
+  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_simulate, only: run_completed, run_names
+  use viscovib_status, only: set_ok, show, status_type
+  use viscovib_subject, only: subject_type
+  use viscovib_table, only: listed_units, table_type
+  use viscovib_transient_job, only: trajectory_type, transient_job
+  use viscovib_windows, only: window_hann, window_names
+  implicit none
+  private
+
+  public :: motion_job, spectrum_job
+
+  !> What &spectrum asks for.
+  type :: spectrum_job
+    logical :: wanted = .false.
+    !> Place in `window_names`.
+    integer :: window = window_hann
+    !> States before this time are left out.
+    real(wp) :: discard = 0.0_wp
+    !> Coordinates of which there are spectra.
+    integer, allocatable :: transformed(:)
+  end type spectrum_job
+
+  type, extends(job_type) :: motion_job
+    !> Of a system with memory a `hereditary_job`.
+    class(transient_job), allocatable :: motion
+    !> Frequency of the load of a system without memory (rad/s).
+    real(wp) :: nu = 0.0_wp
+    type(spectrum_job) :: spectrum
+  contains
+    procedure, nopass :: kind => this_kind
+    procedure :: plan => plan_motion
+    procedure :: run
+  end type motion_job
+
+contains
+
+  pure function this_kind() result(kind)
+    character(len=:), allocatable :: kind
+    kind = 'transient'
+  end function this_kind
+
+  subroutine plan_motion(self, subject, text, status)
+    class(motion_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    character(len=:), allocatable, intent(out) :: text
+    type(status_type), intent(out) :: status
+    integer :: i
+
+    call set_ok(status)
+    associate (motion => self%motion)
+      select type (motion)
+      type is (hereditary_job)
+        text = plan_hereditary(motion, subject%oscillator(), subject%load)
+      type is (transient_job)
+        if (subject%is_pendulum) then
+          text = plan_pendulum(motion, subject%pendulum)
+        else
+          text = plan_polynomial(motion, subject%polynomial, subject%load)
+        end if
+      end select
+    end associate
+    text = text//plan_unwanted('columns', subject, self%wanted)
+    if (.not. self%spectrum%wanted) then
+      text = text//'skips: Fourier transforms (no spectrum asked for)'//new_line('a')
+      return
+    end if
+    associate (transformed => self%spectrum%transformed)
+      text = text//'computes: spectra of '//trim(subject%coordinates(transformed(1)))
+      do i = 2, size(transformed)
+        text = text//', '//trim(subject%coordinates(transformed(i)))
+      end do
+      text = text//', window '//trim(window_names(self%spectrum%window))//new_line('a') &
+             //plan_unwanted('Fourier transforms', subject, transformed)
+    end associate
+  end subroutine plan_motion
+
+  subroutine run(self, subject, sink, report, status)
+    class(motion_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    class(table_sink), intent(inout) :: sink
+    type(job_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(trajectory_type), target :: trajectory
+    character(len=:), allocatable :: method
+    integer :: kept
+
+    call move(self, subject, trajectory, method, status)
+    if (status%failed()) return
+    kept = 2
+    if (self%spectrum%wanted) then
+      kept = count(trajectory%t >= self%spectrum%discard*(1.0_wp - 1.0e-12_wp))
+      if (kept >= 2) call put_spectrum(self%spectrum, subject, trajectory, kept, sink, status)
+      if (status%failed()) return
+    end if
+    call put_motion(self, subject, trajectory, method, sink, status)
+    report%complete = trajectory%outcome == run_completed .and. kept >= 2
+    report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &
+                     //', '//show(size(trajectory%t))//' states'
+    if (trajectory%error >= 0.0_wp) report%summary = report%summary//', estimated error ' &
+                                                     //show(trajectory%error)
+    if (kept < 2) report%summary = report%summary//'; no spectrum: '//show(kept) &
+                                   //' states from discard on, must be at least 2'
+  end subroutine run
+
+  !> Integrate.
+  subroutine move(self, subject, trajectory, method, status)
+    class(motion_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    type(trajectory_type), intent(out) :: trajectory
+    character(len=:), allocatable, intent(out) :: method
+    type(status_type), intent(out) :: status
+    type(polynomial_motion_type) :: own
+    real(wp) :: omega(3), shapes(3, 3)
+
+    associate (motion => self%motion)
+      select type (motion)
+      type is (hereditary_job)
+        method = trim(hereditary_methods(motion%method))
+        call run_hereditary_job(motion, subject%oscillator(), subject%load, &
+                                fastest_frequency(subject), trajectory, status)
+      type is (transient_job)
+        method = trim(transient_methods(motion%method))
+        if (subject%is_pendulum) then
+          call subject%pendulum%natural_modes(omega, shapes)
+          call run_pendulum_job(motion, subject%pendulum, &
+                                max(maxval(omega), maxval(subject%pendulum%drives)), trajectory, &
+                                status)
+        else
+          call new_polynomial_motion(own, subject%polynomial, subject%load, self%nu, status)
+          if (status%failed()) return
+          call run_polynomial_job(motion, subject%polynomial, subject%load, self%nu, &
+                                  own%fastest(), trajectory, status)
+        end if
+      end select
+    end associate
+  end subroutine move
+
+  !> Fastest natural frequency of a mount, or an upper bound of the rates of a polynomial
+  !! system.
+  real(wp) function fastest_frequency(subject) result(fastest)
+    type(subject_type), intent(in), target :: subject
+    real(wp) :: omega(2), shapes(2, 2)
+
+    if (subject%is_polynomial) then
+      fastest = largest_rate(subject%polynomial, subject%polynomial%n_dof())
+    else
+      call subject%mount%natural_modes(omega, shapes)
+      fastest = omega(2)
+    end if
+  end function fastest_frequency
+
+  !> Largest sums along a row of M^-1 K, its root, and of M^-1 C.
+  real(wp) function largest_rate(system, n)
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: n
+    real(wp) :: mass(n, n), pull(n, n), drag(n, n)
+    integer :: pivots(n), k
+    logical :: singular
+
+    mass = system%mass
+    pull = matmul(system%spread, system%gather)
+    drag = system%damping
+    call factorize(n, mass, pivots, singular)
+    do k = 1, n
+      call solve(n, mass, pivots, pull(:, k))
+      call solve(n, mass, pivots, drag(:, k))
+    end do
+    largest_rate = sqrt(maxval(sum(abs(pull), 2))) + maxval(sum(abs(drag), 2))
+  end function largest_rate
+
+  !> A row a time.
+  subroutine put_motion(self, subject, trajectory, method, sink, status)
+    class(motion_job), intent(in) :: self
+    type(subject_type), intent(in) :: subject
+    type(trajectory_type), intent(in), target :: trajectory
+    character(len=*), intent(in) :: method
+    class(table_sink), intent(inout) :: sink
+    type(status_type), intent(out) :: status
+    type(table_type) :: table
+    character(len=:), allocatable :: name
+    integer :: i
+
+    if (counting) call count_up(counted_columns, size(self%wanted))
+    call table%note('method '//method//', step '//trim(exact(trajectory%h))//', ' &
+                    //trim(run_names(trajectory%outcome)))
+    call table%note(trim(merge('dimensionless: t in 1/omega_1', 'units: t in s                ', &
+                               subject%is_pendulum))//', ' &
+                    //listed_units(subject%coordinates(self%wanted), subject%units(self%wanted)))
+    call table%add_reals('t', trajectory%t)
+    do i = 1, size(self%wanted)
+      name = trim(subject%coordinates(self%wanted(i)))
+      call table%add_reals(name, trajectory%states(2*self%wanted(i) - 1, :))
+      call table%add_reals(name//'_dot', trajectory%states(2*self%wanted(i), :))
+    end do
+    call sink%put(this_kind(), table, status)
+  end subroutine put_motion
+
+  !> A row a frequency, of the last `kept` states.
+  subroutine put_spectrum(self, subject, trajectory, kept, sink, status)
+    type(spectrum_job), intent(in) :: self
+    type(subject_type), intent(in) :: subject
+    type(trajectory_type), intent(in) :: trajectory
+    integer, intent(in) :: kept
+    class(table_sink), intent(inout) :: sink
+    type(status_type), intent(out) :: status
+    type(table_type) :: table
+    complex(wp), allocatable :: spectrum(:)
+    character(len=:), allocatable :: name
+    real(wp) :: step
+    integer :: i, k, first
+
+    if (counting) call count_up(counted_columns, size(self%transformed))
+    first = size(trajectory%t) - kept + 1
+    step = trajectory%t(min(2, size(trajectory%t)))
+    allocate (spectrum(0:kept/2))
+    call table%note('window '//trim(window_names(self%window))//'; omega in rad per unit of ' &
+                    //'time, phases in rad at the first sample')
+    call table%hold_reals('omega', [(2.0_wp*pi/(kept*step)*k, k=0, kept/2)])
+    do i = 1, size(self%transformed)
+      call amplitude_spectrum(trajectory%states(2*self%transformed(i) - 1, first:), self%window, &
+                              spectrum)
+      name = trim(subject%coordinates(self%transformed(i)))
+      call table%hold_reals(name//'_amplitude', modulus(spectrum))
+      call table%hold_reals(name//'_phase', argument(spectrum))
+    end do
+    call sink%put('spectrum', table, status)
+  end subroutine put_spectrum
+
+end module viscovib_motion_job

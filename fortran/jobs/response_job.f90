@@ -1,0 +1,115 @@
+!> A steady response at given frequencies, of a mount or a polynomial system.
+module viscovib_response_job
+  use viscovib_counters, only: count_up, counted_columns, counting
+  use viscovib_forced_response, only: forced_response
+  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
+  use viscovib_kinds, only: wp
+  use viscovib_outcomes, only: outcome_converged, outcome_names
+  use viscovib_response, only: response_options, response_type
+  use viscovib_response_plan, only: new_response_plan, response_plan_type
+  use viscovib_status, only: show, status_type
+  use viscovib_subject, only: subject_type
+  use viscovib_table, only: table_type
+  implicit none
+  private
+
+  public :: response_job, tabulate_response
+
+  type, extends(job_type) :: response_job
+    !> Frequencies (rad/s); place in `method_names`.
+    real(wp), allocatable :: nu(:)
+    integer :: method = 0
+    type(response_options) :: options
+  contains
+    procedure, nopass :: kind => this_kind
+    procedure :: plan => plan_response
+    procedure :: run
+  end type response_job
+
+contains
+
+  pure function this_kind() result(kind)
+    character(len=:), allocatable :: kind
+    kind = 'response'
+  end function this_kind
+
+  subroutine plan_response(self, subject, text, status)
+    class(response_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    character(len=:), allocatable, intent(out) :: text
+    type(status_type), intent(out) :: status
+    type(response_plan_type) :: plan
+
+    text = ''
+    call new_response_plan(plan, subject%oscillator(), subject%load, self%nu, self%method, &
+                           self%options, status)
+    if (.not. status%failed()) text = plan%text//plan_unwanted('columns', subject, self%wanted)
+  end subroutine plan_response
+
+  subroutine run(self, subject, sink, report, status)
+    class(response_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    class(table_sink), intent(inout) :: sink
+    type(job_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(response_plan_type) :: plan
+    type(response_type), target :: response
+    type(table_type) :: table
+    integer :: found, short
+
+    call new_response_plan(plan, subject%oscillator(), subject%load, self%nu, self%method, &
+                           self%options, status)
+    if (status%failed()) return
+    call forced_response(plan, subject%oscillator(), subject%load, self%nu, response)
+    found = count(response%outcome == outcome_converged)
+    if (size(self%wanted) < size(subject%coordinates)) then
+      response%coefficients = response%coefficients(:, self%wanted, :)
+    end if
+    call tabulate_response(response, subject%coordinates(self%wanted), &
+                           subject%units(self%wanted), table)
+    call sink%put(this_kind(), table, status)
+    short = count(pack(response%truncation, response%outcome == outcome_converged) &
+                  > plan%options%tolerance)
+    report%complete = found == size(self%nu) .and. short == 0
+    report%summary = show(found)//' of '//show(size(self%nu))//' frequencies solved'
+    if (short > 0) report%summary = report%summary//', '//show(short)//' with too few harmonics'
+  end subroutine run
+
+  !> A row a frequency.
+  subroutine tabulate_response(response, coordinates, units, table)
+    type(response_type), intent(in), target :: response
+    !> Names and units, one a coordinate.
+    character(len=*), intent(in) :: coordinates(:), units(:)
+    type(table_type), intent(out) :: table
+    character(len=:), allocatable :: names
+    integer :: d, k
+
+    if (counting) call count_up(counted_columns, size(coordinates))
+    call table%note('nu: circular frequency of the load (rad/s); rate: factor between the last ' &
+                    //'corrections; highest: order kept; truncation: estimated relative error ' &
+                    //'of leaving out higher orders; u = Im sum_k X_k exp(i k nu t),')
+    names = ''
+    do d = 1, size(coordinates)
+      names = names//trim(coordinates(d))//'_k_re, '//trim(coordinates(d))//'_k_im: X_k of ' &
+              //trim(coordinates(d))//' ('//trim(units(d))//'); '
+    end do
+    call table%note(names//'nan where no solution was found')
+    call table%add_reals('nu', response%nu)
+    call table%add_words('outcome', response%outcome, outcome_names)
+    call table%add_integers('iterations', response%iterations)
+    call table%add_reals('rate', response%rate)
+    call table%add_integers('highest', response%highest)
+    call table%add_reals('truncation', response%truncation)
+    if (allocated(response%stability%stable)) then
+      call table%note('stable: 1: stable, 0: not, -1: unknown')
+      call table%add_integers('stable', response%stability%stable)
+    end if
+    do d = 1, size(response%coefficients, 2)
+      do k = 1, size(response%orders)
+        call table%add_complex(trim(coordinates(d))//'_'//show(response%orders(k)), &
+                               response%coefficients(k, d, :))
+      end do
+    end do
+  end subroutine tabulate_response
+
+end module viscovib_response_job

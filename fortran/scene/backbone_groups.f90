@@ -1,0 +1,111 @@
+!> The &backbone group of a scene.
+module viscovib_backbone_groups
+  use viscovib_backbone_job, only: backbone_job, backbone_parameters
+  use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
+  use viscovib_checks, only: check_positive
+  use viscovib_curve_groups, only: check_between, read_curve, read_switch, read_yes
+  use viscovib_group_reader, only: group_reader
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_pendulum, only: equations_printed, pendulum_type
+  use viscovib_status, only: show, status_type
+  implicit none
+  private
+
+  public :: read_backbone, read_free
+
+  character(len=*), parameter :: pendulum_names(3) = [character(len=3) :: 'z', 'phi', 'psi']
+  integer, parameter :: max_harmonics = 199
+
+contains
+
+  !> Of a mount or a polynomial system.
+  subroutine read_backbone(reader, system, coordinates, job)
+    type(group_reader), intent(inout) :: reader
+    class(oscillator_type), intent(in) :: system
+    character(len=*), intent(in) :: coordinates(:)
+    type(backbone_job), intent(out) :: job
+    type(backbone_plan_type) :: plan
+    type(status_type) :: status
+    character(len=:), allocatable :: word, name
+
+    allocate (job%switch(0))
+    job%mode = reader%read_integer('mode', 0)
+    call read_ends(reader, job)
+    job%harmonics = reader%read_integer('harmonics', job%harmonics)
+    call read_curve(reader, job%options)
+    name = ''
+    if (reader%has('dof')) then
+      word = reader%read_text('dof', allowed=coordinates, choice=job%dof)
+      if (job%dof > 0) name = trim(coordinates(job%dof))
+    end if
+    if (reader%status%failed()) return
+    call new_backbone_plan(plan, system, job%mode, job%dof, name, job%harmonics, &
+                           job%options%tolerance, status)
+    call reader%place(status)
+    if (status%failed() .or. job%dof > 0) return
+    word = reader%read_text('dof', trim(coordinates(plan%dof)), coordinates, job%dof)
+  end subroutine read_backbone
+
+  !> Of a pendulum.
+  subroutine read_free(reader, pendulum, job)
+    type(group_reader), intent(inout) :: reader
+    type(pendulum_type), intent(in) :: pendulum
+    type(backbone_job), intent(out) :: job
+    character(len=:), allocatable :: word
+    real(wp) :: omega(3), shapes(3, 3)
+    integer :: symmetry
+
+    job%mode = reader%read_integer('mode', 0)
+    word = reader%read_text('parameter', trim(backbone_parameters(1)), backbone_parameters, &
+                            job%parameter)
+    call read_ends(reader, job)
+    job%subharmonic = reader%read_integer('subharmonic', 1)
+    job%harmonics = reader%read_integer('harmonics', 15)
+    call read_curve(reader, job%options)
+    job%stability = read_yes(reader, 'stability')
+    word = reader%read_text('symmetry', 'any', [character(len=4) :: 'any', 'kept'], symmetry)
+    job%symmetric = symmetry == 2
+    call read_switch(reader, job%switch)
+    if (reader%status%failed()) return
+    call check_between(reader, 'mode', job%mode, 0, 2)
+    call check_between(reader, 'subharmonic', job%subharmonic, 1, 20)
+    if (reader%status%failed()) return
+    call check_between(reader, 'harmonics', job%harmonics, 1, max_harmonics/job%subharmonic)
+    if (pendulum%parameters%equations == equations_printed .and. job%mode > 0) then
+      call reader%complain('mode', 'mode = '//show(job%mode)//': the printed equations keep no ' &
+                           //'energy in swings, must be 0 with them')
+    end if
+    if (job%parameter > 1) then
+      call reader%refuse(['dof'], "goes with parameter = 'amplitude' only")
+      return
+    end if
+    call pendulum%natural_modes(omega, shapes)
+    associate (shape => shapes(:, job%mode + 1))
+      word = reader%read_text('dof', trim(pendulum_names(maxloc(abs(shape), 1))), &
+                              pendulum_names, job%dof)
+      if (reader%status%failed()) return
+      if (.not. abs(shape(job%dof)) > 0.0_wp) then
+        call reader%complain('dof', "dof = '"//trim(pendulum_names(job%dof)) &
+                             //"': stands still in mode "//show(job%mode))
+      end if
+    end associate
+  end subroutine read_free
+
+  !> Sizes from which and to which.
+  subroutine read_ends(reader, job)
+    type(group_reader), intent(inout) :: reader
+    type(backbone_job), intent(inout) :: job
+    type(status_type) :: status
+
+    job%options%start = reader%read_real('from')
+    job%options%finish = reader%read_real('to')
+    if (reader%status%failed()) return
+    call check_positive('from', job%options%start, status)
+    call reader%place(status)
+    if (.not. job%options%finish > job%options%start) then
+      call reader%complain('to', 'to = '//show(job%options%finish)//': must be greater than from')
+    end if
+  end subroutine read_ends
+
+end module viscovib_backbone_groups

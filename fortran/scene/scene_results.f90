@@ -1,0 +1,207 @@
+!> What a scene may ask for: each result by the name of its group, and what reads it.
+!!
+!! A new analysis is added here: its name in `viscovib_scene_groups`, its case in `read_result`.
+module viscovib_scene_results
+  use viscovib_backbone_groups, only: read_backbone, read_free
+  use viscovib_backbone_job, only: backbone_job
+  use viscovib_branch_groups, only: begin_mount, read_branch
+  use viscovib_branch_job, only: branch_job
+  use viscovib_driven_groups, only: read_driven
+  use viscovib_driven_job, only: driven_job
+  use viscovib_group_reader, only: group_reader
+  use viscovib_hereditary_job, only: hereditary_job
+  use viscovib_job, only: job_type
+  use viscovib_motion_groups, only: read_frequency, read_hereditary, read_spectrum, read_transient
+  use viscovib_motion_job, only: motion_job
+  use viscovib_namelist, only: namelist_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_response_groups, only: read_response
+  use viscovib_response_job, only: response_job
+  use viscovib_scales_groups, only: read_oscillator_scales, read_pendulum_scales
+  use viscovib_scales_job, only: scales_job
+  use viscovib_scene_groups, only: place_of, result_names
+  use viscovib_status, only: show, status_type
+  use viscovib_subject, only: subject_type
+  use viscovib_transient_job, only: transient_job
+  use viscovib_wanted_coordinates, only: read_wanted
+  implicit none
+  private
+
+  public :: read_result
+
+contains
+
+  !> The group of the result, its file checked.
+  subroutine read_result(file, subject, job, canonical, status)
+    type(namelist_type), intent(in) :: file
+    type(subject_type), intent(inout), target :: subject
+    class(job_type), allocatable, intent(out) :: job
+    character(len=:), allocatable, intent(inout) :: canonical
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+    character(len=:), allocatable :: plan
+    integer :: i, n
+
+    do i = 1, size(result_names)
+      n = place_of(file, trim(result_names(i)))
+      if (n <= size(file%groups)) exit
+    end do
+    call reader%start(file%path, file%groups(n))
+    select case (trim(file%groups(n)%name))
+    case ('response')
+      call read_response_job(reader, job)
+    case ('branch')
+      call read_branch_job(reader, subject, job)
+    case ('backbone')
+      call read_backbone_job(reader, subject, job)
+    case ('multiple_scales')
+      call read_scales_job(reader, subject, job)
+    case default
+      call read_motion_job(reader, subject, job)
+    end select
+    call read_wanted(reader, subject%coordinates, job%wanted)
+    call reader%close(canonical, status)
+    if (status%failed()) return
+    n = place_of(file, 'spectrum')
+    if (n <= size(file%groups)) then
+      call reader%start(file%path, file%groups(n))
+      call read_spectrum_of(reader, subject, job)
+      call reader%close(canonical, status)
+      return
+    end if
+    if (any(job%kind() == ['response', 'branch  '])) then
+      ! What only the whole job shows to be wrong.
+      call job%plan(subject, plan, status)
+      if (status%failed()) call place_failure(file, subject, job%kind(), status)
+    end if
+  end subroutine read_result
+
+  subroutine read_response_job(reader, job)
+    type(group_reader), intent(inout) :: reader
+    class(job_type), allocatable, intent(out) :: job
+    type(response_job), allocatable :: own
+
+    allocate (own)
+    call read_response(reader, own%method, own%options, own%nu)
+    call move_alloc(own, job)
+  end subroutine read_response_job
+
+  subroutine read_branch_job(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(inout) :: subject
+    class(job_type), allocatable, intent(out) :: job
+    type(branch_job), allocatable :: own
+    type(driven_job), allocatable :: driven
+
+    if (subject%is_pendulum) then
+      allocate (driven)
+      call read_driven(reader, subject%pendulum, driven)
+      call move_alloc(driven, job)
+    else
+      allocate (own)
+      call read_branch(reader, own, .not. subject%is_polynomial)
+      call begin_mount(reader, own, subject%mount)
+      call move_alloc(own, job)
+    end if
+  end subroutine read_branch_job
+
+  subroutine read_backbone_job(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in), target :: subject
+    class(job_type), allocatable, intent(out) :: job
+    type(backbone_job), allocatable :: own
+
+    allocate (own)
+    if (subject%is_pendulum) then
+      call read_free(reader, subject%pendulum, own)
+    else
+      call read_backbone(reader, subject%oscillator(), subject%coordinates, own)
+    end if
+    call move_alloc(own, job)
+  end subroutine read_backbone_job
+
+  subroutine read_scales_job(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    class(job_type), allocatable, intent(out) :: job
+    type(scales_job), allocatable :: own
+
+    allocate (own)
+    if (subject%is_pendulum) then
+      call read_pendulum_scales(reader, own)
+    else
+      call read_oscillator_scales(reader, subject%load, own)
+    end if
+    call move_alloc(own, job)
+  end subroutine read_scales_job
+
+  subroutine read_motion_job(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in), target :: subject
+    class(job_type), allocatable, intent(out) :: job
+    type(motion_job), allocatable :: own
+    type(hereditary_job), allocatable :: hereditary
+    type(transient_job), allocatable :: motion
+    type(polynomial_motion_type) :: system
+    type(status_type) :: status
+
+    allocate (own, motion)
+    if (subject%is_pendulum) then
+      call read_transient(reader, subject%pendulum, motion)
+      call move_alloc(motion, own%motion)
+    else if (subject%remembers()) then
+      allocate (hereditary)
+      call read_hereditary(reader, size(subject%coordinates), subject%load, hereditary)
+      call move_alloc(hereditary, own%motion)
+    else
+      call read_frequency(reader, subject%load, own%nu)
+      if (.not. reader%status%failed()) then
+        call new_polynomial_motion(system, subject%polynomial, subject%load, own%nu, status)
+        call reader%place(status)
+        if (.not. status%failed()) call read_transient(reader, system, motion)
+      end if
+      call move_alloc(motion, own%motion)
+    end if
+    call move_alloc(own, job)
+  end subroutine read_motion_job
+
+  !> The &spectrum group beside &transient.
+  subroutine read_spectrum_of(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    class(job_type), intent(inout) :: job
+
+    select type (job)
+    type is (motion_job)
+      call read_spectrum(reader, job%motion, job%spectrum)
+      call read_wanted(reader, subject%coordinates, job%spectrum%transformed)
+    end select
+  end subroutine read_spectrum_of
+
+  !> Put the place before the message of a plan that failed: the line to change.
+  subroutine place_failure(file, subject, kind, status)
+    type(namelist_type), intent(in) :: file
+    type(subject_type), intent(in), target :: subject
+    character(len=*), intent(in) :: kind
+    type(status_type), intent(inout) :: status
+    class(oscillator_type), pointer :: system
+    character(len=:), allocatable :: name
+    integer :: i, n
+
+    name = kind
+    n = 1
+    if (status%subject == 'beta') then
+      system => subject%oscillator()
+      name = 'kernel'
+      n = system%kernel_without_integral()
+    end if
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name == name) n = n - 1
+      if (n == 0) exit
+    end do
+    status%message = file%path//':'//show(file%groups(i)%line_of(status%subject))//': ' &
+                     //status%message
+  end subroutine place_failure
+
+end module viscovib_scene_results
