@@ -247,14 +247,16 @@ contains
     integer, intent(in) :: orders(:)
     type(free_family_type), intent(in), target :: family
     type(table_type), intent(out) :: table
-    character(len=:), allocatable :: note
+    character(len=:), allocatable :: note, varies
     integer :: i, k
 
     if (counting) call count_up(counted_columns, size(self%wanted))
-    call table%note('backbone '//trim(curve_outcomes(family%outcome))//'; folds at '//trim(backbone_parameters(self%parameter)) &
+    varies = trim(backbone_parameters(self%parameter))
+    call table%note('backbone '//trim(curve_outcomes(family%outcome))//'; folds at '//varies &
                     //' ='//listed(family%folds))
-    if (size(family%branch_p) > 0) call table%note('branch points at '//trim(backbone_parameters(self%parameter))//' =' &
-                                                   //listed(family%branch_p))
+    if (size(family%branch_p) > 0) then
+      call table%note('branch points at '//varies//' ='//listed(family%branch_p))
+    end if
     call table%add_reals('nu', family%nu)
     if (allocated(family%energy)) call table%add_reals('energy', family%energy)
     note = 'nu: circular frequency'
