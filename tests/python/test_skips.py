@@ -129,7 +129,7 @@ def test_coordinates_wanted_and_the_last_state(tmp_path):
     assert f"# {str(result.plan).splitlines()[0]}" in lines
     with pytest.raises(vv.InputError, match="must be one of 'z', 'phi', 'psi'"):
         result.trajectory.to_csv(tmp_path / "motion.csv", coordinates=["x"])
-    with pytest.raises(vv.InputError, match="must be a sequence of names"):
+    with pytest.raises(vv.InputError, match="must be a list or tuple of names"):
         result.trajectory.to_csv(tmp_path / "motion.csv", coordinates="z")
     bad = tmp_path / "bad.nml"
     for old, new, message in (
