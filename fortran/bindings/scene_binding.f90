@@ -90,6 +90,42 @@ subroutine scene_plan(path, given, max_text, text, n_text, status, message)
   call report(outcome, status, message)
 end subroutine scene_plan
 
+!> Do what the scene of a text asks for, and write its tables into a folder, as the driver does;
+!! `path` names it. complete: 1 if all of it was found.
+subroutine scene_run(path, given, folder, max_text, text, n_text, complete, status, message)
+  use, intrinsic :: iso_c_binding, only: c_int
+  use viscovib_binding_tools, only: report
+  use viscovib_run_scene, only: run_scene_at => run_scene, scene_report
+  use viscovib_scene, only: read_scene, scene_type
+  use viscovib_status, only: status_type
+  use viscovib_version, only: version
+  implicit none
+  character(len=*), intent(in) :: path, given, folder
+  integer(c_int), intent(in) :: max_text
+  !> What is to be said of it.
+  character(len=1), intent(out) :: text(max_text)
+  integer(c_int), intent(out) :: n_text, complete, status
+  character(len=512), intent(out) :: message
+  type(scene_type) :: scene
+  type(scene_report) :: told
+  type(status_type) :: outcome
+  integer :: i
+
+  text = ' '
+  n_text = 0
+  complete = 0
+  call read_scene(path, scene, outcome, given)
+  if (.not. outcome%failed()) call run_scene_at(scene, folder, version, told, outcome)
+  if (.not. outcome%failed()) then
+    n_text = len(told%summary)
+    complete = merge(1, 0, told%complete)
+    do i = 1, min(n_text, max_text)
+      text(i) = told%summary(i:i)
+    end do
+  end if
+  call report(outcome, status, message)
+end subroutine scene_run
+
 !> Evenly spaced frequencies, as scenes make them.
 subroutine frequency_grid(lowest, highest, logarithmic, n, grid)
   use, intrinsic :: iso_c_binding, only: c_double, c_int

@@ -1,139 +1,144 @@
-!> Which groups make up a scene: the known ones, the right number of each, and one system.
+!> Which groups make up a scene: the known ones, the right number of each, one system and one
+!! result.
 module viscovib_scene_groups
   use viscovib_namelist, only: namelist_type
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
   private
 
-  public :: check_groups, place_of
+  public :: check_groups, place_of, find_result
 
-  !> What a scene may ask for, each by the name of its group.
-  character(len=*), parameter, public :: result_names(5) = &
-    [character(len=15) :: 'response', 'branch', 'backbone', 'multiple_scales', 'transient']
-  character(len=*), parameter :: group_names(15) = &
-    [character(len=15) :: 'scene', 'mount', 'system', 'spring', 'force', 'kernel', 'load', &
-     'pendulum', result_names, 'spectrum', 'sweep']
-  !> What belongs to each system.
-  character(len=*), parameter :: mount_groups(8) = &
-    [character(len=15) :: 'mount', 'system', 'spring', 'force', 'kernel', 'load', 'response', &
-     'branch'], &
-                                 pendulum_groups(3) = &
-    [character(len=15) :: 'pendulum', 'transient', 'spectrum'], &
+  !> What a scene may ask for, each by the name of its group, and what it goes with.
+  type :: result_name
+    character(len=15) :: name
+    logical :: of_pendulum, needs_load
+  end type result_name
+
+  type(result_name), parameter :: results(6) = [ &
+                                                result_name('response', .false., .true.), &
+                                                result_name('branch', .true., .true.), &
+                                                result_name('backbone', .true., .false.), &
+                                                result_name('multiple_scales', .true., .true.), &
+                                                result_name('modes', .true., .false.), &
+                                                result_name('transient', .true., .false.)]
+
+  !> Other groups: those of a mount or a system of one's own, and those of any scene.
+  character(len=*), parameter :: oscillator_groups(6) = &
+    [character(len=15) :: 'mount', 'system', 'spring', 'force', 'kernel', 'load'], &
+                                 other_groups(4) = &
+    [character(len=15) :: 'scene', 'pendulum', 'spectrum', 'sweep'], &
                                  repeatable(5) = &
     [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'sweep']
 
 contains
 
-  !> Known groups only, the right number of each, and one system.
   subroutine check_groups(file, is_pendulum, status)
     type(namelist_type), intent(in) :: file
     logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
-    character(len=*), parameter :: results(*) = result_names(:size(result_names) - 1)
-    logical :: is_polynomial, is_moving, wanted(size(results))
-    integer :: i, j, n
+    logical :: is_polynomial
+    integer :: i
 
-    is_pendulum = .false.
-    is_polynomial = place_of(file, 'system') <= size(file%groups)
-    is_moving = place_of(file, 'transient') <= size(file%groups) &
-                .and. (is_polynomial .or. place_of(file, 'mount') <= size(file%groups))
-    wanted = [(place_of(file, trim(results(i))) <= size(file%groups), i=1, size(results))]
+    is_pendulum = has(file, 'pendulum')
+    is_polynomial = has(file, 'system')
+    call set_ok(status)
     do i = 1, size(file%groups)
-      associate (group => file%groups(i))
-        if (.not. any(group_names == group%name)) then
-          call refuse_group(i, 'unknown group &'//group%name//': must be one of ' &
-                            //listed(group_names))
-          return
-        end if
-        if (group%name == 'pendulum') is_pendulum = .true.
-      end associate
-    end do
-    do j = 1, size(group_names)
-      n = 0
-      do i = 1, size(file%groups)
-        if (file%groups(i)%name /= group_names(j)) cycle
-        n = n + 1
-        if (n == 2 .and. .not. any(group_names(j) == repeatable)) then
-          call refuse_group(i, 'a second &'//trim(group_names(j))//': must be given once')
-        else if (is_pendulum .and. any(mount_groups == group_names(j)) &
-                 .and. group_names(j) /= 'branch') then
-          call refuse_group(i, '&'//trim(group_names(j))//': belongs to a mount, and this scene ' &
-                            //'has &pendulum')
-        else if (is_polynomial .and. group_names(j) == 'mount') then
-          call refuse_group(i, '&mount: this scene has &system already, give one of them')
-        else if (.not. is_polynomial .and. any(group_names(j) == ['spring', 'force '])) then
-          call refuse_group(i, '&'//trim(group_names(j))//': needs &system')
-        else if (group_names(j) == 'transient' .and. .not. (is_pendulum .or. is_moving)) then
-          call refuse_group(i, '&transient: needs &mount, &system or &pendulum')
-        else if (.not. is_pendulum .and. any(pendulum_groups == group_names(j)) &
-                 .and. .not. is_moving) then
-          call refuse_group(i, '&'//trim(group_names(j))//': needs &pendulum')
-        else if (is_moving .and. any(group_names(j) == results)) then
-          call refuse_group(i, '&'//trim(group_names(j))//': this scene has &transient already, ' &
-                            //'give one of them')
-        end if
-        if (status%failed()) return
-      end do
-      if (n > 0) cycle
-      if (is_pendulum .and. group_names(j) == 'transient') then
-        if (any(wanted(2:))) cycle
-        call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
-                  //'a scene with &pendulum needs a wanted result (&transient, &branch, ' &
-                  //'&backbone or &multiple_scales)')
-      else if (.not. is_pendulum .and. any(group_names(j) == ['mount', 'load ']) &
-               .and. .not. (is_polynomial .and. group_names(j) == 'mount') &
-               .and. .not. is_moving &
-               .and. .not. (group_names(j) == 'load' .and. wanted(3))) then
-        call refuse_lack(trim(group_names(j)))
-      end if
+      call check_group(file, i, is_pendulum, is_polynomial, status)
       if (status%failed()) return
     end do
-    if (is_pendulum .and. any(wanted)) then
-      n = place_of(file, trim(results(findloc(wanted, .true., 1, back=.true.))))
-      if (place_of(file, 'transient') <= size(file%groups)) then
-        call refuse_group(n, '&'//file%groups(n)%name//': this scene has &transient already, ' &
-                          //'give one of them')
-      else if (place_of(file, 'spectrum') <= size(file%groups)) then
-        call refuse_group(place_of(file, 'spectrum'), '&spectrum: needs &transient')
+    if (.not. (is_pendulum .or. is_polynomial .or. has(file, 'mount'))) then
+      if (has(file, 'transient')) then
+        call refuse(file, 'transient', '&transient: needs &mount, &system or &pendulum', status)
+      else
+        call refuse_lack(file, 'mount', status)
       end if
-      if (status%failed()) return
     end if
-    if (is_moving) return
-    if (count(wanted) == 0 .and. .not. is_pendulum) call refuse_lack('response')
-    if (count(wanted) < 2) return
-    j = findloc(wanted, .true., 1)
-    i = findloc(wanted, .true., 1, back=.true.)
-    call refuse_group(place_of(file, trim(results(i))), '&'//trim(results(i)) &
-                      //': this scene has &'//trim(results(j))//' already, give one of them')
-
-  contains
-
-    subroutine refuse_lack(name)
-      character(len=*), intent(in) :: name
-      call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
-                //'needs &mount or &system, &load and a wanted result (&response, &branch or ' &
-                //'&multiple_scales), or &mount, &system or &pendulum and &transient or ' &
-                //'&backbone')
-    end subroutine refuse_lack
-
-    subroutine refuse_group(i, why)
-      integer, intent(in) :: i
-      character(len=*), intent(in) :: why
-      call fail(status, status_input_error, file%groups(i)%name, file%path//':' &
-                //show(file%groups(i)%line)//': '//why)
-    end subroutine refuse_group
-
-    pure function listed(names)
-      character(len=*), intent(in) :: names(:)
-      character(len=:), allocatable :: listed
-      integer :: k
-      listed = '&'//trim(names(1))
-      do k = 2, size(names)
-        listed = listed//', &'//trim(names(k))
-      end do
-    end function listed
-
+    if (.not. status%failed()) call check_results(file, is_pendulum, status)
   end subroutine check_groups
+
+  !> Whether a group is known, given once, and goes with the system.
+  subroutine check_group(file, i, is_pendulum, is_polynomial, status)
+    type(namelist_type), intent(in) :: file
+    integer, intent(in) :: i
+    logical, intent(in) :: is_pendulum, is_polynomial
+    type(status_type), intent(inout) :: status
+    character(len=:), allocatable :: name
+
+    name = file%groups(i)%name
+    if (.not. (any(oscillator_groups == name) .or. any(other_groups == name) &
+               .or. any(results%name == name))) then
+      call refuse_at(file, i, 'unknown group &'//name//': must be one of ' &
+                     //listed([oscillator_groups, other_groups, results%name]), status)
+      return
+    end if
+    if (.not. any(repeatable == name) .and. place_of(file, name) < i) then
+      call refuse_at(file, i, 'a second &'//name//': must be given once', status)
+      return
+    end if
+    if (is_pendulum .and. (any(oscillator_groups == name) &
+                           .or. any(results%name == name .and. .not. results%of_pendulum))) then
+      call refuse_at(file, i, '&'//name//': belongs to a mount, and this scene has &pendulum', &
+                     status)
+    else if (name == 'mount' .and. is_polynomial) then
+      call refuse_at(file, i, '&mount: this scene has &system already, give one of them', status)
+    else if (any(['spring', 'force '] == name) .and. .not. is_polynomial) then
+      call refuse_at(file, i, '&'//name//': needs &system', status)
+    else if (name == 'spectrum' .and. .not. has(file, 'transient')) then
+      call refuse_at(file, i, '&spectrum: needs &transient', status)
+    end if
+  end subroutine check_group
+
+  !> One result, and a load where it needs one.
+  subroutine check_results(file, is_pendulum, status)
+    type(namelist_type), intent(in) :: file
+    logical, intent(in) :: is_pendulum
+    type(status_type), intent(inout) :: status
+    integer :: i, first, other
+
+    first = 0
+    other = 0
+    do i = 1, size(results)
+      if (.not. has(file, results(i)%name)) cycle
+      if (first > 0) other = i
+      if (first == 0) first = i
+    end do
+    if (first == 0) then
+      if (is_pendulum) then
+        call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
+                  //'a scene with &pendulum needs a wanted result ('//wanted(is_pendulum)//')')
+      else
+        call refuse_lack(file, 'response', status)
+      end if
+      return
+    end if
+    if (other > 0) then
+      ! A motion in time is not the one that is too much.
+      if (results(other)%name == 'transient') then
+        i = first
+        first = other
+        other = i
+      end if
+      call refuse(file, trim(results(other)%name), '&'//trim(results(other)%name) &
+                  //': this scene has &'//trim(results(first)%name) &
+                  //' already, give one of them', status)
+    else if (.not. is_pendulum .and. results(first)%needs_load .and. .not. has(file, 'load')) then
+      call refuse_lack(file, 'load', status)
+    end if
+  end subroutine check_results
+
+  !> The place of the group of the result, of which there is one.
+  pure integer function find_result(file)
+    type(namelist_type), intent(in) :: file
+    do find_result = 1, size(file%groups)
+      if (any(results%name == file%groups(find_result)%name)) exit
+    end do
+  end function find_result
+
+  pure logical function has(file, name)
+    type(namelist_type), intent(in) :: file
+    character(len=*), intent(in) :: name
+    has = place_of(file, trim(name)) <= size(file%groups)
+  end function has
 
   !> The place of a group; past the last if it is not there.
   pure integer function place_of(file, name) result(i)
@@ -143,5 +148,47 @@ contains
       if (file%groups(i)%name == name) exit
     end do
   end function place_of
+
+  subroutine refuse_lack(file, name, status)
+    type(namelist_type), intent(in) :: file
+    character(len=*), intent(in) :: name
+    type(status_type), intent(inout) :: status
+    call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
+              //'needs &mount, &system or &pendulum, a wanted result ('//wanted(.false.) &
+              //') and, for a mount or a system, &load with most of them')
+  end subroutine refuse_lack
+
+  subroutine refuse(file, name, why, status)
+    type(namelist_type), intent(in) :: file
+    character(len=*), intent(in) :: name, why
+    type(status_type), intent(inout) :: status
+    call refuse_at(file, place_of(file, name), why, status)
+  end subroutine refuse
+
+  subroutine refuse_at(file, i, why, status)
+    type(namelist_type), intent(in) :: file
+    integer, intent(in) :: i
+    character(len=*), intent(in) :: why
+    type(status_type), intent(inout) :: status
+    call fail(status, status_input_error, file%groups(i)%name, file%path//':' &
+              //show(file%groups(i)%line)//': '//why)
+  end subroutine refuse_at
+
+  !> The results that may be wanted.
+  pure function wanted(of_pendulum)
+    logical, intent(in) :: of_pendulum
+    character(len=:), allocatable :: wanted
+    wanted = listed(pack(results%name, results%of_pendulum .or. .not. of_pendulum))
+  end function wanted
+
+  pure function listed(names)
+    character(len=*), intent(in) :: names(:)
+    character(len=:), allocatable :: listed
+    integer :: k
+    listed = '&'//trim(names(1))
+    do k = 2, size(names)
+      listed = listed//', &'//trim(names(k))
+    end do
+  end function listed
 
 end module viscovib_scene_groups

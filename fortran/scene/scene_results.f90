@@ -11,6 +11,7 @@ module viscovib_scene_results
   use viscovib_group_reader, only: group_reader
   use viscovib_hereditary_job, only: hereditary_job
   use viscovib_job, only: job_type
+  use viscovib_modes_job, only: modes_job
   use viscovib_motion_groups, only: read_frequency, read_hereditary, read_spectrum, read_transient
   use viscovib_motion_job, only: motion_job
   use viscovib_namelist, only: namelist_type
@@ -20,7 +21,7 @@ module viscovib_scene_results
   use viscovib_response_job, only: response_job
   use viscovib_scales_groups, only: read_oscillator_scales, read_pendulum_scales
   use viscovib_scales_job, only: scales_job
-  use viscovib_scene_groups, only: place_of, result_names
+  use viscovib_scene_groups, only: find_result, place_of
   use viscovib_status, only: show, status_type
   use viscovib_subject, only: subject_type
   use viscovib_transient_job, only: transient_job
@@ -41,14 +42,11 @@ contains
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     character(len=:), allocatable :: plan
-    integer :: i, n
+    integer :: n
 
-    do i = 1, size(result_names)
-      n = place_of(file, trim(result_names(i)))
-      if (n <= size(file%groups)) exit
-    end do
+    n = find_result(file)
     call reader%start(file%path, file%groups(n))
-    select case (trim(file%groups(n)%name))
+    select case (file%groups(n)%name)
     case ('response')
       call read_response_job(reader, job)
     case ('branch')
@@ -57,6 +55,8 @@ contains
       call read_backbone_job(reader, subject, job)
     case ('multiple_scales')
       call read_scales_job(reader, subject, job)
+    case ('modes')
+      allocate (modes_job :: job)
     case default
       call read_motion_job(reader, subject, job)
     end select

@@ -59,6 +59,7 @@ from viscovib.scene_job import SceneResult, plan
 from viscovib.scene_run import run
 from viscovib.spectrum import Spectrum, name_frequencies, spectrum
 from viscovib.sweep import sweep
+from viscovib.table_result import TableResult
 from viscovib.trajectory import Trajectory
 from viscovib.transient import simulate
 
@@ -109,6 +110,7 @@ __all__ = [
     "Springs",
     "StabilityWarning",
     "SweepError",
+    "TableResult",
     "TabulatedKernel",
     "Trajectory",
     "ViscovibError",

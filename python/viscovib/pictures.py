@@ -15,6 +15,7 @@ from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.plots import (
+    COLOURS,
     motion_axes,
     plot_backbone,
     plot_branch,
@@ -28,9 +29,11 @@ from viscovib.results import Result
 from viscovib.scales_plots import moving, plot_modulation, plot_scales_response
 from viscovib.scales_results import Modulation, ScalesResponse
 from viscovib.spectrum import Spectrum
+from viscovib.table_result import TableResult
 from viscovib.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -95,12 +98,34 @@ def _draw_spectrum(result: Spectrum, figure: "Figure", more: Drawn) -> None:
     plot_spectrum(result, figure.subplots(), bases=more.bases, highest=highest)
 
 
+def _table_size(result: TableResult) -> tuple[float, float]:
+    return 7, 1.6 * (len(result.columns) - 1) + 1
+
+
+def _draw_table(result: TableResult, figure: "Figure", _: Drawn) -> "Sequence[Axes]":
+    panels = result.panels()
+    axes = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0])
+    for axis, panel in zip(axes, panels, strict=True):
+        axis.plot(panel.x, panel.y, "o-", color=COLOURS[0], markersize=4)
+        axis.set(ylabel=panel.name, xlabel=panel.x_label)
+        axis.label_outer()
+    return axes
+
+
+def _plot_table(result: TableResult) -> "Sequence[Axes]":
+    """Draw each column over the first, in a figure of its own."""
+    import matplotlib.pyplot as plt
+
+    figure = plt.figure(figsize=_table_size(result), layout="constrained")
+    return _draw_table(result, figure, Drawn())
+
+
 def _panel_size(result: Any) -> tuple[float, float]:
     return 7, 3 * len(result.dof_names)
 
 
 #: For each kind of result: what draws it into a figure, the size of that, the public function.
-_DRAWN: dict[type, tuple[Callable[..., None], Callable[[Any], tuple[float, float]], Any]] = {
+_DRAWN: dict[type, tuple[Callable[..., Any], Callable[[Any], tuple[float, float]], Any]] = {
     Response: (_draw_response, _panel_size, plot_response),
     DrivenResponse: (_draw_driven, _panel_size, plot_response),
     Branch: (_draw_branch, _panel_size, plot_branch),
@@ -108,6 +133,7 @@ _DRAWN: dict[type, tuple[Callable[..., None], Callable[[Any], tuple[float, float
     Backbone: (_draw_backbone, _panel_size, plot_backbone),
     Trajectory: (_draw_trajectory, lambda r: (10, 2.4 * len(r.dof_names)), plot_trajectory),
     Spectrum: (_draw_spectrum, lambda _: (8, 4.5), plot_spectrum),
+    TableResult: (_draw_table, _table_size, _plot_table),
     ScalesResponse: (
         _draw_scales, lambda r: (7, 3 * len(moving(r))), plot_scales_response,
     ),

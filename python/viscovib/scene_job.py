@@ -21,8 +21,14 @@ from viscovib.results import Result
 from viscovib.scales_results import ScalesResponse
 from viscovib.scene import Scene, read_text, texts
 from viscovib.spectrum import Spectrum, spectrum
+from viscovib.table_result import TableResult, run_table
 from viscovib.trajectory import Trajectory, given_plan
 from viscovib.transient import simulate
+
+#: Groups of a scene that ask for nothing.
+_SUBJECTS = (
+    "scene", "mount", "system", "pendulum", "kernel", "spring", "force", "load", "sweep",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +41,10 @@ class SceneResult:
     """
 
     scene: Scene
-    value: Response | Branch | DrivenBranch | Backbone | Trajectory | ScalesResponse | xr.Dataset
+    value: (
+        Response | Branch | DrivenBranch | Backbone | Trajectory | ScalesResponse | TableResult
+        | xr.Dataset
+    )  # fmt: skip
     spectrum: Spectrum | None = None
     switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] = ()
 
@@ -135,6 +144,9 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
         return SceneResult(scene, first, switched=others)
     if "branch" in scene.groups:
         return SceneResult(scene, replace(trace_response(**scene._branch()), plan=planned))
+    if "response" not in scene.groups:
+        kind = next(name for name in scene.groups if name not in _SUBJECTS)
+        return SceneResult(scene, run_table(scene, kind, planned))
     response = forced_response(**scene._job(), progress=progress)
     return SceneResult(scene, replace(response, plan=planned))
 

@@ -111,7 +111,7 @@ BAD_SCENES = {
     "too much to keep": (MOTION.replace("0.25", "1e-9"), 2, "would keep more than"),
     "window": (MOTION + "&spectrum window='hamming' /", 3, "window = 'hamming': must be one of"),
     "discard": (MOTION + "&spectrum discard=20 /", 3, "discard = 20: must not be negative"),
-    "spectrum of a mount": (GOOD + "&spectrum /", 5, "&spectrum: needs &pendulum"),
+    "spectrum of a mount": (GOOD + "&spectrum /", 5, "&spectrum: needs &transient"),
     "branch and response": (GOOD + "&branch nu_from=1, nu_to=2 /", 5, "has &response already"),
     "branch to nowhere": (BRANCH.replace("nu_to=4", "nu_to=1"), 4, "must differ from nu_from"),
     "branch from zero": (BRANCH.replace("nu_from=1", "nu_from=0"), 4, "nu_from = 0: must be"),

@@ -35,6 +35,12 @@ MORE = {
   f0=0.01 p1=0.9 m01=0.01 p2=0.31 /
 &branch parameter='p1' from=0.9 to=0.95 harmonics=3 max_points=10 /
 """,
+    "modes": """&system coordinates='x' 'y' mass=1 1 stiffness=2 -1 -1 2 /
+&modes coordinates='y' /
+""",
+    "modes_of_a_pendulum": """&pendulum e=0.1 w2=0.4 w3=0.8 /
+&modes /
+""",
     "part": """&pendulum e=0.1 w2=0.4 w3=0.8 /
 &transient initial=0.05 0 0.3 0 -0.2 0 t_end=20 dt=0.25 coordinates='phi' /
 &spectrum coordinates='psi' window='flat_top' discard=5 /

@@ -37,6 +37,8 @@ NOTHING_TO_JUDGE = {
     "Result.panels": "what pictures draw",
     "Result.plot": _PICTURE,
     "Result.numbers": "what sweeps keep, which sweeps judges",
+    "TableResult": "columns as the core wrote them, which test_tables compares",
+    "TableResult.to_dataset": "columns as the core wrote them, which test_modes compares",
     "Lines.to_dataset": "its own arrays, which test_results compares",
     "Modulation.to_dataset": "its own arrays, which test_results compares",
     "Result.to_netcdf": "to_dataset in a file, which test_results compares",
