@@ -1,6 +1,6 @@
 """Reference tables of the mount's steady response: an own harmonic balance in 30 digits.
 
-Nothing here is shared with the library. Equations: seed paper 001 corrected (docs/theory.md),
+Nothing here is shared with the library. Equations: seed paper 001 corrected (docs/explanation),
 
     m x''   + (1-R_x*)[c_x (x - l phi) + c_x l/6 phi^3] + (C u')_1 = load
     I phi'' + (1-R_x*)[-c_x l x + c_x l^2 phi + c_x l/2 phi^2 x - 2/3 c_x l^2 phi^3]

@@ -1,6 +1,6 @@
 !> The mount: a rigid body on viscoelastic supports, two degrees of freedom.
 !!
-!! Source: seed paper 001 with its misprints corrected (docs/theory.md).
+!! Source: seed paper 001 with its misprints corrected (docs/explanation/misprints.md).
 !! Coordinates u = (x, phi); spring deflections x - l sin(phi) and phi.
 module viscovib_mount
   use viscovib_checks, only: check_finite, check_not_negative, check_positive

@@ -2,7 +2,7 @@
 !!
 !!   M u'' + C u' + F(u, v) = load,      v_j - (1 - R_j*) w_j(u) = 0,
 !!
-!! so that memory acts on every term as the equations have it (docs/theory.md).
+!! so that memory acts on every term as the equations have it (docs/explanation).
 module viscovib_mount_form
   use viscovib_full_oscillator, only: put_behind
   use viscovib_jet, only: jet_type, operator(-), variables

@@ -13,7 +13,7 @@
 !! printed: G = 0 (its psi'' is printed as psi'), H = c, Q = Z^2.
 !!
 !! Source: "Plane motion of the rigid body with the spring-damper suspension"
-!! (seed paper 000), its misprints corrected (docs/theory.md). Derivatives by the
+!! (seed paper 000), its misprints corrected (docs/explanation). Derivatives by the
 !! chain rule, line by line: d_x is the change of x in the direction given.
 module viscovib_pendulum_equations
   use viscovib_kinds, only: wp

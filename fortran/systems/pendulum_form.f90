@@ -5,7 +5,7 @@
 !!   Q phi'' + e G psi'' - ... = m01 cos(p2 t),
 !!   psi'' + r (S z'' + H phi'') - ... = m02 cos(p3 t)
 !!
-!! (docs/theory.md; the letters as in `viscovib_pendulum_equations`).
+!! (docs/explanation; the letters as in `viscovib_pendulum_equations`).
 !!
 !! With the ordering of weak coupling e counts as a factor of the size of the amplitude: it is
 !! e times a fourth unknown that is 1, held there by a constant load, so that every power of e
