@@ -63,6 +63,7 @@ class BranchPoint:
 
     def departure(self, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
         """Point and direction for a branch of ``n`` unknowns."""
+        _native.integer("n", n, 1, 2**31 - 1)
         if self._unknowns.size != n:
             raise InputError(
                 f"leave: has {self._unknowns.size} unknowns, must have as many as asked for now "

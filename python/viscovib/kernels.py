@@ -22,7 +22,7 @@ from scipy.optimize import least_squares, nnls
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.errors import InputError, StabilityWarning
+from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning
 from viscovib.parameters import TOLERANCE, Number
 
 
@@ -149,17 +149,39 @@ class Kernel(ABC):
         Returns
         -------
         ExponentialSum
-            A PronyKernel that knows its measured ``error``; of a table this may be larger than
-            ``tolerance``.
+            A PronyKernel that knows its measured ``error``.
+
+        Warns
+        -----
+        ConvergenceWarning
+            If ``error`` is larger than ``tolerance``, as it may be of a table.
         """
         wanted = TOLERANCE.check(tolerance)
         first, last = _T_MIN.check(t_min), _T_MAX.check(t_max)
         if not 0 < first < last:
             raise InputError(f"t_min = {first:g}, t_max = {last:g}: must be 0 < t_min < t_max")
-        weights, rates = self._exponentials(wanted, first, last)
+        asked = wanted
+        for _ in range(_TRIES):
+            found = self._measured_sum(asked, first, last)
+            short = found.error / max(wanted, _SUM_ROUNDING)
+            # A table is met as well as can be at once.
+            if short <= 1 or isinstance(self, TabulatedKernel):
+                break
+            asked = max(0.3 * asked / short, _LEAST_TOLERANCE)
+        if short > 1:
+            warnings.warn(
+                f"the sum of exponentials meets {found.error:.1e}, not the tolerance {wanted:.1e}",
+                ConvergenceWarning,
+                stacklevel=2,
+            )
+        return found
+
+    def _measured_sum(self, tolerance: float, first: float, last: float) -> "ExponentialSum":
+        """Return a sum, and by how much it differs from the kernel at many times."""
+        weights, rates = self._exponentials(tolerance, first, last)
         if weights.size > _MOST_TERMS:
             raise InputError(
-                f"t_min = {first:g}, t_max = {last:g}: a sum to {wanted:g} takes more than "
+                f"t_min = {first:g}, t_max = {last:g}: a sum to {tolerance:g} takes more than "
                 f"{_MOST_TERMS} terms, must be nearer to each other"
             )
         times = np.geomspace(first, last, max(200, 12 * weights.size))
@@ -210,6 +232,9 @@ _SUMMED = 10_000
 #: exponentials taken at once.
 _T_MIN, _T_MAX = Number("t_min", 1e-100, 1e100), Number("t_max", 1e-100, 1e100)
 _MOST_TERMS, _AT_A_TIME = 4000, 2**22
+#: How often a sum is sought that meets a tolerance, how small a tolerance the core is asked for,
+#: and what rounding leaves of sums.
+_TRIES, _LEAST_TOLERANCE, _SUM_ROUNDING = 4, 1e-15, 1e-14
 #: Points below it and above its inverse may be taken in other units.
 _SMALL = 1e-100
 #: A table that lacks more than this part of its integral is told; as in the core.

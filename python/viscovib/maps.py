@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 _LOOKS = (Flag("log"), Optional.or_none(Text("label")))
 #: Values that are still told apart by a colour each.
 _MOST_CLASSES = 8
+#: What axes and colours can still be worked out for.
+_LARGEST_DRAWN = 1e300
 
 
 def plot_map(
@@ -67,7 +69,10 @@ def plot_map(
             ax.set_yscale("log")
         _bare(ax)
         return ax
-    _draw_map(ax, axes, array.values.astype(float), log, shown)
+    values = array.values.astype(float)
+    if np.abs(values[np.isfinite(values)]).max(initial=0.0) > _LARGEST_DRAWN:
+        raise InputError(f"data: holds values beyond {_LARGEST_DRAWN:g}, which cannot be drawn")
+    _draw_map(ax, axes, values, log, shown)
     return ax
 
 
@@ -113,7 +118,7 @@ def _draw_map(ax: "Axes", axes: list[Any], values: Any, log: bool, label: str) -
     bar = ax.figure.colorbar(mesh, ax=ax, label=label)
     if classes:
         # In the middle of its colour, also where numbers between are missing.
-        bar.set_ticks(list(0.5 * (edges[1:] + edges[:-1])), labels=[f"{k:g}" for k in kinds])
+        bar.set_ticks(list(0.5 * edges[1:] + 0.5 * edges[:-1]), labels=[f"{k:g}" for k in kinds])
     for text, place, set_ticks in (
         (words[1], places[1], ax.set_xticks),
         (words[0], places[0], ax.set_yticks),

@@ -346,7 +346,7 @@ def _square(name: str, value: npt.ArrayLike | None, n: int | None) -> FloatArray
 def _words(name: str, value: Any, n: int) -> tuple[str, ...]:
     if isinstance(value, str) or not isinstance(value, Sequence):
         raise InputError(f"{name} = {_native.shown(value)}: must be a sequence of {n} texts")
-    words = tuple(value)
+    words = tuple(value) if len(value) == n else ()
     if len(words) != n or not all(isinstance(word, str) for word in words):
         raise InputError(f"{name} = {_native.shown(value)}: must be {n} texts, one a coordinate")
     return words

@@ -205,7 +205,9 @@ def name_frequencies(
         if 0 < sum(map(abs, factors)) <= highest and next(filter(None, factors)) > 0
     ]
     orders = np.array([size for size, _ in combinations])
-    sums = np.array([factors for _, factors in combinations]) @ np.array(list(known.values()))
+    with np.errstate(over="ignore", invalid="ignore"):
+        # What is out of range is near nothing.
+        sums = np.array([factors for _, factors in combinations]) @ np.array(list(known.values()))
     names = []
     for value in values:
         if abs(value) <= width:

@@ -42,6 +42,9 @@ SIGNAL = "np.cos(0.3 * np.arange(200.0))"
 
 #: Files that calls may read, in the folder where they run.
 FILES = {
+    "modes.nml": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
+&modes /
+""",
     "scene.nml": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &load amplitude=0.1 /
 &response nu_min=0.5 nu_max=4 nu_count=4 method='linear' /
@@ -82,6 +85,7 @@ SOUND = (
     "vv.name_frequencies(frequencies=[1, 2], bases={'p1': 1.0}, order=3)",
     "vv.plan(scene='scene.nml')",
     "vv.run(scene='scene.nml')",
+    "vv.run(scene='modes.nml').value",
     "vv.run(scene='pendulum.nml')",
     "vv.sweep(lambda a: {'y': a * a}, grid={'a': [1.0, 2.0]}, progress=False, n_threads=1)",
     "vv.sweep('scene.nml', grid={'mount.mass': [1, 2]}, progress=False, n_threads=1)",
@@ -116,7 +120,8 @@ GIVEN = {
 NASTY = (
     "nan", "inf", "-inf", "1e308", "-1e308", "1.7e308", "1e-308", "5e-324", "1e-320", "0", "0.0",
     "-0.0", "-1", "-1.5", "1", "2", "7", "1e5", "1e9", "1e12", "1e-12", "1e150", "1e-150", "1e199",
-    "2**31 - 1", "2**31", "-2**31", "2**63", "2**70", "10**400", "1e300", "1j", "complex('nan')",
+    "(2**31 - 1)", "2**31", "-2**31", "(2**63)", "(2**70)", "10**400", "1e300", "1j",
+    "complex('nan')",
     "True", "False", "None", "np.True_", "'x'", "''", "'auto'", "'phi'", "'e'", "'p1'", "'a\\nb'",
     "'\\x00'", "'\\ud800'", "'caf\u00e9'", "'x' * 5000", "b'x'", "b'\\xff'", "[]", "()", "{}",
     "set()", "{1, 2}", "[1]", "[1, 2]", "[2, 1]", "(0.5, 1)", "(1, 1)", "[1, 2, 3]",

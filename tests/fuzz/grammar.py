@@ -20,6 +20,9 @@ Scene = list[tuple[str, dict[str, str]]]
 
 #: One scene for each kind of job, small enough to run at once.
 SEEDS = {
+    "modes": """&system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 /
+&modes coordinates='y' /
+""",
     "response": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &kernel kind='rzhanitsyn' amplitude=0.048 alpha=0.1 beta=0.05 /
 &load amplitude=0.1 /

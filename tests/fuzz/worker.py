@@ -114,6 +114,8 @@ def main() -> None:
     # What the libraries map when they are imported is no part of what a call takes.
     import call_runner
 
+    # Begun in the background of a shell, it would ignore Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
