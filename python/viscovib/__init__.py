@@ -37,7 +37,7 @@ from viscovib.mount import Mount
 from viscovib.multiple_scales import MultipleScales
 from viscovib.past import Past
 from viscovib.pendulum import Pendulum
-from viscovib.periodic import backbone, forced_response, trace_response
+from viscovib.periodic import backbone, forced_response, plan_response, trace_response
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan
 from viscovib.plots import (
@@ -49,7 +49,6 @@ from viscovib.plots import (
     plot_trajectory,
 )
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
-from viscovib.response import plan_response
 from viscovib.response_result import Peak, Response
 from viscovib.results import Result
 from viscovib.scales_plots import plot_modulation, plot_scales_response

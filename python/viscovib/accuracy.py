@@ -9,6 +9,7 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
+from viscovib.parameters import RTOL, TIME_TOLERANCE
 
 if TYPE_CHECKING:
     from viscovib.trajectory import Trajectory
@@ -35,18 +36,12 @@ class Accuracy:
     ) -> "Accuracy | None":
         """Check the arguments; None: nothing was given and there is no default."""
         if rtol is None and atol is None:
-            given = default if tolerance is None else _native.number("tolerance", tolerance)
-            if given is None:
-                return None
-            if not 1e-13 <= given <= 1:
-                raise InputError(f"tolerance = {given:g}: must be in [1e-13, 1]")
-            return cls(given)
+            given = default if tolerance is None else TIME_TOLERANCE.check(tolerance)
+            return None if given is None else cls(given)
         if tolerance is not None:
             raise InputError("tolerance, rtol and atol: tolerance is atol alone, give one of both")
-        relative = 0.0 if rtol is None else _native.number("rtol", rtol)
+        relative = 0.0 if rtol is None else RTOL.check(rtol)
         absolute = 0.0 if atol is None else _native.number("atol", atol)
-        if rtol is not None and not 1e-13 <= relative <= 1:
-            raise InputError(f"rtol = {relative:g}: must be in [1e-13, 1]")
         if absolute < 0 or (rtol is None and absolute == 0):
             raise InputError(f"atol = {absolute:g}: must be greater than 0, or 0 with an rtol")
         return cls(absolute, relative)

@@ -14,12 +14,15 @@ from viscovib.curves import MAX_SPECIAL, OUTCOMES, largest_panels
 from viscovib.errors import InputError
 from viscovib.motion_stability import STABILITY_NOTE, stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
-from viscovib.parameters import MAX_POINTS, MAX_STEP, Interval
+from viscovib.parameters import MAX_HARMONICS, CurveOptions, Interval
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
-from viscovib.response import _MAX_HARMONICS, _MAX_UNKNOWNS
+from viscovib.response import _MAX_UNKNOWNS
 from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import Table, listed, listed_units
+
+#: Highest order that is kept where none is given.
+_USUAL = 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,56 +206,26 @@ class Backbone(PeriodicMotions, Result):
 def oscillator_backbone(
     system: Oscillator,
     mode: int,
-    amplitude_range: tuple[float, float],
+    amplitude_range: tuple[float, float] | None,
     *,
-    dof: str | None = None,
-    harmonics: int = 9,
-    tolerance: float = 1e-10,
-    max_points: int = 2000,
-    max_step: float = 0.1,
+    dof: str | None,
+    harmonics: int | str,
+    tolerance: float,
+    max_points: int,
+    max_step: float,
 ) -> Backbone:
-    """Follow the free motions that grow from a linear mode: frequency against amplitude.
-
-    Damping and memory are left out: springs act as at once, with their full stiffness.
-
-    Parameters
-    ----------
-    system : Mount or PolynomialSystem
-    mode : int
-        The linear mode, counted from 0 by rising frequency.
-    amplitude_range : (float, float)
-        First harmonic of a coordinate from which (small) and to which the curve is followed.
-    dof : str, optional
-        That coordinate; default the one that moves most in the mode, weighed by the root of its
-        inertia.
-    harmonics : int
-        Highest order kept.
-    tolerance : float
-        Relative size of the last correction.
-    max_points : int
-        Points at most, 2 to 100000.
-    max_step : float
-        Largest step as a part of the present point, 1e-4 to 1.
-
-    Returns
-    -------
-    Backbone
-
-    Notes
-    -----
-    Without losses the equations keep their form when time runs backwards; motions that begin at
-    rest are even in time, which settles their phase. Harmonic balance for a_k and nu, followed by
-    pseudo-arclength continuation. Where modes interact the curve may turn back in amplitude.
-    """
+    """`backbone` of a mount or a polynomial system."""
     check_oscillator(system, None)
     names = system.dof_names
     j = _native.integer("mode", mode, 0, len(names) - 1)
     place = 0 if dof is None else names.index(_native.choice("dof", dof, names)) + 1
+    if amplitude_range is None:
+        raise InputError("amplitude_range: must be given for a mount or a polynomial system")
     ends = Interval("amplitude_range", above=0).check(amplitude_range)
-    points = MAX_POINTS.check(max_points)
-    step = MAX_STEP.check(max_step)
-    highest = _native.integer("harmonics", harmonics, 1, _MAX_HARMONICS)
-    wanted = _native.number("tolerance", tolerance)
+    curve = CurveOptions.checked(tolerance, max_points, max_step)
+    wanted, points, step = curve.tolerance, curve.max_points, curve.max_step
+    usual = _USUAL if _native.is_auto(harmonics) else harmonics
+    highest = _native.integer("harmonics", usual, 1, MAX_HARMONICS)
     job = (system._flat, *system._kernels, j, place)
     n_kept, kept, text = _native.call(
         core.oscillator_backbone_plan, *job, (dof or "").encode(), *ends, highest, wanted

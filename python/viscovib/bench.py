@@ -20,7 +20,8 @@ from viscovib.backbone import Backbone
 from viscovib.branch import Branch
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError, ViscovibError
-from viscovib.response import forced_response
+from viscovib.parameters import MAX_HARMONICS
+from viscovib.periodic import forced_response
 from viscovib.response_result import Response
 from viscovib.results import Result
 from viscovib.scene import Scene
@@ -30,7 +31,6 @@ from viscovib.trajectory import Trajectory
 from viscovib.transient import simulate
 
 _MAX_RUNS = 100_000
-_MAX_HARMONICS = 199
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def _response_error(scene: Scene, value: Response) -> tuple[float | None, str]:
     job = scene._job()
     if value.method == "linear":
         return None, "linear: solved directly, no iteration and no truncation"
-    more = min(2 * int(value.harmonics.max(initial=0)) + 1, _MAX_HARMONICS)
+    more = min(2 * int(value.harmonics.max(initial=0)) + 1, MAX_HARMONICS)
     better = forced_response(**(job | {"harmonics": more, "tolerance": 1e-13}))
     kept = np.searchsorted(better.harmonics, value.harmonics)
     both = value.converged & better.converged
@@ -186,7 +186,7 @@ def _response_error(scene: Scene, value: Response) -> tuple[float | None, str]:
 
 
 def _branch_error(scene: Scene, value: Branch | DrivenBranch) -> tuple[float | None, str]:
-    more = min(2 * int(value.harmonics.max()) + 1, _MAX_HARMONICS)
+    more = min(2 * int(value.harmonics.max()) + 1, MAX_HARMONICS)
     better = run_one(scene.override({"branch.harmonics": more, "branch.tolerance": 1e-13})).branch
     # The peaks of the lowest order that moves.
     change = []
@@ -201,7 +201,7 @@ def _branch_error(scene: Scene, value: Branch | DrivenBranch) -> tuple[float | N
 
 def _backbone_error(scene: Scene, value: Backbone) -> tuple[float | None, str]:
     group = scene.groups["backbone"]
-    more = min(2 * group["harmonics"] + 1, _MAX_HARMONICS // group.get("subharmonic", 1))
+    more = min(2 * group["harmonics"] + 1, MAX_HARMONICS // group.get("subharmonic", 1))
     finer = {"backbone.harmonics": more, "backbone.tolerance": 1e-13}
     better = run_one(scene.override(finer)).backbone
     if value.outcome != "completed" or better.outcome != "completed":

@@ -26,7 +26,7 @@ from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.load import LoadLike
 from viscovib.motion_stability import STABILITY_NOTE, Stability, codes_of, stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
-from viscovib.parameters import MAX_POINTS, MAX_STEP, OPPOSITE, STABILITY, SYMMETRIC
+from viscovib.parameters import MOST_CHOSEN, OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
 from viscovib.response import _prepare
@@ -37,8 +37,6 @@ from viscovib.varying import varied
 _MAX_NUMBERS = 4e8
 #: What varies, in the order of the core.
 _KINDS = {"nu": 1, "load_factor": 2}
-#: Highest order that ``harmonics="auto"`` goes to, unless the load does.
-_MOST_CHOSEN = 63
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -213,84 +211,27 @@ class Branch(PeriodicMotions, Curve):
         return table
 
 
-def trace_response(
-    mount: Oscillator,
-    nu_range: tuple[float, float] | None = None,
+def trace_mount(
+    system: Oscillator,
+    nu_range: tuple[float, float] | None,
     *,
-    load: LoadLike | None = None,
-    base: LoadLike | None = None,
-    nu: float | None = None,
-    load_range: tuple[float, float] | None = None,
-    vary: str | None = None,
-    vary_range: tuple[float, float] | None = None,
-    at: npt.ArrayLike = (),
-    leave: BranchPoint | None = None,
-    opposite: bool = False,
-    symmetric: bool = True,
-    harmonics: int | str = "auto",
-    tolerance: float = 1e-10,
-    max_points: int = 2000,
-    max_step: float = 0.1,
-    stability: bool = True,
+    load: LoadLike | None,
+    base: LoadLike | None,
+    nu: float | None,
+    load_range: tuple[float, float] | None,
+    vary: str | None,
+    vary_range: tuple[float, float] | None,
+    at: npt.ArrayLike,
+    leave: BranchPoint | None,
+    opposite: bool,
+    symmetric: bool | None,
+    harmonics: int | str,
+    tolerance: float,
+    max_points: int,
+    max_step: float,
+    stability: bool,
 ) -> Branch:
-    """Follow a branch of periodic solutions through its folds.
-
-    Parameters
-    ----------
-    mount : Mount or PolynomialSystem
-    nu_range : (float, float)
-        Frequencies (rad/s) from which and to which the branch is followed, up or down.
-    load, base : as for `forced_response`
-    nu : float
-        With ``load_range`` or ``vary_range`` instead of ``nu_range``: the frequency that stays.
-    load_range : (float, float)
-        Factors of the load from which and to which the branch is followed.
-    vary, vary_range : str, (float, float)
-        Parameter of the system and values from which and to which the branch is followed. Of a
-        mount "mass", "inertia", "offset", "stiffness_x", "stiffness_phi", "cubic_scale" or
-        "memory_scale". Of a `PolynomialSystem` an entry, "stiffness[x1,x2]" (for one coordinate
-        "stiffness"), also of mass or damping, with its mirror image if that has the same value; a
-        coefficient of the forces, "forces[x1,x1^2*x2]" ("forces[x^3]"); or a factor of the whole,
-        "mass_scale", "damping_scale", "stiffness_scale", "forces_scale", "memory_scale" (of all
-        kernels). "springs[0]." before it means those springs.
-    at : array_like
-        Values of what varies at each of which a point shall lie, as often as the branch gets there.
-    leave : BranchPoint
-        Follow the branch that crosses another one here, which was traced with the same harmonics
-        and loads; ``opposite``: the other way.
-    symmetric : bool
-        Keep to motions that share the symmetry of forces and load about half a period, where there
-        is one: faster, but blind to branch points where it breaks. For period doublings give the
-        load as order 2 and half its frequency.
-    harmonics : int or "auto"
-        Highest order kept; "auto": at each point as many as bring `Branch.truncation` below
-        ``tolerance``, up to 63. To ``leave`` a branch, give it what that was traced with.
-    tolerance : float
-        Relative size of the last correction, and of what leaving out orders may change.
-    max_points : int
-        Points at most, 2 to 100000.
-    max_step : float
-        Largest step as a part of the present point, 1e-4 to 1.
-    stability : bool
-        Compute Floquet multipliers; with memory, exponents from Hill's determinant, those that
-        grow counted by the argument principle; with many coordinates that takes longer than the
-        branch itself (0.1 s a point with 20), and beyond 240 unknowns it is not tried.
-
-    Returns
-    -------
-    Branch
-
-    Warns
-    -----
-    ConvergenceWarning
-        If the orders kept do not bring `Branch.truncation` below ``tolerance``.
-
-    Notes
-    -----
-    Newton's method on the equations of harmonic balance with exact derivatives;
-    pseudo-arclength continuation (Keller 1977), steps by the angle between tangents; folds located
-    to rounding of the parameter.
-    """
+    """`trace_response` of a mount or a polynomial system."""
     ranges = {"nu_range": nu_range, "load_range": load_range, "vary_range": vary_range}
     given = [name for name, ends in ranges.items() if ends is not None]
     if len(given) != 1:
@@ -301,10 +242,10 @@ def trace_response(
         raise InputError("vary: must be given with vary_range, and only then")
     start, finish = range_of(given[0], ranges[given[0]])
     varies = {"nu_range": "nu", "load_range": "load_factor"}.get(given[0], "")
-    check_oscillator(mount, base)
-    flat, direction, first = mount._flat, np.zeros(mount._flat.size), None
+    check_oscillator(system, base)
+    flat, direction, first = system._flat, np.zeros(system._flat.size), None
     if vary is not None:
-        numbers = varied(mount, vary, start, finish)
+        numbers = varied(system, vary, start, finish)
         varies, flat, direction = numbers
         first = numbers.at(start)
     if varies == "nu" and min(start, finish) <= 0:
@@ -312,25 +253,25 @@ def trace_response(
     fixed = start if nu is None else _native.number("nu", nu)
     stops = _native.real_array("at", at).reshape(-1)
     judged_too = STABILITY.check(stability)
-    keeps = SYMMETRIC.check(symmetric)
-    points = MAX_POINTS.check(max_points)
-    step = MAX_STEP.check(max_step)
+    keeps = symmetric is None or SYMMETRIC.check(symmetric)
+    curve = CurveOptions.checked(tolerance, max_points, max_step)
     job, _, options, planned = _prepare(
-        mount, [fixed], load, base, "newton", harmonics, tolerance, 100, 1.0, keep_idle=True,
+        system, [fixed], load, base, "newton", harmonics, curve.tolerance, 100, 1.0, keep_idle=True,
         flat=first, may_choose=True,
     )  # fmt: skip
     chosen = _native.is_auto(harmonics)
     if planned.method != "newton":
         raise InputError(
-            "mount: nothing is nonlinear, its response is a single curve: see forced_response"
+            "system: nothing is nonlinear, its response is a single curve: see forced_response"
         )
     orders = planned.orders
     if not keeps:
         orders = np.arange((planned.orders[-1] if chosen else options[1]) + 1, dtype=np.int32)
     if chosen:
-        orders = orders[orders <= max(_MOST_CHOSEN, *job[-2])]
-    n_dof, m = len(mount.dof_names), orders.size
+        orders = orders[orders <= max(MOST_CHOSEN, *job[-2])]
+    n_dof, m = len(system.dof_names), orders.size
     most = int(_MAX_NUMBERS / (8 * m * n_dof + 8 * n_dof + 16))
+    points = curve.max_points
     if points > most:
         raise InputError(
             f"max_points = {points}: must be at most {most} with {n_dof} coordinates and {m} "
@@ -349,9 +290,9 @@ def trace_response(
         growing, multipliers, exponents, n_crossings, kinds, before, where, crossing_coefficients,
     ) = _native.call_interruptibly(
         core.mount_branch, cancel, flat, *job[1:], _KINDS.get(varies, 3), direction, fixed, start,
-        finish,
-        options[1], int(keeps), options[2], points, step, stops, int(leave is not None),
-        begin, begin_p, along, points if judged_too else 0, m, min(points, MAX_SPECIAL), cancel,
+        finish, options[1], int(keeps), curve.tolerance, points, curve.max_step, stops,
+        int(leave is not None), begin, begin_p, along, points if judged_too else 0, m,
+        min(points, MAX_SPECIAL), cancel,
     )  # fmt: skip
     if not n:
         raise InputError(
@@ -360,13 +301,13 @@ def trace_response(
     found: Stability | None = None
     if judged_too:
         found = Stability.of(judged[:n], multipliers[:, :n], exponents[:, :n])
-        if (judged[:n] < 0).all() and not mount._active_kernels:
+        if (judged[:n] < 0).all() and not system._active_kernels:
             found = None
 
     def absolute(relative: ComplexArray, factors: FloatArray) -> ComplexArray:
         if varies != "load_factor":
             factors = np.ones(factors.size)
-        return _absolute(relative.T, mount._base_direction, job, orders, factors)
+        return _absolute(relative.T, system._base_direction, job, orders, factors)
 
     orders = orders[:n_used]
     crossings = located_crossings(
@@ -382,7 +323,7 @@ def trace_response(
             f"{tolerance:.1e}; worst at {varies} = {p[truncation[:n].argmax()]:.6g}, with an "
             f"estimated relative error of {truncation[:n].max():.1e}",
             ConvergenceWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     if error[:n].max() > tolerance:
         warnings.warn(
@@ -390,7 +331,7 @@ def trace_response(
             f"tolerance {tolerance:.1e}; worst at {varies} = {p[error[:n].argmax()]:.6g}, with an "
             f"estimated relative error of {error[:n].max():.1e}",
             ConvergenceWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     points_off = absolute(_complex(branch_x[:, :n_branch], n_dof, m)[:n_used], branch_p[:n_branch])
     directions = _complex(across[:-1, :n_branch], n_dof, m)[:n_used].T
@@ -426,11 +367,11 @@ def trace_response(
         parameter=values,
         highest=orders[kept[:n] - 1],
         truncation=truncation[:n].copy(),
-        dof_names=mount.dof_names,
-        dof_units=mount.dof_units,
+        dof_names=system.dof_names,
+        dof_units=system.dof_units,
         plan=_plan(varies, start, finish, 0 if chosen else m, planned, judged_too),
         _job=(flat, *job[1:], _KINDS.get(varies, 3), direction, fixed),
-        _tolerance=options[2],
+        _tolerance=curve.tolerance,
     )
 
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from viscovib.branch import Branch, trace_response
+from viscovib.branch import Branch
 from viscovib.errors import StabilityWarning
 from viscovib.kernels import RzhanitsynKernel
 from viscovib.mount import GEOMETRIES, Mount
+from viscovib.periodic import forced_response, trace_response
 from viscovib.plots import COLOURS, plot_response
-from viscovib.response import forced_response
 from viscovib.response_result import Peak, Response
 
 AMPLITUDES = (0.078, 0.048, 0.030, 0.020, 0.015)

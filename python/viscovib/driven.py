@@ -12,19 +12,18 @@ import xarray as xr
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError
-from viscovib.parameters import STABILITY, TOLERANCE
+from viscovib.parameters import DURATION, MAX_DENOMINATOR, STABILITY, SUBHARMONIC, TOLERANCE
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan, wanted_places
 from viscovib.response import OUTCOMES
 from viscovib.results import Result, span
-from viscovib.stability import STILL, check_duration, warn_of_unknown
+from viscovib.stability import STILL, warn_of_unknown
 from viscovib.tables import Table
 from viscovib.torus import (
     FREQUENCIES,
     IntArray,
     Torus,
     bound_of,
-    check_pendulum,
     chosen,
     complex_coefficients,
     core_job,
@@ -39,6 +38,8 @@ from viscovib.torus_plan import torus_plan
 _DOFS = Pendulum.dof_names
 #: Numbers of a result at most: 400 MB.
 _MAX_NUMBERS = 50_000_000
+#: Time over which rates are averaged where none is given.
+_AVERAGED = 3000.0
 _FIRST = {1: 9, 2: 5, 3: 4}
 
 
@@ -223,82 +224,38 @@ class DrivenResponse(Result):
 
 
 def pendulum_response(
-    pend: Pendulum,
+    system: Pendulum,
     *,
-    p1: npt.ArrayLike | None = None,
-    p2: npt.ArrayLike | None = None,
-    p3: npt.ArrayLike | None = None,
-    f0: npt.ArrayLike | None = None,
-    m01: npt.ArrayLike | None = None,
-    m02: npt.ArrayLike | None = None,
-    nu: npt.ArrayLike | None = None,
-    harmonics: int | str = "auto",
-    tolerance: float = 1e-10,
-    stability: bool = True,
-    duration: float = 3000.0,
-    subharmonic: int = 1,
-    max_denominator: int = 12,
+    p1: npt.ArrayLike | None,
+    p2: npt.ArrayLike | None,
+    p3: npt.ArrayLike | None,
+    f0: npt.ArrayLike | None,
+    m01: npt.ArrayLike | None,
+    m02: npt.ArrayLike | None,
+    nu: npt.ArrayLike | None,
+    harmonics: int | str,
+    tolerance: float,
+    stability: bool,
+    duration: float | None,
+    subharmonic: int,
+    max_denominator: int,
 ) -> DrivenResponse:
-    """Steady motions of the pendulum under its loads, by harmonic balance.
-
-    With one load, or loads whose frequencies are ratios of small numbers, periodic motions; else
-    quasi-periodic ones, with all combinations of two or three base frequencies.
-
-    Parameters
-    ----------
-    pend : Pendulum
-        Loads of amplitude or frequency 0 are no oscillations: the former do not act, the latter
-        are constant.
-    p1, p2, p3, f0, m01, m02 : array_like, shape (n,)
-        At most one of them: values in place of the pendulum's own.
-    nu : array_like, shape (n,)
-        Instead of these: base frequencies, all loads keeping their ratios to it.
-    harmonics : int or "auto"
-        Highest order of the base frequency; with several of them highest |k1| + |k2| + ... .
-        "auto": as many as bring `DrivenResponse.truncation` below ``tolerance``, or as there is
-        room for.
-    tolerance : float
-        Relative size of the last correction, 1e-14 to 0.1.
-    stability : bool
-        Compute Floquet multipliers of periodic motions, rates of growth of all.
-    duration : float
-        Time over which the rates of a quasi-periodic motion are averaged, 1 to 1e6. Rates whose
-        differences are small against 1/duration share their errors.
-    subharmonic : int
-        Period of the motion in periods of the loads: 2 finds what period doubling leads to.
-    max_denominator : int
-        Loads share a base frequency of which they are multiples up to this, 1 to 99; those of
-        "nu" or a subharmonic share one if this is so for each pair.
-
-    Returns
-    -------
-    DrivenResponse
-
-    Warns
-    -----
-    ConvergenceWarning
-        If some motions were not found (they hold NaN), or orders do not suffice.
-
-    Notes
-    -----
-    Newton's method with exact derivatives on -w_k^2 X_k = A_k, the harmonics of the accelerations
-    from samples on the torus of the loads' phases. Each row starts from those before, else the
-    loads are raised from nothing. Where several motions exist another may be found by
-    `trace_response`. A motion raised from rest keeps the symmetry of system and loads, if there is
-    one, and what it rules out is left out.
-    """
-    check_pendulum(pend)
+    """`forced_response` of a pendulum."""
+    pend = system
     varies, values = chosen(
         {"p1": p1, "p2": p2, "p3": p3, "f0": f0, "m01": m01, "m02": m02, "nu": nu}
     )
     wanted = TOLERANCE.check(tolerance)
-    span = check_duration(duration) if STABILITY.check(stability) else 0.0
-    subharmonic = _native.integer("subharmonic", subharmonic, 1, 20)
-    denominator = _native.integer("max_denominator", max_denominator, 1, 99)
+    if not STABILITY.check(stability) and duration is not None:
+        raise InputError(f"duration = {_native.shown(duration)}: goes with stability=True")
+    averaged = DURATION.check(_AVERAGED if duration is None else duration)
+    span = averaged if stability else 0.0
+    multiple = SUBHARMONIC.check(subharmonic)
+    denominator = MAX_DENOMINATOR.check(max_denominator)
     if varies in FREQUENCIES:
         # Any value serves to sort the loads: one that moves has an axis of its own.
         pend = moved(pend, varies, 1.0)
-    torus = make_torus(pend, varies, subharmonic, denominator)
+    torus = make_torus(pend, varies, multiple, denominator)
     if varies is None:
         values = torus.base[:1]
     rows = _native.real_array(varies or "nu", values)
@@ -325,7 +282,7 @@ def pendulum_response(
             f"{result.highest[worst]} orders leave an estimated relative error of "
             f"{result.truncation[worst]:.1e}, more than the tolerance {wanted:.1e}",
             ConvergenceWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     lost = ~result.converged
     if lost.any():
@@ -333,7 +290,7 @@ def pendulum_response(
             f"{lost.sum()} of {lost.size} motions were not found, at {varies or torus.names[0]} = "
             f"{rows[lost].min():.6g} to {rows[lost].max():.6g}; they hold NaN",
             ConvergenceWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     return result
 
@@ -381,7 +338,7 @@ def _solve(
     if duration and torus.n_axes == 1:
         multipliers, stable = multipliers_found.T.copy(), growing == 0
         multipliers[~found] = np.nan
-        warn_of_unknown(found & (growing < 0))
+        warn_of_unknown(found & (growing < 0), stacklevel=5)
         growth = np.log(np.abs(multipliers)) * base / (2 * np.pi)
     elif duration:
         growth = np.where(found, rates, np.nan).T

@@ -27,26 +27,26 @@ from viscovib.driven import check_size
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.motion_stability import STABILITY_NOTE, stability_columns
 from viscovib.parameters import (
-    MAX_POINTS,
-    MAX_STEP,
+    DURATION,
+    MAX_DENOMINATOR,
     OPPOSITE,
     STABILITY,
+    SUBHARMONIC,
     SYMMETRIC,
-    TOLERANCE,
+    CurveOptions,
     checked,
 )
 from viscovib.pendulum import Pendulum
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
 from viscovib.results import Panel
-from viscovib.stability import STILL, check_duration, warn_of_unknown
+from viscovib.stability import STILL, warn_of_unknown
 from viscovib.tables import Table, listed
 from viscovib.torus import (
     FREQUENCIES,
     IntArray,
     Torus,
     bound_of,
-    check_pendulum,
     chosen,
     complex_coefficients,
     core_job,
@@ -253,72 +253,30 @@ def _bound_left(torus: Torus, leave: BranchPoint) -> int:
 
 
 def trace_pendulum(
-    pend: Pendulum,
+    system: Pendulum,
     *,
-    p1: tuple[float, float] | None = None,
-    p2: tuple[float, float] | None = None,
-    p3: tuple[float, float] | None = None,
-    f0: tuple[float, float] | None = None,
-    m01: tuple[float, float] | None = None,
-    m02: tuple[float, float] | None = None,
-    nu: tuple[float, float] | None = None,
-    at: npt.ArrayLike = (),
-    leave: BranchPoint | None = None,
-    opposite: bool = False,
-    harmonics: int | str = "auto",
-    tolerance: float = 1e-10,
-    max_points: int = 2000,
-    max_step: float = 0.1,
-    stability: bool = True,
-    duration: float | None = None,
-    symmetric: bool = False,
-    subharmonic: int = 1,
-    max_denominator: int = 12,
+    p1: tuple[float, float] | None,
+    p2: tuple[float, float] | None,
+    p3: tuple[float, float] | None,
+    f0: tuple[float, float] | None,
+    m01: tuple[float, float] | None,
+    m02: tuple[float, float] | None,
+    nu: tuple[float, float] | None,
+    at: npt.ArrayLike,
+    leave: BranchPoint | None,
+    opposite: bool,
+    harmonics: int | str,
+    tolerance: float,
+    max_points: int,
+    max_step: float,
+    stability: bool,
+    duration: float | None,
+    symmetric: bool | None,
+    subharmonic: int,
+    max_denominator: int,
 ) -> DrivenBranch:
-    """Follow a branch of driven motions of the pendulum through its folds.
-
-    Parameters
-    ----------
-    pend : Pendulum
-    p1, p2, p3, f0, m01, m02 : (float, float)
-        One of them: from which and to which value the branch is followed, up or down.
-    nu : (float, float)
-        Instead: the base frequency of loads whose ratios of frequencies stay.
-    at : array_like
-        Values at each of which a point shall lie, as often as the branch gets there.
-    leave : BranchPoint
-        Follow the branch that crosses another one here, which was traced with the same numbers of
-        orders and the same ``subharmonic``; ``opposite``: the other way.
-    harmonics : int or "auto"
-        Highest order kept, with several base frequencies in all. "auto": 15, 6 or 4 at first; the
-        branch is followed again with more until the estimated error of leaving out others, where
-        its outermost orders are the largest, is below ``tolerance``, or there is no more room. With
-        ``leave`` those of the branch that is left.
-    tolerance, max_points, max_step, stability : as for a mount
-    duration : float
-        For quasi-periodic motions: compute rates of growth, averaged over this time, 1 to 1e6.
-    symmetric : bool
-        Keep to the motions that share the symmetry of system and loads: faster, but blind to
-        branch points where it breaks.
-    subharmonic, max_denominator : as for `forced_response`
-
-    Returns
-    -------
-    DrivenBranch
-
-    Warns
-    -----
-    ConvergenceWarning
-        If the orders kept leave an estimated error above ``tolerance``.
-
-    Notes
-    -----
-    Pseudo-arclength continuation (Keller 1977) of harmonic balance with exact derivatives. Branch
-    points are where the determinant of the bordered derivatives changes its sign. With
-    ``subharmonic=2`` period doublings, such as the parametric resonance of a pendulum that swings
-    under f0 alone, are branch points.
-    """
-    check_pendulum(pend)
+    """`trace_response` of a pendulum."""
+    pend = system
     varies, value = chosen(
         {"p1": p1, "p2": p2, "p3": p3, "f0": f0, "m01": m01, "m02": m02, "nu": nu}
     )
@@ -327,16 +285,14 @@ def trace_pendulum(
     start, finish = range_of(varies, value)
     if (varies in FREQUENCIES or varies == "nu") and min(start, finish) <= 0:
         raise InputError(f"{varies} = ({start:g}, {finish:g}): must be greater than 0")
-    wanted = TOLERANCE.check(tolerance)
-    checked((STABILITY, SYMMETRIC, OPPOSITE), locals())
-    step = MAX_STEP.check(max_step)
-    points = MAX_POINTS.check(max_points)
-    denominator = _native.integer("max_denominator", max_denominator, 1, 99)
+    curve = CurveOptions.checked(tolerance, max_points, max_step)
+    wanted, points, step = curve.tolerance, curve.max_points, curve.max_step
+    checked((STABILITY, OPPOSITE), locals())
+    keeps = symmetric is not None and SYMMETRIC.check(symmetric)
+    denominator = MAX_DENOMINATOR.check(max_denominator)
     if varies in FREQUENCIES:
         pend = moved(pend, varies, start)
-    torus = make_torus(
-        pend, varies, _native.integer("subharmonic", subharmonic, 1, 20), denominator
-    )
+    torus = make_torus(pend, varies, SUBHARMONIC.check(subharmonic), denominator)
     auto = _native.is_auto(harmonics)
     if leave is not None:
         check_departure(leave)
@@ -346,8 +302,9 @@ def trace_pendulum(
     bound = bound_of(torus, wanted_bound, torus.largest())
     vain, last = 0, np.inf
     span = 1.0 if stability and torus.n_axes == 1 else 0.0
-    if duration is not None and torus.n_axes > 1:
-        span = check_duration(duration)
+    averaged = None if duration is None else DURATION.check(duration)
+    if averaged is not None and torus.n_axes > 1:
+        span = averaged
     stops = _native.real_array("at", at).reshape(-1)
     cancel = np.zeros(1, dtype=np.intc)
     while True:
@@ -356,7 +313,7 @@ def trace_pendulum(
         check_size("max_points", points, n)
         begin, begin_p, along = np.zeros(n), 0.0, np.zeros(n + 1)
         job, unit = core_job(pend, torus, orders, varies)
-        kept = _kept(pend, torus, orders, varies, symmetric=symmetric)
+        kept = _kept(pend, torus, orders, varies, symmetric=keeps)
         if leave is not None:
             begin, along = leave.departure(n, opposite)
             lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
@@ -383,7 +340,7 @@ def trace_pendulum(
         judged, _ = core_job(pend, torus, more, varies)
         worst, next_bound = _native.call_interruptibly(
             core.pendulum_truncation, cancel, *judged[:2],
-            _kept(pend, torus, more, varies, symmetric=symmetric), *judged[2:], p[:n_points],
+            _kept(pend, torus, more, varies, symmetric=keeps), *judged[2:], p[:n_points],
             np.asfortranarray(x[:, :n_points]), wanted, bound, torus.shells,
             torus.largest(_FEWER) if auto else bound, cancel,
         )  # fmt: skip
@@ -397,7 +354,7 @@ def trace_pendulum(
             f"{bound} orders leave an estimated relative error of {worst:.1e}, more than the "
             f"tolerance {wanted:.1e}",
             ConvergenceWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     if not n_points:
         raise InputError(

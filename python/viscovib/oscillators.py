@@ -16,7 +16,7 @@ Oscillator: TypeAlias = Mount | PolynomialSystem
 def check_oscillator(system: Any, base: "LoadLike | LoadTable | None") -> None:
     """Refuse what is no such system, or a motion of a base that it lacks."""
     if not isinstance(system, (Mount, PolynomialSystem)):
-        raise InputError(f"mount = {_native.shown(system)}: must be a Mount or a PolynomialSystem")
+        raise InputError(f"system = {_native.shown(system)}: must be a Mount or a PolynomialSystem")
     moves = base is not None and not (isinstance(base, Mapping) and not base)
     if moves and system._base_direction is None:
         raise InputError("base: this system has no base_direction, its base is fixed")

@@ -6,10 +6,9 @@ of them. Every record refuses in the same words: ``name = value: must be ...``.
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from inspect import Parameter as _Argument
 from inspect import signature
 from typing import Any, Generic, TypeVar
 
@@ -20,7 +19,6 @@ from viscovib._native import FloatArray
 from viscovib.errors import FileError, InputError
 
 _T = TypeVar("_T")
-_R = TypeVar("_R")
 _MAX_PATH = 4096
 
 
@@ -203,11 +201,40 @@ class Optional(Parameter[Any]):
         return None if value is None else self.of.check(value)
 
 
-#: What the methods that follow a branch share, and what they may do or not.
+#: Highest order of a periodic motion, and the highest that is chosen along a branch unless the
+#: load needs more.
+MAX_HARMONICS, MOST_CHOSEN = 199, 63
+#: What several methods share: the relative size of the last correction, ...
 TOLERANCE = Number("tolerance", 1e-14, 0.1)
-MAX_POINTS = Whole("max_points", 2, 100_000)
-MAX_STEP = Number("max_step", 1e-4, 1)
+MAX_ITERATIONS = Whole("max_iterations", 1, 100_000)
+#: ... what they may do or not, ...
 STABILITY, SYMMETRIC, OPPOSITE = Flag("stability"), Flag("symmetric"), Flag("opposite")
+PROGRESS = Flag("progress")
+#: ... periods of a motion in those of the loads, multiples of a base frequency, ...
+SUBHARMONIC, MAX_DENOMINATOR = Whole("subharmonic", 1, 20), Whole("max_denominator", 1, 99)
+#: ... and the time over which rates of growth are averaged.
+DURATION = Number("duration", 1, 1e6)
+#: Errors of motions in time.
+TIME_TOLERANCE, RTOL = Number("tolerance", 1e-13, 1), Number("rtol", 1e-13, 1)
+
+
+@dataclass(frozen=True)
+class CurveOptions:
+    """How a curve of motions is followed, whatever the motions are; the defaults of all methods."""
+
+    tolerance: float = 1e-10
+    max_points: int = 2000
+    max_step: float = 0.1
+
+    @classmethod
+    def checked(cls, tolerance: float, max_points: int, max_step: float) -> "CurveOptions":
+        """Check all of them."""
+        return cls(
+            TOLERANCE.check(tolerance), _MAX_POINTS.check(max_points), _MAX_STEP.check(max_step)
+        )
+
+
+_MAX_POINTS, _MAX_STEP = Whole("max_points", 2, 100_000), Number("max_step", 1e-4, 1)
 
 
 def checked(table: Iterable[Parameter[Any]], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -215,43 +242,27 @@ def checked(table: Iterable[Parameter[Any]], given: Mapping[str, Any]) -> dict[s
     return {one.name: one.check(given[one.name]) for one in table}
 
 
-class Form(Generic[_R]):
-    """One of the forms in which a function may be called, chosen by its first argument.
+class Taken:
+    """The arguments of a public function that one kind of system takes: those of an inner one.
 
-    Arguments that the form does not have are refused by name: Python's own words would name a
-    function that nobody called.
+    The others have a default that says nothing; any other value is refused by name.
     """
 
-    def __init__(self, function: Callable[..., _R], called: str, whose: str) -> None:
-        self._function, self._called, self._whose = function, called, whose
-        arguments = signature(function).parameters.values()
-        self._names = tuple(one.name for one in arguments)
-        self._known = frozenset(self._names)
-        self._most = sum(one.kind is not _Argument.KEYWORD_ONLY for one in arguments)
-        self._needed = tuple(one.name for one in arguments if one.default is _Argument.empty)
-        self.__doc__ = function.__doc__
-
-    def __call__(self, arguments: Sequence[Any], options: Mapping[str, Any]) -> _R:
-        """Call the function, once the names fit."""
-        n = len(arguments)
-        if not (n <= self._most and self._known.issuperset(options)):
-            self._refuse(arguments, options)
-        if not options.keys().isdisjoint(self._names[:n]):
-            twice = next(name for name in self._names[:n] if name in options)
-            raise InputError(f"{self._called}: {twice}: is given twice")
-        for name in self._needed[n:]:
-            if name not in options:
-                raise InputError(f"{self._called}: {name}: must be given for {self._whose}")
-        return self._function(*arguments, **options)
-
-    def _refuse(self, arguments: Sequence[Any], options: Mapping[str, Any]) -> None:
-        if len(arguments) > self._most:
-            raise InputError(
-                f"{self._called}: {len(arguments)} arguments without a name, must be at most "
-                f"{self._most} for {self._whose}"
-            )
-        unknown = next(name for name in options if name not in self._known)
-        raise InputError(
-            f"{self._called}: {unknown}: is no argument for {self._whose}, must be one of "
-            f"{', '.join(self._names)}"
+    def __init__(self, public: Callable[..., Any], inner: Callable[..., Any], whose: str) -> None:
+        arguments = signature(public).parameters
+        self._called, self._whose = public.__name__, whose
+        self._names = tuple(signature(inner).parameters)
+        self._others = tuple(
+            (name, one.default) for name, one in arguments.items() if name not in self._names
         )
+
+    def of(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the arguments of the inner function from all of the public one."""
+        for name, default in self._others:
+            value = given[name]
+            if value is not default and not (type(value) is type(default) and value == default):
+                raise InputError(
+                    f"{self._called}: {name}: is no argument for {self._whose}, must be one of "
+                    f"{', '.join(self._names)}"
+                )
+        return {name: given[name] for name in self._names}

@@ -12,103 +12,54 @@ from viscovib.curves import MAX_SPECIAL, OUTCOMES
 from viscovib.driven import check_size
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.parameters import (
-    MAX_POINTS,
-    MAX_STEP,
+    MAX_HARMONICS,
     OPPOSITE,
     STABILITY,
+    SUBHARMONIC,
     SYMMETRIC,
-    TOLERANCE,
+    CurveOptions,
     Interval,
     checked,
 )
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan
 from viscovib.stability import warn_of_unknown
-from viscovib.torus import IntArray, check_pendulum, tail
+from viscovib.torus import IntArray, tail
 
 #: Orders left out count as many from this relative size on.
 _COARSE = 1e-4
+#: Highest order that is kept where none is given.
+_USUAL = 15
 
 
 def pendulum_backbone(
-    pend: Pendulum,
+    system: Pendulum,
     mode: int,
-    amplitude_range: tuple[float, float] | None = None,
+    amplitude_range: tuple[float, float] | None,
     *,
-    energy_range: tuple[float, float] | None = None,
-    dof: str | None = None,
-    harmonics: int = 15,
-    tolerance: float = 1e-10,
-    max_points: int = 2000,
-    max_step: float = 0.1,
-    stability: bool = True,
-    symmetric: bool = False,
-    subharmonic: int = 1,
-    leave: BackbonePoint | None = None,
-    opposite: bool = False,
+    energy_range: tuple[float, float] | None,
+    dof: str | None,
+    harmonics: int | str,
+    tolerance: float,
+    max_points: int,
+    max_step: float,
+    stability: bool | None,
+    symmetric: bool,
+    subharmonic: int,
+    leave: BackbonePoint | None,
+    opposite: bool,
 ) -> Backbone:
-    """Follow the free motions of the pendulum that grow from a linear mode.
-
-    Damping and loads are left out.
-
-    Parameters
-    ----------
-    pend : Pendulum
-        With printed equations the mode of z only: their swings keep no energy, and are not
-        periodic.
-    mode : int
-        The linear mode, counted from 0 as in `Pendulum.natural_frequencies`.
-    amplitude_range : (float, float)
-        First harmonic of a coordinate from which (small) and to which the curve is followed.
-    energy_range : (float, float)
-        Instead: energies (`Pendulum.energy`).
-    dof : str, optional
-        The coordinate of ``amplitude_range``; default the one that moves most in the mode.
-    harmonics : int
-        Highest order kept of the mode's frequency.
-    tolerance : float
-        Relative size of the last correction, 1e-14 to 0.1.
-    max_points : int
-        Points at most, 2 to 100000.
-    max_step : float
-        Largest step as a part of the present point, 1e-4 to 1.
-    stability : bool
-        Compute Floquet multipliers.
-    symmetric : bool
-        Keep to motions that are mirrored in phi and psi half a period later (of the mode of z:
-        that do not swing): faster, but blind to branch points where the symmetry breaks.
-    subharmonic : int
-        Period of the motions in periods of the mode, 1 to 20: 2 finds the swings that the motion in
-        z feeds.
-    leave : BackbonePoint
-        Follow the family that crosses another one here, which was traced with the same modes,
-        harmonics and ``subharmonic``; ``opposite``: the other way.
-
-    Returns
-    -------
-    Backbone
-
-    Warns
-    -----
-    ConvergenceWarning
-        If orders are too few somewhere (`Backbone.truncation` above 1e-4).
-
-    Notes
-    -----
-    Motions that begin at rest are even in time; harmonic balance in their cosines, the frequency an
-    unknown, followed by pseudo-arclength continuation through folds of amplitude or energy, as
-    where modes resonate. Branch points are where the determinant of the bordered derivatives
-    changes its sign.
-    """
-    check_pendulum(pend)
+    """`backbone` of a pendulum."""
+    pend = system
     j = _native.integer("mode", mode, 0, 2)
     if pend.equations == "printed" and j > 0:
         raise InputError(
             f"mode = {j}: the printed equations keep no energy in swings, must be 0 with them"
         )
     free = replace(pend, c1=0.0, c2=0.0, c3=0.0, f0=0.0, m01=0.0, m02=0.0)
-    multiple = _native.integer("subharmonic", subharmonic, 1, 20)
-    highest = multiple * _native.integer("harmonics", harmonics, 1, 199 // multiple)
+    multiple = SUBHARMONIC.check(subharmonic)
+    usual = min(_USUAL, MAX_HARMONICS // multiple) if _native.is_auto(harmonics) else harmonics
+    highest = multiple * _native.integer("harmonics", usual, 1, MAX_HARMONICS // multiple)
     shape = free.mode_shapes()[:, j]
     names = Pendulum.dof_names
     place = int(np.abs(shape).argmax())
@@ -120,12 +71,12 @@ def pendulum_backbone(
         raise InputError(f"dof = {dof!r}: stands still in mode {j}")
     varies = "amplitude" if energy_range is None else "energy"
     start, finish = _ends(amplitude_range, energy_range)
-    wanted = TOLERANCE.check(tolerance)
-    points = MAX_POINTS.check(max_points)
-    step = MAX_STEP.check(max_step)
+    curve = CurveOptions.checked(tolerance, max_points, max_step)
+    wanted, points, step = curve.tolerance, curve.max_points, curve.max_step
     n = 3 * (highest + 1)
     check_size("max_points", points, n)
-    given = checked((STABILITY, SYMMETRIC, OPPOSITE), locals())
+    given = checked((SYMMETRIC, OPPOSITE), locals())
+    judged = stability is None or STABILITY.check(stability)
     kept = _kept(pend, j, highest, multiple, given["symmetric"])
     unit = float(free.natural_frequencies()[j]) / multiple
     begin, begin_nu, begin_p, along = np.zeros((3, highest + 1)), unit, 0.0, np.zeros(n + 2)
@@ -145,7 +96,7 @@ def pendulum_backbone(
     ) = _native.call_interruptibly(
         core.pendulum_backbone, cancel, free._flat, kept, unit,
         place + 1 if varies == "amplitude" else 0, multiple, start, finish, wanted, points, step,
-        int(given["stability"]), int(leave is not None), begin.ravel(), begin_nu, begin_p, along,
+        int(judged), int(leave is not None), begin.ravel(), begin_nu, begin_p, along,
         MAX_SPECIAL, cancel,
     )  # fmt: skip
     if not count:
@@ -161,7 +112,7 @@ def pendulum_backbone(
             ConvergenceWarning,
             stacklevel=3,
         )
-    if stability:
+    if judged:
         warn_of_unknown(growing[:count] < 0)
     return Backbone(
         nu=nu[:count].copy(),
@@ -185,15 +136,15 @@ def pendulum_backbone(
             )
             for i in range(n_branch)
         ),
-        multipliers=multipliers[:, :count].T.copy() if stability else None,
-        stable=growing[:count] == 0 if stability else None,
-        growing=growing[:count].copy() if stability else None,
+        multipliers=multipliers[:, :count].T.copy() if judged else None,
+        stable=growing[:count] == 0 if judged else None,
+        growing=growing[:count].copy() if judged else None,
         plan=Plan(
             f"computes: free motions of mode {j} from {varies} {start:g} to {finish:g}, "
             f"{int(kept.sum())} cosines\n"
             "skips: damping and loads (free motions of the system without losses)\n"
             "skips: sines (motions that begin at rest are even in time)\n"
-            + ("computes: Floquet multipliers" if stability else "skips: stability (not asked for)")
+            + ("computes: Floquet multipliers" if judged else "skips: stability (not asked for)")
         ),
     )
 

@@ -14,6 +14,7 @@ from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.load import LoadLike, load_series
 from viscovib.motion_stability import Stability
 from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.parameters import MAX_HARMONICS, MAX_ITERATIONS, PROGRESS, STABILITY, TOLERANCE
 from viscovib.plan import Plan
 from viscovib.response_result import Response
 
@@ -22,8 +23,6 @@ OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow",
 #: Frequencies a native call takes at most: how often progress shows and Ctrl-C is heard.
 CHUNK = 4096
 
-_MAX_HARMONICS = 199
-_MAX_ITERATIONS = 100_000
 #: Unknowns of Newton's method, as in the core.
 _MAX_UNKNOWNS = 2000
 #: Frequencies times unknowns squared that Newton's method takes without a thread of its own.
@@ -32,92 +31,29 @@ _LONG = 6400
 _TYPICAL = 10
 
 
-def forced_response(
-    mount: Oscillator,
-    nu: npt.ArrayLike,
+def mount_response(
+    system: Oscillator,
+    nu: npt.ArrayLike | None,
     *,
-    load: LoadLike | None = None,
-    base: LoadLike | None = None,
-    method: str = "successive",
-    harmonics: int | str = "auto",
-    tolerance: float = 1e-10,
-    max_iterations: int = 200,
-    relaxation: float | str = 1.0,
-    stability: bool = False,
-    progress: bool = False,
+    load: LoadLike | None,
+    base: LoadLike | None,
+    method: str,
+    harmonics: int | str,
+    tolerance: float,
+    max_iterations: int,
+    relaxation: float | str,
+    stability: bool,
+    progress: bool,
 ) -> Response:
-    """Steady response of a system to a periodic load or motion of its base.
-
-    Parameters
-    ----------
-    mount : Mount or PolynomialSystem
-        The system.
-    nu : array_like, shape (n,)
-        Circular frequencies of the load (rad/s), each > 0, in any order.
-    load : complex, array_like or mapping
-        Force on the first coordinate (x, N): P sin(nu t); or a vector over the coordinates (of a
-        mount: force on x, moment on phi); or a Fourier series {order: either}, f(t) = Im sum_k
-        P_k exp(i k nu t), whose mean is the imaginary part of P_0. `fourier_coefficients` makes
-        one from samples.
-    base : complex or mapping
-        Displacement of the supports (of a mount: in x, m), likewise. The response stays
-        absolute. Viscous damping acts on the motion relative to the base.
-    method : {"successive", "newton", "linear"}
-        "linear": nonlinear terms left out; "successive": successive approximations from the
-        linear response, which converge where the nonlinear force is small against the dynamic
-        stiffness; "newton": Newton's method, which also passes resonances. There each frequency
-        starts from the one before in the order given, as in a slow sweep: where several motions
-        exist, upwards and downwards may give different ones. Where the branch ends, or at the
-        first frequency, the load is raised from nothing. `trace_response` gives all of a branch.
-    harmonics : int or "auto"
-        Highest order kept (1 to 199); even orders and the mean are dropped when the load has
-        none. "auto": as many as bring `Response.truncation` below ``tolerance``: with Newton's
-        method those that each frequency needs, which is also fastest; with successive
-        approximations the same at all of them, or at all of a part of a long list.
-    tolerance : float
-        Wanted relative error of the iteration, 1e-14 to 0.1.
-    max_iterations : int
-        Iterations a frequency, 1 to 100000.
-    relaxation : float or "auto"
-        Fraction of each correction that is taken, in (0, 1]; "auto": start with 1 and halve, up
-        to four times, where the iteration does not converge.
-    stability : bool
-        Also say whether each motion is stable, by Floquet multipliers or, with memory, by Hill's
-        determinant (method "newton" only): see `Branch`.
-    progress : bool
-        Show a progress bar.
-
-    Returns
-    -------
-    Response
-
-    Raises
-    ------
-    InputError
-        Naming the argument, its value and what is allowed.
-
-    Warns
-    -----
-    ConvergenceWarning
-        If some frequencies have no solution; they hold NaN. If the orders kept do not bring
-        `Response.truncation` below ``tolerance``.
-    StabilityWarning
-        If the stability of motions found is unknown.
-
-    Notes
-    -----
-    Source: seed paper 001, (14)-(19), corrected (see the theory pages). Fixed point
-    D(k nu) X_k = P_k - N_k(X) with the harmonics N_k of the nonlinear force from alias-free
-    samples of a period.
-    """
+    """`forced_response` of a mount or a polynomial system."""
     job, frequencies, options, planned = _prepare(
-        mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
-        _native.flag("stability", stability), may_choose=True,
+        system, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
+        STABILITY.check(stability), may_choose=True,
     )  # fmt: skip
-    _native.flag("progress", progress)
+    PROGRESS.check(progress)
     chosen = _native.is_auto(harmonics) and planned.method != "linear"
 
-    n_dof = len(mount.dof_names)
+    n_dof = len(system.dof_names)
     # A matrix of the unknowns is factorized a few times a frequency.
     typical = _TYPICAL if chosen else planned.orders.size
     long = frequencies.size * (n_dof * typical) ** 2 > _LONG
@@ -137,8 +73,8 @@ def forced_response(
         truncation=_joined(parts, 5),
         method=planned.method,
         plan=planned.plan,
-        dof_names=mount.dof_names,
-        dof_units=mount.dof_units,
+        dof_names=system.dof_names,
+        dof_units=system.dof_units,
         _work=work,
         _job=job,
         _tolerance=options[2],
@@ -157,23 +93,23 @@ def _stability_of(
     return Stability.of(stable, multipliers, exponents, solved)._asdict()
 
 
-def plan_response(
-    mount: Oscillator,
+def mount_plan(
+    system: Oscillator,
     nu: npt.ArrayLike,
     *,
-    load: LoadLike | None = None,
-    base: LoadLike | None = None,
-    method: str = "successive",
-    harmonics: int | str = "auto",
-    tolerance: float = 1e-10,
-    max_iterations: int = 200,
-    relaxation: float | str = 1.0,
-    stability: bool = False,
+    load: LoadLike | None,
+    base: LoadLike | None,
+    method: str,
+    harmonics: int | str,
+    tolerance: float,
+    max_iterations: int,
+    relaxation: float | str,
+    stability: bool,
 ) -> Plan:
-    """Say what `forced_response` would compute and skip, and why; same arguments."""
+    """`plan_response` of a mount or a polynomial system."""
     return _prepare(
-        mount, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
-        _native.flag("stability", stability), may_choose=True,
+        system, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
+        STABILITY.check(stability), may_choose=True,
     )[3].plan  # fmt: skip
 
 
@@ -230,8 +166,8 @@ class _Work:
 
 
 def _prepare(
-    mount: Oscillator,
-    nu: npt.ArrayLike,
+    system: Oscillator,
+    nu: npt.ArrayLike | None,
     load: LoadLike | None,
     base: LoadLike | None,
     method: str,
@@ -250,7 +186,9 @@ def _prepare(
     ``keep_idle``: take along coordinates that nothing moves; ``flat``: instead of the system's
     own numbers.
     """
-    check_oscillator(mount, base)
+    check_oscillator(system, base)
+    if nu is None:
+        raise InputError("nu: must be given for a mount or a polynomial system")
     if load is None and base is None:
         raise InputError(
             "load or base: must be given, as without them every motion is 0 (a load of 0 may be)"
@@ -272,15 +210,15 @@ def _prepare(
     if chosen and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
     job = (
-        mount._flat if flat is None else flat,
-        *mount._kernels,
-        *load_series(load, base, len(mount.dof_names)),
+        system._flat if flat is None else flat,
+        *system._kernels,
+        *load_series(load, base, len(system.dof_names)),
     )
     options = (
         METHODS.index(_native.choice("method", method, METHODS)) + 1,
-        0 if chosen else _native.integer("harmonics", harmonics, 1, _MAX_HARMONICS),
-        _native.number("tolerance", tolerance),
-        _native.integer("max_iterations", max_iterations, 1, _MAX_ITERATIONS),
+        0 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS),
+        TOLERANCE.check(tolerance),
+        MAX_ITERATIONS.check(max_iterations),
         fraction,
     )
     n_kept, kept, _, _, ran, text, rest = _native.call(
@@ -314,7 +252,7 @@ def _warn_of_gaps(response: Response) -> None:
         f"{lost.sum()} of {lost.size} frequencies have no solution ({kinds}), between nu = "
         f"{response.nu[lost].min():.6g} and {response.nu[lost].max():.6g}; they hold NaN",
         ConvergenceWarning,
-        stacklevel=3,
+        stacklevel=4,
     )
 
 
@@ -329,5 +267,5 @@ def _warn_of_few_orders(response: Response, tolerance: float) -> None:
         f"{response.highest[worst]} leave an estimated relative error of "
         f"{response.truncation[worst]:.1e}",
         ConvergenceWarning,
-        stacklevel=3,
+        stacklevel=4,
     )

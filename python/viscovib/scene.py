@@ -17,7 +17,7 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.backbone import Backbone
-from viscovib.driven_branch import DrivenBranch, trace_pendulum
+from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError
 from viscovib.kernels import (
     AbelKernel,
@@ -32,7 +32,7 @@ from viscovib.multiple_scales import MultipleScales
 from viscovib.oscillators import Oscillator
 from viscovib.parameters import FilePath
 from viscovib.pendulum import Pendulum
-from viscovib.periodic import backbone
+from viscovib.periodic import backbone, trace_response
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
 from viscovib.scales_results import ScalesResponse
 from viscovib.scene_keys import groups_of, namelist_text, with_key
@@ -283,15 +283,15 @@ class Scene:
         """Compute the branch of a pendulum, and those that leave it."""
         group = self._group("branch")
         same = {
-            "pend": self.pendulum(),
+            "system": self.pendulum(),
             group["parameter"]: (group["from"], group["to"]),
             "stability": group["stability"] == "yes",
             "symmetric": group["symmetry"] == "kept",
             **{key: group[key] for key in _DRIVEN},
         }
-        first = trace_pendulum(**same)
+        first = trace_response(**same)
         return first, tuple(
-            trace_pendulum(**same, leave=leave, opposite=opposite)
+            trace_response(**same, leave=leave, opposite=opposite)
             for leave, opposite in self._departures("branch", first.branch_points)
         )
 
@@ -306,7 +306,7 @@ class Scene:
         if not self.is_pendulum:
             return backbone(self.oscillator(), amplitude_range=ends, **same), ()
         same |= {
-            "pend": self.pendulum(),
+            "system": self.pendulum(),
             f"{group['parameter']}_range": ends,
             "stability": group["stability"] == "yes",
             "symmetric": group["symmetry"] == "kept",
@@ -339,7 +339,7 @@ class Scene:
             else:
                 where |= {"vary": group["vary"], "vary_range": ends}
         return {
-            "mount": self.oscillator(),
+            "system": self.oscillator(),
             **where,
             **self.loads(),
             **{key: group[key] for key in ("harmonics", "tolerance", "max_points", "max_step")},
@@ -350,7 +350,7 @@ class Scene:
         group = self._group("response")
         relaxation = group["relaxation"]
         return {
-            "mount": self.oscillator(),
+            "system": self.oscillator(),
             "nu": self.nu(),
             **self.loads(),
             **{key: group[key] for key in ("method", "harmonics", "tolerance", "max_iterations")},

@@ -11,11 +11,11 @@ import xarray as xr
 from viscovib import _native
 from viscovib._native import core
 from viscovib.backbone import Backbone
-from viscovib.branch import Branch, trace_response
+from viscovib.branch import Branch
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.periodic import forced_response, trace_response
 from viscovib.plan import Plan, wanted_places
-from viscovib.response import forced_response
 from viscovib.response_result import Response
 from viscovib.results import Result
 from viscovib.scales_results import ScalesResponse

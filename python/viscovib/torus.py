@@ -69,12 +69,6 @@ class Torus:
         return 2 * math.gcd(*self.drive_orders.ravel().tolist()) if self.n_axes == 1 else 2
 
 
-def check_pendulum(pend: object) -> None:
-    """Refuse what is no pendulum."""
-    if not isinstance(pend, Pendulum):
-        raise InputError(f"pend = {_native.shown(pend)}: must be a Pendulum")
-
-
 def moved(pend: Pendulum, name: str, value: float) -> Pendulum:
     """The same pendulum with another frequency of a load."""
     changes: dict[str, Any] = {name: value}

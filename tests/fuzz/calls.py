@@ -26,11 +26,11 @@ MEMORY = MOUNT.replace("damping", f"kernel={KERNEL}, damping")
 SYSTEM = "vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces='x^3', names=('x',))"
 RUN = f"vv.simulate({PENDULUM}, t_end=20, dt=0.25, initial=[0.05, 0, 0.3, 0, -0.2, 0])"
 RESPONSE = (
-    f"vv.forced_response(mount={MOUNT}, nu=[1, 2, 3], load=0.1, method='newton', harmonics=3)"
+    f"vv.forced_response(system={MOUNT}, nu=[1, 2, 3], load=0.1, method='newton', harmonics=3)"
 )
 STEADY = f"vv.forced_response({PENDULUM}, p1=[0.8, 0.9], harmonics=3)"
 BRANCH = (
-    f"vv.trace_response(mount={SYSTEM}, nu_range=(0.8, 1.6), load=0.2, harmonics=3, max_points=80)"
+    f"vv.trace_response(system={SYSTEM}, nu_range=(0.8, 1.6), load=0.2, harmonics=3, max_points=80)"
 )
 DRIVEN = f"vv.trace_response({PENDULUM}, p1=(0.85, 0.95), harmonics=3, max_points=20)"
 SCALES = f"vv.MultipleScales({PENDULUM})"
@@ -76,7 +76,7 @@ SOUND = (
     f"vv.simulate({SYSTEM}, t_end=5, dt=0.1, load=0.3, nu=1.2, tolerance=1e-6)",
     f"vv.backbone({SYSTEM}, mode=0, amplitude_range=(0.01, 0.5), harmonics=3)",
     f"vv.backbone({FREE}, mode=1, energy_range=(1e-4, 1e-3), harmonics=3, max_points=20)",
-    f"vv.plan_response(mount={MOUNT}, nu=[1, 2], load=0.1)",
+    f"vv.plan_response(system={MOUNT}, nu=[1, 2], load=0.1)",
     f"vv.spectrum(signal={SIGNAL}, dt=0.1, window='hann')",
     f"vv.amplitudes_at(signal={SIGNAL}, dt=1, frequencies=[0.3])",
     f"vv.dominant_frequencies(signal={SIGNAL}, dt=1, count=1)",

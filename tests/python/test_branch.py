@@ -333,14 +333,14 @@ def test_table_dataset_and_picture(tmp_path):
         ({"max_step": 0}, "max_step = 0: must be in [1e-4, 1]"),
         ({"tolerance": 1e-20}, "tolerance = "),
         ({"harmonics": 0}, "harmonics = 0: must be 1"),
-        ({"mount": 1}, "mount = 1: must be a Mount"),
-        ({"mount": damped(cubic_scale=0.0)}, "nothing is nonlinear"),
+        ({"system": 1}, "system = 1: must be a Mount"),
+        ({"system": damped(cubic_scale=0.0)}, "nothing is nonlinear"),
     ],
 )
 def test_bad_input_is_named(changes, text):
-    given = {"mount": damped(), "nu_range": (0.5, 3), "load": 0.5} | changes
+    given = {"system": damped(), "nu_range": (0.5, 3), "load": 0.5} | changes
     with pytest.raises(vv.InputError) as error:
-        vv.trace_response(given.pop("mount"), **given)
+        vv.trace_response(**given)
     assert text in str(error.value)
 
 

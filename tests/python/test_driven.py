@@ -60,7 +60,7 @@ def test_motion_returns_after_a_period(equations, loads):
 @pytest.mark.parametrize("equations", ["exact", "cubic", "printed"])
 def test_multipliers_against_integration(equations):
     pend = swung(equations=equations, m01=0.005, f0=0.02, p1=1.0)
-    r = vv.forced_response(pend, tolerance=1e-12)
+    r = vv.forced_response(pend, tolerance=1e-12, stability=True)
     assert r.axes == ("nu",)
     start, period = r.state(0, 0.0), 2 * np.pi / r.nu[0]
 
@@ -336,7 +336,7 @@ def test_branch_ends_where_the_spring_reaches_its_pivot():
 
 def test_each_row_is_what_it_is_alone():
     pend, p2 = swung(m01=0.005), np.linspace(0.45, 0.9, 12)
-    rows = vv.forced_response(pend, p2=p2, harmonics=15, tolerance=1e-13)
+    rows = vv.forced_response(pend, p2=p2, harmonics=15, tolerance=1e-13, stability=True)
     assert rows.converged.all()
     assert rows.stable.all()
     for i in (0, 5, 11):
@@ -407,8 +407,8 @@ def test_table_dataset_and_picture(tmp_path):
         (lambda: vv.trace_response(swung(), p2=(1, 2), max_step=9), "max_step = 9: must be in"),
         (lambda: vv.trace_response(swung(), p2=(1, 2), leave=3), "leave = 3: must be one of"),
         (lambda: vv.trace_response(3, (1, 2)), "must be a Mount"),
-        (lambda: vv.trace_response(pend=3, p2=(1, 2)), "pend = 3: must be a Pendulum"),
-        (lambda: vv.forced_response(mount=3, nu=1.0), "mount = 3: must be a Mount"),
+        (lambda: vv.trace_response(system=3, p2=(1, 2)), "system = 3: must be a Mount or a"),
+        (lambda: vv.forced_response(3, nu=1.0), "system = 3: must be a Mount or a Poly"),
         (
             lambda: vv.trace_response(
                 vv.Pendulum(**PARAMETRIC),

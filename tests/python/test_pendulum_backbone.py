@@ -212,7 +212,10 @@ def test_tables_and_picture(tmp_path):
     ("changes", "text"),
     [
         ({"mode": 3}, "mode = 3: must be 0 to 2"),
-        ({"pend": vv.Pendulum(**SET, equations="printed")}, "the printed equations keep no energy"),
+        (
+            {"system": vv.Pendulum(**SET, equations="printed")},
+            "the printed equations keep no energy",
+        ),
         ({"amplitude_range": (0, 1)}, "amplitude_range: must be two numbers, 0 < from < to"),
         ({"energy_range": (1, 2)}, "amplitude_range or energy_range: must be given, and only one"),
         ({"amplitude_range": None}, "amplitude_range or energy_range: must be given, and only one"),
@@ -226,7 +229,7 @@ def test_tables_and_picture(tmp_path):
     ],
 )
 def test_bad_input_is_named(changes, text):
-    given = {"pend": vv.Pendulum(**SET), "mode": 1, "amplitude_range": (1e-3, 0.1)} | changes
+    given = {"system": vv.Pendulum(**SET), "mode": 1, "amplitude_range": (1e-3, 0.1)} | changes
     with pytest.raises(vv.InputError) as error:
         vv.backbone(**given)
     assert text in str(error.value)

@@ -27,7 +27,7 @@ THREE = vv.Pendulum(**BODY, f0=0.01, m01=0.001, m02=0.003, p1=0.93, p2=0.37, p3=
 )
 def test_lines_of_a_long_run_from_rest(pend, harmonics, within):
     """Transients are gone after t = 1000 (exp(-0.05 t)); 40 lines a coordinate."""
-    r = vv.forced_response(pend, harmonics=harmonics)
+    r = vv.forced_response(pend, harmonics=harmonics, stability=True)
     assert r.outcome[0] == "converged"
     assert r.stable[0]
     assert r.multipliers is None
@@ -60,8 +60,8 @@ def test_motion_solves_the_equations(equations):
 def test_two_axes_of_one_frequency_give_the_periodic_motion():
     """Frequencies 1 : 2, taken for incommensurate, then together."""
     pend = replace(TWO, p1=0.74)
-    apart = vv.forced_response(pend, p1=0.74, harmonics=14)
-    together = vv.forced_response(pend, harmonics=30)
+    apart = vv.forced_response(pend, p1=0.74, harmonics=14, stability=True)
+    together = vv.forced_response(pend, harmonics=30, stability=True)
     assert apart.axes == ("p1", "p2")
     assert together.axes == ("nu",)
     assert together.nu[0] == 0.37
@@ -72,7 +72,7 @@ def test_two_axes_of_one_frequency_give_the_periodic_motion():
 def test_growth_of_small_motions_is_the_linear_one():
     """Real parts of the characteristic roots at rest."""
     pend = replace(TWO, f0=1e-5, m01=1e-5, c1=0.02, c2=0.05, c3=0.15)
-    r = vv.forced_response(pend)
+    r = vv.forced_response(pend, stability=True)
     roots = np.linalg.eigvals(pend.jacobian(0.0, np.zeros(6))).real
     assert r.growth[0] == pytest.approx(np.sort(roots)[::-1], rel=1e-4)
     assert r.stable[0]
@@ -80,7 +80,7 @@ def test_growth_of_small_motions_is_the_linear_one():
 
 def test_growth_adds_up_to_the_divergence():
     """Liouville: the sum of all rates is the mean trace of the Jacobian along the motion."""
-    r = vv.forced_response(TWO, harmonics=14)
+    r = vv.forced_response(TWO, harmonics=14, stability=True)
     s = np.linspace(0, 1, 20001)[1:-1]
     weight, t = np.exp(-1 / (s * (1 - s))), 20000 * s
     trace = np.trace(TWO.jacobian(t, r.state(0, t)), axis1=1, axis2=2)
@@ -91,8 +91,8 @@ def test_growth_adds_up_to_the_divergence():
 
 def test_growth_of_a_periodic_motion_taken_for_a_quasi_periodic_one():
     pend = replace(TWO, p1=0.74)
-    apart = vv.forced_response(pend, p1=0.74, harmonics=14, duration=20000)
-    together = vv.forced_response(pend, harmonics=30)
+    apart = vv.forced_response(pend, p1=0.74, harmonics=14, duration=20000, stability=True)
+    together = vv.forced_response(pend, harmonics=30, stability=True)
     assert apart.growth[0] == pytest.approx(together.growth[0], rel=2e-3)
     assert together.growth[0].sum() == pytest.approx(apart.growth[0].sum(), rel=1e-9)
     size = np.abs(together.multipliers[0])
@@ -105,7 +105,7 @@ def test_parametric_resonance_of_a_quasi_periodic_motion():
         e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.02, c2=0.02, c3=0.02, f0=0.1, p1=0.72,
         m01=1e-5, p2=0.2517,
     )  # fmt: skip
-    r = vv.forced_response(pend, harmonics=10)
+    r = vv.forced_response(pend, harmonics=10, stability=True)
     assert r.converged[0]
     assert not r.stable[0]
     t = np.array([10, 25]) * 4 * np.pi / 0.72
@@ -141,7 +141,7 @@ def test_branch_of_quasi_periodic_motions():
     again = vv.trace_response(TWO, m01=(0, 0.005), harmonics=6, symmetric=True, duration=500)
     assert again.coefficients[-1] == pytest.approx(branch.coefficients[-1], abs=1e-12)
     assert again.stable.all()
-    rates = vv.forced_response(TWO, harmonics=6, duration=500).growth[0]
+    rates = vv.forced_response(TWO, harmonics=6, duration=500, stability=True).growth[0]
     assert again.growth[-1] == pytest.approx(rates, rel=1e-6)
     swept = vv.trace_response(TWO, p1=(0.9, 1.1), harmonics=5)
     assert swept.outcome == "completed"
@@ -224,7 +224,9 @@ def test_too_much_is_refused():
     with pytest.raises(vv.InputError, match="harmonics = 90: must be 1 to"):
         vv.forced_response(TWO, harmonics=90)
     with pytest.raises(vv.InputError, match="duration = 0: must be in"):
-        vv.forced_response(TWO, duration=0)
+        vv.forced_response(TWO, stability=True, duration=0)
+    with pytest.raises(vv.InputError, match="duration = 500: goes with stability=True"):
+        vv.forced_response(TWO, duration=500)
 
 
 def test_long_work_hears_an_interrupt(start):

@@ -44,7 +44,7 @@ def _periodic(rng, index):
         }
     p = pendulum(rng, (0.01, 0.1), **loads)
     call = f"""system = {p.source}
-r = vv.forced_response(system)
+r = vv.forced_response(system, stability=True)
 found, outcome, truncation, stable = r.converged[0], r.outcome[0], r.truncation[0], r.stable[0]
 multipliers, nu, orders, coefficients = r.multipliers[0], r.nu[0], r.harmonics, r.coefficients[0]
 amplitude, coefficient, frequencies = r.amplitude("z", 1), r.coefficient("z", 1), r.frequencies(0)
@@ -100,7 +100,7 @@ def _quasi(rng, index):
         p2=even(rng, 0.25, 0.6, 4),
     )
     call = f"""system = {p.source}
-r = vv.forced_response(system, tolerance=1e-7, max_denominator=2, duration=300)
+r = vv.forced_response(system, tolerance=1e-7, stability=True, max_denominator=2, duration=300)
 found, truncation, stable, growth = r.converged[0], r.truncation[0], r.stable[0], r.growth[0]
 orders, base, coefficients = r.orders, r.base[0], r.coefficients[0]
 axes = r.axes

@@ -23,7 +23,7 @@ _KINDS = (
     (_DUFFING, "r = vv.trace_response(system, (0.5, 1.5), load={p}, harmonics=7)",
      {"nu": "r.nu", "x_1_re": "r.coefficients[:, 0, 0].real", "growing": "r.growing", "multiplier": "abs(r.multipliers[:, 0])"},
      {"nu": "r.nu", "coefficients": "r.coefficients", "growing": "r.growing"}),
-    (_PENDULUM, "r = vv.forced_response(system, p2=np.linspace(0.3, 0.5, 4), harmonics=9)",
+    (_PENDULUM, "r = vv.forced_response(system, p2=np.linspace(0.3, 0.5, 4), harmonics=9, stability=True)",
      {"p2": "r.parameter", "phi_1_re": "r.coefficient('phi', 1).real", "stable": "r.stable"},
      {"parameter": "r.parameter", "coefficients": "r.coefficients", "truncation": "r.truncation"}),
     (_PENDULUM, "r = vv.trace_response(system, p2=(0.3, 0.34), harmonics=9)",
