@@ -161,7 +161,9 @@ def simulate_ensemble(
         needed where that load's frequency varies.
     dt : float or "auto"
         Step, shortened to fit t_end or the period. "auto": halved until halving changes no last
-        state by more than ``tolerance`` (default 1e-8).
+        state by more than ``tolerance``.
+    tolerance : float
+        Wanted absolute error of the last states, 1e-13 to 1 (default 1e-8).
     rtol, atol : float
         Instead of ``tolerance``: each coordinate and velocity of the last states is wanted within
         atol + rtol times its largest of all runs (rtol 1e-13 to 1; atol 0 if not given).

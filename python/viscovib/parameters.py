@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from inspect import signature
+from operator import is_
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -252,17 +253,24 @@ class Taken:
         arguments = signature(public).parameters
         self._called, self._whose = public.__name__, whose
         self._names = tuple(signature(inner).parameters)
-        self._others = tuple(
-            (name, one.default) for name, one in arguments.items() if name not in self._names
-        )
+        others = [one for name, one in arguments.items() if name not in self._names]
+        self._others = tuple(one.name for one in others)
+        self._defaults = tuple(one.default for one in others)
 
     def of(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return the arguments of the inner function from all of the public one."""
-        for name, default in self._others:
+        # Every call pays for this: without loops of Python it is half as much.
+        value = given.__getitem__
+        if not all(map(is_, map(value, self._others), self._defaults)):
+            self._refuse(given)
+        return dict(zip(self._names, map(value, self._names), strict=True))
+
+    def _refuse(self, given: Mapping[str, Any]) -> None:
+        """Refuse what has another value than the default, not only another object of it."""
+        for name, default in zip(self._others, self._defaults, strict=True):
             value = given[name]
-            if value is not default and not (type(value) is type(default) and value == default):
+            if type(value) is not type(default) or value != default:
                 raise InputError(
                     f"{self._called}: {name}: is no argument for {self._whose}, must be one of "
                     f"{', '.join(self._names)}"
                 )
-        return {name: given[name] for name in self._names}

@@ -179,7 +179,8 @@ def forced_response(
     given = locals()
     if isinstance(system, Pendulum):
         return pendulum_response(**_PENDULUM_RESPONSE.of(given))
-    check_instance("system", system, *_SYSTEMS)
+    if not isinstance(system, _SYSTEMS):
+        check_instance("system", system, *_SYSTEMS)
     return mount_response(**_MOUNT_RESPONSE.of(given))
 
 
@@ -382,7 +383,8 @@ def trace_response(
     given = locals()
     if isinstance(system, Pendulum):
         return trace_pendulum(**_TRACE_PENDULUM.of(given))
-    check_instance("system", system, *_SYSTEMS)
+    if not isinstance(system, _SYSTEMS):
+        check_instance("system", system, *_SYSTEMS)
     return trace_mount(**_TRACE_MOUNT.of(given))
 
 
@@ -506,7 +508,8 @@ def backbone(
     given = locals()
     if isinstance(system, Pendulum):
         return pendulum_backbone(**_PENDULUM_BACKBONE.of(given))
-    check_instance("system", system, *_SYSTEMS)
+    if not isinstance(system, _SYSTEMS):
+        check_instance("system", system, *_SYSTEMS)
     return oscillator_backbone(**_OSCILLATOR_BACKBONE.of(given))
 
 

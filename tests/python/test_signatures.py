@@ -1,0 +1,106 @@
+"""Signatures of the functions of steady motions: what editors, `help()` and mypy are told."""
+
+import inspect
+import re
+import typing
+import warnings
+from dataclasses import replace
+
+import documented_calls
+import pytest
+import viscovib as vv
+
+SHARED = (vv.forced_response, vv.trace_response, vv.backbone)
+FUNCTIONS = (*SHARED, vv.plan_response, vv.simulate, vv.simulate_ensemble)
+
+
+@pytest.mark.parametrize("function", FUNCTIONS)
+def test_a_signature_is_real(function):
+    arguments = inspect.signature(function).parameters
+    assert next(iter(arguments)) == "system"
+    kinds = {one.kind for one in arguments.values()}
+    assert kinds <= {inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY}
+    assert all(one.annotation is not one.empty for one in arguments.values())
+    text = inspect.getdoc(function)
+    assert text.count("Parameters\n----------") == 1
+    told = set()
+    for line in re.findall(r"^(\w[\w, ]*?)(?: : .*)?$", text.split("----------")[1], re.MULTILINE):
+        told |= set(line.split(", "))
+    assert set(arguments) - told == set()
+
+
+@pytest.mark.parametrize("function", SHARED)
+def test_forms_have_the_defaults_of_the_whole(function):
+    whole = inspect.signature(function).parameters
+    forms = [inspect.signature(form).parameters for form in typing.get_overloads(function)]
+    assert len(forms) == 2
+    assert set(whole) == {name for form in forms for name in form}
+    for form in forms:
+        for name, one in form.items():
+            # A form may need what the other has not; it never has another default.
+            assert one.default in (inspect.Parameter.empty, whole[name].default), name
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        documented_calls.responses, documented_calls.branches, documented_calls.backbones,
+        documented_calls.motions,
+    ],
+)  # fmt: skip
+def test_documented_calls_run(call):
+    call()
+
+
+def test_what_a_kind_of_system_lacks_is_refused_by_name():
+    for call in documented_calls.REFUSED:
+        with pytest.raises(vv.InputError, match=r"is no argument for a|must be given for a"):
+            call()
+
+
+@pytest.mark.parametrize(("function", "first"), [
+    (vv.forced_response, {"nu": 1.0, "load": 0.1}),
+    (vv.trace_response, {"nu_range": (1, 2), "load": 1}),
+    (vv.backbone, {"mode": 0, "amplitude_range": (0.1, 0.11)}),
+])  # fmt: skip
+def test_any_value_of_an_argument_that_is_lacking_is_refused(function, first):
+    """For each kind of system each argument of the other, with values of other types too."""
+    forms = typing.get_overloads(function)
+    taken = [inspect.signature(form).parameters for form in forms]
+    for system, own, other in (
+        (documented_calls.DUFFING, taken[0], taken[1]),
+        (documented_calls.SWUNG, taken[1], taken[0]),
+    ):
+        given = {name: value for name, value in first.items() if name in own}
+        for name in set(other) - set(own):
+            for value in (0.123, [1, 2], (1.0, 2.0), "x"):
+                with pytest.raises(vv.InputError, match=f"{name}: is no argument for a"):
+                    function(system, **given, **{name: value})
+            default = inspect.signature(function).parameters[name].default
+            if function is vv.backbone:
+                function(documented_calls.DUFFING, **first, **{name: default})
+
+
+def test_a_name_that_nobody_knows_is_an_error_of_the_function_called():
+    with pytest.raises(TypeError, match=r"forced_response\(\) got an unexpected .* 'mount'"):
+        vv.forced_response(mount=documented_calls.MOUNT, nu=1, load=1)
+
+
+STRETCHED = replace(documented_calls.SWUNG, m01=0.0, f0=0.1, p1=0.8)
+WARNING = [
+    lambda: vv.forced_response(documented_calls.DUFFING, 1.0, load=1),
+    lambda: vv.forced_response(documented_calls.DUFFING, 1.0, load=1, method="newton", harmonics=1),
+    lambda: vv.trace_response(documented_calls.DUFFING, (0.5, 0.6), load=1, harmonics=1),
+    lambda: vv.forced_response(STRETCHED, f0=[0.01, 40.0], harmonics=9),
+    lambda: vv.trace_response(documented_calls.SWUNG, m01=(0.05, 0.06), harmonics=2),
+    lambda: vv.backbone(documented_calls.SWUNG, 0, (0.4, 0.5), harmonics=2),
+]
+
+
+@pytest.mark.parametrize("call", WARNING)
+def test_warnings_name_the_line_that_calls(call):
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        call()
+    assert told
+    assert {one.filename for one in told} == {__file__}
