@@ -37,7 +37,7 @@ def _run_page(app, docname, source):
     def run(match):
         nonlocal made
         printed = io.StringIO()
-        with contextlib.redirect_stdout(printed):
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(io.StringIO()):
             exec(compile(match[1], docname, "exec"), names)
         text = match[0]
         if printed.getvalue():

@@ -1,11 +1,13 @@
-"""Every Python block of the README and of each page of the documentation runs as it stands."""
+"""Every Python block of the README and of each page runs, and every script of the gallery."""
 
 import re
+import runpy
 import warnings
 from pathlib import Path
 
 import matplotlib
 import pytest
+import viscovib as vv
 
 matplotlib.use("Agg")
 
@@ -14,7 +16,7 @@ BLOCK = re.compile(r"```python\n(.*?)```", re.DOTALL)
 FOLDERS = ("tutorials", "howto", "explanation", "reference")
 PAGES = [
     str(page.relative_to(ROOT))
-    for page in [ROOT / "README.md", ROOT / "docs/guide.md"]
+    for page in [ROOT / "README.md"]
     + [page for folder in FOLDERS for page in sorted((ROOT / "docs" / folder).rglob("*.md"))]
     if BLOCK.search(page.read_text())
 ]
@@ -29,3 +31,21 @@ def test_blocks_of_a_page_run(page, tmp_path, monkeypatch):
         for block in BLOCK.findall((ROOT / page).read_text()):
             exec(compile(block, page, "exec"), names)
     matplotlib.pyplot.close("all")
+
+
+@pytest.mark.parametrize(
+    "script", sorted((ROOT / "docs/examples/short").glob("*.py")), ids=lambda script: script.stem
+)
+def test_scripts_of_the_gallery_draw(script, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        runpy.run_path(str(script))
+    assert matplotlib.pyplot.get_fignums()
+    matplotlib.pyplot.close("all")
+
+
+def test_every_public_name_has_a_reference_page():
+    pages = (ROOT / "docs/reference/python").glob("*.md")
+    listed = [name for page in pages for name in re.findall(r"^   (\w+)$", page.read_text(), re.M)]
+    assert sorted(listed) == sorted(vv.__all__)

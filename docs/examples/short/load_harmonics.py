@@ -1,0 +1,16 @@
+"""
+A load with harmonics
+=====================
+
+A saw-tooth force: each of its harmonics meets the resonance at a part of its frequency.
+"""
+
+import numpy as np
+import viscovib as vv
+
+kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+mount = vv.Mount(mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=kernel)
+saw = 0.1 * (1 - np.linspace(0, 2, 64, endpoint=False))
+load = vv.fourier_coefficients(saw, orders=5)
+response = vv.forced_response(mount, np.linspace(0.3, 3, 400), load=load, method="newton")
+vv.plot_response(response)
