@@ -11,8 +11,8 @@ from viscovib.errors import InputError
 
 #: Samples a period for each order, at least and for the highest.
 _FEWEST, _PER_ORDER = 64, 8
-#: Newton steps to a turning point, each of which doubles its digits.
-_NEWTON = 6
+#: Samples so close to a summit differ from it by rounding.
+_CLOSE = 1e-9
 #: Times of a waveform that are computed at once.
 _AT_A_TIME = 4096
 
@@ -94,27 +94,23 @@ class PeriodicMotions:
         solved = np.isfinite(values).all(axis=1)
         result = np.full(own.shape[0], np.nan)
         if solved.any():
-            highest, lowest = (
-                _turning(own[solved], orders, phases[at], 2 * np.pi / n)
-                for at in (values[solved].argmax(axis=1), values[solved].argmin(axis=1))
-            )
-            result[solved] = highest - lowest
+            highest = _summit(own[solved], orders, phases[values[solved].argmax(axis=1)], phases[1])
+            lowest = _summit(-own[solved], orders, phases[values[solved].argmin(axis=1)], phases[1])
+            result[solved] = highest + lowest
         return result
 
 
-def _turning(
-    own: ComplexArray, orders: npt.NDArray[Any], at: FloatArray, width: float
+def _summit(
+    own: ComplexArray, orders: npt.NDArray[Any], middle: FloatArray, width: float
 ) -> FloatArray:
-    """Return the values where the slope is 0, near phases ``at``; Newton's method on the slope."""
-
-    def derivative(phase: FloatArray, times: int) -> FloatArray:
-        waves = np.exp(1j * np.outer(phase, orders)) * (1j * orders) ** times
-        return np.asarray((own * waves).sum(axis=1).imag)
-
-    phase = at
-    for _ in range(_NEWTON):
-        bend = derivative(phase, 2)
-        flat = np.abs(bend) <= np.finfo(float).tiny
-        step = derivative(phase, 1) / np.where(flat, np.inf, bend)
-        phase = np.clip(phase - step, at - width, at + width)
-    return derivative(phase, 0)
+    """Return the largest values near phases ``middle``, by ever closer samples around the best."""
+    places = np.linspace(-1, 1, 9)
+    while True:
+        phases = middle[:, np.newaxis] + width * places
+        waves = np.exp(1j * phases[:, :, np.newaxis] * orders)
+        values = np.einsum("nk,npk->np", own, waves).imag
+        best = values.argmax(axis=1)
+        rows = np.arange(len(middle))
+        if width < _CLOSE:
+            return np.asarray(values[rows, best])
+        middle, width = phases[rows, best], 0.25 * width
