@@ -9,10 +9,9 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 
-#: Samples a period for each order, at least and for the highest.
-_FEWEST, _PER_ORDER = 64, 8
-#: Samples so close to a summit differ from it by rounding.
-_CLOSE = 1e-9
+#: Samples a period of the highest order, summits among them that are looked at closer, Newton
+#: steps to each, motions at once.
+_PER_ORDER, _SUMMITS, _NEWTON, _AT_ONCE = 64, 6, 5, 256
 #: Times of a waveform that are computed at once.
 _AT_A_TIME = 4096
 
@@ -85,32 +84,46 @@ class PeriodicMotions:
         return np.asarray(np.sqrt(squares.sum(axis=1)))
 
     def peak_to_peak(self, dof: int | str) -> FloatArray:
-        """Largest value less smallest in a period, to rounding, shape (n,)."""
+        """Largest value less smallest in a period, shape (n,): samples by FFT, then Newton."""
         _, orders, coefficients = self._motions()
         own = coefficients[:, self._dof(dof)]
-        n = max(_FEWEST, _PER_ORDER * int(orders.max(initial=1)))
-        phases = 2 * np.pi * np.arange(n) / n
-        values = (own @ np.exp(1j * np.outer(orders, phases))).imag
-        solved = np.isfinite(values).all(axis=1)
         result = np.full(own.shape[0], np.nan)
-        if solved.any():
-            highest = _summit(own[solved], orders, phases[values[solved].argmax(axis=1)], phases[1])
-            lowest = _summit(-own[solved], orders, phases[values[solved].argmin(axis=1)], phases[1])
-            result[solved] = highest + lowest
+        solved = np.flatnonzero(np.isfinite(own).all(axis=1))
+        for rows in np.array_split(solved, -(-solved.size // _AT_ONCE) or 1):
+            values = _samples(own[rows], orders)
+            result[rows] = sum(
+                _highest(sign * own[rows], orders, sign * values) for sign in (1, -1)
+            )
         return result
 
 
-def _summit(
-    own: ComplexArray, orders: npt.NDArray[Any], middle: FloatArray, width: float
-) -> FloatArray:
-    """Return the largest values near phases ``middle``, by ever closer samples around the best."""
-    places = np.linspace(-1, 1, 9)
-    while True:
-        phases = middle[:, np.newaxis] + width * places
+def _samples(own: ComplexArray, orders: npt.NDArray[Any]) -> FloatArray:
+    """Return values of Im sum_k X_k exp(i k phase) at evenly spaced phases of a period."""
+    n = _PER_ORDER * int(max(orders.max(initial=1), 1))
+    spectrum = np.zeros((own.shape[0], n // 2 + 1), dtype=complex)
+    spectrum[:, orders] = -0.5j * n * own
+    spectrum[:, 0] *= 2
+    return np.fft.irfft(spectrum, n)
+
+
+def _highest(own: ComplexArray, orders: npt.NDArray[Any], values: FloatArray) -> FloatArray:
+    """Return the largest value in a period, from samples of it.
+
+    The highest sample need not stand on the highest summit, so several are looked at.
+    """
+    width = 2 * np.pi / values.shape[1]
+    summits = (values >= np.roll(values, 1, axis=1)) & (values >= np.roll(values, -1, axis=1))
+    best = np.argpartition(np.where(summits, -values, np.inf), _SUMMITS, axis=1)[:, :_SUMMITS]
+
+    def derivative(phases: FloatArray, times: int) -> FloatArray:
         waves = np.exp(1j * phases[:, :, np.newaxis] * orders)
-        values = np.einsum("nk,npk->np", own, waves).imag
-        best = values.argmax(axis=1)
-        rows = np.arange(len(middle))
-        if width < _CLOSE:
-            return np.asarray(values[rows, best])
-        middle, width = phases[rows, best], 0.25 * width
+        return np.einsum("nk,npk->np", own * (1j * orders) ** times, waves).imag
+
+    start = width * best
+    phases = start
+    for _ in range(_NEWTON):
+        bend = derivative(phases, 2)
+        flat = np.abs(bend) <= np.finfo(float).tiny
+        step = derivative(phases, 1) / np.where(flat, np.inf, bend)
+        phases = np.clip(phases - step, start - width, start + width)
+    return np.maximum(derivative(phases, 0).max(axis=1), values.max(axis=1))

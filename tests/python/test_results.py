@@ -120,6 +120,32 @@ def test_motions_of_scenes_pickle(tmp_path):
     assert pickle.loads(pickle.dumps(result)).value == result.value
 
 
+def test_peak_to_peak_finds_the_highest_of_many_summits():
+    """Random harmonics, against samples so close that they miss 3e-8 at most."""
+
+    class Motions(vv.PeriodicMotions):
+        dof_names = ("x",)
+
+        def __init__(self, orders, coefficients):
+            self.row = np.ones(len(coefficients)), orders, coefficients
+
+        def _motions(self):
+            return self.row
+
+    rng = np.random.default_rng(7)
+    angles = np.linspace(0, 2 * np.pi, 60_001)
+    for _ in range(40):
+        orders = np.unique(rng.integers(0, 16, 6))
+        parts = rng.normal(size=(2, 20, 1, orders.size))
+        x = (parts[0] + 1j * parts[1]) * 10.0 ** rng.uniform(-3, 0, orders.size)
+        x[:, :, orders == 0] = 1j * x[:, :, orders == 0].imag
+        u = (x[:, 0] @ np.exp(1j * np.outer(orders, angles))).imag
+        wide = u.max(axis=1) - u.min(axis=1)
+        found = Motions(orders, x).peak_to_peak("x")
+        assert found == pytest.approx(wide, rel=1e-6)
+        assert (found >= wide * (1 - 1e-12)).all()
+
+
 @pytest.mark.parametrize("name", ["judged response", "branch", "pendulum branch", "backbone"])
 def test_what_follows_from_the_harmonics(name):
     """Against integrals and samples of the waveform itself."""
