@@ -86,7 +86,8 @@ found, nu, orders, near = r.amplitude({dof!r}), r.nu, r.harmonics, r.coefficient
         best = None
         for j in (i, i - 1, i + 1):
             if 0 <= j < len(found) and np.isfinite(found[j]):
-                x = refined(model, names["near"][j], names["orders"], names["at"], load, 11)
+                top = max(11, int(names["orders"].max()))
+                x = refined(model, names["near"][j], names["orders"], names["at"], load, top)
                 if x is not None and abs(abs(x[0, 1]) - names["amplitude"]) < abs(
                     (best or 1e9) - names["amplitude"]
                 ):
@@ -122,7 +123,7 @@ near, orders, there, outcome = branch.coefficients[i], branch.harmonics, branch.
         # Before the fold behind the peak the motion is one of nu; from the point on.
         beside = []
         for x in (names["at"] - d, names["at"], names["at"] + d):
-            found = refined(model, names["near"], names["orders"], x, load, 13)
+            found = refined(model, names["near"], names["orders"], x, load, 11)
             beside.append(np.nan if found is None else abs(found[0, 1]))
         if np.isfinite(beside[1]):
             yield Claim(
