@@ -9,7 +9,8 @@ module viscovib_curve_groups
 
   public :: read_curve, read_switch, read_yes, check_between
 
-  integer, parameter :: max_curve_points = 100000, max_switches = 20
+  integer, parameter, public :: max_curve_points = 100000
+  integer, parameter :: max_switches = 20
 
 contains
 

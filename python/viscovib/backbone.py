@@ -14,10 +14,9 @@ from viscovib.curves import MAX_SPECIAL, OUTCOMES, largest_panels
 from viscovib.errors import InputError
 from viscovib.motion_stability import STABILITY_NOTE, stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
-from viscovib.parameters import MAX_HARMONICS, CurveOptions, Interval
+from viscovib.parameters import MAX_HARMONICS, MAX_UNKNOWNS, CurveOptions, Interval
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.plan import Plan, wanted_places
-from viscovib.response import _MAX_UNKNOWNS
 from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import Table, listed, listed_units
 
@@ -231,7 +230,7 @@ def oscillator_backbone(
         core.oscillator_backbone_plan, *job, (dof or "").encode(), *ends, highest, wanted
     )
     orders = kept[:n_kept].copy()
-    most = 100 * _MAX_UNKNOWNS**2 // (n_kept * len(names))
+    most = 100 * MAX_UNKNOWNS**2 // (n_kept * len(names))
     if points > most:
         raise InputError(f"max_points = {points}: must be at most {most} with these unknowns")
     cancel = np.zeros(1, dtype=np.intc)

@@ -202,12 +202,14 @@ class Optional(Parameter[Any]):
         return None if value is None else self.of.check(value)
 
 
-#: Highest order of a periodic motion, and the highest that is chosen along a branch unless the
-#: load needs more.
-MAX_HARMONICS, MOST_CHOSEN = 199, 63
+_counts, _sizes = _native.core.known_limits()
+_lowest, _highest, _curve_tolerance, _curve_step = _sizes.tolist()
+#: Highest order of a periodic motion, the highest that is chosen along a branch unless the load
+#: needs more, unknowns of Newton's method: all bounds here are those of the core.
+MAX_HARMONICS, MOST_CHOSEN, _iterations, MAX_UNKNOWNS, _most_points, _points = _counts.tolist()
 #: What several methods share: the relative size of the last correction, ...
-TOLERANCE = Number("tolerance", 1e-14, 0.1)
-MAX_ITERATIONS = Whole("max_iterations", 1, 100_000)
+TOLERANCE = Number("tolerance", _lowest, _highest)
+MAX_ITERATIONS = Whole("max_iterations", 1, _iterations)
 #: ... what they may do or not, ...
 STABILITY, SYMMETRIC, OPPOSITE = Flag("stability"), Flag("symmetric"), Flag("opposite")
 PROGRESS = Flag("progress")
@@ -223,9 +225,9 @@ TIME_TOLERANCE, RTOL = Number("tolerance", 1e-13, 1), Number("rtol", 1e-13, 1)
 class CurveOptions:
     """How a curve of motions is followed, whatever the motions are; the defaults of all methods."""
 
-    tolerance: float = 1e-10
-    max_points: int = 2000
-    max_step: float = 0.1
+    tolerance: float = _curve_tolerance
+    max_points: int = _points
+    max_step: float = _curve_step
 
     @classmethod
     def checked(cls, tolerance: float, max_points: int, max_step: float) -> "CurveOptions":
@@ -235,7 +237,7 @@ class CurveOptions:
         )
 
 
-_MAX_POINTS, _MAX_STEP = Whole("max_points", 2, 100_000), Number("max_step", 1e-4, 1)
+_MAX_POINTS, _MAX_STEP = Whole("max_points", 2, _most_points), Number("max_step", 1e-4, 1)
 
 
 def checked(table: Iterable[Parameter[Any]], given: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,8 +23,6 @@ OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow",
 #: Frequencies a native call takes at most: how often progress shows and Ctrl-C is heard.
 CHUNK = 4096
 
-#: Unknowns of Newton's method, as in the core.
-_MAX_UNKNOWNS = 2000
 #: Frequencies times unknowns squared that Newton's method takes without a thread of its own.
 _LONG = 6400
 #: Orders that a frequency takes as a rule where they are chosen.

@@ -4,11 +4,12 @@ import inspect
 import re
 import typing
 import warnings
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import documented_calls
 import pytest
 import viscovib as vv
+from viscovib.parameters import CurveOptions
 
 SHARED = (vv.forced_response, vv.trace_response, vv.backbone)
 FUNCTIONS = (*SHARED, vv.plan_response, vv.simulate, vv.simulate_ensemble)
@@ -39,6 +40,13 @@ def test_forms_have_the_defaults_of_the_whole(function):
         for name, one in form.items():
             # A form may need what the other has not; it never has another default.
             assert one.default in (inspect.Parameter.empty, whole[name].default), name
+
+
+@pytest.mark.parametrize("function", [vv.trace_response, vv.backbone])
+def test_curves_have_the_defaults_of_the_core(function):
+    whole = inspect.signature(function).parameters
+    for name, value in asdict(CurveOptions()).items():
+        assert whole[name].default == value
 
 
 @pytest.mark.parametrize(
