@@ -117,7 +117,8 @@ def _highest(own: ComplexArray, orders: npt.NDArray[Any], values: FloatArray) ->
 
     def derivative(phases: FloatArray, times: int) -> FloatArray:
         waves = np.exp(1j * phases[:, :, np.newaxis] * orders)
-        return np.einsum("nk,npk->np", own * (1j * orders) ** times, waves).imag
+        terms = own * (1j * orders) ** times
+        return np.asarray(np.einsum("nk,npk->np", terms, waves).imag)
 
     start = width * best
     phases = start
@@ -126,4 +127,4 @@ def _highest(own: ComplexArray, orders: npt.NDArray[Any], values: FloatArray) ->
         flat = np.abs(bend) <= np.finfo(float).tiny
         step = derivative(phases, 1) / np.where(flat, np.inf, bend)
         phases = np.clip(phases - step, start - width, start + width)
-    return np.maximum(derivative(phases, 0).max(axis=1), values.max(axis=1))
+    return np.asarray(np.maximum(derivative(phases, 0).max(axis=1), values.max(axis=1)))
