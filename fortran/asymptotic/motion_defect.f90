@@ -202,7 +202,7 @@ contains
     complex(wp) :: waves(scales%form%n), u(scales%form%n), s
     real(wp) :: slowest
     integer :: points, i, k
-    logical :: singular
+    logical :: acts(2*scales%normal%n_generators), singular
 
     points = size(y, 1)
     root = [(exp(cmplx(0.0_wp, -two_pi*k/points, wp)), k=0, points - 1)]/points
@@ -212,9 +212,8 @@ contains
     do i = 1, defect%n
       call take_waves()
       s = cmplx(0.0_wp, max(defect%frequency(i), slowest), wp)
-      call scales%normal%answer(scales%form, s, -waves, &
-                                scales%normal%near_modes(defect%frequency(i), band), u, rates, &
-                                singular)
+      acts = scales%normal%near_modes(defect%frequency(i), scales%flow%frame, band)
+      call scales%normal%answer(scales%form, s, -waves, acts, u, rates, singular)
       defect%rates(:, i) = rates(:scales%flow%n_modes)
       ! A stiffness that vanishes: no finite motion answers.
       if (singular .and. any(abs(waves) > 0.0_wp)) defect%known = .false.

@@ -89,6 +89,7 @@ contains
     normal%tolerance = merge(tolerance, default_band, tolerance >= 0.0_wp)
     normal%choosing = tolerance < 0.0_wp
     normal%framed = present(reach) .and. normal%choosing
+    if (present(reach)) normal%with_far = reach%with_far
     normal%s = [s, conjg(s)]
     normal%exponents = normal%s
     normal%frame = aimag(s)

@@ -18,6 +18,8 @@ module viscovib_normal_products
   !! amplitude (terms of third order) and over amplitudes (second), shape (n_modes).
   type :: reach_type
     real(wp), allocatable :: cubic(:), quadratic(:)
+    !> Take terms far from the modes too, for what they make grow.
+    logical :: with_far = .false.
   end type reach_type
 
   type :: normal_form_type
@@ -30,6 +32,8 @@ module viscovib_normal_products
     integer, allocatable :: hard(:), weak(:), direct(:)
     !> Products are those of steady motion; and in a frame chosen for it.
     logical :: steady = .false., framed = .false.
+    !> As of `reach_type`.
+    logical :: with_far = .false.
     !> What resonates is chosen by influence.
     logical :: choosing = .false.
     !> That frame, or the natural frequencies.
@@ -97,9 +101,10 @@ contains
 
   !> The same of all modes and conjugates for a wave that turns at this frequency, whichever
   !! turn with it in the frame included.
-  pure function near_modes(self, frequency, band) result(acts)
+  pure function near_modes(self, frequency, frame, band) result(acts)
     class(normal_form_type), intent(in) :: self
-    real(wp), intent(in) :: frequency
+    !> Of the wave; and those with which the modes turn.
+    real(wp), intent(in) :: frequency, frame(:)
     !> Instead of the tolerance, in parts of the mode's own frequency.
     real(wp), intent(in), optional :: band
     logical :: acts(2*self%n_generators)
@@ -107,11 +112,8 @@ contains
     do a = 1, size(acts)
       acts(a) = self%near(cmplx(0.0_wp, frequency, wp), abs(frequency), a)
     end do
-    if (present(band)) then
-      acts(:self%n_modes) = abs(frequency - self%frame) <= band*self%frame
-    end if
-    acts(:self%n_modes) = acts(:self%n_modes) .or. &
-                          abs(frequency - self%frame) <= 1.0e-7_wp*self%frame
+    if (present(band)) acts(:self%n_modes) = abs(frequency - frame) <= band*frame
+    acts(:self%n_modes) = acts(:self%n_modes) .or. abs(frequency - frame) <= 1.0e-7_wp*frame
   end function near_modes
 
   pure integer function place_of(self, a, b, c)

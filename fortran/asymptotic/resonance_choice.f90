@@ -18,6 +18,9 @@ module viscovib_resonance_choice
 
   !> From here on a term is resonant; below, what its wave leaves over goes with the square.
   real(wp), parameter, public :: least_influence = 0.05_wp
+  !> Terms farther from a mode than this part of its frequency are no part of the modulation
+  !! equations, but may make modes at rest grow: looked at from half of where that begins.
+  real(wp), parameter, public :: far = 0.5_wp, least_of_far = 0.25_wp
   !> Where no amplitudes are known: this part of the highest frequency.
   real(wp), parameter, public :: default_band = 0.05_wp
 
@@ -25,6 +28,8 @@ module viscovib_resonance_choice
     !> Number of factors, place of the product, mode; factors as generators, 0: none.
     integer :: order = 0, at = 0, mode = 0, factors(3) = 0
     real(wp) :: coupling = 0.0_wp, divisor = 0.0_wp
+    !> Farther than `far`.
+    logical :: is_far = .false.
     !> In the modulation equations; wanted there, but with no place in their frame.
     logical :: taken = .false., turned_away = .false.
   end type candidate_type

@@ -5,12 +5,13 @@ module viscovib_resonant_terms
   use viscovib_kinds, only: wp
   use viscovib_normal_products, only: normal_form_type, reach_type
   use viscovib_polynomial_form, only: polynomial_form_type
-  use viscovib_resonance_choice, only: candidate_type, default_band, influence, least_influence
+  use viscovib_resonance_choice, only: candidate_type, default_band, far, influence, &
+    least_influence
   use viscovib_status, only: set_ok, status_type
   implicit none
   private
 
-  public :: choose_loads, choose_products, left_out, wants_more
+  public :: choose_loads, choose_products, far_influence, left_out, wants_more
 
   !> A load farther than this part of a mode's frequency from it never counts as resonant.
   real(wp), parameter :: farthest_load = 0.3_wp
@@ -149,6 +150,7 @@ contains
         ! What shifts the mode's own exponent needs no place.
         found(i)%taken = all(powers == 0) .and. .not. abs(drive) > 0.0_wp
         waits(i) = .not. found(i)%taken .and. does(i) >= least_influence
+        if (found(i)%is_far) waits(i) = waits(i) .and. self%with_far
       end do
       do while (any(waits))
         i = maxloc(does, 1, mask=waits)
@@ -189,7 +191,7 @@ contains
 
   end subroutine choose_products
 
-  !> Products of this order within half of a mode's frequency of it, with what they do.
+  !> Products of this order not too far from a mode, with what they do.
   subroutine list_candidates(self, form, order, sides, found)
     class(normal_form_type), intent(in) :: self
     type(polynomial_form_type), intent(in) :: form
@@ -210,7 +212,7 @@ contains
         s = self%s_triple(i)
       end if
       do j = 1, self%n_modes
-        if (abs(aimag(s - self%s(j))) > 0.5_wp*aimag(self%s(j))) cycle
+        if (abs(aimag(s - self%s(j))) > farthest(i)*aimag(self%s(j))) cycle
         part = sum(self%left(:, j)*sides(:, i))
         if (.not. abs(part) > 1.0e-13_wp*sum(abs(self%left(:, j)*sides(:, i)))) cycle
         n = n + 1
@@ -221,9 +223,27 @@ contains
         if (order == 3) some(n)%factors = self%triple(:, i)
         some(n)%coupling = abs(part/self%weight(form, j, s))
         some(n)%divisor = abs(s - self%exponents(j))
+        some(n)%is_far = abs(aimag(s - self%s(j))) > far*aimag(self%s(j))
       end do
     end do
     found = some(:n)
+
+  contains
+
+    !> In parts of the mode's frequency. Of steady motion a factor that is the conjugate of a mode
+    !! makes modes at rest grow, under large motions far from where frequencies meet: almost to
+    !! where the product does not turn.
+    pure real(wp) function farthest(i)
+      integer, intent(in) :: i
+      integer :: factors(3)
+      factors = 0
+      if (order == 2) factors(:2) = self%pair(:, i)
+      if (order == 3) factors = self%triple(:, i)
+      farthest = merge(0.95_wp, far, self%framed .and. &
+                       any(factors > self%n_generators .and. &
+                           factors <= self%n_generators + self%n_modes))
+    end function farthest
+
   end subroutine list_candidates
 
   !> Powers of the modes among the factors, conjugates negative, and the loads' frequency.
@@ -272,10 +292,26 @@ contains
     call sizes_of_generators(self, sizes, all_sizes, reference)
     left_out = 0.0_wp
     do i = 1, size(self%candidates)
-      if (self%candidates(i)%taken) cycle
+      if (self%candidates(i)%taken .or. self%candidates(i)%is_far) cycle
       left_out = max(left_out, influence(self%candidates(i), all_sizes, self%n_modes, reference))
     end do
   end function left_out
+
+  !> The largest influence on a mode at rest of what is far and not among the resonant terms.
+  pure real(wp) function far_influence(self, sizes)
+    class(normal_form_type), intent(in) :: self
+    real(wp), intent(in) :: sizes(:)
+    real(wp) :: all_sizes(self%n_generators), reference
+    integer :: i
+    call sizes_of_generators(self, sizes, all_sizes, reference)
+    far_influence = 0.0_wp
+    do i = 1, size(self%candidates)
+      associate (c => self%candidates(i))
+        if (.not. c%is_far .or. c%taken .or. sizes(c%mode) > 0.0_wp) cycle
+        far_influence = max(far_influence, influence(c, all_sizes, self%n_modes, reference))
+      end associate
+    end do
+  end function far_influence
 
   !> Whether at these amplitudes more would be chosen.
   pure logical function wants_more(self, sizes)
@@ -288,6 +324,7 @@ contains
     do i = 1, size(self%candidates)
       associate (c => self%candidates(i))
         if (c%taken .or. c%turned_away) cycle
+        if (c%is_far) cycle
         wants_more = wants_more .or. influence(c, all_sizes, self%n_modes, reference) &
                      >= least_influence
       end associate

@@ -16,18 +16,24 @@ module viscovib_resting_modes
   use viscovib_kinds, only: wp
   use viscovib_motion_defect, only: defect_type, find_defect
   use viscovib_motion_lattice, only: angles_type, find_angles, max_angles
-  use viscovib_multiple_scales, only: multiple_scales_type
-  use viscovib_polynomial_form, only: full_system_type
+  use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
+  use viscovib_normal_products, only: reach_type
+  use viscovib_polynomial_form, only: full_system_type, polynomial_form_type
+  use viscovib_resonance_choice, only: least_of_far
+  use viscovib_resonant_terms, only: far_influence
+  use viscovib_status, only: status_type
   implicit none
   private
 
-  public :: resting_growth
+  public :: resting_growth, far_growth
 
   !> Farther than this part of a mode's frequency no such tongue reaches.
   real(wp), parameter :: reach = 0.3_wp
   !> Of a resting mode, in parts of the largest that moves.
   real(wp), parameter :: little = 1.0e-4_wp
   integer, parameter :: order = 3
+  !> Waves this near to a mode, in parts of its frequency, turn with it.
+  real(wp), parameter :: still = 1.0e-7_wp
 
 contains
 
@@ -167,5 +173,86 @@ contains
     end function growth_of
 
   end subroutine resting_growth
+
+  !> Growth of the resting modes by terms of the expansion that are too far from a mode to be in the
+  !! modulation equations, which under large motions reach it all the same: what these equations
+  !! make of the same motion with them in; -huge where nothing is far.
+  subroutine far_growth(scales, full, form, tolerance, reach_of_modes, a, growth, left)
+    type(multiple_scales_type), intent(in) :: scales
+    !> As in `find_defect`.
+    class(full_system_type), intent(in), optional :: full
+    !> In the caller's units.
+    type(polynomial_form_type), intent(in) :: form
+    real(wp), intent(in) :: tolerance
+    type(reach_type), intent(in) :: reach_of_modes
+    !> Amplitudes of a steady motion, in natural units.
+    complex(wp), intent(in) :: a(:)
+    real(wp), intent(out) :: growth
+    !> Largest influence of those that no frame holds.
+    real(wp), intent(out) :: left
+    type(multiple_scales_type) :: wide
+    type(reach_type) :: wide_reach
+    type(status_type) :: status
+    complex(wp), dimension(size(a), size(a)) :: by_a, by_conjugate
+    complex(wp) :: values(2*count(.not. abs(a) > 0.0_wp))
+    integer, allocatable :: which(:)
+    integer :: j
+    logical :: found
+
+    growth = -huge(1.0_wp)
+    left = 0.0_wp
+    if (.not. scales%normal%framed) return
+    left = far_influence(scales%normal, abs(a))
+    if (left < least_of_far) return
+    wide_reach = reach_of_modes
+    wide_reach%with_far = .true.
+    call new_multiple_scales(wide, form, tolerance, .true., status, wide_reach, abs(a))
+    if (status%failed() .or. .not. wide%flow%autonomous) return
+    ! The motion itself is the same in both.
+    if (any(abs(a) > 0.0_wp .and. abs(wide%flow%frame - scales%flow%frame) &
+            > 1.0e-9_wp*scales%flow%frame)) return
+    left = far_influence(wide%normal, abs(a))
+    which = pack([(j, j=1, size(a))], .not. abs(a) > 0.0_wp)
+    call wide%flow%slopes(a, by_a, by_conjugate)
+    do j = 1, size(which)
+      call add_defect(wide, full, a, which(j), by_a, by_conjugate)
+    end do
+    call eigenvalues(real_matrix(by_a(which, which), by_conjugate(which, which)), values, found)
+    if (found) growth = maxval(real(values))
+  end subroutine far_growth
+
+  !> On top of the slopes by the amplitude of mode j at rest: what a little of it leaves over in the
+  !! full equations that stands still with a mode, the order that follows.
+  subroutine add_defect(scales, full, a, j, by_a, by_conjugate)
+    type(multiple_scales_type), intent(in) :: scales
+    !> As in `find_defect`.
+    class(full_system_type), intent(in), optional :: full
+    complex(wp), intent(in) :: a(:)
+    integer, intent(in) :: j
+    complex(wp), intent(inout) :: by_a(:, :), by_conjugate(:, :)
+    type(defect_type) :: defect
+    complex(wp) :: b(size(a)), rates(size(a), 2)
+    real(wp) :: own
+    integer :: i, k, part
+
+    own = little*maxval(abs(a))
+    rates = (0.0_wp, 0.0_wp)
+    do part = 1, 2
+      b = a
+      b(j) = merge(cmplx(own, 0.0_wp, wp), cmplx(0.0_wp, own, wp), part == 1)
+      call find_defect(scales, full, b, defect, still)
+      if (.not. defect%known) return
+      do i = 1, defect%n
+        do k = 1, size(a)
+          associate (f => scales%flow%frame(k))
+            if (abs(defect%frequency(i) - f) > still*f) cycle
+            rates(k, part) = rates(k, part) + defect%rates(k, i)/own
+          end associate
+        end do
+      end do
+    end do
+    by_a(:, j) = by_a(:, j) + 0.5_wp*(rates(:, 1) - (0.0_wp, 1.0_wp)*rates(:, 2))
+    by_conjugate(:, j) = by_conjugate(:, j) + 0.5_wp*(rates(:, 1) + (0.0_wp, 1.0_wp)*rates(:, 2))
+  end subroutine add_defect
 
 end module viscovib_resting_modes

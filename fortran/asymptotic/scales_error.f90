@@ -38,20 +38,17 @@ contains
     d = size(of_harmonic)
     of_harmonic = ieee_value(1.0_wp, ieee_positive_inf)
     of_motion = ieee_value(1.0_wp, ieee_positive_inf)
-    call find_defect(scales, full, a, defect)
-    if (.not. defect%known) return
     margin = 1.0e-7_wp
+    ! Nothing but what stands still with a mode changes its amplitude. What is near is a wave, as
+    ! large as the mode's own stiffness lets it be, and quadratic terms bring it back.
+    call find_defect(scales, full, a, defect, margin)
+    if (.not. defect%known) return
     associate (frame => scales%flow%frame, normal => scales%normal)
       rho = (0.0_wp, 0.0_wp)
       do i = 1, defect%n
         do j = 1, size(a)
-          if (.not. abs(defect%rates(j, i)) > 0.0_wp) cycle
           if (abs(defect%frequency(i) - frame(j)) <= margin*frame(j)) then
             rho(j) = rho(j) + defect%rates(j, i)
-          else
-            ! Near the mode but not with it: as far as its own stiffness lets it.
-            defect%u(:, i) = defect%u(:, i) + normal%right(:, j)*defect%rates(j, i) &
-                             /(cmplx(0.0_wp, defect%frequency(i), wp) - scales%flow%s(j))
           end if
         end do
       end do

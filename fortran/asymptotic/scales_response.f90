@@ -6,7 +6,7 @@ module viscovib_scales_response
   use viscovib_normal_products, only: reach_type
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_resonant_terms, only: left_out, wants_more
-  use viscovib_resting_modes, only: resting_growth
+  use viscovib_resting_modes, only: far_growth, resting_growth
   use viscovib_scales_error, only: steady_error
   use viscovib_scales_motion, only: harmonic_of, n_sizes
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
@@ -32,7 +32,8 @@ module viscovib_scales_response
     real(wp), allocatable :: frame(:, :), sizes(:, :)
     !> Largest influence of what is not among the resonant terms (`viscovib_resonance_choice`).
     real(wp), allocatable :: left_out(:)
-    !> Growth of modes at rest by what is of the order that follows; -huge: nothing is near.
+    !> Growth of modes at rest by what is of the order that follows, or too far to be in the
+    !! modulation equations; -huge: nothing is near.
     real(wp), allocatable :: resting(:)
     !> Where asked for, errors of the harmonic and of the whole motion in each coordinate.
     real(wp), allocatable :: harmonic_errors(:, :), motion_errors(:, :)
@@ -118,6 +119,7 @@ contains
     subroutine add_point(i, amplitudes)
       integer, intent(in) :: i
       complex(wp), intent(in) :: amplitudes(:)
+      real(wp) :: by_far, left
       if (points%n == size(points%value)) then
         call reserve(points, form%n_modes(), form%n_dof, 2*points%n + 1)
       end if
@@ -131,6 +133,9 @@ contains
                          points%sizes(:, m))
         points%left_out(m) = left_out(scales%normal, abs(amplitudes))
         call resting_growth(scales, form%full, amplitudes, points%resting(m))
+        call far_growth(scales, form%full, here, tolerance, reach, amplitudes, by_far, left)
+        points%resting(m) = max(points%resting(m), by_far)
+        points%left_out(m) = max(points%left_out(m), left)
         if (with_errors) then
           call steady_error(scales, form%full, amplitudes, scales%form%drives(load), &
                             points%harmonic_errors(:, m), points%motion_errors(:, m))

@@ -230,8 +230,9 @@ class ScalesResponse(Result):
         coupling times the amplitudes over its divisor. Below 0.05 as a rule; more where its
         frequency has no place beside the others (the motion is then quasi-periodic).
     resting_growth : ndarray, shape (n,)
-        Growth of modes at rest by what is of fourth order (as at 3 p ~ 2 w1), which is not in the
-        modulation equations; -inf where no such condition is near.
+        Growth of modes at rest by what is not in the modulation equations: terms of fourth order
+        (as at 3 p ~ 2 w1), and under large motions those whose frequency is farther from the mode
+        than half of its own. -inf where there is no such condition.
     plan : Plan
         What was computed, what was skipped and why.
     """

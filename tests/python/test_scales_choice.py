@@ -280,3 +280,37 @@ def test_tongues_of_the_order_that_follows():
         np.testing.assert_allclose(around.resting_growth.max(), -top.fun, rtol=0.1)
         beside = ms.response("p1", top.x + np.array([-4, 4]) * wide)
         assert beside.stable.all()
+
+
+def test_tongues_that_reach_far():
+    """A large motion makes a mode at rest grow where p is far from twice its frequency."""
+    rng = np.random.default_rng(4)
+    growing = judged = 0
+    while judged < 24:
+        e, w2, w3 = rng.uniform([0.1, 0.35, 0.55], [0.16, 0.5, 0.7])
+        body = {"e": e, "w2": w2, "w3": w3, "alpha": 0.1}
+        p, f0 = rng.uniform(1.1, 1.25), rng.uniform(0.03, 0.06)
+
+        def pend(p, body=body, f0=f0):
+            return vv.Pendulum(**body, c1=0.004, c2=0.004, c3=0.004, f0=f0, p1=p)
+
+        ms = vv.MultipleScales(pend(p))
+        psi = ms.frequencies[2]
+        found = ms.response("p1", [p])
+        if abs(p - 2 * psi) < 0.5 * psi or psi > 0.95 or not found.in_range[0]:
+            continue
+        around = [
+            vv.forced_response(pend(p * x), stability=True).growth[0].max()
+            for x in (0.985, 1, 1.015)
+        ]
+        # At the edges of a tongue nothing of finite order is sure.
+        if min(around) < 0 < max(around):
+            continue
+        judged += 1
+        growing += around[1] > 0
+        assert (found.resting_growth[0] > 0) == (around[1] > 0)
+        if around[1] > 0:
+            assert not found.stable[0]
+            # Motions of a fifth of the length: what follows is of that size.
+            np.testing.assert_allclose(found.resting_growth[0], around[1], rtol=0.25)
+    assert growing >= 3

@@ -50,6 +50,21 @@ def test_of_steady_motions_of_mounts_against_harmonic_balance():
     assert np.mean((ratios > 1 / 1.5) & (ratios < 1.5)) > 0.9
 
 
+def test_beside_half_the_frequency_of_a_mode():
+    """Twice the load is near the mode, resonant or not: its wave comes back to the load's."""
+    for c, k2, k3, load in [(0.02, 0.3, 0.14, 0.009), (0.008, 0.08, 0.4, 0.01)]:
+        system = vv.PolynomialSystem(mass=1, stiffness=1, damping=c, forces=f"{k2}*x^2 + {k3}*x^3")
+        nu = 0.5 * np.linspace(0.97, 1.05, 9)
+        steady = vv.MultipleScales(system, load=load, nu=1.0).response("nu", nu)
+        assert list(steady.index) == list(range(nu.size))
+        exact = vv.forced_response(system, nu, load=load, method="newton", harmonics=12)
+        wanted = exact.coefficients[:, :, list(exact.harmonics).index(1)]
+        error = abs(steady.harmonics - wanted).max(axis=1)
+        kept = error > 1e-12
+        assert kept.sum() > 6
+        np.testing.assert_allclose(steady.error_estimate[kept], error[kept], rtol=0.1)
+
+
 def test_of_motions_of_pendulums_against_integration():
     """Not more than 6 times too small or too large anywhere, within 3 at four of five."""
     rng = np.random.default_rng(5)

@@ -147,7 +147,8 @@ upright = np.abs(s.amplitude("phi")) + np.abs(amplitudes[:, np.argsort(ms.freque
             states[:, 0], states[:, 1] = (waves @ z).imag, (waves @ (1j * p1 * k * z)).imag
             return p.jacobian(t, states)
 
-        if np.abs(z).max() > 1:
+        turn = np.exp(1j * np.outer(np.linspace(0, 2 * np.pi, 400), k))
+        if (turn @ z).imag.min() < -0.99:
             return  # Newton's method went to a motion through the pivot.
         mu = np.linalg.eigvals(magnus(matrices, 2 * np.pi / p1, 400))
         growth = np.log(np.abs(mu).max()) * p1 / (2 * np.pi)
