@@ -323,7 +323,9 @@ def split(text: str) -> tuple[str | None, Any]:
     import ast
 
     tree = ast.parse(text, mode="eval").body
-    assert isinstance(tree, ast.Call)
+    if not isinstance(tree, ast.Call):
+        # A part of what a call gives: it is called as it stands.
+        return None, text
     arguments = {f"*{i}": ast.unparse(arg) for i, arg in enumerate(tree.args)}
     arguments |= {str(k.arg): ast.unparse(k.value) for k in tree.keywords}
     if not arguments:
