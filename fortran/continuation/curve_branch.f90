@@ -8,8 +8,8 @@
 module viscovib_curve_branch
   use viscovib_curve, only: curve_type
   use viscovib_curve_corrector, only: aim, angle_between, compare, copy_point, correct, &
-    corrector_type, curve_point, distance, new_corrector, new_point, normalize, respond, reverse, &
-    rounding_of
+    corrector_type, curve_point, distance, new_corrector, new_point, normalize, reverse, &
+    rounding_of, truncation_shift
   use viscovib_curve_events, only: empty, locate_branch_point, locate_fold, locate_value, nowhere, &
     special_points
   use viscovib_kinds, only: wp
@@ -216,7 +216,7 @@ contains
         call finish_at(options%start, curve_returned)
         return
       end if
-      call note(step)
+      call record_events(step)
       if (branch%n_points == options%max_points) return
       apart = distance(corrector, points(4), next)
       if (apart > 3.0_wp*max(step, first_step)) away = .true.
@@ -260,7 +260,7 @@ contains
       logical, intent(out) :: again
       real(wp) :: pushed(n), own, moved
       call sized%left_out(point%x, point%p, pushed, own)
-      call respond(corrector, point, pushed, moved)
+      call truncation_shift(corrector, point, pushed, moved)
       truncation = max(own, moved)
       call sized%choose_size(point%x, truncation, own, again)
     end subroutine examine
@@ -306,7 +306,7 @@ contains
 
     !> Folds, branch points and stops between `here` and `next`, which lies a step
     !! `ahead`.
-    subroutine note(ahead)
+    subroutine record_events(ahead)
       real(wp), intent(in) :: ahead
       real(wp) :: at_fold, at_branch_point
       integer :: n_before
@@ -323,10 +323,10 @@ contains
       places = [real(wp) ::]
       if (size(stops) > 0) then
         if (at_fold > 0.0_wp .and. at_fold < ahead) then
-          call pass(0.0_wp, at_fold, here%p, branch%folds%p(branch%folds%n))
-          call pass(at_fold, ahead, branch%folds%p(branch%folds%n), next%p)
+          call add_stops(0.0_wp, at_fold, here%p, branch%folds%p(branch%folds%n))
+          call add_stops(at_fold, ahead, branch%folds%p(branch%folds%n), next%p)
         else
-          call pass(0.0_wp, ahead, here%p, next%p)
+          call add_stops(0.0_wp, ahead, here%p, next%p)
         end if
       end if
       if (at_fold < nowhere) then
@@ -336,7 +336,7 @@ contains
         branch%branch_points%before(branch%branch_points%n) = n_before &
                                                               + passed(at_branch_point, ahead)
       end if
-    end subroutine note
+    end subroutine record_events
 
     !> Points between `here` and a place of the step, which may lie a little off it.
     integer function passed(at, ahead)
@@ -345,7 +345,7 @@ contains
     end function passed
 
     !> Add the stops between two places of the step, in the order met.
-    subroutine pass(from, to, p_from, p_to)
+    subroutine add_stops(from, to, p_from, p_to)
       real(wp), intent(in) :: from, to, p_from, p_to
       real(wp) :: last, at
       integer :: k
@@ -361,7 +361,7 @@ contains
         call blur(stop_point)
         call branch%add(stop_point, .true., truncation)
       end do
-    end subroutine pass
+    end subroutine add_stops
 
     !> The last point lies at the end itself.
     subroutine finish_at(end, outcome)
@@ -372,7 +372,7 @@ contains
       branch%outcome = merge(outcome, curve_stuck, made)
       if (.not. made) return
       call blur(next)
-      call note(at)
+      call record_events(at)
       if (branch%n_points < options%max_points) then
         call branch%add(next, any(abs(stops - next%p) <= 0.0_wp), truncation)
       else

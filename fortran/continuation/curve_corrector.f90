@@ -14,7 +14,7 @@ module viscovib_curve_corrector
   private
 
   public :: curve_point, corrector_type, new_corrector, new_point, copy_point, aim, correct, &
-            null_vector, normalize, respond, reverse, angle_between, compare, distance, &
+            null_vector, normalize, truncation_shift, reverse, angle_between, compare, distance, &
             rounding_of
 
   integer, parameter :: max_iterations = 12, longest = 8
@@ -289,7 +289,7 @@ contains
 
   !> How far a point moves on the plane of the last correction, relative to its size, if
   !! the equations are pushed by these residuals.
-  subroutine respond(c, point, pushed, moved)
+  subroutine truncation_shift(c, point, pushed, moved)
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: point
     real(wp), intent(in) :: pushed(:)
@@ -300,7 +300,7 @@ contains
     call solve_padded(c%rows, c%n + 1, c%matrix, c%pivots, c%right)
     call metric(c, point, weight_x, weight_p)
     moved = sqrt(weight_x*sum(c%weights*c%right(:c%n)**2) + weight_p*c%right(c%n + 1)**2)
-  end subroutine respond
+  end subroutine truncation_shift
 
   !> Border the derivatives by slope and tangent, and factorize.
   subroutine decompose(c, here, weight_x, weight_p, singular)
@@ -484,7 +484,7 @@ contains
     if (.not. inside) return
     call curve%residual([(point%x(i)*(1.0_wp + ulps*(mod(i, 3) - 1)*epsilon(1.0_wp)), &
                           i=1, c%n)], point%p, c%slope_p, inside)
-    if (inside) call respond(c, point, c%slope_p - c%r, moved)
+    if (inside) call truncation_shift(c, point, c%slope_p - c%r, moved)
   end subroutine rounding_of
 
   !> The direction across the branch: null vector of the bordered matrix, by inverse

@@ -65,7 +65,7 @@ contains
     type(curve_point) :: found
     real(wp) :: nothing(curve%n + 1)
 
-    call turn(curve, c, here, step, found, at)
+    call bracket_fold(curve, c, here, step, found, at)
     if (at >= nowhere) return
     if (folds%n > 0) then
       ! Of two flips of a sign next to a fold the second finds it again.
@@ -88,7 +88,7 @@ contains
     type(curve_point) :: found
     real(wp), allocatable :: across(:)
 
-    call cross(curve, c, here, step, found, at)
+    call bracket_branch_point(curve, c, here, step, found, at)
     if (at >= nowhere) return
     call null_vector(curve, c, here, found, across)
     call keep(branch_points, found, across)
@@ -110,7 +110,7 @@ contains
   end subroutine keep
 
   !> dp/ds by false position.
-  subroutine turn(curve, c, here, step, found, at)
+  subroutine bracket_fold(curve, c, here, step, found, at)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
@@ -155,12 +155,12 @@ contains
       if (abs(trial%slope_p) <= 1.0e-7_wp*abs(here%p) .or. high - low <= 1.0e-9_wp) exit
     end do
     if (.not. made .and. k == 1) at = nowhere
-  end subroutine turn
+  end subroutine bracket_fold
 
   !> The determinant, and the curve, as polynomials in the step: at the zero itself
   !! the equations cannot be solved. Over a step as short as `follow_curve` makes it there,
   !! that is good to rounding.
-  subroutine cross(curve, c, here, step, found, at)
+  subroutine bracket_branch_point(curve, c, here, step, found, at)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
@@ -286,7 +286,7 @@ contains
       at_place = sum(over(:n)*values(:n))/sum(over(:n))
     end function at_place
 
-  end subroutine cross
+  end subroutine bracket_branch_point
 
   !> The point where p has a value it passes between two steps from `here`.
   subroutine locate_value(curve, c, here, from, to, value, found, at, made)

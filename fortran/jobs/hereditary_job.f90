@@ -1,7 +1,7 @@
 !> A motion with memory as one job: a periodic load, a start, an end.
 module viscovib_hereditary_job
   use viscovib_base_motion, only: base_motion_type
-  use viscovib_channels, only: channels_type, new_channels
+  use viscovib_memory_channels, only: channels_type, new_channels
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_idle, counted_runs, counting

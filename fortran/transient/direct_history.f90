@@ -2,8 +2,8 @@
 !! kernel. The judge of the fast way, and right for short runs. Weights of equal steps
 !! that follow each other are kept, those of other pairs of steps made anew.
 module viscovib_direct_history
-  use viscovib_ancient, only: ancient_type
-  use viscovib_channels, only: channels_type
+  use viscovib_known_past, only: known_past_type
+  use viscovib_memory_channels, only: channels_type
   use viscovib_collocation, only: collocation_type
   use viscovib_history, only: history_type, past_type
   use viscovib_gauss_points, only: points_32, weights_32
@@ -33,11 +33,11 @@ module viscovib_direct_history
     !> The first step where it was made of panels, as masses.
     real(wp), allocatable :: times(:), masses(:, :)
     !> The motion before t = 0.
-    type(ancient_type) :: ancient
+    type(known_past_type) :: known_past
   contains
     procedure :: recall
     procedure :: store
-    procedure :: add_ancient
+    procedure :: add_known_past
     procedure :: begin
     procedure :: change_step
     procedure :: memory_size
@@ -83,10 +83,10 @@ contains
       end do
     end do
     if (self%n_other > 0) call add_others(self, remembered)
-    if (self%ancient%is_known()) then
+    if (self%known_past%is_known()) then
       do i = 1, self%s
         now = self%now + self%h*self%table%points(i)
-        call self%ancient%recall(self%kernels, self%scale, self%kernel_of, now, before)
+        call self%known_past%recall(self%kernels, self%scale, self%kernel_of, now, before)
         remembered(i::self%s) = remembered(i::self%s) + before
       end do
     end if
@@ -195,11 +195,11 @@ contains
     self%n_lags = n
   end subroutine add_lags
 
-  subroutine add_ancient(self, ancient)
+  subroutine add_known_past(self, known_past)
     class(direct_history_type), intent(inout) :: self
-    type(ancient_type), intent(in) :: ancient
-    self%ancient = ancient
-  end subroutine add_ancient
+    type(known_past_type), intent(in) :: known_past
+    self%known_past = known_past
+  end subroutine add_known_past
 
   subroutine begin(self, table, past)
     class(direct_history_type), intent(inout) :: self

@@ -7,8 +7,8 @@
 !! phi being exact for the polynomial through the points of a step. The cost of a
 !! step and the memory do not grow with time.
 module viscovib_exponential_history
-  use viscovib_ancient, only: ancient_type
-  use viscovib_channels, only: channels_type
+  use viscovib_known_past, only: known_past_type
+  use viscovib_memory_channels, only: channels_type
   use viscovib_collocation, only: collocation_type
   use viscovib_gauss_points, only: points_16, points_32, weights_16, weights_32
   use viscovib_history, only: history_type, past_type
@@ -55,7 +55,7 @@ module viscovib_exponential_history
   contains
     procedure :: recall
     procedure :: store
-    procedure :: add_ancient
+    procedure :: add_known_past
     procedure :: begin
     procedure :: change_step
     procedure :: memory_size
@@ -270,29 +270,29 @@ contains
     end do
   end subroutine store_channel
 
-  subroutine add_ancient(self, ancient)
+  subroutine add_known_past(self, known_past)
     class(exponential_history_type), intent(inout) :: self
-    type(ancient_type), intent(in) :: ancient
+    type(known_past_type), intent(in) :: known_past
     real(wp), allocatable :: moments(:, :), fading(:)
     real(wp) :: length
     integer :: i, c, p
 
     do i = 1, size(self%groups)
       associate (group => self%groups(i))
-        allocate (moments(group%n_terms, 0:ancient%table%s + 1))
-        do p = 1, size(ancient%g, 3)
-          length = ancient%times(p) - ancient%times(p - 1)
-          call exponential_moments(ancient%table, length*group%rates, moments)
-          fading = length*exp(-min(-group%rates*ancient%times(p), 700.0_wp))
+        allocate (moments(group%n_terms, 0:known_past%table%s + 1))
+        do p = 1, size(known_past%g, 3)
+          length = known_past%times(p) - known_past%times(p - 1)
+          call exponential_moments(known_past%table, length*group%rates, moments)
+          fading = length*exp(-min(-group%rates*known_past%times(p), 700.0_wp))
           do c = group%first, group%last
             group%state(:group%n_terms, c) = group%state(:group%n_terms, c) &
-                                             + fading*matmul(moments, ancient%g(:, c, p))
+                                             + fading*matmul(moments, known_past%g(:, c, p))
           end do
         end do
         deallocate (moments)
       end associate
     end do
-  end subroutine add_ancient
+  end subroutine add_known_past
 
   subroutine begin(self, table, past)
     class(exponential_history_type), intent(inout) :: self

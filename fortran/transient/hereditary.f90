@@ -4,8 +4,8 @@
 !! The maps of a step are in `hereditary_maps`, its nonlinear equations in
 !! `step_equations`.
 module viscovib_hereditary
-  use viscovib_ancient, only: ancient_type, new_ancient
-  use viscovib_channels, only: channels_type, is_steep, new_channels
+  use viscovib_known_past, only: known_past_type, new_known_past
+  use viscovib_memory_channels, only: channels_type, is_steep, new_channels
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counting
   use viscovib_direct_history, only: direct_history_type, new_direct_history
@@ -54,7 +54,7 @@ module viscovib_hereditary
     class(history_type), allocatable :: history
     type(load_clock) :: clock
     type(start_type) :: start
-    type(ancient_type) :: ancient
+    type(known_past_type) :: known_past
     !> Displacements at the points of the last step, shape (0:s+1, n_dof).
     real(wp), allocatable :: points(:, :)
     !> T W, shape (n_channels, n_dof), and T of the bent variables.
@@ -164,8 +164,8 @@ contains
       call move_alloc(direct, run%history)
     end if
     if (present(before) .and. run%maps(1)%n_channels > 0) then
-      call new_ancient(run%ancient, system, run%channels, before, moved)
-      if (run%ancient%is_known()) call run%history%add_ancient(run%ancient)
+      call new_known_past(run%known_past, system, run%channels, before, moved)
+      if (run%known_past%is_known()) call run%history%add_known_past(run%known_past)
     end if
     call new_clock(run%clock, load, 0.0_wp, h, run%table%points(1:s))
     run%gather = matmul(run%channels%gather, system%gather)
@@ -402,10 +402,10 @@ contains
     if (self%maps(1)%n_channels == 0) return
     call load%at(0.0_wp, f)
     if (.not. (any(abs(self%u) > 0.0_wp) .or. any(abs(self%v) > 0.0_wp) &
-               .or. any(abs(f) > 0.0_wp) .or. self%ancient%is_known())) return
+               .or. any(abs(f) > 0.0_wp) .or. self%known_past%is_known())) return
     u = self%u
     v = self%v
-    call march_start(self%start, system, self%channels, load, self%ancient, self%h, u, v, made)
+    call march_start(self%start, system, self%channels, load, self%known_past, self%h, u, v, made)
     if (made) made = all(abs(u) <= self%bound) .and. all(abs(v) <= self%bound)
     if (.not. made) return
     self%u = u

@@ -16,7 +16,7 @@
 !!
 !! and a step is: one product for G z, then X = G z + Z y(X) until it holds.
 module viscovib_hereditary_maps
-  use viscovib_channels, only: channels_type
+  use viscovib_memory_channels, only: channels_type
   use viscovib_collocation, only: collocation_type
   use viscovib_dense, only: factorize, solve
   use viscovib_kernel, only: kernel_type

@@ -7,8 +7,8 @@
 !! one before it, with exact weights, and everything earlier as masses at Chebyshev
 !! points, which are carried from each interval to the next, twice as long.
 module viscovib_hereditary_start
-  use viscovib_ancient, only: ancient_type
-  use viscovib_channels, only: channels_type
+  use viscovib_known_past, only: known_past_type
+  use viscovib_memory_channels, only: channels_type
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_panels, counting
@@ -47,13 +47,13 @@ contains
 
   !> March over [0, h]. `made` is false, and the state stays, if a panel does not
   !! settle: the step is too large.
-  subroutine march_start(start, system, channels, load, ancient, h, u, v, made)
+  subroutine march_start(start, system, channels, load, known_past, h, u, v, made)
     type(start_type), intent(out) :: start
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
     type(time_load_type), intent(in) :: load
     !> The motion before.
-    type(ancient_type), intent(in) :: ancient
+    type(known_past_type), intent(in) :: known_past
     real(wp), intent(in) :: h
     !> State, shape (n_dof), at 0 and then at h.
     real(wp), intent(inout) :: u(:), v(:)
@@ -92,9 +92,9 @@ contains
       remembered = 0.0_wp
       if (k > 1) call recall(system, channels, start%table, start%ends(k - 1), length, &
                              start%ends(k - 2), before, x, masses, k > 2, remembered)
-      if (ancient%is_known()) then
+      if (known_past%is_known()) then
         do m = 1, start_nodes
-          call ancient%recall(system%kernels, system%memory_scale, channels%kernel_of, &
+          call known_past%recall(system%kernels, system%memory_scale, channels%kernel_of, &
                               start%ends(k - 1) + start%table%points(m)*length, of_old)
           remembered(m, :) = remembered(m, :) + of_old
         end do

@@ -2,7 +2,7 @@
 !!
 !! A channel g is remembered as (R*g)(t) less what the step itself adds.
 module viscovib_history
-  use viscovib_ancient, only: ancient_type
+  use viscovib_known_past, only: known_past_type
   use viscovib_collocation, only: collocation_type
   use viscovib_kinds, only: wp
   implicit none
@@ -31,7 +31,7 @@ module viscovib_history
   contains
     procedure(recall_interface), deferred :: recall
     procedure(store_interface), deferred :: store
-    procedure(ancient_interface), deferred :: add_ancient
+    procedure(ancient_interface), deferred :: add_known_past
     procedure(begin_interface), deferred :: begin
     procedure(change_interface), deferred :: change_step
     procedure(size_interface), deferred :: memory_size
@@ -56,10 +56,10 @@ module viscovib_history
     end subroutine store_interface
 
     !> At t = 0, before any step: a motion before it.
-    subroutine ancient_interface(self, ancient)
-      import :: ancient_type, history_type
+    subroutine ancient_interface(self, known_past)
+      import :: known_past_type, history_type
       class(history_type), intent(inout) :: self
-      type(ancient_type), intent(in) :: ancient
+      type(known_past_type), intent(in) :: known_past
     end subroutine ancient_interface
 
     !> The present step is the second, after a first one made of panels.

@@ -2,7 +2,7 @@
 !! in them and share a kernel, the forces they sum to, which are fewer.
 !!
 !! F(u, v) = B w + r(u, v) - S (R*g) with channels g = T w(u), each with one kernel.
-module viscovib_channels
+module viscovib_memory_channels
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   implicit none
@@ -102,4 +102,4 @@ contains
     end do
   end function is_steep
 
-end module viscovib_channels
+end module viscovib_memory_channels

@@ -1,21 +1,21 @@
 !> A motion known before t = 0: straight lines between displacements at times, the
 !! first one held before them. What springs remember of it is a polynomial on each
 !! piece, integrated with exact weights at any lag.
-module viscovib_ancient
-  use viscovib_channels, only: channels_type
+module viscovib_known_past
+  use viscovib_memory_channels, only: channels_type
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: kernel_holder, oscillator_type
   implicit none
   private
 
-  public :: ancient_type, new_ancient
+  public :: known_past_type, new_known_past
 
   !> Nodes of a piece, which make it exact to rounding for forces of any smoothness
   !! that a step resolves.
   integer, parameter :: nodes = 8
 
-  type :: ancient_type
+  type :: known_past_type
     type(collocation_type) :: table
     !> Ends of the pieces, ascending to 0, shape (0:n); channels at the points of each,
     !! less what was held, shape (0:nodes+1, n_channels, n).
@@ -23,12 +23,12 @@ module viscovib_ancient
   contains
     procedure :: is_known
     procedure :: recall
-  end type ancient_type
+  end type known_past_type
 
 contains
 
-  subroutine new_ancient(ancient, system, channels, times, u)
-    type(ancient_type), intent(out) :: ancient
+  subroutine new_known_past(known_past, system, channels, times, u)
+    type(known_past_type), intent(out) :: known_past
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
     !> Ascending to 0, shape (n+1); none or one: nothing is known.
@@ -40,14 +40,14 @@ contains
     integer :: c, d, i, n
 
     n = max(size(times) - 1, 0)
-    call new_collocation(ancient%table, nodes)
-    allocate (ancient%times(0:n), ancient%g(0:nodes + 1, size(channels%kernel_of), n))
-    ancient%times = 0.0_wp
+    call new_collocation(known_past%table, nodes)
+    allocate (known_past%times(0:n), known_past%g(0:nodes + 1, size(channels%kernel_of), n))
+    known_past%times = 0.0_wp
     if (n == 0) return
-    ancient%times(0:n) = times
+    known_past%times(0:n) = times
     do i = 1, n
       do d = 1, size(u, 1)
-        points(:, d) = u(d, i) + (u(d, i + 1) - u(d, i))*ancient%table%points
+        points(:, d) = u(d, i) + (u(d, i + 1) - u(d, i))*known_past%table%points
       end do
       w = matmul(points, transpose(system%gather))
       bend = 0.0_wp
@@ -56,20 +56,20 @@ contains
         if (system%bent(d)) w(:, d) = w(:, d) + bend(:, d)
       end do
       do c = 1, size(channels%kernel_of)
-        ancient%g(:, c, i) = matmul(w, channels%gather(c, :)) - channels%held(c)
+        known_past%g(:, c, i) = matmul(w, channels%gather(c, :)) - channels%held(c)
       end do
     end do
-  end subroutine new_ancient
+  end subroutine new_known_past
 
   pure logical function is_known(self)
-    class(ancient_type), intent(in) :: self
+    class(known_past_type), intent(in) :: self
     is_known = .false.
     if (allocated(self%g)) is_known = size(self%g, 3) > 0
   end function is_known
 
   !> What is remembered of it at a time t > 0, shape (n_channels).
   subroutine recall(self, kernels, scale, kernel_of, t, remembered)
-    class(ancient_type), intent(in) :: self
+    class(known_past_type), intent(in) :: self
     !> Kernels, their common factor, and the kernel of each channel.
     type(kernel_holder), intent(in) :: kernels(:)
     real(wp), intent(in) :: scale
@@ -98,4 +98,4 @@ contains
     end do
   end subroutine recall
 
-end module viscovib_ancient
+end module viscovib_known_past
