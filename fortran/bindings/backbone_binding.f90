@@ -1,10 +1,11 @@
 ! Flat routines over backbone curves, for f2py. The system is given as in mount_binding.
 
-!> What a backbone computes and skips, the coordinate whose amplitude counts and the orders
-!! kept. mode is counted from 0, dof from 1 (0: the one that moves most); name is that of dof.
+!> What a backbone computes and skips, and how many orders it may keep. mode is counted from 0,
+!! dof from 1 (0: the one that moves most); name is that of dof.
+!! chosen = 1: as many orders as the tolerance needs.
 subroutine oscillator_backbone_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
-                                    mode, dof, name, start, finish, harmonics, tolerance, n_kept, &
-                                    kept, text, status, message)
+                                    mode, dof, name, start, finish, harmonics, chosen, tolerance, &
+                                    n_kept, text, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
   use viscovib_binding_tools, only: make_system, report
@@ -12,10 +13,11 @@ subroutine oscillator_backbone_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi,
   use viscovib_status, only: status_type
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, mode, dof, harmonics
+  integer(c_int), intent(in) :: chosen
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi)
   real(c_double), intent(in) :: start, finish, tolerance
   character(len=*), intent(in) :: name
-  integer(c_int), intent(out) :: n_kept, kept(200), status
+  integer(c_int), intent(out) :: n_kept, status
   character(len=2048), intent(out) :: text
   character(len=512), intent(out) :: message
   class(oscillator_type), allocatable :: system
@@ -23,25 +25,25 @@ subroutine oscillator_backbone_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi,
   type(status_type) :: outcome
 
   n_kept = 0
-  kept = 0
   text = ''
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call new_backbone_plan(plan, system, mode, dof, name, harmonics, &
-                                                     tolerance, outcome)
+                                                     chosen == 1, tolerance, outcome)
   if (.not. outcome%failed()) then
-    n_kept = size(plan%set%orders)
-    kept(:n_kept) = plan%set%orders
+    n_kept = plan%n_most()
     text = plan%text(start, finish)
   end if
   call report(outcome, status, message)
 end subroutine oscillator_backbone_plan
 
 !> The backbone of a mode, counted from 0, from amplitude start to finish of coordinate
-!! dof, counted from 1 (0: the one that moves most). n_kept as its plan says.
+!! dof, counted from 1 (0: the one that moves most). n_kept as its plan says; n_used of them
+!! are kept.
 subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
-                               mode, dof, start, finish, harmonics, tolerance, max_points, &
+                               mode, dof, start, finish, harmonics, chosen, tolerance, max_points, &
                                max_step, n_kept, n_dof, max_special, cancel, n_points, ended, &
-                               nu, coefficients, n_folds, folds, status, message)
+                               n_used, kept, nu, truncation, coefficients, n_folds, folds, &
+                               status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_backbone, only: follow_backbone
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
@@ -51,14 +53,14 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
   use viscovib_status, only: status_type
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, mode, dof, harmonics
-  integer(c_int), intent(in) :: max_points, n_kept, n_dof, max_special
+  integer(c_int), intent(in) :: chosen, max_points, n_kept, n_dof, max_special
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi)
   real(c_double), intent(in) :: start, finish, tolerance, max_step
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
-  integer(c_int), intent(out) :: n_points, ended, n_folds, status
+  integer(c_int), intent(out) :: n_points, ended, n_used, kept(n_kept), n_folds, status
   !> Folds are amplitudes.
-  real(c_double), intent(out) :: nu(max_points), folds(max_special)
+  real(c_double), intent(out) :: nu(max_points), truncation(max_points), folds(max_special)
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_dof, max_points)
   character(len=512), intent(out) :: message
   !f2py threadsafe
@@ -66,26 +68,30 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
   type(backbone_plan_type), target :: plan
   type(curve_branch_type) :: backbone
   type(status_type) :: outcome
+  integer, allocatable :: orders(:)
   integer :: d, from
 
   n_points = 0
+  n_used = 0
   n_folds = 0
   ended = 0
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call new_backbone_plan(plan, system, mode, dof, '', harmonics, &
-                                                     tolerance, outcome)
+                                                     chosen == 1, tolerance, outcome)
   if (.not. outcome%failed()) then
-    call follow_backbone(plan%system, plan%set, plan%omega, plan%shape, plan%dof, &
-                         curve_options(start, finish, tolerance, max_points, max_step), &
-                         backbone, cancel(1))
+    call follow_backbone(plan, curve_options(start, finish, tolerance, max_points, max_step), &
+                         backbone, orders, cancel(1))
+    n_used = size(orders)
+    kept(:n_used) = orders
     n_points = backbone%n_points
     ended = backbone%outcome
-    nu(:n_points) = backbone%x(2*n_kept*n_dof + 1, :n_points)
+    nu(:n_points) = backbone%x(n_used*n_dof + 1, :n_points)
+    truncation(:n_points) = backbone%truncation(:n_points)
     do d = 1, n_dof
-      from = 2*n_kept*(d - 1)
-      coefficients(:, d, :n_points) = cmplx(0.0_c_double, &
-                                            backbone%x(from + 2:from + 2*n_kept:2, :n_points), &
-                                            c_double)
+      from = n_used*(d - 1)
+      coefficients(:n_used, d, :n_points) = cmplx(0.0_c_double, &
+                                                  backbone%x(from + 1:from + n_used, :n_points), &
+                                                  c_double)
     end do
     n_folds = min(backbone%folds%n, max_special)
     folds(:n_folds) = backbone%folds%p(:n_folds)
@@ -95,17 +101,18 @@ end subroutine oscillator_backbone
 
 !> Free motions of the pendulum, whose damping must be 0, along their amplitude (the
 !! cosine of an order of a coordinate, counted from 1) or, for dof = 0, their energy,
-!! from start to finish. kept is 1 where an order of a coordinate, 0 to n_orders - 1, is an
-!! unknown; unit the base frequency of small motions. With leave = 1 they begin at the
-!! cosines `begin`, frequency begin_nu and size begin_p in the direction `along`, else near
-!! the cosines `begin`, which are only scaled to size.
+!! from start to finish. pattern is 1 where an order of a coordinate is an unknown, and repeats
+!! from order 0 on; unit the base frequency of small motions. Orders go to `harmonics` times
+!! `order`, or as far as the tolerance needs, to `most` times `order`. With leave = 1 they begin
+!! at the cosines `begin`, frequency begin_nu and size begin_p in the direction `along`, else
+!! near the cosines `begin`, which are only scaled to size; both to `harmonics` times `order`.
 !! Floquet multipliers if stability = 1.
-subroutine pendulum_backbone(flat, n_orders, kept, unit, dof, order, start, finish, tolerance, &
-                             max_points, max_step, stability, leave, begin, begin_nu, begin_p, &
-                             along, n_unknowns, max_special, cancel, n_points, ended, nu, &
-                             energy, x, multipliers, growing, n_folds, folds, n_branch_points, &
-                             branch_points, branch_point_nu, branch_point_x, across, before, &
-                             status, message)
+subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmonics, most, start, &
+                             finish, tolerance, max_points, max_step, stability, leave, n_begin, &
+                             begin, begin_nu, begin_p, along, n_unknowns, max_special, cancel, &
+                             n_points, ended, highest, nu, energy, truncation, x, multipliers, &
+                             growing, n_folds, folds, n_branch_points, branch_points, &
+                             branch_point_nu, branch_point_x, across, before, status, message)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_curve_branch, only: curve_options
@@ -114,15 +121,17 @@ subroutine pendulum_backbone(flat, n_orders, kept, unit, dof, order, start, fini
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
   implicit none
-  integer(c_int), intent(in) :: n_orders, n_unknowns, max_points, max_special, dof, order
-  integer(c_int), intent(in) :: kept(n_orders, 3), stability, leave
+  integer(c_int), intent(in) :: n_pattern, n_begin, n_unknowns, max_points, max_special, dof, order
+  integer(c_int), intent(in) :: pattern(n_pattern, 3), harmonics, most, stability, leave
   real(c_double), intent(in) :: flat(14), unit, start, finish, tolerance, max_step
-  real(c_double), intent(in) :: begin(n_unknowns), begin_nu, begin_p, along(n_unknowns + 2)
+  real(c_double), intent(in) :: begin(n_begin), begin_nu, begin_p, along(n_begin + 2)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   integer(c_int), intent(out) :: n_points, ended, n_folds
-  real(c_double), intent(out) :: nu(max_points), energy(max_points)
-  !> Cosines: n_unknowns = 3 n_orders.
+  !> Order of the mode's frequency that was kept.
+  integer(c_int), intent(out) :: highest
+  real(c_double), intent(out) :: nu(max_points), energy(max_points), truncation(max_points)
+  !> Cosines: of 3 (most order + 1) those to the order kept come first.
   real(c_double), intent(out) :: x(n_unknowns, max_points), folds(max_special)
   !> Largest first, NaN where unknown; how many are outside the circle, -1: unknown.
   complex(c_double_complex), intent(out) :: multipliers(6, max_points)
@@ -138,15 +147,18 @@ subroutine pendulum_backbone(flat, n_orders, kept, unit, dof, order, start, fini
   type(free_options) :: options
   type(free_family_type) :: family
   type(status_type) :: problem
-  integer :: i, n
+  integer :: i, m, n
 
   n_points = 0
+  highest = 0
   n_folds = 0
   n_branch_points = 0
   ended = -1
   call make_pendulum(system, flat, problem)
   if (.not. problem%failed()) then
-    options%kept = kept /= 0
+    options%pattern = pattern /= 0
+    options%highest = harmonics
+    options%most = most
     options%unit = unit
     options%dof = dof
     options%order = order
@@ -165,7 +177,10 @@ subroutine pendulum_backbone(flat, n_orders, kept, unit, dof, order, start, fini
     ended = family%outcome
     nu(:n) = family%nu
     energy(:n) = family%energy
-    x(:, :n) = family%x
+    truncation(:n) = family%truncation
+    highest = family%highest
+    m = size(family%x, 1)
+    x(:m, :n) = family%x
     if (options%stability) then
       multipliers(:, :n) = family%multipliers
       growing(:n) = [(count_larger(family%multipliers(:, i), free_circle), i=1, n)]
@@ -176,8 +191,8 @@ subroutine pendulum_backbone(flat, n_orders, kept, unit, dof, order, start, fini
     n_branch_points = n
     branch_points(:n) = family%branch_p(:n)
     branch_point_nu(:n) = family%branch_nu(:n)
-    branch_point_x(:, :n) = family%branch_x(:, :n)
-    across(:, :n) = family%across(:, :n)
+    branch_point_x(:m, :n) = family%branch_x(:, :n)
+    across(:m + 2, :n) = family%across(:, :n)
     before(:n) = family%branch_before(:n)
   end if
   call report(problem, status, message)

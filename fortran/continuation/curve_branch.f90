@@ -6,6 +6,7 @@
 !! matrix [dR; t] keeps its sign at folds and changes it at simple branch points, whose
 !! null vector leads onto the other branch.
 module viscovib_curve_branch
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_curve, only: curve_type
   use viscovib_curve_corrector, only: aim, angle_between, compare, copy_point, correct, &
     corrector_type, curve_point, distance, new_corrector, new_point, normalize, reverse, &
@@ -75,6 +76,8 @@ module viscovib_curve_branch
     !> Which points are stops.
     integer, allocatable :: stops(:)
   contains
+    procedure :: end_with_numbers
+    procedure :: end_before
     procedure, private :: add
   end type curve_branch_type
 
@@ -430,5 +433,32 @@ contains
     end if
     if (stop) self%stops = [self%stops, self%n_points]
   end subroutine add
+
+  !> A point that is no number ends the branch before it.
+  subroutine end_with_numbers(self)
+    class(curve_branch_type), intent(inout) :: self
+    logical :: finite
+    integer :: i
+
+    do i = 1, self%n_points
+      finite = all(ieee_is_finite([self%parameter(i), self%error(i)]))
+      if (finite) finite = all(ieee_is_finite(self%x(:, i)))
+      if (finite .and. allocated(self%truncation)) finite = ieee_is_finite(self%truncation(i))
+      if (finite) cycle
+      call self%end_before(i)
+      return
+    end do
+  end subroutine end_with_numbers
+
+  !> End the branch before a point whose numbers leave their range.
+  pure subroutine end_before(self, i)
+    class(curve_branch_type), intent(inout) :: self
+    integer, intent(in) :: i
+    self%n_points = i - 1
+    self%outcome = curve_overflow
+    self%folds%n = count(self%folds%before(:self%folds%n) < i)
+    self%branch_points%n = count(self%branch_points%before(:self%branch_points%n) < i)
+    self%stops = pack(self%stops, self%stops < i)
+  end subroutine end_before
 
 end module viscovib_curve_branch

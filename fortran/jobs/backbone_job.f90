@@ -7,6 +7,7 @@ module viscovib_backbone_job
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, curve_outcomes
   use viscovib_curve_columns, only: add_stability, stability_note
   use viscovib_free_family, only: follow_family, free_circle, free_family_type, free_options
+  use viscovib_free_orders, only: chosen_text, first_chosen, most_chosen
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
@@ -29,8 +30,9 @@ module viscovib_backbone_job
     !> Place in `backbone_parameters`, and the coordinate whose amplitude counts.
     integer :: parameter = 1, dof = 0
     type(curve_options) :: options
-    !> Highest order: of the mode's frequency.
-    integer :: harmonics = 9
+    !> Highest order of the mode's frequency, the first one tried if they are chosen.
+    integer :: harmonics = first_chosen
+    logical :: choose_harmonics = .true.
     !> Of a pendulum: periods of the mode in one of the motion; whether only motions that
     !! share the symmetry are kept; branch points to leave at.
     integer :: subharmonic = 1
@@ -62,7 +64,7 @@ contains
     else
       text = ''
       call new_backbone_plan(plan, subject%oscillator(), self%mode, self%dof, '', &
-                             self%harmonics, self%options%tolerance, status)
+                             self%harmonics, self%choose_harmonics, self%options%tolerance, status)
       if (status%failed()) return
       text = plan%text(self%options%start, self%options%finish)
     end if
@@ -73,13 +75,17 @@ contains
   function plan_free(job, pendulum) result(text)
     type(backbone_job), intent(in) :: job
     type(pendulum_type), intent(in) :: pendulum
-    character(len=:), allocatable :: text
+    character(len=:), allocatable :: text, kept
     character(len=*), parameter :: nl = new_line('a')
+    if (job%choose_harmonics) then
+      kept = chosen_text(job%harmonics)
+    else
+      kept = show(count(kept_orders(pendulum, job%mode, job%harmonics*job%subharmonic, &
+                                    job%subharmonic, job%symmetric)))//' cosines'
+    end if
     text = 'computes: free motions of mode '//show(job%mode)//' from ' &
            //trim(backbone_parameters(job%parameter))//' '//show(job%options%start)//' to ' &
-           //show(job%options%finish)//', ' &
-           //show(count(kept_orders(pendulum, job%mode, job%harmonics*job%subharmonic, &
-                                    job%subharmonic, job%symmetric)))//' cosines'//nl &
+           //show(job%options%finish)//', '//kept//nl &
            //'skips: damping and loads (free motions of the system without losses)'//nl &
            //'skips: sines (motions that begin at rest are even in time)'//nl &
            //trim(merge('computes: Floquet multipliers   ', 'skips: stability (not asked for)', &
@@ -102,21 +108,20 @@ contains
     type(status_type), intent(out) :: status
     type(free_family_type), allocatable :: families(:)
     type(table_type) :: table
-    integer, allocatable :: orders(:)
     character(len=:), allocatable :: name
-    integer :: i
+    integer :: i, short
 
     if (subject%is_pendulum) then
-      call run_free(self, subject%pendulum, orders, families, status)
+      call run_free(self, subject%pendulum, families, status)
     else
       allocate (families(1))
-      call run_backbone(self, subject%oscillator(), orders, families(1), status)
+      call run_backbone(self, subject%oscillator(), families(1), status)
     end if
     if (status%failed()) return
     do i = 1, size(families)
       name = this_kind()
       if (i > 1) name = name//'_'//show(i - 1)
-      call tabulate(self, subject, orders, families(i), table)
+      call tabulate(self, subject, families(i), table)
       call sink%put(name, table, status)
       if (status%failed()) return
     end do
@@ -127,15 +132,17 @@ contains
       if (subject%is_pendulum) report%summary = report%summary//', '//show(size(first%branch_p)) &
                                                 //' branch points'
     end associate
+    short = sum([(count(families(i)%truncation > self%options%tolerance), i=1, size(families))])
+    report%complete = report%complete .and. short == 0
+    if (short > 0) report%summary = report%summary//', '//show(short)//' with too few harmonics'
     if (size(families) > 1) report%summary = report%summary//'; tables of ' &
                                              //show(size(families) - 1)//' more'
   end subroutine run
 
-  !> The family of a mount or a polynomial system, and the orders kept.
-  subroutine run_backbone(job, system, orders, family, status)
+  !> The family of a mount or a polynomial system.
+  subroutine run_backbone(job, system, family, status)
     type(backbone_job), intent(in) :: job
     class(oscillator_type), intent(in) :: system
-    integer, allocatable, intent(out) :: orders(:)
     type(free_family_type), intent(out) :: family
     type(status_type), intent(out) :: status
     type(backbone_plan_type), target :: plan
@@ -143,17 +150,16 @@ contains
     integer :: never
 
     call new_backbone_plan(plan, system, job%mode, job%dof, '', job%harmonics, &
-                           job%options%tolerance, status)
+                           job%choose_harmonics, job%options%tolerance, status)
     if (status%failed()) return
     never = 0
-    call follow_backbone(plan%system, plan%set, plan%omega, plan%shape, plan%dof, job%options, &
-                         branch, never)
-    orders = plan%set%orders
+    call follow_backbone(plan, job%options, branch, family%orders, never)
     associate (n => branch%n_points, m => size(branch%x, 1) - 1)
       family%outcome = branch%outcome
       family%parameter = branch%parameter(:n)
+      family%truncation = branch%truncation(:n)
       family%nu = branch%x(m + 1, :n)
-      family%x = branch%x(2:m:2, :n)
+      family%x = branch%x(:m, :n)
     end associate
     family%folds = branch%folds%p(:branch%folds%n)
     allocate (family%branch_p(0))
@@ -161,10 +167,9 @@ contains
   end subroutine run_backbone
 
   !> The family of a pendulum, then those that leave it, in the order asked for.
-  subroutine run_free(job, pendulum, orders, families, status)
+  subroutine run_free(job, pendulum, families, status)
     type(backbone_job), intent(in) :: job
     type(pendulum_type), intent(in) :: pendulum
-    integer, allocatable, intent(out) :: orders(:)
     type(free_family_type), allocatable, intent(out) :: families(:)
     type(status_type), intent(out) :: status
     type(pendulum_type), target :: system
@@ -172,7 +177,7 @@ contains
     type(free_options) :: options
     real(wp), allocatable :: begin(:, :)
     real(wp) :: omega(3), shapes(3, 3)
-    integer :: highest, i, n, place
+    integer :: i, n, place
 
     allocate (families(1 + size(job%switch)))
     parameters = pendulum%parameters
@@ -181,15 +186,17 @@ contains
     call new_pendulum(system, parameters, status)
     if (status%failed()) return
     call system%natural_modes(omega, shapes)
-    highest = job%harmonics*job%subharmonic
-    orders = [(i, i=0, highest)]
-    options%kept = kept_orders(pendulum, job%mode, highest, job%subharmonic, job%symmetric)
+    options%pattern = kept_orders(pendulum, job%mode, 2*job%subharmonic - 1, job%subharmonic, &
+                                  job%symmetric)
+    options%highest = job%harmonics
+    options%most = job%harmonics
+    if (job%choose_harmonics) options%most = most_chosen(job%subharmonic)
     options%unit = omega(job%mode + 1)/job%subharmonic
     options%dof = job%dof
     options%order = job%subharmonic
     options%curve = job%options
     options%stability = job%stability
-    allocate (begin(highest + 1, 3), source=0.0_wp)
+    allocate (begin(job%harmonics*job%subharmonic + 1, 3), source=0.0_wp)
     place = job%dof
     if (place == 0) place = maxloc(abs(shapes(:, job%mode + 1)), 1)
     begin(job%subharmonic + 1, :) = shapes(:, job%mode + 1)/shapes(place, job%mode + 1)
@@ -197,6 +204,8 @@ contains
       call follow_family(first, system, options, [begin], status)
       if (.not. status%failed()) call check_begun(first, job, status)
       if (status%failed()) return
+      ! Those that leave it begin with its orders.
+      options%highest = first%highest
       do i = 1, size(job%switch)
         n = abs(job%switch(i))
         if (n > size(first%branch_p)) then
@@ -241,10 +250,9 @@ contains
   end function kept_orders
 
   !> A row a motion.
-  subroutine tabulate(self, subject, orders, family, table)
+  subroutine tabulate(self, subject, family, table)
     type(backbone_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
-    integer, intent(in) :: orders(:)
     type(free_family_type), intent(in), target :: family
     type(table_type), intent(out) :: table
     character(len=:), allocatable :: note, varies
@@ -265,13 +273,17 @@ contains
       call add_stability(table, [(count_larger(family%multipliers(:, i), free_circle), &
                                   i=1, size(family%nu))], family%multipliers(1, :))
     end if
-    call table%note(note//'; u = sum_k a_k cos(k nu t); ' &
+    call table%note(note//'; truncation: estimated relative error of leaving out higher ' &
+                    //'orders; u = sum_k a_k cos(k nu t); ' &
                     //listed_units(subject%coordinates(self%wanted), subject%units(self%wanted)))
+    call table%add_reals('truncation', family%truncation)
     do i = 1, size(self%wanted)
-      do k = 1, size(orders)
-        call table%add_reals(trim(subject%coordinates(self%wanted(i)))//'_'//show(orders(k)), &
-                             family%x((self%wanted(i) - 1)*size(orders) + k, :))
-      end do
+      associate (orders => family%orders)
+        do k = 1, size(orders)
+          call table%add_reals(trim(subject%coordinates(self%wanted(i)))//'_'//show(orders(k)), &
+                               family%x((self%wanted(i) - 1)*size(orders) + k, :))
+        end do
+      end associate
     end do
   end subroutine tabulate
 

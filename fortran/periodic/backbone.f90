@@ -8,26 +8,32 @@
 !! linear mode. Rosenberg, Adv. Appl. Mech. 9 (1966) 155; Kerschen et al., Mech. Syst.
 !! Signal Process. 23 (2009) 170.
 module viscovib_backbone
+  use viscovib_backbone_plan, only: backbone_plan_type
   use viscovib_curve, only: curve_type
   use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
+  use viscovib_free_orders, only: order_search
   use viscovib_harmonic_balance, only: balance_type, new_balance
-  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_sized_curve, only: refitted
   use viscovib_status, only: status_type
   implicit none
   private
 
   public :: follow_backbone
 
-  !> Unknowns: the harmonics and, last, the frequency.
+  !> Unknowns: the cosines, coordinate by coordinate, and, last, the frequency.
   type, extends(curve_type) :: backbone_curve
+    !> Of cosines and sines, which are 0 and whose equations then hold.
     type(balance_type) :: balance
     class(oscillator_type), pointer :: system => null()
     type(load_type) :: no_load
     !> Place of the amplitude that is the parameter.
     integer :: place = 0
+    !> Derivatives and equations of the balance, shapes (balance%n, balance%n) and (balance%n).
+    real(wp), allocatable, private :: whole(:, :), part(:)
   contains
     procedure :: equations
     procedure :: residual
@@ -36,59 +42,128 @@ module viscovib_backbone
 contains
 
   !> From amplitude options%start to options%finish, in the first harmonic of a
-  !! coordinate. Unknowns of the branch: harmonics, shape (2 n_orders n_dof), and the
-  !! frequency.
-  subroutine follow_backbone(system, set, omega, shape_at_rest, dof, options, branch, cancel)
-    !> Without damping and memory.
-    class(oscillator_type), intent(in), target :: system
-    type(harmonic_set_type), intent(in) :: set
-    !> Frequency and shape (n_dof) of the linear mode.
-    real(wp), intent(in) :: omega, shape_at_rest(:)
-    !> The coordinate whose amplitude counts.
-    integer, intent(in) :: dof
+  !! coordinate, with the orders of the plan or, if it says so, with as many as bring the
+  !! truncation below the tolerance.
+  subroutine follow_backbone(plan, options, branch, orders, cancel)
+    type(backbone_plan_type), intent(in), target :: plan
     type(curve_options), intent(in) :: options
+    !> Unknowns: cosines, shape (n_orders n_dof), and the frequency; with the truncation of
+    !! each point.
     type(curve_branch_type), intent(out) :: branch
+    !> Those kept.
+    integer, allocatable, intent(out) :: orders(:)
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile :: cancel
-    type(backbone_curve) :: curve
-    type(status_type) :: status
-    complex(wp) :: nothing(size(shape_at_rest), 0), still(0)
-    real(wp) :: x(2*size(set%orders)*size(shape_at_rest) + 1)
-    integer :: d, rows, cosine
+    type(order_search) :: search
+    type(harmonic_set_type) :: set
+    logical :: again
 
-    call new_load(curve%no_load, size(shape_at_rest), [integer ::], nothing, still, status)
-    call new_balance(curve%balance, system, set)
-    curve%balance%even_in_time = .true.
-    curve%system => system
-    curve%n = size(x)
-    curve%largest = system%largest_amplitude()
-    rows = 2*size(set%orders)
-    ! The cosine of order 1.
-    cosine = 2*findloc(set%orders, 1, 1)
-    curve%place = (dof - 1)*rows + cosine
+    set = plan%set
+    search%highest = set%orders(size(set%orders))
+    search%most = merge(plan%most, search%highest, plan%chosen)
+    search%tolerance = options%tolerance
+    do
+      call follow_with(plan, set, options, branch, cancel)
+      call branch%end_with_numbers()
+      orders = set%orders
+      call judge(plan, set, search, branch, again, cancel)
+      if (.not. again) return
+      call new_harmonic_set(set, search%highest, set%half_wave, plan%system%degree)
+    end do
+  end subroutine follow_backbone
+
+  !> The branch with certain orders.
+  subroutine follow_with(plan, set, options, branch, cancel)
+    type(backbone_plan_type), intent(in), target :: plan
+    type(harmonic_set_type), intent(in) :: set
+    type(curve_options), intent(in) :: options
+    type(curve_branch_type), intent(out) :: branch
+    integer, intent(inout), volatile :: cancel
+    type(backbone_curve) :: curve
+    real(wp), allocatable :: x(:)
+    integer :: d, rows
+
+    call new_backbone_curve(curve, plan, set)
+    allocate (x(curve%n), source=0.0_wp)
+    rows = size(set%orders)
+    do d = 1, size(plan%shape)
+      x((d - 1)*rows + cosine_of_first(set)) = options%start*(plan%shape(d)/plan%shape(plan%dof))
+    end do
+    x(curve%n) = plan%omega
+    call follow_curve(curve, options, x, branch, cancel=cancel)
+  end subroutine follow_with
+
+  subroutine new_backbone_curve(curve, plan, set)
+    type(backbone_curve), intent(out) :: curve
+    type(backbone_plan_type), intent(in), target :: plan
+    type(harmonic_set_type), intent(in) :: set
+    type(status_type) :: status
+    complex(wp) :: nothing(size(plan%shape), 0), still(0)
+    integer :: d, rows
+
+    call new_load(curve%no_load, size(plan%shape), [integer ::], nothing, still, status)
+    call new_balance(curve%balance, plan%system, set)
+    curve%system => plan%system
+    curve%n = curve%balance%n/2 + 1
+    curve%largest = plan%system%largest_amplitude()
+    rows = size(set%orders)
+    curve%place = (plan%dof - 1)*rows + cosine_of_first(set)
     ! The frequency has no part in lengths.
     allocate (curve%weights(curve%n), source=0.0_wp)
-    x = 0.0_wp
-    do d = 1, size(shape_at_rest)
-      curve%weights((d - 1)*rows + 1:d*rows) = system%mass(d, d)
-      x((d - 1)*rows + cosine) = options%start*shape_at_rest(d)/shape_at_rest(dof)
+    allocate (curve%whole(curve%balance%n, curve%balance%n), curve%part(curve%balance%n))
+    do d = 1, size(plan%shape)
+      curve%weights((d - 1)*rows + 1:d*rows) = plan%system%mass(d, d)
     end do
-    x(curve%n) = omega
-    call follow_curve(curve, options, x, branch, cancel=cancel)
-  end subroutine follow_backbone
+  end subroutine new_backbone_curve
+
+  !> Place of the cosine of order 1 among the unknowns of a coordinate.
+  pure integer function cosine_of_first(set)
+    type(harmonic_set_type), intent(in) :: set
+    cosine_of_first = findloc(set%orders, 1, 1)
+  end function cosine_of_first
+
+  !> What more orders would change of each point, and whether to follow the branch again.
+  subroutine judge(plan, set, search, branch, again, cancel)
+    type(backbone_plan_type), intent(in), target :: plan
+    type(harmonic_set_type), intent(in) :: set
+    type(order_search), intent(inout) :: search
+    type(curve_branch_type), intent(inout) :: branch
+    logical, intent(out) :: again
+    integer, intent(inout), volatile :: cancel
+    type(harmonic_set_type) :: larger
+    type(backbone_curve) :: curve
+    real(wp), allocatable :: x(:, :)
+    real(wp) :: inertia(size(plan%shape))
+    integer :: i, m, n
+
+    n = branch%n_points
+    m = size(branch%x, 1) - 1
+    inertia = [(plan%system%mass(i, i), i=1, size(inertia))]
+    do i = 1, n
+      call search%look_at(set%orders, reshape(branch%x(:m, i), [size(set%orders), &
+                                                                size(plan%shape)]), inertia)
+    end do
+    call new_harmonic_set(larger, search%judging_order(), set%half_wave, plan%system%degree)
+    call new_backbone_curve(curve, plan, larger)
+    allocate (x(curve%n, n))
+    do i = 1, n
+      x(:curve%n - 1, i) = refitted(size(plan%shape), branch%x(:m, i), curve%n - 1)
+      x(curve%n, i) = branch%x(m + 1, i)
+    end do
+    call search%judge(curve, branch%parameter(:n), x, branch%truncation, again, cancel)
+  end subroutine judge
 
   subroutine residual(self, x, p, r, inside)
     class(backbone_curve), intent(inout) :: self
     real(wp), intent(in) :: x(:), p
     real(wp), intent(out) :: r(:)
     logical, intent(out) :: inside
-    integer :: n
-    n = self%balance%n
-    inside = x(n + 1) > 0.0_wp
+    inside = x(self%n) > 0.0_wp
     if (.not. inside) return
-    call self%balance%set_frequency(self%system, self%no_load, x(n + 1))
-    call self%balance%residual(self%system, x(:n), r(:n))
-    r(n + 1) = x(self%place) - p
+    call self%balance%set_frequency(self%system, self%no_load, x(self%n))
+    call self%balance%residual(self%system, with_sines(x(:self%n - 1)), self%part)
+    r(:self%n - 1) = self%part(2::2)
+    r(self%n) = x(self%place) - p
   end subroutine residual
 
   subroutine equations(self, x, p, r, jacobian, slope, inside)
@@ -101,14 +176,24 @@ contains
     integer :: n
     call self%residual(x, p, r, inside)
     if (.not. inside) return
-    n = self%balance%n
-    call self%balance%derivatives(self%system, jacobian)
-    call self%balance%frequency_derivative(self%system, self%no_load, x(:n), slope(:n))
-    jacobian(:n, n + 1) = slope(:n)
-    jacobian(n + 1, :n + 1) = 0.0_wp
-    jacobian(n + 1, self%place) = 1.0_wp
+    n = self%n
+    call self%balance%derivatives(self%system, self%whole)
+    jacobian(:n - 1, :n - 1) = self%whole(2::2, 2::2)
+    call self%balance%frequency_derivative(self%system, self%no_load, with_sines(x(:n - 1)), &
+                                           self%part)
+    jacobian(:n - 1, n) = self%part(2::2)
+    jacobian(n, :n) = 0.0_wp
+    jacobian(n, self%place) = 1.0_wp
     slope = 0.0_wp
-    slope(n + 1) = -1.0_wp
+    slope(n) = -1.0_wp
   end subroutine equations
+
+  !> Unknowns of the balance.
+  pure function with_sines(cosines) result(x)
+    real(wp), intent(in) :: cosines(:)
+    real(wp) :: x(2*size(cosines))
+    x(1::2) = 0.0_wp
+    x(2::2) = cosines
+  end function with_sines
 
 end module viscovib_backbone

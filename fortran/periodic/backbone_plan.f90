@@ -1,7 +1,8 @@
 !> What a backbone curve of an oscillator begins with: the system without losses, the
 !! linear mode, the coordinate whose amplitude counts, the harmonics.
 module viscovib_backbone_plan
-  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_free_orders, only: chosen_text, first_chosen, highest_chosen
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_oscillator, only: oscillator_type
@@ -27,16 +28,21 @@ module viscovib_backbone_plan
     real(wp), allocatable :: shape(:)
     !> The coordinate whose amplitude counts.
     integer :: dof = 0
+    !> Harmonics, the first ones tried if they are chosen, up to the order `most`.
     type(harmonic_set_type) :: set
+    logical :: chosen = .false.
+    integer :: most = 0
     !> Lines about harmonics that are left out.
     character(len=:), allocatable :: rest
   contains
+    procedure :: n_most
     procedure :: text
   end type backbone_plan_type
 
 contains
 
-  subroutine new_backbone_plan(plan, system, mode, dof, name, harmonics, tolerance, status)
+  subroutine new_backbone_plan(plan, system, mode, dof, name, harmonics, chosen, &
+                               tolerance, status)
     type(backbone_plan_type), intent(out) :: plan
     class(oscillator_type), intent(in) :: system
     !> Counted from 0; a coordinate counted from 1, or 0: the one that moves most in the
@@ -44,8 +50,9 @@ contains
     integer, intent(in) :: mode, dof
     !> Of that coordinate, for messages.
     character(len=*), intent(in) :: name
-    !> Highest order.
+    !> Highest order; `chosen`: as many as the tolerance needs instead.
     integer, intent(in) :: harmonics
+    logical, intent(in) :: chosen
     real(wp), intent(in) :: tolerance
     type(status_type), intent(out) :: status
     type(response_plan_type) :: planned
@@ -87,6 +94,7 @@ contains
     unit = (1.0_wp, 0.0_wp)
     call new_load(load, n, [1], unit, [(0.0_wp, 0.0_wp)], status)
     options%harmonics = harmonics
+    options%choose_harmonics = chosen
     options%tolerance = tolerance
     options%keep_idle = .true.
     if (.not. status%failed()) call new_response_plan(planned, plan%system, load, [plan%omega], &
@@ -98,17 +106,32 @@ contains
       return
     end if
     plan%set = planned%set
+    plan%chosen = chosen
+    plan%most = planned%most
+    if (chosen) then
+      plan%most = min(planned%most, highest_chosen)
+      call new_harmonic_set(plan%set, min(first_chosen, plan%most), planned%set%half_wave, &
+                            plan%system%degree)
+    end if
     plan%rest = lines_with('harmonics', planned%rest)
   end subroutine new_backbone_plan
+
+  !> Orders that may be kept.
+  pure integer function n_most(self)
+    class(backbone_plan_type), intent(in) :: self
+    n_most = merge((self%most + 1)/2, self%most + 1, self%set%half_wave)
+  end function n_most
 
   !> What is computed from an amplitude to another, and what is skipped.
   function text(self, from, to)
     class(backbone_plan_type), intent(in) :: self
     real(wp), intent(in) :: from, to
-    character(len=:), allocatable :: text
+    character(len=:), allocatable :: text, kept
     character(len=*), parameter :: nl = new_line('a')
+    kept = show(size(self%set%orders))//' harmonics a coordinate'
+    if (self%chosen) kept = chosen_text(self%set%orders(size(self%set%orders)))
     text = 'computes: free motions of mode '//show(self%mode)//' from amplitude '//show(from) &
-           //' to '//show(to)//', '//show(size(self%set%orders))//' harmonics a coordinate'//nl &
+           //' to '//show(to)//', '//kept//nl &
            //'skips: damping, memory and loads (free motions of the system without losses)'//nl &
            //'skips: sines (motions that begin at rest are even in time)'//nl//self%rest
   end function text

@@ -31,6 +31,7 @@ module viscovib_free_curve
     procedure :: at_rest
     procedure :: frequency
     procedure :: energy
+    procedure :: n_cosines
     procedure, private :: size_of
   end type free_curve_type
 
@@ -89,6 +90,12 @@ contains
     real(wp) :: slope(self%motion%system%n_dof)
     call self%motion%system%potential(self%at_rest(x), energy, slope)
   end function energy
+
+  !> Of all orders and coordinates, unknowns or 0.
+  pure integer function n_cosines(self)
+    class(free_curve_type), intent(in) :: self
+    n_cosines = size(self%motion%torus%orders, 2)*self%motion%system%n_dof
+  end function n_cosines
 
   subroutine equations(self, x, p, r, jacobian, slope, inside)
     class(free_curve_type), intent(inout) :: self

@@ -1,12 +1,15 @@
 !> A family of free motions of a driven system without losses and loads, followed along
 !! its amplitude or energy, with Floquet multipliers.
 module viscovib_free_family
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_driven_system, only: differentiable_system_type
   use viscovib_free_curve, only: free_curve_type, new_free_curve
+  use viscovib_free_orders, only: first_chosen, order_search
   use viscovib_kinds, only: wp
   use viscovib_orbit_floquet, only: orbit_floquet_type
   use viscovib_orbit_multipliers, only: multipliers_of
+  use viscovib_sized_curve, only: refitted
   use viscovib_status, only: status_type
   use viscovib_torus, only: new_torus, torus_type
   implicit none
@@ -19,8 +22,12 @@ module viscovib_free_family
   real(wp), parameter, public :: free_circle = 1.0_wp + 1.0e-6_wp
 
   type :: free_options
-    !> Which orders of which coordinates, from 0, are unknowns, shape (n_orders, n_dof).
-    logical, allocatable :: kept(:, :)
+    !> Which orders of which coordinates are unknowns, a pattern that repeats from order 0 on,
+    !! shape (period, n_dof).
+    logical, allocatable :: pattern(:, :)
+    !> Highest order: of the mode's frequency, `order` times as high of the base frequency;
+    !! more than `most` are not tried. As many as the tolerance needs, if that is more.
+    integer :: highest = first_chosen, most = first_chosen
     !> Base frequency of small motions.
     real(wp) :: unit = 1.0_wp
     !> The amplitude is that of an order of a coordinate; dof = 0: by energy.
@@ -32,6 +39,11 @@ module viscovib_free_family
   !> Of n points. Cosines are those of all orders, shape (n_orders n_dof).
   type :: free_family_type
     integer :: outcome = curve_completed
+    !> Highest order of the mode's frequency, all orders of the base frequency, and what more
+    !! would change of each point, shape (n).
+    integer :: highest = 0
+    integer, allocatable :: orders(:)
+    real(wp), allocatable :: truncation(:)
     !> Shape (n), cosines (n_orders n_dof, n).
     real(wp), allocatable :: parameter(:), nu(:), energy(:), x(:, :)
     !> Largest first, NaN where unknown, shape (2 n_dof, n); none if not wanted.
@@ -47,7 +59,7 @@ contains
 
   !> From motions near the cosines `begin`, which are only scaled to size; or, with
   !! `along`, from the cosines `begin` of frequency begin_nu and size begin_p in that
-  !! direction (cosines, frequency, size).
+  !! direction (cosines, frequency, size). `begin` has the orders to options%highest.
   subroutine follow_family(family, system, options, begin, status, cancel, begin_nu, begin_p, along)
     type(free_family_type), intent(out) :: family
     !> Without damping; its loads are left out.
@@ -58,50 +70,159 @@ contains
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile, optional :: cancel
     real(wp), intent(in), optional :: begin_nu, begin_p, along(:)
-    type(torus_type) :: torus
     type(free_curve_type) :: curve
     type(curve_branch_type) :: branch
-    type(orbit_floquet_type) :: floquet
-    real(wp), allocatable :: at(:), r(:), slope(:), jacobian(:, :), direction(:)
-    real(wp) :: matrix(2*system%n_dof, 2*system%n_dof)
-    logical :: inside
-    integer :: i, m, n
+    type(order_search) :: search
+    real(wp), allocatable :: x(:), direction(:)
+    integer :: n
+    logical :: again
 
-    m = size(options%kept, 1)
-    call new_torus(torus, reshape([(i, i=0, m - 1)], [1, m]), status)
+    search%highest = options%highest
+    search%most = options%most
+    search%tolerance = options%curve%tolerance
+    x = begin
+    if (present(along)) direction = along
+    do
+      call new_curve_of(curve, system, options, search%highest*options%order, status)
+      if (status%failed()) return
+      call follow_once(curve, options, x, branch, cancel, begin_nu, begin_p, direction)
+      call end_with_numbers(curve, branch)
+      family%highest = search%highest
+      call judge(curve, system, options, search, branch, again, status, cancel)
+      if (status%failed()) return
+      if (.not. again) exit
+      n = (search%highest*options%order + 1)*system%n_dof
+      if (present(along)) direction = [refitted(system%n_dof, direction(:size(x)), n), &
+                                       direction(size(x) + 1:)]
+      x = refitted(system%n_dof, x, n)
+    end do
+    family%orders = curve%motion%torus%orders(1, :)
+    call keep(family, curve, options, branch, size(x), cancel)
+  end subroutine follow_family
+
+  !> The curve with orders to a highest one of the base frequency.
+  subroutine new_curve_of(curve, system, options, highest, status)
+    type(free_curve_type), intent(out) :: curve
+    class(differentiable_system_type), intent(in), target :: system
+    type(free_options), intent(in) :: options
+    integer, intent(in) :: highest
+    type(status_type), intent(out) :: status
+    type(torus_type) :: torus
+    integer :: k, period
+
+    call new_torus(torus, reshape([(k, k=0, highest)], [1, highest + 1]), status)
     if (status%failed()) return
-    call new_free_curve(curve, system, torus, options%kept, options%unit, options%dof, &
-                        options%order)
+    period = size(options%pattern, 1)
+    call new_free_curve(curve, system, torus, options%pattern([(mod(k, period) + 1, &
+                                                                k=0, highest)], :), &
+                        options%unit, options%dof, options%order)
+  end subroutine new_curve_of
+
+  subroutine follow_once(curve, options, begin, branch, cancel, begin_nu, begin_p, along)
+    type(free_curve_type), intent(inout) :: curve
+    type(free_options), intent(in) :: options
+    real(wp), intent(in) :: begin(:)
+    type(curve_branch_type), intent(out) :: branch
+    integer, intent(inout), volatile, optional :: cancel
+    real(wp), intent(in), optional :: begin_nu, begin_p, along(:)
+    real(wp), allocatable :: at(:)
+    integer :: n
+
     if (present(along)) then
       n = size(begin)
-      at = unknowns_of(begin, begin_nu/options%unit)
-      direction = [unknowns_of(along(:n), along(n + 1)), along(n + 2)]
-      call follow_curve(curve, options%curve, at, branch, begin_p, direction, cancel)
-    else
-      at = unknowns_of(begin, 1.0_wp)
-      associate (cosines => at(:curve%motion%n))
-        if (options%dof > 0) then
-          cosines = cosines*(options%curve%start/cosines(curve%measured))
-        else
-          cosines = cosines*sqrt(options%curve%start/curve%energy(at))
-        end if
-      end associate
-      call follow_curve(curve, options%curve, at, branch, cancel=cancel)
+      at = unknowns_of(curve, begin, begin_nu/options%unit)
+      call follow_curve(curve, options%curve, at, branch, begin_p, &
+                        [unknowns_of(curve, along(:n), along(n + 1)), along(n + 2)], cancel)
+      return
     end if
+    at = unknowns_of(curve, begin, 1.0_wp)
+    associate (cosines => at(:curve%motion%n))
+      if (options%dof > 0) then
+        cosines = cosines*(options%curve%start/cosines(curve%measured))
+      else
+        cosines = cosines*sqrt(options%curve%start/curve%energy(at))
+      end if
+    end associate
+    call follow_curve(curve, options%curve, at, branch, cancel=cancel)
+  end subroutine follow_once
+
+  !> A point that is no number, or whose energy is none, ends the branch before it.
+  subroutine end_with_numbers(curve, branch)
+    type(free_curve_type), intent(in) :: curve
+    type(curve_branch_type), intent(inout) :: branch
+    integer :: i
+    call branch%end_with_numbers()
+    do i = 1, branch%n_points
+      if (ieee_is_finite(curve%energy(branch%x(:, i)))) cycle
+      call branch%end_before(i)
+      return
+    end do
+  end subroutine end_with_numbers
+
+  !> What more orders would change of each point, and whether to follow the curve again.
+  subroutine judge(curve, system, options, search, branch, again, status, cancel)
+    type(free_curve_type), intent(in) :: curve
+    class(differentiable_system_type), intent(in), target :: system
+    type(free_options), intent(in) :: options
+    type(order_search), intent(inout) :: search
+    type(curve_branch_type), intent(inout) :: branch
+    logical, intent(out) :: again
+    type(status_type), intent(out) :: status
+    integer, intent(inout), volatile, optional :: cancel
+    type(free_curve_type) :: larger
+    real(wp), allocatable :: x(:, :)
+    integer, allocatable :: orders(:)
+    integer :: i, k, n
+
+    n = branch%n_points
+    again = .false.
+    ! Of a motion whose period is a multiple of the mode's an order may lie between.
+    orders = [((k + options%order - 1)/options%order, k=0, search%highest*options%order)]
+    do i = 1, branch%n_points
+      call search%look_at(orders, reshape(cosines_of(curve, branch%x(:, i)), &
+                                          [size(orders), system%n_dof]), &
+                          [(1.0_wp, k=1, system%n_dof)])
+    end do
+    call new_curve_of(larger, system, options, search%judging_order()*options%order, status)
+    if (status%failed()) return
+    allocate (x(larger%n, n))
+    do i = 1, n
+      associate (point => branch%x(:, i))
+        x(:, i) = unknowns_of(larger, refitted(system%n_dof, cosines_of(curve, point), &
+                                               larger%n_cosines()), point(curve%n))
+      end associate
+    end do
+    call search%judge(larger, branch%parameter(:n), x, branch%truncation, again, cancel)
+  end subroutine judge
+
+  !> The family from its points, with Floquet multipliers.
+  subroutine keep(family, curve, options, branch, n_cosines, cancel)
+    type(free_family_type), intent(inout) :: family
+    type(free_curve_type), intent(inout) :: curve
+    type(free_options), intent(in) :: options
+    type(curve_branch_type), intent(in) :: branch
+    integer, intent(in) :: n_cosines
+    integer, intent(inout), volatile, optional :: cancel
+    type(orbit_floquet_type) :: floquet
+    real(wp) :: r(curve%n), slope(curve%n), jacobian(curve%n, curve%n)
+    real(wp), dimension(2*curve%motion%system%n_dof, 2*curve%motion%system%n_dof) :: matrix
+    logical :: inside
+    integer :: i, n
+
     n = branch%n_points
     family%outcome = branch%outcome
     family%parameter = branch%parameter(:n)
+    family%truncation = branch%truncation(:n)
     family%folds = branch%folds%p(:branch%folds%n)
-    allocate (family%nu(n), family%energy(n), family%x(size(begin), n), source=0.0_wp)
-    if (options%stability) allocate (family%multipliers(2*system%n_dof, n), &
+    allocate (family%nu(n), family%energy(n), family%x(n_cosines, n), source=0.0_wp)
+    if (options%stability) allocate (family%multipliers(size(matrix, 1), n), &
                                      source=(0.0_wp, 0.0_wp))
-    allocate (r(curve%n), slope(curve%n), jacobian(curve%n, curve%n))
     do i = 1, n
       if (present(cancel)) then
         if (cancel /= 0) exit
       end if
       associate (point => branch%x(:, i))
-        family%x(:, i) = cosines_of(point)
+        family%x(:, i) = cosines_of(curve, point)
         family%nu(i) = curve%frequency(point)
         family%energy(i) = curve%energy(point)
         if (.not. options%stability) cycle
@@ -113,35 +234,38 @@ contains
     associate (points => branch%branch_points)
       family%branch_p = points%p(:points%n)
       family%branch_before = points%before(:points%n)
-      allocate (family%branch_nu(points%n), family%branch_x(size(begin), points%n), &
-                family%across(size(begin) + 2, points%n))
+      allocate (family%branch_nu(points%n), family%branch_x(n_cosines, points%n), &
+                family%across(n_cosines + 2, points%n))
       do i = 1, points%n
         family%branch_nu(i) = curve%frequency(points%x(:, i))
-        family%branch_x(:, i) = cosines_of(points%x(:, i))
-        family%across(:, i) = [cosines_of(points%across(:, i)), points%across(curve%n:, i)]
+        family%branch_x(:, i) = cosines_of(curve, points%x(:, i))
+        family%across(:, i) = [cosines_of(curve, points%across(:, i)), points%across(curve%n:, i)]
       end do
     end associate
+  end subroutine keep
 
-  contains
+  !> Of the curve, from cosines and the last one.
+  pure function unknowns_of(curve, cosines, last) result(unknowns)
+    type(free_curve_type), intent(in) :: curve
+    real(wp), intent(in) :: cosines(:), last
+    real(wp) :: unknowns(curve%n)
+    real(wp), allocatable :: y(:, :)
+    integer :: d
 
-    !> Of the curve, from cosines and the last one.
-    function unknowns_of(cosines, last) result(unknowns)
-      real(wp), intent(in) :: cosines(:), last
-      real(wp), allocatable :: unknowns(:)
-      real(wp) :: y(2*m - 1, system%n_dof)
-      y = 0.0_wp
-      y(1::2, :) = reshape(cosines, [m, system%n_dof])
-      unknowns = [curve%motion%reduced(reshape(y, [size(y)])), last]
-    end function unknowns_of
+    d = curve%motion%system%n_dof
+    allocate (y(curve%motion%torus%n, d), source=0.0_wp)
+    y(1::2, :) = reshape(cosines, [size(cosines)/d, d])
+    unknowns = [curve%motion%reduced(reshape(y, [size(y)])), last]
+  end function unknowns_of
 
-    !> The way back.
-    function cosines_of(unknowns) result(cosines)
-      real(wp), intent(in) :: unknowns(:)
-      real(wp) :: cosines(m*system%n_dof), y(2*m - 1, system%n_dof)
-      y = curve%motion%expanded(unknowns(:curve%motion%n))
-      cosines = reshape(y(1::2, :), [size(cosines)])
-    end function cosines_of
-
-  end subroutine follow_family
+  !> The way back, those left out as 0.
+  pure function cosines_of(curve, unknowns) result(cosines)
+    type(free_curve_type), intent(in) :: curve
+    real(wp), intent(in) :: unknowns(:)
+    real(wp) :: cosines(curve%n_cosines())
+    real(wp), allocatable :: y(:, :)
+    y = curve%motion%expanded(unknowns(:curve%motion%n))
+    cosines = reshape(y(1::2, :), [size(cosines)])
+  end function cosines_of
 
 end module viscovib_free_family

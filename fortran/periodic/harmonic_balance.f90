@@ -28,8 +28,6 @@ module viscovib_harmonic_balance
     integer, private :: n_dof = 0, n_memory = 0
     !> Frequency (rad/s), and the factor s of the load.
     real(wp) :: nu = 0.0_wp, load_factor = 1.0_wp
-    !> Only motions with u(-t) = u(t): the sines are held at 0.
-    logical :: even_in_time = .false.
     type(sample_tables), private :: tables
     !> Dynamic stiffness (n_dof, n_dof, n_orders), and what memory retains
     !! (n_orders, n_memory).
@@ -165,7 +163,6 @@ contains
     do k = 1, size(self%set%orders)
       if (self%set%orders(k) == 0) r(2*k - 1, :) = x(2*k - 1, :)
     end do
-    if (self%even_in_time) r(1::2, :) = x(1::2, :)
   end subroutine residual
 
   !> Multiply pairs of real and imaginary parts by complex numbers.
@@ -224,13 +221,6 @@ contains
       end do
       if (.not. system%separable) call add_inseparable(self, system, b, jacobian)
     end do
-    if (self%even_in_time) then
-      do j = 1, self%n, 2
-        jacobian(:self%n, j) = 0.0_wp
-        jacobian(j, :self%n) = 0.0_wp
-        jacobian(j, j) = 1.0_wp
-      end do
-    end if
   end subroutine derivatives
 
   !> The linear part of coordinate b in the equations of coordinate a.
@@ -381,7 +371,6 @@ contains
     do k = 1, size(self%set%orders)
       if (self%set%orders(k) == 0) slope(2*k - 1, :) = 0.0_wp
     end do
-    if (self%even_in_time) slope(1::2, :) = 0.0_wp
   end subroutine frequency_derivative
 
   !> What memory adds: dv_k/dnu = k f'(k nu) W_k, into B v and through F(u, v) - B v at the

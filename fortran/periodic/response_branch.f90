@@ -1,10 +1,8 @@
 !> A branch of periodic motions of an oscillator, from a frequency, a factor of the load or
 !! a parameter on, with the orders given or as many as each point needs.
 module viscovib_response_branch
-  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_balance_ladder, only: balance_ladder_type, lowest_order, new_ladder, one_rung
-  use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_overflow, &
-    follow_curve
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
   use viscovib_curve_events, only: special_points
   use viscovib_damped_start, only: point_from_damping
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -100,29 +98,12 @@ contains
         call curve%choose_from(ladder, rung, options%tolerance)
       end do
     end if
-    call end_with_numbers(branch)
+    call branch%end_with_numbers()
     ! Where the first point could not be corrected there is no branch.
     if (outcome == outcome_converged .and. branch%n_points == 0) outcome = outcome_stalled
     if (outcome == outcome_converged) call keep_used(curve, branch)
     set = curve%balance%set
   end subroutine follow_response
-
-  !> A point that is no number ends the branch before it.
-  subroutine end_with_numbers(branch)
-    type(curve_branch_type), intent(inout) :: branch
-    integer :: i
-
-    do i = 1, branch%n_points
-      if (all(ieee_is_finite([branch%parameter(i), branch%truncation(i), branch%error(i)])) &
-          .and. all(ieee_is_finite(branch%x(:, i)))) cycle
-      branch%n_points = i - 1
-      branch%outcome = curve_overflow
-      branch%folds%n = count(branch%folds%before(:branch%folds%n) < i)
-      branch%branch_points%n = count(branch%branch_points%before(:branch%branch_points%n) < i)
-      branch%stops = pack(branch%stops, branch%stops < i)
-      return
-    end do
-  end subroutine end_with_numbers
 
   !> The lowest rung that holds everything a departure has.
   pure integer function rung_with(ladder, departure, blocks) result(rung)

@@ -4,6 +4,7 @@ module viscovib_backbone_groups
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
   use viscovib_checks, only: check_positive
   use viscovib_curve_groups, only: check_between, read_curve, read_switch, read_yes
+  use viscovib_free_orders, only: max_harmonics, most_chosen
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
@@ -15,7 +16,6 @@ module viscovib_backbone_groups
   public :: read_backbone, read_free
 
   character(len=*), parameter :: pendulum_names(3) = [character(len=3) :: 'z', 'phi', 'psi']
-  integer, parameter :: max_harmonics = 199
 
 contains
 
@@ -32,7 +32,7 @@ contains
     allocate (job%switch(0))
     job%mode = reader%read_integer('mode', 0)
     call read_ends(reader, job)
-    job%harmonics = reader%read_integer('harmonics', job%harmonics)
+    call reader%read_count('harmonics', job%harmonics, 'auto', job%choose_harmonics)
     call read_curve(reader, job%options)
     name = ''
     if (reader%has('dof')) then
@@ -41,7 +41,7 @@ contains
     end if
     if (reader%status%failed()) return
     call new_backbone_plan(plan, system, job%mode, job%dof, name, job%harmonics, &
-                           job%options%tolerance, status)
+                           job%choose_harmonics, job%options%tolerance, status)
     call reader%place(status)
     if (status%failed() .or. job%dof > 0) return
     word = reader%read_text('dof', trim(coordinates(plan%dof)), coordinates, job%dof)
@@ -61,7 +61,7 @@ contains
                             job%parameter)
     call read_ends(reader, job)
     job%subharmonic = reader%read_integer('subharmonic', 1)
-    job%harmonics = reader%read_integer('harmonics', 15)
+    call reader%read_count('harmonics', job%harmonics, 'auto', job%choose_harmonics)
     call read_curve(reader, job%options)
     job%stability = read_yes(reader, 'stability')
     word = reader%read_text('symmetry', 'any', [character(len=4) :: 'any', 'kept'], symmetry)
@@ -71,6 +71,7 @@ contains
     call check_between(reader, 'mode', job%mode, 0, 2)
     call check_between(reader, 'subharmonic', job%subharmonic, 1, 20)
     if (reader%status%failed()) return
+    if (job%choose_harmonics) job%harmonics = min(job%harmonics, most_chosen(job%subharmonic))
     call check_between(reader, 'harmonics', job%harmonics, 1, max_harmonics/job%subharmonic)
     if (pendulum%parameters%equations == equations_printed .and. job%mode > 0) then
       call reader%complain('mode', 'mode = '//show(job%mode)//': the printed equations keep no ' &

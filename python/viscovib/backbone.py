@@ -1,5 +1,6 @@
 """Backbone curves: free periodic motions of systems without losses."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,7 +12,7 @@ import xarray as xr
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.curves import MAX_SPECIAL, OUTCOMES, largest_panels
-from viscovib.errors import InputError
+from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.motion_stability import STABILITY_NOTE, stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.parameters import MAX_HARMONICS, MAX_UNKNOWNS, CurveOptions, Interval
@@ -21,7 +22,6 @@ from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import Table, listed, listed_units
 
 #: Highest order that is kept where none is given.
-_USUAL = 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +54,16 @@ class Backbone(PeriodicMotions, Result):
         Orders k kept.
     coefficients : complex ndarray, shape (n, n_dof, m)
         X_k.
+    truncation : ndarray, shape (n,)
+        Estimated change if all orders were kept: of the motion relative to its size, or of its
+        frequency, whichever is larger; at most 1, which also stands where nothing can be told.
     mode : int
         The linear mode it grew from, counted from 0.
     outcome : str
         "completed"; "step limit": max_points reached; "stuck": no smaller step helps;
-        "overflow"; of a pendulum also "returned": back at the beginning; "unphysical": the motion
-        reaches z = -1; "closed": back at the first point.
+        "returned": back at the size it began with, as where modes are in internal resonance and
+        the motion becomes one of a higher mode; "closed": back at the first point; "overflow";
+        "unphysical": no motion oscillates beyond; of a pendulum, it reaches z = -1.
     plan : Plan
         What was computed, what was skipped and why.
     varies : str
@@ -82,6 +86,7 @@ class Backbone(PeriodicMotions, Result):
     nu: FloatArray
     harmonics: npt.NDArray[np.int32]
     coefficients: ComplexArray
+    truncation: FloatArray
     mode: int
     outcome: str
     dof_names: tuple[str, ...]
@@ -94,13 +99,19 @@ class Backbone(PeriodicMotions, Result):
     multipliers: ComplexArray | None = None
     stable: npt.NDArray[np.bool_] | None = None
     growing: npt.NDArray[np.int32] | None = None
+    _tolerance: float = 1e-10
 
     kind = "backbone"
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether all of it was followed."""
-        return self.outcome == "completed"
+        """Whether all of it was followed, and with enough harmonics."""
+        return self.outcome == "completed" and not self._short
+
+    @property
+    def _short(self) -> int:
+        """Number of points with too few harmonics."""
+        return int((self.truncation > self._tolerance).sum())
 
     @property
     def _unit(self) -> str:
@@ -109,7 +120,8 @@ class Backbone(PeriodicMotions, Result):
 
     def _headline(self) -> str:
         points = "" if self.energy is None else f", {len(self.branch_points)} branch points"
-        return f"{self.outcome}, {self.nu.size} points, {self.folds.size} folds{points}"
+        short = f", {self._short} with too few harmonics" if self._short else ""
+        return f"{self.outcome}, {self.nu.size} points, {self.folds.size} folds{points}{short}"
 
     def _scope(self) -> list[str]:
         return [
@@ -153,17 +165,12 @@ class Backbone(PeriodicMotions, Result):
         """u(0), shape (n, n_dof): from there, at rest, the motion is periodic."""
         return np.asarray(self.coefficients.imag.sum(axis=2))
 
-    @property
-    def truncation(self) -> FloatArray:
-        """Size of the two highest orders against the largest of all, shape (n,)."""
-        sizes = np.abs(self.coefficients)
-        return np.asarray(sizes[:, :, -2:].max(axis=(1, 2)) / sizes.max(axis=(1, 2)))
-
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over the points."""
         data: dict[str, Any] = {
             "nu": ("point", self.nu, {"units": "rad/s"}),
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),
+            "truncation": ("point", self.truncation),
         }
         if self.energy is not None:
             data["energy"] = ("point", self.energy)
@@ -195,7 +202,9 @@ class Backbone(PeriodicMotions, Result):
             note += STABILITY_NOTE
             table.columns |= stability_columns(self.growing, self.multipliers)
         units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
+        note += "; truncation: estimated relative error of leaving out higher orders"
         table.notes.append(f"{note}; u = sum_k a_k cos(k nu t); {units}")
+        table.columns["truncation"] = self.truncation
         for d, name in names.items():
             for j, k in enumerate(self.harmonics):
                 table.columns[f"{name}_{k}"] = self.coefficients[:, d, j].imag
@@ -223,33 +232,49 @@ def oscillator_backbone(
     ends = Interval("amplitude_range", above=0).check(amplitude_range)
     curve = CurveOptions.checked(tolerance, max_points, max_step)
     wanted, points, step = curve.tolerance, curve.max_points, curve.max_step
-    usual = _USUAL if _native.is_auto(harmonics) else harmonics
-    highest = _native.integer("harmonics", usual, 1, MAX_HARMONICS)
+    chosen = _native.is_auto(harmonics)
+    highest = 1 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS)
     job = (system._flat, *system._kernels, j, place)
-    n_kept, kept, text = _native.call(
-        core.oscillator_backbone_plan, *job, (dof or "").encode(), *ends, highest, wanted
-    )
-    orders = kept[:n_kept].copy()
+    n_kept, text = _native.call(
+        core.oscillator_backbone_plan, *job, (dof or "").encode(), *ends, highest, int(chosen),
+        wanted,
+    )  # fmt: skip
     most = 100 * MAX_UNKNOWNS**2 // (n_kept * len(names))
     if points > most:
         raise InputError(f"max_points = {points}: must be at most {most} with these unknowns")
     cancel = np.zeros(1, dtype=np.intc)
-    n, ended, nu, coefficients, n_folds, folds = _native.call_interruptibly(
-        core.oscillator_backbone, cancel, *job, *ends, highest, wanted, points, step, n_kept,
-        len(names), MAX_SPECIAL, cancel,
+    n, ended, m, kept, nu, truncation, coefficients, n_folds, folds = _native.call_interruptibly(
+        core.oscillator_backbone, cancel, *job, *ends, highest, int(chosen), wanted, points, step,
+        n_kept, len(names), MAX_SPECIAL, cancel,
     )  # fmt: skip
     if n == 0:
         raise InputError(
             f"amplitude_range: no solution was found at its beginning {ends[0]:g}: begin lower"
         )
+    warn_of_few(truncation[:n], wanted, int(kept[m - 1]))
     return Backbone(
         nu=nu[:n].copy(),
-        harmonics=orders,
-        coefficients=np.ascontiguousarray(coefficients[:, :, :n].T),
+        harmonics=kept[:m].copy(),
+        coefficients=np.ascontiguousarray(coefficients[:m, :, :n].T),
+        truncation=truncation[:n].copy(),
         mode=j,
         outcome=OUTCOMES[ended],
         folds=folds[:n_folds].copy(),
         dof_names=names,
         dof_units=system.dof_units,
         plan=Plan(text.decode()),
+        _tolerance=wanted,
     )
+
+
+def warn_of_few(truncation: FloatArray, tolerance: float, highest: int) -> None:
+    """Warn the caller of `backbone` where orders are too few."""
+    few = truncation > tolerance
+    if few.any():
+        warnings.warn(
+            f"at {few.sum()} of {few.size} points harmonics up to {highest} do not reach the "
+            f"tolerance {tolerance:.1e}; the worst has an estimated relative error of "
+            f"{truncation.max():.1e}",
+            ConvergenceWarning,
+            stacklevel=5,
+        )

@@ -201,7 +201,8 @@ def _branch_error(scene: Scene, value: Branch | DrivenBranch) -> tuple[float | N
 
 def _backbone_error(scene: Scene, value: Backbone) -> tuple[float | None, str]:
     group = scene.groups["backbone"]
-    more = min(2 * group["harmonics"] + 1, MAX_HARMONICS // group.get("subharmonic", 1))
+    multiple = group.get("subharmonic", 1)
+    more = min(2 * int(value.harmonics.max()) // multiple + 1, MAX_HARMONICS // multiple)
     finer = {"backbone.harmonics": more, "backbone.tolerance": 1e-13}
     better = run_one(scene.override(finer)).backbone
     if value.outcome != "completed" or better.outcome != "completed":

@@ -1,16 +1,16 @@
 """Backbone curves of the pendulum: its free motions without losses."""
 
-import warnings
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.backbone import Backbone, BackbonePoint
+from viscovib.backbone import Backbone, BackbonePoint, warn_of_few
 from viscovib.curves import MAX_SPECIAL, OUTCOMES
 from viscovib.driven import check_size
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import InputError
 from viscovib.parameters import (
     MAX_HARMONICS,
     OPPOSITE,
@@ -24,12 +24,10 @@ from viscovib.parameters import (
 from viscovib.pendulum import Pendulum
 from viscovib.plan import Plan
 from viscovib.stability import warn_of_unknown
-from viscovib.torus import IntArray, tail
+from viscovib.torus import IntArray
 
-#: Orders left out count as many from this relative size on.
-_COARSE = 1e-4
-#: Highest order that is kept where none is given.
-_USUAL = 15
+#: Orders that are chosen: at first, and at most.
+_FIRST, _MOST = 9, 63
 
 
 def pendulum_backbone(
@@ -58,8 +56,21 @@ def pendulum_backbone(
         )
     free = replace(pend, c1=0.0, c2=0.0, c3=0.0, f0=0.0, m01=0.0, m02=0.0)
     multiple = SUBHARMONIC.check(subharmonic)
-    usual = min(_USUAL, MAX_HARMONICS // multiple) if _native.is_auto(harmonics) else harmonics
-    highest = multiple * _native.integer("harmonics", usual, 1, MAX_HARMONICS // multiple)
+    if leave is not None:
+        _check_departure(leave)
+    auto = _native.is_auto(harmonics)
+    most = MAX_HARMONICS // multiple
+    wanted_order: Any = harmonics
+    if auto:
+        most = min(_MOST, most)
+        wanted_order = min(_FIRST, most)
+        if leave is not None:
+            wanted_order = _highest_left(leave, multiple)
+            most = max(most, wanted_order)
+    order = _native.integer("harmonics", wanted_order, 1, MAX_HARMONICS // multiple)
+    if not auto:
+        most = order
+    first, highest = order, multiple * order
     shape = free.mode_shapes()[:, j]
     names = Pendulum.dof_names
     place = int(np.abs(shape).argmax())
@@ -73,11 +84,12 @@ def pendulum_backbone(
     start, finish = _ends(amplitude_range, energy_range)
     curve = CurveOptions.checked(tolerance, max_points, max_step)
     wanted, points, step = curve.tolerance, curve.max_points, curve.max_step
-    n = 3 * (highest + 1)
-    check_size("max_points", points, n)
+    n, n_most = 3 * (highest + 1), 3 * (multiple * most + 1)
+    check_size("max_points", points, n_most)
     given = checked((SYMMETRIC, OPPOSITE), locals())
     judged = stability is None or STABILITY.check(stability)
     kept = _kept(pend, j, highest, multiple, given["symmetric"])
+    pattern = _kept(pend, j, 2 * multiple - 1, multiple, given["symmetric"])
     unit = float(free.natural_frequencies()[j]) / multiple
     begin, begin_nu, begin_p, along = np.zeros((3, highest + 1)), unit, 0.0, np.zeros(n + 2)
     begin[:, multiple] = shape / shape[place]
@@ -91,33 +103,27 @@ def pendulum_backbone(
         begin_nu, begin_p = leave.nu, leave.parameter
     cancel = np.zeros(1, dtype=np.intc)
     (
-        count, ended, nu, energy, x, multipliers, growing, n_folds, folds, n_branch, branch_p,
-        branch_nu, branch_x, across, before,
+        count, ended, order, nu, energy, truncation, x, multipliers, growing, n_folds, folds,
+        n_branch, branch_p, branch_nu, branch_x, across, before,
     ) = _native.call_interruptibly(
-        core.pendulum_backbone, cancel, free._flat, kept, unit,
-        place + 1 if varies == "amplitude" else 0, multiple, start, finish, wanted, points, step,
-        int(judged), int(leave is not None), begin.ravel(), begin_nu, begin_p, along,
-        MAX_SPECIAL, cancel,
+        core.pendulum_backbone, cancel, free._flat, pattern, unit,
+        place + 1 if varies == "amplitude" else 0, multiple, order, most, start, finish, wanted,
+        points, step, int(judged), int(leave is not None), begin.ravel(), begin_nu,
+        begin_p, along, n_most, MAX_SPECIAL, cancel,
     )  # fmt: skip
     if not count:
         raise InputError(
             f"{varies}_range: no solution was found at its beginning {start:g}: begin lower"
         )
-    coefficients = _coefficients(x[:, :count])
-    left_out = tail(coefficients, np.arange(highest + 1, dtype=np.int32)[:, np.newaxis])
-    if left_out.max() > _COARSE:
-        warnings.warn(
-            f"harmonics = {highest // multiple}: leave an estimated relative error of "
-            f"{left_out.max():.1e}",
-            ConvergenceWarning,
-            stacklevel=3,
-        )
+    n = 3 * (multiple * order + 1)
+    warn_of_few(truncation[:count], wanted, order)
     if judged:
         warn_of_unknown(growing[:count] < 0)
     return Backbone(
         nu=nu[:count].copy(),
-        harmonics=np.arange(highest + 1, dtype=np.intc),
-        coefficients=coefficients,
+        harmonics=np.arange(multiple * order + 1, dtype=np.intc),
+        coefficients=_coefficients(x[:n, :count]),
+        truncation=truncation[:count].copy(),
         mode=j,
         outcome=OUTCOMES[ended],
         dof_names=names,
@@ -129,10 +135,10 @@ def pendulum_backbone(
             BackbonePoint(
                 float(branch_p[i]),
                 float(branch_nu[i]),
-                _coefficients(branch_x[:, i : i + 1])[0],
+                _coefficients(branch_x[:n, i : i + 1])[0],
                 int(before[i]) - 1,
                 _coefficients(across[:n, i : i + 1])[0],
-                across[:, i].copy(),
+                across[: n + 2, i].copy(),
             )
             for i in range(n_branch)
         ),
@@ -141,12 +147,20 @@ def pendulum_backbone(
         growing=growing[:count].copy() if judged else None,
         plan=Plan(
             f"computes: free motions of mode {j} from {varies} {start:g} to {finish:g}, "
-            f"{int(kept.sum())} cosines\n"
+            f"{_kept_text(auto, first, int(kept.sum()))}\n"
             "skips: damping and loads (free motions of the system without losses)\n"
             "skips: sines (motions that begin at rest are even in time)\n"
             + ("computes: Floquet multipliers" if judged else "skips: stability (not asked for)")
         ),
+        _tolerance=wanted,
     )
+
+
+def _kept_text(auto: bool, first: int, n_cosines: int) -> str:
+    """Return what the plan says of the orders."""
+    if auto:
+        return f"as many harmonics as the tolerance needs, {first} at first"
+    return f"{n_cosines} cosines"
 
 
 def _ends(amplitude: object, energy: object) -> tuple[float, float]:
@@ -176,10 +190,23 @@ def _coefficients(cosines: FloatArray) -> ComplexArray:
     return np.asarray(1j * whole, dtype=np.complex128)
 
 
-def _departure(leave: object, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
-    """Cosines and direction."""
+def _check_departure(leave: object) -> None:
     if not isinstance(leave, BackbonePoint):
         raise InputError(f"leave = {leave!r}: must be one of a backbone's branch_points")
+
+
+def _highest_left(leave: BackbonePoint, multiple: int) -> int:
+    """Return the order that the curve was followed with, of the mode's frequency."""
+    highest, rest = divmod((leave._direction.size - 2) // 3 - 1, multiple)
+    if rest:
+        raise InputError(
+            f"subharmonic = {multiple}: must be that of the curve that ``leave`` lies on"
+        )
+    return highest
+
+
+def _departure(leave: BackbonePoint, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
+    """Cosines and direction."""
     if leave._direction.size != n + 2:
         raise InputError(
             f"leave: has {(leave._direction.size - 2) // 3} cosines a coordinate, must have as "

@@ -463,9 +463,12 @@ def backbone(
         Of a pendulum: keep to motions that are mirrored in phi and psi half a period later (of the
         mode of z: that do not swing): faster, but blind to branch points where the symmetry breaks.
     harmonics : int or "auto"
-        Highest order kept of the mode's frequency. "auto": 9, of a pendulum 15.
+        Highest order kept of the mode's frequency. "auto": 9 at first; the curve is followed again
+        with more until `Backbone.truncation` is below ``tolerance`` all along it, up to 63; to
+        ``leave`` a curve, as many as that has at first.
     tolerance : float
-        Relative size of the last correction, 1e-14 to 0.1.
+        Relative size of the last correction, and of what leaving out orders may change, 1e-14 to
+        0.1.
     max_points : int
         Points at most, 2 to 100000.
     max_step : float
@@ -489,7 +492,7 @@ def backbone(
     Warns
     -----
     ConvergenceWarning
-        If orders of a pendulum are too few somewhere (`Backbone.truncation` above 1e-4).
+        If the orders kept do not bring `Backbone.truncation` below ``tolerance``.
 
     Notes
     -----

@@ -53,6 +53,11 @@ BAD_BACKBONES = {
         "mode = 1: the printed equations keep no energy in swings",
     ),
     "harmonics": (FREE.replace("from", "harmonics=0, from"), 2, "harmonics = 0: must be 1 to"),
+    "harmonics by another word": (
+        FREE.replace("from", "harmonics='all', from"),
+        2,
+        "harmonics = 'all': must be",
+    ),
     "harmonics in all": (
         SWING.replace("from", "harmonics=100, subharmonic=2, from"),
         2,
@@ -101,7 +106,7 @@ def test_driver_and_python_agree(solve, tmp_path, name):
     if name == "mount_backbone":
         assert "completed, " in done.stdout
         assert "0 folds" in done.stdout
-        expected = vv.backbone(result.scene.mount(), 0, (0.001, 0.7), harmonics=15)
+        expected = vv.backbone(result.scene.mount(), 0, (0.001, 0.7))
         assert np.array_equal(curve.coefficients, expected.coefficients)
         return
     assert "2 branch points; tables of 1 more" in done.stdout

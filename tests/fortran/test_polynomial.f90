@@ -2,6 +2,7 @@
 module test_polynomial
   use testing, only: begin, check, check_close, check_fails, check_ok
   use viscovib_backbone, only: follow_backbone
+  use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
   use viscovib_catalogue, only: kernel_rzhanitsyn, new_kernel
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options
   use viscovib_harmonic_balance, only: balance_type, new_balance
@@ -237,10 +238,11 @@ contains
     type(polynomial_type), target :: system
     type(polynomial_parameters) :: p
     type(kernel_holder) :: none(0)
-    type(harmonic_set_type) :: set
+    type(backbone_plan_type), target :: plan
     type(curve_branch_type) :: backbone
     type(status_type) :: status
     real(wp) :: a, b, c, largest
+    integer, allocatable :: orders(:)
     integer :: i, j, set_size
     integer, volatile :: cancel
 
@@ -255,17 +257,18 @@ contains
     p%base_direction = [0.0_wp]
     call new_polynomial(system, p, none, status)
     call check_ok(status)
-    call new_harmonic_set(set, 31, .true., 3)
-    set_size = 2*size(set%orders)
+    call new_backbone_plan(plan, system, 0, 1, 'x', 31, .false., 1.0e-13_wp, status)
+    call check_ok(status)
     cancel = 0
-    call follow_backbone(system, set, 1.0_wp, [1.0_wp], 1, &
-                         curve_options(1.0e-3_wp, 2.0_wp, 1.0e-13_wp, 500, 0.1_wp), backbone, &
-                         cancel)
+    call follow_backbone(plan, curve_options(1.0e-3_wp, 2.0_wp, 1.0e-13_wp, 500, 0.1_wp), &
+                         backbone, orders, cancel)
     call check(backbone%outcome == curve_completed, 'to its end')
-    largest = backbone%x(2, backbone%n_points)
+    call check(maxval(backbone%truncation) <= 4.0e-15_wp, 'with enough orders')
+    set_size = size(orders)
+    largest = backbone%x(1, backbone%n_points)
     call check_close(largest, 2.0_wp, 1.0e-11_wp, 'the last amplitude')
     do i = 1, backbone%n_points
-      c = sum(backbone%x(2:set_size:2, i))
+      c = sum(backbone%x(:set_size, i))
       a = sqrt(1.0_wp + c**2)
       b = sqrt(1.0_wp + 0.5_wp*c**2)
       do j = 1, 8
@@ -276,9 +279,8 @@ contains
       call check_close(backbone%x(set_size + 1, i), a, 4.0e-15_wp, 'frequency')
     end do
     cancel = 1
-    call follow_backbone(system, set, 1.0_wp, [1.0_wp], 1, &
-                         curve_options(1.0e-3_wp, 2.0_wp, 1.0e-13_wp, 500, 0.1_wp), backbone, &
-                         cancel)
+    call follow_backbone(plan, curve_options(1.0e-3_wp, 2.0_wp, 1.0e-13_wp, 500, 0.1_wp), &
+                         backbone, orders, cancel)
     call check(backbone%n_points == 1, 'given up at once')
   end subroutine compare_backbone
 

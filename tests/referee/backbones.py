@@ -7,8 +7,7 @@ from referee.case import Case, Claim, few
 from referee.models import Model, Swinging, chain, integrate, mount, pendulum
 
 JUDGES = (
-    "backbone", "Backbone", "Backbone.amplitude", "Backbone.start", "Backbone.truncation",
-    "BackbonePoint",
+    "backbone", "Backbone", "Backbone.amplitude", "Backbone.start", "BackbonePoint",
 )  # fmt: skip
 
 
@@ -22,9 +21,13 @@ def _oscillator(rng, index):
     model = Model(model.source, model.mass, 0 * model.damping, model.groups, model.names)
     mode = int(rng.integers(model.n))
     top = few(rng, 0.02, 0.6, 2)
-    kept = rng.choice(["", ", harmonics=15"])
+    kept = rng.choice(["", ", harmonics=5"])
     call = f"""system = {model.source}
 curve = vv.backbone(system, {mode}, ({top / 100}, {top}){kept})
+finer = vv.backbone(system, {mode}, ({top / 100}, {top}), harmonics=2 * int(curve.harmonics[-1]) + 1,
+    tolerance=1e-13)
+fine, fine_orders, fine_nu, fine_outcome = finer.coefficients, finer.harmonics, finer.nu, finer.outcome
+folds = curve.folds
 nu, start, outcome, truncation = curve.nu, curve.start, curve.outcome, curve.truncation
 amplitude = curve.amplitude({model.names[0]!r})
 coefficients, orders = curve.coefficients, curve.harmonics
@@ -32,13 +35,20 @@ coefficients, orders = curve.coefficients, curve.harmonics
     draw = np.random.default_rng(index)
 
     def judge(names, told):
-        yield Claim("completed", names["outcome"], "completed")
+        # In internal resonance a curve may turn back and end as a motion of a higher mode.
+        ended = names["outcome"] if names["folds"].size else "completed"
+        yield Claim(
+            "completed", names["outcome"], "returned" if ended == "returned" else "completed"
+        )
+        if names["outcome"] == names["fine_outcome"] == "completed" and not names["folds"].size:
+            yield from _against_finer(names, model.mass)
         first = list(names["orders"]).index(1)
         own = np.abs(names["coefficients"][:, 0, first])
         yield Claim("amplitude", names["amplitude"], own, 1e-14 * own + 1e-300)
         own = names["coefficients"].imag.sum(axis=2)
         yield Claim("start", names["start"], own, 1e-14 * np.abs(own).max())
-        i = int(draw.integers(len(names["nu"])))
+        n = len(names["nu"])
+        i = n - 1 if ended == "returned" else int(draw.integers(n))
         u = names["start"][i]
         y = np.concatenate([u, 0 * u])
         period = 2 * np.pi / names["nu"][i]
@@ -66,6 +76,20 @@ coefficients, orders = curve.coefficients, curve.harmonics
             )
 
     return Case(call, judge, may_refuse=True)
+
+
+def _against_finer(names, mass):
+    """Judge the truncation by the motion of twice the orders at the same amplitude."""
+    fine = names["fine"][-1].imag
+    own = np.zeros_like(fine)
+    own[:, np.searchsorted(names["fine_orders"], names["orders"])] = names["coefficients"][-1].imag
+    weights = np.sqrt(np.diag(mass))[:, np.newaxis]
+    apart = np.linalg.norm((own - fine) * weights) / np.linalg.norm(fine * weights)
+    apart = max(apart, abs(names["nu"][-1] / names["fine_nu"][-1] - 1))
+    estimate = names["truncation"][-1]
+    yield Claim(
+        "truncation", 1 + apart, 1.0, 2 * estimate + 1e-10, damage=max(1e-6, 100 * estimate)
+    )
 
 
 def _pendulum(rng, index):
