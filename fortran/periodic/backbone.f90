@@ -68,7 +68,7 @@ contains
       orders = set%orders
       call judge(plan, set, search, branch, again, cancel)
       if (.not. again) return
-      call new_harmonic_set(set, search%highest, set%half_wave, plan%system%degree)
+      call new_harmonic_set(set, search%highest, plan%set%half_wave, plan%system%degree)
     end do
   end subroutine follow_backbone
 

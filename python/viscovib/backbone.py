@@ -21,8 +21,6 @@ from viscovib.plan import Plan, wanted_places
 from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import Table, listed, listed_units
 
-#: Highest order that is kept where none is given.
-
 
 @dataclass(frozen=True, eq=False)
 class BackbonePoint:
@@ -276,5 +274,5 @@ def warn_of_few(truncation: FloatArray, tolerance: float, highest: int) -> None:
             f"tolerance {tolerance:.1e}; the worst has an estimated relative error of "
             f"{truncation.max():.1e}",
             ConvergenceWarning,
-            stacklevel=5,
+            stacklevel=4,
         )

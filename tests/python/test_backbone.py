@@ -1,5 +1,7 @@
 """Backbone curves against closed forms and direct integration of the motion."""
 
+import warnings
+
 import matplotlib
 import numpy as np
 import pytest
@@ -220,3 +222,111 @@ def test_bad_input_is_named(changes, text):
     with pytest.raises(vv.InputError) as error:
         vv.backbone(**given)
     assert text in str(error.value)
+
+
+def drawn(rng):
+    """A random chain or mount: system, its accelerations, its masses."""
+    if rng.integers(2):
+        a, b = rng.uniform(0.5, 2, 2)
+        body = {"mass": a, "inertia": 0.1 * b, "offset": 0.4, "stiffness_x": 10 * b}
+        mount = vv.Mount(**body, stiffness_phi=2 * a, geometry="exact")
+
+        def turned(u):
+            spring = 10 * b * (u[0] - 0.4 * np.sin(u[1]))
+            return -np.array([spring / a, (2 * a * u[1] - 0.4 * np.cos(u[1]) * spring) / (0.1 * b)])
+
+        return mount, turned, np.array([a, 0.1 * b])
+    masses, springs = rng.uniform(0.5, 2, 2), rng.uniform(0.5, 2, 3)
+    square, cube = rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 1.0)
+    stiffness = np.diag(springs[:2] + springs[1:]) - springs[1] * (1 - np.eye(2))
+    chain = vv.PolynomialSystem(
+        mass=masses, stiffness=stiffness, forces={"x1": f"{square}*x1^2 + {cube}*x1^3"}
+    )
+
+    def pulled(u):
+        return -(stiffness @ u + [square * u[0] ** 2 + cube * u[0] ** 3, 0]) / masses
+
+    return chain, pulled, masses
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_truncation_is_what_more_orders_change(seed):
+    """Of given orders against twice as many; of chosen ones against integration of a period."""
+    rng = np.random.default_rng(seed)
+    system, acceleration, masses = drawn(rng)
+    ends, mode = (1e-3, rng.uniform(0.2, 0.5)), int(rng.integers(2))
+    coarse = {"harmonics": int(rng.integers(3, 8))}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        few = vv.backbone(system, mode, ends, **coarse)
+        more = vv.backbone(system, mode, ends, harmonics=25)
+    assert few.outcome == more.outcome == "completed"
+    assert few.complete == (few.truncation.max() <= 1e-10)
+    fine = more.coefficients[-1].imag
+    own = np.zeros_like(fine)
+    own[:, np.searchsorted(more.harmonics, few.harmonics)] = few.coefficients[-1].imag
+    inertia = np.sqrt(masses)[:, np.newaxis]
+    apart = np.linalg.norm((own - fine) * inertia) / np.linalg.norm(fine * inertia)
+    apart = max(apart, abs(few.nu[-1] / more.nu[-1] - 1))
+    assert few.truncation[-1] == pytest.approx(apart, rel=0.2, abs=1e-13)
+    chosen = vv.backbone(system, mode, ends)
+    assert chosen.complete
+    assert chosen.truncation.max() <= 1e-10
+    for i in (chosen.nu.size // 2, -1):
+        start = np.concatenate([chosen.start[i], [0, 0]])
+        end = solve_ivp(
+            lambda t, y: np.concatenate([y[2:], acceleration(y[:2])]),
+            (0, 2 * np.pi / chosen.nu[i]), start, "DOP853", rtol=1e-12, atol=1e-14,
+        ).y[:, -1]  # fmt: skip
+        assert np.abs(end - start).max() < 2e-8 * np.abs(start).max()
+
+
+def test_internal_resonance_turns_the_curve_back():
+    """At 5:1 the first harmonic falls to where it began; what is left is a true motion."""
+    body = {
+        "mass": 1.15,
+        "inertia": 0.0507,
+        "offset": 0.5,
+        "stiffness_x": 15,
+        "stiffness_phi": 3.29,
+    }
+    b = vv.backbone(vv.Mount(**body), 0, (0.002, 0.2))
+    assert (b.outcome, b.folds.size) == ("returned", 1)
+    assert b.truncation.max() <= 1e-10
+    assert b.amplitude("phi", 5)[-1] > 3 * b.amplitude("phi")[-1]
+    c = 0.5 * 15
+
+    def acceleration(u):
+        x, phi = u
+        linear = np.array([15 * x - c * phi, -c * x + (3.29 + 0.25 * 15) * phi])
+        bent = np.array([c / 6 * phi**3, 0.5 * c * phi**2 * x - c / 3 * phi**3])
+        return -(linear + bent) / [1.15, 0.0507]
+
+    start = np.concatenate([b.start[-1], [0, 0]])
+    end = solve_ivp(
+        lambda t, y: np.concatenate([y[2:], acceleration(y[:2])]),
+        (0, 2 * np.pi / b.nu[-1]), start, "DOP853", rtol=1e-13, atol=1e-15,
+    ).y[:, -1]  # fmt: skip
+    assert np.abs(end - start).max() < 1e-9 * np.abs(start).max()
+
+
+@pytest.mark.parametrize(
+    ("changes", "ends"),
+    [
+        ({}, (5e-324, 1e-323)), ({}, (1e-170, 1e-160)), ({}, (1e-3, 1e200)), ({}, (1e300, 1e308)),
+        ({"stiffness": 1e300}, (1e-3, 1)), ({"mass": 1e-300}, (1e-3, 1)),
+        ({"forces": "1e300*x^3"}, (1e-3, 1)), ({"forces": "-x^3"}, (1e-3, 3)),
+    ],
+)  # fmt: skip
+def test_beyond_the_range_of_numbers(changes, ends):
+    """There is an error or an outcome, never a number out of range that is complete."""
+    system = vv.PolynomialSystem(**({"mass": 1, "stiffness": 1, "forces": "x^3"} | changes))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        try:
+            b = vv.backbone(system, 0, ends)
+        except vv.InputError:
+            return
+    assert not b.complete
+    for values in (b.nu, b.coefficients, b.truncation):
+        assert np.isfinite(values).all()
