@@ -55,6 +55,10 @@ sphinx_gallery_conf = {
     "write_computation_times": False,
 }
 
+# Quotes of keys and calls stay as one types them.
+smartquotes = False
+maximum_signature_line_length = 90
+
 html_theme = "furo"
 html_title = f"viscovib {release}"
 html_show_sourcelink = False

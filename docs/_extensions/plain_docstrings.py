@@ -15,26 +15,8 @@ def escaped(line):
     return "".join(parts)
 
 
-SECTION = re.compile(
-    r" +(Parameters|Returns|Raises|Warns|Notes|Examples|Yields|Attributes|See Also)$"
-)
-
-
-def flattened(lines):
-    """Lines without the indents of sections, where a function is documented per kind of system."""
-    if not any(SECTION.match(line) for line in lines):
-        return lines
-    flat = []
-    for line in lines:
-        if line and not line.startswith(" "):
-            flat += ["", f"**{line.replace('*', '')}**" if line.startswith("For ") else line, ""]
-        else:
-            flat.append(line[4:])
-    return flat
-
-
 def _escape(app, what, name, obj, options, lines):
-    lines[:] = [line if line.startswith("**") else escaped(line) for line in flattened(lines)]
+    lines[:] = [escaped(line) for line in lines]
 
 
 def setup(app):
