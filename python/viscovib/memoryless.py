@@ -64,6 +64,11 @@ def first_steps(system: Pendulum, end: float) -> int:
     """Steps to begin with when the step is to be found: four a fastest linear period."""
     natural = float(system.natural_frequencies().max())
     fastest = max(natural, system.p1, system.p2, system.p3)
+    if not math.isfinite(end * fastest):
+        raise InputError(
+            f"t_end = {end:g}: holds more periods of the fastest motion (frequency {fastest:g}) "
+            "than can be counted"
+        )
     return max(1, math.ceil(min(end * fastest / (0.5 * math.pi), 2.0 * MAX_STEPS)))
 
 

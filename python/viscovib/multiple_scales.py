@@ -37,6 +37,8 @@ _BY_INFLUENCE = -float(np.finfo(float).max)
 _FREE_BAND = 0.2
 #: The core's growth of modes at rest where nothing is near.
 _NOT_NEAR = -1e300
+#: Amplitudes whose powers stay in the range of numbers.
+_MOST_AMPLITUDE = 1e75
 _OUTCOMES = ("complete", "overflow", "step limit", "cancelled")
 
 
@@ -350,6 +352,11 @@ class MultipleScales:
         """
         j = _native.integer("mode", mode, 0, self._n - 1)
         b = _native.real_array("amplitudes", amplitudes)
+        if b.size and np.abs(b).max() > _MOST_AMPLITUDE:
+            raise InputError(
+                f"amplitudes: {np.abs(b).max():g} is out of range, must be at most "
+                f"{_MOST_AMPLITUDE:g}"
+            )
         if b.size:
             self._warn_beyond(j, float(np.abs(b).max()))
         wide = _FREE_BAND if self.tolerance is None else self.tolerance

@@ -76,6 +76,9 @@ def _joint_frequencies(
     balance = poly.polyadd(
         poly.polymul([0, 1], poly.polysub([natural[k]], n * frequency)), change[k]
     )
+    if not np.isfinite(balance).all():
+        # Amplitudes beyond the range of numbers have no frequency.
+        return np.empty(0)
     balance[abs(balance) < 1e-14 * abs(balance).max()] = 0
     roots = poly.polyroots(np.trim_zeros(balance, "b"))
     real = roots.real[abs(roots.imag) < 1e-9 * (abs(a) + abs(roots))]

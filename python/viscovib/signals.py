@@ -50,8 +50,8 @@ def read_signal(
     if samples.size and float(np.abs(samples).max()) > 1e150:
         raise InputError("signal: values beyond 1e150 leave the range of numbers")
     step = _native.number("dt", dt)
-    if step <= 0:
-        raise InputError(f"dt = {step:g}: must be greater than 0")
+    if not 1e-300 <= step <= 1e300:
+        raise InputError(f"dt = {step:g}: must be greater than 0, and within 1e-300 to 1e300")
     return Signal(samples, step, 0.0 if start is None else _native.number("start", start), None)
 
 
