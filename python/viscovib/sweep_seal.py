@@ -130,6 +130,21 @@ class Copies:
                     "be another path, or this one removed"
                 ) from None
 
+    def check_coordinates(self, names: Iterable[str]) -> None:
+        """Name a coordinate whose file is gone where no copy can bring it back.
+
+        A file that is not there would be read as zeros.
+        """
+        if self._held() is not None:
+            return
+        for name in names:
+            place = self._path / name / "c"
+            if not place.is_file() and not any(f.is_file() for f in place.rglob("*")):
+                raise FileError(
+                    f"checkpoint = {self._path}: the values of {name} are gone and cannot be put "
+                    "right; must be another path, or this one removed"
+                )
+
     def _held(self) -> dict[str, Any] | None:
         try:
             digest, _, text = self._file.read_text().partition("\n")

@@ -130,6 +130,8 @@ class DiskStore:
                 copies.check()
                 self._group = zarr.open_group(self.path, mode="r+", use_consolidated=False)
                 about = self._opened(identity)
+                if about.get("variables") is not None:
+                    copies.check_coordinates([*self.grid.names, *about.get("coords", ())])
                 self.chunks = Chunks(grid.shape, tuple(about["chunk"]))
                 if about.get("variables") is not None:
                     self.template = self._read_template(about)

@@ -442,3 +442,14 @@ def test_ctrl_c_does_not_wait_for_points_under_way(start, tmp_path):
     assert spent < 1
     assert said.strip().endswith("KeyboardInterrupt")
     assert len(finished(folder)) == 2
+
+
+def test_a_coordinate_that_is_gone_for_good_is_told(tmp_path):
+    """Without its copy too it would be read as zeros."""
+    folder = tmp_path / "c"
+    sweep(Counted(), GRID, checkpoint=folder, chunk=3)
+    (folder / "a" / "c" / "0").unlink()
+    copy = folder / "point_outcome" / "copies.json"
+    copy.write_text(copy.read_text()[:50])
+    with pytest.raises(vv.ViscovibError, match="the values of a are gone and cannot be put right"):
+        sweep(Counted(), GRID, checkpoint=folder, chunk=3)
