@@ -90,7 +90,9 @@ converged = r.converged
             max(np.linalg.cond(model.dynamic_stiffness(k * x if k else 1e-200)) for k in orders_kept)
             for x in nu
         ])[:, None, None]  # fmt: skip
-        yield Claim("orders", orders_kept, np.array(sorted({*load} | ({1} if based else set()))))
+        # A part of the load that rounding of its digits left 0 has no harmonic.
+        acting = {k for k, p in load.items() if np.any(p)} | ({1} if based else set())
+        yield Claim("orders", orders_kept, np.array(sorted(acting)))
         # Under a base the core works on what is relative to it.
         size = size + (abs(base) if based else 0.0)
         yield Claim("linear response", names["coefficients"], true, 1e-14 * conditions * size, 5)
