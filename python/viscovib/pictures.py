@@ -16,6 +16,7 @@ from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.plots import (
     COLOURS,
+    _bare,
     motion_axes,
     plot_backbone,
     plot_branch,
@@ -106,8 +107,12 @@ def _draw_table(result: TableResult, figure: "Figure", _: Drawn) -> "Sequence[Ax
     panels = result.panels()
     axes = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0])
     for axis, panel in zip(axes, panels, strict=True):
-        axis.plot(panel.x, panel.y, "o-", color=COLOURS[0], markersize=4)
+        # Between things that are counted there is nothing.
+        counted = panel.x.dtype.kind == "i"
+        axis.plot(panel.x, panel.y, "o" if counted else "o-", color=COLOURS[0], markersize=4)
         axis.set(ylabel=panel.name, xlabel=panel.x_label)
+        axis.xaxis.get_major_locator().set_params(integer=counted)
+        _bare(axis)
         axis.label_outer()
     return axes
 
