@@ -2,7 +2,10 @@
 
 from importlib.metadata import version as _version
 
-from viscovib.backbone import Backbone, BackbonePoint
+from viscovib._backbone import Backbone, BackbonePoint
+from viscovib._plan import Plan
+from viscovib._spectrum import Spectrum, name_frequencies, spectrum
+from viscovib._sweep import sweep
 from viscovib.branch import Branch
 from viscovib.characteristic import CharacteristicRoots
 from viscovib.cubic_system import CubicSystem
@@ -39,7 +42,6 @@ from viscovib.past import Past
 from viscovib.pendulum import Pendulum
 from viscovib.periodic import backbone, forced_response, plan_response, trace_response
 from viscovib.periodic_motions import PeriodicMotions
-from viscovib.plan import Plan
 from viscovib.plots import (
     plot_backbone,
     plot_branch,
@@ -56,8 +58,6 @@ from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesR
 from viscovib.scene import Scene
 from viscovib.scene_job import SceneResult, plan
 from viscovib.scene_run import run
-from viscovib.spectrum import Spectrum, name_frequencies, spectrum
-from viscovib.sweep import sweep
 from viscovib.table_result import TableResult
 from viscovib.trajectory import Trajectory
 from viscovib.transient import simulate

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from viscovib import __version__, _native
-from viscovib.backbone import Backbone
+from viscovib._backbone import Backbone
 from viscovib.branch import Branch
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError, ViscovibError

@@ -11,6 +11,7 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._plan import Plan, wanted_places
 from viscovib.curves import (
     MAX_SPECIAL,
     OUTCOMES,
@@ -28,7 +29,6 @@ from viscovib.motion_stability import STABILITY_NOTE, Stability, codes_of, stabi
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.parameters import MOST_CHOSEN, OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
 from viscovib.periodic_motions import PeriodicMotions
-from viscovib.plan import Plan, wanted_places
 from viscovib.response import _prepare
 from viscovib.tables import Table, listed_units
 from viscovib.varying import varied

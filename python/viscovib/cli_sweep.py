@@ -10,12 +10,12 @@ import numpy as np
 import xarray as xr
 
 from viscovib import _native
+from viscovib._sweep import sweep
 from viscovib.errors import FileError, InputError
 from viscovib.files import whole_file
 from viscovib.limits import StoppedError, limited_seconds
 from viscovib.maps import save_map
 from viscovib.scene import Scene
-from viscovib.sweep import sweep
 
 _MAX_COUNT = 10**6
 

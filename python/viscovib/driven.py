@@ -11,10 +11,10 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._plan import Plan, wanted_places
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.parameters import DURATION, MAX_DENOMINATOR, STABILITY, SUBHARMONIC, TOLERANCE
 from viscovib.pendulum import Pendulum
-from viscovib.plan import Plan, wanted_places
 from viscovib.response import OUTCOMES
 from viscovib.results import Result, span
 from viscovib.stability import STILL, warn_of_unknown

@@ -11,6 +11,7 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._plan import Plan, wanted_places
 from viscovib.curves import (
     MAX_SPECIAL,
     OUTCOMES,
@@ -38,7 +39,6 @@ from viscovib.parameters import (
 )
 from viscovib.pendulum import Pendulum
 from viscovib.periodic_motions import PeriodicMotions
-from viscovib.plan import Plan, wanted_places
 from viscovib.results import Panel
 from viscovib.stability import STILL, warn_of_unknown
 from viscovib.tables import Table, listed

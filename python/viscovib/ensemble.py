@@ -14,11 +14,11 @@ from tqdm import tqdm
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._plan import Plan
 from viscovib.accuracy import Accuracy, rounding_of
 from viscovib.errors import InputError
 from viscovib.memoryless import EXPLICIT, checked_state, first_steps
 from viscovib.pendulum import PARAMETERS, Pendulum
-from viscovib.plan import Plan
 from viscovib.results import Result, span
 from viscovib.runs import hopeless
 from viscovib.trajectory import OUTCOMES

@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._plan import Plan
 from viscovib.cubic_system import CubicSystem
 from viscovib.errors import InputError, RangeWarning
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
-from viscovib.plan import Plan
 from viscovib.scales_results import (
     LEAST_FALL,
     Modulation,

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from viscovib import _native
+from viscovib._backbone import Backbone, BackbonePoint, warn_of_few
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.backbone import Backbone, BackbonePoint, warn_of_few
+from viscovib._plan import Plan
 from viscovib.curves import MAX_SPECIAL, OUTCOMES
 from viscovib.driven import check_size
 from viscovib.errors import InputError
@@ -22,7 +23,6 @@ from viscovib.parameters import (
     checked,
 )
 from viscovib.pendulum import Pendulum
-from viscovib.plan import Plan
 from viscovib.stability import warn_of_unknown
 from viscovib.torus import IntArray
 

@@ -4,8 +4,9 @@ from typing import overload
 
 import numpy.typing as npt
 
+from viscovib._backbone import Backbone, BackbonePoint, oscillator_backbone
 from viscovib._native import check_instance
-from viscovib.backbone import Backbone, BackbonePoint, oscillator_backbone
+from viscovib._plan import Plan
 from viscovib.branch import Branch, trace_mount
 from viscovib.curves import BranchPoint
 from viscovib.driven import DrivenResponse, pendulum_response
@@ -16,7 +17,6 @@ from viscovib.oscillators import Oscillator
 from viscovib.parameters import Taken
 from viscovib.pendulum import Pendulum
 from viscovib.pendulum_backbone import pendulum_backbone
-from viscovib.plan import Plan
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.response import mount_plan, mount_response
 from viscovib.response_result import Response

@@ -7,7 +7,8 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from viscovib.backbone import Backbone
+from viscovib._backbone import Backbone
+from viscovib._spectrum import Spectrum
 from viscovib.branch import Branch
 from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import DrivenBranch
@@ -29,7 +30,6 @@ from viscovib.response_result import Response, lowest_order
 from viscovib.results import Result
 from viscovib.scales_plots import moving, plot_modulation, plot_scales_response
 from viscovib.scales_results import Modulation, ScalesResponse
-from viscovib.spectrum import Spectrum
 from viscovib.table_result import TableResult
 from viscovib.trajectory import Trajectory
 

@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
+from viscovib._backbone import Backbone
 from viscovib._native import FloatArray
-from viscovib.backbone import Backbone
+from viscovib._spectrum import Spectrum, name_frequencies
 from viscovib.branch import Branch
 from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import DrivenBranch
@@ -17,7 +18,6 @@ from viscovib.errors import InputError
 from viscovib.panels import Labels, order_of, panel, panels
 from viscovib.parameters import Flag
 from viscovib.response_result import Response
-from viscovib.spectrum import Spectrum, name_frequencies
 from viscovib.trajectory import Trajectory
 
 if TYPE_CHECKING:

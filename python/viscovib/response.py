@@ -10,12 +10,12 @@ from tqdm import tqdm
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._plan import Plan
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.load import LoadLike, load_series
 from viscovib.motion_stability import Stability
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.parameters import MAX_HARMONICS, MAX_ITERATIONS, PROGRESS, STABILITY, TOLERANCE
-from viscovib.plan import Plan
 from viscovib.response_result import Response
 
 METHODS = ("linear", "successive", "newton")

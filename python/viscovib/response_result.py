@@ -11,10 +11,10 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._plan import Plan, wanted_places
 from viscovib.errors import InputError
 from viscovib.motion_stability import codes_of
 from viscovib.periodic_motions import PeriodicMotions
-from viscovib.plan import Plan, wanted_places
 from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import Table
 

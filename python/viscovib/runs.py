@@ -14,12 +14,12 @@ from tqdm import tqdm
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib._plan import Plan
 from viscovib.accuracy import Accuracy, parts_for_peaks, reason, rounding_of
 from viscovib.errors import InputError
 from viscovib.mesh import Mesh
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
-from viscovib.plan import Plan
 from viscovib.trajectory import OUTCOMES, Trajectory
 
 MAX_STEPS = 10**12

@@ -11,8 +11,8 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib._plan import Plan, wanted_places
 from viscovib.errors import InputError
-from viscovib.plan import Plan, wanted_places
 from viscovib.results import Result, span
 from viscovib.tables import Table
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from viscovib import _native
+from viscovib._backbone import Backbone
 from viscovib._native import FloatArray, core
-from viscovib.backbone import Backbone
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError
 from viscovib.kernels import (

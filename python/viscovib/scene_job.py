@@ -9,18 +9,18 @@ from functools import partial
 import xarray as xr
 
 from viscovib import _native
+from viscovib._backbone import Backbone
 from viscovib._native import core
-from viscovib.backbone import Backbone
+from viscovib._plan import Plan, wanted_places
+from viscovib._spectrum import Spectrum, spectrum
 from viscovib.branch import Branch
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.periodic import forced_response, trace_response
-from viscovib.plan import Plan, wanted_places
 from viscovib.response_result import Response
 from viscovib.results import Result
 from viscovib.scales_results import ScalesResponse
 from viscovib.scene import Scene, read_text, texts
-from viscovib.spectrum import Spectrum, spectrum
 from viscovib.table_result import TableResult, run_table
 from viscovib.trajectory import Trajectory, given_plan
 from viscovib.transient import simulate

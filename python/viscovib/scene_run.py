@@ -2,10 +2,10 @@
 
 import os
 
+from viscovib._sweep import sweep
 from viscovib.parameters import Flag
 from viscovib.scene import Scene
 from viscovib.scene_job import SceneResult, run_one
-from viscovib.sweep import sweep
 
 _PROGRESS = Flag("progress")
 

@@ -12,7 +12,7 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import core
-from viscovib.plan import Plan
+from viscovib._plan import Plan
 from viscovib.results import Number, Panel, Result
 from viscovib.scene import Scene
 from viscovib.tables import Table

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from viscovib._plan import Plan
 from viscovib.pendulum import Pendulum
-from viscovib.plan import Plan
 from viscovib.torus import AMPLITUDES, IntArray, Torus
 
 

@@ -12,11 +12,11 @@ from scipy.interpolate import CubicSpline
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib._plan import Plan, wanted_places
 from viscovib.errors import InputError
 from viscovib.mount import Mount
 from viscovib.parameters import Flag
 from viscovib.pendulum import Pendulum
-from viscovib.plan import Plan, wanted_places
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import Table, listed_units

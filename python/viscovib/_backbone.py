@@ -11,13 +11,13 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._plan import Plan, wanted_places
 from viscovib.curves import MAX_SPECIAL, OUTCOMES, largest_panels
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.motion_stability import STABILITY_NOTE, stability_columns
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.parameters import MAX_HARMONICS, MAX_UNKNOWNS, CurveOptions, Interval
 from viscovib.periodic_motions import PeriodicMotions
-from viscovib.plan import Plan, wanted_places
 from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import Table, listed, listed_units
 

@@ -11,9 +11,9 @@ import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib._plan import Plan, wanted_places
 from viscovib.errors import InputError
 from viscovib.parameters import Names
-from viscovib.plan import Plan, wanted_places
 from viscovib.results import Result, span
 from viscovib.signals import read_signal, windowed
 from viscovib.tables import Table
