@@ -76,7 +76,7 @@ contains
         new = now + h*matmul(k(:, :i - 1), stage(:i - 1, i))
         call flow%rates(t + nodes(min(i, 6))*h, new, k(:, i))
       end do
-      if (.not. maxval(abs(new)) <= limit) then
+      if (.not. all(abs(new) <= limit)) then
         ! Either far too long a step, or an amplitude that grows without bound.
         outcome = merge(modulation_overflow, outcome, maxval(abs(now)) > 1.0e-2_wp*limit &
                         .or. t + h <= t)

@@ -207,7 +207,7 @@ contains
         return
       end if
       call blur(next)
-      if (.not. maxval(abs(next%x)) <= curve%largest) then
+      if (.not. all(abs(next%x) <= curve%largest)) then
         branch%outcome = curve_overflow
         return
       end if

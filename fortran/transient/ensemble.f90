@@ -84,6 +84,7 @@ contains
     real(wp), dimension(n_lanes) :: growth, margin, rate, margin_before, rate_before, nowhere
     logical, dimension(n_lanes) :: alive, good, doubtful
     integer(i8) :: i, n_samples
+    integer :: l
 
     ! As in viscovib_simulate.
     if (ieee_support_underflow_control(1.0_wp)) call ieee_set_underflow_mode(.false.)
@@ -129,8 +130,11 @@ contains
       end if
     end do
     where (alive) block%t_reached = block%h*real(job%n_steps, wp)
-    block%q = q(:, :n)
-    block%v = v(:, :n)
+    do l = 1, n_lanes
+      if (.not. alive(l)) cycle
+      block%q(l, :) = q(l, :n)
+      block%v(l, :) = v(l, :n)
+    end do
     if (job%moments) then
       allocate (block%mean(n_lanes, n, 2), block%rms(n_lanes, n, 2))
       call moments%means(block%mean, block%rms)
@@ -171,8 +175,11 @@ contains
         block%outcome(l) = stop%outcome
         block%t_reached(l) = real(i - 1, wp)*block%h(l) + stop%ahead
         alive(l) = .false.
-        q(l, :) = stop%q
-        v(l, :) = stop%v
+        block%q(l, :) = stop%q(:n)
+        block%v(l, :) = stop%v(:n)
+        ! Beside a stop accelerations may be infinite: the lane waits at rest instead.
+        q(l, :) = 0.0_wp
+        v(l, :) = 0.0_wp
         call method%set_lane(l, q(l, :), v(l, :))
         call method%stop_lane(l)
       end do

@@ -126,8 +126,9 @@ contains
     real(wp), intent(in) :: s
     real(wp) :: size_of
     size_of = maxval(abs(other%u)) + s*maxval(abs(other%v))
-    alike = maxval(abs(one%u - other%u)) <= closeness*size_of &
-            .and. s*maxval(abs(one%v - other%v)) <= closeness*size_of
+    ! All of them: a largest one skips what is no number.
+    alike = all(abs(one%u - other%u) <= closeness*size_of) &
+            .and. all(s*abs(one%v - other%v) <= closeness*size_of)
   end function alike
 
 end module viscovib_hereditary_stops

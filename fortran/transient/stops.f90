@@ -203,16 +203,18 @@ contains
     next%v = v(at%lane, :)
   end function stepped
 
-  !> Whether two ends of a step agree.
+  !> Whether two ends of a step agree, and are numbers.
   pure logical function alike(one, other, s)
     type(scout_type), intent(in) :: one, other
     real(wp), intent(in) :: s
     real(wp) :: size_of
     associate (n => one%n)
       size_of = maxval(abs(other%q(:n))) + s*maxval(abs(other%v(:n)))
-      alike = maxval(abs(one%q(:n) - other%q(:n))) <= closeness*size_of &
-              .and. s*maxval(abs(one%v(:n) - other%v(:n))) <= closeness*size_of &
-              .and. all(abs(one%q(:n)) <= huge(1.0_wp)) .and. all(abs(one%v(:n)) <= huge(1.0_wp))
+      ! All of them: a largest one skips what is no number.
+      alike = all(abs(one%q(:n) - other%q(:n)) <= closeness*size_of) &
+              .and. all(s*abs(one%v(:n) - other%v(:n)) <= closeness*size_of) &
+              .and. all(abs(other%q(:n)) <= huge(1.0_wp)) &
+              .and. all(abs(other%v(:n)) <= huge(1.0_wp))
     end associate
   end function alike
 

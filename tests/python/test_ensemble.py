@@ -155,6 +155,24 @@ def test_runs_that_fail_leave_the_others_alone():
     assert many.state[2, 0] > -1
 
 
+def test_lanes_that_fall_through_the_pivot_end_in_numbers():
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        system = vv.Pendulum(
+            e=rng.uniform(0.03, 0.15), w2=rng.uniform(0.4, 0.6), w3=rng.uniform(0.8, 1),
+            alpha=rng.uniform(0, 0.8), c1=0.03, c2=0.02, c3=0.02,
+        )  # fmt: skip
+        states = np.zeros((8, 6))
+        states[:, 1] = -rng.uniform(3, 9, 8)
+        states[:, 2] = rng.uniform(-0.4, 0.4, 8)
+        many = vv.simulate_ensemble(system, initial=states, t_end=10, dt=0.2, lyapunov=True)
+        stopped = many.outcome != "completed"
+        assert stopped.any()
+        assert np.isfinite(many.state).all()
+        assert (many.state[:, 0] > -1).all()
+        assert (many.t_reached[stopped] < 10).all()
+
+
 def test_interrupt_stops_the_threads(monkeypatch):
     import time
 

@@ -61,9 +61,13 @@ omega, amplitude, resolved, residual = lines.omega, lines.amplitude, lines.resol
     )
 
     def judge(names, told):
-        order = np.argsort(-a)
-        yield Claim("frequencies", names["omega"], omega[order], 1e-8)
-        yield Claim("amplitudes", names["amplitude"], a[order], 1e-8)
+        # Largest first; rounding decides between tones that are drawn equal.
+        falling = np.argsort(-a, kind="stable")
+        got = np.argsort(names["omega"])
+        order = np.argsort(omega)
+        yield Claim("frequencies", names["omega"][got], omega[order], 1e-8)
+        yield Claim("amplitudes", names["amplitude"][got], a[order], 1e-8)
+        yield Claim("largest first", names["amplitude"], a[falling], 1e-8)
         yield Claim("resolved", bool(np.all(names["resolved"])), True)
         yield Claim("residual", 1 + names["residual"], 1.0, 1e-8)
 
