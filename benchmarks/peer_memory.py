@@ -63,8 +63,7 @@ def caputo(method: str, n: int, end: float) -> Job:
 
 def idesolver(points: int, tolerance: float, end: float) -> Job:
     """Return a job of idesolver with its result at so many points."""
-    from idesolver import IDESolver
-    from idesolver import idesolver as inner
+    from idesolver import IDESolver, idesolver as inner
 
     if not hasattr(np, "ComplexWarning"):
         setattr(np, "ComplexWarning", np.exceptions.ComplexWarning)  # noqa: B010

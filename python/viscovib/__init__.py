@@ -1,140 +1,179 @@
-"""Vibration of a rigid body on viscoelastic mounts with memory, and of a spring pendulum."""
+"""Vibration of a rigid body on viscoelastic mounts with memory, and of a spring pendulum.
 
-from importlib.metadata import version as _version
+A public name is loaded when it is first used.
+"""
 
-from viscovib._backbone import Backbone, BackbonePoint
-from viscovib._plan import Plan
-from viscovib._spectrum import Spectrum, name_frequencies, spectrum
-from viscovib._sweep import sweep
-from viscovib.branch import Branch
-from viscovib.characteristic import CharacteristicRoots
-from viscovib.cubic_system import CubicSystem
-from viscovib.curves import BranchPoint, Crossing
-from viscovib.decay import FreeDecay, free_decay
-from viscovib.driven import DrivenResponse
-from viscovib.driven_branch import DrivenBranch
-from viscovib.ensemble import Ensemble, simulate_ensemble
-from viscovib.errors import (
-    ConvergenceWarning,
-    FileError,
-    InputError,
-    RangeWarning,
-    StabilityWarning,
-    SweepError,
-    ViscovibError,
-)
-from viscovib.kernels import (
-    AbelKernel,
-    ExponentialSum,
-    Kernel,
-    PronyKernel,
-    RabotnovKernel,
-    RzhanitsynKernel,
-    TabulatedKernel,
-)
-from viscovib.lines import Lines, amplitudes_at, dominant_frequencies
-from viscovib.load import fourier_coefficients
-from viscovib.load_table import LoadTable
-from viscovib.maps import plot_map
-from viscovib.mount import Mount
-from viscovib.multiple_scales import MultipleScales
-from viscovib.past import Past
-from viscovib.pendulum import Pendulum
-from viscovib.periodic import backbone, forced_response, plan_response, trace_response
-from viscovib.periodic_motions import PeriodicMotions
-from viscovib.plots import (
-    plot_backbone,
-    plot_branch,
-    plot_response,
-    plot_sections,
-    plot_spectrum,
-    plot_trajectory,
-)
-from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
-from viscovib.response_result import Peak, Response
-from viscovib.results import Result
-from viscovib.scales_plots import plot_modulation, plot_scales_response
-from viscovib.scales_results import Modulation, Resonance, ScalesMotion, ScalesResponse
-from viscovib.scene import Scene
-from viscovib.scene_job import SceneResult, plan
-from viscovib.scene_run import run
-from viscovib.table_result import TableResult
-from viscovib.trajectory import Trajectory
-from viscovib.transient import simulate
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__version__ = _version("viscovib")
+#: The public names of each module. Type checkers and editors read the imports below, which a
+#: test holds against this table.
+_NAMES = {
+    "_backbone": "Backbone BackbonePoint",
+    "_plan": "Plan",
+    "_spectrum": "Spectrum name_frequencies spectrum",
+    "_sweep": "sweep",
+    "branch": "Branch",
+    "characteristic": "CharacteristicRoots",
+    "cubic_system": "CubicSystem",
+    "curves": "BranchPoint Crossing",
+    "decay": "FreeDecay free_decay",
+    "driven": "DrivenResponse",
+    "driven_branch": "DrivenBranch",
+    "ensemble": "Ensemble simulate_ensemble",
+    "errors": "ConvergenceWarning FileError InputError RangeWarning "
+    "StabilityWarning SweepError ViscovibError",
+    "kernels": "AbelKernel ExponentialSum Kernel PronyKernel "
+    "RabotnovKernel RzhanitsynKernel TabulatedKernel",
+    "lines": "Lines amplitudes_at dominant_frequencies",
+    "load": "fourier_coefficients",
+    "load_table": "LoadTable",
+    "maps": "plot_map",
+    "mount": "Mount",
+    "multiple_scales": "MultipleScales",
+    "past": "Past",
+    "pendulum": "Pendulum",
+    "periodic": "backbone forced_response plan_response trace_response",
+    "periodic_motions": "PeriodicMotions",
+    "plots": "plot_backbone plot_branch plot_response plot_sections plot_spectrum plot_trajectory",
+    "polynomial_system": "Monomial PolynomialSystem Springs",
+    "response_result": "Peak Response",
+    "results": "Result",
+    "scales_plots": "plot_modulation plot_scales_response",
+    "scales_results": "Modulation Resonance ScalesMotion ScalesResponse",
+    "scene": "Scene",
+    "scene_job": "SceneResult plan",
+    "scene_run": "run",
+    "table_result": "TableResult",
+    "trajectory": "Trajectory",
+    "transient": "simulate",
+}
+_MODULE = {name: module for module, names in _NAMES.items() for name in names.split()}
 
-__all__ = [
-    "AbelKernel",
-    "Backbone",
-    "BackbonePoint",
-    "Branch",
-    "BranchPoint",
-    "CharacteristicRoots",
-    "ConvergenceWarning",
-    "Crossing",
-    "CubicSystem",
-    "DrivenBranch",
-    "DrivenResponse",
-    "Ensemble",
-    "ExponentialSum",
-    "FileError",
-    "FreeDecay",
-    "InputError",
-    "Kernel",
-    "Lines",
-    "LoadTable",
-    "Modulation",
-    "Monomial",
-    "Mount",
-    "MultipleScales",
-    "Past",
-    "Peak",
-    "Pendulum",
-    "PeriodicMotions",
-    "Plan",
-    "PolynomialSystem",
-    "PronyKernel",
-    "RabotnovKernel",
-    "RangeWarning",
-    "Resonance",
-    "Response",
-    "Result",
-    "RzhanitsynKernel",
-    "ScalesMotion",
-    "ScalesResponse",
-    "Scene",
-    "SceneResult",
-    "Spectrum",
-    "Springs",
-    "StabilityWarning",
-    "SweepError",
-    "TableResult",
-    "TabulatedKernel",
-    "Trajectory",
-    "ViscovibError",
-    "amplitudes_at",
-    "backbone",
-    "dominant_frequencies",
-    "forced_response",
-    "fourier_coefficients",
-    "free_decay",
-    "name_frequencies",
-    "plan",
-    "plan_response",
-    "plot_backbone",
-    "plot_branch",
-    "plot_map",
-    "plot_modulation",
-    "plot_response",
-    "plot_scales_response",
-    "plot_sections",
-    "plot_spectrum",
-    "plot_trajectory",
-    "run",
-    "simulate",
-    "simulate_ensemble",
-    "spectrum",
-    "sweep",
-    "trace_response",
-]
+if TYPE_CHECKING:
+    from viscovib._backbone import (
+        Backbone as Backbone,
+        BackbonePoint as BackbonePoint,
+    )
+    from viscovib._plan import Plan as Plan
+    from viscovib._spectrum import (
+        Spectrum as Spectrum,
+        name_frequencies as name_frequencies,
+        spectrum as spectrum,
+    )
+    from viscovib._sweep import sweep as sweep
+    from viscovib.branch import Branch as Branch
+    from viscovib.characteristic import CharacteristicRoots as CharacteristicRoots
+    from viscovib.cubic_system import CubicSystem as CubicSystem
+    from viscovib.curves import (
+        BranchPoint as BranchPoint,
+        Crossing as Crossing,
+    )
+    from viscovib.decay import (
+        FreeDecay as FreeDecay,
+        free_decay as free_decay,
+    )
+    from viscovib.driven import DrivenResponse as DrivenResponse
+    from viscovib.driven_branch import DrivenBranch as DrivenBranch
+    from viscovib.ensemble import (
+        Ensemble as Ensemble,
+        simulate_ensemble as simulate_ensemble,
+    )
+    from viscovib.errors import (
+        ConvergenceWarning as ConvergenceWarning,
+        FileError as FileError,
+        InputError as InputError,
+        RangeWarning as RangeWarning,
+        StabilityWarning as StabilityWarning,
+        SweepError as SweepError,
+        ViscovibError as ViscovibError,
+    )
+    from viscovib.kernels import (
+        AbelKernel as AbelKernel,
+        ExponentialSum as ExponentialSum,
+        Kernel as Kernel,
+        PronyKernel as PronyKernel,
+        RabotnovKernel as RabotnovKernel,
+        RzhanitsynKernel as RzhanitsynKernel,
+        TabulatedKernel as TabulatedKernel,
+    )
+    from viscovib.lines import (
+        Lines as Lines,
+        amplitudes_at as amplitudes_at,
+        dominant_frequencies as dominant_frequencies,
+    )
+    from viscovib.load import fourier_coefficients as fourier_coefficients
+    from viscovib.load_table import LoadTable as LoadTable
+    from viscovib.maps import plot_map as plot_map
+    from viscovib.mount import Mount as Mount
+    from viscovib.multiple_scales import MultipleScales as MultipleScales
+    from viscovib.past import Past as Past
+    from viscovib.pendulum import Pendulum as Pendulum
+    from viscovib.periodic import (
+        backbone as backbone,
+        forced_response as forced_response,
+        plan_response as plan_response,
+        trace_response as trace_response,
+    )
+    from viscovib.periodic_motions import PeriodicMotions as PeriodicMotions
+    from viscovib.plots import (
+        plot_backbone as plot_backbone,
+        plot_branch as plot_branch,
+        plot_response as plot_response,
+        plot_sections as plot_sections,
+        plot_spectrum as plot_spectrum,
+        plot_trajectory as plot_trajectory,
+    )
+    from viscovib.polynomial_system import (
+        Monomial as Monomial,
+        PolynomialSystem as PolynomialSystem,
+        Springs as Springs,
+    )
+    from viscovib.response_result import (
+        Peak as Peak,
+        Response as Response,
+    )
+    from viscovib.results import Result as Result
+    from viscovib.scales_plots import (
+        plot_modulation as plot_modulation,
+        plot_scales_response as plot_scales_response,
+    )
+    from viscovib.scales_results import (
+        Modulation as Modulation,
+        Resonance as Resonance,
+        ScalesMotion as ScalesMotion,
+        ScalesResponse as ScalesResponse,
+    )
+    from viscovib.scene import Scene as Scene
+    from viscovib.scene_job import (
+        SceneResult as SceneResult,
+        plan as plan,
+    )
+    from viscovib.scene_run import run as run
+    from viscovib.table_result import TableResult as TableResult
+    from viscovib.trajectory import Trajectory as Trajectory
+    from viscovib.transient import simulate as simulate
+
+    __version__: str
+
+else:
+    __all__ = sorted(_MODULE)
+
+    def __getattr__(name: str) -> Any:
+        """Load a public name, or a module that holds some."""
+        if name == "__version__":
+            from importlib.metadata import version
+
+            value = version("viscovib")
+        elif name in _MODULE:
+            value = getattr(import_module(f"viscovib.{_MODULE[name]}"), name)
+        elif name in _NAMES:
+            value = import_module(f"viscovib.{name}")
+        else:
+            raise AttributeError(f"module 'viscovib' has no attribute {name!r}", name=name)
+        globals()[name] = value
+        return value
+
+    def __dir__() -> list[str]:
+        """List the public names for completion."""
+        return sorted({*globals(), *__all__})

@@ -1,13 +1,14 @@
 """Backbone curves: free periodic motions of systems without losses."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
@@ -20,6 +21,9 @@ from viscovib.parameters import MAX_HARMONICS, MAX_UNKNOWNS, CurveOptions, Inter
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import Table, listed, listed_units
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +169,8 @@ class Backbone(PeriodicMotions, Result):
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over the points."""
+        import xarray as xr
+
         data: dict[str, Any] = {
             "nu": ("point", self.nu, {"units": "rad/s"}),
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),

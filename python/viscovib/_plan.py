@@ -1,5 +1,7 @@
 """What a job computes, what it skips, and why."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
@@ -28,11 +30,11 @@ class Plan(Mapping[str, Any]):
         Text("text").check(text)
         self._lines = tuple(line.strip() for line in text.strip().splitlines())
 
-    def and_also(self, lines: Sequence[str]) -> "Plan":
+    def and_also(self, lines: Sequence[str]) -> Plan:
         """Return the plan with more lines."""
         return Plan("\n".join([*self._lines, *Names("lines").check(lines)]))
 
-    def instead(self, beginning: str, line: str) -> "Plan":
+    def instead(self, beginning: str, line: str) -> Plan:
         """Return the plan with another line in place of what skips ``beginning``..."""
         Text("beginning").check(beginning)
         Text("line").check(line)

@@ -1,13 +1,15 @@
 """Spectra of signals under windows, and names of the frequencies found."""
 
+from __future__ import annotations
+
 import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
@@ -18,6 +20,9 @@ from viscovib.results import Result, span
 from viscovib.signals import read_signal, windowed
 from viscovib.tables import Table
 from viscovib.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 WINDOWS = ("rectangular", "hann", "blackman_harris", "flat_top")
 
@@ -73,6 +78,8 @@ class Spectrum(Result):
 
     def to_dataset(self) -> xr.Dataset:
         """Amplitude and phase as an xarray Dataset over omega."""
+        import xarray as xr
+
         dimensions = ("omega", "signal")[: self.coefficients.ndim]
         return xr.Dataset(
             {"amplitude": (dimensions, self.amplitude), "phase": (dimensions, self.phase)},

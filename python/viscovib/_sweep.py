@@ -1,5 +1,7 @@
 """Runs over a grid of parameters: in threads or on a Dask cluster, resumed after a stop."""
 
+from __future__ import annotations
+
 import inspect
 import itertools
 import math
@@ -8,16 +10,15 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
-from tqdm import tqdm
 
 from viscovib import _native
 from viscovib.errors import InputError, SweepError
 from viscovib.fingerprint import describe, digest
+from viscovib.progress import progress_bar
 from viscovib.scene import Scene
 from viscovib.sweep_points import (
     COMPLETED,
@@ -36,6 +37,9 @@ from viscovib.sweep_points import (
 from viscovib.sweep_scene import scene_job
 from viscovib.sweep_store import DiskStore, MemoryStore, is_begun
 from viscovib.sweep_workers import DaskWorkers, Threads, Workers
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: What a chunk aims at: seconds of work, and bytes at most.
 _CHUNK_SECONDS, _CHUNK_BYTES = 0.5, 2**24
@@ -203,12 +207,8 @@ class _Sweep:
     ) -> None:
         """Compute what is missing: a few chunks under way at a time, written as they come."""
         points = math.prod(store.chunks.chunk)
-        with tqdm(
-            total=self.grid.size,
-            initial=min(int(done.sum()) * points, self.grid.size),
-            unit=" points",
-            disable=not progress,
-            leave=False,
+        with progress_bar(
+            self.grid.size, "points", progress, min(int(done.sum()) * points, self.grid.size)
         ) as bar:
             for i, part in self._parts(store, np.flatnonzero(~done).tolist()):
                 columns = self.grid.columns(store.chunks.box(i))

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from viscovib import __version__, _native
 from viscovib._backbone import Backbone
@@ -103,7 +102,7 @@ def measure(scene: Scene, *, seconds: float = 2.0, runs: int | None = None) -> B
     with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
         quiet()
         result = run_one(one)
-        if isinstance(result.value, xr.Dataset):
+        if not isinstance(result.value, Result):
             raise InputError("bench: must be a single result, not a sweep")
         table = Path(folder) / "table.csv"
         share = limit / 6

@@ -1,13 +1,14 @@
 """Branches of periodic solutions: continuation through folds, with stability."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
@@ -32,6 +33,9 @@ from viscovib.periodic_motions import PeriodicMotions
 from viscovib.response import _prepare
 from viscovib.tables import Table, listed_units
 from viscovib.varying import varied
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Numbers that all points together may hold.
 _MAX_NUMBERS = 4e8
@@ -172,6 +176,8 @@ class Branch(PeriodicMotions, Curve):
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over the points."""
+        import xarray as xr
+
         data: dict[str, Any] = {
             "nu": ("point", self.nu, {"units": "rad/s"}),
             "load_factor": ("point", self.load_factor),

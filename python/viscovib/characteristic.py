@@ -1,5 +1,7 @@
 """Free motion with memory: roots of the characteristic equation det D(s) = 0."""
 
+from __future__ import annotations
+
 import cmath
 import math
 from collections.abc import Sequence
@@ -8,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.kernels import Kernel, RzhanitsynKernel
@@ -180,6 +181,8 @@ class _System:
 
     def real(self) -> FloatArray:
         """Zeros of the eigenvalues of D along the real axis, where it is symmetric as a rule."""
+        from scipy.optimize import brentq
+
         if not self.remembers:
             roots = self.without_memory()
             return np.sort(roots.real[roots.imag == 0])[::-1]

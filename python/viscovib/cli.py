@@ -5,8 +5,6 @@ import sys
 import warnings
 from pathlib import Path
 
-import xarray as xr
-
 from viscovib import __version__, bench, cli_sweep, explore
 from viscovib.cli_sweep import run_sweep
 from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, ViscovibError
@@ -97,7 +95,7 @@ def _run(options: argparse.Namespace) -> int:
     if scene.groups["sweep"]:
         return run_sweep(options)
     result = _compute(options, scene)
-    assert not isinstance(result.value, xr.Dataset)
+    assert isinstance(result.value, Result)
     table = options.out / f"{options.scene.stem}_{result.kind}.csv"
     result.to_csv(table)
     for i in range(1, len(result.switched) + 1):
@@ -134,7 +132,7 @@ def _compute(options: argparse.Namespace, scene: Scene) -> SceneResult:
 
 
 def _picture(options: argparse.Namespace, result: SceneResult) -> None:
-    assert not isinstance(result.value, xr.Dataset)
+    assert isinstance(result.value, Result)
     pictures: list[Result] = [result.value]
     bases = None
     if isinstance(result.value, Trajectory) and isinstance(result.value.system, Pendulum):

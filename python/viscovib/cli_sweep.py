@@ -1,13 +1,14 @@
 """The command ``viscovib sweep``: a scene over a grid of its parameters."""
 
+from __future__ import annotations
+
 import argparse
 import csv
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from viscovib import _native
 from viscovib._sweep import sweep
@@ -16,6 +17,9 @@ from viscovib.files import whole_file
 from viscovib.limits import StoppedError, limited_seconds
 from viscovib.maps import save_map
 from viscovib.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _MAX_COUNT = 10**6
 

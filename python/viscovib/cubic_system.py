@@ -1,10 +1,11 @@
 """Systems given by their terms up to the third degree."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 
 from viscovib import _native
 from viscovib._native import FloatArray
@@ -110,6 +111,8 @@ def _terms(name: str, value: npt.ArrayLike | None, n: int, degree: int) -> tuple
 
 def _modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Frequencies, ascending, with left and right vectors of K - omega^2 M."""
+    import scipy.linalg
+
     try:
         if np.allclose(mass, mass.T, rtol=1e-14) and np.allclose(
             stiffness, stiffness.T, rtol=1e-14

@@ -1,5 +1,7 @@
 """What branches of either system share: their points, changes of stability, where others leave."""
 
+from __future__ import annotations
+
 import warnings
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,5 +1,7 @@
 """Free decay: frequencies and logarithmic decrements of a motion that dies away."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,13 +1,14 @@
 """Periodic and quasi-periodic motions of the pendulum under its loads, by harmonic balance."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
@@ -34,6 +35,9 @@ from viscovib.torus import (
     place_of,
 )
 from viscovib.torus_plan import torus_plan
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _DOFS = Pendulum.dof_names
 #: Numbers of a result at most: 400 MB.
@@ -183,6 +187,8 @@ class DrivenResponse(Result):
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over the rows."""
+        import xarray as xr
+
         data: dict[str, Any] = {
             "parameter": ("point", self.parameter),
             "base": (("point", "axis"), self.base),

@@ -1,13 +1,14 @@
 """Branches of driven motions of the pendulum: folds, branch points, stability."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
@@ -59,6 +60,9 @@ from viscovib.torus import (
     unknowns_of,
 )
 from viscovib.torus_plan import torus_plan
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: "auto" stops at half of the unknowns that may be asked for, and once so many additions failed to
 #: halve the estimate.
@@ -188,6 +192,8 @@ class DrivenBranch(PeriodicMotions, Curve):
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over the points."""
+        import xarray as xr
+
         data: dict[str, Any] = {
             "parameter": ("point", self.parameter),
             "base": (("point", "axis"), self.base),

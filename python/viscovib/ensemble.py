@@ -1,16 +1,16 @@
 """Many motions at once: side by side in the vector unit, and in several threads."""
 
+from __future__ import annotations
+
 import math
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
-from tqdm import tqdm
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
@@ -19,9 +19,13 @@ from viscovib.accuracy import Accuracy, rounding_of
 from viscovib.errors import InputError
 from viscovib.memoryless import EXPLICIT, checked_state, first_steps
 from viscovib.pendulum import PARAMETERS, Pendulum
+from viscovib.progress import progress_bar
 from viscovib.results import Result, span
 from viscovib.runs import hopeless
 from viscovib.trajectory import OUTCOMES
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _LANES = 8
 #: Places of "diverged" and "step too large".
@@ -104,6 +108,8 @@ class Ensemble(Result):
 
     def to_dataset(self) -> xr.Dataset:
         """Everything that was gathered, over the runs."""
+        import xarray as xr
+
         names = [f"{d}{dot}" for d in self.system.dof_names for dot in ("", "_dot")]
         data: dict[str, Any] = {
             "state": (("run", "quantity"), self.state),
@@ -242,7 +248,7 @@ def simulate_ensemble(
     )
 
 
-def _plan(job: "_Job", n_steps: int, sought: Accuracy | None, sections: bool) -> Plan:
+def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool) -> Plan:
     n = job.states.shape[0]
     lines = [f"computes: {n} motions of {n_steps} steps, {_LANES} side by side"]
     if sought is None:
@@ -316,7 +322,7 @@ class _Length:
         n_periods: int | None,
         discard: float,
         sections: int | None,
-    ) -> "_Length":
+    ) -> _Length:
         before = _native.number("discard", discard)
         if before < 0:
             raise InputError(f"discard = {before:g}: must not be negative")
@@ -421,7 +427,7 @@ class _Job:
                 pool.submit(self._piece, slice(i, min(i + piece, n)), n_steps, factor, cancel): i
                 for i in range(0, n, piece)
             }
-            with tqdm(total=n, unit=" runs", disable=not progress, leave=False) as bar:
+            with progress_bar(n, "runs", progress) as bar:
                 for future in as_completed(futures):
                     parts[futures[future]] = future.result()
                     bar.update(parts[futures[future]][0].shape[1])

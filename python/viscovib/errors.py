@@ -1,5 +1,7 @@
 """Errors and warnings of the public interface."""
 
+from __future__ import annotations
+
 import re
 from typing import Any
 

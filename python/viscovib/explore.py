@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from viscovib.errors import FileError, InputError, ViscovibError
 from viscovib.files import whole_file
 from viscovib.plots import _SYMBOLS, COLOURS, STYLES, _bare
-from viscovib.results import Panel
+from viscovib.results import Panel, Result
 from viscovib.scene import Scene
 from viscovib.scene_job import SceneResult, run_one
 from viscovib.sweep_points import quiet
@@ -41,7 +40,7 @@ _FACTOR = 1.25
 
 def curves(result: SceneResult) -> list[Panel]:
     """One curve a coordinate."""
-    if isinstance(result.value, xr.Dataset):
+    if not isinstance(result.value, Result):
         raise InputError("explore: must be a single result, not a sweep")
     try:
         return result.value.panels()

@@ -8,6 +8,8 @@ A spring of stiffness c with memory has c (1 - R*) in its place, where
 in closed form, to the last digits.
 """
 
+from __future__ import annotations
+
 import math
 import warnings
 from abc import ABC, abstractmethod
@@ -18,7 +20,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares, nnls
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
@@ -133,7 +134,7 @@ class Kernel(ABC):
 
     def sum_of_exponentials(
         self, *, tolerance: float = 1e-10, t_min: float, t_max: float
-    ) -> "ExponentialSum":
+    ) -> ExponentialSum:
         """R(t) as a short sum of exponentials with positive weights on [t_min, t_max].
 
         The trapezoidal rule over the logarithm of the rates (Beylkin and Monzon, 2010), its slow
@@ -176,7 +177,7 @@ class Kernel(ABC):
             )
         return found
 
-    def _measured_sum(self, tolerance: float, first: float, last: float) -> "ExponentialSum":
+    def _measured_sum(self, tolerance: float, first: float, last: float) -> ExponentialSum:
         """Return a sum, and by how much it differs from the kernel at many times."""
         weights, rates = self._exponentials(tolerance, first, last)
         if weights.size > _MOST_TERMS:
@@ -457,6 +458,8 @@ class TabulatedKernel(Kernel):
         self, tolerance: float, first: float, last: float
     ) -> tuple[FloatArray, FloatArray]:
         """Least squares with weights >= 0 over a grid of rates, then over the rates too."""
+        from scipy.optimize import least_squares, nnls
+
         times = np.geomspace(first, last, 400)
         values = self(times)
         scale = np.where(values != 0, np.abs(values), np.abs(values).max() or 1.0)

@@ -1,12 +1,14 @@
 """Lines of a signal: amplitudes at known frequencies, and lines found to many digits."""
 
+from __future__ import annotations
+
 import math
 from copy import copy
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib import _native
 from viscovib._native import FloatArray
@@ -15,6 +17,9 @@ from viscovib.line_fit import ROUGH, LineFit
 from viscovib.results import Result
 from viscovib.signals import read_signal
 from viscovib.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _MAX_LINES = 50
 
@@ -77,6 +82,8 @@ class Lines(Result):
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over the lines."""
+        import xarray as xr
+
         names = ("omega", "amplitude", "phase", "decay", "resolved")
         return xr.Dataset(
             {name: ("line", getattr(self, name)) for name in names},

@@ -1,5 +1,7 @@
 """Periodic loads as Fourier series, in the form the core takes."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Any
 

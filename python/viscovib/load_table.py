@@ -1,11 +1,12 @@
 """Loads in time as tables."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
 
 from viscovib import _native
 from viscovib._native import FloatArray
@@ -61,6 +62,8 @@ class LoadTable:
 
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
         """Load at times t, shape t.shape + values.shape[1:]."""
+        from scipy.interpolate import CubicSpline
+
         at = _native.real_array("t", t)
         times, values = np.asarray(self.times), np.asarray(self.values)
         columns = values.reshape(times.size, -1)
@@ -73,6 +76,8 @@ class LoadTable:
 
     def _pieces(self, n_dof: int) -> FloatArray:
         """Cubics between the times as the core takes them, shape (n_dof, 4, n)."""
+        from scipy.interpolate import CubicSpline
+
         values = self._columns(n_dof)
         times = np.asarray(self.times)
         pieces = np.zeros((n_dof, 4, times.size), order="F")

@@ -1,11 +1,12 @@
 """Pictures of sweeps: a quantity over one parameter or two."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from viscovib import _native
 from viscovib.errors import InputError
@@ -15,6 +16,7 @@ from viscovib.parameters import Flag, Optional, Text, checked
 from viscovib.plots import COLOURS, _bare
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
 
 _LOOKS = (Flag("log"), Optional.or_none(Text("label")))
@@ -27,11 +29,11 @@ _LARGEST_DRAWN = 1e300
 def plot_map(
     data: xr.Dataset | xr.DataArray,
     name: str | None = None,
-    ax: "Axes | None" = None,
+    ax: Axes | None = None,
     *,
     log: bool = False,
     label: str | None = None,
-) -> "Axes":
+) -> Axes:
     """Draw a quantity over its parameters: a curve over one, a map over two.
 
     Whole numbers of a few values, as the attractors of a basin, get a colour each; points without
@@ -49,6 +51,8 @@ def plot_map(
     label : str, optional
         What the quantity is called; its name and units otherwise.
     """
+    import xarray as xr
+
     checked(_LOOKS, locals())
     array = _array(data, name)
     if array.ndim not in (1, 2) or not all(array.shape):
@@ -77,6 +81,8 @@ def plot_map(
 
 
 def _array(data: Any, name: str | None) -> xr.DataArray:
+    import xarray as xr
+
     if isinstance(data, xr.DataArray):
         return data
     if not isinstance(data, xr.Dataset):
@@ -92,7 +98,7 @@ def _called(array: xr.DataArray) -> str:
     return f"{array.name} ({units})" if units else f"{array.name}"
 
 
-def _draw_map(ax: "Axes", axes: list[Any], values: Any, log: bool, label: str) -> None:
+def _draw_map(ax: Axes, axes: list[Any], values: Any, log: bool, label: str) -> None:
     from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm
 
     places, words = [], []

@@ -1,5 +1,7 @@
 """The mount: a rigid body on viscoelastic supports, coordinates x (m) and phi (rad)."""
 
+from __future__ import annotations
+
 import math
 import warnings
 from collections.abc import Iterable, Sequence

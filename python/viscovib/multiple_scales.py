@@ -1,5 +1,7 @@
 """The method of multiple scales to third order: modulation equations and what follows."""
 
+from __future__ import annotations
+
 import warnings
 from functools import partial
 from typing import Any, ClassVar

@@ -1,5 +1,7 @@
 """A motion known before it is computed."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

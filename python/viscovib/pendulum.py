@@ -1,5 +1,7 @@
 """The spring pendulum: a rigid body on a nonlinear spring, dimensionless."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -121,7 +123,7 @@ class Pendulum:
         Omega2: float = 0.0,
         Omega3: float = 0.0,
         equations: str = "exact",
-    ) -> "Pendulum":
+    ) -> Pendulum:
         """Build from physical units (kg, m, s, N).
 
         m, I_A mass and moment of inertia about the spring's end; E from there to the mass centre;
@@ -157,7 +159,7 @@ class Pendulum:
         loads: tuple[float, float, float],
         frequencies: tuple[float, float, float],
         equations: str,
-    ) -> "Pendulum":
+    ) -> Pendulum:
         (C1, C2, C3), (F1, M2, M3), (Omega1, Omega2, Omega3) = damping, loads, frequencies
         # Z_r of k1 Z + k2 Z^3 = m g without cancellation.
         ratio, weight = k2 / k1, m * g / k1

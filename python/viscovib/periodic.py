@@ -1,5 +1,7 @@
 """Steady motions of any system: one name and one signature for oscillators and the pendulum."""
 
+from __future__ import annotations
+
 from typing import overload
 
 import numpy.typing as npt

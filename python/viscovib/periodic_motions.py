@@ -1,5 +1,7 @@
 """What is told of periodic motions u = Im sum_k X_k exp(i k nu t), however they were found."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

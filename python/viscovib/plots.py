@@ -1,5 +1,7 @@
 """Pictures: every curve is told apart by line style as well as by colour."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -49,12 +51,12 @@ _DOTS: dict[str, Any] = {
 
 def plot_response(
     response: Response | DrivenResponse | Sequence[Response | DrivenResponse],
-    ax: "Axes | Sequence[Axes] | None" = None,
+    ax: Axes | Sequence[Axes] | None = None,
     *,
     labels: Sequence[str] | None = None,
     harmonic: int | tuple[int, ...] = 1,
     log: bool = True,
-) -> "Sequence[Axes]":
+) -> Sequence[Axes]:
     """Draw amplitude against frequency, one panel a coordinate.
 
     Parameters
@@ -138,11 +140,11 @@ def _amplitude(
 
 def plot_branch(
     branch: Branch | DrivenBranch,
-    ax: "Axes | Sequence[Axes] | None" = None,
+    ax: Axes | Sequence[Axes] | None = None,
     *,
     harmonic: int | tuple[int, ...] | Mapping[str, int | tuple[int, ...]] = 1,
     log: bool = False,
-) -> "Sequence[Axes]":
+) -> Sequence[Axes]:
     """Draw amplitude along a branch, one panel a coordinate.
 
     Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey.
@@ -203,7 +205,7 @@ def plot_branch(
     return axes
 
 
-def _mark_crossings(axis: "Axes", branch: Branch | DrivenBranch, d: int, j: int) -> None:
+def _mark_crossings(axis: Axes, branch: Branch | DrivenBranch, d: int, j: int) -> None:
     """Mark changes of stability other than folds, a sign for each kind."""
     for kind, marker in _CROSSING_MARKERS.items():
         if isinstance(branch, DrivenBranch) and kind == "branch point":
@@ -220,10 +222,10 @@ def _mark_crossings(axis: "Axes", branch: Branch | DrivenBranch, d: int, j: int)
 
 def plot_backbone(
     backbone: Backbone | Sequence[Backbone],
-    ax: "Axes | Sequence[Axes] | None" = None,
+    ax: Axes | Sequence[Axes] | None = None,
     *,
     harmonic: int | Mapping[str, int] = 1,
-) -> "Sequence[Axes]":
+) -> Sequence[Axes]:
     """Draw amplitude against frequency of free motions, one panel a coordinate.
 
     Motions known to be unstable are dotted, branch points are marked. ``harmonic`` may be a mapping
@@ -280,10 +282,10 @@ def plot_backbone(
 
 def plot_trajectory(
     trajectory: Trajectory | Sequence[Trajectory],
-    ax: "Axes | Sequence[Axes] | None" = None,
+    ax: Axes | Sequence[Axes] | None = None,
     *,
     labels: Sequence[str] | None = None,
-) -> "Sequence[Axes]":
+) -> Sequence[Axes]:
     """Draw motions: for each coordinate its history and its phase plane.
 
     Parameters
@@ -329,11 +331,11 @@ def plot_trajectory(
 
 def plot_sections(
     ensemble: Ensemble,
-    ax: "Axes | None" = None,
+    ax: Axes | None = None,
     *,
     parameter: str | None = None,
     quantity: str = "phi",
-) -> "Axes":
+) -> Axes:
     """Draw the section points of an ensemble.
 
     With the name of a ``parameter`` that varies, a bifurcation diagram of ``quantity`` over it;
@@ -361,11 +363,11 @@ def plot_sections(
 
 def plot_spectrum(
     spectrum: Spectrum,
-    ax: "Axes | None" = None,
+    ax: Axes | None = None,
     *,
     bases: Mapping[str, float] | None = None,
     highest: float | None = None,
-) -> "Axes":
+) -> Axes:
     """Draw amplitude against circular frequency, a curve a signal.
 
     Parameters
@@ -404,7 +406,7 @@ def plot_spectrum(
 
 
 def _name_peaks(
-    ax: "Axes", omega: FloatArray, amplitude: FloatArray, bases: Mapping[str, float]
+    ax: Axes, omega: FloatArray, amplitude: FloatArray, bases: Mapping[str, float]
 ) -> None:
     """Write names above the peaks that reach a thousandth of the largest, where there is room."""
     if amplitude.size < 3:
@@ -449,13 +451,13 @@ def _harmonic(name: str, order: int | tuple[int, ...]) -> str:
     return f"{_symbol(name)}_{{{text}}}" if plain else f"{_symbol(name)}^{{({text})}}"
 
 
-def _bare(axis: "Axes") -> None:
+def _bare(axis: Axes) -> None:
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(color="0.9", linewidth=0.6)
     axis.set_axisbelow(True)
 
 
-def motion_axes(figure: "Figure", n: int) -> "Sequence[Axes]":
+def motion_axes(figure: Figure, n: int) -> Sequence[Axes]:
     """Return two panels a coordinate, history and phase plane, in rows."""
     axes = figure.subplots(n, 2, width_ratios=[3, 1], squeeze=False)
     for row in axes[:-1]:

@@ -1,5 +1,7 @@
 """A system of n degrees of freedom with polynomial forces and memory, given by the user."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -7,7 +9,6 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import eig, eigh
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
@@ -52,7 +53,7 @@ class Springs:
     """
 
     stiffness: npt.ArrayLike | None = None
-    forces: "str | Mapping[str, str] | Sequence[Monomial] | None" = None
+    forces: str | Mapping[str, str] | Sequence[Monomial] | None = None
     kernel: Kernel | None = None
 
 
@@ -105,7 +106,7 @@ class PolynomialSystem:
 
     mass: npt.ArrayLike
     stiffness: npt.ArrayLike | None = None
-    forces: "str | Mapping[str, str] | Sequence[Monomial] | None" = None
+    forces: str | Mapping[str, str] | Sequence[Monomial] | None = None
     kernel: Kernel | None = None
     damping: npt.ArrayLike | None = None
     springs: Sequence[Springs] = ()
@@ -234,6 +235,8 @@ class PolynomialSystem:
 
     @cached_property
     def _modes(self) -> tuple[FloatArray, FloatArray]:
+        from scipy.linalg import eig, eigh
+
         stiffness = self._stiffness_at_rest
         if np.allclose(stiffness, stiffness.T, rtol=1e-12, atol=0):
             squares, shapes = eigh(stiffness, self._mass_matrix)

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from tqdm import tqdm
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
@@ -16,6 +15,7 @@ from viscovib.load import LoadLike, load_series
 from viscovib.motion_stability import Stability
 from viscovib.oscillators import Oscillator, check_oscillator
 from viscovib.parameters import MAX_HARMONICS, MAX_ITERATIONS, PROGRESS, STABILITY, TOLERANCE
+from viscovib.progress import progress_bar
 from viscovib.response_result import Response
 
 METHODS = ("linear", "successive", "newton")
@@ -138,7 +138,7 @@ class _Work:
         nu, n_dof = self.frequencies, self.n_dof
         size = nu.size if whole else max(CHUNK * 8 // max(n_dof, 2) ** 3, 1)
         cancel = np.zeros(1, dtype=np.intc)
-        with tqdm(total=nu.size, unit=" nu", disable=not show, leave=False) as bar:
+        with progress_bar(nu.size, "nu", show) as bar:
             parts = []
             for start in range(0, nu.size, size):
                 chunk = nu[start : start + size]

@@ -1,13 +1,14 @@
 """Steady forced responses: amplitudes of every harmonic over a band of frequencies."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
@@ -17,6 +18,9 @@ from viscovib.motion_stability import codes_of
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import Table
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Multiplications up to which a peak is looked for between all frequencies.
 _MAX_SEARCH = 3e9
@@ -213,6 +217,8 @@ class Response(PeriodicMotions, Result):
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset with units."""
+        import xarray as xr
+
         dims = ("nu", "dof", "harmonic")
         return xr.Dataset(
             {

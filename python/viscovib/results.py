@@ -1,5 +1,7 @@
 """What all results have in common: they are printed, compared, pickled, drawn and saved."""
 
+from __future__ import annotations
+
 import dataclasses
 import html
 import io
@@ -8,15 +10,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.tables import Table
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 class Number(NamedTuple):
@@ -103,6 +107,8 @@ class Result:
 
         That format has no complex numbers: each array of them becomes two, NAME_re and NAME_im.
         """
+        import xarray as xr
+
         data = self.to_dataset()
         parts: dict[str, xr.DataArray] = {}
         for name, array in data.data_vars.items():

@@ -1,16 +1,16 @@
 """Runs in equal steps: what is kept of them, how they go on, how their step is found."""
 
+from __future__ import annotations
+
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from tqdm import tqdm
 
 from viscovib import _native
 from viscovib._native import FloatArray
@@ -20,6 +20,7 @@ from viscovib.errors import InputError
 from viscovib.mesh import Mesh
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
+from viscovib.progress import Bar, progress_bar
 from viscovib.trajectory import OUTCOMES, Trajectory
 
 MAX_STEPS = 10**12
@@ -44,12 +45,12 @@ class Wanted:
     tail: float = 0.0
     times: FloatArray | None = None
     #: What was asked for, where ``times`` stand for it.
-    asked: "Wanted | None" = None
+    asked: Wanted | None = None
 
     @classmethod
     def checked(
         cls, times: npt.ArrayLike | None, save_every: int, keep: str, tail: float | None
-    ) -> "Wanted":
+    ) -> Wanted:
         """Check the arguments of ``simulate``."""
         every = _native.integer("save_every", save_every, 1, MAX_STEPS)
         _native.choice("keep", keep, ("all", "tail", "last"))
@@ -69,11 +70,11 @@ class Wanted:
             raise InputError("times: must be strictly ascending")
         return cls(times=wanted)
 
-    def finer(self, factor: int) -> "Wanted":
+    def finer(self, factor: int) -> Wanted:
         """The same states of a run with so many times the steps."""
         return replace(self, every=self.every * factor)
 
-    def at(self, times: FloatArray) -> "Wanted":
+    def at(self, times: FloatArray) -> Wanted:
         """The same, of states at these times, where steps are not equal."""
         if self.keep == "tail":
             times = times[times >= times[-1] - self.tail * (1 + 1e-12)]
@@ -225,12 +226,12 @@ class Run(ABC):
         self.anew = False
         self.parts: tuple[tuple[Callable[[float], Run], int], ...] = ()
 
-    def on(self, mesh: Mesh) -> "Run":
+    def on(self, mesh: Mesh) -> Run:
         """The same run in the steps of a mesh."""
         self.mesh, self.h = mesh, mesh.h
         return self
 
-    def adopt(self, earlier: "Run") -> None:
+    def adopt(self, earlier: Run) -> None:
         """Go on from the end of an earlier run, under the loads of this one."""
         assert earlier.maker is not None
         self.state, self.done, self.reached = earlier.state, earlier.done, earlier.reached
@@ -238,7 +239,7 @@ class Run(ABC):
         self.anew = True
         self.parts = (*earlier.parts, (earlier.maker, earlier.done))
 
-    def prepare(self, like: "Run", factor: int) -> None:
+    def prepare(self, like: Run, factor: int) -> None:
         """Remember as much as another run will need, in steps shorter by the factor."""
         self.piece = like.piece
 
@@ -306,7 +307,7 @@ class Run(ABC):
         counts = {self.counts: 0}
         states: list[FloatArray] = []
         ended = 0
-        with _bar(n, progress) as bar:
+        with progress_bar(n, "steps", progress) as bar:
             if skipped:
                 ended = self._advance(skipped, replace(want, keep="last"), states, counts, bar)
                 start, first = self.done, self.state
@@ -343,7 +344,7 @@ class Run(ABC):
         want: Wanted,
         states: list[FloatArray],
         counts: dict[str, int],
-        bar: "tqdm[Any] | None",
+        bar: Bar,
     ) -> int:
         """Make n steps in pieces; return how they ended."""
         piece = max(self.piece // want.every, 1) * want.every
@@ -369,8 +370,7 @@ class Run(ABC):
             else:
                 states.append(part.states.T[: min(columns, part.made // want.every)])
             left -= count
-            if bar is not None:
-                bar.update(part.made)
+            bar.update(part.made)
         return int(ended)
 
     def _check_times(self, times: FloatArray, n: int) -> None:
@@ -399,8 +399,3 @@ def again(run: Run, factor: int) -> Run | None:
         if n and part.steps(n, Wanted(keep="last"), False).outcome != "completed":
             return None
     return latest
-
-
-def _bar(n: int, progress: bool) -> AbstractContextManager["tqdm[Any] | None"]:
-    """Return a progress bar if wanted; making even a silent one takes longer than a short run."""
-    return tqdm(total=n, unit=" steps", leave=False) if progress else nullcontext()

@@ -1,5 +1,7 @@
 """Pictures of the method of multiple scales."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -30,10 +32,10 @@ def moving(response: ScalesResponse) -> tuple[str, ...]:
 
 def plot_scales_response(
     response: ScalesResponse,
-    ax: "Axes | Sequence[Axes] | None" = None,
+    ax: Axes | Sequence[Axes] | None = None,
     *,
     dofs: Sequence[str] | None = None,
-) -> "Sequence[Axes]":
+) -> Sequence[Axes]:
     """Draw the steady motions, one panel a coordinate: amplitude of the load's frequency.
 
     Stable motions are full dots, unstable ones crosses; those outside the range of the expansion
@@ -71,8 +73,8 @@ def plot_scales_response(
 def plot_modulation(
     motion: ScalesMotion,
     exact: Trajectory | None = None,
-    ax: "Axes | Sequence[Axes] | None" = None,
-) -> "Sequence[Axes]":
+    ax: Axes | Sequence[Axes] | None = None,
+) -> Sequence[Axes]:
     """Draw a motion and the envelope of its modes, one panel a coordinate.
 
     ``exact`` is the same motion by direct integration, drawn below it. The envelope adds up what

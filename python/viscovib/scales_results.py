@@ -1,13 +1,14 @@
 """Results of the method of multiple scales."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
@@ -15,6 +16,9 @@ from viscovib._plan import Plan, wanted_places
 from viscovib.errors import InputError
 from viscovib.results import Result, span
 from viscovib.tables import Table
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Growth below this part of the frequency counts as none.
 _NEUTRAL = 1e-9
@@ -108,6 +112,8 @@ class Modulation(Result):
 
     def to_dataset(self) -> xr.Dataset:
         """Amplitudes and phases as an xarray Dataset over t."""
+        import xarray as xr
+
         dims = ("t", "mode")
         return xr.Dataset(
             {"amplitude": (dims, self.amplitude), "phase": (dims, self.phase, {"units": "rad"})},
@@ -190,6 +196,8 @@ class ScalesMotion(Result):
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over t."""
+        import xarray as xr
+
         names = [text for name in self.dof_names for text in (name, f"{name}'")]
         return xr.Dataset(
             {
@@ -349,6 +357,8 @@ class ScalesResponse(Result):
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over the points."""
+        import xarray as xr
+
         return xr.Dataset(
             {
                 self.parameter: ("point", self.at),

@@ -4,6 +4,8 @@ The file is read and checked by the same compiled reader as the standalone drive
 back the scene with every default written out, which is what Python sees.
 """
 
+from __future__ import annotations
+
 import math
 import os
 import re
@@ -76,7 +78,7 @@ class Scene:
     canonical: str
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str], *, allow_paths: bool = False) -> "Scene":
+    def read(cls, path: str | os.PathLike[str], *, allow_paths: bool = False) -> Scene:
         """Read and check a scene file.
 
         Files that it names, such as the table of a kernel, must be in its folder or below it,
@@ -103,7 +105,7 @@ class Scene:
             canonical=text,
         )
 
-    def override(self, values: Mapping[str, Any]) -> "Scene":
+    def override(self, values: Mapping[str, Any]) -> Scene:
         """Return the scene with keys changed, checked as a file is.
 
         Keys are named as ``{"mount.stiffness_x": 12}``; one of several groups of a name

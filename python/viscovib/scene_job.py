@@ -1,12 +1,13 @@
 """Doing what a scene asks for, at one point."""
 
+from __future__ import annotations
+
 import math
 import os
 import warnings
 from dataclasses import dataclass, replace
 from functools import partial
-
-import xarray as xr
+from typing import TYPE_CHECKING
 
 from viscovib import _native
 from viscovib._backbone import Backbone
@@ -24,6 +25,9 @@ from viscovib.scene import Scene, read_text, texts
 from viscovib.table_result import TableResult, run_table
 from viscovib.trajectory import Trajectory, given_plan
 from viscovib.transient import simulate
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Groups of a scene that ask for nothing.
 _SUBJECTS = (
@@ -51,7 +55,7 @@ class SceneResult:
     @property
     def kind(self) -> str:
         """As in the names of tables: "response", "branch", "transient", ..."""
-        if isinstance(self.value, xr.Dataset):
+        if not isinstance(self.value, Result):
             return "sweep"
         return self.value.kind
 
@@ -67,7 +71,7 @@ class SceneResult:
         """
         place = _native.integer("which", which, 0, len(self.switched))
         value = self.switched[place - 1] if place else self.value
-        if isinstance(value, xr.Dataset):
+        if not isinstance(value, Result):
             raise InputError("to_csv: is for single results, a sweep has points")
         self._write(value, path)
 
@@ -107,7 +111,7 @@ class SceneResult:
     @property
     def sweep(self) -> xr.Dataset:
         """A few numbers at every point of a grid (`viscovib.sweep_scene.summary`)."""
-        if not isinstance(self.value, xr.Dataset):
+        if isinstance(self.value, Result):
             raise InputError("sweep: this scene gave something else, see value")
         return self.value
 

@@ -1,5 +1,7 @@
 """`viscovib.run`: a scene, at one point or at every point of a grid."""
 
+from __future__ import annotations
+
 import os
 
 from viscovib._sweep import sweep

@@ -4,18 +4,22 @@
 arguments and returns plain arrays.
 """
 
+from __future__ import annotations
+
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib import _native
 from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = npt.NDArray[Any]
 
@@ -48,7 +52,7 @@ class Grid:
     units: dict[str, str] = field(default_factory=dict)
 
     @classmethod
-    def checked(cls, grid: Mapping[str, npt.ArrayLike]) -> "Grid":
+    def checked(cls, grid: Mapping[str, npt.ArrayLike]) -> Grid:
         """Check names and values."""
         if not isinstance(grid, Mapping) or not grid:
             raise InputError(
@@ -88,7 +92,7 @@ class Grid:
         """Number of points."""
         return math.prod(self.shape)
 
-    def columns(self, box: "Box") -> dict[str, Array]:
+    def columns(self, box: Box) -> dict[str, Array]:
         """Values of each parameter at each point of a box."""
         parts = [v[cut] for v, cut in zip(self.values.values(), box, strict=True)]
         return {
@@ -114,7 +118,7 @@ class Chunks:
     chunk: tuple[int, ...]
 
     @classmethod
-    def of_about(cls, shape: tuple[int, ...], points: int) -> "Chunks":
+    def of_about(cls, shape: tuple[int, ...], points: int) -> Chunks:
         """Boxes of at most so many points (and one at least), whole in the last parameters."""
         chunk, left = [], max(points, 1)
         for n in reversed(shape):
@@ -168,7 +172,7 @@ class Template:
         single = len(kinds) == len(self.variables) and not self.coords
         return kinds if single and None not in kinds.values() else None  # type: ignore[return-value]
 
-    def difference(self, other: "Template") -> str:
+    def difference(self, other: Template) -> str:
         """What makes another result unlike this one; empty if nothing does."""
         if self.variables.keys() != other.variables.keys():
             return (
@@ -207,7 +211,7 @@ class Computed:
     cause: BaseException | None = field(default=None, compare=False)
 
     @classmethod
-    def none(cls, n: int, why: str) -> "Computed":
+    def none(cls, n: int, why: str) -> Computed:
         """Points that were lost with the worker that had them."""
         return cls(np.full(n, LOST, dtype=np.int8), [why] * n, None, {})
 
@@ -349,6 +353,8 @@ def _gathered(result: Any, n: int) -> tuple[Template, dict[str, Array]]:
 
 def _result(result: Any, attributes: bool = True) -> tuple[Template, dict[str, Array]]:
     """Take a result apart: numbers and arrays as they stand, datasets with their coordinates."""
+    import xarray as xr
+
     if hasattr(result, "to_dataset") and not isinstance(result, xr.DataArray):
         result = result.to_dataset()
     if isinstance(result, xr.DataArray):
@@ -390,6 +396,8 @@ def _from_dataset(dataset: xr.Dataset, attributes: bool) -> tuple[Template, dict
 
 def _items(dataset: xr.Dataset, attributes: bool) -> Iterator[tuple[str, Any]]:
     """Variables, and attributes that are a number or a line: they may differ between points."""
+    import xarray as xr
+
     for name, item in dataset.data_vars.items():
         yield str(name), item
     for key, value in dataset.attrs.items() if attributes else ():

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib import _native
 from viscovib.errors import InputError
 from viscovib.fingerprint import describe
 from viscovib.response_result import Response
-from viscovib.results import Number
+from viscovib.results import Number, Result
 from viscovib.scene import Scene
 from viscovib.scene_job import SceneResult, run_one
 from viscovib.scene_keys import with_key
@@ -94,7 +93,7 @@ def summary(result: SceneResult) -> dict[str, Any]:
 
 
 def _numbers(result: SceneResult) -> dict[str, Number]:
-    if isinstance(result.value, xr.Dataset):
+    if not isinstance(result.value, Result):
         raise InputError("summary: must be that of a single result, not of a sweep")
     return result.value.numbers()
 

@@ -6,6 +6,8 @@ kill may leave unreadable, without complex numbers. A chunk counts as finished i
 written last, and all its variables are there and fit its seal (`viscovib.sweep_seal`).
 """
 
+from __future__ import annotations
+
 import json
 import os
 import warnings
@@ -13,11 +15,10 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib.errors import FileError, InputError, ViscovibError
 from viscovib.sweep_points import (
@@ -35,6 +36,9 @@ from viscovib.sweep_points import (
     box_shape,
 )
 from viscovib.sweep_seal import Copies, Seals
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _T = TypeVar("_T")
 _ABOUT = "viscovib_sweep"
@@ -90,6 +94,8 @@ class MemoryStore:
 
     def dataset(self) -> xr.Dataset:
         """Everything."""
+        import xarray as xr
+
         errors = np.full(self.grid.shape, "", dtype=object)
         for key, text in self._errors.items():
             errors[key] = text
@@ -323,6 +329,8 @@ class DiskStore:
 
     def dataset(self) -> xr.Dataset:
         """Everything, read from disk where it is used."""
+        import xarray as xr
+
         try:
             with warnings.catch_warnings():
                 # Zarr says that consolidated metadata are young in format 3.

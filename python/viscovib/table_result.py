@@ -1,14 +1,16 @@
 """Results that are a table: of analyses that have no class of their own."""
 
+from __future__ import annotations
+
 import csv
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from viscovib import _native
 from viscovib._native import core
@@ -16,6 +18,9 @@ from viscovib._plan import Plan
 from viscovib.results import Number, Panel, Result
 from viscovib.scene import Scene
 from viscovib.tables import Table
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,6 +63,8 @@ class TableResult(Result):
 
     def to_dataset(self) -> xr.Dataset:
         """Columns as an xarray Dataset over the rows."""
+        import xarray as xr
+
         return xr.Dataset(
             {name: ("row", values) for name, values in self.columns.items()},
             attrs={"notes": "\n".join(self.notes), "plan": str(self.plan)},

@@ -1,14 +1,14 @@
 """A motion in time, however it was integrated."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
-from scipy.interpolate import CubicSpline
 
 from viscovib import _native
 from viscovib._native import FloatArray
@@ -20,6 +20,9 @@ from viscovib.pendulum import Pendulum
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import Table, listed_units
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large")
 
@@ -143,6 +146,8 @@ class Trajectory(Result):
         pendulums and of polynomial systems without memory whose forces have a potential: a spring
         with memory has no energy that its state tells.
         """
+        from scipy.interpolate import CubicSpline
+
         power = getattr(self._resume, "power", None)
         if isinstance(self.system, Mount) or power is None:
             raise InputError(
@@ -161,6 +166,8 @@ class Trajectory(Result):
         With ``physical=True`` in s, m and rad: of a mount they are, of a pendulum if it was built
         from physical units; z is then the extension beyond static.
         """
+        import xarray as xr
+
         Flag("physical").check(physical)
         time, length = 1.0, 1.0
         system = self.system

@@ -1,5 +1,7 @@
 """Motion in time: fixed-step integration of every system."""
 
+from __future__ import annotations
+
 import math
 import warnings
 

@@ -4,8 +4,7 @@ from fractions import Fraction
 
 import pytest
 import viscovib as vv
-from hypothesis import given, reject
-from hypothesis import strategies as st
+from hypothesis import given, reject, strategies as st
 from viscovib.expression import expand, spell
 
 NAMES = ("x", "phi", "x_2")
