@@ -15,8 +15,6 @@ module viscovib_status
   integer, parameter, public :: status_input_error = 2
   integer, parameter, public :: status_io_error = 3
 
-  !> Longest message that reaches a caller through the flat bindings.
-  integer, parameter, public :: max_message = 512
 
   type :: status_type
     !> One of the `status_*` categories.

@@ -5,7 +5,7 @@
 !! chosen = 1: as many orders as the tolerance needs.
 subroutine oscillator_backbone_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
                                     mode, dof, name, start, finish, harmonics, chosen, tolerance, &
-                                    n_kept, text, status, message)
+                                    n_kept, text, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
   use viscovib_binding_tools, only: make_system, report
@@ -19,7 +19,6 @@ subroutine oscillator_backbone_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi,
   character(len=*), intent(in) :: name
   integer(c_int), intent(out) :: n_kept, status
   character(len=2048), intent(out) :: text
-  character(len=512), intent(out) :: message
   class(oscillator_type), allocatable :: system
   type(backbone_plan_type) :: plan
   type(status_type) :: outcome
@@ -33,7 +32,7 @@ subroutine oscillator_backbone_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi,
     n_kept = plan%n_most()
     text = plan%text(start, finish)
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine oscillator_backbone_plan
 
 !> The backbone of a mode, counted from 0, from amplitude start to finish of coordinate
@@ -43,7 +42,7 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
                                mode, dof, start, finish, harmonics, chosen, tolerance, max_points, &
                                max_step, n_kept, n_dof, max_special, cancel, n_points, ended, &
                                n_used, kept, nu, truncation, coefficients, n_folds, folds, &
-                               status, message)
+                               status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_backbone, only: follow_backbone
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
@@ -62,7 +61,6 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
   !> Folds are amplitudes.
   real(c_double), intent(out) :: nu(max_points), truncation(max_points), folds(max_special)
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_dof, max_points)
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   class(oscillator_type), allocatable :: system
   type(backbone_plan_type), target :: plan
@@ -96,7 +94,7 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
     n_folds = min(backbone%folds%n, max_special)
     folds(:n_folds) = backbone%folds%p(:n_folds)
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine oscillator_backbone
 
 !> Free motions of the pendulum, whose damping must be 0, along their amplitude (the
@@ -112,7 +110,7 @@ subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmoni
                              begin, begin_nu, begin_p, along, n_unknowns, max_special, cancel, &
                              n_points, ended, highest, nu, energy, truncation, x, multipliers, &
                              growing, n_folds, folds, n_branch_points, branch_points, &
-                             branch_point_nu, branch_point_x, across, before, status, message)
+                             branch_point_nu, branch_point_x, across, before, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_curve_branch, only: curve_options
@@ -141,7 +139,6 @@ subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmoni
   !> Direction in the cosines, the frequency and the size.
   real(c_double), intent(out) :: across(n_unknowns + 2, max_special)
   integer(c_int), intent(out) :: before(max_special), n_branch_points, status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type), target :: system
   type(free_options) :: options
@@ -195,5 +192,5 @@ subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmoni
     across(:m + 2, :n) = family%across(:, :n)
     before(:n) = family%branch_before(:n)
   end if
-  call report(problem, status, message)
+  call report(problem, status)
 end subroutine pendulum_backbone

@@ -2,6 +2,7 @@
 !! status into numbers and text.
 module viscovib_binding_tools
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use, intrinsic :: iso_c_binding, only: c_char, c_int
   use viscovib_catalogue, only: kernel_none, new_kernel
   use viscovib_kernel, only: kernel_type
   use viscovib_kinds, only: wp
@@ -186,13 +187,23 @@ contains
     end do
   end subroutine to_complex
 
-  subroutine report(outcome, status, message)
+  !> The category of what a routine ends with; the message of one that failed is kept for this
+  !! thread (`last_message`).
+  subroutine report(outcome, status)
     type(status_type), intent(in) :: outcome
     integer, intent(out) :: status
-    character(len=*), intent(out) :: message
+    character(len=:), allocatable :: text
+    interface
+      subroutine keep_message(text, n) bind(c, name='viscovib_keep_message')
+        import :: c_char, c_int
+        character(kind=c_char), intent(in) :: text(*)
+        integer(c_int), value :: n
+      end subroutine keep_message
+    end interface
     status = outcome%category
-    message = ''
-    if (outcome%failed()) message = one_line(outcome%message)
+    if (.not. outcome%failed()) return
+    text = one_line(outcome%message)
+    call keep_message(text, len(text))
   end subroutine report
 
 end module viscovib_binding_tools

@@ -16,8 +16,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
                         coefficients, is_stop, n_folds, &
                         folds, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
                         across, branch_before, stable, growing, multipliers, exponents, &
-                        n_crossings, kinds, before, crossings, crossing_coefficients, status, &
-                        message)
+                        n_crossings, kinds, before, crossings, crossing_coefficients, status)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report, &
@@ -74,7 +73,6 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   real(c_double), intent(out) :: crossings(max_special)
   complex(c_double_complex), intent(out) :: &
     crossing_coefficients(n_kept, n_rows - 1, max_special)
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   class(oscillator_type), allocatable, target :: system
   type(load_type), target :: load
@@ -184,6 +182,6 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       end do
     end if
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 
 end subroutine mount_branch

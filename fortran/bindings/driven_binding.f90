@@ -11,7 +11,7 @@
 subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
                             vary, which, p, n_p, tolerance, duration, first, last, step, guess, &
                             cancel, n_unknowns, x, outcome, iterations, highest, truncation, &
-                            multipliers, growing, rates, status, message)
+                            multipliers, growing, rates, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_orbit_floquet, only: orbit_floquet_type
@@ -34,7 +34,6 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   real(c_double), intent(out) :: x(n_unknowns, n_p), truncation(n_p), rates(6, n_p)
   complex(c_double_complex), intent(out) :: multipliers(6, n_p)
   integer(c_int), intent(out) :: outcome(n_p), iterations(n_p), highest(n_p), growing(n_p), status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type), target :: system
   type(torus_ladder) :: ladder
@@ -75,7 +74,7 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
       end do
     end associate
   end if
-  call report(problem, status, message)
+  call report(problem, status)
 end subroutine pendulum_balance
 
 !> Estimated truncation of the points (x, p) of a branch, the worst of them, found with orders
@@ -83,7 +82,7 @@ end subroutine pendulum_balance
 !! above.
 subroutine pendulum_truncation(flat, orders, n_axes, n_orders, kept, drive_orders, omega, &
                                amplitude, vary, which, p, n_p, x, n_unknowns, tolerance, bound, &
-                               step, most, cancel, truncation, next, status, message)
+                               step, most, cancel, truncation, next, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_pendulum, only: pendulum_type
@@ -98,7 +97,6 @@ subroutine pendulum_truncation(flat, orders, n_axes, n_orders, kept, drive_order
   integer(c_int), intent(inout) :: cancel(1)
   real(c_double), intent(out) :: truncation
   integer(c_int), intent(out) :: next, status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type), target :: system
   type(torus_ladder) :: ladder
@@ -113,7 +111,7 @@ subroutine pendulum_truncation(flat, orders, n_axes, n_orders, kept, drive_order
     call branch_truncation(ladder, p, x, tolerance, truncation, problem, cancel(1))
     if (truncation > tolerance) next = better_bound(bound, truncation, tolerance, step, most)
   end if
-  call report(problem, status, message)
+  call report(problem, status)
 end subroutine pendulum_truncation
 
 !> A branch from p = start to p = finish. With leave = 1 it begins at the point
@@ -125,7 +123,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
                            max_special, cancel, n_points, ended, p, iterations, x, is_stop, &
                            multipliers, growing, rates, n_folds, folds, fold_x, n_branch_points, &
                            branch_points, branch_point_x, across, branch_before, n_crossings, &
-                           kinds, before, crossings, crossing_x, status, message)
+                           kinds, before, crossings, crossing_x, status)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
@@ -165,7 +163,6 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   !! `viscovib_crossings`, points before (from 1), and where: NaN if not located.
   integer(c_int), intent(out) :: n_crossings, kinds(max_special), before(max_special), status
   real(c_double), intent(out) :: crossings(max_special), crossing_x(n_unknowns, max_special)
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type), target :: system
   type(torus_type) :: torus
@@ -259,7 +256,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
       end do
     end if
   end if
-  call report(problem, status, message)
+  call report(problem, status)
 
 contains
 

@@ -23,7 +23,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
                           shortest, kinks, t_end, tolerance, first, n_steps, save_every, &
                           resume, memory, n_memory, times, n_times, n_columns, states, &
                           at_times, last, kept, n_kept, n_done, n_reached, t_reached, ended, &
-                          n_iterations, resolution, reason, status, message)
+                          n_iterations, resolution, reason, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: keep_moving, make_system, report
   use viscovib_base_motion, only: base_motion_type
@@ -52,7 +52,6 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   real(c_double), intent(out) :: last(2*n_dof), kept(n_memory), resolution, t_reached
   integer(c_long), intent(out) :: n_done
   integer(c_int), intent(out) :: n_kept, n_reached, ended, n_iterations, reason, status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   class(oscillator_type), allocatable :: system
   type(hereditary_type) :: run
@@ -144,7 +143,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
       if (n_kept <= n_memory) kept(:n_kept) = run%save_memory()
     end if
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 
 contains
 
@@ -159,7 +158,7 @@ end subroutine mount_simulate
 
 !> Which coordinates move (1) if those with driven /= 0 are driven, as `moves` above.
 subroutine moving_coordinates(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
-                              driven, n_dof, moves, status, message)
+                              driven, n_dof, moves, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_system, report
   use viscovib_oscillator, only: oscillator_type
@@ -169,21 +168,20 @@ subroutine moving_coordinates(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_dof, driven(n_dof)
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi)
   integer(c_int), intent(out) :: moves(n_dof), status
-  character(len=512), intent(out) :: message
   class(oscillator_type), allocatable :: system
   type(status_type) :: outcome
 
   moves = 1
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) moves = merge(1, 0, moved_coordinates(system, driven /= 0))
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine moving_coordinates
 
 !> What a motion with memory computes and skips. method: the place in
 !! `hereditary_methods`; past: in `past_names`; last_only /= 0: one state is kept.
 subroutine hereditary_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                            series, n_rows, n_series, initial, held, t_end, dt, tolerance, method, &
-                           past, save_every, last_only, text, status, message)
+                           past, save_every, last_only, text, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_system, report
   use viscovib_hereditary_job, only: hereditary_job, plan_hereditary
@@ -198,7 +196,6 @@ subroutine hereditary_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi
   real(c_double), intent(in) :: initial(2*n_rows - 2), held(n_rows - 1), t_end, dt, tolerance
   character(len=2048), intent(out) :: text
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   class(oscillator_type), allocatable :: system
   type(load_type) :: load
   type(hereditary_job) :: job
@@ -219,5 +216,5 @@ subroutine hereditary_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi
     job%last_only = last_only /= 0
     text = plan_hereditary(job, system, load)
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine hereditary_plan

@@ -1,9 +1,9 @@
 ! Flat routines over the relaxation kernels, for f2py. A kernel is its kind
 ! code and parameters as in `viscovib_catalogue`; nothing is kept between calls.
-! `status` is a category of `viscovib_status` and `message` its one line.
+! `status` is a category of `viscovib_status`; its one line is what `last_message` gives.
 
 !> R_c - i R_s at mu.
-subroutine kernel_transform(kind, data, n_data, mu, n, transform, status, message)
+subroutine kernel_transform(kind, data, n_data, mu, n, transform, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_kernel, report
   use viscovib_kernel, only: kernel_type
@@ -13,7 +13,6 @@ subroutine kernel_transform(kind, data, n_data, mu, n, transform, status, messag
   real(c_double), intent(in) :: data(n_data), mu(n)
   complex(c_double_complex), intent(out) :: transform(n)
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   !> Parts small enough to stay in cache between the two passes.
   integer, parameter :: part = 1024
@@ -30,11 +29,11 @@ subroutine kernel_transform(kind, data, n_data, mu, n, transform, status, messag
       transform(first:first + m - 1) = cmplx(cosine(:m), -sine(:m), c_double_complex)
     end do
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine kernel_transform
 
 !> Laplace transform at s.
-subroutine kernel_laplace(kind, data, n_data, s, n, transform, status, message)
+subroutine kernel_laplace(kind, data, n_data, s, n, transform, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_kernel, report
   use viscovib_kernel, only: kernel_type
@@ -45,18 +44,17 @@ subroutine kernel_laplace(kind, data, n_data, s, n, transform, status, message)
   complex(c_double_complex), intent(in) :: s(n)
   complex(c_double_complex), intent(out) :: transform(n)
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   class(kernel_type), allocatable :: kernel
   type(status_type) :: outcome
 
   call make_kernel(kernel, kind, data, outcome)
   if (.not. outcome%failed()) call kernel%laplace(s, transform)
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine kernel_laplace
 
 !> R(t) at t > 0.
-subroutine kernel_value(kind, data, n_data, t, n, r, status, message)
+subroutine kernel_value(kind, data, n_data, t, n, r, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_kernel, report
   use viscovib_kernel, only: kernel_type
@@ -66,18 +64,17 @@ subroutine kernel_value(kind, data, n_data, t, n, r, status, message)
   real(c_double), intent(in) :: data(n_data), t(n)
   real(c_double), intent(out) :: r(n)
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   class(kernel_type), allocatable :: kernel
   type(status_type) :: outcome
 
   call make_kernel(kernel, kind, data, outcome)
   if (.not. outcome%failed()) call kernel%value(t, r)
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine kernel_value
 
 !> integral of R, +infinity where there is none.
-subroutine kernel_integral(kind, data, n_data, integral, status, message)
+subroutine kernel_integral(kind, data, n_data, integral, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_kernel, report
   use viscovib_kernel, only: kernel_type
@@ -87,20 +84,19 @@ subroutine kernel_integral(kind, data, n_data, integral, status, message)
   real(c_double), intent(in) :: data(n_data)
   real(c_double), intent(out) :: integral
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   class(kernel_type), allocatable :: kernel
   type(status_type) :: outcome
 
   integral = 0.0_c_double
   call make_kernel(kernel, kind, data, outcome)
   if (.not. outcome%failed()) integral = kernel%integral()
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine kernel_integral
 
 !> R(t) as a sum of exponentials, weights(:n_terms) and rates(:n_terms); n_terms is
 !! 0 where the kernel has no such sum, and more than n_max where there is no room.
 subroutine kernel_exponentials(kind, data, n_data, tolerance, t_min, t_max, n_max, n_terms, &
-                               weights, rates, status, message)
+                               weights, rates, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_kernel, report
   use viscovib_kernel, only: kernel_type
@@ -110,7 +106,6 @@ subroutine kernel_exponentials(kind, data, n_data, tolerance, t_min, t_max, n_ma
   real(c_double), intent(in) :: data(n_data), tolerance, t_min, t_max
   integer(c_int), intent(out) :: n_terms, status
   real(c_double), intent(out) :: weights(n_max), rates(n_max)
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   class(kernel_type), allocatable :: kernel
   type(status_type) :: outcome
@@ -126,11 +121,11 @@ subroutine kernel_exponentials(kind, data, n_data, tolerance, t_min, t_max, n_ma
     weights(:min(n_terms, n_max)) = w(:min(n_terms, n_max))
     rates(:min(n_terms, n_max)) = r(:min(n_terms, n_max))
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine kernel_exponentials
 
 !> integral_0^t R(s) ds at times t > 0.
-subroutine kernel_accumulated(kind, data, n_data, t, n, total, status, message)
+subroutine kernel_accumulated(kind, data, n_data, t, n, total, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_kernel, report
   use viscovib_kernel, only: kernel_type
@@ -140,7 +135,6 @@ subroutine kernel_accumulated(kind, data, n_data, t, n, total, status, message)
   real(c_double), intent(in) :: data(n_data), t(n)
   real(c_double), intent(out) :: total(n)
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   class(kernel_type), allocatable :: kernel
   type(status_type) :: outcome
@@ -155,11 +149,11 @@ subroutine kernel_accumulated(kind, data, n_data, t, n, total, status, message)
       total(i) = sum(weights)
     end do
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine kernel_accumulated
 
 !> Integral before the first time of a table that its interpolant lacks; 0 of other kernels.
-subroutine kernel_unseen(kind, data, n_data, unseen, status, message)
+subroutine kernel_unseen(kind, data, n_data, unseen, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_kernel, report
   use viscovib_kernel, only: kernel_type
@@ -170,12 +164,11 @@ subroutine kernel_unseen(kind, data, n_data, unseen, status, message)
   real(c_double), intent(in) :: data(n_data)
   real(c_double), intent(out) :: unseen
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   class(kernel_type), allocatable :: kernel
   type(status_type) :: outcome
 
   unseen = 0.0_c_double
   call make_kernel(kernel, kind, data, outcome)
   if (.not. outcome%failed()) unseen = unseen_integral(kernel)
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine kernel_unseen

@@ -4,7 +4,7 @@
 ! `viscovib_system_vector`, which holds its kernels.
 
 !> Undamped natural frequencies (rad/s) and mode shapes (columns).
-subroutine mount_modes(mount, omega, shapes, status, message)
+subroutine mount_modes(mount, omega, shapes, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_mount, report
   use viscovib_mount, only: mount_type
@@ -13,7 +13,6 @@ subroutine mount_modes(mount, omega, shapes, status, message)
   real(c_double), intent(in) :: mount(12)
   real(c_double), intent(out) :: omega(2), shapes(2, 2)
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   type(mount_type) :: system
   type(status_type) :: outcome
 
@@ -21,12 +20,12 @@ subroutine mount_modes(mount, omega, shapes, status, message)
   shapes = 0.0_c_double
   call make_mount(system, mount, 0, [0.0_c_double], 0, [0.0_c_double], outcome)
   if (.not. outcome%failed()) call system%natural_modes(omega, shapes)
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine mount_modes
 
 !> Dynamic stiffness D(nu), shape (2, 2, n).
 subroutine mount_dynamic_stiffness(mount, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, nu, n, &
-                                   stiffness, status, message)
+                                   stiffness, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_mount, report
   use viscovib_mount, only: mount_type
@@ -36,7 +35,6 @@ subroutine mount_dynamic_stiffness(mount, kind_x, data_x, n_x, kind_phi, data_ph
   real(c_double), intent(in) :: mount(12), data_x(n_x), data_phi(n_phi), nu(n)
   complex(c_double_complex), intent(out) :: stiffness(2, 2, n)
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(mount_type) :: system
   type(status_type) :: outcome
@@ -48,14 +46,14 @@ subroutine mount_dynamic_stiffness(mount, kind_x, data_x, n_x, kind_phi, data_ph
     call system%retained(nu, fraction)
     call system%dynamic_stiffness(nu, fraction, stiffness)
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine mount_dynamic_stiffness
 
 !> What `mount_response` will do: the orders it keeps, or may keep, and the plan in words.
 subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                       series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
                       max_iterations, relaxation, keep_history, with_stability, keep_idle, &
-                      n_kept, kept, half_wave, n_samples, plan_method, text, rest, status, message)
+                      n_kept, kept, half_wave, n_samples, plan_method, text, rest, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_load, only: load_type
@@ -74,7 +72,6 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   !> The plan of the responses, and the lines of it that hold for a branch.
   character(len=2048), intent(out) :: text, rest
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   class(oscillator_type), allocatable :: system
   type(load_type) :: load
   type(response_plan_type) :: plan
@@ -108,7 +105,7 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
     text = plan%text
     rest = plan%rest
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine mount_plan
 
 !> Forced response at each nu. The load is a Fourier series: column j of
@@ -117,7 +114,7 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
                           series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
                           max_iterations, relaxation, n_history, n_judged, coefficients, &
                           n_numbers, cancel, n_kept, outcomes, iterations, rate, highest, &
-                          truncation, corrections, stable, multipliers, exponents, status, message)
+                          truncation, corrections, stable, multipliers, exponents, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report
   use viscovib_forced_response, only: forced_response
@@ -149,7 +146,6 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   complex(c_double_complex), intent(out) :: multipliers(2*n_rows + 2, n_judged)
   complex(c_double_complex), intent(out) :: exponents(2*n_rows + 2, n_judged)
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   class(oscillator_type), allocatable :: system
   type(load_type) :: load
@@ -188,7 +184,7 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     if (size(response%corrections, 1) == n_history) corrections = response%corrections
     if (n_judged > 0) call fill_stability(response%stability, stable, multipliers, exponents)
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine mount_response
 
 !> Bounds and defaults that Python checks arguments by: highest order, highest that is chosen

@@ -3,7 +3,7 @@
 ! nothing is kept between calls.
 
 !> The pendulum as such a vector.
-subroutine pendulum_form(flat, ordering, max_length, packed, length, status, message)
+subroutine pendulum_form(flat, ordering, max_length, packed, length, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_packed_form, only: pack_form
@@ -16,7 +16,6 @@ subroutine pendulum_form(flat, ordering, max_length, packed, length, status, mes
   integer(c_int), intent(in) :: ordering, max_length
   real(c_double), intent(out) :: packed(max_length)
   integer(c_int), intent(out) :: length, status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type) :: system
   type(polynomial_form_type) :: form
@@ -32,12 +31,12 @@ subroutine pendulum_form(flat, ordering, max_length, packed, length, status, mes
     length = min(size(numbers), max_length)
     packed(:length) = numbers(:length)
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine pendulum_form
 
 !> A mount or a polynomial system as such a vector; one load, cosine.
 subroutine oscillator_form(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, load, &
-                           n_dof, nu, max_length, packed, length, status, message)
+                           n_dof, nu, max_length, packed, length, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_system, report
   use viscovib_oscillator, only: oscillator_type
@@ -50,7 +49,6 @@ subroutine oscillator_form(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), load(n_dof), nu
   real(c_double), intent(out) :: packed(max_length)
   integer(c_int), intent(out) :: length, status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   class(oscillator_type), allocatable :: system
   type(polynomial_form_type) :: form
@@ -66,7 +64,7 @@ subroutine oscillator_form(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi
     length = size(numbers)
     packed(:min(length, max_length)) = numbers(:min(length, max_length))
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine oscillator_form
 
 !> Modes, interaction and the terms of the modulation equations; n_terms may exceed the room.
@@ -74,7 +72,7 @@ subroutine scales_form(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind
                        data_phi, n_phi, &
                        tolerance, n_modes, n_unknowns, max_terms, exponents, shapes, &
                        interaction, frame, units, autonomous, n_terms, terms, coefficients, &
-                       status, message)
+                       status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
@@ -90,7 +88,6 @@ subroutine scales_form(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind
   complex(c_double_complex), intent(out) :: interaction(n_modes, n_modes), coefficients(max_terms)
   real(c_double), intent(out) :: frame(n_modes), units(n_unknowns)
   integer(c_int), intent(out) :: autonomous, n_terms, terms(7, max_terms), status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(polynomial_form_type) :: form
   type(multiple_scales_type) :: scales
@@ -123,7 +120,7 @@ subroutine scales_form(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind
       end associate
     end do
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine scales_form
 
 !> Amplitudes at times, and the motion that belongs to them. `start` holds the amplitudes at
@@ -132,7 +129,7 @@ subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
                          data_phi, n_phi, &
                          tolerance, n_modes, given, start, state, times, n, accuracy, max_steps, &
                          cancel, amplitudes, first, motion, sizes, frame, expected, n_reached, &
-                         n_steps, outcome_of, status, message)
+                         n_steps, outcome_of, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_modulation, only: modulate
@@ -156,7 +153,6 @@ subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
   !> Amplitudes that resonances were chosen for, in natural units: `scales_errors` needs them.
   real(c_double), intent(out) :: expected(n_modes)
   integer(c_int), intent(out) :: n_reached, n_steps, outcome_of, status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(polynomial_form_type) :: form
   type(multiple_scales_type) :: scales
@@ -195,14 +191,14 @@ subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
       amplitudes(:, i) = amplitudes(:, i)*scales%amplitude_units
     end do
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine scales_motion
 
 !> Errors of a motion at times, from the amplitudes there: `scales_motion` gave them.
 subroutine scales_errors(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind_phi, &
                          data_phi, n_phi, &
                          tolerance, n_modes, n_dof, times, n, amplitudes, expected, cancel, &
-                         errors, status, message)
+                         errors, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
@@ -220,7 +216,6 @@ subroutine scales_errors(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
   integer(c_int), intent(inout) :: cancel(1)
   real(c_double), intent(out) :: errors(n_dof, n)
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(polynomial_form_type) :: form
   type(multiple_scales_type) :: scales
@@ -234,7 +229,7 @@ subroutine scales_errors(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
     call motion_errors(scales, form%full, times, &
                        amplitudes/spread(scales%amplitude_units, 2, n), errors, cancel(1))
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine scales_errors
 
 !> Steady motions for values of the frequency (vary = 1) or the amplitude (vary = 2) of a load.
@@ -243,7 +238,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
                            tolerance, load, vary, values, n, with_errors, n_modes, n_dof, &
                            max_points, cancel, n_points, which, amplitudes, frames, eigenvalues, &
                            harmonics, sizes, left_out, resting, harmonic_errors, motion_errors, &
-                           status, message)
+                           status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_polynomial_form, only: polynomial_form_type
@@ -265,7 +260,6 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
   real(c_double), intent(out) :: left_out(max_points), resting(max_points)
   real(c_double), intent(out) :: harmonic_errors(n_dof, max_points), &
                                  motion_errors(n_dof, max_points)
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(polynomial_form_type) :: form
   type(steady_points_type) :: points
@@ -294,7 +288,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
       motion_errors(:, :m) = points%motion_errors(:, :m)
     end if
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine scales_response
 
 !> All conditions of resonance up to third order; n may exceed the room.

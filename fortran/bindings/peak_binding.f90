@@ -9,7 +9,7 @@
 subroutine mount_peak(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                       series, n_rows, n_series, parameter, direction, nu, kept, n_kept, &
                       keep_idle, tolerance, p, samples, n, dof, place, low, high, wide, cancel, &
-                      peak_p, peak_size, found, status, message)
+                      peak_p, peak_size, found, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_curve_peak, only: climb, harmonic_measure
@@ -35,7 +35,6 @@ subroutine mount_peak(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   integer(c_int), intent(inout) :: cancel(1)
   real(c_double), intent(out) :: peak_p, peak_size
   integer(c_int), intent(out) :: found, status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   class(oscillator_type), allocatable, target :: system
   type(load_type), target :: load, part
@@ -98,7 +97,7 @@ subroutine mount_peak(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
     end if
     found = merge(1, 0, summit)
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 
 contains
 
@@ -132,7 +131,7 @@ end subroutine mount_peak
 !! up to from the solution (x, p) between low and high, as in driven_binding.
 subroutine pendulum_peak(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
                          vary, which, p, x, n_unknowns, tolerance, dof, place, low, high, cancel, &
-                         peak_p, peak_size, found, status, message)
+                         peak_p, peak_size, found, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_curve_peak, only: climb, harmonic_measure
@@ -150,7 +149,6 @@ subroutine pendulum_peak(flat, orders, n_axes, n_orders, kept, drive_orders, ome
   integer(c_int), intent(inout) :: cancel(1)
   real(c_double), intent(out) :: peak_p, peak_size
   integer(c_int), intent(out) :: found, status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type), target :: system
   type(torus_type) :: torus
@@ -181,7 +179,7 @@ subroutine pendulum_peak(flat, orders, n_axes, n_orders, kept, drive_orders, ome
       found = merge(1, 0, summit)
     end if
   end if
-  call report(problem, status, message)
+  call report(problem, status)
 
 contains
 

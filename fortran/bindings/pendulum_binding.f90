@@ -2,7 +2,7 @@
 ! (e, w2, w3, alpha, c1, c2, c3, f0, m01, m02, p1, p2, p3, equations).
 
 !> Natural frequencies, mode shapes, r, z_r; checks the parameters.
-subroutine pendulum_modes(flat, omega, shapes, r, z_r, status, message)
+subroutine pendulum_modes(flat, omega, shapes, r, z_r, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_pendulum, only: pendulum_type
@@ -11,7 +11,6 @@ subroutine pendulum_modes(flat, omega, shapes, r, z_r, status, message)
   real(c_double), intent(in) :: flat(14)
   real(c_double), intent(out) :: omega(3), shapes(3, 3), r, z_r
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   type(pendulum_type) :: system
   type(status_type) :: outcome
 
@@ -21,12 +20,12 @@ subroutine pendulum_modes(flat, omega, shapes, r, z_r, status, message)
   if (.not. outcome%failed()) call system%natural_modes(omega, shapes)
   r = system%r
   z_r = system%z_r
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine pendulum_modes
 
 !> Accelerations, energy and its rate of change at n states
 !! (z, z', phi, phi', psi, psi'); drives are cos(p_j t).
-subroutine pendulum_evaluate(flat, drive, state, n, acceleration, energy, power, status, message)
+subroutine pendulum_evaluate(flat, drive, state, n, acceleration, energy, power, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_lanes, only: n_lanes
@@ -37,7 +36,6 @@ subroutine pendulum_evaluate(flat, drive, state, n, acceleration, energy, power,
   real(c_double), intent(in) :: flat(14), drive(3, n), state(6, n)
   real(c_double), intent(out) :: acceleration(3, n), energy(n), power(n)
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type) :: system
   type(status_type) :: outcome
@@ -58,11 +56,11 @@ subroutine pendulum_evaluate(flat, drive, state, n, acceleration, energy, power,
       power(i) = system%power(v(1, :), drive(:, i))
     end do
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine pendulum_evaluate
 
 !> Jacobian of q'' with respect to (z, z', phi, phi', psi, psi') at n states.
-subroutine pendulum_jacobian(flat, drive, state, n, jacobian, status, message)
+subroutine pendulum_jacobian(flat, drive, state, n, jacobian, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_lanes, only: n_lanes
@@ -73,7 +71,6 @@ subroutine pendulum_jacobian(flat, drive, state, n, jacobian, status, message)
   real(c_double), intent(in) :: flat(14), drive(3, n), state(6, n)
   real(c_double), intent(out) :: jacobian(3, 6, n)
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type) :: system
   type(status_type) :: outcome
@@ -98,5 +95,5 @@ subroutine pendulum_jacobian(flat, drive, state, n, jacobian, status, message)
       jacobian(:, :, i) = transpose(da(:6, :))
     end do
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine pendulum_jacobian

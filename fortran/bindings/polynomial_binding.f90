@@ -2,7 +2,7 @@
 ! `viscovib_system_vector`. Responses and branches: see mount_binding.
 
 !> Checks everything that makes up a system.
-subroutine polynomial_check(flat, n_flat, status, message)
+subroutine polynomial_check(flat, n_flat, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: report
   use viscovib_polynomial, only: polynomial_type
@@ -12,11 +12,10 @@ subroutine polynomial_check(flat, n_flat, status, message)
   integer(c_int), intent(in) :: n_flat
   real(c_double), intent(in) :: flat(n_flat)
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   type(polynomial_type) :: system
   type(status_type) :: outcome
   call polynomial_from_vector(system, flat, outcome)
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine polynomial_check
 
 !> Motion of a system without memory; the load and its frequency as in mount_binding,
@@ -27,7 +26,7 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
                                h, tolerance, first, n_steps, save_every, resume, &
                                memory, n_memory, times, n_times, n_columns, states, at_times, &
                                last, kept, n_done, n_reached, t_reached, ended, n_evaluations, &
-                               status, message)
+                               status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_load, report
   use viscovib_load, only: load_type
@@ -52,7 +51,6 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   real(c_double), intent(out) :: kept(n_memory), last(2*n_rows - 2), t_reached
   integer(c_long), intent(out) :: n_done, n_evaluations
   integer(c_int), intent(out) :: n_reached, ended, status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(polynomial_type) :: system
   type(polynomial_motion_type) :: motion
@@ -113,12 +111,12 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
     last(2*dofs) = stepper%v
     n_evaluations = stepper%n_evaluations
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine polynomial_simulate
 
 !> What such a motion computes and skips; last_only /= 0: one state is kept.
 subroutine polynomial_plan(flat, n_flat, orders, series, n_rows, n_series, initial, t_end, dt, &
-                           tolerance, method, save_every, last_only, text, status, message)
+                           tolerance, method, save_every, last_only, text, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, report
   use viscovib_load, only: load_type
@@ -134,7 +132,6 @@ subroutine polynomial_plan(flat, n_flat, orders, series, n_rows, n_series, initi
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   character(len=2048), intent(out) :: text
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   type(polynomial_type) :: system
   type(load_type) :: load
   type(status_type) :: outcome
@@ -146,5 +143,5 @@ subroutine polynomial_plan(flat, n_flat, orders, series, n_rows, n_series, initi
     text = plan_polynomial(transient_job(initial, t_end, dt, tolerance, method, save_every, &
                                          last_only /= 0), system, load)
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine polynomial_plan

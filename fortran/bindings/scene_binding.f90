@@ -2,7 +2,7 @@
 
 !> Read a scene and give it back as a namelist with every default written out.
 !! If the text is longer than the room given, n_text says what is needed.
-subroutine scene_canonical(path, allow_paths, max_text, text, n_text, status, message)
+subroutine scene_canonical(path, allow_paths, max_text, text, n_text, status)
   use, intrinsic :: iso_c_binding, only: c_int
   use viscovib_binding_tools, only: report
   use viscovib_scene, only: read_scene, scene_type
@@ -14,7 +14,6 @@ subroutine scene_canonical(path, allow_paths, max_text, text, n_text, status, me
   integer(c_int), intent(in) :: max_text
   character(len=1), intent(out) :: text(max_text)
   integer(c_int), intent(out) :: n_text, status
-  character(len=512), intent(out) :: message
   type(scene_type) :: scene
   type(status_type) :: outcome
   integer :: i
@@ -28,11 +27,11 @@ subroutine scene_canonical(path, allow_paths, max_text, text, n_text, status, me
       text(i) = scene%canonical(i:i)
     end do
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine scene_canonical
 
 !> As scene_canonical, from the text of a scene; `path` only names it in messages.
-subroutine scene_canonical_of_text(path, given, max_text, text, n_text, status, message)
+subroutine scene_canonical_of_text(path, given, max_text, text, n_text, status)
   use, intrinsic :: iso_c_binding, only: c_int
   use viscovib_binding_tools, only: report
   use viscovib_scene, only: read_scene, scene_type
@@ -42,7 +41,6 @@ subroutine scene_canonical_of_text(path, given, max_text, text, n_text, status, 
   integer(c_int), intent(in) :: max_text
   character(len=1), intent(out) :: text(max_text)
   integer(c_int), intent(out) :: n_text, status
-  character(len=512), intent(out) :: message
   type(scene_type) :: scene
   type(status_type) :: outcome
   integer :: i
@@ -56,11 +54,11 @@ subroutine scene_canonical_of_text(path, given, max_text, text, n_text, status, 
       text(i) = scene%canonical(i:i)
     end do
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine scene_canonical_of_text
 
 !> What the scene of a text would compute and skip; `path` only names it in messages.
-subroutine scene_plan(path, given, max_text, text, n_text, status, message)
+subroutine scene_plan(path, given, max_text, text, n_text, status)
   use, intrinsic :: iso_c_binding, only: c_int
   use viscovib_binding_tools, only: report
   use viscovib_run_scene, only: plan_scene
@@ -71,7 +69,6 @@ subroutine scene_plan(path, given, max_text, text, n_text, status, message)
   integer(c_int), intent(in) :: max_text
   character(len=1), intent(out) :: text(max_text)
   integer(c_int), intent(out) :: n_text, status
-  character(len=512), intent(out) :: message
   type(scene_type) :: scene
   type(status_type) :: outcome
   character(len=:), allocatable :: lines
@@ -87,12 +84,12 @@ subroutine scene_plan(path, given, max_text, text, n_text, status, message)
       text(i) = lines(i:i)
     end do
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine scene_plan
 
 !> Do what the scene of a text asks for, and write its tables into a folder, as the driver does;
 !! `path` names it. complete: 1 if all of it was found.
-subroutine scene_run(path, given, folder, max_text, text, n_text, complete, status, message)
+subroutine scene_run(path, given, folder, max_text, text, n_text, complete, status)
   use, intrinsic :: iso_c_binding, only: c_int
   use viscovib_binding_tools, only: report
   use viscovib_run_scene, only: run_scene_at => run_scene, scene_report
@@ -105,7 +102,6 @@ subroutine scene_run(path, given, folder, max_text, text, n_text, complete, stat
   !> What is to be said of it.
   character(len=1), intent(out) :: text(max_text)
   integer(c_int), intent(out) :: n_text, complete, status
-  character(len=512), intent(out) :: message
   type(scene_type) :: scene
   type(scene_report) :: told
   type(status_type) :: outcome
@@ -123,7 +119,7 @@ subroutine scene_run(path, given, folder, max_text, text, n_text, complete, stat
       text(i) = told%summary(i:i)
     end do
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine scene_run
 
 !> Evenly spaced frequencies, as scenes make them.

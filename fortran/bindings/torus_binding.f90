@@ -4,7 +4,7 @@
 !! which axis varies, and its multiple that the frequency is. varies: 1 to 3 a frequency, 4 to 6
 !! an amplitude, 7 all frequencies together, 0 nothing.
 subroutine sort_torus(frequency, amplitude, varies, subharmonic, max_denominator, n_axes, base, &
-                      drive_orders, named, axis, multiple, status, message)
+                      drive_orders, named, axis, multiple, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: report
   use viscovib_drive_torus, only: drive_torus_type, sort_drives
@@ -14,7 +14,6 @@ subroutine sort_torus(frequency, amplitude, varies, subharmonic, max_denominator
   integer(c_int), intent(in) :: varies, subharmonic, max_denominator
   integer(c_int), intent(out) :: n_axes, drive_orders(3, 3), named(3), axis, multiple, status
   real(c_double), intent(out) :: base(3)
-  character(len=512), intent(out) :: message
   type(drive_torus_type) :: torus
   type(status_type) :: problem
 
@@ -30,7 +29,7 @@ subroutine sort_torus(frequency, amplitude, varies, subharmonic, max_denominator
     drive_orders(:n_axes, :) = torus%orders
     named(:n_axes) = torus%named
   end if
-  call report(problem, status, message)
+  call report(problem, status)
 end subroutine sort_torus
 
 !> Largest bound of a lattice of orders, if a share of its unknowns is kept and they need a

@@ -9,7 +9,7 @@
 subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first, n_steps, &
                              save_every, resume, memory, n_memory, times, n_times, n_columns, &
                              states, at_times, last, kept, n_done, n_reached, t_reached, ended, &
-                             n_evaluations, status, message)
+                             n_evaluations, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_long
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_method_catalogue, only: new_stepper
@@ -27,7 +27,6 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
   real(c_double), intent(out) :: last(6), t_reached
   integer(c_long), intent(out) :: n_done, n_evaluations
   integer(c_int), intent(out) :: n_reached, ended, status
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type) :: system
   type(spring_type) :: spring
@@ -71,7 +70,7 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
     last(2::2) = stepper%v
     n_evaluations = stepper%n_evaluations
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine pendulum_simulate
 
 !> Many runs from time 0, trajectory i with the pendulum flat(:,i) and step h(i).
@@ -80,7 +79,7 @@ end subroutine pendulum_simulate
 subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sample_every, &
                              section_every, n_sections, n_moments, n_lyapunov, lines, n_lines, &
                              n_section_runs, cancel, state, ended, t_reached, peak, mean, rms, &
-                             amplitudes, sections, lyapunov, status, message)
+                             amplitudes, sections, lyapunov, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_ensemble, only: ensemble_block, ensemble_job, run_block
@@ -99,7 +98,6 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
   real(c_double), intent(inout) :: sections(6, n_sections, n_section_runs)
   integer(c_int), intent(out) :: ended(n), status
   real(c_double), intent(out) :: t_reached(n)
-  character(len=512), intent(out) :: message
   !f2py threadsafe
   type(pendulum_type) :: system, other
   type(ensemble_job) :: job
@@ -155,12 +153,12 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
     block = ensemble_block()
     if (cancel(1) /= 0) exit
   end do
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine pendulum_ensemble
 
 !> What a motion of the pendulum computes and skips; last_only /= 0: one state is kept.
 subroutine pendulum_plan(flat, initial, t_end, dt, tolerance, method, save_every, last_only, text, &
-                         status, message)
+                         status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_pendulum, only: pendulum_type
@@ -172,7 +170,6 @@ subroutine pendulum_plan(flat, initial, t_end, dt, tolerance, method, save_every
   integer(c_int), intent(in) :: method, save_every, last_only
   character(len=2048), intent(out) :: text
   integer(c_int), intent(out) :: status
-  character(len=512), intent(out) :: message
   type(pendulum_type) :: system
   type(status_type) :: outcome
 
@@ -182,5 +179,5 @@ subroutine pendulum_plan(flat, initial, t_end, dt, tolerance, method, save_every
     text = plan_pendulum(transient_job(initial, t_end, dt, tolerance, method, save_every, &
                                        last_only /= 0), system)
   end if
-  call report(outcome, status, message)
+  call report(outcome, status)
 end subroutine pendulum_plan

@@ -203,9 +203,12 @@ def shown(value: object) -> str:
 
 def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[Any, ...]:
     """Call a flat routine and turn its status into an exception."""
-    *results, status, message = routine(*arguments)
+    found = routine(*arguments)
+    # What returns one thing returns no tuple.
+    *results, status = found if type(found) is tuple else (found,)
     if status != 0:
-        text = message.decode(errors="replace").strip()
+        letters = core.last_message(core.last_message_length())
+        text = letters.tobytes().decode(errors="replace")
         raise FileError(text) if status == _IO_ERROR else InputError(text)
     return tuple(results)
 

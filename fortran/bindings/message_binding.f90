@@ -1,0 +1,29 @@
+! Flat routines that give the message of a call that failed, for f2py.
+
+!> How long the message of the call is that failed last on this thread.
+subroutine last_message_length(n)
+  use, intrinsic :: iso_c_binding, only: c_int
+  implicit none
+  integer(c_int), intent(out) :: n
+  interface
+    integer(c_int) function kept_length() bind(c, name='viscovib_kept_length')
+      import :: c_int
+    end function kept_length
+  end interface
+  n = kept_length()
+end subroutine last_message_length
+
+!> Take it, n as told by last_message_length: it is kept no longer.
+subroutine last_message(text, n)
+  use, intrinsic :: iso_c_binding, only: c_char, c_int
+  implicit none
+  integer(c_int), intent(in) :: n
+  character(len=1), intent(out) :: text(n)
+  interface
+    subroutine take_message(room) bind(c, name='viscovib_take_message')
+      import :: c_char
+      character(kind=c_char), intent(out) :: room(*)
+    end subroutine take_message
+  end interface
+  call take_message(text)
+end subroutine last_message

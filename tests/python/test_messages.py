@@ -1,0 +1,45 @@
+"""Messages of the core arrive whole, each on the thread whose call failed."""
+
+import sys
+import threading
+
+import pytest
+import viscovib as vv
+from viscovib._native import core
+
+
+def told(name: str) -> str:
+    with pytest.raises(vv.FileError) as refused:
+        vv.Scene.read(name)
+    return str(refused.value)
+
+
+def test_long_messages_arrive_whole_on_two_threads_at_once() -> None:
+    names = ["/".join([letter * 200] * 14) + f"/{letter}.nml" for letter in "ab"]
+    wrong: list[str] = []
+    start = threading.Barrier(2)
+
+    def ask(name: str) -> None:
+        start.wait()
+        for _ in range(200):
+            message = told(name)
+            if message != f"{name}: cannot be read (No such file or directory)":
+                wrong.append(message)
+
+    assert all(len(name) > 2000 for name in names)
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        threads = [threading.Thread(target=ask, args=(name,)) for name in names]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(before)
+    assert wrong == []
+
+
+def test_message_is_kept_no_longer_than_until_it_is_told() -> None:
+    told("nowhere.nml")
+    assert core.last_message_length() == 0
