@@ -138,17 +138,10 @@ subroutine kernel_accumulated(kind, data, n_data, t, n, total, status)
   !f2py threadsafe
   class(kernel_type), allocatable :: kernel
   type(status_type) :: outcome
-  real(c_double), allocatable :: nodes(:, :), weights(:, :)
-  integer :: i
 
   total = 0.0_c_double
   call make_kernel(kernel, kind, data, outcome)
-  if (.not. outcome%failed()) then
-    do i = 1, n
-      call kernel%local_rules(t(i:i), nodes, weights)
-      total(i) = sum(weights)
-    end do
-  end if
+  if (.not. outcome%failed()) call kernel%accumulated(t, total)
   call report(outcome, status)
 end subroutine kernel_accumulated
 

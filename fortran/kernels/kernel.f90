@@ -13,7 +13,7 @@ module viscovib_kernel
   implicit none
   private
 
-  public :: kernel_type
+  public :: kernel_type, shrinking
 
   type, abstract :: kernel_type
   contains
@@ -25,6 +25,8 @@ module viscovib_kernel
     procedure(laplace_interface), deferred :: laplace
     !> R(t), t > 0.
     procedure(value_interface), deferred :: value
+    !> integral_0^t R(s) ds, t > 0.
+    procedure(value_interface), deferred :: accumulated
     !> integral_0^inf R(t) dt; +infinity where it does not exist.
     procedure(integral_interface), deferred :: integral
     !> Largest rate r >= 0 (1/s) such that R(s) is analytic right of -r.
@@ -82,7 +84,7 @@ module viscovib_kernel
       class(kernel_type), intent(in) :: self
       !> Times (s), all > 0.
       real(wp), intent(in) :: t(:)
-      !> R(t) (1/s), same shape as t.
+      !> R(t) (1/s), or its integral up to t, same shape as t.
       real(wp), intent(out) :: r(:)
     end subroutine value_interface
 
@@ -144,6 +146,21 @@ contains
       end associate
     end do
   end subroutine lag_rule
+
+  !> 1 - exp(-x), whose digits a small x would take.
+  elemental real(wp) function shrinking(x)
+    real(wp), intent(in) :: x
+    integer :: n
+    if (abs(x) > 0.5_wp) then
+      shrinking = 1.0_wp - exp(-x)
+    else
+      shrinking = 1.0_wp
+      do n = 14, 2, -1
+        shrinking = 1.0_wp - shrinking*x/n
+      end do
+      shrinking = shrinking*x
+    end if
+  end function shrinking
 
   !> R = 0: nothing is remembered.
   logical function is_zero(self)

@@ -3,7 +3,7 @@ module viscovib_prony
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_not_negative
   use viscovib_gauss_points, only: points_32, weights_32
-  use viscovib_kernel, only: decay_nodes, kernel_type, vanished
+  use viscovib_kernel, only: decay_nodes, kernel_type, shrinking, vanished
   use viscovib_kinds, only: wp
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
@@ -19,6 +19,7 @@ module viscovib_prony
     procedure :: transform_slope
     procedure :: laplace
     procedure :: value
+    procedure :: accumulated
     procedure :: integral
     procedure :: fading_rate
     procedure :: local_rules
@@ -138,6 +139,22 @@ contains
       r = r + self%weights(j)*exp(-self%rates(j)*t)
     end do
   end subroutine value
+
+  !> sum_j w_j (1 - exp(-r_j t))/r_j; of a rate 0 w_j t.
+  subroutine accumulated(self, t, r)
+    class(prony_kernel), intent(in) :: self
+    real(wp), intent(in) :: t(:)
+    real(wp), intent(out) :: r(:)
+    integer :: j
+    r = 0.0_wp
+    do j = 1, size(self%weights)
+      if (self%rates(j) > 0.0_wp) then
+        r = r + self%weights(j)*(shrinking(self%rates(j)*t)/self%rates(j))
+      else
+        r = r + self%weights(j)*t
+      end if
+    end do
+  end subroutine accumulated
 
   !> sum_j w_j/r_j.
   real(wp) function integral(self)

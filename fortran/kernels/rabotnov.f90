@@ -10,9 +10,9 @@ module viscovib_rabotnov
   use viscovib_checks, only: check_fraction, check_not_negative
   use viscovib_constants, only: half_pi, pi
   use viscovib_gauss_points, only: points_16, weights_16
-  use viscovib_kernel, only: panel_nodes
+  use viscovib_kernel, only: panel_nodes, shrinking
   use viscovib_kinds, only: wp
-  use viscovib_spectral_kernel, only: ripple_of_power, spectral_kernel_type
+  use viscovib_spectral_kernel, only: peak_reach, ripple_of_power, spectral_kernel_type
   use viscovib_status, only: status_type
   implicit none
   private
@@ -20,6 +20,8 @@ module viscovib_rabotnov
   public :: rabotnov_kernel, new_rabotnov
 
   integer, parameter :: contour_nodes = 26
+  !> From here on the spectrum has so sharp a peak that its lattice is made finer there.
+  real(wp), parameter :: sharp = 0.8_wp
 
   type, extends(spectral_kernel_type) :: rabotnov_kernel
     !> A (1/s^alpha).
@@ -33,6 +35,7 @@ module viscovib_rabotnov
     procedure :: transform_slope
     procedure :: laplace
     procedure :: value
+    procedure :: accumulated
     procedure :: integral
     procedure :: fading_rate
     procedure :: local_rules
@@ -63,7 +66,12 @@ contains
       kernel%tail_power = 0.0_wp
     else
       kernel%tail_power = 1.0_wp + alpha
-      if (beta == 0.0_wp) kernel%tail_power = 1.0_wp - alpha
+      if (beta == 0.0_wp) then
+        kernel%tail_power = 1.0_wp - alpha
+      else if (alpha > sharp) then
+        kernel%centre = log(beta)/alpha
+        kernel%peak_width = pi*(1.0_wp - alpha)/alpha
+      end if
     end if
   end subroutine new_rabotnov
 
@@ -179,6 +187,89 @@ contains
     end do
   end subroutine late_values
 
+  !> A t^alpha E_{alpha,alpha+1}(-z), z = beta t^alpha: its series, and for z >= 1/2 as
+  !! A/beta less the integral from t on.
+  subroutine accumulated(self, t, r)
+    class(rabotnov_kernel), intent(in) :: self
+    real(wp), intent(in) :: t(:)
+    real(wp), intent(out) :: r(:)
+    real(wp) :: z(size(t))
+    logical :: late(size(t))
+    integer :: i
+
+    if (self%alpha == 1.0_wp) then
+      r = self%amplitude*t
+      if (self%beta > 0.0_wp) r = self%amplitude*(shrinking(self%beta*t)/self%beta)
+      return
+    end if
+    z = self%beta*t**self%alpha
+    late = z >= 0.5_wp
+    do i = 1, size(t)
+      if (.not. late(i)) then
+        r(i) = self%amplitude*t(i)**self%alpha*mean_series(self%alpha, z(i))
+      end if
+    end do
+    if (any(late)) call late_remainders(self, t, late, r)
+  end subroutine accumulated
+
+  !> As `late_values`, for integral_t^inf R(s) ds = integral g(x) exp(-lambda t - x) dx, which
+  !! decays like exp(-alpha |x|) to both sides. Of rates with lambda t < 1e-5 the sums of
+  !! g/lambda, g and g lambda tell all; they are taken once for all times.
+  subroutine late_remainders(self, t, late, r)
+    class(rabotnov_kernel), intent(in) :: self
+    real(wp), intent(in) :: t(:)
+    logical, intent(in) :: late(:)
+    real(wp), intent(inout) :: r(:)
+    real(wp), parameter :: h = 0.3_wp, deep = 1.5_wp, highest = 3.8_wp, slow = -11.5_wp
+    real(wp), allocatable :: rates(:), weights(:), below(:, :)
+    real(wp) :: y, share, q, total, along, place, middle
+    integer :: first, last, split, n, i
+
+    middle = log(self%beta)/self%alpha
+    first = -ceiling(deep/(self%alpha*h))
+    first = min(first, floor((-log(maxval(t, late)) - middle + slow - 30.0_wp)/h))
+    last = max(ceiling((-log(minval(t, late)) + highest - middle)/h), first)
+    allocate (rates(first:last), weights(first:last), below(3, first - 1:last))
+    along = sin(half_pi*(1.0_wp - self%alpha))
+    below(:, first - 1) = 0.0_wp
+    below(1, first - 1) = slower_weights(self%alpha, h, exp(self%alpha*(first - 0.5_wp)*h))
+    do n = first, last
+      rates(n) = exp(middle + (n + 0.5_wp)*h)
+      q = exp(-self%alpha*abs(n + 0.5_wp)*h)
+      weights(n) = q/((1.0_wp - q)**2 + 4.0_wp*q*along**2)
+      below(:, n) = below(:, n - 1) + weights(n)*[1.0_wp, rates(n), 0.5_wp*rates(n)**2]
+    end do
+    y = pi*(1.0_wp - self%alpha)/self%alpha
+    share = 0.0_wp
+    if (y < half_pi) share = 2.0_wp/(self%alpha*(1.0_wp + exp(2.0_wp*pi*y/h)))
+    do i = 1, size(t)
+      if (.not. late(i)) cycle
+      place = -log(t(i)) - middle
+      split = min(max(floor((place + slow)/h), first - 1), last)
+      total = below(1, split) - t(i)*(below(2, split) - t(i)*below(3, split))
+      do n = split + 1, min(last, ceiling((place + highest)/h))
+        total = total + weights(n)*exp(-rates(n)*t(i))
+      end do
+      total = total*h*sin(pi*(1.0_wp - self%alpha))/pi
+      if (share > 0.0_wp .and. place > -6.5_wp) then
+        total = total + share*real(exp(-exp(cmplx(-place, y, wp))))
+      end if
+      r(i) = self%amplitude/self%beta*(1.0_wp - total)
+    end do
+  end subroutine late_remainders
+
+  !> Sum of q/(1 + 2 q cos(pi alpha) + q^2) over q, q exp(-alpha h), q exp(-2 alpha h), ...:
+  !! with sum_k (-1)^(k-1) sin(k pi alpha)/sin(pi alpha) q^k each power is geometric.
+  pure real(wp) function slower_weights(alpha, h, q) result(total)
+    real(wp), intent(in) :: alpha, h, q
+    integer :: k
+    total = 0.0_wp
+    do k = 1, 30
+      total = total + sin(k*pi*(1.0_wp - alpha))/sin(pi*(1.0_wp - alpha)) &
+              *q**k/shrinking(k*alpha*h)
+    end do
+  end function slower_weights
+
   !> Re exp(w - exp(w)) for |Im w| < pi/2; 0 where exp(w) leaves the range of numbers.
   pure real(wp) function decayed(w)
     complex(wp), intent(in) :: w
@@ -289,30 +380,46 @@ contains
 
   !> Spectral density of the Mittag-Leffler function, times exp(x) = lambda
   !! (Gorenflo and Mainardi, 1997): A/pi sin(pi alpha) lambda^(1+alpha)
-  !! /(lambda^(2 alpha) + 2 beta lambda^alpha cos(pi alpha) + beta^2).
+  !! /(lambda^(2 alpha) + 2 beta lambda^alpha cos(pi alpha) + beta^2); with
+  !! beta = exp(alpha m) and q = exp(-alpha |x - m|)
+  !! A lambda sin(pi alpha)/(pi beta) q/((1 - q)^2 + 4 q cos(pi alpha/2)^2).
   subroutine spectrum(self, x, density)
     class(rabotnov_kernel), intent(in) :: self
     real(wp), intent(in) :: x(:)
     real(wp), intent(out) :: density(:)
-    real(wp) :: power
+    real(wp) :: factor, along, q, below, middle, d
     integer :: i
+
+    factor = self%amplitude/pi*sin(pi*(1.0_wp - self%alpha))
+    if (self%beta == 0.0_wp) then
+      density = factor*exp((1.0_wp - self%alpha)*x)
+      return
+    end if
+    along = sin(half_pi*(1.0_wp - self%alpha))
+    middle = 0.0_wp
+    if (.not. self%peak_width > 0.0_wp) middle = log(self%beta)/self%alpha
     do i = 1, size(x)
-      power = exp(self%alpha*x(i))
-      density(i) = self%amplitude/pi*sin(pi*self%alpha)*power*exp(x(i)) &
-                   /((power - self%beta)**2 &
-                     + 4.0_wp*power*self%beta*cos(half_pi*self%alpha)**2)
+      d = abs(x(i) - middle)
+      q = exp(-0.5_wp*self%alpha*d)
+      below = 2.0_wp*q*sinh(0.5_wp*self%alpha*d)
+      density(i) = factor/self%beta*exp(self%centre + x(i)) &
+                   *q**2/(below**2 + 4.0_wp*q**2*along**2)
     end do
   end subroutine spectrum
 
   !> R falls like t^(alpha-1) at first and like t^(-alpha-1) in the end; between,
-  !! poles of the density at Im x = pi (1-alpha)/alpha add exp(-2 pi Im x/h).
+  !! poles of the density at Im x = pi (1-alpha)/alpha add exp(-2 pi Im u/h), u being x
+  !! or, where they are close, what the lattice makes of it.
   pure real(wp) function ripple(self, h)
     class(rabotnov_kernel), intent(in) :: self
     real(wp), intent(in) :: h
+    real(wp) :: height
     ripple = max(ripple_of_power(1.0_wp - self%alpha, h), &
                  ripple_of_power(1.0_wp + self%alpha, h))
     if (self%beta > 0.0_wp) then
-      ripple = max(ripple, 40.0_wp*exp(-2.0_wp*pi**2/h*(1.0_wp - self%alpha)/self%alpha))
+      height = pi*(1.0_wp - self%alpha)/self%alpha
+      if (self%peak_width > 0.0_wp) height = height + peak_reach*half_pi
+      ripple = max(ripple, 40.0_wp*exp(-2.0_wp*pi/h*height))
     end if
   end function ripple
 

@@ -31,6 +31,7 @@ module viscovib_rzhanitsyn
     procedure :: transform_slope
     procedure :: laplace
     procedure :: value
+    procedure :: accumulated
     procedure :: integral
     procedure :: fading_rate
     procedure :: local_rules
@@ -96,6 +97,50 @@ contains
     real(wp), intent(out) :: r(:)
     r = self%amplitude*exp(-self%beta*t)*t**(self%alpha - 1.0_wp)
   end subroutine value
+
+  !> A beta^(-alpha) gamma(alpha, beta t): by its series A t^alpha exp(-z)
+  !! sum_n z^n/(alpha ... (alpha + n)), z = beta t, whose terms are positive, or beyond its
+  !! turn by the continued fraction of Gamma(alpha, z) (Abramowitz and Stegun 6.5.29, 6.5.31).
+  subroutine accumulated(self, t, r)
+    class(rzhanitsyn_kernel), intent(in) :: self
+    real(wp), intent(in) :: t(:)
+    real(wp), intent(out) :: r(:)
+    integer, parameter :: most_terms = 200
+    real(wp) :: z, term, total, whole
+    integer :: i, n
+
+    whole = 0.0_wp
+    if (self%beta > 0.0_wp) whole = self%integral()
+    do i = 1, size(t)
+      z = self%beta*t(i)
+      if (z < 2.0_wp) then
+        term = 1.0_wp/self%alpha
+        total = term
+        do n = 1, most_terms
+          term = term*z/(self%alpha + n)
+          total = total + term
+          if (term <= epsilon(term)*total) exit
+        end do
+        r(i) = self%amplitude*t(i)**self%alpha*exp(-z)*total
+      else if (z < vanished) then
+        r(i) = whole - self%amplitude*t(i)**self%alpha*exp(-z)*upper_fraction(self%alpha, z)
+      else
+        r(i) = whole
+      end if
+    end do
+  end subroutine accumulated
+
+  !> Gamma(alpha, z) exp(z) z^(-alpha) = 1/(z + 1 - alpha - 1 (1 - alpha)/(z + 3 - alpha - ...)),
+  !! backwards from a depth that suffices for z >= 2.
+  elemental real(wp) function upper_fraction(alpha, z) result(fraction)
+    real(wp), intent(in) :: alpha, z
+    integer :: n
+    fraction = 0.0_wp
+    do n = 10 + int(150.0_wp/z), 1, -1
+      fraction = n*(n - alpha)/(z + 2*n + 1 - alpha - fraction)
+    end do
+    fraction = 1.0_wp/(z + 1.0_wp - alpha - fraction)
+  end function upper_fraction
 
   !> A Gamma(alpha) beta^(-alpha).
   real(wp) function integral(self)

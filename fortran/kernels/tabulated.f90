@@ -13,7 +13,7 @@ module viscovib_tabulated
   use viscovib_checks, only: check_finite, check_increasing, check_not_negative
   use viscovib_constants, only: pi
   use viscovib_gauss_points, only: points_16, weights_16
-  use viscovib_kernel, only: kernel_type, vanished
+  use viscovib_kernel, only: kernel_type, shrinking, vanished
   use viscovib_kinds, only: wp
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
@@ -39,6 +39,7 @@ module viscovib_tabulated
     procedure :: transform_slope
     procedure :: laplace
     procedure :: value
+    procedure :: accumulated
     procedure :: integral
     procedure :: fading_rate
     procedure :: local_rules
@@ -47,6 +48,7 @@ module viscovib_tabulated
     procedure, private :: laplace_at
     procedure, private :: tail_rate
     procedure, private :: piece_value
+    procedure, private :: piece_integral
   end type tabulated_kernel
 
 contains
@@ -275,7 +277,7 @@ contains
 
     n = size(self%times)
     do i = 1, size(t)
-      j = count(self%times(2:n - 1) <= t(i)) + 1
+      j = piece_of(self%times(2:n - 1), t(i))
       if (self%interpolation == interpolation_linear) then
         r(i) = self%values(j) + self%slopes(j)*(t(i) - self%times(j))
         if (t(i) > self%times(n)) r(i) = 0.0_wp
@@ -284,6 +286,66 @@ contains
       end if
     end do
   end subroutine value
+
+  !> One more than the number of inner knots, ascending, up to t.
+  pure integer function piece_of(knots, t) result(j)
+    real(wp), intent(in) :: knots(:), t
+    integer :: above, middle
+    j = 1
+    above = size(knots) + 1
+    do while (j < above)
+      middle = (j + above)/2
+      if (knots(middle) <= t) then
+        j = middle + 1
+      else
+        above = middle
+      end if
+    end do
+  end function piece_of
+
+  !> Whole pieces, and the part of the one that holds t.
+  subroutine accumulated(self, t, r)
+    class(tabulated_kernel), intent(in) :: self
+    real(wp), intent(in) :: t(:)
+    real(wp), intent(out) :: r(:)
+    real(wp) :: whole(size(self%times))
+    integer :: i, j, n
+
+    n = size(self%times)
+    whole(1) = 0.0_wp
+    do j = 1, n - 1
+      whole(j + 1) = whole(j) + self%piece_integral(j, self%times(j + 1))
+    end do
+    do i = 1, size(t)
+      j = piece_of(self%times(2:n), t(i))
+      r(i) = whole(j)
+      if (j < n .or. self%interpolation /= interpolation_linear) then
+        r(i) = r(i) + self%piece_integral(j, t(i))
+      end if
+    end do
+  end subroutine accumulated
+
+  !> Integral of piece k from its beginning to t; the last goes on.
+  elemental real(wp) function piece_integral(self, k, t)
+    class(tabulated_kernel), intent(in) :: self
+    integer, intent(in) :: k
+    real(wp), intent(in) :: t
+    real(wp) :: h, decay
+    integer :: j
+
+    j = min(k, size(self%slopes))
+    h = t - self%times(k)
+    if (self%interpolation == interpolation_linear) then
+      piece_integral = h*(self%values(k) + 0.5_wp*self%slopes(j)*h)
+    else
+      decay = self%slopes(j)*h
+      if (abs(decay) < tiny(decay)) then
+        piece_integral = self%values(k)*h
+      else
+        piece_integral = self%values(k)*h*(shrinking(decay)/decay)
+      end if
+    end if
+  end function piece_integral
 
   !> +infinity if the last piece of an exponential interpolant does not decay.
   real(wp) function integral(self)

@@ -44,7 +44,9 @@ _NAMES = {
     "scene": "Scene",
     "scene_job": "SceneResult plan",
     "scene_run": "run",
+    "sum_kernel": "SumKernel",
     "table_result": "TableResult",
+    "time_temperature": "Arrhenius ShiftLaw ThermalKernel WLF",
     "trajectory": "Trajectory",
     "transient": "simulate",
 }
@@ -150,7 +152,14 @@ if TYPE_CHECKING:
         plan as plan,
     )
     from viscovib.scene_run import run as run
+    from viscovib.sum_kernel import SumKernel as SumKernel
     from viscovib.table_result import TableResult as TableResult
+    from viscovib.time_temperature import (
+        WLF as WLF,
+        Arrhenius as Arrhenius,
+        ShiftLaw as ShiftLaw,
+        ThermalKernel as ThermalKernel,
+    )
     from viscovib.trajectory import Trajectory as Trajectory
     from viscovib.transient import simulate as simulate
 

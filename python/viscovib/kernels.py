@@ -97,6 +97,11 @@ class Kernel(ABC):
         """What a value of the transform takes at most (s)."""
         return 2e-8 + 5e-9 * self._data.size
 
+    @property
+    def _relaxing(self) -> float:
+        """What a value of the relaxation takes at most (s)."""
+        return 2e-6 + 3 * self._seconds
+
     @abstractmethod
     def _scaled(self, unit: float) -> FloatArray:
         """Parameters with times in units of ``unit`` (s): those of unit R(unit t)."""
@@ -114,7 +119,7 @@ class Kernel(ABC):
         s^-power.
         """
         flat = points.ravel()
-        seconds = self._seconds if power > 0 else _SUMMED * self._seconds
+        seconds = self._seconds if power > 0 else self._relaxing
         (values,) = _native.in_parts(routine, (self._kind, self._data), seconds, flat)
         if _native.all_finite(values):
             return np.asarray(values)
@@ -227,8 +232,6 @@ def _same_shape(values: npt.NDArray[Any], like: npt.NDArray[Any]) -> Any:
     return values.reshape(like.shape)[()]
 
 
-#: What a value of the relaxation takes, in values of the transform.
-_SUMMED = 10_000
 #: Times between which a sum of exponentials may stand for a kernel, terms of it, and
 #: exponentials taken at once.
 _T_MIN, _T_MAX = Number("t_min", 1e-100, 1e100), Number("t_max", 1e-100, 1e100)
@@ -424,6 +427,10 @@ class TabulatedKernel(Kernel):
     @cached_property
     def _seconds(self) -> float:
         return 1e-7 * self._data.size
+
+    @property
+    def _relaxing(self) -> float:
+        return 2e-6
 
     def _scaled(self, unit: float) -> FloatArray:
         times, values = np.split(self._data[1:], 2)

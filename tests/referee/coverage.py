@@ -9,7 +9,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 FAMILIES = (
-    "kernels", "systems", "linear", "roots", "responses", "peaks", "branches", "crossings",
+    "kernels", "rubber", "systems", "linear", "roots", "responses", "peaks", "branches", "crossings",
     "stability", "backbones", "steady", "motions", "ensembles", "spectra", "scales", "scenes",
     "sweeps", "tables",
 )  # fmt: skip
