@@ -15,6 +15,8 @@ module viscovib_binding_tools
   use viscovib_reduction, only: reduce
   use viscovib_response, only: response_options
   use viscovib_status, only: fail, one_line, status_input_error, status_type
+  use viscovib_structure, only: structure_type
+  use viscovib_structure_vector, only: structure_from_vector
   use viscovib_system_vector, only: polynomial_from_vector
   implicit none
   private
@@ -32,10 +34,12 @@ module viscovib_binding_tools
   !> Kernel kind in x that stands for "a polynomial system, whose vector holds all
   !! of its kernels".
   integer, parameter, public :: kernels_in_vector = -2
+  !> The same of a condensed structure, whose vector holds its loads too.
+  integer, parameter, public :: structure_in_vector = -3
 
 contains
 
-  !> Any oscillator: a mount and its two kernels, or a polynomial system.
+  !> Any oscillator: a mount and its two kernels, a polynomial system, or a condensed structure.
   subroutine make_system(system, flat, kind_x, data_x, kind_phi, data_phi, status)
     class(oscillator_type), allocatable, intent(out) :: system
     real(wp), intent(in) :: flat(:), data_x(:), data_phi(:)
@@ -43,8 +47,13 @@ contains
     type(status_type), intent(out) :: status
     type(mount_type), allocatable :: mount
     type(polynomial_type), allocatable :: polynomial
+    type(structure_type), allocatable :: structure
 
-    if (kind_x == kernels_in_vector) then
+    if (kind_x == structure_in_vector) then
+      allocate (structure)
+      call structure_from_vector(structure, flat, status)
+      call move_alloc(structure, system)
+    else if (kind_x == kernels_in_vector) then
       allocate (polynomial)
       call polynomial_from_vector(polynomial, flat, status)
       call move_alloc(polynomial, system)

@@ -35,8 +35,8 @@ module viscovib_harmonic_balance
     complex(wp), allocatable, private :: fraction(:, :)
     !> Frequencies of the orders (rad/s), shape (n_orders).
     real(wp), allocatable, private :: mu(:)
-    !> The load, and its forces alone, shape (n_orders, n_dof).
-    complex(wp), allocatable, private :: load(:, :), force(:, :)
+    !> The load, shape (n_orders, n_dof).
+    complex(wp), allocatable, private :: load(:, :)
     !> Harmonics of the remainders w(u) - W u, and of a force, shape (2 n_orders,
     !! n_memory) and (2 n_orders).
     real(wp), allocatable, private :: bent(:, :), kept(:), f_parts(:)
@@ -71,7 +71,7 @@ contains
     balance%n_memory = m
     balance%n = 2*k*d
     allocate (balance%stiffness(d, d, k), balance%fraction(k, m), balance%load(k, d), &
-              balance%force(k, d), balance%mu(k))
+              balance%mu(k))
     allocate (balance%u(s, d), balance%w(s, m), balance%f(s, d), balance%slopes(s, m, d), &
               balance%by_u(s, d, d), balance%by_v(s, d, m), balance%bent(2*k, m), &
               balance%kept(2*k), balance%f_parts(2*k), balance%block(2*k, 2*k), &
@@ -95,14 +95,13 @@ contains
     call system%retained(self%mu, self%fraction)
     call system%dynamic_stiffness(self%mu, self%fraction, self%stiffness)
     self%load = (0.0_wp, 0.0_wp)
-    self%force = (0.0_wp, 0.0_wp)
     do j = 1, size(load%orders)
       do k = 1, size(self%set%orders)
         if (load%orders(j) /= self%set%orders(k)) cycle
-        self%force(k, :) = load%force(:, j)
         self%load(k, :) = load%force(:, j)
-        if (.not. abs(load%base(j)) > 0.0_wp) cycle
-        self%load(k, :) = load%coefficient(system, load%orders(j), nu)
+        if (.not. (abs(load%base(j)) > 0.0_wp .or. system%condensed)) cycle
+        self%load(k, :) = system%load_coefficient(load%force(:, j), load%base(j), &
+                                                  load%orders(j), nu)
       end do
     end do
   end subroutine set_frequency
@@ -347,21 +346,20 @@ contains
     real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
     real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
     complex(wp) :: total(size(self%set%orders), size(x, 2)), y(size(self%set%orders), size(x, 2))
-    integer :: a, b, k
+    integer :: a, b, j, k
 
     total = (0.0_wp, 0.0_wp)
     do b = 1, self%n_dof
       y(:, b) = cmplx(x(1::2, b), x(2::2, b), wp)
-      do a = 1, self%n_dof
-        do k = 1, size(self%set%orders)
-          total(k, a) = total(k, a) + self%set%orders(k) &
-                        *cmplx(-2.0_wp*self%set%orders(k)*self%nu*system%mass(a, b), &
-                               system%damping(a, b), wp)*y(k, b)
-        end do
-      end do
     end do
-    if (load%moves_base()) then
-      total = total - self%load_factor*(self%load - self%force)*(2.0_wp/self%nu)
+    call system%add_stiffness_slope(self%set%orders, self%nu, y, total)
+    if (system%condensed .or. load%moves_base()) then
+      do j = 1, size(load%orders)
+        k = findloc(self%set%orders, load%orders(j), 1)
+        if (k > 0) total(k, :) = total(k, :) - self%load_factor &
+                                 *system%load_slope(load%force(:, j), load%base(j), &
+                                                    load%orders(j), self%nu)
+      end do
     end if
     do a = 1, self%n_dof
       slope(1::2, a) = real(total(:, a))

@@ -99,8 +99,7 @@ contains
     moves_base = any(abs(self%base) > 0.0_wp)
   end function moves_base
 
-  !> Coefficient of order k on the coordinates relative to the moving base:
-  !! P_k + (k nu)^2 M b Y_k, with b the direction in which the base moves.
+  !> Coefficient of order k on the coordinates of the system, motion of the base included.
   pure function coefficient(self, system, order, nu) result(p)
     class(load_type), intent(in) :: self
     class(oscillator_type), intent(in) :: system
@@ -112,10 +111,7 @@ contains
     p = (0.0_wp, 0.0_wp)
     do j = 1, size(self%orders)
       if (self%orders(j) /= order) cycle
-      p = self%force(:, j)
-      if (abs(self%base(j)) > 0.0_wp) then
-        p = p + (order*nu)**2*matmul(system%mass, system%base_direction)*self%base(j)
-      end if
+      p = system%load_coefficient(self%force(:, j), self%base(j), order, nu)
     end do
   end function coefficient
 

@@ -46,6 +46,9 @@ module viscovib_oscillator
     integer :: degree = 0
     !> How u moves when the base does, without deforming a spring (n_dof).
     real(wp), allocatable :: base_direction(:)
+    !> Coordinates stand for more that were eliminated: the load depends on the frequency too, and
+    !! no coordinate is idle.
+    logical :: condensed = .false.
   contains
     procedure(deflection_remainder_interface), deferred :: deflection_remainder
     procedure(force_remainder_interface), deferred :: force_remainder
@@ -61,6 +64,9 @@ module viscovib_oscillator
     procedure :: retained
     procedure :: retained_slope
     procedure :: dynamic_stiffness
+    procedure :: add_stiffness_slope
+    procedure :: load_coefficient
+    procedure :: load_slope
     procedure :: kernel_without_integral
   end type oscillator_type
 
@@ -272,6 +278,56 @@ contains
       end do
     end do
   end subroutine dynamic_stiffness
+
+  !> Add dD/dnu y of each order, memory apart: k (i C - 2 k nu M) Y_k.
+  pure subroutine add_stiffness_slope(self, orders, nu, y, total)
+    class(oscillator_type), intent(in) :: self
+    integer, intent(in) :: orders(:)
+    real(wp), intent(in) :: nu
+    !> Harmonics, shape (size(orders), n_dof).
+    complex(wp), intent(in) :: y(:, :)
+    complex(wp), intent(inout) :: total(:, :)
+    integer :: a, b, k
+
+    do b = 1, size(y, 2)
+      do a = 1, size(y, 2)
+        do k = 1, size(orders)
+          total(k, a) = total(k, a) + orders(k) &
+                        *cmplx(-2.0_wp*orders(k)*nu*self%mass(a, b), self%damping(a, b), wp)*y(k, b)
+        end do
+      end do
+    end do
+  end subroutine add_stiffness_slope
+
+  !> Of order k, on the coordinates relative to the moving base: P_k + (k nu)^2 M b Y_k, with b
+  !! the direction in which the base moves.
+  pure function load_coefficient(self, force, base, order, nu) result(p)
+    class(oscillator_type), intent(in) :: self
+    !> P_k and Y_k.
+    complex(wp), intent(in) :: force(:), base
+    integer, intent(in) :: order
+    real(wp), intent(in) :: nu
+    complex(wp) :: p(size(force))
+
+    p = force
+    if (abs(base) > 0.0_wp) then
+      p = p + (order*nu)**2*matmul(self%mass, self%base_direction)*base
+    end if
+  end function load_coefficient
+
+  !> Its derivative by nu, P_k being given without the motion of the base.
+  pure function load_slope(self, force, base, order, nu) result(slope)
+    class(oscillator_type), intent(in) :: self
+    complex(wp), intent(in) :: force(:), base
+    integer, intent(in) :: order
+    real(wp), intent(in) :: nu
+    complex(wp) :: slope(size(force))
+
+    slope = (0.0_wp, 0.0_wp)
+    if (abs(base) > 0.0_wp) then
+      slope = 2.0_wp*order**2*nu*matmul(self%mass, self%base_direction)*base
+    end if
+  end function load_slope
 
   !> The first kernel in use whose integral does not exist (0: none). Such a
   !! system has no static response.

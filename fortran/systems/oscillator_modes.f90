@@ -5,6 +5,7 @@ module viscovib_oscillator_modes
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_structure, only: structure_type
   use viscovib_symmetric_modes, only: find_symmetric_modes
   implicit none
   private
@@ -55,6 +56,11 @@ contains
     type(status_type) :: status
     integer :: r
 
+    select type (system)
+    class is (structure_type)
+      loss = system%rest%least_loss()
+      return
+    end select
     loss = 0.0_wp
     stiffness = matmul(system%spread, system%gather)
     if (any(abs(stiffness - transpose(stiffness)) > asymmetric*maxval(abs(stiffness)))) return

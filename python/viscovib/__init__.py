@@ -20,6 +20,7 @@ _NAMES = {
     "decay": "FreeDecay free_decay",
     "driven": "DrivenResponse",
     "driven_branch": "DrivenBranch",
+    "elements": "Spring",
     "ensemble": "Ensemble simulate_ensemble",
     "errors": "ConvergenceWarning FileError InputError RangeWarning "
     "StabilityWarning SweepError ViscovibError",
@@ -45,6 +46,7 @@ _NAMES = {
     "scene_job": "SceneResult plan",
     "scene_run": "run",
     "sum_kernel": "SumKernel",
+    "structure": "Structure",
     "table_result": "TableResult",
     "time_temperature": "Arrhenius ShiftLaw ThermalKernel WLF",
     "trajectory": "Trajectory",
@@ -77,6 +79,7 @@ if TYPE_CHECKING:
     )
     from viscovib.driven import DrivenResponse as DrivenResponse
     from viscovib.driven_branch import DrivenBranch as DrivenBranch
+    from viscovib.elements import Spring as Spring
     from viscovib.ensemble import (
         Ensemble as Ensemble,
         simulate_ensemble as simulate_ensemble,
@@ -153,6 +156,7 @@ if TYPE_CHECKING:
     )
     from viscovib.scene_run import run as run
     from viscovib.sum_kernel import SumKernel as SumKernel
+    from viscovib.structure import Structure as Structure
     from viscovib.table_result import TableResult as TableResult
     from viscovib.time_temperature import (
         WLF as WLF,

@@ -12,7 +12,8 @@ from viscovib import _native
 from viscovib._native import ComplexArray, core
 from viscovib.errors import InputError
 
-#: What ``load`` may be: P on x; a vector over the coordinates; or {order: either}.
+#: What ``load`` may be: P on x; a vector over the coordinates; forces by the names of coordinates;
+#: or {order: any of these}.
 LoadLike = complex | npt.ArrayLike | Mapping[int, complex | npt.ArrayLike]
 
 _MAX_ORDER = 100_000
@@ -55,10 +56,13 @@ def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, compl
 
 
 def load_series(
-    load: LoadLike | None, base: Any, n_dof: int
+    load: LoadLike | None, base: Any, n_dof: int, places: Mapping[str, int] | None = None
 ) -> tuple[npt.NDArray[np.int32], ComplexArray]:
-    """Return orders, shape (m,), and coefficients, shape (n_dof + 1, m): forces, then base."""
-    forces = _by_order("load", load, n_dof)
+    """Return orders, shape (m,), and coefficients, shape (n_dof + 1, m): forces, then base.
+
+    ``places``: of the coordinates, by name.
+    """
+    forces = _by_order("load", load, n_dof, places)
     motions = _by_order("base", base, 1)
     orders = sorted(set(forces) | set(motions))
     series = np.zeros((n_dof + 1, max(len(orders), 1)), dtype=complex, order="F")
@@ -68,24 +72,27 @@ def load_series(
     return np.array(orders or [1], dtype=np.int32), series
 
 
-def _by_order(name: str, value: Any, n_dof: int) -> dict[int, ComplexArray]:
+def _by_order(
+    name: str, value: Any, n_dof: int, places: Mapping[str, int] | None = None
+) -> dict[int, ComplexArray]:
     if value is None:
         return {}
-    if not isinstance(value, Mapping):
+    if not isinstance(value, Mapping) or (value and all(isinstance(one, str) for one in value)):
         value = {1: value}
     series = {}
     for order, term in value.items():
         k = _native.integer(f"{name} order", order, 0, _MAX_ORDER)
         vector = np.zeros(n_dof, dtype=complex)
-        given = _native.complex_array(f"{name}[{k}]", term)
-        if given.ndim == 0:
-            vector[0] = given
-        elif given.shape == (n_dof,):
-            vector[:] = given
+        if isinstance(term, Mapping) and places is not None:
+            for key, force in term.items():
+                if key not in places:
+                    raise InputError(
+                        f"{name}[{k}]: {_native.shown(key)} must be one of the {n_dof} coordinates "
+                        f"{', '.join(list(places)[:4])}{', ...' if n_dof > 4 else ''}"
+                    )
+                vector[places[key]] += _native.complex_array(f"{name}[{k}][{key!r}]", force, ndim=0)
         else:
-            raise InputError(
-                f"{name}[{k}]: must be a number or have shape ({n_dof},), got {given.shape}"
-            )
+            _fill(vector, f"{name}[{k}]", term)
         if k == 0 and vector.real.any():
             raise InputError(
                 f"{name}[0] has a real part: the mean is the imaginary part "
@@ -93,3 +100,16 @@ def _by_order(name: str, value: Any, n_dof: int) -> dict[int, ComplexArray]:
             )
         series[k] = vector
     return series
+
+
+def _fill(vector: ComplexArray, where: str, term: Any) -> None:
+    """Write a number, for the first coordinate, or a vector."""
+    given = _native.complex_array(where, term)
+    if given.ndim == 0:
+        vector[0] = given
+    elif given.shape == vector.shape:
+        vector[:] = given
+    else:
+        raise InputError(
+            f"{where}: must be a number or have shape {vector.shape}, got {given.shape}"
+        )

@@ -4,19 +4,50 @@ from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 from viscovib import _native
+from viscovib.condensed import LoadedStructure
 from viscovib.errors import InputError
-from viscovib.load import LoadLike
+from viscovib.load import LoadLike, load_series
 from viscovib.load_table import LoadTable
 from viscovib.mount import Mount
 from viscovib.polynomial_system import PolynomialSystem
+from viscovib.structure import Structure
 
 Oscillator: TypeAlias = Mount | PolynomialSystem
+#: Those of which steady motions are computed.
+Steady: TypeAlias = Oscillator | Structure
 
 
 def check_oscillator(system: Any, base: "LoadLike | LoadTable | None") -> None:
     """Refuse what is no such system, or a motion of a base that it lacks."""
     if not isinstance(system, (Mount, PolynomialSystem)):
         raise InputError(f"system = {_native.shown(system)}: must be a Mount or a PolynomialSystem")
+    _check_base(system, base)
+
+
+def check_steady(system: Any, base: "LoadLike | None") -> None:
+    """The same, of systems whose steady motions are wanted."""
+    if not isinstance(system, (Mount, PolynomialSystem, Structure)):
+        raise InputError(
+            f"system = {_native.shown(system)}: must be a Mount, a PolynomialSystem or a Structure"
+        )
+    _check_base(system, base)
+
+
+def _check_base(system: Steady, base: "LoadLike | LoadTable | None") -> None:
     moves = base is not None and not (isinstance(base, Mapping) and not base)
     if moves and system._base_direction is None:
         raise InputError("base: this system has no base_direction, its base is fixed")
+
+
+def oscillator_job(
+    system: Steady, load: LoadLike | None, base: LoadLike | None, flat: Any = None
+) -> tuple[tuple[Any, ...], LoadedStructure | None]:
+    """Return system and load as the core takes them, and the structure if it is condensed.
+
+    ``flat``: instead of the system's own numbers.
+    """
+    if isinstance(system, Structure):
+        loaded = system._loaded(load, base)
+        return loaded.job, loaded
+    own = system._flat if flat is None else flat
+    return (own, *system._kernels, *load_series(load, base, len(system.dof_names))), None

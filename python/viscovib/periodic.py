@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import overload
 
 import numpy.typing as npt
@@ -15,18 +16,19 @@ from viscovib.driven import DrivenResponse, pendulum_response
 from viscovib.driven_branch import DrivenBranch, trace_pendulum
 from viscovib.load import LoadLike
 from viscovib.mount import Mount
-from viscovib.oscillators import Oscillator
+from viscovib.oscillators import Oscillator, Steady
 from viscovib.parameters import Taken
 from viscovib.pendulum import Pendulum
 from viscovib.pendulum_backbone import pendulum_backbone
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.response import mount_plan, mount_response
 from viscovib.response_result import Response
+from viscovib.structure import Structure
 
 
 @overload
 def forced_response(
-    system: Oscillator,
+    system: Steady,
     nu: npt.ArrayLike,
     *,
     load: LoadLike | None = None,
@@ -37,6 +39,7 @@ def forced_response(
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
     stability: bool = False,
+    coordinates: Sequence[str] | None = None,
     progress: bool = False,
 ) -> Response: ...
 @overload
@@ -58,7 +61,7 @@ def forced_response(
     max_denominator: int = 12,
 ) -> DrivenResponse: ...
 def forced_response(
-    system: Oscillator | Pendulum,
+    system: Steady | Pendulum,
     nu: npt.ArrayLike | None = None,
     *,
     load: LoadLike | None = None,
@@ -78,6 +81,7 @@ def forced_response(
     duration: float | None = None,
     subharmonic: int = 1,
     max_denominator: int = 12,
+    coordinates: Sequence[str] | None = None,
     progress: bool = False,
 ) -> Response | DrivenResponse:
     """Steady response of a system to its loads, by harmonic balance.
@@ -89,7 +93,7 @@ def forced_response(
 
     Parameters
     ----------
-    system : Mount, PolynomialSystem or Pendulum
+    system : Mount, PolynomialSystem, Structure or Pendulum
         Loads of a pendulum of amplitude or frequency 0 are no oscillations: the former do not act,
         the latter are constant.
     nu : array_like, shape (n,)
@@ -140,6 +144,9 @@ def forced_response(
     max_denominator : int
         Of a pendulum: loads share a base frequency of which they are multiples up to this, 1 to 99;
         those of ``nu`` or a subharmonic share one if this is so for each pair.
+    coordinates : sequence of str
+        Of a structure: which of its coordinates the result holds; default all up to 64, else those
+        that elements and loads touch.
     progress : bool
         Of an oscillator: show a progress bar.
 
@@ -181,13 +188,13 @@ def forced_response(
     given = locals()
     if isinstance(system, Pendulum):
         return pendulum_response(**_PENDULUM_RESPONSE.of(given))
-    if not isinstance(system, _SYSTEMS):
-        check_instance("system", system, *_SYSTEMS)
+    if not isinstance(system, _STEADY):
+        check_instance("system", system, *_STEADY)
     return mount_response(**_MOUNT_RESPONSE.of(given))
 
 
 def plan_response(
-    system: Oscillator,
+    system: Steady,
     nu: npt.ArrayLike,
     *,
     load: LoadLike | None = None,
@@ -518,8 +525,10 @@ def backbone(
     return oscillator_backbone(**_OSCILLATOR_BACKBONE.of(given))
 
 
+_STEADY = (Mount, PolynomialSystem, Structure, Pendulum)
 _SYSTEMS = (Mount, PolynomialSystem, Pendulum)
-_OSCILLATOR, _PENDULUM = "a mount or a polynomial system", "a pendulum"
+_OSCILLATOR = "a mount, a polynomial system or a structure"
+_PENDULUM = "a pendulum"
 _MOUNT_RESPONSE = Taken(forced_response, mount_response, _OSCILLATOR)
 _PENDULUM_RESPONSE = Taken(forced_response, pendulum_response, _PENDULUM)
 _TRACE_MOUNT = Taken(trace_response, trace_mount, _OSCILLATOR)

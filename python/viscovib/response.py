@@ -1,6 +1,7 @@
 """Steady forced response: amplitudes of every harmonic over a band of frequencies."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,13 +11,15 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib._plan import Plan
+from viscovib.condensed import LoadedStructure
 from viscovib.errors import ConvergenceWarning, InputError
-from viscovib.load import LoadLike, load_series
+from viscovib.load import LoadLike
 from viscovib.motion_stability import Stability
-from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.oscillators import Steady, check_steady, oscillator_job
 from viscovib.parameters import MAX_HARMONICS, MAX_ITERATIONS, PROGRESS, STABILITY, TOLERANCE
 from viscovib.progress import progress_bar
 from viscovib.response_result import Response
+from viscovib.structure import Structure
 
 METHODS = ("linear", "successive", "newton")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])
@@ -30,7 +33,7 @@ _TYPICAL = 10
 
 
 def mount_response(
-    system: Oscillator,
+    system: Steady,
     nu: npt.ArrayLike | None,
     *,
     load: LoadLike | None,
@@ -41,9 +44,10 @@ def mount_response(
     max_iterations: int,
     relaxation: float | str,
     stability: bool,
+    coordinates: Sequence[str] | None,
     progress: bool,
 ) -> Response:
-    """`forced_response` of a mount or a polynomial system."""
+    """`forced_response` of a mount, a polynomial system or a structure."""
     job, frequencies, options, planned = _prepare(
         system, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
         STABILITY.check(stability), may_choose=True,
@@ -51,7 +55,8 @@ def mount_response(
     PROGRESS.check(progress)
     chosen = _native.is_auto(harmonics) and planned.method != "linear"
 
-    n_dof = len(system.dof_names)
+    # Forces on the coordinates, and the base.
+    n_dof = job[-1].shape[0] - 1
     # A matrix of the unknowns is factorized a few times a frequency.
     typical = _TYPICAL if chosen else planned.orders.size
     long = frequencies.size * (n_dof * typical) ** 2 > _LONG
@@ -60,10 +65,18 @@ def mount_response(
     iterations = _joined(parts, 2)
 
     most = max(part[0].shape[2] for part in parts)
+    own = np.concatenate([_widened(part[0], most) for part in parts])
+    names, units = system.dof_names, system.dof_units
+    if isinstance(system, Structure) and planned.loaded is not None:
+        places = system._wanted(coordinates, planned.loaded)
+        own = planned.loaded.expand(frequencies, planned.orders[:most], own, places)
+        names, units = (tuple(words[i] for i in places) for words in (names, units))
+    elif coordinates is not None:
+        raise InputError("coordinates: only those of a structure are chosen")
     response = Response(
         nu=frequencies,
         harmonics=planned.orders[:most],
-        coefficients=np.concatenate([_widened(part[0], most) for part in parts]),
+        coefficients=own,
         outcome=OUTCOMES[_joined(parts, 1)],
         iterations=iterations,
         rate=_joined(parts, 3),
@@ -71,8 +84,8 @@ def mount_response(
         truncation=_joined(parts, 5),
         method=planned.method,
         plan=planned.plan,
-        dof_names=system.dof_names,
-        dof_units=system.dof_units,
+        dof_names=names,
+        dof_units=units,
         _work=work,
         _job=job,
         _tolerance=options[2],
@@ -92,7 +105,7 @@ def _stability_of(
 
 
 def mount_plan(
-    system: Oscillator,
+    system: Steady,
     nu: npt.ArrayLike,
     *,
     load: LoadLike | None,
@@ -117,6 +130,7 @@ class _Plan(NamedTuple):
     plan: Plan
     #: Lines that hold for a branch too.
     rest: str
+    loaded: LoadedStructure | None = None
 
 
 @dataclass(frozen=True)
@@ -164,7 +178,7 @@ class _Work:
 
 
 def _prepare(
-    system: Oscillator,
+    system: Steady,
     nu: npt.ArrayLike | None,
     load: LoadLike | None,
     base: LoadLike | None,
@@ -184,7 +198,7 @@ def _prepare(
     ``keep_idle``: take along coordinates that nothing moves; ``flat``: instead of the system's
     own numbers.
     """
-    check_oscillator(system, base)
+    check_steady(system, base)
     if nu is None:
         raise InputError("nu: must be given for a mount or a polynomial system")
     if load is None and base is None:
@@ -207,11 +221,9 @@ def _prepare(
     chosen = may_choose and isinstance(harmonics, str)
     if chosen and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
-    job = (
-        system._flat if flat is None else flat,
-        *system._kernels,
-        *load_series(load, base, len(system.dof_names)),
-    )
+    job, loaded = oscillator_job(system, load, base, flat)
+    if loaded is not None and stability:
+        raise InputError("stability: that of a structure is not computed yet")
     options = (
         METHODS.index(_native.choice("method", method, METHODS)) + 1,
         0 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS),
@@ -222,7 +234,11 @@ def _prepare(
     n_kept, kept, _, _, ran, text, rest = _native.call(
         core.mount_plan, *job, frequencies, *options, 0, int(stability), int(keep_idle)
     )
-    planned = _Plan(kept[:n_kept].copy(), METHODS[ran - 1], Plan(text.decode()), rest.decode())
+    words, lines = text.decode(), rest.decode()
+    if loaded is not None:
+        told = f"computes: {loaded.told}\n"
+        words, lines = told + words, told + lines
+    planned = _Plan(kept[:n_kept].copy(), METHODS[ran - 1], Plan(words), lines, loaded)
     return job, frequencies, options, planned
 
 

@@ -1,0 +1,99 @@
+!> A condensed structure as one vector of numbers:
+!!
+!!   coordinates q, real modes m, complex modes p, harmonics of the load; squares (m); rates (m);
+!!   losses (m); seen (m q); pushed (m q); poles (p); left (p q); right (p q); flexibility (q^2);
+!!   flexibility_rate (q^2); stiffness at rest (q^2); of each harmonic: order, of the forces and of
+!!   the base the push on real modes (m), on complex ones (p), flexible deflections (q) and their
+!!   rates (q), and the load at rest (q); then laws, linear stiffness of elements with a kernel, and
+!!   kernels as a polynomial system of q coordinates (`viscovib_system_vector`), whose mass weighs
+!!   them.
+!!
+!! Poles, left, right and all of loads are complex: two numbers each. Arrays are column by column.
+module viscovib_structure_vector
+  use viscovib_compliance, only: mode_lanes, push_type
+  use viscovib_kinds, only: wp
+  use viscovib_status, only: fail, status_input_error, status_type
+  use viscovib_structure, only: structure_type
+  use viscovib_system_vector, only: polynomial_from_vector
+  implicit none
+  private
+
+  public :: structure_from_vector
+
+contains
+
+  subroutine structure_from_vector(system, vector, status)
+    type(structure_type), intent(out) :: system
+    real(wp), intent(in) :: vector(:)
+    type(status_type), intent(out) :: status
+    integer :: at, j, m, p, q
+
+    if (size(vector) < 4) then
+      call fail(status, status_input_error, 'system', 'system: not a structure')
+      return
+    end if
+    q = nint(vector(1))
+    m = nint(vector(2))
+    p = nint(vector(3))
+    allocate (system%loads(nint(vector(4))))
+    at = 4
+    associate (rest => system%rest)
+      rest%squares = next(m)
+      rest%rates = next(m)
+      rest%losses = next(m)
+      rest%seen = reshape(next(m*q), [m, q])
+      rest%pushed = reshape(next(m*q), [m, q])
+      rest%poles = next_pairs(p)
+      rest%left = reshape(next_pairs(p*q), [p, q])
+      rest%right = reshape(next_pairs(p*q), [p, q])
+      rest%flexibility = reshape(next(q*q), [q, q])
+      rest%flexibility_rate = reshape(next(q*q), [q, q])
+      rest%stiffness_at_rest = reshape(next(q*q), [q, q])
+      call rest%complete()
+    end associate
+    do j = 1, size(system%loads)
+      associate (load => system%loads(j))
+        load%order = nint(vector(at + 1))
+        at = at + 1
+        call next_push(load%force)
+        call next_push(load%base)
+        load%at_rest = next_pairs(q)
+        load%moves_base = any(abs(load%base%modes) > 0.0_wp) &
+                          .or. any(abs(load%base%poles) > 0.0_wp) &
+                          .or. any(abs(load%base%flexible) > 0.0_wp)
+      end associate
+    end do
+    call polynomial_from_vector(system%polynomial_type, vector(at + 1:), status)
+    system%condensed = .true.
+
+  contains
+
+    function next(count) result(values)
+      integer, intent(in) :: count
+      real(wp) :: values(count)
+      values = vector(at + 1:at + count)
+      at = at + count
+    end function next
+
+    !> Complex numbers, real and imaginary parts by turns.
+    function next_pairs(count) result(values)
+      integer, intent(in) :: count
+      complex(wp) :: values(count)
+      real(wp) :: parts(2*count)
+      parts = next(2*count)
+      values = cmplx(parts(1::2), parts(2::2), wp)
+    end function next_pairs
+
+    subroutine next_push(push)
+      type(push_type), intent(out) :: push
+      integer :: lacking
+      lacking = modulo(-m, mode_lanes)
+      push%modes = [next_pairs(m), spread((0.0_wp, 0.0_wp), 1, lacking)]
+      push%poles = next_pairs(p)
+      push%flexible = next_pairs(q)
+      push%flexible_rate = next_pairs(q)
+    end subroutine next_push
+
+  end subroutine structure_from_vector
+
+end module viscovib_structure_vector

@@ -1,0 +1,183 @@
+!> A structure of any number of coordinates, condensed to those at which something is nonlinear
+!! or remembers.
+!!
+!! M u'' + C u' + K u + Q g(Q^T u) = p with few columns of Q. Harmonic k of y = Q^T u obeys
+!!
+!!   H(i k nu)^-1 (Y_k - Y0_k) + G_k = 0,   H(s) = Q^T D(s)^-1 Q,   Y0_k = Q^T D(i k nu)^-1 P_k,
+!!
+!! equation (1) of the theory of structures multiplied by H^-1. That is an oscillator of the
+!! coordinates y with the dynamic stiffness H^-1 and the load H^-1 Y0, and all that follows from
+!! the equations of harmonic balance holds for it. The linear stiffness of elements with a kernel
+!! belongs to D too, which has no memory: of it only the hereditary part, -R* kappa y, is in g.
+module viscovib_structure
+  use viscovib_compliance, only: compliance_type, push_type
+  use viscovib_dense, only: invert
+  use viscovib_kinds, only: wp
+  use viscovib_polynomial, only: polynomial_type
+  implicit none
+  private
+
+  public :: structure_type, structure_load
+
+  !> A dynamic stiffness that stands for one without bound.
+  real(wp), parameter :: rigid = huge(1.0_wp)**0.25_wp
+
+  !> One harmonic of the load: forces, and what the motion of the base does, over mu^2.
+  type :: structure_load
+    integer :: order = 0
+    type(push_type) :: force, base
+    logical :: moves_base = .false.
+    !> Order 0: the limit of H^-1 Y0, shape (n_dof).
+    complex(wp), allocatable :: at_rest(:)
+  end type structure_load
+
+  !> Mass and damping of the coordinates are no part of the equations: the former only weighs them.
+  type, extends(polynomial_type) :: structure_type
+    type(compliance_type) :: rest
+    type(structure_load), allocatable :: loads(:)
+  contains
+    procedure :: dynamic_stiffness
+    procedure :: add_stiffness_slope
+    procedure :: load_coefficient
+    procedure :: load_slope
+    procedure :: coupling
+  end type structure_type
+
+contains
+
+  !> H(i mu)^-1, and sum_j B(:,j) W(j,:) (f_j - 1) of what is hereditary.
+  pure subroutine dynamic_stiffness(self, mu, fraction, stiffness)
+    class(structure_type), intent(in) :: self
+    real(wp), intent(in) :: mu(:)
+    complex(wp), intent(in) :: fraction(:, :)
+    complex(wp), intent(out) :: stiffness(:, :, :)
+    complex(wp) :: h(size(stiffness, 1), size(stiffness, 1))
+    integer :: b, j, k
+
+    do k = 1, size(mu)
+      if (abs(mu(k)) > 0.0_wp) then
+        call self%rest%evaluate(cmplx(0.0_wp, mu(k), wp), h)
+        call invert_compliance(h, stiffness(:, :, k))
+      else
+        stiffness(:, :, k) = self%rest%stiffness_at_rest
+      end if
+      do j = 1, size(self%kernel_of)
+        if (self%kernel_of(j) == 0) cycle
+        do b = 1, size(stiffness, 2)
+          if (.not. abs(self%gather(j, b)) > 0.0_wp) cycle
+          stiffness(:, b, k) = stiffness(:, b, k) + self%spread(:, j) &
+                               *(self%gather(j, b)*(fraction(k, j) - 1.0_wp))
+        end do
+      end do
+    end do
+  end subroutine dynamic_stiffness
+
+  pure subroutine invert_compliance(h, stiffness)
+    complex(wp), intent(in) :: h(:, :)
+    complex(wp), intent(out) :: stiffness(:, :)
+    logical :: singular
+    integer :: a
+    call invert(h, stiffness, singular)
+    if (.not. singular) return
+    stiffness = (0.0_wp, 0.0_wp)
+    do a = 1, size(h, 1)
+      stiffness(a, a) = rigid
+    end do
+  end subroutine invert_compliance
+
+  !> d(H^-1)/dmu y = -i H^-1 H' H^-1 y.
+  pure subroutine add_stiffness_slope(self, orders, nu, y, total)
+    class(structure_type), intent(in) :: self
+    integer, intent(in) :: orders(:)
+    real(wp), intent(in) :: nu
+    complex(wp), intent(in) :: y(:, :)
+    complex(wp), intent(inout) :: total(:, :)
+    complex(wp), dimension(size(y, 2), size(y, 2)) :: h, slope, stiffness
+    integer :: k
+
+    do k = 1, size(orders)
+      if (orders(k) == 0) cycle
+      call self%rest%evaluate(cmplx(0.0_wp, orders(k)*nu, wp), h, slope)
+      call invert_compliance(h, stiffness)
+      total(k, :) = total(k, :) - cmplx(0.0_wp, orders(k), wp) &
+                    *matmul(stiffness, matmul(slope, matmul(stiffness, y(k, :))))
+    end do
+  end subroutine add_stiffness_slope
+
+  !> H^-1 Y0 of one order.
+  pure function load_coefficient(self, force, base, order, nu) result(p)
+    class(structure_type), intent(in) :: self
+    complex(wp), intent(in) :: force(:), base
+    integer, intent(in) :: order
+    real(wp), intent(in) :: nu
+    complex(wp) :: p(size(force))
+    complex(wp) :: h(size(p), size(p)), stiffness(size(p), size(p)), y(size(p))
+    integer :: j
+
+    ! What the load of the coordinates holds only tells which orders there are.
+    p = 0.0_wp*(force + base)
+    do j = 1, size(self%loads)
+      if (self%loads(j)%order /= order) cycle
+      if (order == 0) then
+        p = self%loads(j)%at_rest
+        return
+      end if
+      call self%rest%evaluate(cmplx(0.0_wp, order*nu, wp), h)
+      call invert_compliance(h, stiffness)
+      call deflections(self, self%loads(j), order*nu, y)
+      p = matmul(stiffness, y)
+    end do
+  end function load_coefficient
+
+  !> Y0 of one harmonic, and its derivative by mu.
+  pure subroutine deflections(self, load, mu, y, slope)
+    class(structure_type), intent(in) :: self
+    type(structure_load), intent(in) :: load
+    real(wp), intent(in) :: mu
+    complex(wp), intent(out) :: y(:)
+    complex(wp), intent(out), optional :: slope(:)
+    complex(wp), dimension(size(y)) :: part, part_slope
+
+    if (present(slope)) then
+      call self%rest%answer(cmplx(0.0_wp, mu, wp), load%force, y, slope)
+      slope = (0.0_wp, 1.0_wp)*slope
+    else
+      call self%rest%answer(cmplx(0.0_wp, mu, wp), load%force, y)
+    end if
+    if (.not. load%moves_base) return
+    call self%rest%answer(cmplx(0.0_wp, mu, wp), load%base, part, part_slope)
+    y = y + mu**2*part
+    if (present(slope)) slope = slope + mu*(2.0_wp*part + mu*((0.0_wp, 1.0_wp)*part_slope))
+  end subroutine deflections
+
+  !> d(H^-1 Y0)/dnu = k H^-1 (Y0' - i H' H^-1 Y0).
+  pure function load_slope(self, force, base, order, nu) result(slope)
+    class(structure_type), intent(in) :: self
+    complex(wp), intent(in) :: force(:), base
+    integer, intent(in) :: order
+    real(wp), intent(in) :: nu
+    complex(wp) :: slope(size(force))
+    complex(wp), dimension(size(slope), size(slope)) :: h, h_slope, stiffness
+    complex(wp), dimension(size(slope)) :: y, y_slope
+    integer :: j
+
+    slope = 0.0_wp*(force + base)
+    if (order == 0) return
+    do j = 1, size(self%loads)
+      if (self%loads(j)%order /= order) cycle
+      call self%rest%evaluate(cmplx(0.0_wp, order*nu, wp), h, h_slope)
+      call invert_compliance(h, stiffness)
+      call deflections(self, self%loads(j), order*nu, y, y_slope)
+      slope = order*matmul(stiffness, y_slope &
+                           - (0.0_wp, 1.0_wp)*matmul(h_slope, matmul(stiffness, y)))
+    end do
+  end function load_slope
+
+  !> All: the rest lies between them.
+  pure function coupling(self) result(coupled)
+    class(structure_type), intent(in) :: self
+    logical :: coupled(size(self%gather, 2), size(self%gather, 2))
+    coupled = .true.
+  end function coupling
+
+end module viscovib_structure

@@ -1,0 +1,376 @@
+"""A structure condensed to the deflections of its elements, and back to all its coordinates."""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from itertools import combinations_with_replacement
+from math import factorial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.elements import ElementTerms
+from viscovib.errors import InputError
+from viscovib.kernels import Kernel
+from viscovib.structure_rest import Rest, Static, static_form
+
+#: Kernel kind in x by which the core knows that the vector holds a condensed structure.
+STRUCTURE_IN_VECTOR = -3
+#: A direction that depends on others but for this part of it is one of theirs.
+_DEPENDENT = 1e-9
+#: What part of a mean load may be left that nothing holds: rounding.
+_UNHELD = 1e-9
+#: Numbers of one part of an expansion to all coordinates.
+_AT_ONCE = 2_000_000
+
+#: A force: on which equation, powers of the coordinates, and its coefficient, by kernel.
+Monomials = dict[tuple[int, tuple[int, ...]], float]
+
+
+class Laws(NamedTuple):
+    """Elements in few coordinates y = Q^T u: forces of each kernel on each of them."""
+
+    #: Q, shape (n, q).
+    directions: FloatArray
+    #: Kernels (None: no memory), linear stiffness of each, shape (q, q), and monomials.
+    kernels: tuple[Kernel | None, ...]
+    stiffness: tuple[FloatArray, ...]
+    forces: tuple[Monomials, ...]
+
+
+def element_laws(elements: Sequence[ElementTerms], n: int) -> Laws:
+    """Condense what is nonlinear or remembers; what is elastic belongs to the linear rest."""
+    active = [e for e in elements if e.kernel is not None or max(e.powers, default=1) > 1]
+    chosen: list[FloatArray] = []
+    weights: list[dict[int, float]] = []
+    for element in active:
+        weights.append(_in_terms_of(chosen, element.direction))
+    if not chosen:
+        # Nothing is to be condensed to: one coordinate stands for the linear response.
+        chosen.append(np.eye(1, n)[0])
+    q = len(chosen)
+    kernels: list[Kernel | None] = []
+    stiffness: list[FloatArray] = []
+    forces: list[Monomials] = []
+    for element, mix in zip(active, weights, strict=True):
+        if element.kernel not in kernels:
+            kernels.append(element.kernel)
+            stiffness.append(np.zeros((q, q)))
+            forces.append({})
+        i = kernels.index(element.kernel)
+        column = np.zeros(q)
+        column[list(mix)] = list(mix.values())
+        # An elastic stiffness without memory is part of the rest already.
+        if element.kernel is not None:
+            stiffness[i] += element.powers.get(1, 0.0) * np.outer(column, column)
+        _add_forces(forces[i], element.powers, mix, q)
+    return Laws(np.array(chosen).T, tuple(kernels), tuple(stiffness), tuple(forces))
+
+
+def _in_terms_of(chosen: list[FloatArray], direction: FloatArray) -> dict[int, float]:
+    """Weights of the coordinates chosen, one more if it depends on none of them."""
+    if chosen:
+        basis = np.array(chosen).T
+        weights = np.linalg.lstsq(basis, direction, rcond=None)[0]
+        left = np.linalg.norm(direction - basis @ weights)
+        if left <= _DEPENDENT * np.linalg.norm(direction):
+            largest = np.abs(weights).max()
+            return {
+                int(i): float(weights[i]) for i in np.flatnonzero(abs(weights) > 1e-12 * largest)
+            }
+    chosen.append(direction)
+    return {len(chosen) - 1: 1.0}
+
+
+def _add_forces(
+    forces: Monomials, powers: Mapping[int, float], mix: dict[int, float], q: int
+) -> None:
+    """Add g_a = w_a sum_p c_p (sum_b w_b y_b)^p, by the multinomial theorem."""
+    places = list(mix)
+    for power, c in powers.items():
+        if power < 2:
+            continue
+        for picks in combinations_with_replacement(places, power):
+            exponents = [0] * q
+            for place in picks:
+                exponents[place] += 1
+            factor = float(factorial(power))
+            for place in places:
+                factor *= mix[place] ** exponents[place] / factorial(exponents[place])
+            for on in places:
+                key = on, tuple(exponents)
+                forces[key] = forces.get(key, 0.0) + c * factor * mix[on]
+
+
+class Condensation:
+    """H(s) = Q^T D(s)^-1 Q of a linear rest at the coordinates of laws."""
+
+    def __init__(self, rest: Rest, laws: Laws) -> None:
+        self.rest, self.laws = rest, laws
+        q = laws.directions
+        self.seen = rest.shapes.T @ q
+        self.left = rest.left.T @ q
+        self.right = rest.right.T @ q
+        self.flexible, self.flexible_rate = np.zeros_like(q), np.zeros_like(q)
+        if rest.flexibility is not None:
+            self.flexible, self.flexible_rate = rest.flexibility(q)
+
+    @property
+    def q(self) -> int:
+        """Coordinates left."""
+        return int(self.laws.directions.shape[1])
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """Inertia of each coordinate alone: what H tends to is 1/(weight s^2)."""
+        inverse = (self.seen**2).sum(axis=0)
+        # left right^T pole sums to Q^T M^-1 Q, as s^2 H does far out.
+        inverse = inverse + np.einsum("lq,lq,l->q", self.left, self.right, self.rest.poles).real
+        return np.asarray(1 / np.where(inverse > 0, inverse, 1.0))
+
+    @cached_property
+    def _elastic(self) -> FloatArray:
+        """H(0) without rigid bodies."""
+        rest, rigid = self.rest, self._rigid
+        bend = np.where(rigid, 0.0, 1 / np.where(rigid, 1.0, rest.squares))
+        total = (self.seen * bend[:, np.newaxis]).T @ self.seen
+        total = total - np.einsum("lq,lp,l->qp", self.left, self.right, 1 / rest.poles).real
+        return np.asarray(total + self.laws.directions.T @ self.flexible)
+
+    @property
+    def _rigid(self) -> Any:
+        return self.rest.squares == 0
+
+    def static(self, modes: ComplexArray, poles: ComplexArray, flexible: ComplexArray) -> Static:
+        """Order 0 under a push on real modes (m,), complex ones (p,), and flexible deflections."""
+        rest, rigid = self.rest, self._rigid
+        deflection = flexible + (self.seen[~rigid].T / rest.squares[~rigid]) @ modes[~rigid]
+        deflection = deflection - self.left.T @ (poles / rest.poles)
+        seen = self.seen[rigid].T
+        return static_form(self._elastic, deflection, seen, seen, modes[rigid])
+
+    @cached_property
+    def rest_vector(self) -> list[Any]:
+        """The rest in numbers, as `viscovib_structure_vector` takes it."""
+        rest, q = self.rest, self.q
+        nothing = np.zeros(rest.squares.size, complex), np.zeros(rest.poles.size, complex)
+        return [
+            rest.squares, rest.rates, rest.losses * rest.squares, self.seen.ravel(order="F"),
+            self.seen.ravel(order="F"), _pairs(rest.poles), _pairs(self.left), _pairs(self.right),
+            (self.laws.directions.T @ self.flexible).ravel(order="F"),
+            (self.laws.directions.T @ self.flexible_rate).ravel(order="F"),
+            self.static(*nothing, np.zeros(q, complex)).stiffness.ravel(order="F"),
+        ]  # fmt: skip
+
+    @cached_property
+    def law_vector(self) -> list[Any]:
+        """The laws in numbers, as a polynomial system of the coordinates left."""
+        laws, q = self.laws, self.q
+        kernels = [kernel for kernel in laws.kernels if kernel is not None]
+        springs: list[Any] = []
+        monomials: list[Any] = []
+        for kernel, stiffness, forces in zip(
+            laws.kernels, laws.stiffness, laws.forces, strict=True
+        ):
+            place = 0 if kernel is None else kernels.index(kernel) + 1
+            springs += [[place], stiffness.ravel(order="F")]
+            for (on, powers), c in forces.items():
+                monomials.append([c, on + 1, place, *powers])
+        data: list[Any] = []
+        for kernel in kernels:
+            data += [[kernel._kind, kernel._data.size], kernel._data]
+        return [
+            [q, len(laws.kernels), len(monomials), len(kernels), 1.0],
+            np.diag(self.weights).ravel(), np.zeros(q * q), np.zeros(q), *springs, *monomials,
+            *data,
+        ]  # fmt: skip
+
+
+def _pairs(values: ComplexArray) -> FloatArray:
+    """Real and imaginary parts by turns, column by column."""
+    return np.ascontiguousarray(values.ravel(order="F")).view(float)
+
+
+class LoadedStructure:
+    """A condensation under a load, as the core takes it, and its motions in all coordinates.
+
+    Parameters
+    ----------
+    condensation : Condensation
+    orders : ndarray of int, shape (m,)
+        Harmonics of the load.
+    forces : complex ndarray, shape (n, m)
+        On all coordinates.
+    base : complex ndarray, shape (m,)
+        Displacement of the base.
+    inertia : ndarray, shape (n,)
+        M b, b being the direction in which the base moves.
+    direction : ndarray, shape (n,), or None
+        b.
+    """
+
+    def __init__(
+        self,
+        condensation: Condensation,
+        orders: Any,
+        forces: ComplexArray,
+        base: ComplexArray,
+        inertia: FloatArray,
+        direction: FloatArray | None,
+    ) -> None:
+        self.condensation, self.orders = condensation, orders
+        self.base, self.direction = base, direction
+        self.pushes = [_push(condensation, forces[:, j]) for j in range(orders.size)]
+        self.base_push = _push(condensation, inertia.astype(complex))
+        self.forces, self._inertia = forces, inertia
+
+    @property
+    def told(self) -> str:
+        """What was condensed, for a plan."""
+        c = self.condensation
+        n = c.laws.directions.shape[0]
+        kinds = [f"{c.rest.squares.size} real modes"] if c.rest.squares.size else []
+        kinds += [f"{c.rest.poles.size // 2} pairs of complex modes"] if c.rest.poles.size else []
+        rigid, below = int((c.rest.squares == 0).sum()), int((c.rest.squares < 0).sum())
+        more = f", {rigid} of rigid bodies" if rigid else ""
+        more += f", {below} that grow without the elements" if below else ""
+        return (
+            f"{n} coordinates condensed to {c.q} deflection{'s' if c.q > 1 else ''} by "
+            f"{' and '.join(kinds)}{more}"
+        )
+
+    @cached_property
+    def job(self) -> tuple[Any, ...]:
+        """System and load as the flat routines take them."""
+        c = self.condensation
+        parts: list[Any] = [
+            [c.q, c.rest.squares.size, c.rest.poles.size, self.orders.size],
+            *c.rest_vector,
+        ]
+        for j, order in enumerate(self.orders):
+            push = self.pushes[j]
+            at_rest = np.zeros(c.q, complex)
+            if order == 0:
+                static = c.static(push.modes, push.poles, push.flexible)
+                at_rest = static.load
+                if static.unheld > _UNHELD:
+                    raise InputError(
+                        "load[0]: its mean pushes a rigid body that no element holds: there is no "
+                        "position of rest"
+                    )
+            moved = self.base_push.times(self.base[j])
+            parts += [[order], *push.numbers, *moved.numbers, _pairs(at_rest)]
+        flat = np.concatenate([np.asarray(part, dtype=float) for part in [*parts, *c.law_vector]])
+        # The core takes loads from the vector; these tell which orders there are.
+        orders = self.orders if self.orders.size else np.ones(1, dtype=np.int32)
+        series = np.zeros((c.q + 1, orders.size), dtype=complex, order="F")
+        series[:-1, : self.orders.size] = np.where(self.orders == 0, 1j, 1)
+        nothing = np.zeros(1)
+        return flat, STRUCTURE_IN_VECTOR, nothing, 0, nothing, orders, series
+
+    def expand(self, nu: FloatArray, orders: Any, y: ComplexArray, places: Any) -> ComplexArray:
+        """Harmonics of coordinates, shape (n, len(places), m): U_k = D_k^-1 (P_k - Q G_k).
+
+        ``y``: harmonics (n, q, m) of the coordinates of the condensation, relative to the base.
+        """
+        c, rest = self.condensation, self.condensation.rest
+        u = np.empty((nu.size, len(places), orders.size), dtype=complex)
+        shapes, left = rest.shapes[places].T, rest.left[places].T
+        flexible, flexible_rate = c.flexible[places], c.flexible_rate[places]
+        size = max(1, _AT_ONCE // max(rest.squares.size + rest.poles.size, 1))
+        for k, order in enumerate(orders):
+            j = np.flatnonzero(self.orders == order)
+            if order == 0:
+                u[:, :, k] = self._at_rest(y[:, :, k], j, places)
+            else:
+                for first in range(0, nu.size, size):
+                    part = slice(first, first + size)
+                    s = 1j * order * nu[part]
+                    modes, poles, g = self._forced(s, y[part, :, k], j)
+                    u[part, :, k] = modes @ shapes + poles @ left
+                    if rest.flexibility is not None:
+                        u[part, :, k] += g @ flexible.T + (s[:, np.newaxis] * g) @ flexible_rate.T
+                        u[part, :, k] += self._flexible_load(s, j, places)
+            if j.size and self.direction is not None:
+                u[:, :, k] += self.direction[places] * self.base[j[0]]
+        return u
+
+    def _forced(self, s: ComplexArray, y: ComplexArray, j: Any) -> tuple[Any, Any, Any]:
+        """Amplitudes of real and complex modes, and forces of the elements on the rest."""
+        c, rest = self.condensation, self.condensation.rest
+        at = s[:, np.newaxis]
+        t = 1 / (rest.squares * (1 + 1j * rest.losses) + rest.rates * at + at**2)
+        w = 1 / (at - rest.poles)
+        modes = np.zeros((s.size, rest.squares.size), dtype=complex)
+        poles = np.zeros((s.size, rest.poles.size), dtype=complex)
+        free = np.zeros_like(y)
+        if j.size:
+            push, moved = self.pushes[j[0]], self.base_push.times(self.base[j[0]])
+            modes += push.modes - at**2 * moved.modes
+            poles += push.poles - at**2 * moved.poles
+            free += push.flexible + at * push.flexible_rate
+            free -= at**2 * (moved.flexible + at * moved.flexible_rate)
+        free += (modes * t) @ c.seen + (poles * w) @ c.left
+        h = np.einsum("nm,mq,mp->nqp", t, c.seen, c.seen, optimize=True)
+        h = h + np.einsum("nm,mq,mp->nqp", w, c.left, c.right, optimize=True)
+        h = h + c.laws.directions.T @ c.flexible
+        h = h + s[:, np.newaxis, np.newaxis] * (c.laws.directions.T @ c.flexible_rate)
+        # Forces h of the elements on the rest: y = free + H h.
+        g = np.linalg.solve(h, (y - free)[:, :, np.newaxis])[:, :, 0]
+        return (modes + g @ c.seen.T) * t, (poles + g @ c.right.T) * w, g
+
+    def _flexible_load(self, s: ComplexArray, j: Any, places: Any) -> ComplexArray:
+        """What the modes left out add under the load itself."""
+        if not j.size or self.condensation.rest.flexibility is None:
+            return np.zeros((s.size, len(places)), dtype=complex)
+        at = s[:, np.newaxis]
+        loads = np.stack([self.forces[:, j[0]], self._inertia * self.base[j[0]]], axis=1)
+        real, real_rate = self.condensation.rest.flexibility(np.ascontiguousarray(loads.real))
+        imag, imag_rate = self.condensation.rest.flexibility(np.ascontiguousarray(loads.imag))
+        bend, rate = (real + 1j * imag)[places], (real_rate + 1j * imag_rate)[places]
+        force, base = bend[:, 0] + at * rate[:, 0], bend[:, 1] + at * rate[:, 1]
+        return np.asarray(force - at**2 * base)
+
+    def _at_rest(self, y: ComplexArray, j: Any, places: Any) -> ComplexArray:
+        """Order 0 of coordinates."""
+        c, rest, rigid = self.condensation, self.condensation.rest, self.condensation._rigid
+        zero = np.zeros(c.q, complex)
+        nothing = np.zeros(rest.squares.size, complex), np.zeros(rest.poles.size, complex)
+        push = self.pushes[j[0]] if j.size else _Push(*nothing, zero, zero)
+        static = c.static(push.modes, push.poles, push.flexible)
+        h = y @ static.stiffness.T - static.load
+        modes = (push.modes + h @ c.seen.T)[:, ~rigid] / rest.squares[~rigid]
+        u = modes @ rest.shapes[places][:, ~rigid].T
+        u = u + (y @ static.rigid.T + static.rigid_load) @ rest.shapes[places][:, rigid].T
+        u = u - ((push.poles + h @ c.right.T) / rest.poles) @ rest.left[places].T
+        if rest.flexibility is not None:
+            u = (
+                u
+                + h @ c.flexible[places].T
+                + self._flexible_load(np.zeros(1, dtype=complex), j, places)
+            )
+        return np.asarray(u)
+
+
+class _Push(NamedTuple):
+    """One harmonic of forces as real modes (m,), complex modes (p,) and the flexibility feel it."""
+
+    modes: ComplexArray
+    poles: ComplexArray
+    flexible: ComplexArray
+    flexible_rate: ComplexArray
+
+    def times(self, factor: complex) -> "_Push":
+        return _Push(*(factor * part for part in self))
+
+    @property
+    def numbers(self) -> list[FloatArray]:
+        return [_pairs(part) for part in self]
+
+
+def _push(c: Condensation, force: ComplexArray) -> _Push:
+    # The flexibility is symmetric.
+    return _Push(
+        c.rest.shapes.T @ force, c.rest.right.T @ force, c.flexible.T @ force,
+        c.flexible_rate.T @ force,
+    )  # fmt: skip

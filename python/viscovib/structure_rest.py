@@ -1,0 +1,186 @@
+"""The linear rest of a structure: its modes, and what modes left out would add."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.errors import InputError
+
+#: Parts of the largest entry that are rounding: off the diagonal of a modal damping, a square of
+#: a frequency, what is left of a direction that depends on others.
+_OFF_DIAGONAL, _RIGID, _DEPENDENT = 1e-12, 1e-12, 1e-10
+
+
+class Rest(NamedTuple):
+    """D(s)^-1 of M u'' + C u' + K u as modes, and what modes left out would add.
+
+    sum_m phi_m phi_m^T/(squares_m (1 + i loss_m) + rates_m s + s^2)
+    + sum_l left_l right_l^T/(s - poles_l) + flexibility.
+    """
+
+    #: Real modes: omega^2 (1/s^2), exactly 0 of rigid bodies, 2 zeta omega (1/s), loss factors,
+    #: shape (m,), and shapes phi, mass-normalised, shape (n, m).
+    squares: FloatArray
+    rates: FloatArray
+    losses: FloatArray
+    shapes: FloatArray
+    #: Complex modes, shape (p,), and shapes (n, p), those of conjugates among them.
+    poles: ComplexArray
+    left: ComplexArray
+    right: ComplexArray
+    #: What the modes left out add to given forces (n, c): deflections and, times s, their rates;
+    #: None: none are left out.
+    flexibility: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = None
+
+    @property
+    def n_modes(self) -> int:
+        """Modes in use, complex ones counted in pairs."""
+        return self.squares.size + self.poles.size // 2
+
+
+class ModalDamping(NamedTuple):
+    """Damping that leaves the modes uncoupled, added to that of the matrix."""
+
+    #: Ratios zeta, one for all modes or one each, and loss factors likewise.
+    ratio: float | FloatArray = 0.0
+    loss: float | FloatArray = 0.0
+    #: Rayleigh's factors of mass (1/s) and stiffness (s).
+    by_mass: float = 0.0
+    by_stiffness: float = 0.0
+
+    def rates(self, squares: FloatArray) -> FloatArray:
+        """2 zeta omega of each mode (1/s)."""
+        omega = np.sqrt(np.maximum(squares, 0))
+        return np.asarray(2 * self.ratio * omega + self.by_mass + self.by_stiffness * squares)
+
+
+def dense_rest(
+    mass: FloatArray, damping: FloatArray, stiffness: FloatArray, modal: ModalDamping | None = None
+) -> Rest:
+    """Return all modes of dense matrices."""
+    from scipy.linalg import eigh
+
+    n = mass.shape[0]
+    none = np.zeros((n, 0), dtype=complex)
+    if _symmetric(stiffness) and _symmetric(damping):
+        squares, shapes = eigh(stiffness, mass)
+        squares = _without_rounding(squares, shapes, stiffness)
+        seen = shapes.T @ damping @ shapes
+        rates = np.diag(seen).copy()
+        off = seen - np.diag(rates)
+        losses = np.zeros(n)
+        if modal is not None:
+            rates = rates + modal.rates(squares)
+            losses = losses + modal.loss
+        if np.abs(off).max(initial=0.0) <= _OFF_DIAGONAL * np.abs(rates).max(initial=0.0):
+            rates[np.abs(rates) <= _OFF_DIAGONAL * np.abs(rates).max(initial=0.0)] = 0.0
+            return Rest(squares, rates, losses, shapes, np.zeros(0, complex), none, none)
+    if modal is not None:
+        raise InputError(
+            "damping: modal ratios, Rayleigh factors and loss factors need symmetric matrices "
+            "that leave the modes uncoupled"
+        )
+    return _complex_rest(mass, damping, stiffness)
+
+
+def _symmetric(matrix: FloatArray) -> bool:
+    return bool(np.abs(matrix - matrix.T).max(initial=0.0) <= 1e-12 * np.abs(matrix).max(initial=0))
+
+
+def _without_rounding(squares: FloatArray, shapes: FloatArray, stiffness: FloatArray) -> FloatArray:
+    """Squares of frequencies that are rounding become 0: motions that no spring resists."""
+    pulled = np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(stiffness), np.abs(shapes))
+    result = squares.copy()
+    result[np.abs(squares) <= _RIGID * pulled] = 0.0
+    return result
+
+
+def _complex_rest(mass: FloatArray, damping: FloatArray, stiffness: FloatArray) -> Rest:
+    """Modes of (s^2 M + s C + K) u = 0 by its companion pencil, right and left ones."""
+    from scipy.linalg import eig
+
+    n = mass.shape[0]
+    zero, one = np.zeros((n, n)), np.eye(n)
+    inverse = np.linalg.inv(mass)
+    matrix = np.block([[zero, one], [-inverse @ stiffness, -inverse @ damping]])
+    poles, lefts, rights = eig(matrix, left=True, right=True)
+    # (s - A)^-1 = sum right left^H/(left^H right)/(s - pole); displacements answer to
+    # accelerations M^-1 f.
+    scale = np.einsum("im,im->m", lefts.conj(), rights)
+    condition = np.abs(scale).min() / max(np.abs(scale).max(), np.finfo(float).tiny)
+    if condition < 1e-8:
+        raise InputError(
+            "damping: the structure has defective modes (as critically damped ones or undamped "
+            "rigid bodies under a damping matrix that is not modal), which no sum over modes gives"
+        )
+    left = rights[:n]
+    right = inverse.T @ (lefts[n:].conj() / scale)
+    none = np.zeros(0)
+    return Rest(none, none, none, np.zeros((n, 0)), poles, left, right)
+
+
+class Static(NamedTuple):
+    """Order 0: g = stiffness y - load of the forces at rest, and rigid bodies it needs."""
+
+    stiffness: FloatArray
+    #: Effective load, shape (q,), of given modal forces: of each column of loads.
+    load: ComplexArray
+    #: Rigid bodies' amplitudes: rows of the same inverse, shape (n_rigid, q), and of loads.
+    rigid: FloatArray
+    rigid_load: ComplexArray
+    #: What no element holds of the loads, relative: more than rounding has no solution.
+    unheld: float
+
+
+def static_form(
+    elastic: FloatArray,
+    deflection: ComplexArray,
+    rigid_seen: FloatArray,
+    rigid_pushed: FloatArray,
+    rigid_load: ComplexArray,
+) -> Static:
+    """Limit of H(s)^-1 and H(s)^-1 Y0(s) at s = 0.
+
+    With forces h = -g on the coordinates, y = elastic h + rigid_seen eta + deflection and
+    0 = rigid_pushed^T h + rigid_load: a bordered system for h and eta.
+    """
+    q, m = rigid_seen.shape
+    # Combinations of rigid bodies that no coordinate sees stay at rest, or have no solution.
+    if m:
+        _, sizes, vt = np.linalg.svd(rigid_seen, full_matrices=True)
+        rank = int((sizes > _DEPENDENT * max(sizes.max(initial=0.0), 1e-300)).sum())
+        turn = vt.T
+        unheld = turn[:, rank:].T @ rigid_load
+        seen, pushed = rigid_seen @ turn[:, :rank], rigid_pushed @ turn[:, :rank]
+        held = turn[:, :rank].T @ rigid_load
+    else:
+        turn, rank = np.zeros((0, 0)), 0
+        unheld, seen, pushed, held = rigid_load, rigid_seen, rigid_pushed, rigid_load
+    size = np.linalg.norm(rigid_load)
+    bordered = np.block([[elastic, seen], [pushed.T, np.zeros((rank, rank))]])
+    inverse = _inverse(bordered)
+    stiffness = inverse[:q, :q]
+    load = stiffness @ deflection + inverse[:q, q:] @ held
+    eta = inverse[q:, :q]
+    eta_load = -(eta @ deflection + inverse[q:, q:] @ held)
+    return Static(
+        stiffness, load, turn[:, :rank] @ eta, turn[:, :rank] @ eta_load,
+        float(np.linalg.norm(unheld) / size) if size else 0.0,
+    )  # fmt: skip
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Inverse of a matrix whose rows may differ much in size."""
+    rows = np.abs(matrix).max(axis=1)
+    columns = np.abs(matrix / np.where(rows > 0, rows, 1)[:, np.newaxis]).max(axis=0)
+    rows[rows == 0] = columns[columns == 0] = 1.0
+    scaled = matrix / rows[:, np.newaxis] / columns
+    try:
+        return np.asarray(np.linalg.inv(scaled) / columns[:, np.newaxis] / rows)
+    except np.linalg.LinAlgError:
+        raise InputError(
+            "elements: the coordinates they act on see too few modes of the structure to be "
+            "independent (more elements than modes?)"
+        ) from None

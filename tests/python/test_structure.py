@@ -1,0 +1,203 @@
+"""Structures condensed to the deflections of their elements, against the whole system."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from viscovib._native import ComplexArray, FloatArray
+
+#: Both sides keep the same few orders, whatever they leave out.
+pytestmark = pytest.mark.filterwarnings("ignore:.*do not reach the tolerance")
+
+ABEL = vv.RzhanitsynKernel(amplitude=0.08, alpha=0.3, beta=0.4)
+RUBBER = vv.RabotnovKernel(amplitude=0.3, alpha=0.5, beta=0.9)
+
+
+def chain(n: int) -> FloatArray:
+    """Stiffness of unit masses between unit springs, both ends fixed."""
+    return 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+
+
+def both(n: int, law: str, *, stiffness: FloatArray | None = None, **more: object) -> tuple:
+    """The chain with a law at its end, whole and condensed."""
+    k = chain(n) if stiffness is None else stiffness
+    end = f"x{n}"
+    whole = vv.PolynomialSystem(
+        mass=np.ones(n), stiffness=k, forces={end: law.replace("d", end)}, **more
+    )
+    spring = vv.Spring(on=end, law=law)
+    return whole, vv.Structure(mass=np.ones(n), stiffness=k, elements=[spring], **more)
+
+
+def difference(a: vv.Response, b: vv.Response) -> float:
+    """Of the motions found by both, relative to the largest coefficient."""
+    assert (a.converged == b.converged).all()
+    assert a.converged.sum() > 0.8 * a.nu.size
+    kept = min(a.harmonics.size, b.harmonics.size)
+    one, other = (x.coefficients[x.converged][..., :kept] for x in (a, b))
+    return float(np.abs(one - other).max() / np.abs(one).max())
+
+
+@pytest.mark.parametrize("method", ["linear", "successive", "newton"])
+@pytest.mark.parametrize("n", [2, 8, 16])
+def test_condensed_chain_is_the_whole_one(n: int, method: str) -> None:
+    whole, structure = both(n, "0.5*d^3", damping=0.02 * chain(n))
+    nu = np.linspace(0.5, 1.4, 20) * whole.natural_frequencies()[0]
+    load = np.zeros(n)
+    load[0] = 0.002 if method == "successive" else 0.02
+    given = {"load": load, "method": method, "harmonics": 9}
+    found = [vv.forced_response(system, nu, **given) for system in (whole, structure)]
+    assert difference(*found) < 1e-12
+
+
+def test_even_laws_have_a_mean() -> None:
+    whole, structure = both(6, "0.3*d^2 + 0.5*d^3", damping=0.05 * chain(6))
+    load = {0: np.array([0, 0.01j, 0, 0, 0, 0]), 1: {"x1": 0.02, "x3": 0.01j}, 3: {"x2": 0.01}}
+    vector = {
+        0: load[0], 1: np.array([0.02, 0, 0.01j, 0, 0, 0]), 3: np.array([0, 0.01, 0, 0, 0, 0])
+    }  # fmt: skip
+    nu = np.linspace(0.2, 0.6, 15)
+    a = vv.forced_response(whole, nu, load=vector, method="newton", harmonics=10)
+    b = vv.forced_response(structure, nu, load=load, method="newton", harmonics=10)
+    assert difference(a, b) < 1e-12
+
+
+def test_base_moves_the_whole_structure() -> None:
+    n = 7
+    whole, structure = both(n, "0.5*d^3", damping=0.03 * chain(n), base_direction=np.ones(n))
+    nu = np.linspace(0.2, 0.6, 15)
+    base = {1: 0.02, 2: 0.005j}
+    given = {"base": base, "method": "newton", "harmonics": 8}
+    assert difference(*(vv.forced_response(s, nu, **given) for s in (whole, structure))) < 1e-12
+
+
+def test_non_symmetric_matrices_have_complex_modes() -> None:
+    n = 6
+    rng = np.random.default_rng(3)
+    gyroscopic = rng.normal(size=(n, n))
+    damping = 0.05 * chain(n) + 0.1 * (gyroscopic - gyroscopic.T) + np.diag([0.1, 0, 0, 0, 0, 0])
+    stiffness = chain(n) + 0.05 * rng.normal(size=(n, n))
+    whole, structure = both(n, "0.3*d^2 + 0.5*d^3", stiffness=stiffness, damping=damping)
+    nu = np.linspace(0.2, 0.8, 15)
+    given = {"load": {0: np.full(n, 0.003j), 1: np.full(n, 0.02)}, "method": "newton"}
+    found = [vv.forced_response(s, nu, harmonics=8, **given) for s in (whole, structure)]
+    assert difference(*found) < 1e-12
+    assert "pairs of complex modes" in str(found[1].plan)
+
+
+def test_elements_with_kernels_of_their_own() -> None:
+    """Dependent directions, two kernels, one linear element, one elastic."""
+    n = 6
+    mass, damping = np.linspace(1, 2, n), 0.02 * chain(n)
+    elements = [
+        vv.Spring(
+            on=("x2", "x5"), stiffness=0.4, law="k*d^3", parameters={"k": 0.7}, kernel=RUBBER
+        ),
+        vv.Spring(on="x2", law="0.2*d^3", kernel=ABEL),
+        vv.Spring(on={"x5": 2.0}, stiffness=0.3, kernel=ABEL),
+        vv.Spring(on="x1", stiffness=0.5, damping=0.03),
+        vv.Spring(on=[0, 0, 0, 0, 0, 1], law="0.1*d^5 + 0.2*d"),
+    ]
+    structure = vv.Structure(mass=mass, stiffness=chain(n), damping=damping, elements=elements)
+    e = np.zeros(n)
+    e[[1, 4]] = 1, -1
+    five, first = np.zeros((n, n)), np.zeros((n, n))
+    five[4, 4], first[0, 0] = 4 * 0.3, 1.0
+    last = np.zeros((n, n))
+    last[-1, -1] = 0.2
+    whole = vv.PolynomialSystem(
+        mass=mass, stiffness=chain(n) + 0.5 * first + last, damping=damping + 0.03 * first,
+        forces={"x6": "0.1*x6^5"},
+        springs=[
+            vv.Springs(stiffness=0.4 * np.outer(e, e), kernel=RUBBER,
+                       forces={"x2": "0.7*(x2-x5)^3", "x5": "-0.7*(x2-x5)^3"}),
+            vv.Springs(stiffness=five, forces={"x2": "0.2*x2^3"}, kernel=ABEL),
+        ],
+    )  # fmt: skip
+    assert len(structure.deflections) == 3
+    nu = np.linspace(0.3, 1.2, 20)
+    given = {"load": {1: {"x4": 0.05}, 2: {"x1": 0.02}}, "method": "newton", "harmonics": 8}
+    vector: dict[int, ComplexArray] = {}
+    for order, forces in given["load"].items():
+        vector[order] = np.zeros(n, dtype=complex)
+        for name, force in forces.items():
+            vector[order][int(name[1:]) - 1] = force
+    a = vv.forced_response(whole, nu, **(given | {"load": vector}))
+    assert difference(a, vv.forced_response(structure, nu, **given)) < 1e-12
+
+
+def test_rigid_bodies() -> None:
+    """Free-free: the element alone holds the mean."""
+    n = 5
+    free = chain(n)
+    free[0, 0] = free[-1, -1] = 1
+    nu = np.linspace(0.4, 1.4, 15)
+    load = {0: np.full(n, 0.01j), 1: np.array([0.1, 0, 0, 0, 0])}
+    for law in ("0.1*d + 0.4*d^2 + 0.5*d^3", "0.5*d^3"):
+        whole, structure = both(n, law, stiffness=free, damping=0.05 * free)
+        given = {"load": load if "d^2" in law else load[1], "method": "newton", "harmonics": 10}
+        a, b = (vv.forced_response(s, nu, **given) for s in (whole, structure))
+        assert difference(a, b) < 2e-12
+        assert ("of rigid bodies" in str(b.plan)) == (law == "0.5*d^3")
+
+
+def test_a_rigid_body_that_nothing_holds_has_no_mean() -> None:
+    free = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    spring = vv.Spring(on=("x1", "x2"), law="0.1*d^2")
+    structure = vv.Structure(mass=[1, 2], stiffness=free, elements=[spring])
+    with pytest.raises(vv.InputError, match="rigid body that no element holds"):
+        vv.forced_response(structure, [0.3], load={0: [0.1j, 0]}, method="newton")
+    r = vv.forced_response(structure, [0.3], load=[0.01, 0], method="newton")
+    assert r.complete
+
+
+@pytest.mark.parametrize("given", [{"modal_damping": 0.02}, {"rayleigh": (0.01, 0.03)}])
+def test_modal_damping_is_a_matrix(given: dict) -> None:
+    n = 6
+    k = chain(n)
+    omega2, shapes = np.linalg.eigh(k)
+    ratios = 2 * 0.02 * np.sqrt(omega2) if "modal_damping" in given else 0.01 + 0.03 * omega2
+    whole, _ = both(n, "0.5*d^3", damping=shapes @ np.diag(ratios) @ shapes.T)
+    spring = vv.Spring(on="x6", law="0.5*d^3")
+    structure = vv.Structure(mass=np.ones(n), stiffness=k, elements=[spring], **given)
+    nu = np.linspace(0.2, 0.7, 15)
+    load = np.full(n, 0.02)
+    found = [vv.forced_response(s, nu, load=load, method="newton") for s in (whole, structure)]
+    assert difference(*found) < 1e-9
+
+
+def test_loss_factor_is_a_complex_stiffness() -> None:
+    n, nu = 4, np.array([0.3, 1.1])
+    structure = vv.Structure(mass=np.ones(n), stiffness=chain(n), loss_factor=0.1)
+    r = vv.forced_response(structure, nu, load={2: {"x2": 1.0}}, method="linear")
+    force = np.array([0, 1.0, 0, 0])
+    for i, mu in enumerate(2 * nu):
+        expected = np.linalg.solve(chain(n) * (1 + 0.1j) - mu**2 * np.eye(n), force)
+        assert np.abs(r.coefficients[i, :, 0] - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+def test_coordinates_are_chosen() -> None:
+    n = 80
+    structure = vv.Structure(
+        mass=np.ones(n), stiffness=chain(n), modal_damping=0.01,
+        elements=[vv.Spring(on=("x40", "x41"), law="d^3")],
+    )  # fmt: skip
+    load = {"x3": 0.01}
+    assert vv.forced_response(structure, [0.05], load=load).dof_names == ("x3", "x40", "x41")
+    r = vv.forced_response(structure, [0.05], load=load, coordinates=["x80", "x3"])
+    assert r.dof_names == ("x80", "x3")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"elements": [vv.Spring(on="x9", law="d^3")]}, r"elements\[0\].on = 'x9': must be one"),
+        ({"elements": [vv.Spring(on={}, law="d^3")]}, "is no direction"),
+        ({"elements": "x1"}, "elements = 'x1': must be a list of Spring"),
+        ({"damping": np.eye(2)}, "damping: must have shape"),
+        ({"mass": [1, -1, 1]}, "mass: must be symmetric and positive definite"),
+        ({"names": ["a", "a", "b"]}, "names: must differ"),
+    ],
+)
+def test_bad_input(given: dict, message: str) -> None:
+    with pytest.raises(vv.InputError, match=message):
+        vv.Structure(**({"mass": np.ones(3), "stiffness": chain(3)} | given))
