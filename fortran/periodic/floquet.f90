@@ -16,6 +16,7 @@ module viscovib_floquet
   use viscovib_lanes, only: lane_product, n_lanes
   use viscovib_monodromy_step, only: advance, n_nodes, new_step_table, step_table
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_product_eigenvalues, only: largest_factor, product_type
   implicit none
   private
 
@@ -55,7 +56,9 @@ module viscovib_floquet
     real(wp), allocatable, private :: x(:, :, :), y(:, :, :), drag(:, :, :), g(:, :, :)
   contains
     procedure :: monodromies
+    procedure :: factors
     procedure, private :: prepare
+    procedure, private :: least_steps
     procedure, private :: integrate
     procedure, private :: stiffness_along
   end type floquet_type
@@ -150,9 +153,7 @@ contains
     pending(size(nu) + 1:) = .false.
     if (.not. any(pending)) return
     where (.not. pending) h = 0.0_wp
-    ! So many that samples tell the highest order of K apart.
-    needed = max(maxval(h)*self%fastest/phase_a_step, turn*maxval(self%orders)/(pi*n_nodes), &
-                 2.0_wp)
+    needed = self%least_steps(maxval(h))
     do attempt = 1, max_attempts
       if (.not. self%density*needed <= max_steps) exit
       call self%prepare(ceiling(self%density*needed))
@@ -173,6 +174,54 @@ contains
     ! Where that was in vain, neighbours begin anew.
     self%density = 1.0_wp
   end subroutine block_of
+
+  !> The same matrix of one solution as a product, whose eigenvalues are known where those of
+  !! the matrix are lost beside its largest, or where it leaves the range of numbers.
+  subroutine factors(self, system, nu, x, product, found, cancel)
+    class(floquet_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    !> Frequency (rad/s); harmonics, shape (2 n_orders, n_dof).
+    real(wp), intent(in) :: nu, x(:, :)
+    !> Under half-wave symmetry without the sign.
+    type(product_type), intent(out) :: product
+    !> Not if it would take too many steps.
+    logical, intent(out) :: found
+    integer, intent(inout), volatile, optional :: cancel
+    real(wp) :: needed, h(n_lanes), error(n_lanes)
+    logical :: pending(n_lanes)
+    integer :: attempt, l
+
+    do l = 1, n_lanes
+      self%x(l, :, :) = x
+    end do
+    h = merge(pi, 2.0_wp*pi, self%half_wave)/nu
+    needed = self%least_steps(h(1))
+    found = .false.
+    do attempt = 1, max_attempts
+      if (.not. self%density*needed <= max_steps) exit
+      call self%prepare(ceiling(self%density*needed))
+      product%n_factors = 0
+      pending = .true.
+      call self%integrate(system, h/self%n_steps, error, pending, cancel, product)
+      if (present(cancel)) then
+        if (cancel /= 0) return
+      end if
+      found = error(1) <= accepted*wanted_error
+      if (found) return
+      self%density = self%n_steps/needed*max(0.5_wp, min(2.0_wp, (error(1)/wanted_error) &
+                                                         **(0.5_wp/n_nodes)))
+    end do
+    self%density = 1.0_wp
+  end subroutine factors
+
+  !> So many steps of a period, or half of one, of length h that samples tell the highest order
+  !! of K apart.
+  pure real(wp) function least_steps(self, h)
+    class(floquet_type), intent(in) :: self
+    real(wp), intent(in) :: h
+    least_steps = max(h*self%fastest/phase_a_step, merge(1.0_wp, 2.0_wp, self%half_wave) &
+                      *maxval(self%orders)/n_nodes, 2.0_wp)
+  end function least_steps
 
   !> The state of a lane in the units of the coordinates.
   pure subroutine to_matrix(self, l, h, matrix)
@@ -219,20 +268,21 @@ contains
   end subroutine prepare
 
   !> Over all steps h, with the estimated errors; lanes that leave the range of numbers are no
-  !! longer pending.
-  subroutine integrate(self, system, h, error, pending, cancel)
+  !! longer pending. With `product` the matrix of the first lane is cut into factors.
+  subroutine integrate(self, system, h, error, pending, cancel, product)
     class(floquet_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: h(n_lanes)
     real(wp), intent(out) :: error(n_lanes)
     logical, intent(inout) :: pending(n_lanes)
     integer, intent(inout), volatile, optional :: cancel
+    type(product_type), intent(inout), optional :: product
+    !> Minus the logarithm of the determinant of a factor, by Liouville's formula.
+    real(wp) :: shrunk
     integer :: a, b, first, l, s
 
-    self%y = 0.0_wp
-    do a = 1, 2*self%n_dof
-      self%y(:, a, a) = 1.0_wp
-    end do
+    call begin(self)
+    shrunk = 0.0_wp
     do b = 1, self%n_dof
       do a = 1, self%n_dof
         self%drag(:, a, b) = h*self%damping(a, b)
@@ -248,6 +298,13 @@ contains
       do s = 1, min(self%chunk, self%n_steps - first + 1)
         call advance(self%table, self%n_dof, n_nodes*self%chunk, (s - 1)*n_nodes + 1, &
                      self%stiffness, self%drag, self%y, self%g, error)
+        if (.not. present(product)) cycle
+        shrunk = shrunk + sum([(self%drag(1, a, a), a=1, self%n_dof)])
+        if (maxval(abs(self%y(1, :, :))) <= largest_factor .and. shrunk <= log(largest_factor) &
+            .and. first + s <= self%n_steps) cycle
+        call product%append(self%y(1, :, :))
+        call begin(self)
+        shrunk = 0.0_wp
       end do
       do l = 1, n_lanes
         if (all(abs(self%y(l, :, :)) <= largest)) cycle
@@ -256,6 +313,16 @@ contains
       end do
     end do
   end subroutine integrate
+
+  !> Disturbances of size 1, one of each coordinate and velocity.
+  pure subroutine begin(self)
+    class(floquet_type), intent(inout) :: self
+    integer :: a
+    self%y = 0.0_wp
+    do a = 1, 2*self%n_dof
+      self%y(:, a, a) = 1.0_wp
+    end do
+  end subroutine begin
 
   !> h^2 M^(-1) dF/du at count nodes from one on, without memory: v = w(u).
   subroutine stiffness_along(self, system, first, count, squares)

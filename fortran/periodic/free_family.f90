@@ -8,7 +8,6 @@ module viscovib_free_family
   use viscovib_free_orders, only: first_chosen, order_search
   use viscovib_kinds, only: wp
   use viscovib_orbit_floquet, only: orbit_floquet_type
-  use viscovib_orbit_multipliers, only: multipliers_of
   use viscovib_sized_curve, only: refitted
   use viscovib_status, only: status_type
   use viscovib_torus, only: new_torus, torus_type
@@ -205,7 +204,6 @@ contains
     integer, intent(inout), volatile, optional :: cancel
     type(orbit_floquet_type) :: floquet
     real(wp) :: r(curve%n), slope(curve%n), jacobian(curve%n, curve%n)
-    real(wp), dimension(2*curve%motion%system%n_dof, 2*curve%motion%system%n_dof) :: matrix
     logical :: inside
     integer :: i, n
 
@@ -215,7 +213,7 @@ contains
     family%truncation = branch%truncation(:n)
     family%folds = branch%folds%p(:branch%folds%n)
     allocate (family%nu(n), family%energy(n), family%x(n_cosines, n), source=0.0_wp)
-    if (options%stability) allocate (family%multipliers(size(matrix, 1), n), &
+    if (options%stability) allocate (family%multipliers(2*curve%motion%system%n_dof, n), &
                                      source=(0.0_wp, 0.0_wp))
     do i = 1, n
       if (present(cancel)) then
@@ -227,8 +225,7 @@ contains
         family%energy(i) = curve%energy(point)
         if (.not. options%stability) cycle
         call curve%equations(point, branch%parameter(i), r, jacobian, slope, inside)
-        call floquet%monodromy(curve%motion, point(:curve%motion%n), matrix)
-        call multipliers_of(matrix, family%multipliers(:, i))
+        call floquet%multipliers(curve%motion, point(:curve%motion%n), family%multipliers(:, i))
       end associate
     end do
     associate (points => branch%branch_points)

@@ -14,7 +14,9 @@ module viscovib_motion_stability
   use viscovib_hill_roots, only: complete, find_exponents, leftmost
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_orbit_multipliers, only: told_apart
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_product_eigenvalues, only: product_eigenvalues, product_type
   implicit none
   private
 
@@ -22,6 +24,8 @@ module viscovib_motion_stability
 
   !> Multipliers this close to the unit circle count as on it.
   real(wp), parameter, public :: circle = 1.0e-9_wp
+  !> Beyond this logarithm a multiplier leaves the range of numbers.
+  real(wp), parameter :: largest_log = 700.0_wp
   !> Exponents kept beyond two a coordinate: memory has slow ones of its own.
   integer, parameter :: more = 4
   !> How far left of the slowest exponent to count, of that and of d: for a neighbour, and for the
@@ -113,7 +117,7 @@ contains
     type(stability_type), intent(inout) :: stability
     integer, intent(inout), volatile, optional :: cancel
     real(wp) :: matrices(self%n_slots, self%n_slots, n_lanes)
-    complex(wp) :: roots(self%n_slots)
+    complex(wp) :: roots(self%n_slots), logs(self%n_slots)
     integer, allocatable :: known(:)
     integer :: first, i, k, n
     logical :: found
@@ -129,16 +133,42 @@ contains
       end if
       do k = 1, n
         i = known(first + k - 1)
-        if (ieee_is_nan(matrices(1, 1, k))) cycle
-        call eigenvalues(matrices(:, :, k), roots, found)
-        if (.not. found) cycle
-        stability%exponents(:, i) = merge(1.0_wp, 0.5_wp, self%half_wave)*nu(i)/pi*logarithm(roots)
+        found = .not. ieee_is_nan(matrices(1, 1, k))
+        if (found) call eigenvalues(matrices(:, :, k), roots, found)
+        if (found) found = told_apart(roots)
+        if (found) then
+          logs = logarithm(roots)
+        else
+          call logs_of_product(self, system, nu(i), x(:, :, i), logs, found, cancel)
+          if (.not. found) cycle
+          roots = exp(logs)
+        end if
+        stability%exponents(:, i) = merge(1.0_wp, 0.5_wp, self%half_wave)*nu(i)/pi*logs
         if (self%half_wave) roots = roots**2
         stability%multipliers(:, i) = roots
         stability%n_growing(i) = count(abs(roots) > 1.0_wp + circle)
       end do
     end do
   end subroutine by_floquet
+
+  !> Logarithms of the same eigenvalues where those of the matrix are lost beside its largest.
+  subroutine logs_of_product(self, system, nu, x, logs, found, cancel)
+    class(judge_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu, x(:, :)
+    complex(wp), intent(out) :: logs(:)
+    logical, intent(out) :: found
+    integer, intent(inout), volatile, optional :: cancel
+    type(product_type) :: product
+
+    logs = not_a_number()
+    call self%floquet%factors(system, nu, x, product, found, cancel)
+    if (found) call product_eigenvalues(product, logs, found)
+    if (found) found = maxval(real(logs)) <= merge(0.5_wp, 1.0_wp, self%half_wave)*largest_log
+    if (.not. (found .and. self%half_wave)) return
+    ! The sign of the matrix.
+    logs = cmplx(real(logs), aimag(logs) - sign(pi, aimag(logs)), wp)
+  end subroutine logs_of_product
 
   elemental complex(wp) function logarithm(z)
     complex(wp), intent(in) :: z

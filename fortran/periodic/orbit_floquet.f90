@@ -11,6 +11,8 @@ module viscovib_orbit_floquet
   use viscovib_explicit_tables, only: explicit_table_type, max_stages, new_explicit_table
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
+  use viscovib_orbit_multipliers, only: multipliers_of, told_apart
+  use viscovib_product_eigenvalues, only: largest_factor, product_eigenvalues, product_type
   use viscovib_stage_kernels, only: stage_states, stage_sums
   use viscovib_torus_balance, only: torus_balance_type
   implicit none
@@ -23,6 +25,10 @@ module viscovib_orbit_floquet
   real(wp), parameter :: phase_a_step = 0.5_wp
   !> Beyond so many steps a period, time scales are too far apart.
   integer, parameter :: max_steps = 20000
+  !> Steps that a factor of a product takes at most; beyond this logarithm a multiplier leaves
+  !! the range of numbers.
+  integer, parameter :: steps_a_factor = 16
+  real(wp), parameter :: largest_log = 700.0_wp
   !> Place of Dormand and Prince's method in the tables.
   integer, parameter :: method = 2
 
@@ -36,7 +42,8 @@ module viscovib_orbit_floquet
     real(wp), allocatable, private :: cosines(:, :)
     real(wp), allocatable, private :: q(:, :), v(:, :)
   contains
-    procedure :: monodromy
+    procedure :: multipliers
+    procedure, private :: monodromy
     procedure, private :: prepare
   end type orbit_floquet_type
 
@@ -81,26 +88,51 @@ contains
     end do
   end subroutine prepare
 
-  !> Over a period of the solution x of `balance`, which has one axis, at most four
-  !! coordinates and has just seen x. NaN if it would take too many steps, or leaves
-  !! the range of numbers.
-  subroutine monodromy(self, balance, x, matrix)
+  !> Of the solution x of `balance`, which has one axis, at most four coordinates and has just
+  !! seen x: largest first; NaN if it would take too many steps, or one leaves the range of
+  !! numbers.
+  subroutine multipliers(self, balance, x, values)
     class(orbit_floquet_type), intent(inout) :: self
     type(torus_balance_type), intent(in) :: balance
     !> Unknowns, shape (balance%n).
     real(wp), intent(in) :: x(:)
+    !> Shape (2 n_dof).
+    complex(wp), intent(out) :: values(:)
+    real(wp) :: matrix(size(values), size(values))
+    complex(wp) :: logs(size(values))
+    type(product_type) :: product
+    logical :: found
+
+    call self%monodromy(balance, x, matrix)
+    call multipliers_of(matrix, values)
+    if (told_apart(values)) return
+    call self%monodromy(balance, x, matrix, product)
+    found = product%n_factors > 0
+    if (found) call product_eigenvalues(product, logs, found)
+    if (found) found = maxval(real(logs)) <= largest_log
+    if (found) values = exp(logs)
+  end subroutine multipliers
+
+  !> The matrix over a period. NaN if it would take too many steps, or leaves the range of
+  !! numbers; `product`: as a product then, else its factors are none.
+  subroutine monodromy(self, balance, x, matrix, product)
+    class(orbit_floquet_type), intent(inout) :: self
+    type(torus_balance_type), intent(in) :: balance
+    real(wp), intent(in) :: x(:)
     !> Shape (2 n_dof, 2 n_dof): (y, y') to (y, y').
     real(wp), intent(out) :: matrix(:, :)
+    type(product_type), intent(out), optional :: product
     real(wp), dimension(n_lanes, max_dof) :: q, v, stage_q, stage_v, in_q, in_v
     real(wp), dimension(n_lanes, balance%system%n_dof) :: motion, speed, a
     real(wp) :: drive(n_lanes, size(balance%amplitude))
     real(wp) :: f(n_lanes, max_dof, max_stages), h(n_lanes), needed
-    real(wp) :: y(balance%torus%n, balance%system%n_dof)
-    integer :: d, i, at, n, s
+    real(wp) :: y(balance%torus%n, balance%system%n_dof), rate
+    integer :: d, i, at, n, s, steps
 
     n = balance%system%n_dof
     y = balance%expanded(x)
-    needed = max(2.0_wp*pi*balance%rate()/balance%omega(1)/phase_a_step, &
+    rate = balance%rate()
+    needed = max(2.0_wp*pi*rate/balance%omega(1)/phase_a_step, &
                  1.0_wp*maxval(balance%torus%orders))
     matrix = ieee_value(0.0_wp, ieee_quiet_nan)
     if (.not. needed <= max_steps) return
@@ -110,15 +142,10 @@ contains
       self%v(:, d) = balance%omega(1)*matmul(y(:, d), self%derivative)
     end do
     h = 2.0_wp*pi/balance%omega(1)/self%n_steps
-    q = 0.0_wp
-    v = 0.0_wp
     f = 0.0_wp
     stage_q = 0.0_wp
     stage_v = 0.0_wp
-    do d = 1, n
-      q(d, d) = 1.0_wp
-      v(n + d, d) = 1.0_wp
-    end do
+    call begin()
     associate (t => self%table)
       do s = 1, self%n_steps
         do i = 1, t%n_stages
@@ -135,11 +162,39 @@ contains
         call stage_states(n, 1.0_wp, h, q, v, in_q, in_v, stage_q, stage_v)
         q(:, :n) = stage_q(:, :n)
         v(:, :n) = stage_v(:, :n)
+        if (.not. present(product)) cycle
+        steps = steps + 1
+        if (max(maxval(abs(q(:, :n))), maxval(abs(v(:, :n)))/rate) <= largest_factor &
+            .and. steps < steps_a_factor .and. s < self%n_steps) cycle
+        matrix(:n, :) = transpose(q(:2*n, :n))
+        matrix(n + 1:, :) = transpose(v(:2*n, :n))
+        ! Velocities in units of the coordinates.
+        matrix(n + 1:, :) = matrix(n + 1:, :)/rate
+        matrix(:, n + 1:) = matrix(:, n + 1:)*rate
+        call product%append(matrix)
+        call begin()
       end do
     end associate
-    if (.not. (all(abs(q) <= 1.0e100_wp) .and. all(abs(v) <= 1.0e100_wp))) return
+    if (.not. (all(abs(q) <= 1.0e100_wp) .and. all(abs(v) <= 1.0e100_wp))) then
+      matrix = ieee_value(0.0_wp, ieee_quiet_nan)
+      return
+    end if
     matrix(:n, :) = transpose(q(:2*n, :n))
     matrix(n + 1:, :) = transpose(v(:2*n, :n))
+
+  contains
+
+    !> Disturbances of size 1, one of each coordinate and velocity.
+    subroutine begin()
+      q = 0.0_wp
+      v = 0.0_wp
+      do d = 1, n
+        q(d, d) = 1.0_wp
+        v(n + d, d) = 1.0_wp
+      end do
+      steps = 0
+    end subroutine begin
+
   end subroutine monodromy
 
 end module viscovib_orbit_floquet

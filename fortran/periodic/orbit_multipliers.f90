@@ -6,7 +6,11 @@ module viscovib_orbit_multipliers
   implicit none
   private
 
-  public :: multipliers_of, count_larger
+  public :: multipliers_of, told_apart, count_larger
+
+  !> Beside a larger eigenvalue of a matrix those near the unit circle are lost, and beside one so
+  !! many times as large the smallest.
+  real(wp), parameter :: largest_root = 1.0e6_wp, widest = 1.0e6_wp
 
 contains
 
@@ -21,6 +25,13 @@ contains
     if (found) call eigenvalues(matrix, multipliers, found)
     if (.not. found) multipliers = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
   end subroutine multipliers_of
+
+  !> Whether the eigenvalues of a matrix are all known beside its largest.
+  pure logical function told_apart(values)
+    complex(wp), intent(in) :: values(:)
+    told_apart = .not. any(ieee_is_nan(real(values)))
+    if (told_apart) told_apart = maxval(abs(values)) <= min(largest_root, widest*minval(abs(values)))
+  end function told_apart
 
   !> How many are larger than a circle; -1: unknown.
   pure integer function count_larger(multipliers, circle) result(n)

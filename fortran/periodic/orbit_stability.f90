@@ -7,7 +7,7 @@ module viscovib_orbit_stability
   use viscovib_curve_events, only: special_points
   use viscovib_kinds, only: wp
   use viscovib_orbit_floquet, only: orbit_floquet_type
-  use viscovib_orbit_multipliers, only: count_larger, multipliers_of
+  use viscovib_orbit_multipliers, only: count_larger
   use viscovib_torus_balance, only: torus_balance_type
   implicit none
   private
@@ -37,7 +37,6 @@ contains
     complex(wp), intent(out) :: multipliers(:, :)
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile, optional :: cancel
-    real(wp) :: matrix(size(multipliers, 1), size(multipliers, 1))
     logical :: inside
     integer :: i
 
@@ -47,8 +46,7 @@ contains
         if (cancel /= 0) return
       end if
       call balance%visit(x(:, i), p(i), .true., inside)
-      call floquet%monodromy(balance, x(:, i), matrix)
-      call multipliers_of(matrix, multipliers(:, i))
+      call floquet%multipliers(balance, x(:, i), multipliers(:, i))
     end do
   end subroutine judge_orbits
 
