@@ -1,0 +1,303 @@
+"""One factorization of a sparse symmetric pair K - sigma M, and the modes that follow from it."""
+
+import math
+import os
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_array, csgraph
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
+
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+
+#: Modes asked for at a time: later ones are found with those already known projected out.
+_BATCH = 32
+#: Entries of a matrix may differ from those of its transpose by this, relative to the largest.
+_SYMMETRIC = 1e-10
+#: A value phi' K phi is rounding below so many units in the last place of phi' |K| phi.
+_ROUNDING = 1e3
+#: Bytes a stored entry of the two factors takes, with its indices and the room to work in.
+_ENTRY = 24.0
+#: Factors with more entries are made anew to save memory.
+_LARGE = 2e7
+#: Part of the free memory that a factorization may be estimated to take.
+_SHARE = 0.8
+
+
+@dataclass
+class Modes:
+    """Undamped modes: M phi omega^2 = K phi, phi' M phi = 1, by rising omega^2.
+
+    Attributes
+    ----------
+    squares : ndarray, shape (m,)
+        omega^2 (1/s^2): negative of a structure that buckles, exactly 0 of a rigid one.
+    shapes : ndarray, shape (n, m)
+    """
+
+    squares: FloatArray
+    shapes: FloatArray
+
+
+@dataclass
+class Pencil:
+    """K - sigma M, factored once.
+
+    Symmetric K and M, M semidefinite (coordinates may be without mass). A shift sigma below 0
+    serves where K is singular: then K - sigma M is positive definite.
+
+    Attributes
+    ----------
+    mass, stiffness : csc_array, shape (n, n)
+    shift : float
+        sigma (1/s^2).
+    n_below : int or None
+        How many omega^2 are below sigma, by Sylvester's law of inertia; None where the
+        factorization had to exchange rows, so that its signs tell nothing.
+    """
+
+    mass: Any
+    stiffness: Any
+    shift: float
+    n_below: int | None = field(init=False)
+    _factors: Any = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        shifted = csc_array(self.stiffness - self.shift * self.mass)
+        check_memory(shifted)
+        # For a symmetric matrix pivots stay on the diagonal: a third of the time and of the fill.
+        self._factors = _factored(shifted, symmetric=True)
+        if self._factors is None or self._inaccurate(shifted):
+            self._factors = _factored(shifted, symmetric=False)
+        if self._factors is None or self._inaccurate(shifted):
+            raise InputError(
+                f"stiffness: K - sigma M is singular at sigma = {self.shift:.6g}: a coordinate "
+                "has neither mass nor stiffness, or frequency is that of a mode"
+            )
+        self.n_below = None
+        if np.array_equal(self._factors.perm_r, self._factors.perm_c):
+            self.n_below = int((self._factors.U.diagonal() < 0).sum())
+            if self._factors.nnz > _LARGE:
+                # A copy of the factors stays with them once they were looked at.
+                self._factors = _factored(shifted, symmetric=True)
+
+    @property
+    def n(self) -> int:
+        """Coordinates."""
+        return int(self.mass.shape[0])
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """(K - sigma M)^-1 right, shape (n,) or (n, k)."""
+        return np.asarray(self._factors.solve(right))
+
+    def apply(self, vectors: FloatArray) -> FloatArray:
+        """(K - sigma M) vectors."""
+        return np.asarray(self.stiffness @ vectors - self.shift * (self.mass @ vectors))
+
+    def _inaccurate(self, shifted: Any) -> bool:
+        """Whether the factors do not solve: errors far above rounding, or no numbers."""
+        right = shifted @ np.random.default_rng(1).standard_normal(self.n)
+        found = self._factors.solve(right)
+        if not np.isfinite(found).all():
+            return True
+        scale = abs(shifted) @ np.abs(found) + np.abs(right)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            backward = np.nanmax(np.abs(shifted @ found - right) / scale, initial=0.0)
+        return bool(backward > 1e-10)
+
+    def lowest_modes(self, above: float, most: int) -> Modes:
+        """All modes with omega^2 up to ``above`` (> sigma), and the next one.
+
+        Shift-invert Lanczos (ARPACK) in batches: the modes known are projected out of the next,
+        so that each is found once. ``most`` bounds their number.
+        """
+        n_mass = int((self.mass.diagonal() > 0).sum())
+        squares, shapes = np.zeros(0), np.zeros((self.n, 0))
+        while squares.size < n_mass:
+            batch = min(_BATCH, n_mass - squares.size)
+            found, vectors = self._next_modes(batch, shapes)
+            squares = np.concatenate([squares, found])
+            shapes = np.concatenate([shapes, vectors], axis=1)
+            reached = squares.max() > above
+            if reached and (self.n_below is None or (squares < self.shift).sum() >= self.n_below):
+                break
+            if squares.size >= most:
+                raise InputError(
+                    f"frequency: there are more than {most} modes below "
+                    f"{math.sqrt(max(above, 0)):.6g} rad/s, must be lower"
+                )
+        order = np.argsort(squares)
+        squares, shapes = squares[order], shapes[:, order]
+        for i in np.flatnonzero(np.abs(squares) < 1e-3 * abs(self.shift)):
+            squares[i] = self._rayleigh(shapes[:, i])
+        return Modes(squares, shapes)
+
+    def lowest_count(self, count: int) -> Modes:
+        """The ``count`` lowest modes, or all there are."""
+        n_mass = int((self.mass.diagonal() > 0).sum())
+        squares, shapes = np.zeros(0), np.zeros((self.n, 0))
+        wanted = min(count, n_mass)
+        while squares.size < wanted:
+            found, vectors = self._next_modes(min(wanted - squares.size + 4, n_mass), shapes)
+            squares = np.concatenate([squares, found])
+            shapes = np.concatenate([shapes, vectors], axis=1)
+        order = np.argsort(squares)[:wanted]
+        return Modes(squares[order], shapes[:, order])
+
+    def _rayleigh(self, shape: FloatArray) -> float:
+        """Value of phi' K phi, or 0 if that is rounding: then the mode is rigid."""
+        value = float(shape @ (self.stiffness @ shape))
+        size = float(np.abs(shape) @ (abs(self.stiffness) @ np.abs(shape)))
+        return 0.0 if abs(value) < _ROUNDING * np.finfo(float).eps * size else value
+
+    def _next_modes(self, count: int, known: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``count`` modes nearest to sigma, those ``known`` left out."""
+        weighted = self.mass @ known
+
+        def solve(right: FloatArray) -> FloatArray:
+            # Projected before and after: M-orthogonal to what is known, in spite of rounding.
+            found = self.solve(right - weighted @ (known.T @ right))
+            return np.asarray(found - known @ (weighted.T @ found))
+
+        start = solve(self.mass @ np.random.default_rng(2).standard_normal(self.n))
+        if self.n - known.shape[1] <= count + 1 or count >= self.n - 1:
+            return self._all_modes(known)
+        operator = LinearOperator((self.n, self.n), solve, dtype=float)
+        try:
+            squares, shapes = eigsh(
+                self.stiffness, k=count, M=self.mass, sigma=self.shift, OPinv=operator, v0=start,
+                ncv=min(self.n, max(2 * count + 1, 20)),
+            )  # fmt: skip
+        except ArpackError as error:
+            raise InputError(f"stiffness: its modes do not converge ({error})") from None
+        # Against what is known and among themselves, for multiple modes.
+        shapes = shapes - known @ (weighted.T @ shapes)
+        gram = shapes.T @ (self.mass @ shapes)
+        factor = np.linalg.cholesky(0.5 * (gram + gram.T))
+        return squares, np.linalg.solve(factor, shapes.T).T
+
+    def _all_modes(self, known: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Modes left of a system so small that Lanczos has no room."""
+        from scipy.linalg import eigh
+
+        shifted = (self.stiffness - self.shift * self.mass).toarray()
+        inverse, vectors = eigh(self.mass.toarray(), shifted)
+        massive = inverse > 1e-13 * inverse.max()
+        squares = self.shift + 1 / inverse[massive]
+        shapes = vectors[:, massive] / np.sqrt(inverse[massive])
+        order = np.argsort(np.abs(squares - self.shift))[known.shape[1] :]
+        return squares[order], shapes[:, order]
+
+
+def checked_sparse(name: str, value: Any, n: int | None = None) -> Any:
+    """Return a matrix as a real, finite, square csc_array without stored zeros."""
+    matrix = csc_array(value)
+    if matrix.dtype.kind == "c":
+        raise InputError(f"{name}: must be real, got complex numbers")
+    if matrix.dtype.kind not in "iufb":
+        raise InputError(f"{name}: must be numbers, got {matrix.dtype}")
+    rows, columns = matrix.shape
+    size = rows if n is None else n
+    if (rows, columns) != (size, size):
+        wanted = "square" if n is None else f"({n}, {n}) as mass is"
+        raise InputError(f"{name}: must be {wanted}, got shape ({rows}, {columns})")
+    matrix = matrix.astype(float, copy=True)
+    matrix.sum_duplicates()
+    if not np.isfinite(matrix.data).all():
+        bad = matrix.tocoo()
+        at = int(np.flatnonzero(~np.isfinite(bad.data))[0])
+        i, j = (int(axis[at]) for axis in bad.coords)
+        raise InputError(f"{name}[{i}, {j}] = {bad.data[at]}: must be a finite number")
+    matrix.eliminate_zeros()
+    return matrix
+
+
+def is_symmetric(matrix: Any) -> bool:
+    """Whether a sparse matrix is its transpose up to rounding."""
+    difference = abs(matrix - matrix.T)
+    largest = abs(matrix).max() if matrix.nnz else 0.0
+    return bool(difference.nnz == 0 or difference.max() <= _SYMMETRIC * largest)
+
+
+def check_mass(mass: Any) -> None:
+    """Refuse a mass that is negative, or that couples a coordinate without mass to others."""
+    diagonal = mass.diagonal()
+    if (diagonal < 0).any():
+        i = int(np.argmin(diagonal))
+        raise InputError(f"mass[{i}, {i}] = {diagonal[i]:g}: must not be negative")
+    if not is_symmetric(mass):
+        raise InputError("mass: must be symmetric")
+    massless = np.flatnonzero(diagonal == 0)
+    filled = np.diff(mass.indptr)[massless] > 0
+    if filled.any():
+        i = int(massless[filled][0])
+        raise InputError(
+            f"mass: row {i} has 0 on its diagonal but not beside it, must be positive semidefinite"
+        )
+
+
+def estimated_fill(matrix: Any) -> float:
+    """Entries that the factors of a symmetric sparse matrix will about have, without factoring it.
+
+    The coordinates are walked through in levels from an outer one; a mean level of S coordinates
+    separates the model. Kept as a band, L has about n S entries; by nested dissection
+    S^2 log2 n (George and Liu 1981, chapter 8). Minimum degree lies between: the geometric mean
+    is within a factor of 2 for the plates and blocks of `tests/python/test_sparse.py`.
+    """
+    n = matrix.shape[0]
+    linked = csc_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
+    _, part = csgraph.connected_components(linked, directed=False)
+    first = int(np.argmax(part == np.bincount(part).argmax()))
+    away = csgraph.dijkstra(linked, directed=False, indices=first, unweighted=True)
+    # Once more from the coordinate furthest away, which lies at the rim.
+    first = int(np.where(np.isfinite(away), away, -1).argmax())
+    away = csgraph.dijkstra(linked, directed=False, indices=first, unweighted=True)
+    reached = away[np.isfinite(away)]
+    depth = reached.max() + 1
+    level = max(1.0, reached.size / depth)
+    band, dissected = 1.3 * n * level, level**2 * math.log2(max(n, 2))
+    return float(matrix.nnz + 2 * (band if depth > level else math.sqrt(band * dissected)))
+
+
+def check_memory(matrix: Any) -> None:
+    """Refuse a factorization that will not find room, before time is spent on it."""
+    needed = _ENTRY * estimated_fill(matrix)
+    free = free_memory()
+    if needed > _SHARE * free:
+        raise InputError(
+            f"mass: {matrix.shape[0]} coordinates with {matrix.nnz} entries need about "
+            f"{needed / 1e9:.3g} GB to factor, of which {free / 1e9:.3g} GB are free"
+        )
+
+
+def free_memory() -> float:
+    """Memory that may be taken (bytes): what the machine has left, or the limit set."""
+    import resource
+
+    try:
+        with open("/proc/meminfo", encoding="ascii") as file:
+            lines = dict(line.split(":", 1) for line in file)
+        free = 1024.0 * float(lines["MemAvailable"].split()[0])
+    except (OSError, KeyError, ValueError):
+        free = float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    soft, _ = resource.getrlimit(resource.RLIMIT_DATA)
+    return free if soft == resource.RLIM_INFINITY else min(free, float(soft))
+
+
+def _factored(matrix: Any, *, symmetric: bool) -> Any:
+    try:
+        if symmetric:
+            return splu(
+                matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )  # fmt: skip
+        return splu(matrix)
+    except RuntimeError:
+        # Exactly singular.
+        return None
+    except MemoryError:
+        raise InputError(
+            f"mass: {matrix.shape[0]} coordinates: no memory is left to factor the stiffness"
+        ) from None

@@ -1,0 +1,110 @@
+"""Readers and writers of matrices: what is sound comes back, all else is one line."""
+
+import re
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.sparse import csc_array, random_array, save_npz
+from viscovib.matrix_files import read_matrix, write_matrix
+
+HARWELL = """\
+A small stiffness                                                       KEY     
+             4             1             1             2             0
+RSA                        3             3             5             0
+(4I3)           (5I3)           (3E12.4)            
+  1  3  5  6
+  1  2  2  3  3
+  2.0000E+00 -1.0000E+00  2.0000D+00
+ -1.0000E+00  1.5000E+00
+"""
+FULL = [[2.0, -1, 0], [-1, 2, -1], [0, -1, 1.5]]
+
+
+@pytest.mark.parametrize("ending", [".mtx", ".npz"])
+def test_what_is_written_comes_back_bit_for_bit(tmp_path, ending):
+    rng = np.random.default_rng(3)
+    for symmetric in (False, True):
+        matrix = csc_array(random_array((30, 30), density=0.2, rng=rng))
+        matrix = matrix + matrix.T if symmetric else matrix
+        write_matrix(tmp_path / f"k{ending}", matrix)
+        found = read_matrix("stiffness", tmp_path / f"k{ending}")
+        assert (found != matrix).nnz == 0
+
+
+def test_harwell_boeing(tmp_path):
+    file = tmp_path / "k.rsa"
+    file.write_text(HARWELL)
+    np.testing.assert_array_equal(read_matrix("stiffness", file).toarray(), FULL)
+    file.write_text(HARWELL.replace("RSA", "RUA"))
+    np.testing.assert_array_equal(read_matrix("stiffness", file).toarray(), np.tril(FULL))
+
+
+def test_fields_of_harwell_boeing_may_touch(tmp_path):
+    file = tmp_path / "k.rsa"
+    text = HARWELL.replace(
+        "  2.0000E+00 -1.0000E+00  2.0000D+00\n -1.0000E+00  1.5000E+00\n",
+        " 2.0000E+00-1.0000E+00 2.0000E+00\n-1.0000E+00 1.5000E+00\n",
+    ).replace("(3E12.4)", "(3E11.4)")
+    file.write_text(text)
+    np.testing.assert_array_equal(read_matrix("stiffness", file).toarray(), FULL)
+
+
+BANNER = "%%MatrixMarket matrix coordinate real general\n"
+WRONG = {
+    "a.mtx": {
+        "": "is empty",
+        "hello\n": "is no Matrix Market file",
+        BANNER + "2 2 3\n1 1 1.0\n2 2 1.0\n": "is cut short",
+        BANNER + "2 2 300000000000\n1 1 1.0\n": "is cut short: it says 300000000000 entries",
+        BANNER + "2 3 1\n1 1 1.0\n": "is 2 x 3, must be square",
+        BANNER + "2 2 1\n3 1 1.0\n": "is no Matrix Market file",
+        BANNER + "2 2 1\n1 1 x\n": "is no Matrix Market file",
+        BANNER.replace("real", "complex") + "1 1 1\n1 1 1 2\n": "holds complex numbers",
+        BANNER.replace("real", "pattern") + "1 1 1\n1 1\n": "a pattern without values",
+    },
+    "a.rsa": {
+        "": "is empty",
+        "hello\n": "is no Harwell-Boeing file",
+        HARWELL.replace("RSA", "CSA"): "is of type CSA, must be real and assembled",
+        HARWELL.replace("RSA", "PSA"): "is of type PSA, must be real",
+        HARWELL.replace("RSA", "RSE"): "is of type RSE, must be real",
+        HARWELL[:-14]: "is cut short",
+        HARWELL.replace("1.5000", "1.5x00"): "holds what is no number",
+        HARWELL.replace("  1  2  2  3  3", "  1  2  2  3  4"): "has entries outside the matrix",
+    },
+    "a.npz": {"": "is empty", "hello\n": "cannot be read"},
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [(name, text, said) for name, cases in WRONG.items() for text, said in cases.items()],
+)
+def test_wrong_files(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(vv.ViscovibError, match=re.escape(message)) as caught:
+        read_matrix("mass", tmp_path / name)
+    assert str(caught.value).startswith("mass: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_npz_of_something_else(tmp_path):
+    np.savez(tmp_path / "a.npz", x=np.eye(2))
+    with pytest.raises(vv.FileError, match=r"mass: .*a.npz cannot be read"):
+        read_matrix("mass", tmp_path / "a.npz")
+    save_npz(tmp_path / "b.npz", csc_array(np.eye(2)))
+    whole = (tmp_path / "b.npz").read_bytes()
+    (tmp_path / "b.npz").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(vv.FileError, match=r"mass: .*b.npz cannot be read"):
+        read_matrix("mass", tmp_path / "b.npz")
+
+
+def test_missing_files_and_other_names(tmp_path):
+    with pytest.raises(vv.FileError, match=r"mass: .*none.mtx cannot be read \(No such file"):
+        read_matrix("mass", tmp_path / "none.mtx")
+    with pytest.raises(vv.InputError, match=r"mass = '.*k.txt': must end in \.mtx"):
+        read_matrix("mass", "k.txt")
+    (tmp_path / "d.mtx").mkdir()
+    with pytest.raises(vv.FileError, match=r"mass: .*d.mtx is no file"):
+        read_matrix("mass", tmp_path / "d.mtx")

@@ -1,0 +1,76 @@
+"""Characteristic roots of sparse models with memory."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.sparse import csc_array, diags_array
+from viscovib.matrix_files import read_matrix
+from viscovib.reduction import LinearModel
+from viscovib.sparse_roots import sparse_roots
+
+DATA = Path(__file__).parents[2] / "data" / "structures"
+
+
+def sandwich():
+    reference = json.loads((DATA / "sandwich_beam_reference.json").read_text())
+    tau, g0, stiff, alpha = 8.230e-9, 3.504e5, 3.062e9, 0.675
+    kernel = vv.RabotnovKernel(
+        amplitude=(1 - g0 / stiff) * tau**-alpha, alpha=alpha, beta=tau**-alpha
+    )
+    mass, elastic, viscous = (
+        read_matrix(name, DATA / f"sandwich_beam_{name}.mtx")
+        for name in ("mass", "elastic", "viscous")
+    )
+    model = LinearModel(mass, elastic, layers=[(stiff * viscous, kernel)])
+    return model, np.array(reference["lam_168"]) @ [1, 1j]
+
+
+def test_six_roots_of_a_sandwich_beam():
+    """Rabotnov's kernel in the core: Van Beeumen, Meerbergen, Michiels 2013 (NLEVP)."""
+    model, reference = sandwich()
+    roots, shapes = sparse_roots(model, 6)
+    # The reference says exp(i lam t), to ten digits.
+    np.testing.assert_allclose(roots / 1j, reference, rtol=3e-10)
+    for s, shape in zip(roots, shapes.T, strict=True):
+        c = model.coefficients(np.array([s]))[:, 0]
+        full = sum(ci * matrix for ci, matrix in zip(c, model.matrices, strict=True))
+        assert np.linalg.norm(full @ shape) < 1e-14 * np.linalg.norm(abs(full) @ abs(shape))
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.8])
+def test_roots_of_a_chain_are_those_of_dense_matrices(ratio):
+    """A chain of which two springs remember."""
+    n = 8
+    elastic = diags_array([-1.0, 2.2, -1.0], offsets=[-1, 0, 1], shape=(n, n)).tocsc()
+    layer = np.zeros((n, n))
+    layer[2, 2] = layer[5, 5] = 3.0
+    kernel = vv.RabotnovKernel(amplitude=ratio, alpha=0.6, beta=1.0)
+    model = LinearModel(
+        csc_array(np.eye(n)), csc_array(elastic), damping=0.01 * elastic,
+        layers=[(csc_array(layer), kernel)],
+    )  # fmt: skip
+    roots, _ = sparse_roots(model, n)
+    system = vv.PolynomialSystem(
+        mass=np.eye(n), stiffness=elastic.toarray(), damping=0.01 * elastic.toarray(),
+        springs=[vv.Springs(stiffness=layer, kernel=kernel)],
+    )  # fmt: skip
+    dense = system.characteristic_roots().oscillatory
+    np.testing.assert_allclose(
+        sorted(roots, key=lambda s: s.imag), sorted(dense, key=lambda s: s.imag), rtol=1e-10
+    )
+
+
+def test_without_memory_and_with_equal_modes():
+    """Two equal chains: each root twice, with shapes of their own."""
+    one = diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(4, 4)).toarray()
+    stiffness = csc_array(np.kron(np.eye(2), one))
+    model = LinearModel(csc_array(np.eye(8)), stiffness, rayleigh=(0.02, 0.01))
+    roots, shapes = sparse_roots(model, 4)
+    squares = np.linalg.eigvalsh(one)[:2].repeat(2)
+    rates = 0.02 + 0.01 * squares
+    exact = -rates / 2 + 1j * np.sqrt(squares - rates**2 / 4)
+    np.testing.assert_allclose(roots, exact, rtol=1e-8)
+    assert np.linalg.matrix_rank(shapes, tol=1e-6) == 4
