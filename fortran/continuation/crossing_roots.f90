@@ -18,6 +18,8 @@ module viscovib_crossing_roots
   real(wp), parameter, public :: on_line = 1.0e-5_wp
   !> Between points this close the curve is straight to rounding.
   real(wp), parameter :: straight = 1.0e-4_wp
+  !> How far to both sides of where that cannot be, in parts of the interval, one after the other.
+  real(wp), parameter :: aside(3) = [1.0e-3_wp, 1.0e-2_wp, 0.1_wp]
   !> Real parts beyond this say nothing more.
   real(wp), parameter :: deepest = 100.0_wp
 
@@ -53,6 +55,7 @@ contains
     type(node_type) :: trial
     real(wp) :: low, high, sigma, last_sigma, value, level
     integer :: k, place, side, before
+    logical :: narrowed
 
     located = .false.
     place = max(lo%n_growing, hi%n_growing)
@@ -74,7 +77,11 @@ contains
       call look_at(curve, spectrum, chord, sigma, lo, hi, trial)
       if (trial%n_growing < 0) then
         ! Where another branch crosses the equations are singular.
-        if (hi%at%sigma - lo%at%sigma > straight) return
+        if (hi%at%sigma - lo%at%sigma > straight) then
+          call close_in()
+          if (narrowed) cycle
+          return
+        end if
         call put_between(lo, hi, sigma, root)
         exit
       end if
@@ -97,6 +104,32 @@ contains
     end do
     located = k <= max_evaluations .and. allocated(root%eta)
     if (located) root%eta(1) = root%eta(place)
+
+  contains
+
+    !> Nodes on both sides of sigma, where the equations cannot be solved, take the ends' places.
+    subroutine close_in()
+      type(node_type) :: sides(2)
+      integer :: j
+      narrowed = .false.
+      do j = 1, size(aside)
+        associate (distance => aside(j)*(hi%at%sigma - lo%at%sigma))
+          call look_at(curve, spectrum, chord, max(lo%at%sigma, sigma - distance), lo, hi, sides(1))
+          call look_at(curve, spectrum, chord, min(hi%at%sigma, sigma + distance), lo, hi, sides(2))
+        end associate
+        if (min(sides(1)%n_growing, sides(2)%n_growing) < 0) cycle
+        if (.not. (height(sides(1), place) - level)*low > 0.0_wp) cycle
+        if (.not. (height(sides(2), place) - level)*high > 0.0_wp) cycle
+        lo = sides(1)
+        hi = sides(2)
+        low = height(lo, place) - level
+        high = height(hi, place) - level
+        before = 0
+        narrowed = .true.
+        return
+      end do
+    end subroutine close_in
+
   end subroutine bracket_by_size
 
   !> Real part of the exponent of a place.

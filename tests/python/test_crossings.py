@@ -57,3 +57,16 @@ def test_breaking_of_symmetry_with_memory():
     for claim in told_by_crossings(branch):
         assert claim.ratio() == 0, str(claim)
     assert {c.kind for c in branch.crossings} <= {"fold", "symmetry breaking"}
+
+
+def test_two_crossings_within_a_step_have_their_places_whatever_the_step():
+    # The equations are singular at both, so that Newton's method fails beside the second place.
+    system = vv.PolynomialSystem(mass=1.62, damping=0.01312, stiffness=1.312, forces="0.69*x^3")
+    places = []
+    for step in (0.02, 0.025, 0.03):
+        branch = vv.trace_response(
+            system, (0.5, 0.56), load=0.73, harmonics=13, symmetric=False, max_step=step
+        )
+        assert [c.kind for c in branch.crossings] == ["branch point"] * 2
+        places.append([c.parameter for c in branch.crossings])
+    assert np.array(places) == pytest.approx(np.tile([0.516402, 0.519724], (3, 1)), abs=1e-6)

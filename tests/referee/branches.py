@@ -26,9 +26,17 @@ def _judge_points(model, names, load, tolerance, rng):
     estimate = np.zeros(branch.nu.size) if branch.truncation is None else branch.truncation
     turns = np.sign(np.diff(branch.parameter))
     turns = turns[turns != 0]
-    yield Claim(
-        "folds are where the branch turns", len(branch.folds), int((np.diff(turns) != 0).sum())
-    )
+    seen = int((np.diff(turns) != 0).sum())
+    between = len(branch.folds) - seen
+    if between > 0 and between % 2 == 0 and branch.varies == "nu":
+        # Two within a step turn nothing that its ends show: there the equations are singular.
+        highest = Balance(model, int(orders.max()))
+        for nu, x in zip(branch.folds, branch.fold_coefficients, strict=True):
+            _r, jac = highest.residual(highest.real(x, orders), nu, load_rows(highest, load))
+            sizes = np.linalg.svd(jac, compute_uv=False)
+            yield Claim("a fold is singular", 1 + sizes[-1] / sizes[0], 1.0, 1e-6, damage=1e-4)
+        seen += between
+    yield Claim("folds are where the branch turns", len(branch.folds), seen)
     for i in rng.integers(0, branch.nu.size, 3):
         scaled = {k: p * branch.load_factor[i] for k, p in load.items()}
         true = _solve(model, branch.coefficients[i], orders, branch.nu[i], scaled)
