@@ -13,7 +13,7 @@ _NAMES = {
     "_plan": "Plan",
     "_spectrum": "Spectrum name_frequencies spectrum",
     "_sweep": "sweep",
-    "branch": "Branch",
+    "branch_result": "Branch",
     "characteristic": "CharacteristicRoots",
     "cubic_system": "CubicSystem",
     "curves": "BranchPoint Crossing",
@@ -66,7 +66,7 @@ if TYPE_CHECKING:
         spectrum as spectrum,
     )
     from viscovib._sweep import sweep as sweep
-    from viscovib.branch import Branch as Branch
+    from viscovib.branch_result import Branch as Branch
     from viscovib.characteristic import CharacteristicRoots as CharacteristicRoots
     from viscovib.cubic_system import CubicSystem as CubicSystem
     from viscovib.curves import (
@@ -155,8 +155,8 @@ if TYPE_CHECKING:
         plan as plan,
     )
     from viscovib.scene_run import run as run
-    from viscovib.sum_kernel import SumKernel as SumKernel
     from viscovib.structure import Structure as Structure
+    from viscovib.sum_kernel import SumKernel as SumKernel
     from viscovib.table_result import TableResult as TableResult
     from viscovib.time_temperature import (
         WLF as WLF,

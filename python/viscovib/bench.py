@@ -16,7 +16,7 @@ import numpy as np
 
 from viscovib import __version__, _native
 from viscovib._backbone import Backbone
-from viscovib.branch import Branch
+from viscovib.branch_result import Branch
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError, ViscovibError
 from viscovib.parameters import MAX_HARMONICS

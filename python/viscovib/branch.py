@@ -3,39 +3,34 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib._plan import Plan, wanted_places
+from viscovib._plan import Plan
+from viscovib.branch_result import Branch
 from viscovib.curves import (
     MAX_SPECIAL,
     OUTCOMES,
     BranchPoint,
-    Crossing,
-    Curve,
-    branch_notes,
     check_departure,
     located_crossings,
     range_of,
 )
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.load import LoadLike
-from viscovib.motion_stability import STABILITY_NOTE, Stability, codes_of, stability_columns
-from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.motion_stability import Stability
+from viscovib.oscillators import Steady, check_steady
 from viscovib.parameters import MOST_CHOSEN, OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
-from viscovib.periodic_motions import PeriodicMotions
 from viscovib.response import _prepare
-from viscovib.tables import Table, listed_units
+from viscovib.structure import Structure
+from viscovib.structure_results import StructureBranch, View
 from viscovib.varying import varied
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Numbers that all points together may hold.
 _MAX_NUMBERS = 4e8
@@ -43,182 +38,8 @@ _MAX_NUMBERS = 4e8
 _KINDS = {"nu": 1, "load_factor": 2}
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Branch(PeriodicMotions, Curve):
-    """A branch of periodic solutions u = Im sum_k X_k exp(i k nu t), in the order followed.
-
-    Attributes
-    ----------
-    nu : ndarray, shape (n,)
-        Circular frequencies (rad/s).
-    load_factor : ndarray, shape (n,)
-        Factor of the load given.
-    harmonics : ndarray of int, shape (m,)
-        Orders k kept.
-    coefficients : complex ndarray, shape (n, n_dof, m)
-        X_k.
-    stable : ndarray of bool, shape (n,), or None
-        None: unknown (time scales too far apart) or not asked for. If it is unknown of some motions
-        only, the array holds objects, True, False and None.
-    growing : ndarray of int, shape (n,), or None
-        How many disturbances grow; -1: unknown.
-    multipliers : complex ndarray, shape (n, 2 n_dof), or None
-        Floquet multipliers, largest first, NaN where unknown; with memory exp(2 pi exponents/nu).
-    exponents : complex ndarray, shape (n, m), or None
-        Exponents lambda (1/s) of disturbances exp(lambda t) times a periodic function, largest real
-        part first, modulo i nu (of motions symmetric about half a period: 2 i nu; there Im lambda =
-        nu at a breaking of the symmetry). With memory those that grow are complete, or all of a
-        motion's are NaN; of those that decay some may lack; NaN behind the last.
-    slowest : ndarray of bool, shape (n,), or None
-        True: no disturbance decays more slowly than the first multiplier says. False: some may. The
-        search may have failed, or memory itself fades more slowly: right of the rate at which it
-        does, exponents are counted; further left no multiplier says how disturbances decay. Memory
-        of a Rabotnov kernel fades like a power of time, more slowly than any exponential.
-    folds : ndarray, shape (n_folds,)
-        Where the branch turns back: values of what varies (nu, or the load factor).
-    fold_coefficients : complex ndarray, shape (n_folds, n_dof, m)
-    branch_points : tuple of BranchPoint
-        Where others branch off: each may be given to `trace_response` as ``leave``.
-    crossings : tuple of Crossing
-        Changes of stability, located to 1e-8 or better of what varies.
-    stops : ndarray of int
-        Which points lie at the values asked for.
-    outcome : str
-        "completed"; "returned": back at the beginning, another branch leads on; "step limit":
-        max_points reached; "stuck": no smaller step helps; "overflow"; "closed": back at the first
-        point; "unphysical": at the end of the values that make a system.
-    error : ndarray, shape (n,)
-        Estimated error of each point as a solution of its equations, relative to its size: what the
-        last correction and rounding leave. At very light damping that is rounding divided by the
-        damping, and may exceed ``tolerance``.
-    varies : str
-        "nu", "load_factor" or a parameter of the system.
-    parameter : ndarray, shape (n,)
-        Its values.
-    highest : ndarray of int, shape (n,)
-        Highest order kept at each point.
-    truncation : ndarray, shape (n,)
-        Estimated relative change of the motion if all orders were kept.
-    plan : Plan
-        What was computed, what was skipped and why.
-    """
-
-    nu: FloatArray
-    load_factor: FloatArray
-    harmonics: npt.NDArray[np.int32]
-    coefficients: ComplexArray
-    stable: npt.NDArray[Any] | None
-    growing: npt.NDArray[np.int32] | None
-    multipliers: ComplexArray | None
-    exponents: ComplexArray | None
-    slowest: npt.NDArray[np.bool_] | None
-    folds: FloatArray
-    fold_coefficients: ComplexArray
-    branch_points: tuple[BranchPoint, ...]
-    crossings: tuple[Crossing, ...]
-    stops: npt.NDArray[np.intp]
-    outcome: str
-    iterations: npt.NDArray[np.int32]
-    error: FloatArray
-    varies: str
-    parameter: FloatArray
-    highest: npt.NDArray[np.int32]
-    truncation: FloatArray
-    dof_names: tuple[str, ...]
-    dof_units: tuple[str, ...]
-    plan: Plan
-    #: System, load and what varies as the core takes them, and the relative error wanted.
-    _job: tuple[Any, ...] = field(repr=False)
-    _tolerance: float = field(repr=False)
-
-    @property
-    def label(self) -> str:
-        """What varies, for the axis of a picture."""
-        if self.varies == "nu":
-            return r"circular frequency of the load $\nu$ (rad/s)"
-        name = "factor of the load" if self.varies == "load_factor" else self.varies
-        return f"{name}, at frequency {self.nu[0]:g} rad/s"
-
-    @property
-    def _orders(self) -> npt.NDArray[np.int32]:
-        return self.harmonics
-
-    def _lacking(self) -> str:
-        short = int((self.truncation > self._tolerance).sum())
-        return f", {short} with too few harmonics" if short else ""
-
-    def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
-        return self.nu, self.harmonics, self.coefficients
-
-    def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
-        d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
-        where = np.flatnonzero(self.harmonics == harmonic) if np.isscalar(harmonic) else np.empty(0)
-        if not where.size:
-            kept = ", ".join(map(str, self.harmonics))
-            raise InputError(
-                f"harmonic = {_native.shown(harmonic)}: must be one of those kept ({kept})"
-            )
-        return d, int(where[0])
-
-    def _summit(
-        self, i: int, d: int, j: int, low: float, high: float
-    ) -> tuple[float, float] | None:
-        kept = np.flatnonzero(self.harmonics <= self.highest[i])
-        if j >= kept.size:
-            return None
-        cancel = np.zeros(1, dtype=np.intc)
-        at, size, found = _native.call_interruptibly(
-            core.mount_peak, cancel, *self._job, self.harmonics[kept], 1, self._tolerance,
-            self.parameter[i : i + 1], np.asfortranarray(self.coefficients[i : i + 1][..., kept].T),
-            d + 1, j + 1, low, high, 1, cancel,
-        )  # fmt: skip
-        return (at, size) if found else None
-
-    def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset over the points."""
-        import xarray as xr
-
-        data: dict[str, Any] = {
-            "nu": ("point", self.nu, {"units": "rad/s"}),
-            "load_factor": ("point", self.load_factor),
-            "coefficients": (("point", "dof", "harmonic"), self.coefficients),
-            "highest": ("point", self.highest),
-            "truncation": ("point", self.truncation),
-            "error": ("point", self.error),
-        }
-        if self.stable is not None and self.multipliers is not None:
-            whole = self.stable.dtype == bool
-            data["stable"] = ("point", self.stable if whole else codes_of(self.stable))
-            data["growing"] = ("point", self.growing)
-            data["exponents"] = (("point", "multiplier"), self.exponents)
-            data["multipliers"] = (("point", "multiplier"), self.multipliers)
-            data["slowest"] = ("point", self.slowest)
-        return xr.Dataset(
-            data,
-            coords={"dof": list(self.dof_names), "harmonic": self.harmonics},
-            attrs={"outcome": self.outcome, "folds": self.folds, "plan": str(self.plan)},
-        )
-
-    def _table(self, coordinates: Sequence[str] | None) -> Table:
-        names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
-        table = Table(branch_notes(self), {self.varies: self.parameter})
-        note = "nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)"
-        if self.growing is not None:
-            note += STABILITY_NOTE
-            table.columns |= stability_columns(self.growing, self.multipliers)
-        units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
-        table.notes.append(
-            f"{note}; highest: order kept; truncation: estimated relative error of leaving out "
-            f"higher orders; error: of the last correction and rounding; {units}"
-        )
-        table.columns |= {"highest": self.highest, "truncation": self.truncation}
-        table.columns["error"] = self.error
-        table.add_harmonics(names, map(str, self.harmonics), self.coefficients)
-        return table
-
-
 def trace_mount(
-    system: Oscillator,
+    system: Steady,
     nu_range: tuple[float, float] | None,
     *,
     load: LoadLike | None,
@@ -236,8 +57,9 @@ def trace_mount(
     max_points: int,
     max_step: float,
     stability: bool,
+    coordinates: Sequence[str] | None,
 ) -> Branch:
-    """`trace_response` of a mount or a polynomial system."""
+    """`trace_response` of a mount, a polynomial system or a structure."""
     ranges = {"nu_range": nu_range, "load_range": load_range, "vary_range": vary_range}
     given = [name for name, ends in ranges.items() if ends is not None]
     if len(given) != 1:
@@ -248,11 +70,13 @@ def trace_mount(
         raise InputError("vary: must be given with vary_range, and only then")
     start, finish = range_of(given[0], ranges[given[0]])
     varies = {"nu_range": "nu", "load_range": "load_factor"}.get(given[0], "")
-    check_oscillator(system, base)
-    flat, direction, first = system._flat, np.zeros(system._flat.size), None
+    check_steady(system, base)
+    numbers, first = None, None
     if vary is not None:
+        if isinstance(system, Structure):
+            raise InputError("vary: the numbers of a structure do not vary: follow nu or the load")
         numbers = varied(system, vary, start, finish)
-        varies, flat, direction = numbers
+        varies = numbers[0]
         first = numbers.at(start)
     if varies == "nu" and min(start, finish) <= 0:
         raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
@@ -270,12 +94,18 @@ def trace_mount(
         raise InputError(
             "system: nothing is nonlinear, its response is a single curve: see forced_response"
         )
+    flat, direction = (job[0], np.zeros(job[0].size)) if numbers is None else numbers[1:]
+    view = None
+    if planned.loaded is not None:
+        view = View.of(system, planned.loaded, coordinates)
+    elif coordinates is not None:
+        raise InputError("coordinates: only those of a structure are chosen")
     orders = planned.orders
     if not keeps:
         orders = np.arange((planned.orders[-1] if chosen else options[1]) + 1, dtype=np.int32)
     if chosen:
         orders = orders[orders <= max(MOST_CHOSEN, *job[-2])]
-    n_dof, m = len(system.dof_names), orders.size
+    n_dof, m = job[-1].shape[0] - 1, orders.size
     most = int(_MAX_NUMBERS / (8 * m * n_dof + 8 * n_dof + 16))
     points = curve.max_points
     if points > most:
@@ -313,12 +143,23 @@ def trace_mount(
     def absolute(relative: ComplexArray, factors: FloatArray) -> ComplexArray:
         if varies != "load_factor":
             factors = np.ones(factors.size)
+        if view is not None:
+            return np.ascontiguousarray(relative.T)
         return _absolute(relative.T, system._base_direction, job, orders, factors)
+
+    def shown(relative: ComplexArray, at: FloatArray, whole: bool = True) -> ComplexArray:
+        """Motions, or their directions, in the coordinates that the result holds."""
+        if view is None:
+            return absolute(relative, at) if whole else np.ascontiguousarray(relative.T)
+        ones = np.ones(at.size)
+        factors = whole * (at if varies == "load_factor" else ones)
+        nu_there = at if varies == "nu" else fixed * ones
+        return view.expand(nu_there, orders, relative.T, factors)
 
     orders = orders[:n_used]
     crossings = located_crossings(
         (n_crossings, kinds, before, where),
-        absolute(crossing_coefficients[:n_used, :, :n_crossings], where[:n_crossings]),
+        shown(crossing_coefficients[:n_used, :, :n_crossings], where[:n_crossings]),
     )
     values = p[:n].copy()
     same = np.ones(n)
@@ -339,20 +180,28 @@ def trace_mount(
             ConvergenceWarning,
             stacklevel=3,
         )
-    points_off = absolute(_complex(branch_x[:, :n_branch], n_dof, m)[:n_used], branch_p[:n_branch])
-    directions = _complex(across[:-1, :n_branch], n_dof, m)[:n_used].T
-    return Branch(
+    places = branch_p[:n_branch]
+    points_off = shown(_complex(branch_x[:, :n_branch], n_dof, m)[:n_used], places)
+    directions = shown(_complex(across[:-1, :n_branch], n_dof, m)[:n_used], places, whole=False)
+    motions = absolute(coefficients[:n_used, :, :n], values)
+    at_folds = absolute(fold_coefficients[:n_used, :, :n_folds], folds[:n_folds])
+    names, units = system.dof_names, system.dof_units
+    kind: Callable[..., Branch] = Branch
+    if view is not None:
+        names, units = view.names, view.units
+        kind = partial(StructureBranch, _condensed=motions, _condensed_folds=at_folds, _view=view)
+    return kind(
         nu=values if varies == "nu" else fixed * same,
         load_factor=values if varies == "load_factor" else same,
         harmonics=orders,
-        coefficients=absolute(coefficients[:n_used, :, :n], values),
+        coefficients=motions,
         stable=found.stable if found else None,
         growing=growing[:n].copy() if found else None,
         multipliers=found.multipliers if found else None,
         exponents=found.exponents if found else None,
         slowest=found.slowest if found else None,
         folds=folds[:n_folds].copy(),
-        fold_coefficients=absolute(fold_coefficients[:n_used, :, :n_folds], folds[:n_folds]),
+        fold_coefficients=at_folds,
         branch_points=tuple(
             BranchPoint(
                 float(branch_p[i]),
@@ -373,8 +222,8 @@ def trace_mount(
         parameter=values,
         highest=orders[kept[:n] - 1],
         truncation=truncation[:n].copy(),
-        dof_names=system.dof_names,
-        dof_units=system.dof_units,
+        dof_names=names,
+        dof_units=units,
         plan=_plan(varies, start, finish, 0 if chosen else m, planned, judged_too),
         _job=(flat, *job[1:], _KINDS.get(varies, 3), direction, fixed),
         _tolerance=curve.tolerance,

@@ -37,6 +37,15 @@ class Laws(NamedTuple):
     stiffness: tuple[FloatArray, ...]
     forces: tuple[Monomials, ...]
 
+    def watching(self, direction: FloatArray) -> "Laws":
+        """The same with one more coordinate, in which no force acts."""
+        more = np.concatenate([self.directions, direction[:, np.newaxis]], axis=1)
+        wider = tuple(np.pad(k, (0, 1)) for k in self.stiffness)
+        forces = tuple(
+            {(on, (*powers, 0)): c for (on, powers), c in group.items()} for group in self.forces
+        )
+        return Laws(more, self.kernels, wider, forces)
+
 
 def element_laws(elements: Sequence[ElementTerms], n: int) -> Laws:
     """Condense what is nonlinear or remembers; what is elastic belongs to the linear rest."""
@@ -162,9 +171,11 @@ class Condensation:
             self.static(*nothing, np.zeros(q, complex)).stiffness.ravel(order="F"),
         ]  # fmt: skip
 
-    @cached_property
-    def law_vector(self) -> list[Any]:
-        """The laws in numbers, as a polynomial system of the coordinates left."""
+    def law_vector(self, direction: FloatArray) -> list[Any]:
+        """The laws in numbers, as a polynomial system of the coordinates left.
+
+        ``direction``: how these move with the base, shape (q,).
+        """
         laws, q = self.laws, self.q
         kernels = [kernel for kernel in laws.kernels if kernel is not None]
         springs: list[Any] = []
@@ -181,8 +192,7 @@ class Condensation:
             data += [[kernel._kind, kernel._data.size], kernel._data]
         return [
             [q, len(laws.kernels), len(monomials), len(kernels), 1.0],
-            np.diag(self.weights).ravel(), np.zeros(q * q), np.zeros(q), *springs, *monomials,
-            *data,
+            np.diag(self.weights).ravel(), np.zeros(q * q), direction, *springs, *monomials, *data,
         ]  # fmt: skip
 
 
@@ -260,19 +270,58 @@ class LoadedStructure:
                     )
             moved = self.base_push.times(self.base[j])
             parts += [[order], *push.numbers, *moved.numbers, _pairs(at_rest)]
-        flat = np.concatenate([np.asarray(part, dtype=float) for part in [*parts, *c.law_vector]])
-        # The core takes loads from the vector; these tell which orders there are.
+        parts += c.law_vector(self._base_deflections)
+        flat = np.concatenate([np.asarray(part, dtype=float) for part in parts])
+        # The core takes loads from the vector; these tell which orders there are, and where the
+        # base is.
         orders = self.orders if self.orders.size else np.ones(1, dtype=np.int32)
         series = np.zeros((c.q + 1, orders.size), dtype=complex, order="F")
         series[:-1, : self.orders.size] = np.where(self.orders == 0, 1j, 1)
+        series[-1, : self.orders.size] = self.base
         nothing = np.zeros(1)
         return flat, STRUCTURE_IN_VECTOR, nothing, 0, nothing, orders, series
 
-    def expand(self, nu: FloatArray, orders: Any, y: ComplexArray, places: Any) -> ComplexArray:
+    @property
+    def _base_deflections(self) -> FloatArray:
+        """How the coordinates of the condensation move with the base, shape (q,)."""
+        if self.direction is None:
+            return np.zeros(self.condensation.q)
+        return np.asarray(self.condensation.laws.directions.T @ self.direction)
+
+    def base_motion(self, orders: Any) -> ComplexArray:
+        """Harmonics of the coordinates of the condensation that follow the base, shape (q, m)."""
+        moved = np.zeros((self.condensation.q, orders.size), dtype=complex)
+        for order, base in zip(self.orders, self.base, strict=True):
+            moved[:, orders == order] += (self._base_deflections * base)[:, np.newaxis]
+        return moved
+
+    def watching(self, place: int) -> tuple["LoadedStructure", int]:
+        """The same with a coordinate of the structure among those left, and where it is."""
+        c = self.condensation
+        one = np.zeros(c.laws.directions.shape[0])
+        one[place] = 1.0
+        for row, direction in enumerate(c.laws.directions.T):
+            if (direction == one).all():
+                return self, row
+        more = Condensation(c.rest, c.laws.watching(one))
+        return LoadedStructure(
+            more, self.orders, self.forces, self.base, self._inertia, self.direction
+        ), c.q
+
+    def expand(
+        self,
+        nu: FloatArray,
+        orders: Any,
+        y: ComplexArray,
+        places: Any,
+        factors: FloatArray | None = None,
+    ) -> ComplexArray:
         """Harmonics of coordinates, shape (n, len(places), m): U_k = D_k^-1 (P_k - Q G_k).
 
-        ``y``: harmonics (n, q, m) of the coordinates of the condensation, relative to the base.
+        ``y``: harmonics (n, q, m) of the coordinates of the condensation, relative to the base;
+        ``factors``: of the load at each motion.
         """
+        factors = np.ones(nu.size) if factors is None else factors
         c, rest = self.condensation, self.condensation.rest
         u = np.empty((nu.size, len(places), orders.size), dtype=complex)
         shapes, left = rest.shapes[places].T, rest.left[places].T
@@ -281,21 +330,23 @@ class LoadedStructure:
         for k, order in enumerate(orders):
             j = np.flatnonzero(self.orders == order)
             if order == 0:
-                u[:, :, k] = self._at_rest(y[:, :, k], j, places)
+                u[:, :, k] = self._at_rest(y[:, :, k], j, places, factors)
             else:
                 for first in range(0, nu.size, size):
                     part = slice(first, first + size)
                     s = 1j * order * nu[part]
-                    modes, poles, g = self._forced(s, y[part, :, k], j)
+                    modes, poles, g = self._forced(s, y[part, :, k], j, factors[part])
                     u[part, :, k] = modes @ shapes + poles @ left
                     if rest.flexibility is not None:
                         u[part, :, k] += g @ flexible.T + (s[:, np.newaxis] * g) @ flexible_rate.T
-                        u[part, :, k] += self._flexible_load(s, j, places)
+                        u[part, :, k] += self._flexible_load(s, j, places, factors[part])
             if j.size and self.direction is not None:
-                u[:, :, k] += self.direction[places] * self.base[j[0]]
+                u[:, :, k] += np.outer(factors, self.direction[places] * self.base[j[0]])
         return u
 
-    def _forced(self, s: ComplexArray, y: ComplexArray, j: Any) -> tuple[Any, Any, Any]:
+    def _forced(
+        self, s: ComplexArray, y: ComplexArray, j: Any, factors: FloatArray
+    ) -> tuple[Any, Any, Any]:
         """Amplitudes of real and complex modes, and forces of the elements on the rest."""
         c, rest = self.condensation, self.condensation.rest
         at = s[:, np.newaxis]
@@ -310,6 +361,8 @@ class LoadedStructure:
             poles += push.poles - at**2 * moved.poles
             free += push.flexible + at * push.flexible_rate
             free -= at**2 * (moved.flexible + at * moved.flexible_rate)
+            for part in (modes, poles, free):
+                part *= factors[:, np.newaxis]
         free += (modes * t) @ c.seen + (poles * w) @ c.left
         h = np.einsum("nm,mq,mp->nqp", t, c.seen, c.seen, optimize=True)
         h = h + np.einsum("nm,mq,mp->nqp", w, c.left, c.right, optimize=True)
@@ -319,7 +372,9 @@ class LoadedStructure:
         g = np.linalg.solve(h, (y - free)[:, :, np.newaxis])[:, :, 0]
         return (modes + g @ c.seen.T) * t, (poles + g @ c.right.T) * w, g
 
-    def _flexible_load(self, s: ComplexArray, j: Any, places: Any) -> ComplexArray:
+    def _flexible_load(
+        self, s: ComplexArray, j: Any, places: Any, factors: FloatArray
+    ) -> ComplexArray:
         """What the modes left out add under the load itself."""
         if not j.size or self.condensation.rest.flexibility is None:
             return np.zeros((s.size, len(places)), dtype=complex)
@@ -329,26 +384,25 @@ class LoadedStructure:
         imag, imag_rate = self.condensation.rest.flexibility(np.ascontiguousarray(loads.imag))
         bend, rate = (real + 1j * imag)[places], (real_rate + 1j * imag_rate)[places]
         force, base = bend[:, 0] + at * rate[:, 0], bend[:, 1] + at * rate[:, 1]
-        return np.asarray(force - at**2 * base)
+        return np.asarray((force - at**2 * base) * factors[:, np.newaxis])
 
-    def _at_rest(self, y: ComplexArray, j: Any, places: Any) -> ComplexArray:
+    def _at_rest(self, y: ComplexArray, j: Any, places: Any, factors: FloatArray) -> ComplexArray:
         """Order 0 of coordinates."""
         c, rest, rigid = self.condensation, self.condensation.rest, self.condensation._rigid
         zero = np.zeros(c.q, complex)
         nothing = np.zeros(rest.squares.size, complex), np.zeros(rest.poles.size, complex)
         push = self.pushes[j[0]] if j.size else _Push(*nothing, zero, zero)
         static = c.static(push.modes, push.poles, push.flexible)
-        h = y @ static.stiffness.T - static.load
-        modes = (push.modes + h @ c.seen.T)[:, ~rigid] / rest.squares[~rigid]
+        scale = factors[:, np.newaxis]
+        h = y @ static.stiffness.T - scale * static.load
+        modes = (scale * push.modes + h @ c.seen.T)[:, ~rigid] / rest.squares[~rigid]
         u = modes @ rest.shapes[places][:, ~rigid].T
-        u = u + (y @ static.rigid.T + static.rigid_load) @ rest.shapes[places][:, rigid].T
-        u = u - ((push.poles + h @ c.right.T) / rest.poles) @ rest.left[places].T
+        bodies = y @ static.rigid.T + scale * static.rigid_load
+        u = u + bodies @ rest.shapes[places][:, rigid].T
+        u = u - ((scale * push.poles + h @ c.right.T) / rest.poles) @ rest.left[places].T
         if rest.flexibility is not None:
-            u = (
-                u
-                + h @ c.flexible[places].T
-                + self._flexible_load(np.zeros(1, dtype=complex), j, places)
-            )
+            u = u + h @ c.flexible[places].T
+            u = u + self._flexible_load(np.zeros(factors.size, dtype=complex), j, places, factors)
         return np.asarray(u)
 
 

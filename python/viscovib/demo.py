@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from viscovib.branch import Branch
+from viscovib.branch_result import Branch
 from viscovib.errors import StabilityWarning
 from viscovib.kernels import RzhanitsynKernel
 from viscovib.mount import GEOMETRIES, Mount

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from viscovib._backbone import Backbone, BackbonePoint, oscillator_backbone
 from viscovib._native import check_instance
 from viscovib._plan import Plan
-from viscovib.branch import Branch, trace_mount
+from viscovib.branch import trace_mount
+from viscovib.branch_result import Branch
 from viscovib.curves import BranchPoint
 from viscovib.driven import DrivenResponse, pendulum_response
 from viscovib.driven_branch import DrivenBranch, trace_pendulum
@@ -223,7 +224,7 @@ def plan_response(
 
 @overload
 def trace_response(
-    system: Oscillator,
+    system: Steady,
     nu_range: tuple[float, float] | None = None,
     *,
     load: LoadLike | None = None,
@@ -241,6 +242,7 @@ def trace_response(
     max_points: int = 2000,
     max_step: float = 0.1,
     stability: bool = True,
+    coordinates: Sequence[str] | None = None,
 ) -> Branch: ...
 @overload
 def trace_response(
@@ -267,7 +269,7 @@ def trace_response(
     max_denominator: int = 12,
 ) -> DrivenBranch: ...
 def trace_response(
-    system: Oscillator | Pendulum,
+    system: Steady | Pendulum,
     nu_range: tuple[float, float] | None = None,
     *,
     load: LoadLike | None = None,
@@ -294,6 +296,7 @@ def trace_response(
     duration: float | None = None,
     subharmonic: int = 1,
     max_denominator: int = 12,
+    coordinates: Sequence[str] | None = None,
 ) -> Branch | DrivenBranch:
     """Follow a branch of steady motions through its folds.
 
@@ -357,6 +360,9 @@ def trace_response(
         1 to 1e6.
     subharmonic, max_denominator
         Of a pendulum: as for `forced_response`.
+    coordinates : sequence of str
+        Of a structure: which of its coordinates the result holds; default all up to 64, else those
+        that elements and loads touch. ``result.at(...)`` shows others.
 
     Returns
     -------
@@ -392,8 +398,8 @@ def trace_response(
     given = locals()
     if isinstance(system, Pendulum):
         return trace_pendulum(**_TRACE_PENDULUM.of(given))
-    if not isinstance(system, _SYSTEMS):
-        check_instance("system", system, *_SYSTEMS)
+    if not isinstance(system, _STEADY):
+        check_instance("system", system, *_STEADY)
     return trace_mount(**_TRACE_MOUNT.of(given))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from viscovib._backbone import Backbone
 from viscovib._spectrum import Spectrum
-from viscovib.branch import Branch
+from viscovib.branch_result import Branch
 from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import DrivenBranch
 from viscovib.ensemble import Ensemble

@@ -12,7 +12,7 @@ from viscovib import _native
 from viscovib._backbone import Backbone
 from viscovib._native import FloatArray
 from viscovib._spectrum import Spectrum, name_frequencies
-from viscovib.branch import Branch
+from viscovib.branch_result import Branch
 from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import DrivenBranch
 from viscovib.ensemble import Ensemble

@@ -19,7 +19,7 @@ from viscovib.oscillators import Steady, check_steady, oscillator_job
 from viscovib.parameters import MAX_HARMONICS, MAX_ITERATIONS, PROGRESS, STABILITY, TOLERANCE
 from viscovib.progress import progress_bar
 from viscovib.response_result import Response
-from viscovib.structure import Structure
+from viscovib.structure_results import StructureResponse, View
 
 METHODS = ("linear", "successive", "newton")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])
@@ -65,32 +65,36 @@ def mount_response(
     iterations = _joined(parts, 2)
 
     most = max(part[0].shape[2] for part in parts)
-    own = np.concatenate([_widened(part[0], most) for part in parts])
-    names, units = system.dof_names, system.dof_units
-    if isinstance(system, Structure) and planned.loaded is not None:
-        places = system._wanted(coordinates, planned.loaded)
-        own = planned.loaded.expand(frequencies, planned.orders[:most], own, places)
-        names, units = (tuple(words[i] for i in places) for words in (names, units))
-    elif coordinates is not None:
-        raise InputError("coordinates: only those of a structure are chosen")
-    response = Response(
-        nu=frequencies,
-        harmonics=planned.orders[:most],
-        coefficients=own,
-        outcome=OUTCOMES[_joined(parts, 1)],
-        iterations=iterations,
-        rate=_joined(parts, 3),
-        highest=_joined(parts, 4),
-        truncation=_joined(parts, 5),
-        method=planned.method,
-        plan=planned.plan,
-        dof_names=names,
-        dof_units=units,
-        _work=work,
-        _job=job,
-        _tolerance=options[2],
-        **_stability_of(parts, _joined(parts, 1) == 0) if stability else {},
-    )
+    given: dict[str, Any] = {
+        "nu": frequencies,
+        "harmonics": planned.orders[:most],
+        "coefficients": np.concatenate([_widened(part[0], most) for part in parts]),
+        "outcome": OUTCOMES[_joined(parts, 1)],
+        "iterations": iterations,
+        "rate": _joined(parts, 3),
+        "highest": _joined(parts, 4),
+        "truncation": _joined(parts, 5),
+        "method": planned.method,
+        "plan": planned.plan,
+        "dof_names": system.dof_names,
+        "dof_units": system.dof_units,
+        "_work": work,
+        "_job": job,
+        "_tolerance": options[2],
+    }
+    if stability:
+        given |= _stability_of(parts, _joined(parts, 1) == 0)
+    response: Response
+    if planned.loaded is not None:
+        view = View.of(system, planned.loaded, coordinates)
+        # What the core gives is absolute.
+        own = given["coefficients"] - planned.loaded.base_motion(given["harmonics"])
+        given |= {"dof_names": view.names, "dof_units": view.units}
+        response = StructureResponse(**given, _condensed=own, _view=view)
+    else:
+        if coordinates is not None:
+            raise InputError("coordinates: only those of a structure are chosen")
+        response = Response(**given)
     _warn_of_gaps(response)
     _warn_of_few_orders(response, options[2])
     return response

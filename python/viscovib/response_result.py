@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -166,6 +166,20 @@ class Response(PeriodicMotions, Result):
         )  # fmt: skip
         return (at, size) if found else None
 
+    def _linear_sizes(self, d: int, j: int, nu: FloatArray) -> FloatArray:
+        """Amplitudes of a linear response at other frequencies."""
+        return np.abs(self._linear_motions(nu)[:, d, j])
+
+    def _linear_motions(self, nu: FloatArray) -> ComplexArray:
+        """X_k of the coordinates that the core computes, shape (n, n_dof, m)."""
+        n_dof = self._job[-1].shape[0] - 1
+        room = np.empty(nu.size * n_dof * self.harmonics.size, dtype=complex)
+        _native.call(
+            core.mount_response, *self._job, nu, 1, 0, self._tolerance, 1, 1.0, 0, 0, room,
+            np.zeros(1, dtype=np.intc),
+        )  # fmt: skip
+        return room.reshape(nu.size, n_dof, self.harmonics.size)
+
     @property
     def complete(self) -> bool:  # type: ignore[override]
         """Whether all frequencies are solved, with enough harmonics."""
@@ -314,16 +328,7 @@ def _linear_summit(
     response: Response, places: npt.NDArray[np.intp], d: int, j: int
 ) -> tuple[float, float] | None:
     """Of a linear response: each frequency is solved for, so that intervals shrink to a summit."""
-
-    def sizes(nu: FloatArray) -> FloatArray:
-        room = np.empty(nu.size * len(response.dof_names) * response.harmonics.size, dtype=complex)
-        _native.call(
-            core.mount_response, *response._job, nu, 1, 0, response._tolerance, 1, 1.0, 0, 0, room,
-            np.zeros(1, dtype=np.intc),
-        )  # fmt: skip
-        shape = (nu.size, len(response.dof_names), response.harmonics.size)
-        return np.abs(room.reshape(shape)[:, d, j])
-
+    sizes = partial(response._linear_sizes, d, j)
     nu = response.nu[places]
     # Slopes at both ends of each interval tell whether it holds a summit.
     h = 1e-6 * np.diff(nu)

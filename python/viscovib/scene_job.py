@@ -14,7 +14,7 @@ from viscovib._backbone import Backbone
 from viscovib._native import core
 from viscovib._plan import Plan, wanted_places
 from viscovib._spectrum import Spectrum, spectrum
-from viscovib.branch import Branch
+from viscovib.branch_result import Branch
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.periodic import forced_response, trace_response

@@ -1,5 +1,7 @@
 """Structures condensed to the deflections of their elements, against the whole system."""
 
+import pickle
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -185,6 +187,53 @@ def test_coordinates_are_chosen() -> None:
     assert vv.forced_response(structure, [0.05], load=load).dof_names == ("x3", "x40", "x41")
     r = vv.forced_response(structure, [0.05], load=load, coordinates=["x80", "x3"])
     assert r.dof_names == ("x80", "x3")
+
+
+def test_branch_is_that_of_the_whole_chain() -> None:
+    """Folds, a branch that load and base share, peaks of any coordinate."""
+    n = 6
+    whole, structure = both(n, "0.5*d^3", damping=0.02 * chain(n), base_direction=np.ones(n))
+    w = whole.natural_frequencies()[0]
+    given = {"load": np.eye(1, n)[0] * 0.02, "base": {3: 0.001}, "harmonics": 9, "stability": False}
+    a, b = (vv.trace_response(s, (0.6 * w, 1.4 * w), at=[w], **given) for s in (whole, structure))
+    assert a.folds.size == b.folds.size == 2
+    assert np.abs(a.folds / b.folds - 1).max() < 1e-11
+    assert np.abs(a.fold_coefficients - b.fold_coefficients).max() < 2e-6
+    one, other = (x.coefficients[x.stops[0]] for x in (a, b))
+    assert np.abs(one - other).max() < 1e-12 * np.abs(one).max() + 1e-10 * np.abs(one).max()
+    for name, order in (("x6", 1), ("x2", 3)):
+        one, other = a.peak(name, order), b.peak(name, order)
+        assert other.enclosed
+        assert abs(one.amplitude / other.amplitude - 1) < 1e-9
+
+
+def test_branch_over_the_load() -> None:
+    n = 5
+    whole, structure = both(n, "0.3*d^2 + 0.5*d^3", damping=0.05 * chain(n))
+    load = {0: np.full(n, 0.01j), 1: np.eye(1, n)[0] * 0.02}
+    nu = 1.1 * whole.natural_frequencies()[0]
+    given = {"nu": nu, "load_range": (0.1, 4), "load": load, "harmonics": 8, "stability": False}
+    a, b = (vv.trace_response(s, at=[1.5], **given) for s in (whole, structure))
+    one, other = (x.coefficients[x.stops] for x in (a, b))
+    assert one.shape == other.shape
+    assert np.abs(one - other).max() < 1e-9 * np.abs(one).max()
+
+
+def test_response_peaks_between_its_frequencies() -> None:
+    n = 4
+    whole, structure = both(n, "0.5*d^3", damping=0.05 * chain(n), base_direction=np.ones(n))
+    nu = np.linspace(0.4, 0.8, 21)
+    for method in ("newton", "linear"):
+        given = {"base": 0.01, "method": method}
+        a, b = (vv.forced_response(s, nu, **given) for s in (whole, structure))
+        for name in ("x1", "x4"):
+            one, other = a.peak(name), b.peak(name)
+            assert one.enclosed
+            assert other.enclosed
+            assert abs(one.amplitude / other.amplitude - 1) < 1e-9
+    shown = b.at(["x3", "x1"])
+    assert np.array_equal(shown.coefficients[:, 1], b.coefficients[:, 0])
+    assert pickle.loads(pickle.dumps(shown)).amplitude("x3").shape == (21,)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,198 @@
+"""Responses and branches of structures: coordinates are computed when they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.branch_result import Branch
+from viscovib.condensed import LoadedStructure
+from viscovib.errors import InputError
+from viscovib.response_result import Response
+
+
+@dataclass(frozen=True)
+class View:
+    """A condensed structure under its load, and which of its coordinates a result holds."""
+
+    loaded: LoadedStructure
+    places: Any
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    #: Names and units of all coordinates.
+    all_names: tuple[str, ...] = field(repr=False)
+    all_units: tuple[str, ...] = field(repr=False)
+
+    @classmethod
+    def of(cls, system: Any, loaded: LoadedStructure, coordinates: Sequence[str] | None) -> View:
+        """Of the coordinates wanted, or those that a structure shows by itself."""
+        places = system._wanted(coordinates, loaded)
+        names, units = system.dof_names, system.dof_units
+        return cls(
+            loaded, places, tuple(names[i] for i in places), tuple(units[i] for i in places),
+            names, units,
+        )  # fmt: skip
+
+    def at(self, coordinates: Sequence[str]) -> View:
+        """The same motions in other coordinates."""
+        if isinstance(coordinates, str) or not isinstance(coordinates, Sequence) or not coordinates:
+            raise InputError(f"coordinates = {_native.shown(coordinates)}: must be a list of names")
+        index = {name: i for i, name in enumerate(self.all_names)}
+        for name in coordinates:
+            if name not in index:
+                raise InputError(
+                    f"coordinates: {_native.shown(name)} must be one of the {len(index)} "
+                    f"coordinates {self.all_names[0]}, ..."
+                )
+        places = np.array([index[name] for name in coordinates])
+        return replace(
+            self, places=places, names=tuple(coordinates),
+            units=tuple(self.all_units[i] for i in places),
+        )  # fmt: skip
+
+    def expand(
+        self, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray | None = None
+    ) -> ComplexArray:
+        """X_k of the coordinates, shape (n, n_dof, m), from those condensed (n, q, m)."""
+        return self.loaded.expand(nu, orders, y, self.places, factors)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StructureResponse(Response):
+    """A `Response` of a structure: ``coefficients`` of its coordinates, computed at first use."""
+
+    #: Harmonics of the condensed coordinates, relative to the base, shape (n, q, m).
+    _condensed: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
+    _view: View | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        self.__dict__.pop("coefficients", None)
+
+    @cached_property  # type: ignore[misc]
+    def coefficients(self) -> ComplexArray:
+        """X_k of the coordinates held."""
+        view = _known(self._view)
+        return view.expand(self.nu, self.harmonics, self._condensed)
+
+    @cached_property
+    def deflections(self) -> ComplexArray:
+        """Harmonics of the condensed coordinates, relative to the base, shape (n, q, m)."""
+        return self._condensed.copy()
+
+    def at(self, coordinates: Sequence[str]) -> Self:
+        """The same motions in other coordinates of the structure."""
+        view = _known(self._view).at(coordinates)
+        given = {**self.__dict__, "coefficients": self._condensed, "_view": view}
+        given |= {"dof_names": view.names, "dof_units": view.units}
+        found: Self = _again(self, given)
+        return found
+
+    def _linear_sizes(self, d: int, j: int, nu: FloatArray) -> FloatArray:
+        view = _known(self._view)
+        own = self._linear_motions(nu) - view.loaded.base_motion(self.harmonics)
+        return np.abs(view.at([view.names[d]]).expand(nu, self.harmonics, own)[:, 0, j])
+
+    def _summit(self, places: Any, d: int, j: int) -> tuple[float, float] | None:
+        kept = np.flatnonzero(self.harmonics <= int(self.highest[places].max()))
+        if self.method == "linear":
+            return super()._summit(places, d, j)
+        if j >= kept.size:
+            return None
+        watched, motions, row = _watched(self, d, places, kept)
+        cancel = np.zeros(1, dtype=np.intc)
+        at, size, found = _native.call_interruptibly(
+            core.mount_peak, cancel, *watched.job, 1, np.zeros(watched.job[0].size),
+            self.nu[places[0]], self.harmonics[kept], 0, self._tolerance, self.nu[places],
+            np.asfortranarray(motions.T), row + 1, j + 1, 0.0, 0.0, 1, cancel,
+        )  # fmt: skip
+        return (at, size) if found else None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StructureBranch(Branch):
+    """A `Branch` of a structure: ``coefficients`` of its coordinates, computed at first use."""
+
+    _condensed: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
+    _condensed_folds: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
+    _view: View | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        self.__dict__.pop("coefficients", None)
+        self.__dict__.pop("fold_coefficients", None)
+
+    @cached_property  # type: ignore[misc]
+    def coefficients(self) -> ComplexArray:  # type: ignore[override]
+        """X_k of the coordinates held."""
+        view = _known(self._view)
+        return view.expand(self.nu, self.harmonics, self._condensed, self.load_factor)
+
+    @cached_property  # type: ignore[misc]
+    def fold_coefficients(self) -> ComplexArray:  # type: ignore[override]
+        """X_k at the folds."""
+        by_nu = self.varies == "nu"
+        same = np.ones(self.folds.size)
+        nu = self.folds if by_nu else self.nu[0] * same
+        factors = same if by_nu else self.folds
+        return _known(self._view).expand(nu, self.harmonics, self._condensed_folds, factors)
+
+    @cached_property
+    def deflections(self) -> ComplexArray:
+        """Harmonics of the condensed coordinates, relative to the base, shape (n, q, m)."""
+        return self._condensed.copy()
+
+    def at(self, coordinates: Sequence[str]) -> Self:
+        """The same motions in other coordinates of the structure."""
+        view = _known(self._view).at(coordinates)
+        given = {**self.__dict__, "coefficients": self._condensed, "_view": view}
+        given |= {"fold_coefficients": self._condensed_folds}
+        given |= {"dof_names": view.names, "dof_units": view.units}
+        found: Self = _again(self, given)
+        return found
+
+    def _summit(
+        self, i: int, d: int, j: int, low: float, high: float
+    ) -> tuple[float, float] | None:
+        kept = np.flatnonzero(self.harmonics <= self.highest[i])
+        if j >= kept.size:
+            return None
+        places = np.array([i])
+        factor = float(self.load_factor[i])
+        watched, motions, row = _watched(self, d, places, kept, factor)
+        parameter, _, nu = self._job[-3:]
+        cancel = np.zeros(1, dtype=np.intc)
+        at, size, found = _native.call_interruptibly(
+            core.mount_peak, cancel, *watched.job, parameter, np.zeros(watched.job[0].size), nu,
+            self.harmonics[kept], 1, self._tolerance, self.parameter[places],
+            np.asfortranarray(motions.T), row + 1, j + 1, low, high, 1, cancel,
+        )  # fmt: skip
+        return (at, size) if found else None
+
+
+def _known(view: View | None) -> View:
+    if view is None:
+        raise InputError("this result lost its structure")
+    return view
+
+
+def _again(result: Any, given: dict[str, Any]) -> Any:
+    names = result.__dataclass_fields__
+    return type(result)(**{name: given[name] for name in names if name in given})
+
+
+def _watched(
+    result: StructureResponse | StructureBranch, d: int, places: Any, kept: Any, factor: float = 1.0
+) -> tuple[LoadedStructure, ComplexArray, int]:
+    """A structure with one of its coordinates among those condensed, and motions in these."""
+    view = _known(result._view)
+    watched, row = view.loaded.watching(int(view.places[d]))
+    moved = factor * view.loaded.base_motion(result.harmonics[kept])
+    own = result._condensed[places][:, :, kept] + moved
+    if row == own.shape[1]:
+        own = np.concatenate([own, result.coefficients[places][:, d : d + 1, kept]], axis=1)
+    return watched, own, row
