@@ -1,0 +1,134 @@
+!> What following a curve takes and gives: options, the points of the branch, how it ended.
+module viscovib_curve_record
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+  use viscovib_curve_corrector, only: curve_point
+  use viscovib_curve_events, only: empty, special_points
+  use viscovib_kinds, only: wp
+  use viscovib_sized_curve, only: refitted, sized_curve_type
+  implicit none
+  private
+
+  public :: curve_branch_type, curve_options
+
+  !> How a branch ended: at the wanted end; back where it began; points used up; no
+  !! step small enough; out of the range of numbers; at the end of what the equations
+  !! describe; closed, back at its first point; the time for it over.
+  integer, parameter, public :: curve_completed = 0, curve_returned = 1, curve_step_limit = 2, &
+                                curve_stuck = 3, curve_overflow = 4, curve_unphysical = 5, &
+                                curve_closed = 6, curve_stopped = 7
+  character(len=*), parameter, public :: curve_outcomes(0:7) = &
+    [character(len=10) :: 'completed', 'returned', 'step limit', 'stuck', 'overflow', &
+     'unphysical', 'closed', 'stopped']
+
+  type :: curve_options
+    !> Where p begins and ends; the branch also ends if p falls back behind its
+    !! beginning.
+    real(wp) :: start = 0.0_wp, finish = 0.0_wp
+    real(wp) :: tolerance = 1.0e-10_wp
+    integer :: max_points = 2000
+    !> Largest step, as a part of the present point.
+    real(wp) :: max_step = 0.1_wp
+    !> Values of p at each of which a point of the branch shall lie; none if not
+    !! allocated.
+    real(wp), allocatable :: stops(:)
+  end type curve_options
+
+  type :: curve_branch_type
+    integer :: n_points = 0, outcome = curve_completed
+    !> Blocks of unknowns.
+    integer :: blocks = 1
+    !> p, its part of the unit tangent and iterations, shape (max_points); x, shape
+    !! (n_unknowns at most, max_points).
+    real(wp), allocatable :: parameter(:), direction(:), x(:, :)
+    integer, allocatable :: iterations(:)
+    !> Estimated error of each point relative to its size: what the last correction and rounding
+    !! leave, shape (max_points).
+    real(wp), allocatable :: error(:)
+    !> Where the number of unknowns is chosen: how many were kept, and what leaving out others
+    !! changes, relative to x, shape (max_points).
+    integer, allocatable :: kept(:)
+    real(wp), allocatable :: truncation(:)
+    type(special_points) :: folds, branch_points
+    !> Which points are stops.
+    integer, allocatable :: stops(:)
+  contains
+    procedure :: end_with_numbers
+    procedure :: end_before
+    procedure :: make_room
+    procedure :: add
+  end type curve_branch_type
+
+contains
+
+  !> Make room for so many points of n unknowns, of as many as are ever kept where their number is
+  !! chosen.
+  subroutine make_room(self, max_points, n, sized)
+    class(curve_branch_type), intent(inout) :: self
+    integer, intent(in) :: max_points, n
+    !> The curve, if the number of unknowns is chosen.
+    class(sized_curve_type), pointer, intent(in) :: sized
+    integer :: most
+    most = n
+    if (associated(sized)) then
+      most = sized%n_most
+      self%blocks = sized%blocks
+      allocate (self%kept(max_points), self%truncation(max_points))
+    end if
+    allocate (self%parameter(max_points), self%direction(max_points), &
+              self%iterations(max_points), self%error(max_points), self%x(most, max_points), &
+              self%stops(0))
+    call empty(self%folds, most, self%blocks)
+    call empty(self%branch_points, most, self%blocks)
+  end subroutine make_room
+
+  !> Add a point.
+  subroutine add(self, point, stop, truncation)
+    class(curve_branch_type), intent(inout) :: self
+    type(curve_point), intent(in) :: point
+    logical, intent(in) :: stop
+    !> Not yet known at the first point off another branch, which has that of the next.
+    real(wp), intent(in) :: truncation
+    self%n_points = self%n_points + 1
+    self%parameter(self%n_points) = point%p
+    self%direction(self%n_points) = point%slope_p
+    self%iterations(self%n_points) = point%iterations
+    self%error(self%n_points) = point%error
+    self%x(:, self%n_points) = refitted(self%blocks, point%x, size(self%x, 1))
+    if (allocated(self%kept)) then
+      self%kept(self%n_points) = size(point%x)
+      self%truncation(self%n_points) = truncation
+      if (self%n_points == 2 .and. .not. self%truncation(1) > 0.0_wp) then
+        self%truncation(1) = truncation
+      end if
+    end if
+    if (stop) self%stops = [self%stops, self%n_points]
+  end subroutine add
+
+  !> A point that is no number ends the branch before it.
+  subroutine end_with_numbers(self)
+    class(curve_branch_type), intent(inout) :: self
+    logical :: finite
+    integer :: i
+
+    do i = 1, self%n_points
+      finite = all(ieee_is_finite([self%parameter(i), self%error(i)]))
+      if (finite) finite = all(ieee_is_finite(self%x(:, i)))
+      if (finite .and. allocated(self%truncation)) finite = ieee_is_finite(self%truncation(i))
+      if (finite) cycle
+      call self%end_before(i)
+      return
+    end do
+  end subroutine end_with_numbers
+
+  !> End the branch before a point whose numbers leave their range.
+  pure subroutine end_before(self, i)
+    class(curve_branch_type), intent(inout) :: self
+    integer, intent(in) :: i
+    self%n_points = i - 1
+    self%outcome = curve_overflow
+    self%folds%n = count(self%folds%before(:self%folds%n) < i)
+    self%branch_points%n = count(self%branch_points%before(:self%branch_points%n) < i)
+    self%stops = pack(self%stops, self%stops < i)
+  end subroutine end_before
+
+end module viscovib_curve_record
