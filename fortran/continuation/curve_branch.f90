@@ -7,10 +7,11 @@
 !! null vector leads onto the other branch.
 module viscovib_curve_branch
   use viscovib_curve, only: curve_type
-  use viscovib_curve_corrector, only: aim, angle_between, compare, copy_point, correct, &
-    corrector_type, curve_point, distance, new_corrector, new_point, normalize, reverse, &
+  use viscovib_curve_corrector, only: aim, compare, correct, corrector_type, new_corrector, &
     rounding_of, truncation_shift
   use viscovib_curve_events, only: locate_branch_point, locate_fold, locate_value, nowhere
+  use viscovib_curve_point, only: angle_between, copy_point, curve_point, distance, new_point, &
+    normalize, reverse
   use viscovib_curve_record, only: curve_branch_type, curve_closed, curve_completed, &
     curve_options, curve_outcomes, curve_overflow, curve_returned, curve_step_limit, &
     curve_stopped, curve_stuck, curve_unphysical

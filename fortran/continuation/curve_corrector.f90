@@ -8,13 +8,13 @@
 !! takes one factorization.
 module viscovib_curve_corrector
   use viscovib_curve, only: curve_type
+  use viscovib_curve_point, only: angle_between, curve_metric, curve_point, metric, normalize
   use viscovib_dense, only: factorize_blocks, factorize_padded, largest_in_rows, solve_padded
   use viscovib_kinds, only: wp
   implicit none
   private
 
-  public :: curve_point, corrector_type, new_corrector, new_point, copy_point, aim, correct, &
-            null_vector, normalize, truncation_shift, reverse, angle_between, compare, distance, &
+  public :: corrector_type, new_corrector, aim, correct, null_vector, truncation_shift, compare, &
             rounding_of
 
   integer, parameter :: max_iterations = 12, longest = 8
@@ -42,27 +42,16 @@ module viscovib_curve_corrector
   !! the largest of so many ulps tells how far.
   real(wp), parameter :: wide = 1.0e-5_wp, ulps = 4.0_wp
 
-  !> A point of the curve with its unit tangent and what its bordered determinant is.
-  type :: curve_point
-    real(wp), allocatable :: x(:), slope_x(:)
-    real(wp) :: p = 0.0_wp, slope_p = 1.0_wp
-    !> Of the determinant's size; kept if the point was corrected exactly.
-    real(wp) :: log_determinant = 0.0_wp
-    integer :: iterations = 0, sign = 1
-    !> What the last correction leaves, relative to the point.
-    real(wp) :: error = 0.0_wp
-  end type curve_point
-
   !> What the corrector works in, and whether it last met the end of the range.
-  type :: corrector_type
-    real(wp) :: tolerance = 0.0_wp, p_scale = 1.0_wp, largest = 0.0_wp
+  type, extends(curve_metric) :: corrector_type
+    real(wp) :: tolerance = 0.0_wp
     logical :: outside = .false.
     !> Whether the curve tells its groups of unknowns, so that steps and rounding are looked at.
     logical, private :: looks_at_groups = .false.
     !> Whether the derivatives factorized last are nearly singular.
     logical, private :: nearly_singular = .false.
     integer, private :: n = 0, rows = 0
-    real(wp), allocatable, private :: matrix(:, :), right(:), r(:), slope_p(:), weights(:)
+    real(wp), allocatable, private :: matrix(:, :), right(:), r(:), slope_p(:)
     !> What each unknown amounts to, and the largest of each equation, for pivots free of units.
     real(wp), allocatable, private :: sizes(:), largest_of(:)
     integer, allocatable, private :: pivots(:)
@@ -97,26 +86,6 @@ contains
     corrector%p_scale = p_scale
     corrector%largest = sum(corrector%weights*x**2)
   end subroutine new_corrector
-
-  subroutine new_point(point, n)
-    type(curve_point), intent(out) :: point
-    integer, intent(in) :: n
-    allocate (point%x(n), point%slope_x(n), source=0.0_wp)
-  end subroutine new_point
-
-  !> Without new memory.
-  pure subroutine copy_point(from, to)
-    type(curve_point), intent(in) :: from
-    type(curve_point), intent(inout) :: to
-    to%x(:) = from%x
-    to%slope_x(:) = from%slope_x
-    to%p = from%p
-    to%slope_p = from%slope_p
-    to%log_determinant = from%log_determinant
-    to%iterations = from%iterations
-    to%sign = from%sign
-    to%error = from%error
-  end subroutine copy_point
 
   !> Let predictions from `here` bend as the curve did from `before` on: the cubic
   !! with both points and tangents, over the length measured as at `here`.
@@ -179,19 +148,12 @@ contains
     !> Take derivatives anew each time, for a point and tangent to rounding.
     logical, intent(in) :: exact
     real(wp) :: weight_x, weight_p, change, before, rate
-    integer :: n, k, i
+    integer :: k
     logical :: fresh, was_fresh, inside, singular, settled
 
-    n = c%n
     made = .false.
     call metric(c, here, weight_x, weight_p)
-    do i = 1, n
-      c%predicted(i) = here%x(i) + step*(here%slope_x(i) + step*(c%second(i) + step*c%third(i)))
-    end do
-    c%predicted(n + 1) = here%p + step*(here%slope_p + step*(c%second(n + 1) &
-                                                             + step*c%third(n + 1)))
-    next%x(:) = c%predicted(:n)
-    next%p = c%predicted(n + 1)
+    call predict(c, here, step, next)
     fresh = .true.
     was_fresh = .false.
     before = 0.0_wp
@@ -208,20 +170,7 @@ contains
         call decompose(c, here, weight_x, weight_p, singular)
         if (singular) return
       end if
-      c%right(:n) = c%r
-      c%right(n + 1) = weight_p*here%slope_p*(next%p - c%predicted(n + 1))
-      do i = 1, n
-        c%right(n + 1) = c%right(n + 1) + weight_x*c%weights(i)*here%slope_x(i) &
-                         *(next%x(i) - c%predicted(i))
-      end do
-      call solve_padded(c%rows, n + 1, c%matrix, c%pivots, c%right)
-      next%p = next%p - c%right(n + 1)
-      change = weight_p*c%right(n + 1)**2
-      do i = 1, n
-        next%x(i) = next%x(i) - c%right(i)
-        change = change + weight_x*c%weights(i)*c%right(i)**2
-      end do
-      change = sqrt(change)
+      call move(c, here, weight_x, weight_p, next, change)
       if (.not. change <= 1.0e3_wp) return
       if (was_fresh) rate = change/before
       ! Rounding is all that is left to correct.
@@ -273,6 +222,48 @@ contains
     call find_tangent(c, exact, next)
     call normalize(c, next)
   end subroutine correct
+
+  !> A point a step ahead on the cubic.
+  pure subroutine predict(c, here, step, next)
+    type(corrector_type), intent(inout) :: c
+    type(curve_point), intent(in) :: here
+    real(wp), intent(in) :: step
+    type(curve_point), intent(inout) :: next
+    integer :: n, i
+    n = c%n
+    do i = 1, n
+      c%predicted(i) = here%x(i) + step*(here%slope_x(i) + step*(c%second(i) + step*c%third(i)))
+    end do
+    c%predicted(n + 1) = here%p + step*(here%slope_p + step*(c%second(n + 1) &
+                                                             + step*c%third(n + 1)))
+    next%x(:) = c%predicted(:n)
+    next%p = c%predicted(n + 1)
+  end subroutine predict
+
+  !> One correction, by the residuals and factors there are, and its size.
+  subroutine move(c, here, weight_x, weight_p, next, change)
+    type(corrector_type), intent(inout) :: c
+    type(curve_point), intent(in) :: here
+    real(wp), intent(in) :: weight_x, weight_p
+    type(curve_point), intent(inout) :: next
+    real(wp), intent(out) :: change
+    integer :: n, i
+    n = c%n
+    c%right(:n) = c%r
+    c%right(n + 1) = weight_p*here%slope_p*(next%p - c%predicted(n + 1))
+    do i = 1, n
+      c%right(n + 1) = c%right(n + 1) + weight_x*c%weights(i)*here%slope_x(i) &
+                       *(next%x(i) - c%predicted(i))
+    end do
+    call solve_padded(c%rows, n + 1, c%matrix, c%pivots, c%right)
+    next%p = next%p - c%right(n + 1)
+    change = weight_p*c%right(n + 1)**2
+    do i = 1, n
+      next%x(i) = next%x(i) - c%right(i)
+      change = change + weight_x*c%weights(i)*c%right(i)**2
+    end do
+    change = sqrt(change)
+  end subroutine move
 
   !> [J, R_p; tangent before] t = (0, 1), by the factors there are; with their determinant.
   subroutine find_tangent(c, exact, point)
@@ -367,53 +358,6 @@ contains
       point%log_determinant = point%log_determinant + log(abs(c%matrix(k, k)))
     end do
   end subroutine determinant
-
-  pure subroutine normalize(c, point)
-    type(corrector_type), intent(in) :: c
-    type(curve_point), intent(inout) :: point
-    real(wp) :: weight_x, weight_p, length
-    call metric(c, point, weight_x, weight_p)
-    length = sqrt(weight_x*sum(c%weights*point%slope_x**2) + weight_p*point%slope_p**2)
-    point%slope_x = point%slope_x/length
-    point%slope_p = point%slope_p/length
-  end subroutine normalize
-
-  pure subroutine reverse(point)
-    type(curve_point), intent(inout) :: point
-    point%slope_x = -point%slope_x
-    point%slope_p = -point%slope_p
-  end subroutine reverse
-
-  !> Squares are weighed against the size of the solution, at least a tenth of the
-  !! largest so far, and of p.
-  pure subroutine metric(c, point, weight_x, weight_p)
-    type(corrector_type), intent(in) :: c
-    type(curve_point), intent(in) :: point
-    real(wp), intent(out) :: weight_x, weight_p
-    real(wp) :: total
-    total = max(sum(c%weights*point%x**2), 0.01_wp*c%largest)
-    weight_x = 1.0_wp
-    if (total > 0.0_wp) weight_x = 1.0_wp/total
-    weight_p = 1.0_wp/max(abs(point%p), 0.1_wp*c%p_scale)**2
-  end subroutine metric
-
-  pure real(wp) function angle_between(c, a, b) result(angle)
-    type(corrector_type), intent(in) :: c
-    type(curve_point), intent(in) :: a, b
-    real(wp) :: weight_x, weight_p, product, length
-    call metric(c, b, weight_x, weight_p)
-    product = weight_x*sum(c%weights*a%slope_x*b%slope_x) + weight_p*a%slope_p*b%slope_p
-    length = sqrt(weight_x*sum(c%weights*a%slope_x**2) + weight_p*a%slope_p**2)
-    angle = acos(max(-1.0_wp, min(1.0_wp, product/max(length, tiny(length)))))
-  end function angle_between
-
-  pure real(wp) function distance(c, a, b)
-    type(corrector_type), intent(in) :: c
-    type(curve_point), intent(in) :: a, b
-    real(wp) :: weight_x, weight_p
-    call metric(c, b, weight_x, weight_p)
-    distance = sqrt(weight_x*sum(c%weights*(a%x - b%x)**2) + weight_p*(a%p - b%p)**2)
-  end function distance
 
   !> How far the point a step from `here` lies off its prediction: the largest part of any group
   !! of unknowns, such as an order of a coordinate, and how far off p is as a part of its

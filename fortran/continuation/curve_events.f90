@@ -3,8 +3,8 @@
 module viscovib_curve_events
   use viscovib_constants, only: pi
   use viscovib_curve, only: curve_type
-  use viscovib_curve_corrector, only: copy_point, correct, corrector_type, curve_point, new_point, &
-    null_vector
+  use viscovib_curve_corrector, only: correct, corrector_type, null_vector
+  use viscovib_curve_point, only: copy_point, curve_point, new_point
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted
   implicit none
@@ -41,6 +41,19 @@ module viscovib_curve_events
     !> The point of the branch before it.
     integer, allocatable :: before(:)
   end type special_points
+
+  !> Points of the curve that polynomials go through, by the step to each.
+  type :: nodes_type
+    integer :: n = 0
+    real(wp), dimension(n_nodes) :: place = 0.0_wp, p = 0.0_wp, value = 0.0_wp, weight = 0.0_wp
+    !> Shape (n_unknowns, n_nodes).
+    real(wp), allocatable :: x(:, :)
+    !> The point sampled last, and the logarithm that determinants are measured against.
+    type(curve_point) :: trial
+    real(wp) :: reference = 0.0_wp
+  contains
+    procedure :: at_place
+  end type nodes_type
 
 contains
 
@@ -167,126 +180,144 @@ contains
     real(wp), intent(in) :: step
     type(curve_point), intent(out) :: found
     real(wp), intent(out) :: at
-    type(curve_point) :: trial
-    real(wp), allocatable :: x(:, :)
-    real(wp), dimension(n_nodes) :: place, p, value, weight
-    real(wp) :: low, high, low_value, high_value, reference
+    type(nodes_type) :: nodes
+    real(wp) :: low, high, low_value, high_value
     logical :: made
-    integer :: k, n, j
+    integer :: k, j
 
     at = nowhere
-    call new_point(trial, curve%n)
+    call new_point(nodes%trial, curve%n)
     call new_point(found, curve%n)
-    allocate (x(curve%n, n_nodes))
-    reference = 0.0_wp
+    allocate (nodes%x(curve%n, n_nodes))
     do k = 0, 3
       low = -margins(k)*step
       high = step - low
-      call sample(low, low_value)
+      call sample(nodes, curve, c, here, low, low_value, made)
       if (.not. made) return
-      reference = trial%log_determinant
-      low_value = trial%sign
-      call sample(high, high_value)
+      nodes%reference = nodes%trial%log_determinant
+      low_value = nodes%trial%sign
+      call sample(nodes, curve, c, here, high, high_value, made)
       if (.not. made) return
       if (low_value*high_value < 0.0_wp) exit
     end do
     if (.not. low_value*high_value < 0.0_wp) return
-    call through_nodes(0.5_wp*(low + high), (0.5_wp + beyond)*(high - low), at)
+    call sample_around(nodes, curve, c, here, 0.5_wp*(low + high), (0.5_wp + beyond)*(high - low))
+    call find_zero(nodes, 0.5_wp*(low + high), (0.5_wp + beyond)*(high - low), at)
     if (at >= nowhere) return
-    found%p = at_place(at, p)
+    found%p = nodes%at_place(at, nodes%p)
     do j = 1, curve%n
-      found%x(j) = at_place(at, x(j, :))
+      found%x(j) = nodes%at_place(at, nodes%x(j, :))
     end do
+  end subroutine bracket_branch_point
 
-  contains
+  !> The point a step from `here`, as `trial`, and its determinant against the reference.
+  subroutine sample(nodes, curve, c, here, step, value, made)
+    type(nodes_type), intent(inout) :: nodes
+    class(curve_type), intent(inout) :: curve
+    type(corrector_type), intent(inout) :: c
+    type(curve_point), intent(in) :: here
+    real(wp), intent(in) :: step
+    real(wp), intent(out) :: value
+    logical, intent(out) :: made
+    call correct(curve, c, here, step, nodes%trial, made, .true.)
+    value = 0.0_wp
+    if (made) value = nodes%trial%sign*exp(max(-300.0_wp, min(300.0_wp, &
+                                               nodes%trial%log_determinant - nodes%reference)))
+  end subroutine sample
 
-    !> The zero of the polynomial through nodes around `centre`; from those near the change
-    !! of sign the other branch may have been met.
-    subroutine through_nodes(centre, reach, zero)
-      real(wp), intent(in) :: centre, reach
-      real(wp), intent(out) :: zero
-      real(wp) :: near, from, to, from_value
-      integer :: i
+  !> Nodes around a centre, as far as its reach.
+  subroutine sample_around(nodes, curve, c, here, centre, reach)
+    type(nodes_type), intent(inout) :: nodes
+    class(curve_type), intent(inout) :: curve
+    type(corrector_type), intent(inout) :: c
+    type(curve_point), intent(in) :: here
+    real(wp), intent(in) :: centre, reach
+    real(wp) :: place, value
+    logical :: made
+    integer :: i, n
 
-      zero = nowhere
-      n = 0
-      do i = 1, n_nodes
-        near = centre - reach*cos(pi*(i - 1)/(n_nodes - 1))
-        call sample(near, from_value)
-        if (made) call put(near, from_value)
-      end do
+    n = 0
+    do i = 1, n_nodes
+      place = centre - reach*cos(pi*(i - 1)/(n_nodes - 1))
+      call sample(nodes, curve, c, here, place, value, made)
+      if (.not. made) cycle
+      n = n + 1
+      nodes%place(n) = place
+      nodes%value(n) = value
+      nodes%p(n) = nodes%trial%p
+      nodes%x(:, n) = nodes%trial%x
+    end do
+    nodes%n = n
+  end subroutine sample_around
+
+  !> The zero of the polynomial through nodes around `centre`; from those near the change
+  !! of sign the other branch may have been met.
+  subroutine find_zero(nodes, centre, reach, zero)
+    type(nodes_type), intent(inout) :: nodes
+    real(wp), intent(in) :: centre, reach
+    real(wp), intent(out) :: zero
+    real(wp) :: near, from, to, from_value
+    integer :: i
+
+    zero = nowhere
+    associate (n => nodes%n, place => nodes%place, value => nodes%value)
       ! The change of sign nearest to the middle.
       i = minloc(abs(place(:n - 1) + place(2:n) - 2.0_wp*centre), 1, &
                  value(:n - 1)*value(2:n) < 0.0_wp)
       if (i == 0) return
       near = place(i) + (place(i + 1) - place(i))*value(i)/(value(i) - value(i + 1))
-      call drop(abs(place(:n) - near) <= too_near*reach)
+      call drop(nodes, abs(place(:n) - near) <= too_near*reach)
       if (n < enough) return
       do i = 1, n
-        weight(i) = 1.0_wp/(product((place(i) - place(:i - 1))/reach) &
-                            *product((place(i) - place(i + 1:n))/reach))
+        nodes%weight(i) = 1.0_wp/(product((place(i) - place(:i - 1))/reach) &
+                                  *product((place(i) - place(i + 1:n))/reach))
       end do
-      from = near - 2.0_wp*too_near*reach
-      to = near + 2.0_wp*too_near*reach
-      from_value = at_place(from, value)
-      if (.not. from_value*at_place(to, value) < 0.0_wp) return
-      do i = 1, max_turns
-        zero = 0.5_wp*(from + to)
-        if (at_place(zero, value)*from_value > 0.0_wp) then
-          from = zero
-        else
-          to = zero
-        end if
-      end do
-    end subroutine through_nodes
+    end associate
+    from = near - 2.0_wp*too_near*reach
+    to = near + 2.0_wp*too_near*reach
+    from_value = nodes%at_place(from, nodes%value)
+    if (.not. from_value*nodes%at_place(to, nodes%value) < 0.0_wp) return
+    do i = 1, max_turns
+      zero = 0.5_wp*(from + to)
+      if (nodes%at_place(zero, nodes%value)*from_value > 0.0_wp) then
+        from = zero
+      else
+        to = zero
+      end if
+    end do
+  end subroutine find_zero
 
-    !> The last point sampled, among those the polynomials go through.
-    subroutine put(s, sampled)
-      real(wp), intent(in) :: s, sampled
-      n = n + 1
-      place(n) = s
-      value(n) = sampled
-      p(n) = trial%p
-      x(:, n) = trial%x
-    end subroutine put
+  !> Leave out some of the nodes.
+  pure subroutine drop(nodes, those)
+    type(nodes_type), intent(inout) :: nodes
+    logical, intent(in) :: those(:)
+    integer :: i, kept
+    kept = 0
+    do i = 1, size(those)
+      if (those(i)) cycle
+      kept = kept + 1
+      nodes%place(kept) = nodes%place(i)
+      nodes%value(kept) = nodes%value(i)
+      nodes%p(kept) = nodes%p(i)
+      nodes%x(:, kept) = nodes%x(:, i)
+    end do
+    nodes%n = kept
+  end subroutine drop
 
-    subroutine drop(those)
-      logical, intent(in) :: those(:)
-      integer :: i, kept
-      kept = 0
-      do i = 1, size(those)
-        if (those(i)) cycle
-        kept = kept + 1
-        place(kept) = place(i)
-        value(kept) = value(i)
-        p(kept) = p(i)
-        x(:, kept) = x(:, i)
-      end do
-      n = kept
-    end subroutine drop
-
-    subroutine sample(s, value)
-      real(wp), intent(in) :: s
-      real(wp), intent(out) :: value
-      call correct(curve, c, here, s, trial, made, .true.)
-      value = 0.0_wp
-      if (made) value = trial%sign*exp(max(-300.0_wp, min(300.0_wp, trial%log_determinant &
-                                                          - reference)))
-    end subroutine sample
-
-    !> The polynomial through values at the places, in barycentric form.
-    pure real(wp) function at_place(s, values)
-      real(wp), intent(in) :: s, values(:)
-      real(wp) :: over(n_nodes)
-      integer :: i
-      i = minloc(abs(place(:n) - s), 1)
+  !> The polynomial through values at the places, in barycentric form.
+  pure real(wp) function at_place(self, s, values)
+    class(nodes_type), intent(in) :: self
+    real(wp), intent(in) :: s, values(:)
+    real(wp) :: over(n_nodes)
+    integer :: i
+    associate (n => self%n)
+      i = minloc(abs(self%place(:n) - s), 1)
       at_place = values(i)
-      if (.not. abs(place(i) - s) > 0.0_wp) return
-      over(:n) = weight(:n)/(s - place(:n))
+      if (.not. abs(self%place(i) - s) > 0.0_wp) return
+      over(:n) = self%weight(:n)/(s - self%place(:n))
       at_place = sum(over(:n)*values(:n))/sum(over(:n))
-    end function at_place
-
-  end subroutine bracket_branch_point
+    end associate
+  end function at_place
 
   !> The point where p has a value it passes between two steps from `here`.
   subroutine locate_value(curve, c, here, from, to, value, found, at, made)

@@ -3,8 +3,8 @@
 !! harm to steps along the curve, and never leaves the curve for another.
 module viscovib_curve_peak
   use viscovib_curve, only: curve_type
-  use viscovib_curve_corrector, only: aim, angle_between, copy_point, correct, corrector_type, &
-    curve_point, new_corrector, new_point, reverse
+  use viscovib_curve_corrector, only: aim, correct, corrector_type, new_corrector
+  use viscovib_curve_point, only: angle_between, copy_point, curve_point, new_point, reverse
   use viscovib_kinds, only: wp
   implicit none
   private

@@ -1,8 +1,8 @@
 !> What following a curve takes and gives: options, the points of the branch, how it ended.
 module viscovib_curve_record
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-  use viscovib_curve_corrector, only: curve_point
   use viscovib_curve_events, only: empty, special_points
+  use viscovib_curve_point, only: curve_point
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted, sized_curve_type
   implicit none

@@ -1,0 +1,97 @@
+!> Points of a curve, and lengths and angles along it.
+module viscovib_curve_point
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: curve_metric, curve_point
+  public :: angle_between, copy_point, distance, metric, new_point, normalize, reverse
+
+  !> A point of the curve with its unit tangent and what its bordered determinant is.
+  type :: curve_point
+    real(wp), allocatable :: x(:), slope_x(:)
+    real(wp) :: p = 0.0_wp, slope_p = 1.0_wp
+    !> Of the determinant's size; kept if the point was corrected exactly.
+    real(wp) :: log_determinant = 0.0_wp
+    integer :: iterations = 0, sign = 1
+    !> What the last correction leaves, relative to the point.
+    real(wp) :: error = 0.0_wp
+  end type curve_point
+
+  !> What lengths are measured by: the weight of each unknown, the size of the parameters met and
+  !! that of the largest solution so far.
+  type :: curve_metric
+    real(wp), allocatable :: weights(:)
+    real(wp) :: p_scale = 1.0_wp, largest = 0.0_wp
+  end type curve_metric
+
+contains
+
+  subroutine new_point(point, n)
+    type(curve_point), intent(out) :: point
+    integer, intent(in) :: n
+    allocate (point%x(n), point%slope_x(n), source=0.0_wp)
+  end subroutine new_point
+
+  !> Without new memory.
+  pure subroutine copy_point(from, to)
+    type(curve_point), intent(in) :: from
+    type(curve_point), intent(inout) :: to
+    to%x(:) = from%x
+    to%slope_x(:) = from%slope_x
+    to%p = from%p
+    to%slope_p = from%slope_p
+    to%log_determinant = from%log_determinant
+    to%iterations = from%iterations
+    to%sign = from%sign
+    to%error = from%error
+  end subroutine copy_point
+
+  pure subroutine normalize(c, point)
+    class(curve_metric), intent(in) :: c
+    type(curve_point), intent(inout) :: point
+    real(wp) :: weight_x, weight_p, length
+    call metric(c, point, weight_x, weight_p)
+    length = sqrt(weight_x*sum(c%weights*point%slope_x**2) + weight_p*point%slope_p**2)
+    point%slope_x = point%slope_x/length
+    point%slope_p = point%slope_p/length
+  end subroutine normalize
+
+  pure subroutine reverse(point)
+    type(curve_point), intent(inout) :: point
+    point%slope_x = -point%slope_x
+    point%slope_p = -point%slope_p
+  end subroutine reverse
+
+  !> Squares are weighed against the size of the solution, at least a tenth of the
+  !! largest so far, and of p.
+  pure subroutine metric(c, point, weight_x, weight_p)
+    class(curve_metric), intent(in) :: c
+    type(curve_point), intent(in) :: point
+    real(wp), intent(out) :: weight_x, weight_p
+    real(wp) :: total
+    total = max(sum(c%weights*point%x**2), 0.01_wp*c%largest)
+    weight_x = 1.0_wp
+    if (total > 0.0_wp) weight_x = 1.0_wp/total
+    weight_p = 1.0_wp/max(abs(point%p), 0.1_wp*c%p_scale)**2
+  end subroutine metric
+
+  pure real(wp) function angle_between(c, a, b) result(angle)
+    class(curve_metric), intent(in) :: c
+    type(curve_point), intent(in) :: a, b
+    real(wp) :: weight_x, weight_p, product, length
+    call metric(c, b, weight_x, weight_p)
+    product = weight_x*sum(c%weights*a%slope_x*b%slope_x) + weight_p*a%slope_p*b%slope_p
+    length = sqrt(weight_x*sum(c%weights*a%slope_x**2) + weight_p*a%slope_p**2)
+    angle = acos(max(-1.0_wp, min(1.0_wp, product/max(length, tiny(length)))))
+  end function angle_between
+
+  pure real(wp) function distance(c, a, b)
+    class(curve_metric), intent(in) :: c
+    type(curve_point), intent(in) :: a, b
+    real(wp) :: weight_x, weight_p
+    call metric(c, b, weight_x, weight_p)
+    distance = sqrt(weight_x*sum(c%weights*(a%x - b%x)**2) + weight_p*(a%p - b%p)**2)
+  end function distance
+
+end module viscovib_curve_point
