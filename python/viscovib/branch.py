@@ -29,7 +29,7 @@ from viscovib.oscillators import Steady, check_steady
 from viscovib.parameters import MOST_CHOSEN, OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
 from viscovib.response import _prepare
 from viscovib.structure import Structure
-from viscovib.structure_results import StructureBranch, View
+from viscovib.structure_results import StructureBranch, View, warn_of_reduction
 from viscovib.varying import varied
 
 #: Numbers that all points together may hold.
@@ -190,7 +190,7 @@ def trace_mount(
     if view is not None:
         names, units = view.names, view.units
         kind = partial(StructureBranch, _condensed=motions, _condensed_folds=at_folds, _view=view)
-    return kind(
+    branch = kind(
         nu=values if varies == "nu" else fixed * same,
         load_factor=values if varies == "load_factor" else same,
         harmonics=orders,
@@ -228,6 +228,9 @@ def trace_mount(
         _job=(flat, *job[1:], _KINDS.get(varies, 3), direction, fixed),
         _tolerance=curve.tolerance,
     )
+    if isinstance(branch, StructureBranch):
+        warn_of_reduction(branch)
+    return branch
 
 
 def _plan(

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import combinations_with_replacement
 from math import factorial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from viscovib.elements import ElementTerms
 from viscovib.errors import InputError
 from viscovib.kernels import Kernel
 from viscovib.structure_rest import Rest, Static, static_form
+
+if TYPE_CHECKING:
+    from viscovib.reduced import ReducedRest
 
 #: Kernel kind in x by which the core knows that the vector holds a condensed structure.
 STRUCTURE_IN_VECTOR = -3
@@ -114,8 +117,8 @@ def _add_forces(
 class Condensation:
     """H(s) = Q^T D(s)^-1 Q of a linear rest at the coordinates of laws."""
 
-    def __init__(self, rest: Rest, laws: Laws) -> None:
-        self.rest, self.laws = rest, laws
+    def __init__(self, rest: Rest, laws: Laws, reduced: "ReducedRest | None" = None) -> None:
+        self.rest, self.laws, self.reduced = rest, laws, reduced
         q = laws.directions
         self.seen = rest.shapes.T @ q
         self.left = rest.left.T @ q
@@ -244,6 +247,8 @@ class LoadedStructure:
         rigid, below = int((c.rest.squares == 0).sum()), int((c.rest.squares < 0).sum())
         more = f", {rigid} of rigid bodies" if rigid else ""
         more += f", {below} that grow without the elements" if below else ""
+        if c.reduced is not None:
+            more += c.reduced.told
         return (
             f"{n} coordinates condensed to {c.q} deflection{'s' if c.q > 1 else ''} by "
             f"{' and '.join(kinds)}{more}"
@@ -303,7 +308,7 @@ class LoadedStructure:
         for row, direction in enumerate(c.laws.directions.T):
             if (direction == one).all():
                 return self, row
-        more = Condensation(c.rest, c.laws.watching(one))
+        more = Condensation(c.rest, c.laws.watching(one), c.reduced)
         return LoadedStructure(
             more, self.orders, self.forces, self.base, self._inertia, self.direction
         ), c.q

@@ -19,7 +19,7 @@ from viscovib.oscillators import Steady, check_steady, oscillator_job
 from viscovib.parameters import MAX_HARMONICS, MAX_ITERATIONS, PROGRESS, STABILITY, TOLERANCE
 from viscovib.progress import progress_bar
 from viscovib.response_result import Response
-from viscovib.structure_results import StructureResponse, View
+from viscovib.structure_results import StructureResponse, View, warn_of_reduction
 
 METHODS = ("linear", "successive", "newton")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])
@@ -91,6 +91,7 @@ def mount_response(
         own = given["coefficients"] - planned.loaded.base_motion(given["harmonics"])
         given |= {"dof_names": view.names, "dof_units": view.units}
         response = StructureResponse(**given, _condensed=own, _view=view)
+        warn_of_reduction(response)
     else:
         if coordinates is not None:
             raise InputError("coordinates: only those of a structure are chosen")

@@ -115,11 +115,11 @@ def _newton(
         # In units of the matrix, or pivots would be chosen for their units.
         size = np.abs(column).max()
         bordered = block_array(
-            [[_combined(model, values), csc_array(column[:, np.newaxis])], [size * row, None]],
+            [[combined(model, values), csc_array(column[:, np.newaxis])], [size * row, None]],
             format="csc",
         )
         try:
-            step = _solved(bordered, right)
+            step = solved(bordered, right)
         except RuntimeError:
             return s, x.astype(complex), False
         if not np.isfinite(step).all():
@@ -162,14 +162,16 @@ def _coefficients(model: LinearModel, s: complex) -> tuple[ComplexArray, Complex
     return at[:, 0], np.asarray((at[:, 1] - at[:, 2]) / (2 * h))
 
 
-def _combined(model: LinearModel, values: ComplexArray) -> csc_array:
+def combined(model: LinearModel, values: ComplexArray) -> csc_array:
+    """D(s) by the values c_i(s)."""
     total = values[0] * model.mass
     for value, matrix in zip(values[1:], model.matrices[1:], strict=True):
         total = total + value * matrix
     return total
 
 
-def _solved(matrix: csc_array, right: ComplexArray) -> ComplexArray:
+def solved(matrix: csc_array, right: ComplexArray) -> ComplexArray:
+    """Solution of a sparse complex system by a factorization of its own."""
     check_memory(matrix)
     factors = splu(
         matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options={"SymmetricMode": True}

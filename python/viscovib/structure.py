@@ -1,9 +1,10 @@
 """A structure of any number of coordinates with local elements, condensed to what is nonlinear."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -11,16 +12,31 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.condensed import Condensation, LoadedStructure, element_laws
-from viscovib.elements import ElementTerms, element_terms
+from viscovib.elements import ElementTerms, direction_of, element_terms
 from viscovib.errors import InputError
 from viscovib.kernels import Kernel
 from viscovib.load import LoadLike, load_series
 from viscovib.mount import warn_of_creep
-from viscovib.polynomial_system import _square, _words
+from viscovib.polynomial_system import _words
+from viscovib.structure_matrices import (
+    check_mass,
+    dense_of,
+    is_sparse,
+    linear_model,
+    matrix_of,
+    with_elements,
+)
 from viscovib.structure_rest import ModalDamping, Rest, dense_rest
 
-#: Coordinates up to which all are given where none are chosen, and matrices are dense.
-_ALL_GIVEN, _MAX_DENSE = 64, 5000
+if TYPE_CHECKING:
+    from viscovib.characteristic import CharacteristicRoots
+    from viscovib.reduced import ReducedRest
+
+#: Coordinates up to which all are given where none are chosen, and up to which modes are computed
+#: of dense matrices, and of sparse ones as if they were dense.
+_ALL_GIVEN, _MAX_DENSE, _SMALL = 64, 5000, 1000
+#: Coordinates at most.
+_MOST = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,11 +50,13 @@ class Structure:
 
     Parameters
     ----------
-    mass : array_like
-        M, symmetric and positive definite: n numbers (a diagonal matrix) or shape (n, n).
-    stiffness : array_like
+    mass : array_like or scipy.sparse array
+        M, symmetric and positive: n numbers (a diagonal matrix) or shape (n, n). Coordinates
+        without mass (rows of 0) follow the others at once.
+    stiffness : array_like or scipy.sparse array
         K, as mass; it need be neither positive (rigid bodies) nor symmetric (follower forces).
-    damping : array_like, optional
+        Of more than 1000 coordinates in sparse matrices `reduce` makes a model of few modes.
+    damping : array_like or scipy.sparse array, optional
         C, as stiffness; it need not be symmetric (gyroscopic forces).
     modal_damping : float or array_like, shape (n,)
         Damping ratio of every mode, or of each, in the order of their frequencies.
@@ -92,14 +110,17 @@ class Structure:
     dof_units: tuple[str, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        mass = _square("mass", self.mass, None)
+        sparse = any(is_sparse(m) for m in (self.mass, self.stiffness, self.damping))
+        mass = matrix_of("mass", self.mass, None, sparse)
         n = mass.shape[0]
-        if not 1 <= n <= _MAX_DENSE:
-            raise InputError(f"mass: {n} coordinates, must be 1 to {_MAX_DENSE} in dense matrices")
+        most = _MOST if sparse else _MAX_DENSE
+        if not 1 <= n <= most:
+            form = "sparse" if sparse else "dense"
+            raise InputError(f"mass: {n} coordinates, must be 1 to {most} in {form} matrices")
         self._set("mass", mass)
-        self._set("stiffness", _square("stiffness", self.stiffness, n))
-        self._set("damping", _square("damping", self.damping, n))
-        _check_mass(mass)
+        self._set("stiffness", matrix_of("stiffness", self.stiffness, n, sparse))
+        self._set("damping", matrix_of("damping", self.damping, n, sparse))
+        check_mass(mass)
         self._set("_modal", self._modal_damping(n))
         names = tuple(f"x{d + 1}" for d in range(n)) if self.names is None else self.names
         self._set("dof_names", _words("names", names, n))
@@ -176,21 +197,166 @@ class Structure:
     @cached_property
     def _rest(self) -> Rest:
         """The linear rest with the linear parts of the elements, without memory."""
-        stiffness = np.array(self.stiffness, dtype=float)
-        damping = np.array(self.damping, dtype=float)
-        for element in self._all_elements:
-            k, c = element.powers.get(1, 0.0), element.damping
-            if k or c:
-                places = np.flatnonzero(element.direction)
-                e = element.direction[places]
-                stiffness[np.ix_(places, places)] += k * np.outer(e, e)
-                damping[np.ix_(places, places)] += c * np.outer(e, e)
-        modal = self._modal  # type: ignore[attr-defined]
-        return dense_rest(np.asarray(self.mass), damping, stiffness, modal)
+        n = self.n_coordinates
+        if is_sparse(self.mass) and n > _SMALL:
+            raise InputError(
+                f"mass: {n} coordinates in sparse matrices, more than {_SMALL}: reduce them first, "
+                "such as structure.reduce(frequency=3000, loads=['x1'])"
+            )
+        stiffness, damping = with_elements(self.stiffness, self.damping, self._all_elements)
+        return dense_rest(dense_of(self.mass), damping, stiffness, self._uncoupled)
 
     @cached_property
     def _condensation(self) -> Condensation:
-        return Condensation(self._rest, element_laws(self._all_elements, self.n_coordinates))
+        laws = element_laws(self._all_elements, self.n_coordinates)
+        return Condensation(self._rest, laws, self._reduced)
+
+    @property
+    def _inertia(self) -> FloatArray:
+        """M b, b being the direction in which the base moves."""
+        mass: Any = self.mass
+        return np.asarray(mass @ self._base_direction, dtype=float)
+
+    @property
+    def _uncoupled(self) -> ModalDamping | None:
+        return self._modal  # type: ignore[attr-defined,no-any-return]
+
+    @property
+    def _reduced(self) -> "ReducedRest | None":
+        return self.__dict__.get("_reduction")
+
+    def reduce(
+        self,
+        *,
+        frequency: float,
+        tolerance: float = 1e-6,
+        loads: Sequence[Any] = (),
+        lowest: float = 0.0,
+        method: str = "modes",
+        max_modes: int = 1000,
+    ) -> Self:
+        """Return the same structure, its linear rest reduced to few modes by one factorization.
+
+        Modes up to 1.5 times the highest frequency, and static corrections of every order that
+        the loads and elements need: as many as the tolerance asks for (`viscovib.reduction`).
+
+        Parameters
+        ----------
+        frequency : float
+            Highest circular frequency (rad/s) at which displacements are wanted, harmonics
+            included.
+        tolerance : float
+            Largest error of displacements, in the norm of strain energy, relative to them, under
+            every load and element alone; estimated from residuals of the full equations at 50
+            frequencies.
+        loads : sequence
+            Directions in which loads will act, each as ``on`` of a `Spring`: a coordinate, a
+            mapping {name: weight}, a vector. Those of elements and of the base are known.
+        lowest : float
+            Lowest circular frequency (rad/s); above 0 for a structure that is free to move.
+        method : str
+            "modes", or "craig-bampton": modes with the coordinates of elements and loads held,
+            and the shapes that these deflect statically.
+        max_modes : int
+            How many modes and corrections there may be.
+
+        Returns
+        -------
+        Structure
+            With ``reduction``, which says how good it is.
+
+        Raises
+        ------
+        InputError
+            If the tolerance cannot be reached, the factorization would not fit into memory, or a
+            load acts elsewhere later on.
+
+        Examples
+        --------
+        >>> import numpy as np, scipy.sparse as sp, viscovib as vv
+        >>> k = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(4000, 4000))
+        >>> chain = vv.Structure(mass=sp.eye_array(4000), stiffness=k, modal_damping=0.01,
+        ...                      elements=[vv.Spring(on="x4000", law="0.5*d^3")])
+        >>> small = chain.reduce(frequency=0.02, loads=["x1"])
+        >>> small.reduction.largest_error < 1e-6, small.reduction.squares.size < 100
+        (True, True)
+        """
+        from viscovib.reduced import reduced_rest
+
+        n = self.n_coordinates
+        top = _native.number("frequency", frequency)
+        low = _native.number("lowest", lowest)
+        if not 0 <= low < top:
+            raise InputError(f"lowest = {low:g}: must be at least 0 and below frequency = {top:g}")
+        wanted = _native.number("tolerance", tolerance)
+        if not 1e-12 <= wanted <= 0.1:
+            raise InputError(f"tolerance = {wanted:g}: must be 1e-12 to 0.1")
+        _native.choice("method", method, ("modes", "craig-bampton"))
+        most = _native.integer("max_modes", max_modes, 1, 100_000)
+        if isinstance(loads, (str, Mapping)) or not isinstance(loads, Sequence):
+            raise InputError(f"loads = {_native.shown(loads)}: must be a list of directions")
+        places = self._places  # type: ignore[attr-defined]
+        pushed = [direction_of(f"loads[{i}]", on, n, places) for i, on in enumerate(loads)]
+        pushed += [element.direction for element in self._all_elements]
+        if self._base_direction is not None:
+            pushed.append(self._inertia)
+        if not pushed:
+            raise InputError("loads: must not be empty for a structure without elements")
+        directions = np.array(pushed).T
+        model = linear_model(
+            self.mass,
+            self.damping,
+            self.stiffness,
+            self._uncoupled,
+            self._all_elements,
+        )
+        boundary = None
+        if method == "craig-bampton":
+            boundary = np.flatnonzero(directions.any(axis=1)).tolist()
+            if len(boundary) > most:
+                raise InputError(
+                    f"method = 'craig-bampton': loads and elements act on {len(boundary)} "
+                    f"coordinates, must be on at most max_modes = {most}"
+                )
+        found = reduced_rest(
+            model, directions, frequency=top, tolerance=wanted, lowest=low, most=most,
+            boundary=boundary,
+        )  # fmt: skip
+        result = copy(self)
+        for name in ("_condensation", "_reduction", "_rest"):
+            result.__dict__.pop(name, None)
+        result.__dict__["_reduction"] = found
+        result.__dict__["_rest"] = found.rest
+        return result
+
+    @property
+    def reduction(self) -> Any:
+        """How good a reduced structure is (`viscovib.reduction.Reduction`); None of a whole one."""
+        return None if self._reduced is None else self._reduced.reduction
+
+    def characteristic_roots(self, count: int = 6) -> "CharacteristicRoots":
+        """The first roots of det[M s^2 + C s + K + sum_j k_j e_j e_j' (1 - R_j(s))] = 0.
+
+        By Newton's method on the full matrices, dense or sparse; each root begins at a mode of the
+        stiffness that acts at its frequency. Only oscillatory roots are looked for: of the result
+        ``real`` is empty, ``n_unstable`` counts those found and ``complete`` is False.
+
+        Parameters
+        ----------
+        count : int
+            How many, by rising frequency of the modes they belong to.
+        """
+        from viscovib.characteristic import CharacteristicRoots
+        from viscovib.sparse_roots import sparse_roots
+
+        wanted = _native.integer("count", count, 1, min(200, self.n_coordinates))
+        model = linear_model(
+            self.mass, self.damping, self.stiffness, self._uncoupled, self._all_elements,
+            remembering=True,
+        )  # fmt: skip
+        roots, _ = sparse_roots(model, wanted)
+        growing = 2 * int((roots.real > 0).sum())
+        return CharacteristicRoots(roots, np.zeros(0), growing, False)
 
     @property
     def _base_direction(self) -> FloatArray | None:
@@ -204,7 +370,9 @@ class Structure:
         forces: ComplexArray = series[:-1, kept]
         inertia = np.zeros(n)
         if self._base_direction is not None:
-            inertia = np.asarray(self.mass) @ self._base_direction
+            inertia = self._inertia
+        if self._reduced is not None:
+            self._reduced.check_loads(np.column_stack([forces, inertia]).astype(complex))
         return LoadedStructure(
             self._condensation, orders[kept], forces, series[-1, kept], inertia,
             self._base_direction,
@@ -231,13 +399,3 @@ class Structure:
         if not coordinates:
             raise InputError("coordinates: must not be empty")
         return np.array([places[name] for name in coordinates])
-
-
-def _check_mass(mass: FloatArray) -> None:
-    asymmetry = np.abs(mass - mass.T).max()
-    try:
-        np.linalg.cholesky(mass)
-    except np.linalg.LinAlgError:
-        asymmetry = np.inf
-    if asymmetry > 1e-12 * np.abs(mass).max():
-        raise InputError("mass: must be symmetric and positive definite")

@@ -1,7 +1,7 @@
 """The linear rest of a structure: its modes, and what modes left out would add."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from viscovib.errors import InputError
 #: Parts of the largest entry that are rounding: off the diagonal of a modal damping, a square of
 #: a frequency, what is left of a direction that depends on others.
 _OFF_DIAGONAL, _RIGID, _DEPENDENT = 1e-12, 1e-12, 1e-10
+#: How far above all others the square of a frequency stands for what follows at once.
+_AT_ONCE = 1e10
 
 
 class Rest(NamedTuple):
@@ -63,6 +65,8 @@ def dense_rest(
     from scipy.linalg import eigh
 
     n = mass.shape[0]
+    if not mass.any(axis=1).all():
+        return _condensed_rest(mass, damping, stiffness, modal)
     none = np.zeros((n, 0), dtype=complex)
     if _symmetric(stiffness) and _symmetric(damping):
         squares, shapes = eigh(stiffness, mass)
@@ -83,6 +87,60 @@ def dense_rest(
             "that leave the modes uncoupled"
         )
     return _complex_rest(mass, damping, stiffness)
+
+
+def _condensed_rest(
+    mass: FloatArray, damping: FloatArray, stiffness: FloatArray, modal: ModalDamping | None
+) -> Rest:
+    """Modes where some coordinates (0) have no mass: they follow the others (1) at once.
+
+    u_0 = K_00^-1 (p_0 - K_01 u_1), which leaves K_11 - K_10 K_00^-1 K_01 (Guyan 1965, exact here).
+    """
+    idle = ~mass.any(axis=1)
+    kept = ~idle
+    if damping[idle].any() or damping[:, idle].any():
+        i = int(np.flatnonzero(idle & (damping.any(axis=0) | damping.any(axis=1)))[0])
+        raise InputError(f"damping: coordinate {i} has no mass, and must not have damping either")
+    inner = stiffness[np.ix_(idle, idle)]
+    if np.linalg.cond(inner) > 1 / _OFF_DIAGONAL:
+        raise InputError("mass: a coordinate has neither mass nor stiffness")
+    inverse = np.linalg.inv(inner)
+    follow = -inverse @ stiffness[np.ix_(idle, kept)]
+    carry = -inverse.T @ stiffness[np.ix_(kept, idle)].T
+    rest = dense_rest(
+        mass[np.ix_(kept, kept)], damping[np.ix_(kept, kept)],
+        stiffness[np.ix_(kept, kept)] + stiffness[np.ix_(kept, idle)] @ follow, modal,
+    )  # fmt: skip
+
+    def whole(part: Any, relation: FloatArray) -> Any:
+        found = np.empty((mass.shape[0], part.shape[1]), dtype=part.dtype)
+        found[kept], found[idle] = part, relation @ part
+        return found
+
+    def flexibility(forces: FloatArray) -> tuple[FloatArray, FloatArray]:
+        moved = np.zeros_like(forces)
+        moved[idle] = inverse @ forces[idle]
+        return moved, np.zeros_like(forces)
+
+    shapes = whole(rest.shapes, follow)
+    squares, rates, losses = rest.squares, rest.rates, rest.losses
+    given: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = flexibility
+    if modal is not None and (modal.by_stiffness or np.any(modal.loss)):
+        # What has no mass has a part of the damping: modes of so high a frequency that they follow
+        # at once, as 1/(1 + i loss + s by_stiffness).
+        high = _AT_ONCE * max(float(np.abs(squares).max()), 1.0)
+        extra = np.zeros((mass.shape[0], inner.shape[0]))
+        extra[idle] = np.linalg.inv(np.linalg.cholesky(inner)).T * np.sqrt(high)
+        more = np.ones(inner.shape[0])
+        shapes = np.concatenate([shapes, extra], axis=1)
+        squares = np.append(squares, high * more)
+        rates = np.append(rates, modal.by_stiffness * high * more)
+        losses = np.append(losses, np.max(modal.loss) * more)
+        given = None
+    return Rest(
+        squares, rates, losses, shapes, rest.poles, whole(rest.left, follow),
+        whole(rest.right, carry), given,
+    )  # fmt: skip
 
 
 def _symmetric(matrix: FloatArray) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,7 +14,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.branch_result import Branch
 from viscovib.condensed import LoadedStructure
-from viscovib.errors import InputError
+from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.response_result import Response
 
 
@@ -85,6 +86,15 @@ class StructureResponse(Response):
         """Harmonics of the condensed coordinates, relative to the base, shape (n, q, m)."""
         return self._condensed.copy()
 
+    @cached_property
+    def reduction_error(self) -> FloatArray:
+        """Estimated relative error of each motion by what a reduction left out, shape (n,).
+
+        By residuals of the full equations; harmonics above the frequency that the structure was
+        reduced for count as wrong. 0 for a structure that is not reduced.
+        """
+        return _left_out(self)
+
     def at(self, coordinates: Sequence[str]) -> Self:
         """The same motions in other coordinates of the structure."""
         view = _known(self._view).at(coordinates)
@@ -146,6 +156,15 @@ class StructureBranch(Branch):
         """Harmonics of the condensed coordinates, relative to the base, shape (n, q, m)."""
         return self._condensed.copy()
 
+    @cached_property
+    def reduction_error(self) -> FloatArray:
+        """Estimated relative error of each motion by what a reduction left out, shape (n,).
+
+        By residuals of the full equations; harmonics above the frequency that the structure was
+        reduced for count as wrong. 0 for a structure that is not reduced.
+        """
+        return _left_out(self)
+
     def at(self, coordinates: Sequence[str]) -> Self:
         """The same motions in other coordinates of the structure."""
         view = _known(self._view).at(coordinates)
@@ -172,6 +191,31 @@ class StructureBranch(Branch):
             np.asfortranarray(motions.T), row + 1, j + 1, low, high, 1, cancel,
         )  # fmt: skip
         return (at, size) if found else None
+
+
+def _left_out(result: StructureResponse | StructureBranch) -> FloatArray:
+    reduced = _known(result._view).loaded.condensation.reduced
+    if reduced is None:
+        return np.zeros(result.nu.size)
+    return reduced.left_out(result.nu, result.harmonics, result._condensed)
+
+
+def warn_of_reduction(result: StructureResponse | StructureBranch) -> None:
+    """Warn of motions that a reduced structure does not give to its tolerance."""
+    reduced = _known(result._view).loaded.condensation.reduced
+    if reduced is None:
+        return
+    errors = np.nan_to_num(result.reduction_error)
+    lost = errors > 10 * reduced.tolerance
+    if lost.any():
+        worst = int(errors.argmax())
+        warnings.warn(
+            f"{lost.sum()} of {errors.size} motions have harmonics above {reduced.top:.6g} rad/s, "
+            "for which the structure was not reduced; worst at nu = "
+            f"{result.nu[worst]:.6g}, with an estimated relative error of {errors[worst]:.1e}",
+            ConvergenceWarning,
+            stacklevel=4,
+        )
 
 
 def _known(view: View | None) -> View:
