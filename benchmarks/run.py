@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import bodies
 import branch
 import combined
 import floors
@@ -294,6 +295,20 @@ def of_peaks(out: Path) -> Part:
     ], {}
 
 
+def of_bodies(out: Path) -> Part:
+    """A body in space on its mounts."""
+    rows = bodies.run()
+    write_csv(out / "bodies.csv", rows)
+    lines = ["", "| a body on three mounts | time | NumPy, SciPy | differ by |"]
+    lines += ["| --- | --- | --- | --- |"]
+    return lines + [
+        f"| {row['job']} | {show_time(row['seconds'])} | "
+        f"{show_time(row['other']) if row['other'] == row['other'] else ''} | "
+        f"{row['difference']:.0e} |"
+        for row in rows
+    ], {}
+
+
 def of_skips(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     """What each skip of a plan gains."""
     rows = skips.run()
@@ -320,6 +335,7 @@ PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "motion": (of_motion, 1200),
     "memory": (of_memory, 900),
     "scales": (of_scales, 600),
+    "bodies": (of_bodies, 600),
     "floors": (of_floors, 600),
     "phases": (of_phases, 900),
     "peaks": (of_peaks, 300),

@@ -13,6 +13,12 @@ _NAMES = {
     "_plan": "Plan",
     "_spectrum": "Spectrum name_frequencies spectrum",
     "_sweep": "sweep",
+    "body": "Body",
+    "body_forces": "MountForces",
+    "body_modes": "BodyModes",
+    "body_plots": "plot_body plot_energy plot_transmissibility",
+    "body_report": "report",
+    "body_statics": "Sag",
     "branch_result": "Branch",
     "characteristic": "CharacteristicRoots",
     "cubic_system": "CubicSystem",
@@ -31,6 +37,7 @@ _NAMES = {
     "load_table": "LoadTable",
     "maps": "plot_map",
     "mount": "Mount",
+    "mount_point": "FluidTrack MountPoint",
     "multiple_scales": "MultipleScales",
     "past": "Past",
     "pendulum": "Pendulum",
@@ -66,6 +73,16 @@ if TYPE_CHECKING:
         spectrum as spectrum,
     )
     from viscovib._sweep import sweep as sweep
+    from viscovib.body import Body as Body
+    from viscovib.body_forces import MountForces as MountForces
+    from viscovib.body_modes import BodyModes as BodyModes
+    from viscovib.body_plots import (
+        plot_body as plot_body,
+        plot_energy as plot_energy,
+        plot_transmissibility as plot_transmissibility,
+    )
+    from viscovib.body_report import report as report
+    from viscovib.body_statics import Sag as Sag
     from viscovib.branch_result import Branch as Branch
     from viscovib.characteristic import CharacteristicRoots as CharacteristicRoots
     from viscovib.cubic_system import CubicSystem as CubicSystem
@@ -111,6 +128,10 @@ if TYPE_CHECKING:
     from viscovib.load_table import LoadTable as LoadTable
     from viscovib.maps import plot_map as plot_map
     from viscovib.mount import Mount as Mount
+    from viscovib.mount_point import (
+        FluidTrack as FluidTrack,
+        MountPoint as MountPoint,
+    )
     from viscovib.multiple_scales import MultipleScales as MultipleScales
     from viscovib.past import Past as Past
     from viscovib.pendulum import Pendulum as Pendulum

@@ -9,7 +9,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 FAMILIES = (
-    "kernels", "rubber", "systems", "linear", "roots", "responses", "peaks", "branches", "crossings",
+    "kernels", "rubber", "systems", "bodies", "linear", "roots", "responses", "peaks", "branches", "crossings",
     "stability", "backbones", "steady", "motions", "ensembles", "spectra", "scales", "scenes",
     "sweeps", "tables",
 )  # fmt: skip
@@ -24,7 +24,9 @@ NOTHING_TO_JUDGE = {
     "Structure.rate_units": _WHOLE,
     "Structure.deflections": _WHOLE,
     "plot_backbone": _PICTURE,
+    "plot_body": _PICTURE,
     "plot_branch": _PICTURE,
+    "plot_energy": _PICTURE,
     "plot_map": _PICTURE,
     "plot_modulation": _PICTURE,
     "plot_response": _PICTURE,
@@ -32,6 +34,9 @@ NOTHING_TO_JUDGE = {
     "plot_sections": _PICTURE,
     "plot_spectrum": _PICTURE,
     "plot_trajectory": _PICTURE,
+    "plot_transmissibility": _PICTURE,
+    "report": "a page of numbers that bodies judges",
+    "BodyModes.to_dataset": "its own arrays, which test_body compares",
     "ConvergenceWarning": "what other families listen for",
     "InputError": "what other families count as refused",
     "ViscovibError": "the base of all errors",

@@ -1,0 +1,104 @@
+"""A body in space on its mounts: times of what engineers ask for, beside plain NumPy and SciPy."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import viscovib as vv
+from timing import pair, seconds, show_time
+from viscovib.units import degree, hz, mm, newton_per_mm
+
+Row = dict[str, Any]
+DATA = json.loads((Path(__file__).parents[1] / "data" / "engine_on_mounts.json").read_text())
+RUBBER = vv.RzhanitsynKernel(amplitude=0.6, alpha=0.4, beta=20)
+
+
+def engine(kernel: vv.Kernel | None = None, law: str | None = None) -> vv.Body:
+    """The engine of the table."""
+    mounts = [
+        vv.MountPoint(
+            name=f"m{i}", position=np.multiply(given["position_mm"], mm),
+            stiffness=np.multiply(given["stiffness"], newton_per_mm),
+            angles=np.multiply(given["angles"], degree), kernel=kernel, law=(None, None, law),
+        )
+        for i, given in enumerate(DATA["mounts"])
+    ]  # fmt: skip
+    return vv.Body(mass=DATA["mass"], inertia=DATA["inertia"], mounts=mounts)
+
+
+def one_by_one(body: vv.Body, n: int) -> np.ndarray:
+    """Frequencies of bodies with scattered mounts, a call of SciPy each."""
+    springs = body._mount_springs
+    factors = np.random.default_rng(0).uniform(0.85, 1.15, (n, springs.stiffness.size))
+    rows = springs.rows
+    squares = [
+        scipy.linalg.eigh((rows.T * (f * springs.stiffness)) @ rows, body.mass, eigvals_only=True)
+        for f in factors
+    ]
+    return np.sqrt(squares) / (2 * np.pi)
+
+
+def run() -> list[Row]:
+    """Time of each job, that of the same by other means where there are, and their difference."""
+    rows: list[Row] = []
+
+    def add(job: str, time: float, other: float, difference: float) -> None:
+        rows.append({"job": job, "seconds": time, "other": other, "difference": difference})
+        beside = show_time(other) if other == other else ""
+        print(f"{job:66} {show_time(time):>8} {beside:>8}  {difference:.1e}")
+
+    nan = float("nan")
+    plain, rubber, bent = engine(), engine(RUBBER), engine(RUBBER, "1e10*d^3")
+    worst = np.abs(plain.modes().hz - DATA["frequencies_hz"]).max()
+    time = seconds(lambda: (plain.modes(), plain.torque_roll_axis("y")))
+    add("modes, energies, torque-roll axis", time, nan, float(worst))
+
+    nu = np.linspace(5, 40, 1000) * hz
+    torque = rubber.load(torque=(0, 400, 0))
+
+    def ours() -> np.ndarray:
+        found = vv.forced_response(rubber, nu, load=torque, method="linear")
+        rubber.mount_forces(found)
+        rubber.base_transmissibility(nu, "z")
+        return found.coefficients[..., 0]
+
+    def theirs() -> np.ndarray:
+        stiffness = np.real(plain.dynamic_stiffness(0.0))
+        kept = 1 - RUBBER.transform(nu)[:, None, None]
+        dynamic = kept * stiffness - nu[:, None, None] ** 2 * np.asarray(rubber.mass)
+        return np.array([np.linalg.solve(d, torque) for d in dynamic])
+
+    mine, others, _ = pair(ours, theirs)
+    difference = np.abs(ours() / theirs() - 1).max()
+    add("1000 frequencies: response, 9 mount forces, transmissibility", mine, others, difference)
+
+    point = DATA["nonlinear_with_memory"]["points"][1]
+
+    def branch(stability: bool, harmonics: int) -> vv.Branch:
+        return vv.trace_response(
+            bent, (5 * hz, 30 * hz), load=torque, harmonics=harmonics, stability=stability,
+            at=[24 * hz], tolerance=1e-5,
+        )  # fmt: skip
+
+    found = branch(False, 9)
+    at = np.flatnonzero(np.isclose(found.nu, 24 * hz))[0]
+    off = np.abs(np.abs(found.coefficients[at, :, 0]) / point["first"] - 1).max()
+    add(f"branch, {found.nu.size} points, orders to 9", seconds(lambda: branch(False, 9)), nan, off)
+    add("the same with stability", seconds(lambda: branch(True, 9)), nan, off)
+
+    times = np.array([0, 0.005, 0.011, 1.0])
+    push = vv.LoadTable(times=times, values=np.array([0, 1e4, 0, 0])[:, None] * np.eye(6)[2])
+
+    def shocked(tolerance: float) -> vv.Trajectory:
+        return vv.simulate(bent, 1.0, force=push, dt="auto", tolerance=tolerance)
+
+    fine, coarse = shocked(1e-11), shocked(1e-8)
+    off = np.abs(fine.state[-1] - coarse.state[-1]).max() / np.abs(fine.state).max()
+    add("a shock of 1 s at 1e-8", seconds(lambda: shocked(1e-8)), nan, float(off))
+
+    mine, others, _ = pair(lambda: plain.scatter(10_000)[0], lambda: one_by_one(plain, 10_000))
+    difference = np.abs(plain.scatter(100)[0] - one_by_one(plain, 100)).max()
+    add("10 000 engines, stiffnesses +-15 %", mine, others, float(difference))
+    return rows

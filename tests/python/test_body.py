@@ -1,0 +1,418 @@
+"""A rigid body in space on its mounts."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+import viscovib as vv
+from viscovib.units import degree, hz, mm, newton_per_mm
+
+DATA = json.loads((Path(__file__).parents[2] / "data" / "engine_on_mounts.json").read_text())
+NAMES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def engine(kernel=None, law=None, more=0.0, **options):
+    """The engine of the table; ``more``: stiffness (N/mm) along the local z of mount 1."""
+    mounts = []
+    for i, given in enumerate(DATA["mounts"]):
+        stiffness = np.array(given["stiffness"], dtype=float)
+        stiffness[2] += more if i == 0 else 0
+        mounts.append(
+            vv.MountPoint(
+                name=f"m{i + 1}",
+                position=np.array(given["position_mm"]) * mm,
+                stiffness=stiffness * newton_per_mm,
+                angles=np.array(given["angles"]) * degree,
+                kernel=kernel,
+                law=(None, None, law),
+            )
+        )
+    return vv.Body(mass=DATA["mass"], inertia=DATA["inertia"], mounts=mounts, **options)
+
+
+def random_body(rng, **options):
+    """A body on three or four mounts at random places, turned at random."""
+    box = rng.uniform(0.2, 1, 3)
+    mass = rng.uniform(1, 200)
+    turn = scipy.linalg.qr(rng.normal(size=(3, 3)))[0]
+    inertia = turn @ np.diag(mass / 12 * (np.sum(box**2) - box**2)) @ turn.T
+    mounts = [
+        vv.MountPoint(
+            name=f"m{i}",
+            position=rng.uniform(-0.5, 0.5, 3),
+            stiffness=rng.uniform(1e4, 1e6, 3),
+            angles=rng.uniform(-3, 3, 3),
+            damping=rng.uniform(0, 50, 3),
+            **options,
+        )
+        for i in range(rng.integers(3, 5))
+    ]
+    return vv.Body(mass=mass, inertia=inertia, mounts=mounts)
+
+
+def test_engine_of_the_table():
+    """Frequencies, kinetic energies and the torque-roll axis of a published program, all digits."""
+    np.testing.assert_allclose(engine().modes().hz, DATA["frequencies_hz"], atol=5e-8)
+    stiffer = DATA["with_100_N_per_mm_more_along_local_z_of_mount_1"]
+    modes = engine(more=100.0).modes()
+    np.testing.assert_allclose(modes.hz, stiffer["frequencies_hz"], atol=6e-9)
+    for name, shares in stiffer["kinetic_energy_percent"].items():
+        np.testing.assert_allclose(modes.energy[NAMES.index(name)], shares, atol=1e-4)
+    np.testing.assert_allclose(modes.energy.sum(axis=0), 100)
+    axis = engine().torque_roll_axis(DATA["torque_roll_axis"]["torque_about"])
+    np.testing.assert_allclose(axis, DATA["torque_roll_axis"]["direction"], atol=5e-8)
+    assert engine().roll_share("y").sum() == pytest.approx(100)
+
+
+def test_nonlinear_engine_with_memory():
+    """Amplitudes and mount forces of an independent harmonic balance with 15 orders."""
+    kernel = vv.RzhanitsynKernel(amplitude=0.6, alpha=0.4, beta=20)
+    body = engine(kernel, "1e10*d^3")
+    points = DATA["nonlinear_with_memory"]["points"]
+    nu = np.array([point["hz"] for point in points]) * hz
+    found = vv.forced_response(
+        body, nu, load=body.load(torque=(0, 400, 0)), method="newton", harmonics=15
+    )
+    forces = body.mount_forces(found)
+    for i, point in enumerate(points):
+        first = np.abs(found.coefficients[i, :, 0])
+        np.testing.assert_allclose(first, point["first"], rtol=1e-12)
+        third = np.abs(found.coefficients[i, :, 1])
+        np.testing.assert_allclose(third, point["third"], rtol=1e-9)
+        size = np.abs(forces.force[i, ..., 0]).ravel()
+        np.testing.assert_allclose(size, point["mount_force_first"], rtol=1e-12)
+        # What the load puts in is lost in the mounts.
+        turning = 1j * nu[i] * found.coefficients[i, 4, 0]
+        power = 0.5 * (400 * np.conj(turning)).real
+        assert forces.lost_power[i].sum() == pytest.approx(power, rel=1e-11)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_mount_forces_move_the_body(seed):
+    """Newton's law and Euler's, order by order: loads less mount forces are M u''."""
+    rng = np.random.default_rng(seed)
+    kernel = vv.PronyKernel(weights=[1.0, 20.0], rates=[5.0, 300.0])
+    body = random_body(rng, kernel=kernel, law=("2e10*d^3 + 1e7*d^2", None, "-1e9*d^3"))
+    load = body.load(rng.normal(size=3) * 50, rng.normal(size=3) * 5, at=(0.1, -0.2, 0.3))
+    nu = body.modes().omega[:3] * 1.02
+    found = vv.forced_response(body, nu, load=load, method="newton")
+    told = body.mount_forces(found)
+    for i in np.flatnonzero(found.converged):
+        for k, order in enumerate(found.harmonics):
+            left = -((order * nu[i]) ** 2) * body.mass @ found.coefficients[i, :, k]
+            left = left - load * (order == 1)
+            for j, mount in enumerate(body.mounts):
+                force = mount.rotation @ told.force[i, j, :, k]
+                left[:3] += force
+                left[3:] += np.cross(np.asarray(mount.position), force)
+            assert np.abs(left).max() < 1e-8 * np.abs(load).max()
+    assert found.converged.any()
+
+
+def test_a_mount_in_the_plane():
+    """The mount of a plane is a body of which one mount holds x and the rotation."""
+    kernel = vv.RzhanitsynKernel(amplitude=0.1, alpha=0.3, beta=0.05)
+    plane = vv.Mount(
+        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=kernel
+    )
+    foot = vv.MountPoint(
+        name="foot", position=(0, 0, -0.5), stiffness=(10, 3, 4), kernel=kernel,
+        rotational_stiffness=(1, 2, 1),
+    )  # fmt: skip
+    space = vv.Body(mass=1, inertia=(0.1, 0.1, 0.1), mounts=[foot])
+    nu = np.linspace(0.5, 9, 40)
+    flat = vv.forced_response(plane, nu, load=0.1, method="linear")
+    full = vv.forced_response(space, nu, load=space.load((0.1, 0, 0)), method="linear")
+    for name, other in (("x", "x"), ("phi", "ry")):
+        np.testing.assert_allclose(full.amplitude(other), flat.amplitude(name), rtol=1e-12)
+
+
+def test_transmissibility_is_a_response():
+    """Motion of the floor as a base, and a force that reaches it through the mounts."""
+    rng = np.random.default_rng(3)
+    kernel = vv.RabotnovKernel(amplitude=2.0, alpha=0.5, beta=20.0)
+    drawn = random_body(rng, kernel=kernel)
+    body = vv.Body(
+        mass=drawn.body_mass, inertia=drawn.inertia, mounts=drawn.mounts, base_direction="y"
+    )
+    nu = np.geomspace(5, 1000, 30)
+    found = vv.forced_response(body, nu, base=1e-3, method="linear")
+    point = (0.2, 0.1, -0.3)
+    moved = body.motion_of(found, point)[..., 0] / 1e-3
+    told = body.base_transmissibility(nu, "y", point)
+    np.testing.assert_allclose(told, moved, rtol=1e-10, atol=1e-14)
+    floor = told - body.base_transmissibility(nu, "y", point, relative=True)
+    np.testing.assert_allclose(floor, np.broadcast_to([0, 1, 0], (30, 3)), atol=1e-12)
+    # The mounts alone accelerate the body.
+    each = body.mount_forces(found, base=1e-3).force[..., 0]
+    total = sum(each[:, j] @ mount.rotation.T for j, mount in enumerate(body.mounts))
+    inertia = -(nu[:, None] ** 2) * body.body_mass * found.coefficients[:, :3, 0]
+    np.testing.assert_allclose(total, -inertia, rtol=1e-8, atol=1e-8 * np.abs(inertia).max())
+    pushed = vv.forced_response(body, nu, load=body.load((0, 0, 1), at=point), method="linear")
+    with pytest.raises(vv.InputError, match="base: the floor of this body may move"):
+        body.mount_forces(pushed)
+    each = body.mount_forces(pushed, base=0).force[..., 0]
+    total = sum(each[:, j] @ mount.rotation.T for j, mount in enumerate(body.mounts))
+    np.testing.assert_allclose(body.force_transmissibility(nu, "z", point), total, rtol=1e-8)
+    # Maxwell: what the floor gives the centre of mass is what a force there gives the floor.
+    across = body.force_transmissibility(nu, "y")[:, 1]
+    np.testing.assert_allclose(across, body.base_transmissibility(nu, "y")[:, 1], rtol=1e-9)
+
+
+def test_sag_of_a_progressive_mount():
+    """(1 - I)(k d + k3 d^3) = m g below the centre of mass, and the stiffness there."""
+    kernel = vv.PronyKernel(weights=[0.6], rates=[2.0])
+    foot = vv.MountPoint(
+        name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 1e5), kernel=kernel,
+        law=(None, None, "3e9*d^3"), rotational_stiffness=(1e3, 1e3, 1e3),
+    )  # fmt: skip
+    body = vv.Body(mass=50, inertia=(1, 1, 1), mounts=[foot], gravity=9.81)
+    down = -body.sag().displacement[2]
+    (root,) = (r.real for r in np.roots([3e9, 0, 1e5, -50 * 9.81 / 0.7]) if abs(r.imag) < 1e-12)
+    assert down == pytest.approx(root, rel=1e-12)
+    tangent = 1e5 + 9e9 * root**2
+    expected = math.sqrt(tangent / 50)
+    assert np.abs(body.modes().omega - expected).min() < 1e-9 * expected
+    assert body.sag().forces[0, 2] == pytest.approx(50 * 9.81, rel=1e-12)
+    # About the loaded position the law has a square, so that a load moves the mean.
+    found = vv.forced_response(body, [0.9 * expected], load=body.load((0, 0, 100)), method="newton")
+    assert 0 in found.harmonics
+    assert abs(found.coefficient("z", 0)[0]) > 1e-6
+
+
+@pytest.mark.parametrize("above", [1.0, -1.0])
+def test_preload_makes_a_pendulum(above):
+    """A body on one point: it swings like a pendulum below it and falls over above it."""
+    arm, mass, inertia = 0.4, 12.0, 0.7
+    joint = vv.MountPoint(name="joint", position=(0, 0, above * arm), stiffness=(1e8, 1e8, 1e8))
+    square = above * mass * 9.81 * arm / (inertia + mass * arm**2)
+
+    def build():
+        return vv.Body(mass=mass, inertia=(inertia,) * 3, mounts=[joint], gravity=9.81)
+
+    if above < 0:
+        with pytest.warns(vv.StabilityWarning, match="unstable"):
+            body = build()
+        with pytest.raises(vv.InputError, match=r"grows like exp\(4\.239"):
+            body.modes()
+        return
+    omega = build().modes().omega
+    np.testing.assert_allclose(omega[1:3], math.sqrt(square), rtol=1e-5)
+
+
+def test_preload_remembers_nothing():
+    """The slow swing of a hung body keeps its stiffness, whatever its rubber forgets."""
+    kernel = vv.PronyKernel(weights=[5.0], rates=[10.0])
+    joint = vv.MountPoint(name="joint", position=(0, 0, 0.4), stiffness=(1e9,) * 3, kernel=kernel)
+    body = vv.Body(mass=12, inertia=(0.7,) * 3, mounts=[joint], gravity=9.81)
+    square = 12 * 9.81 * 0.4 / (0.7 + 12 * 0.4**2)
+    stiffness = body.dynamic_stiffness(math.sqrt(square))
+    assert np.abs(scipy.linalg.eigvals(stiffness)).min() < 1e-4 * abs(stiffness[3, 3])
+
+
+def test_fluid_mount():
+    """Dynamic stiffness of a published fluid mount, and its body against the formula."""
+    track = vv.FluidTrack(mass=62.8, damping=2666, stiffness=436950)
+    mount = vv.MountPoint(
+        name="fluid", position=(0, 0, 0), stiffness=(1e5, 1e5, 512950), damping=(0, 0, 198),
+        track=track, rotational_stiffness=(1e3,) * 3,
+    )  # fmt: skip
+    frequencies = np.array([5.0, 12.0, 15.0, 14.9434])
+    told = mount.dynamic_stiffness(frequencies * hz)[:, 2]
+    size = [478.823, 1042.292, 1399.470, 1399.555]
+    np.testing.assert_allclose(np.abs(told) / 1e3, size, atol=6e-4)
+    np.testing.assert_allclose(np.degrees(np.angle(told))[:3], [13.841, 53.241, 27.017], atol=6e-4)
+    body = vv.Body(mass=300, inertia=(10, 10, 10), mounts=[mount])
+    assert body.dof_names[6:] == ("fluid_y",)
+    found = vv.forced_response(body, frequencies * hz, load=body.load((0, 0, 1)), method="linear")
+    expected = 1 / (told - 300 * (frequencies * hz) ** 2)
+    np.testing.assert_allclose(found.coefficient("z"), expected, rtol=1e-11)
+    force = body.mount_forces(found)
+    np.testing.assert_allclose(force.force[:, 0, 2, 0], told * expected, rtol=1e-11)
+    assert force.amplitude("fluid")[0, 2] == pytest.approx(abs(told[0] * expected[0]))
+
+
+def test_unbalance_turns():
+    """A rotating force m e nu^2: a quarter turn takes y to z about x."""
+    body = engine()
+    load = body.unbalance(100.0, 2e-3, at=(0, 0, 0), axis="x")
+    for angle, direction in ((0.0, (0, 1, 0)), (math.pi / 2, (0, 0, 1))):
+        force = np.imag(load[:3] * np.exp(1j * angle))
+        np.testing.assert_allclose(force, 20.0 * np.array(direction), atol=1e-12)
+    np.testing.assert_allclose(load[3:], 0, atol=1e-12)
+
+
+def test_centers():
+    """Of two equal mounts both centres lie half way; in general the blocks there are symmetric."""
+    feet = [
+        vv.MountPoint(name=f"f{i}", position=(x, 0.1, 0.2), stiffness=(1e5, 2e5, 3e5))
+        for i, x in enumerate((0.3, -0.1))
+    ]
+    turning = vv.MountPoint(
+        name="bush", position=(0.1, 0.1, 0.2), stiffness=(1, 1, 1), rotational_stiffness=(9e3,) * 3
+    )
+    body = vv.Body(mass=10, inertia=(1, 1, 1), mounts=[*feet, turning], center=(0.05, 0, 0))
+    for center in body.centers():
+        np.testing.assert_allclose(center, [0.1, 0.1, 0.2], atol=1e-9)
+    body = random_body(np.random.default_rng(8))
+    for center, inverse in zip(body.centers(), (False, True), strict=True):
+        moved = vv.Body(
+            mass=body.body_mass, inertia=body.inertia, mounts=body.mounts, center=center
+        )
+        stiffness = np.real(moved.dynamic_stiffness(0.0))
+        block = (np.linalg.inv(stiffness) if inverse else stiffness)[:3, 3:]
+        np.testing.assert_allclose(block, block.T, atol=1e-9 * np.abs(block).max())
+
+
+def test_scatter():
+    """Bodies made one by one have the modes that `scatter` gives all at once."""
+    body = engine()
+    frequencies, decoupling = body.scatter(50, 0.15, seed=4)
+    factors = np.random.default_rng(4).uniform(0.85, 1.15, (50, 9))
+    for i in (0, 49):
+        mounts = [
+            vv.MountPoint(
+                name=mount.name, position=mount.position, axes=mount.rotation,
+                stiffness=np.asarray(mount.stiffness) * factors[i, 3 * j : 3 * j + 3],
+            )
+            for j, mount in enumerate(body.mounts)
+        ]  # fmt: skip
+        modes = vv.Body(mass=body.body_mass, inertia=body.inertia, mounts=mounts).modes()
+        np.testing.assert_allclose(frequencies[i], modes.hz, rtol=1e-10)
+        np.testing.assert_allclose(decoupling[i], modes.decoupling, rtol=1e-8)
+
+
+def test_all_methods_take_a_body():
+    """Branches with stability, and motions in time that settle to the steady ones."""
+    kernel = vv.PronyKernel(weights=[20.0], rates=[60.0])
+    body = engine(kernel, "1e10*d^3")
+    load = body.load(torque=(0, 400, 0))
+    branch = vv.trace_response(body, (8 * hz, 12 * hz), load=load, tolerance=1e-6)
+    assert branch.stable is not None
+    assert branch.nu.size > 5
+    run = vv.simulate(body, 0.2, load=load, nu=10 * hz, dt=1e-3)
+    assert run.outcome == "completed"
+    # In time and order by order the same motion, once the start has faded.
+    long = vv.simulate(body, 4.0, load=load, nu=10 * hz, dt=2e-3)
+    steady = vv.forced_response(body, [10 * hz], load=load, method="newton")
+    last = long.state[-50:, ::2]
+    waves = np.exp(1j * np.outer(long.t[-50:], steady.harmonics) * 10 * hz)
+    expected = np.einsum("dk,tk->td", steady.coefficients[0], waves).imag
+    np.testing.assert_allclose(last, expected, atol=1e-6 * np.abs(expected).max())
+
+
+GOOD = {"name": "m", "position": (0.1, 0, 0), "stiffness": (1e5, 1e5, 1e5)}
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"name": "left mount"}, "name = 'left mount': must be letters"),
+        ({"position": (1, 2)}, r"m: position: must have shape \(3,\)"),
+        ({"stiffness": (1, -2, 3)}, "m: stiffness = -2: must not be negative"),
+        ({"stiffness": (0, 0, 0)}, "must not be 0 in every direction"),
+        ({"axes": np.diag([1, 1, 2])}, "m: axes: must be a rotation"),
+        ({"axes": np.diag([1, 1, -1])}, "m: axes: must be a rotation"),
+        ({"angles": (0, 0, math.nan)}, "m: angles"),
+        ({"kernel": "rubber"}, "m: kernel = 'rubber': must be a Kernel, None or three"),
+        ({"law": "d^3 + 1"}, r"m: law\[0\]: has the constant 1"),
+        ({"law": "x^3"}, r"m: law\[0\].*unknown|x"),
+        ({"track": 3}, "m: track = 3: must be a FluidTrack"),
+    ],
+)
+def test_wrong_mounts(given, told):
+    """Each is told in a line that names the mount."""
+    with pytest.raises(vv.InputError, match=told):
+        vv.MountPoint(**{**GOOD, **given})
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"mass": 0}, "mass = 0: must be greater than 0"),
+        ({"inertia": (1, 1, 3)}, "larger than the sum of the other two"),
+        ({"inertia": (1, 1, -1)}, "principal moments"),
+        ({"inertia": [[1, 0.2, 0], [0, 1, 0], [0, 0, 1]]}, "inertia: must be symmetric"),
+        ({"mounts": []}, "mounts: must not be empty"),
+        ({"mounts": [vv.MountPoint(**GOOD)] * 2}, "the name 'm' stands twice"),
+        ({"geometry": "exact"}, "geometry = 'exact': must be one of 'small'"),
+        ({"base_direction": "w"}, "base_direction"),
+        ({"gravity": (0, 0)}, r"gravity: must have shape \(3,\)"),
+    ],
+)
+def test_wrong_bodies(given, told):
+    """Each is told in a line."""
+    with pytest.raises(vv.InputError, match=told):
+        vv.Body(**{"mass": 1, "inertia": (1, 1, 1), "mounts": [vv.MountPoint(**GOOD)], **given})
+
+
+@pytest.mark.parametrize(
+    ("kernel", "told"),
+    [
+        (vv.AbelKernel(amplitude=0.1, alpha=0.5), "a kernel has no integral"),
+        (
+            vv.PronyKernel(weights=[2.0], rates=[1.0]),
+            "integral of a kernel is 2, must be below",
+        ),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_no_sag(kernel, told):
+    """Rubber that goes on creeping carries no weight."""
+    mount = vv.MountPoint(**GOOD, kernel=kernel, rotational_stiffness=(1, 1, 1))
+    with pytest.raises(vv.InputError, match=told):
+        vv.Body(mass=1, inertia=(1, 1, 1), mounts=[mount], gravity=9.81)
+
+
+def test_softening_mount_gives_way():
+    """A law that turns down below the weight has no position at rest."""
+    mount = vv.MountPoint(**GOOD, law="-1e12*d^3", rotational_stiffness=(1, 1, 1))
+    with pytest.raises(vv.InputError, match=r"give way under 0\.1\d* %"):
+        vv.Body(mass=1000, inertia=(1, 1, 1), mounts=[mount], gravity=9.81)
+
+
+def test_millimetres_as_metres():
+    """Positions that are far beyond the body are asked about."""
+    far = vv.MountPoint(name="m", position=(463.0, 0, 0), stiffness=(1e5, 1e5, 1e5))
+    with pytest.warns(vv.StabilityWarning, match=r"units\.mm"):
+        vv.Body(mass=100, inertia=(5, 5, 5), mounts=[far])
+
+
+def test_free_body_is_told():
+    """Modes that nothing holds are at frequency 0, and said."""
+    mount = vv.MountPoint(name="m", position=(0, 0, 0), stiffness=(1e5, 0, 0))
+    modes = vv.Body(mass=10, inertia=(1, 1, 1), mounts=[mount]).modes()
+    assert (modes.omega == 0).sum() == 5
+    assert "of 5 nothing holds the body" in repr(modes)
+    assert np.isnan(modes.loss_factor[0])
+
+
+def test_report(tmp_path):
+    """One page with every part, as HTML and as PDF; other endings are refused."""
+    body = engine(vv.PronyKernel(weights=[2.0], rates=[10.0]), "1e10*d^3", gravity=9.81)
+    vv.report(body, tmp_path / "engine.html", title="Engine <1>", torque_about="y")
+    page = (tmp_path / "engine.html").read_text()
+    assert "Engine &lt;1&gt;" in page
+    assert page.count("data:image/png") == 4
+    for word in ("m1", "Sag", "Kinetic energies", "torque-roll axis", f"{body.modes().hz[0]:.4f}"):
+        assert word in page
+    vv.report(body, tmp_path / "engine.pdf")
+    assert (tmp_path / "engine.pdf").read_bytes().startswith(b"%PDF")
+    with pytest.raises(vv.InputError, match=r"must end in \.html or \.pdf"):
+        vv.report(body, tmp_path / "engine.doc")
+
+
+def test_pictures(tmp_path):
+    """Axes come back; a mode is named with its frequency."""
+    body = engine()
+    axis = vv.plot_body(body, mode=3, torque_about="y")
+    assert axis.get_title().startswith("mode 3: 12.47 Hz")
+    assert vv.plot_energy(body.modes()).get_xlabel() == "natural frequency (Hz)"
+    assert vv.plot_transmissibility(body).get_xscale() == "log"
+    with pytest.raises(vv.InputError, match="three-dimensional"):
+        vv.plot_body(body, vv.plot_energy(body.modes()))
+    body.modes().to_csv(tmp_path / "modes.csv")
+    assert "energy_rz" in (tmp_path / "modes.csv").read_text()

@@ -1,0 +1,348 @@
+"""Bodies in space: modes, sag, transmissibility and mount forces by vectors, mount by mount."""
+
+import numpy as np
+import scipy.linalg
+from scipy.optimize import root
+
+from referee.case import Case, Claim, even, few, number, numbers
+from referee.models import prony
+
+JUDGES = (
+    "Body", "Body.modes", "Body.sag", "Body.torque_roll_axis", "Body.roll_share", "Body.centers",
+    "Body.load", "Body.unbalance", "Body.motion_of", "Body.mount_forces",
+    "Body.base_transmissibility", "Body.force_transmissibility", "Body.scatter", "BodyModes",
+    "BodyModes.hz", "BodyModes.decoupling", "FluidTrack", "FluidTrack.dynamic_stiffness",
+    "MountForces", "MountForces.lost_power", "MountForces.amplitude", "MountPoint",
+    "MountPoint.dynamic_stiffness", "MountPoint.static_stiffness", "Sag",
+)  # fmt: skip
+
+_CHECKED = """modes = body.modes()
+hz, energy, decoupling = modes.hz, modes.energy, modes.decoupling
+"""
+
+
+class _Model:
+    """A body of the referee's own: forces of its mounts as vectors."""
+
+    def __init__(self, rng):
+        box = np.array([few(rng, 0.1, 2) for _ in range(3)])
+        self.mass = few(rng, 0.5, 2000)
+        turn = scipy.linalg.qr(rng.normal(size=(3, 3)))[0]
+        moments = self.mass / 12 * (box @ box - box**2)
+        self.inertia = turn @ np.diag(moments) @ turn.T
+        self.inertia = (self.inertia + self.inertia.T) / 2
+        self.center = (rng.normal(size=3) * 0.1).round(3)
+        size = box.max()
+        self.memory = None
+        if rng.random() < 0.6:
+            rates = [few(rng, 1, 500), few(rng, 1, 500)]
+            self.memory = prony([float(f"{r * rng.uniform(0.01, 0.3):.3g}") for r in rates], rates)
+        self.mounts = []
+        for _ in range(int(rng.integers(3, 6))):
+            self.mounts.append({
+                "position": (rng.uniform(-1, 1, 3) * size).round(4),
+                "stiffness": np.array([few(rng, 1e4, 1e6) for _ in range(3)]),
+                "angles": rng.uniform(-3, 3, 3).round(3),
+                "damping": np.array([few(rng, 1, 300) for _ in range(3)]),
+                "cubic": few(rng, 1e7, 1e11),
+            })  # fmt: skip
+        texts = []
+        for i, m in enumerate(self.mounts):
+            kernel = "None" if self.memory is None else self.memory.source
+            texts.append(
+                f'vv.MountPoint(name="m{i}", position={numbers(m["position"])}, '
+                f"stiffness={numbers(m['stiffness'])}, angles={numbers(m['angles'])}, "
+                f"damping={numbers(m['damping'])}, kernel={kernel}, "
+                f'law=(None, None, "{m["cubic"]!r}*d^3"))'
+            )
+        self.source = (
+            f"vv.Body(mass={number(self.mass)}, inertia={numbers(self.inertia)}, "
+            f"center={numbers(self.center)}, mounts=[{', '.join(texts)}]"
+        )
+
+    @staticmethod
+    def axes(m):
+        """Local axes, a column each, by turning about x, then y, then z."""
+        axes = np.eye(3)
+        for k, angle in enumerate(m["angles"]):
+            e = np.eye(3)[k]
+            turned = [
+                np.cos(angle) * v
+                + np.sin(angle) * np.cross(e, v)
+                + (1 - np.cos(angle)) * (e @ v) * e
+                for v in axes.T
+            ]
+            axes = np.array(turned).T
+        return axes
+
+    def arm(self, m):
+        return m["position"] - self.center
+
+    def forces(self, u, stiffness=1.0, damping=0.0, cubic=0.0):
+        """Force and moment about the centre that hold the body at u (linear parts by factors)."""
+        total = np.zeros(6, dtype=np.result_type(u, stiffness, damping))
+        for m in self.mounts:
+            axes, arm = self.axes(m), self.arm(m)
+            d = axes.T @ (u[:3] + np.cross(u[3:], arm))
+            local = (stiffness * m["stiffness"] + damping * m["damping"]) * d
+            local[2] = local[2] + cubic * m["cubic"] * d[2] ** 3
+            force = axes @ local
+            total[:3] += force
+            total[3:] += np.cross(arm, force)
+        return total
+
+    def matrix(self, stiffness=1.0, damping=0.0):
+        return np.array([self.forces(e, stiffness, damping) for e in np.eye(6)]).T
+
+    @property
+    def masses(self):
+        return scipy.linalg.block_diag(self.mass * np.eye(3), self.inertia)
+
+    def kept(self, nu):
+        return 1.0 if self.memory is None else 1 - complex(self.memory.laplace(1j * nu))
+
+    def dynamic(self, nu):
+        return self.matrix(self.kept(nu), 1j * nu) - nu**2 * self.masses
+
+
+def _modes(rng, index):
+    model = _Model(rng)
+    about = rng.normal(size=3).round(3)
+    call = f"""body = {model.source})
+{_CHECKED}axis, share = body.torque_roll_axis({numbers(about)}), body.roll_share({numbers(about)})
+centers = np.array(body.centers())
+same, shares = body.scatter(2, 0.0)
+"""
+
+    def judge(names, told):
+        k, m = model.matrix(), model.masses
+        squares, shapes = scipy.linalg.eigh(k, m)
+        hz = np.sqrt(squares) / 2 / np.pi
+        yield Claim("hz", names["hz"], hz, 1e-11 * hz.max() ** 2 / hz)
+        energy = names["energy"]
+        yield Claim("energy", energy.sum(axis=0), np.full(6, 100.0), 1e-9)
+        apart = np.diff(np.sqrt(squares), prepend=-1, append=1e9) / np.sqrt(squares.max())
+        clear = (apart[1:] > 1e-3) & (apart[:-1] > 1e-3)
+        true = 100 * shapes * (m @ shapes)
+        yield Claim("energy of modes", energy[:, clear], true[:, clear], 1e-6, damage=1e-3)
+        yield Claim("decoupling", names["decoupling"], energy.max(axis=0), 1e-10)
+        yield Claim("scatter", names["same"], np.array([names["hz"]] * 2), 1e-9 * hz.max())
+        yield Claim("scatter", names["shares"][:, clear], np.array([true.max(0)[clear]] * 2), 1e-5,
+                    damage=1e-3)  # fmt: skip
+        turned = scipy.linalg.solve(model.inertia, about, assume_a="pos")
+        turned /= np.linalg.norm(turned)
+        yield Claim("torque_roll_axis", names["axis"], turned, 1e-11)
+        roll = np.concatenate([np.zeros(3), turned])
+        parts = 100 * (shapes.T @ m @ roll) ** 2 / (roll @ m @ roll)
+        yield Claim("roll_share", names["share"][clear], parts[clear], 1e-6, damage=1e-3)
+        yield Claim("roll_share", names["share"].sum(), 100.0, 1e-8)
+        for which, center in enumerate(names["centers"]):
+            # Seen from there the coupling block of the matrix, or of its inverse, is symmetric.
+            away = center - model.center
+            view = np.eye(6)
+            view[:3, 3:] = np.array([np.cross(e, -away) for e in np.eye(3)]).T
+            seen = view.T @ k @ view
+            block = (np.linalg.inv(seen) if which else seen)[:3, 3:]
+            rest = np.abs(block - block.T).max() / np.abs(block).max()
+            yield Claim("centers", 1 + rest, 1.0, 1e-8)
+
+    return Case(call, judge)
+
+
+def _loads(rng, index):
+    model = _Model(rng)
+    at, point = (rng.normal(size=(2, 3)) * 0.3).round(3)
+    force, torque = rng.normal(size=(2, 3)).round(3)
+    nu = sorted(few(rng, 1, 1000) for _ in range(4))
+    axis = "xyz"[index % 3]
+    size = few(rng, 1e-4, 1)
+    call = f"""body = {model.source}, base_direction={axis!r})
+load = body.load({numbers(force)}, {numbers(torque)}, at={numbers(at)})
+turning = body.unbalance({nu[0]}, {size}, at={numbers(at)}, axis={axis!r})
+base = body.base_transmissibility({nu}, {axis!r}, {numbers(point)})
+relative = body.base_transmissibility({nu}, {axis!r}, {numbers(point)}, relative=True)
+floor = body.force_transmissibility({nu}, {axis!r}, {numbers(at)})
+r = vv.forced_response(body, {nu}, load=load, base=1e-3, method="linear")
+coefficients, moved = r.coefficients, body.motion_of(r, {numbers(point)})
+forces = body.mount_forces(r, base=1e-3)
+deflection, force, power = forces.deflection, forces.force, forces.lost_power
+sizes = forces.amplitude("m1")
+stiffness, static = body.mounts[0].dynamic_stiffness({nu}), body.mounts[0].static_stiffness
+track = vv.FluidTrack(mass={size}, damping=3.0, stiffness=2e4).dynamic_stiffness({nu})
+"""
+
+    def judge(names, told):
+        arm, place = at - model.center, point - model.center
+        load = np.concatenate([force, torque + np.cross(arm, force)])
+        yield Claim("load", names["load"].real, load, 1e-13 * np.abs(load).max())
+        # A quarter turn apart, of one size, across the axis, the torque that of the force.
+        push = names["turning"]
+        along = np.eye(3)["xyz".index(axis)]
+        strength = size * nu[0] ** 2
+        first, second = push.imag, push.real
+        yield Claim("unbalance", np.array([np.linalg.norm(first[:3]), np.linalg.norm(second[:3])]),
+                    np.full(2, strength), 1e-12 * strength)  # fmt: skip
+        yield Claim("unbalance", np.cross(first[:3], second[:3]), along * strength**2,
+                    1e-12 * strength**2)  # fmt: skip
+        for part in (first, second):
+            yield Claim("unbalance", part[3:], np.cross(arm, part[:3]), 1e-11 * strength)
+        for i, x in enumerate(nu):
+            d, m = model.dynamic(x), model.masses
+            b = np.concatenate([along, np.zeros(3)])
+            c = np.linalg.cond(d) * 1e-14
+            u = np.linalg.solve(d, x**2 * m @ b)
+            seen = u[:3] + np.cross(u[3:], place)
+            far = (np.abs(u[:3]).max() + np.abs(u[3:]).max() * np.linalg.norm(place) + 1) * (
+                c + 1e-13
+            )
+            yield Claim("base_transmissibility", names["relative"][i], seen, far)
+            yield Claim("base_transmissibility", names["base"][i], seen + along, far)
+            u = np.linalg.solve(d, np.concatenate([along, np.cross(arm, along)]))
+            total = model.forces(u, model.kept(x), 1j * x)[:3]
+            size_of = np.abs(total).max() + x**2 * model.mass * np.abs(u).max() + 1
+            yield Claim("force_transmissibility", names["floor"][i], total, size_of * (c + 1e-12))
+            # Springs see what is relative to the floor.
+            u = np.linalg.solve(d, load + x**2 * m @ b * 1e-3)
+            scale = np.abs(u).max() + 1e-3
+            yield Claim(
+                "response", names["coefficients"][i, :, 0], u + 1e-3 * b, scale * (c + 1e-13)
+            )
+            point_moved = u[:3] + np.cross(u[3:], place) + 1e-3 * along
+            yield Claim("motion_of", names["moved"][i, :, 0], point_moved, 3 * scale * (c + 1e-12))
+            for j, mount in enumerate(model.mounts):
+                own = model.axes(mount).T @ (u[:3] + np.cross(u[3:], model.arm(mount)))
+                k = model.kept(x) * mount["stiffness"] + 1j * x * mount["damping"]
+                reach = 3 * scale * (c + 1e-12) * (1 + np.linalg.norm(model.arm(mount)))
+                yield Claim("deflection", names["deflection"][i, j, :, 0], own, reach)
+                limit = reach * np.abs(k)
+                yield Claim("force", names["force"][i, j, :, 0], k * own, limit)
+                lost = 0.5 * x * k.imag * np.abs(own) ** 2
+                yield Claim("lost_power", names["power"][i, j], lost,
+                            x * limit * (np.abs(own) + reach) + 1e-12 * np.abs(lost))  # fmt: skip
+            yield Claim("amplitude", names["sizes"][i], np.abs(names["force"][i, 1, :, 0]), 1e-9)
+            mount = model.mounts[0]
+            k = model.kept(x) * mount["stiffness"] + 1j * x * mount["damping"]
+            yield Claim("dynamic_stiffness", names["stiffness"][i], k, 1e-12 * np.abs(k))
+            z = -(x**2) * size + 3j * x
+            series = 1 / (1 / 2e4 + 1 / z)
+            yield Claim(
+                "FluidTrack",
+                names["track"][i],
+                series,
+                1e-11 * abs(series) * (1 + 2e4 / abs(2e4 + z)),
+            )
+        kept = 1 - (
+            0 if model.memory is None else np.sum(model.memory.weights / model.memory.rates)
+        )
+        true = kept * model.mounts[0]["stiffness"]
+        yield Claim("static_stiffness", names["static"], true, 1e-12 * true)
+
+    return Case(call, judge)
+
+
+def _sag(rng, index):
+    model = _Model(rng)
+    gravity = [even(rng, -10, 10) for _ in range(3)]
+    call = f"""body = {model.source}, gravity={gravity})
+sag = body.sag()
+u, deflections, forces = sag.displacement, sag.deflections, sag.forces
+stiffness = body.dynamic_stiffness(1e3)
+"""
+
+    def judge(names, told):
+        kept = 1 - (
+            0 if model.memory is None else np.sum(model.memory.weights / model.memory.rates)
+        )
+        weight = np.concatenate([model.mass * np.array(gravity), np.zeros(3)])
+        scale = np.linalg.solve(model.matrix(kept), weight)
+        units = np.where(np.arange(6) < 3, np.abs(scale[:3]).max(), np.abs(scale[3:]).max())
+
+        def left(v):
+            return (model.forces(v * units, kept, cubic=kept) - weight) / np.abs(weight).max()
+
+        found = root(left, names["u"] / units, method="lm", options={"xtol": 1e-15, "ftol": 1e-15})
+        yield Claim("sag", names["u"] / units, found.x, 1e-7, damage=1e-5)
+        rest = np.abs(left(names["u"] / units)).max()
+        yield Claim("sag", 1 + rest, 1.0, 1e-9)
+        preload = np.zeros((6, 6))
+        stiff = np.zeros((6, 6))
+        for j, mount in enumerate(model.mounts):
+            axes, arm = model.axes(mount), model.arm(mount)
+            d = axes.T @ (names["u"][:3] + np.cross(names["u"][3:], arm))
+            reach = 1e-12 * np.abs(names["u"]).max() * (1 + np.linalg.norm(arm))
+            yield Claim("deflections", names["deflections"][j], d, reach)
+            f = -kept * mount["stiffness"] * d
+            f[2] -= kept * mount["cubic"] * d[2] ** 3
+            slope = kept * (mount["stiffness"].max() + 3 * mount["cubic"] * d[2] ** 2)
+            yield Claim("forces", names["forces"][j], f, reach * slope)
+            # The work of a force of the body's own point, to second order in the rotation.
+            p, force = arm, axes @ f
+            for a in range(3):
+                for b in range(3):
+                    e, g = np.eye(3)[a], np.eye(3)[b]
+                    second = np.cross(e, np.cross(g, p)) + np.cross(g, np.cross(e, p))
+                    preload[3 + a, 3 + b] -= 0.5 * force @ second
+            tangent = mount["stiffness"].copy()
+            tangent[2] += 3 * mount["cubic"] * d[2] ** 2
+            for c in range(6):
+                e = np.eye(6)[c]
+                own = axes.T @ (e[:3] + np.cross(e[3:], arm))
+                force = axes @ ((model.kept(1e3) * tangent + 1e3j * mount["damping"]) * own)
+                stiff = stiff.astype(complex)
+                stiff[:, c] += np.concatenate([force, np.cross(arm, force)])
+        true = stiff + preload - 1e6 * model.masses
+        yield Claim(
+            "about the loaded position", names["stiffness"], true, 1e-9 * np.abs(true).max()
+        )
+
+    return Case(call, judge)
+
+
+def _laws(rng, index):
+    model = _Model(rng)
+    load = rng.normal(size=6).round(3) * model.mass
+    nu = few(rng, 20, 200)
+    call = f"""body = {model.source})
+r = vv.forced_response(body, [{nu}], load={numbers(load)}, method="newton")
+found, orders, forces = r.coefficients, r.harmonics, body.mount_forces(r).force
+"""
+
+    def judge(names, told):
+        x, orders = names["found"][0], names["orders"]
+        if not np.isfinite(x).all():
+            return
+        theta = 2 * np.pi * np.arange(4096) / 4096
+        waves = np.exp(1j * np.outer(orders, theta))
+        true = np.zeros((len(model.mounts), 3, len(orders)), complex)
+        size = 0.0
+        for j, mount in enumerate(model.mounts):
+            axes, arm = model.axes(mount), model.arm(mount)
+            d = np.array([axes.T @ (c[:3] + np.cross(c[3:], arm)) for c in x.T]).T
+            g = mount["cubic"] * (d[2] @ waves).imag ** 3
+            bent = np.array([
+                (1j if k == 0 else 2j) * np.mean(g * np.exp(-1j * k * theta)) for k in orders
+            ])  # fmt: skip
+            for place, k in enumerate(orders):
+                elastic = mount["stiffness"] * d[:, place]
+                elastic[2] += bent[place]
+                damped = 1j * k * nu * mount["damping"] * d[:, place]
+                true[j, :, place] = model.kept(k * nu) * elastic + damped
+            size += mount["stiffness"].max() * np.abs(d).max() + np.abs(bent).max()
+        yield Claim("mount_forces", names["forces"][0], true, 1e-11 * size)
+        # And together they move the body.
+        for place, k in enumerate(orders):
+            total = -((k * nu) ** 2) * (model.masses @ x[:, place]) - load * (k == 1)
+            scale = np.abs(load).max() + (k * nu) ** 2 * np.abs(model.masses @ x).max()
+            for j, mount in enumerate(model.mounts):
+                force = model.axes(mount) @ names["forces"][0, j, :, place]
+                total[:3] += force
+                total[3:] += np.cross(model.arm(mount), force)
+                scale += np.abs(force).max() * (1 + np.linalg.norm(model.arm(mount)))
+            yield Claim("response", 1 + np.abs(total).max() / scale, 1.0, 1e-8)
+
+    return Case(call, judge)
+
+
+def case(rng, index):
+    """Draw a body, and ask for its modes, its answers to loads, its sag or its mount forces."""
+    return (_modes, _loads, _sag, _laws)[index % 4](rng, index // 4)
