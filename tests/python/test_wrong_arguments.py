@@ -109,7 +109,7 @@ def follow(**options):
         # Arguments by name, of functions that have several forms too.
         (
             lambda: vv.backbone(CUBIC, mode=0, energy_range=(0.1, 1)),
-            "backbone: energy_range: is no argument for a mount or a polynomial system",
+            "backbone: energy_range: is no argument for a mount, a polynomial system or a structure",
         ),
         (lambda: vv.forced_response(pendulum(), 1, load=body()), "load: is no argument for a pend"),
         (lambda: vv.trace_response(body(), (1, 2), f0=1), "trace_response: f0: is no argument"),
