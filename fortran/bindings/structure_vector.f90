@@ -10,7 +10,7 @@
 !!
 !! Poles, left, right and all of loads are complex: two numbers each. Arrays are column by column.
 module viscovib_structure_vector
-  use viscovib_compliance, only: mode_lanes, push_type
+  use viscovib_compliance, only: push_type
   use viscovib_kinds, only: wp
   use viscovib_status, only: fail, status_input_error, status_type
   use viscovib_structure, only: structure_type
@@ -86,12 +86,11 @@ contains
 
     subroutine next_push(push)
       type(push_type), intent(out) :: push
-      integer :: lacking
-      lacking = modulo(-m, mode_lanes)
-      push%modes = [next_pairs(m), spread((0.0_wp, 0.0_wp), 1, lacking)]
+      push%modes = next_pairs(m)
       push%poles = next_pairs(p)
       push%flexible = next_pairs(q)
       push%flexible_rate = next_pairs(q)
+      call system%rest%complete_push(push)
     end subroutine next_push
 
   end subroutine structure_from_vector

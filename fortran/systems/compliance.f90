@@ -5,7 +5,12 @@
 !!
 !! over real modes, which modal damping leaves alone, and over complex ones (each pole and its
 !! conjugate), and over what modes left out would add (E^T D(s)^-1 E of the theory of structures,
-!! docs/explanation). All loops run along the modes.
+!! docs/explanation). All loops run along the modes. Of modes whose poles are further from 0 than
+!! |s|,
+!!
+!!   1/(a + b s + s^2) = sum_j c_j s^j,   c_0 = 1/a,   a c_j = -b c_(j-1) - c_(j-2),
+!!
+!! so that all of these together are one polynomial: few modes are looked at one by one.
 module viscovib_compliance
   use viscovib_kinds, only: wp
   implicit none
@@ -13,14 +18,24 @@ module viscovib_compliance
 
   public :: compliance_type, push_type
 
-  !> Modes are filled up to a multiple of this by some that nothing sees or pushes.
+  !> Modes are filled up to a multiple of this by some that nothing sees or pushes, and taken so
+  !! many at a time.
   integer, parameter, public :: mode_lanes = 8
+  integer, parameter :: block = 64
+  !> Modes whose poles are so many times as far as |s| are one polynomial of this degree, if they
+  !! are as many as a block: what it leaves out is far^-(degree + 1).
+  real(wp), parameter :: far = 4.0_wp
+  integer, parameter :: degree = 25
+  !> Coordinates up to which such polynomials are made.
+  integer, parameter :: most_seen = 12
   !> What is taken for the rest of a difference that is exactly 0, relative.
   real(wp), parameter :: rounding = epsilon(1.0_wp), least = tiny(1.0_wp)**0.25_wp
 
   type :: compliance_type
     !> Coordinates seen.
     integer :: n_seen = 0
+    !> Real modes, those that fill up not counted.
+    integer :: n_modes = 0
     !> Real modes: omega^2 (1/s^2), 2 zeta omega (1/s), loss factor times omega^2, which has a
     !! meaning above the real axis only (Im s > 0), shape (n); entries at the coordinates, shape
     !! (n, n_seen).
@@ -34,17 +49,25 @@ module viscovib_compliance
     !> seen times pushed, shape (n, n_seen, n_seen).
     real(wp), allocatable, private :: products(:, :, :)
     logical, private :: symmetric = .false.
+    !> Numbers of modes looked at one by one, the |s| up to which they will do, and the polynomials
+    !! of the others in s/reach, shape (0:degree, n_seen, n_seen, number of levels).
+    integer, allocatable, private :: kept(:)
+    real(wp), allocatable, private :: reach(:), tails(:, :, :, :)
   contains
     procedure :: complete
+    procedure :: complete_push
     procedure :: evaluate
     procedure :: answer
     procedure :: least_loss
+    procedure, private :: level_for
   end type compliance_type
 
   !> A force of one harmonic as the modes feel it.
   type :: push_type
     !> On real and complex modes, and by the flexibility: deflections of the coordinates.
     complex(wp), allocatable :: modes(:), poles(:), flexible(:), flexible_rate(:)
+    !> Of modes not looked at one by one, shape (0:degree, n_seen, number of levels).
+    complex(wp), allocatable, private :: tails(:, :, :)
   end type push_type
 
 contains
@@ -55,6 +78,7 @@ contains
     integer :: a, b, n, lacking
 
     n = size(self%squares)
+    self%n_modes = n
     lacking = modulo(-n, mode_lanes)
     self%n_seen = size(self%seen, 2)
     self%squares = [self%squares, spread(1.0_wp, 1, lacking)]
@@ -69,6 +93,7 @@ contains
       end do
     end do
     self%symmetric = all(abs(self%seen - self%pushed) <= 0.0_wp)
+    call add_levels(self)
   end subroutine complete
 
   pure function filled(rows, lacking) result(whole)
@@ -79,6 +104,110 @@ contains
     whole(:size(rows, 1), :) = rows
   end function filled
 
+  !> Numbers of modes, each twice the one before, with the polynomials of the others.
+  pure subroutine add_levels(self)
+    type(compliance_type), intent(inout) :: self
+    real(wp) :: nearest(self%n_modes)
+    integer :: i, n, a, b
+
+    self%kept = [integer ::]
+    self%reach = [real(wp) ::]
+    ! A loss factor has no such series about 0; for many coordinates they would take too long.
+    if (.not. any(abs(self%losses) > 0.0_wp) .and. self%n_seen <= most_seen) then
+      do i = 1, self%n_modes
+        nearest(i) = nearest_pole(self%squares(i), self%rates(i))
+      end do
+      n = block/2
+      do while (n + block <= self%n_modes)
+        self%kept = [self%kept, n]
+        self%reach = [self%reach, minval(nearest(n + 1:))/far]
+        n = 2*n
+      end do
+    end if
+    allocate (self%tails(0:degree, self%n_seen, self%n_seen, size(self%kept)))
+    if (size(self%kept) == 0) return
+    do b = 1, self%n_seen
+      do a = 1, self%n_seen
+        self%tails(:, a, b, :) = tails_of(self, self%products(:, a, b))
+      end do
+    end do
+  end subroutine add_levels
+
+  !> Smaller modulus of the roots of s^2 + rate s + square.
+  pure real(wp) function nearest_pole(square, rate) result(nearest)
+    real(wp), intent(in) :: square, rate
+    real(wp) :: under
+    nearest = sqrt(abs(square))
+    under = 0.25_wp*rate**2 - square
+    if (under > 0.0_wp .and. nearest > 0.0_wp) then
+      nearest = nearest*(nearest/(0.5_wp*abs(rate) + sqrt(under)))
+    end if
+  end function nearest_pole
+
+  !> Coefficients of (s/reach)^j of the modes beyond those kept on each level, each times a weight.
+  pure function tails_of(self, weights) result(c)
+    class(compliance_type), intent(in) :: self
+    real(wp), intent(in) :: weights(:)
+    real(wp) :: c(0:degree, size(self%kept))
+    real(wp) :: before(mode_lanes), now(mode_lanes), next(mode_lanes), rate(mode_lanes), &
+                square(mode_lanes), ratio
+    integer :: i, j, last, level
+
+    c = 0.0_wp
+    last = size(self%squares)
+    do level = size(self%kept), 1, -1
+      if (.not. self%reach(level) > 0.0_wp) return
+      if (level < size(self%kept)) then
+        ratio = self%reach(level)/self%reach(level + 1)
+        c(:, level) = c(:, level + 1)*[(ratio**j, j=0, degree)]
+      end if
+      do i = self%kept(level), last - 1, mode_lanes
+        before = 0.0_wp
+        now = 1.0_wp/self%squares(i + 1:i + mode_lanes)
+        rate = self%rates(i + 1:i + mode_lanes)*self%reach(level)*now
+        square = self%reach(level)*(self%reach(level)*now)
+        now = now*weights(i + 1:i + mode_lanes)
+        do j = 0, degree
+          c(j, level) = c(j, level) + sum(now)
+          next = -(rate*now + square*before)
+          before = now
+          now = next
+        end do
+      end do
+      last = self%kept(level)
+    end do
+  end function tails_of
+
+  !> The same for a push.
+  pure subroutine complete_push(self, push)
+    class(compliance_type), intent(in) :: self
+    type(push_type), intent(inout) :: push
+    integer :: a, n
+
+    n = size(self%squares)
+    push%modes = [push%modes, spread((0.0_wp, 0.0_wp), 1, n - size(push%modes))]
+    allocate (push%tails(0:degree, self%n_seen, size(self%kept)), source=(0.0_wp, 0.0_wp))
+    if (size(self%kept) == 0) return
+    if (.not. any(abs(push%modes) > 0.0_wp)) return
+    do a = 1, self%n_seen
+      push%tails(:, a, :) = cmplx(tails_of(self, self%seen(:, a)*real(push%modes)), &
+                                  tails_of(self, self%seen(:, a)*aimag(push%modes)), wp)
+    end do
+  end subroutine complete_push
+
+  !> The level with the fewest modes that serves; 0: all are needed.
+  pure integer function level_for(self, s) result(level)
+    class(compliance_type), intent(in) :: self
+    complex(wp), intent(in) :: s
+    integer :: i
+    level = 0
+    do i = 1, size(self%kept)
+      if (abs(s) > self%reach(i)) cycle
+      level = i
+      return
+    end do
+  end function level_for
+
   !> H(s), and its derivative by s.
   pure subroutine evaluate(self, s, h, slope)
     class(compliance_type), intent(in) :: self
@@ -86,37 +215,57 @@ contains
     !> Shape (n_seen, n_seen).
     complex(wp), intent(out) :: h(:, :)
     complex(wp), intent(out), optional :: slope(:, :)
-    real(wp), dimension(size(self%squares)) :: re, im, slope_re, slope_im
-    complex(wp) :: t(size(self%poles))
-    integer :: a, b, n
+    real(wp), dimension(block) :: re, im, slope_re, slope_im
+    complex(wp) :: t, bend, value, by_s
+    integer :: a, b, i, first, n, last, level
 
-    n = size(self%squares)
-    call resonances(n, self%squares, self%rates, self%losses, s, re, im)
-    if (present(slope)) call slopes(n, self%rates, s, re, im, slope_re, slope_im)
-    if (size(t) > 0) t = 1.0_wp/apart(s, self%poles)
+    level = self%level_for(s)
+    last = size(self%squares)
+    if (level > 0) last = self%kept(level)
     do b = 1, self%n_seen
-      do a = merge(b, 1, self%symmetric), self%n_seen
-        h(a, b) = total(n, self%products(:, a, b), re, im)
-        if (present(slope)) slope(a, b) = total(n, self%products(:, a, b), slope_re, slope_im)
+      do a = 1, self%n_seen
+        h(a, b) = self%flexibility(a, b) + s*self%flexibility_rate(a, b)
+        if (present(slope)) slope(a, b) = self%flexibility_rate(a, b)
       end do
     end do
-    if (self%symmetric) then
-      do b = 2, self%n_seen
-        h(:b - 1, b) = h(b, :b - 1)
-        if (present(slope)) slope(:b - 1, b) = slope(b, :b - 1)
+    do first = 1, last, block
+      n = min(block, last - first + 1)
+      call resonances(n, self%squares(first), self%rates(first), self%losses(first), s, re, im)
+      if (present(slope)) call slopes(n, self%rates(first), s, re, im, slope_re, slope_im)
+      do b = 1, self%n_seen
+        do a = merge(b, 1, self%symmetric), self%n_seen
+          h(a, b) = h(a, b) + total(n, self%products(first, a, b), re, im)
+          if (present(slope)) slope(a, b) = slope(a, b) + total(n, self%products(first, a, b), &
+                                                                slope_re, slope_im)
+        end do
+      end do
+    end do
+    if (level > 0) then
+      do b = 1, self%n_seen
+        do a = merge(b, 1, self%symmetric), self%n_seen
+          call add_polynomial(self%tails(:, a, b, level), s/self%reach(level), value, by_s)
+          h(a, b) = h(a, b) + value
+          if (present(slope)) slope(a, b) = slope(a, b) + by_s/self%reach(level)
+        end do
       end do
     end if
-    do b = 1, self%n_seen
-      if (size(t) > 0) then
-        do a = 1, self%n_seen
-          h(a, b) = h(a, b) + sum(self%left(:, a)*self%right(:, b)*t)
-          if (present(slope)) then
-            slope(a, b) = slope(a, b) - sum(self%left(:, a)*self%right(:, b)*t**2)
-          end if
+    if (self%symmetric) then
+      do b = 2, self%n_seen
+        do a = 1, b - 1
+          h(a, b) = h(b, a)
+          if (present(slope)) slope(a, b) = slope(b, a)
         end do
-      end if
-      h(:, b) = h(:, b) + self%flexibility(:, b) + s*self%flexibility_rate(:, b)
-      if (present(slope)) slope(:, b) = slope(:, b) + self%flexibility_rate(:, b)
+      end do
+    end if
+    do i = 1, size(self%poles)
+      t = 1.0_wp/apart(s, self%poles(i))
+      bend = -t**2
+      do b = 1, self%n_seen
+        do a = 1, self%n_seen
+          h(a, b) = h(a, b) + self%left(i, a)*self%right(i, b)*t
+          if (present(slope)) slope(a, b) = slope(a, b) + self%left(i, a)*self%right(i, b)*bend
+        end do
+      end do
     end do
   end subroutine evaluate
 
@@ -128,27 +277,82 @@ contains
     !> Shape (n_seen).
     complex(wp), intent(out) :: y(:)
     complex(wp), intent(out), optional :: slope(:)
-    real(wp), dimension(size(self%squares)) :: re, im, slope_re, slope_im
-    complex(wp) :: t(size(self%poles))
-    integer :: a, n
+    real(wp), dimension(block) :: re, im, slope_re, slope_im
+    complex(wp) :: t, value, by_s, more
+    integer :: a, i, first, n, last, level
 
-    n = size(self%squares)
-    call resonances(n, self%squares, self%rates, self%losses, s, re, im)
-    if (present(slope)) then
-      call slopes(n, self%rates, s, re, im, slope_re, slope_im)
-      call multiply(n, push%modes, slope_re, slope_im)
-    end if
-    call multiply(n, push%modes, re, im)
-    if (size(t) > 0) t = 1.0_wp/apart(s, self%poles)
+    level = self%level_for(s)
+    last = size(self%squares)
+    if (level > 0) last = self%kept(level)
     do a = 1, self%n_seen
-      y(a) = total(n, self%seen(:, a), re, im) + push%flexible(a) + s*push%flexible_rate(a)
-      if (size(t) > 0) y(a) = y(a) + sum(self%left(:, a)*push%poles*t)
+      y(a) = push%flexible(a) + s*push%flexible_rate(a)
+      if (present(slope)) slope(a) = push%flexible_rate(a)
+    end do
+    do first = 1, last, block
+      n = min(block, last - first + 1)
+      call resonances(n, self%squares(first), self%rates(first), self%losses(first), s, re, im)
       if (present(slope)) then
-        slope(a) = total(n, self%seen(:, a), slope_re, slope_im) + push%flexible_rate(a)
-        if (size(t) > 0) slope(a) = slope(a) - sum(self%left(:, a)*push%poles*t**2)
+        call slopes(n, self%rates(first), s, re, im, slope_re, slope_im)
+        call multiply(n, push%modes(first), slope_re, slope_im)
       end if
+      call multiply(n, push%modes(first), re, im)
+      do a = 1, self%n_seen
+        y(a) = y(a) + total(n, self%seen(first, a), re, im)
+        if (present(slope)) slope(a) = slope(a) + total(n, self%seen(first, a), slope_re, slope_im)
+      end do
+    end do
+    if (level > 0) then
+      do a = 1, self%n_seen
+        call add_polynomial(real(push%tails(:, a, level)), s/self%reach(level), value, by_s)
+        y(a) = y(a) + value
+        if (present(slope)) slope(a) = slope(a) + by_s/self%reach(level)
+        call add_polynomial(aimag(push%tails(:, a, level)), s/self%reach(level), value, by_s)
+        y(a) = y(a) + (0.0_wp, 1.0_wp)*value
+        if (present(slope)) slope(a) = slope(a) + (0.0_wp, 1.0_wp)*by_s/self%reach(level)
+      end do
+    end if
+    do i = 1, size(self%poles)
+      t = 1.0_wp/apart(s, self%poles(i))
+      do a = 1, self%n_seen
+        more = self%left(i, a)*push%poles(i)*t
+        y(a) = y(a) + more
+        if (present(slope)) slope(a) = slope(a) - more*t
+      end do
     end do
   end subroutine answer
+
+  !> A polynomial of real coefficients and its derivative: even and odd powers apart, which on the
+  !! imaginary axis are sums of real numbers.
+  pure subroutine add_polynomial(c, x, value, slope)
+    real(wp), intent(in) :: c(0:degree)
+    complex(wp), intent(in) :: x
+    complex(wp), intent(out) :: value, slope
+    real(wp) :: square, even, odd, even_slope, odd_slope
+    integer :: j
+
+    if (abs(real(x)) > 0.0_wp) then
+      value = (0.0_wp, 0.0_wp)
+      slope = (0.0_wp, 0.0_wp)
+      do j = degree, 0, -1
+        slope = slope*x + value
+        value = value*x + c(j)
+      end do
+      return
+    end if
+    square = -aimag(x)**2
+    even = 0.0_wp
+    odd = 0.0_wp
+    even_slope = 0.0_wp
+    odd_slope = 0.0_wp
+    do j = degree - 1, 0, -2
+      even_slope = even_slope*square + even
+      odd_slope = odd_slope*square + odd
+      even = even*square + c(j)
+      odd = odd*square + c(j + 1)
+    end do
+    value = cmplx(even, aimag(x)*odd, wp)
+    slope = cmplx(odd + 2.0_wp*square*odd_slope, 2.0_wp*aimag(x)*even_slope, wp)
+  end subroutine add_polynomial
 
   !> The smallest loss factor of all modes that oscillate: 2 zeta.
   pure real(wp) function least_loss(self) result(loss)

@@ -118,6 +118,13 @@ class Condensation:
     """H(s) = Q^T D(s)^-1 Q of a linear rest at the coordinates of laws."""
 
     def __init__(self, rest: Rest, laws: Laws, reduced: "ReducedRest | None" = None) -> None:
+        # The core looks at the first modes one by one.
+        order = np.argsort(np.abs(rest.squares), kind="stable")
+        if (np.diff(order) < 0).any():
+            rest = rest._replace(
+                squares=rest.squares[order], rates=rest.rates[order], losses=rest.losses[order],
+                shapes=rest.shapes[:, order],
+            )  # fmt: skip
         self.rest, self.laws, self.reduced = rest, laws, reduced
         q = laws.directions
         self.seen = rest.shapes.T @ q
@@ -327,6 +334,8 @@ class LoadedStructure:
         ``factors``: of the load at each motion.
         """
         factors = np.ones(nu.size) if factors is None else factors
+        if not nu.size:
+            return np.empty((0, len(places), orders.size), dtype=complex)
         c, rest = self.condensation, self.condensation.rest
         u = np.empty((nu.size, len(places), orders.size), dtype=complex)
         shapes, left = rest.shapes[places].T, rest.left[places].T
@@ -428,8 +437,15 @@ class _Push(NamedTuple):
 
 
 def _push(c: Condensation, force: ComplexArray) -> _Push:
+    acted = np.flatnonzero(force)
+    parts = force[acted].view(float).reshape(-1, 2)
+
+    def onto(columns: FloatArray) -> ComplexArray:
+        # Real numbers, though the forces are complex: no copy of the modes.
+        return np.ascontiguousarray(columns[acted].T @ parts).view(complex)[:, 0]
+
     # The flexibility is symmetric.
     return _Push(
-        c.rest.shapes.T @ force, c.rest.right.T @ force, c.flexible.T @ force,
-        c.flexible_rate.T @ force,
+        onto(c.rest.shapes), c.rest.right[acted].T @ force[acted], onto(c.flexible),
+        onto(c.flexible_rate),
     )  # fmt: skip

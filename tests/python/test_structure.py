@@ -189,6 +189,30 @@ def test_coordinates_are_chosen() -> None:
     assert r.dof_names == ("x80", "x3")
 
 
+def test_distant_modes_are_one_polynomial() -> None:
+    """Many modes, near and far from the frequency: deflections against a dense solution."""
+    n = 200
+    structure = vv.Structure(
+        mass=np.ones(n), stiffness=chain(n), rayleigh=(0.001, 0.02), base_direction=np.ones(n),
+        elements=[vv.Spring(on="x200", law="d^3"), vv.Spring(on=("x7", "x60"), law="d^3")],
+    )  # fmt: skip
+    damping = 0.001 * np.eye(n) + 0.02 * chain(n)
+    nu = np.array([1e-4, 0.013, 0.02, 0.05, 0.11, 0.3, 0.9, 1.7, 2.5])
+    load = {0: {"x5": 1e-4j}, 2: {"x3": 1e-4 + 2e-4j, "x90": 1e-4}}
+    r = vv.forced_response(structure, nu, load=load, base={2: 1e-4j}, method="linear")
+    seen = np.zeros((n, 2))
+    seen[-1, 0], seen[6, 1], seen[59, 1] = 1, 1, -1
+    for i, mu in enumerate(2 * nu):
+        force = np.zeros(n, dtype=complex)
+        force[[2, 89]] = 1e-4 + 2e-4j, 1e-4
+        force += mu**2 * 1e-4j
+        u = np.linalg.solve(chain(n) + 1j * mu * damping - mu**2 * np.eye(n), force)
+        error = np.abs(r.deflections[i, :, 1] - seen.T @ u).max()
+        assert error < 1e-11 * np.abs(seen.T @ u).max()
+    rest = np.linalg.solve(chain(n), 1e-4 * np.eye(1, n, 4)[0])
+    assert np.abs(r.deflections[:, :, 0] - 1j * seen.T @ rest).max() < 1e-11 * np.abs(rest).max()
+
+
 def test_branch_is_that_of_the_whole_chain() -> None:
     """Folds, a branch that load and base share, peaks of any coordinate."""
     n = 6
