@@ -113,10 +113,11 @@ contains
       n(i) = 0
     end subroutine place
 
-    !> Mode j of a little real, then imaginary amplitude: changes by it and by its conjugate.
+    !> Mode j of a little real, then imaginary amplitude: changes by it and by its conjugate. What
+    !! the motion leaves over without it is the same with a little of the other sign.
     subroutine probe(j)
       integer, intent(in) :: j
-      type(defect_type) :: real_part, imaginary_part
+      type(defect_type) :: real_part, imaginary_part, opposite
       complex(wp) :: b(size(a)), own, by_own, by_other
       integer :: i, k
       b = a
@@ -126,11 +127,15 @@ contains
       own = b(j)
       b(j) = cmplx(0.0_wp, real(own), wp)
       call find_defect(scales, full, b, imaginary_part, reach)
-      if (.not. (real_part%known .and. imaginary_part%known)) return
+      b(j) = -own
+      call find_defect(scales, full, b, opposite, reach)
+      if (.not. (real_part%known .and. imaginary_part%known .and. opposite%known)) return
       do i = 1, real_part%n
         do k = 1, size(a)
           if (.not. asked(k)) cycle
-          associate (r => real_part%rates(k, i), s => imaginary_part%rates(k, i), &
+          associate (r => 0.5_wp*(real_part%rates(k, i) - opposite%rates(k, i)), &
+                     s => imaginary_part%rates(k, i) &
+                     - 0.5_wp*(real_part%rates(k, i) + opposite%rates(k, i)), &
                      f => real_part%frequency(i), frame => scales%flow%frame)
             by_own = 0.5_wp*(r - (0.0_wp, 1.0_wp)*s)/own
             by_other = 0.5_wp*(r + (0.0_wp, 1.0_wp)*s)/own
@@ -231,15 +236,19 @@ contains
     integer, intent(in) :: j
     complex(wp), intent(inout) :: by_a(:, :), by_conjugate(:, :)
     type(defect_type) :: defect
-    complex(wp) :: b(size(a)), rates(size(a), 2)
+    !> Shares of the changes by it and by its conjugate; what the motion leaves over without it
+    !! falls out.
+    complex(wp), parameter :: turns(4) = [(1.0_wp, 0.0_wp), (0.0_wp, 1.0_wp), (-1.0_wp, 0.0_wp), &
+                                          (0.0_wp, -1.0_wp)]
+    complex(wp) :: b(size(a)), rates(size(a), size(turns))
     real(wp) :: own
     integer :: i, k, part
 
     own = little*maxval(abs(a))
     rates = (0.0_wp, 0.0_wp)
-    do part = 1, 2
+    do part = 1, size(turns)
       b = a
-      b(j) = merge(cmplx(own, 0.0_wp, wp), cmplx(0.0_wp, own, wp), part == 1)
+      b(j) = turns(part)*own
       call find_defect(scales, full, b, defect, still)
       if (.not. defect%known) return
       do i = 1, defect%n
@@ -251,8 +260,8 @@ contains
         end do
       end do
     end do
-    by_a(:, j) = by_a(:, j) + 0.5_wp*(rates(:, 1) - (0.0_wp, 1.0_wp)*rates(:, 2))
-    by_conjugate(:, j) = by_conjugate(:, j) + 0.5_wp*(rates(:, 1) + (0.0_wp, 1.0_wp)*rates(:, 2))
+    by_a(:, j) = by_a(:, j) + 0.25_wp*matmul(rates, conjg(turns))
+    by_conjugate(:, j) = by_conjugate(:, j) + 0.25_wp*matmul(rates, turns)
   end subroutine add_defect
 
 end module viscovib_resting_modes

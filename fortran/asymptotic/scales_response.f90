@@ -19,6 +19,11 @@ module viscovib_scales_response
 
   integer, parameter, public :: vary_frequency = 1, vary_amplitude = 2
   integer, parameter :: max_rounds = 4
+  !> What the slow flow lacks are terms of fourth order and above: they move a motion by e where
+  !! they change rates by |eigenvalue| e, and eigenvalues by their own order times that over the
+  !! amplitude. With twice that 3 of 13 000 random motions had a sign of their growth that Floquet's
+  !! did not have and that was told as sure.
+  real(wp), parameter :: slopes_of_left_out = 8.0_wp
   !> Motions count where each order is at most this part of the one before.
   real(wp), parameter :: least_fall = 0.3_wp
 
@@ -37,6 +42,8 @@ module viscovib_scales_response
     real(wp), allocatable :: resting(:)
     !> Where asked for, errors of the harmonic and of the whole motion in each coordinate.
     real(wp), allocatable :: harmonic_errors(:, :), motion_errors(:, :)
+    !> And of the largest growth.
+    real(wp), allocatable :: growth_errors(:)
   end type steady_points_type
 
 contains
@@ -139,6 +146,10 @@ contains
         if (with_errors) then
           call steady_error(scales, form%full, amplitudes, scales%form%drives(load), &
                             points%harmonic_errors(:, m), points%motion_errors(:, m))
+          points%growth_errors(m) = slopes_of_left_out*maxval(abs(points%eigenvalues(:, m))) &
+                                    *maxval(points%motion_errors(:, m)*points%sizes(4, m) &
+                                            /scales%units(:form%n_dof)) &
+                                    /max(points%sizes(1, m), tiny(1.0_wp))
         end if
       end associate
     end subroutine add_point
@@ -189,7 +200,8 @@ contains
     allocate (more%value(room), more%a(n_modes, room), more%eigenvalues(2*n_modes, room), &
               more%harmonic(n_dof, room), more%frame(n_modes, room), more%sizes(n_sizes, room), &
               more%left_out(room), more%resting(room), &
-              more%harmonic_errors(n_dof, room), more%motion_errors(n_dof, room))
+              more%harmonic_errors(n_dof, room), more%motion_errors(n_dof, room), &
+              more%growth_errors(room))
     more%n = points%n
     if (points%n > 0) then
       associate (m => points%n)
@@ -203,6 +215,7 @@ contains
         more%resting(:m) = points%resting(:m)
         more%harmonic_errors(:, :m) = points%harmonic_errors(:, :m)
         more%motion_errors(:, :m) = points%motion_errors(:, :m)
+        more%growth_errors(:m) = points%growth_errors(:m)
       end associate
     end if
     points = more

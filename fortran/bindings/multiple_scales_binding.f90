@@ -238,7 +238,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
                            tolerance, load, vary, values, n, with_errors, n_modes, n_dof, &
                            max_points, cancel, n_points, which, amplitudes, frames, eigenvalues, &
                            harmonics, sizes, left_out, resting, harmonic_errors, motion_errors, &
-                           status)
+                           growth_errors, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_polynomial_form, only: polynomial_form_type
@@ -259,7 +259,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
   real(c_double), intent(out) :: frames(n_modes, max_points), sizes(4, max_points)
   real(c_double), intent(out) :: left_out(max_points), resting(max_points)
   real(c_double), intent(out) :: harmonic_errors(n_dof, max_points), &
-                                 motion_errors(n_dof, max_points)
+                                 motion_errors(n_dof, max_points), growth_errors(max_points)
   !f2py threadsafe
   type(polynomial_form_type) :: form
   type(steady_points_type) :: points
@@ -286,6 +286,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
     if (with_errors /= 0) then
       harmonic_errors(:, :m) = points%harmonic_errors(:, :m)
       motion_errors(:, :m) = points%motion_errors(:, :m)
+      growth_errors(:m) = points%growth_errors(:m)
     end if
   end if
   call report(outcome, status)

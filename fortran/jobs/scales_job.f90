@@ -107,8 +107,8 @@ contains
     n = points%n
     call table%note('steady motions by multiple scales to third order')
     call table%note('first harmonic of u = Re X exp(i p t) under the load f cos(p t); amplitudes ' &
-                    //'of the modes; largest growth; sizes of the three orders; estimated error ' &
-                    //'of X, of the coordinate where it is largest')
+                    //'of the modes; largest growth and its estimated error; sizes of the three ' &
+                    //'orders; estimated error of X, of the coordinate where it is largest')
     call table%hold_reals(trim(self%parameter), self%values(points%value(:n)))
     call table%hold_integers('stable', merge(1, 0, stable_points(points)))
     do i = 1, size(self%wanted)
@@ -120,6 +120,7 @@ contains
     end do
     call table%hold_reals('growth', max(maxval(real(points%eigenvalues(:, :n)), 1), &
                                        points%resting(:n)))
+    call table%hold_reals('growth_error', points%growth_errors(:n))
     do d = 1, 3
       call table%add_reals('order_'//show(d), points%sizes(d, :n))
     end do

@@ -328,9 +328,13 @@ class MultipleScales:
 
     def _steady_errors(
         self, load: int, vary: int, where: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        n, *_, of_harmonic, of_motion = self._steady(load, vary, where, True)
-        return np.ascontiguousarray(of_harmonic.T[:n]), np.ascontiguousarray(of_motion.T[:n])
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        n, *_, of_harmonic, of_motion, of_growth = self._steady(load, vary, where, True)
+        return (
+            np.ascontiguousarray(of_harmonic.T[:n]),
+            np.ascontiguousarray(of_motion.T[:n]),
+            of_growth[:n].copy(),
+        )
 
     def _steady(self, load: int, vary: int, where: FloatArray, errors: bool) -> tuple[Any, ...]:
         room = 12 * where.size + 100

@@ -257,7 +257,7 @@ class ScalesResponse(Result):
     resting_growth: FloatArray
     dof_names: tuple[str, ...]
     plan: Plan
-    _errors: Callable[[], tuple[FloatArray, FloatArray]] = field(repr=False)
+    _errors: Callable[[], tuple[FloatArray, FloatArray, FloatArray]] = field(repr=False)
     #: As of `ScalesMotion`.
     _units: FloatArray = field(repr=False)
 
@@ -279,10 +279,14 @@ class ScalesResponse(Result):
 
     def _details(self) -> list[str]:
         outside = int((~self.in_range).sum())
-        return [f"{outside} of them outside the range of the expansion"] if outside else []
+        unsure = int((~self.decided & self.in_range).sum())
+        lines = [f"{outside} of them outside the range of the expansion"] if outside else []
+        if unsure:
+            lines.append(f"stability of {unsure} others is not decided by this expansion")
+        return lines
 
     @cached_property
-    def _both_errors(self) -> tuple[FloatArray, FloatArray]:
+    def _all_errors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         return self._errors()
 
     @property
@@ -292,12 +296,29 @@ class ScalesResponse(Result):
         What the motion leaves over in the full equations drives a correction, whose size this is;
         computed when first asked for.
         """
-        return self._both_errors[0]
+        return self._all_errors[0]
 
     @property
     def motion_errors(self) -> FloatArray:
         """The same summed over all frequencies of the motion, shape (n, n_dof)."""
-        return self._both_errors[1]
+        return self._all_errors[1]
+
+    @property
+    def growth_error(self) -> FloatArray:
+        """Estimated error of the largest growth by which ``stable`` is told, shape (n,).
+
+        Terms of fourth order and above, which are left out, move a motion by its ``motion_errors``
+        e, and eigenvalues by 8 max|eigenvalue| e over the motion's size.
+        """
+        return self._all_errors[2]
+
+    @property
+    def decided(self) -> npt.NDArray[np.bool_]:
+        """Whether ``stable`` is sure: the growth is larger than its estimated error, shape (n,).
+
+        Where it is not, Floquet multipliers decide: ``trace_response(...).stable``.
+        """
+        return np.asarray(np.abs(self._growth) > self.growth_error)
 
     @property
     def error_estimate(self) -> FloatArray:
@@ -321,7 +342,10 @@ class ScalesResponse(Result):
 
     @property
     def stable(self) -> npt.NDArray[np.bool_]:
-        """Nothing grows, by eigenvalues or by what is of fourth order, shape (n,)."""
+        """Nothing grows, by eigenvalues or by what is of fourth order, shape (n,).
+
+        ``decided`` says where the orders left out could change that.
+        """
         return np.asarray(self._growth <= _NEUTRAL * self.frequencies.max(axis=1))
 
     @property
@@ -366,6 +390,7 @@ class ScalesResponse(Result):
                 "eigenvalues": (("point", "eigenvalue"), self.eigenvalues),
                 "harmonics": (("point", "dof"), self.harmonics),
                 "stable": ("point", self.stable),
+                "growth_error": ("point", self.growth_error),
                 "error_estimate": ("point", self.error_estimate),
                 "in_range": ("point", self.in_range),
             },
@@ -378,8 +403,8 @@ class ScalesResponse(Result):
             [
                 "steady motions by multiple scales to third order",
                 "first harmonic of u = Re X exp(i p t) under the load f cos(p t); amplitudes of "
-                "the modes; largest growth; sizes of the three orders; estimated error of X, of "
-                "the coordinate where it is largest",
+                "the modes; largest growth and its estimated error; sizes of the three "
+                "orders; estimated error of X, of the coordinate where it is largest",
             ],
             {self.parameter: self.at, "stable": self.stable},
         )
@@ -389,6 +414,7 @@ class ScalesResponse(Result):
             own = self.amplitudes[:, j]
             table.columns[f"mode_{j + 1}"] = np.hypot(own.real, own.imag)
         table.columns["growth"] = self._growth
+        table.columns["growth_error"] = self.growth_error
         for k in range(3):
             table.columns[f"order_{k + 1}"] = self.order_sizes[:, k]
         table.columns["error_estimate"] = self.error_estimate

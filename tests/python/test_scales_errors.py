@@ -209,3 +209,37 @@ def test_results_can_be_sent_to_other_processes():
         warnings.simplefilter("error")
         motion = pickle.loads(pickle.dumps(ms.motion([0.0, 1.0], [0.01, 0, 0, 0, 0, 0])))
     assert motion.error_estimate.shape == (2,)
+
+
+def test_a_wave_of_the_motion_at_the_frequency_of_a_resting_mode_is_no_growth():
+    # 3 nu is exactly where the second mode is looked for: what the motion leaves over there without
+    # a disturbance was taken for one, however small the load.
+    for load in (1e-5, 1e-3, 0.02):
+        system = vv.PolynomialSystem(
+            mass=[0.605, 1.41], damping=[[0.011956, -0.004956], [-0.004956, 0.016926]],
+            stiffness=[[1.708, -0.708], [-0.708, 2.418]],
+            forces=[vv.Monomial(coefficient=1.386, powers=(0, 3), on=1),
+                    vv.Monomial(coefficient=0.723, powers=(2, 0), on=0)],
+        )  # fmt: skip
+        steady = vv.MultipleScales(system, load=load, nu=0.5902).response("nu", [0.5902])
+        exact = vv.forced_response(system, [0.5902], load=load, method="newton", stability=True)
+        assert steady.stable.tolist() == exact.stable.tolist() == [True]
+        assert steady.decided.all()
+        assert steady.resting_growth[0] < -0.01
+
+
+def test_stability_within_its_error_is_not_decided():
+    # Just beyond a Neimark-Sacker bifurcation: Floquet's growth is +0.0009, here it is -0.0014.
+    system = vv.PolynomialSystem(
+        mass=[1.23, 1.09], damping=[[0.0164152, -0.010721], [-0.010721, 0.018886]],
+        stiffness=[[2.312, -1.51], [-1.51, 2.66]],
+        forces=[vv.Monomial(coefficient=0.661, powers=(0, 3), on=1),
+                vv.Monomial(coefficient=0.951, powers=(2, 0), on=0)],
+    )  # fmt: skip
+    steady = vv.MultipleScales(system, load=0.048, nu=0.91296).response("nu", [0.91296])
+    assert not steady.decided.any()
+    assert 1e-3 < steady.growth_error[0] < 0.05
+    assert "not decided" in steady.summary()
+    small = vv.MultipleScales(system, load=0.002, nu=0.91296).response("nu", [0.8])
+    assert small.decided.all()
+    assert small.stable.all()

@@ -14,7 +14,8 @@ JUDGES = (
     "MultipleScales.motion", "MultipleScales.response", "MultipleScales.backbone", "CubicSystem",
     "CubicSystem.dof_names", "ScalesResponse", "ScalesResponse.harmonic_errors",
     "ScalesResponse.motion_errors", "ScalesResponse.error_estimate", "ScalesResponse.in_range",
-    "ScalesResponse.at", "ScalesResponse.stable", "ScalesResponse.amplitude",
+    "ScalesResponse.at", "ScalesResponse.stable", "ScalesResponse.decided",
+    "ScalesResponse.growth_error", "ScalesResponse.amplitude",
     "ScalesResponse.routh_hurwitz", "ScalesMotion", "ScalesMotion.coordinate_errors",
     "ScalesMotion.error_estimate", "ScalesMotion.in_range", "Modulation", "Modulation.amplitude",
     "Modulation.phase", "Resonance", "Resonance.coefficients", "Resonance.label", "RangeWarning",
@@ -42,6 +43,7 @@ ms = vv.MultipleScales(system, load={size}, nu={nu})
 s = ms.response("nu", [{nu}])
 harmonics, estimate, in_range, stable = s.harmonics, s.harmonic_errors, s.in_range, s.stable
 amplitude, at, single, whole = s.amplitude({model.names[0]!r}), s.at, s.error_estimate, s.motion_errors
+decided, growth_error = s.decided, s.growth_error
 several = ms.response("nu", {others.tolist()})
 others = several.harmonics[several.at == {nu}]
 tables = [s.routh_hurwitz(i) for i in range(len(stable))]
@@ -103,7 +105,7 @@ tables = [s.routh_hurwitz(i) for i in range(len(stable))]
             )
             mu, off = multipliers(model, true, nu, 128)
             growth = float(np.log(np.abs(mu[0])) * nu / (2 * np.pi))
-            if abs(growth) > 1e-4 + off:
+            if names["decided"][i] and abs(growth) > 1e-4 + off:
                 yield Claim("stable", bool(names["stable"][i]), bool(growth < 0))
 
     return Case(call, judge, may_refuse=True)
@@ -123,11 +125,15 @@ def _parametric(rng, index):
 ms = vv.MultipleScales(system)
 s = ms.response("p1", [{p1}])
 harmonics, in_range, stable, amplitudes = s.harmonics, s.in_range, s.stable, s.amplitudes
-upright = np.abs(s.amplitude("phi")) + np.abs(amplitudes[:, np.argsort(ms.frequencies)[:2]]).max(axis=1)
 """
 
     def judge(names, told):
         zr = p.z_r
+        # z alone has this frequency, which is not always the highest.
+        alone = np.sqrt(1 + 3 * zr**2 * p.alpha - p.c1**2 / 4)
+        swinging = np.argsort(np.abs(names["ms"].frequencies - alone))[1:]
+        upright = np.abs(names["amplitudes"][:, swinging]).max(axis=1)
+        upright += np.abs(names["s"].amplitude("phi"))
         model = Draft(
             [1.0], [[p.c1]], [[1 + 3 * zr**2 * p.alpha]],
             [Term(p.alpha, (3,), 0), Term(3 * zr * p.alpha, (2,), 0)],
@@ -154,7 +160,7 @@ upright = np.abs(s.amplitude("phi")) + np.abs(amplitudes[:, np.argsort(ms.freque
         growth = np.log(np.abs(mu).max()) * p1 / (2 * np.pi)
         if abs(growth) < 2e-3:
             return
-        for i in np.flatnonzero(names["upright"] < 1e-9):
+        for i in np.flatnonzero(upright < 1e-9):
             near = abs(names["harmonics"][i, 0] - z[1] / 1j) < 0.2 * abs(z[1])
             if near and names["in_range"][i]:
                 yield Claim("upright motion is stable", bool(names["stable"][i]), bool(growth < 0))
