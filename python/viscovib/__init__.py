@@ -39,6 +39,7 @@ _NAMES = {
     "mount": "Mount",
     "mount_point": "FluidTrack MountPoint",
     "multiple_scales": "MultipleScales",
+    "notebook": "Explorer explore",
     "past": "Past",
     "pendulum": "Pendulum",
     "periodic": "backbone forced_response plan_response trace_response",
@@ -133,6 +134,10 @@ if TYPE_CHECKING:
         MountPoint as MountPoint,
     )
     from viscovib.multiple_scales import MultipleScales as MultipleScales
+    from viscovib.notebook import (
+        Explorer as Explorer,
+        explore as explore,
+    )
     from viscovib.past import Past as Past
     from viscovib.pendulum import Pendulum as Pendulum
     from viscovib.periodic import (

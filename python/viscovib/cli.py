@@ -5,7 +5,7 @@ import sys
 import warnings
 from pathlib import Path
 
-from viscovib import __version__, bench, cli_sweep, explore
+from viscovib import __version__, bench, cli_explore, cli_sweep
 from viscovib.cli_sweep import run_sweep
 from viscovib.errors import ConvergenceWarning, FileError, StabilityWarning, ViscovibError
 from viscovib.limits import StoppedError, limit_memory, limited_seconds
@@ -56,7 +56,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="command")
     extras = {
         "sweep": cli_sweep.add_options,
-        "explore": explore.add_options,
+        "explore": cli_explore.add_options,
         "bench": bench.add_options,
     }
     for name, action, text in (
@@ -64,7 +64,11 @@ def _parser() -> argparse.ArgumentParser:
         ("plan", _plan, "say what a scene would compute and what is skipped, and why"),
         ("plot", _plot, "compute a scene and write only its picture"),
         ("sweep", run_sweep, "compute a scene at every point of a grid; stopped, it goes on later"),
-        ("explore", explore.run_explore, "move a scene's numbers and watch its curves"),
+        (
+            "explore",
+            cli_explore.run_explore,
+            "open a scene in the browser, with a slider for each number",
+        ),
         ("bench", bench.run_bench, "time a scene on this machine, its error beside it"),
     ):
         command = commands.add_parser(name, help=text, description=text)

@@ -13,6 +13,12 @@ _MOUNT = {
 }
 #: What a load on a coordinate of this unit is measured in.
 _FORCES = {"m": "N", "rad": "N m"}
+#: Entries of matrices, by the units of two coordinates.
+_MATRICES = {
+    "mass": {("m", "m"): "kg", ("m", "rad"): "kg m", ("rad", "rad"): "kg m^2"},
+    "damping": {("m", "m"): "N s/m", ("m", "rad"): "N s", ("rad", "rad"): "N m s"},
+    "stiffness": {("m", "m"): "N/m", ("m", "rad"): "N", ("rad", "rad"): "N m"},
+}
 _TIMES = ("t_end", "dt", "discard")
 _FREQUENCIES = ("nu", "nu_min", "nu_max", "nu_from", "nu_to", "p1", "p2", "p3")
 
@@ -35,6 +41,8 @@ def unit_of(groups: Mapping[str, Any], key: str) -> str:
     found = groups.get(group) or {}
     several = found if isinstance(found, list) else [found]
     own = several[which - 1] if 1 <= which <= len(several) else {}
+    if entry in _MATRICES and group in ("mount", "system", "spring"):
+        return _matrix_unit(_coordinates(groups)[0], own.get(entry), entry, element)
     if group == "mount":
         return _MOUNT.get(entry, "")
     if group == "kernel":
@@ -49,6 +57,17 @@ def unit_of(groups: Mapping[str, Any], key: str) -> str:
     if entry in ("from", "to"):
         return _end_unit(groups, group, own, coordinates)
     return ""
+
+
+def _matrix_unit(units: list[str], values: Any, entry: str, element: int) -> str:
+    """Return the unit of an entry of a matrix, given whole or as its diagonal."""
+    n = len(units)
+    diagonal = not isinstance(values, list) or len(values) == n
+    row, column = (element - 1,) * 2 if diagonal else divmod(element - 1, n)
+    if not 0 <= row < n:
+        return ""
+    first, second = sorted((units[row], units[column]))
+    return _MATRICES[entry].get((first, second), "")
 
 
 def _kernel_unit(kernel: Mapping[str, Any], entry: str) -> str:

@@ -111,6 +111,9 @@ SOUND = (
     f"{SCALES}.resonances(tolerance=0.9)",
 )  # fmt: skip
 
+#: What starts a server, which would go on after its call.
+SERVERS = ("Explorer", "explore")
+
 #: Methods that need arguments, with some that work.
 GIVEN = {
     "t": "[0.5, 1, 2]", "mu": "[0.5, 1]", "s": "1 + 1j", "nu": "[1, 2]", "dof": "'x'",
@@ -175,6 +178,8 @@ def public() -> Api:
     """Read the package."""
     api = Api()
     for name in vv.__all__:
+        if name in SERVERS:
+            continue
         value = getattr(vv, name)
         if inspect.isclass(value) and issubclass(value, (BaseException, Warning)):
             continue

@@ -1,4 +1,4 @@
-"""The commands sweep, explore and bench, and maps of sweeps."""
+"""The commands sweep and bench, and maps of sweeps."""
 
 import subprocess
 import sys
@@ -15,7 +15,7 @@ import pytest
 import viscovib as vv
 import xarray as xr
 from processes import end_by_interrupt
-from viscovib import bench, explore
+from viscovib import bench
 from viscovib.cli import main
 
 SCENES = Path(__file__).parents[2] / "data" / "scenes"
@@ -160,51 +160,6 @@ def test_a_map_shows_what_was_computed():
     ):
         with pytest.raises(vv.InputError, match=message):
             vv.plot_map(*wrong)
-
-
-@pytest.mark.parametrize("name", ["mount_resonance", "mount_branch", "pendulum_paper"])
-def test_the_window_follows_its_sliders(tmp_path, name):
-    scene = vv.Scene.read(SCENES / f"{name}.nml")
-    window = explore.Explorer(scene, plt.figure(), out=tmp_path)
-    key = next(iter(window.start))
-    value = 1.25 * window.start[key]
-    window.set(key, value)
-    if window._timer is not None:
-        window.update()
-    want = explore.curves(vv.run(scene.override({key: window.changed[key]})))
-    assert window.changed[key] == pytest.approx(value, rel=1e-5)
-    for line, curve in zip(window.lines, want, strict=True):
-        assert (line.get_xdata() == curve.x).all()
-        assert np.array_equal(line.get_ydata(), curve.y, equal_nan=True)
-    window.save()
-    again = vv.Scene.read(tmp_path / f"{name}_explored.nml")
-    assert again.canonical == scene.override(window.changed).canonical
-    window.reset()
-    before = explore.curves(vv.run(scene.override({})))
-    assert np.array_equal(window.lines[0].get_ydata(), before[0].y, equal_nan=True)
-    assert all(slider.val == 0 for slider in window.sliders.values())
-
-
-def test_a_slider_too_far_says_so_and_keeps_the_curve():
-    window = explore.Explorer(vv.Scene.read(PAPER), plt.figure(), keys=["kernel.alpha"])
-    before = window.lines[0].get_ydata()
-    window.start["kernel.alpha"] = 0.5
-    window.set("kernel.alpha", 1.5)
-    assert window.text.get_text().startswith("alpha = 1.5: must be")
-    assert window.lines[0].get_ydata() is before
-    with pytest.raises(vv.InputError, match="within a factor 4"):
-        window.set("kernel.alpha", 100.0)
-    with pytest.raises(vv.InputError, match=r"must be one of kernel.alpha"):
-        window.set("mount.mass", 1.0)
-
-
-def test_without_a_display_a_sheet_is_drawn(tmp_path, capsys):
-    out = ["--out", str(tmp_path)]
-    assert main(["explore", str(PAPER), *out, "--keys", "mount.mass,load.amplitude"]) == 0
-    assert "no display" in capsys.readouterr().out
-    assert (tmp_path / "mount_paper_explore.png").stat().st_size > 10_000
-    assert main(["explore", str(PAPER), *out, "--keys", "mount.weight"]) == 2
-    assert "--keys mount.weight: must be one of mount.mass" in capsys.readouterr().err
 
 
 @pytest.mark.filterwarnings("ignore:.*estimated relative error")

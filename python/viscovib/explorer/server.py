@@ -1,0 +1,132 @@
+"""The local server of the explorer: bound to this machine, behind a token."""
+
+import contextlib
+import logging
+import secrets
+import signal
+import socket
+import webbrowser
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from bokeh.application import Application
+from bokeh.application.handlers import FunctionHandler
+from bokeh.models import Div
+from bokeh.server.server import Server
+from jinja2 import Template
+
+from viscovib.errors import InputError, ViscovibError
+from viscovib.explorer.page import Page
+from viscovib.explorer.state import State
+from viscovib.explorer.widgets import alert
+from viscovib.scene import Scene
+
+_HERE = "127.0.0.1"
+#: The page around it all; scripts and styles come from this server alone.
+_TEMPLATE = Template(
+    """{% from macros import embed %}<!DOCTYPE html>
+<html lang="en">
+<head>
+  <meta charset="utf-8">
+  <meta name="viewport" content="width=device-width, initial-scale=1">
+  <meta name="referrer" content="no-referrer">
+  <link rel="icon" href="data:,">
+  <title>{{ title | e }}</title>
+  {{ bokeh_css }}{{ bokeh_js }}
+  <style>
+    body { margin: 8px; font-family: system-ui, sans-serif; color: #222; background: #fff; }
+  </style>
+</head>
+<body><main>{% for doc in docs %}{{ embed(doc) if doc.elementid }}{% for root in doc.roots %}
+{{ embed(root) }}{% endfor %}{% endfor %}</main>{{ plot_script }}</body>
+</html>"""
+)
+
+
+def page_of(
+    scene: Scene,
+    keys: Sequence[str] | None = None,
+    query: Sequence[tuple[str, str]] = (),
+    document: Any = None,
+) -> Page:
+    """Return a page of a scene, in the state that the query of an address names.
+
+    ``scene=NAME`` in the query takes another scene of the same folder.
+    """
+    folder = scene.path.parent if scene.path.exists() else None
+    wanted = dict(query).get("scene")
+    if folder is not None and wanted and wanted != scene.path.name:
+        named = folder / Path(wanted).name
+        if named.suffix == ".nml" and named.exists():
+            scene, keys = Scene.read(named), None
+    state = State(scene, keys)
+    wrong = ""
+    try:
+        state.follow(query)
+    except ViscovibError as error:
+        wrong = f"The address asks for what cannot be: {error}"
+    page = Page(state, folder, document)
+    if wrong:
+        page.complain(wrong)
+    return page
+
+
+def start(scene: Scene, keys: Sequence[str] | None = None, port: int = 0) -> tuple[Server, str]:
+    """Start the server; return it and the address of the page."""
+
+    def session(document: Any) -> None:
+        arguments = document.session_context.request.arguments
+        query = [(key, value.decode()) for key, (value, *_) in arguments.items()]
+        document.title = f"viscovib: {scene.path.name}"
+        document.template = _TEMPLATE
+        try:
+            page = page_of(scene, keys, query, document)
+        except ViscovibError as error:
+            document.add_root(Div(text=alert(str(error))))
+            return
+        document.add_root(page.view)
+
+    # What is asked for in vain is told to the browser alone.
+    logging.getLogger("tornado.access").setLevel(logging.ERROR)
+    token = secrets.token_urlsafe(24)
+    try:
+        with socket.socket() as probe:
+            # The server has to be told which pages are its own, port and all.
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((_HERE, port))
+            port = probe.getsockname()[1]
+        server = Server(
+            {"/": Application(FunctionHandler(session))},
+            port=port,
+            address=_HERE,
+            prefix=f"/{token}",
+            allow_websocket_origin=[f"{_HERE}:{port}", f"localhost:{port}"],
+        )
+    except OSError as error:
+        raise InputError(f"--port {port}: cannot be used ({error.strerror})") from None
+    server.start()
+    return server, f"http://{_HERE}:{server.port}/{token}/"
+
+
+def serve(
+    scene: Scene,
+    keys: Sequence[str] | None = None,
+    *,
+    port: int = 0,
+    browser: bool = True,
+    tell: Callable[[str], None] = print,
+) -> None:
+    """Serve the explorer until it is interrupted. ``port``: 0 takes any that is free."""
+    # What cannot be computed is told here, before a server starts.
+    page_of(scene, keys)
+    server, address = start(scene, keys, port)
+    tell(f"{address}\nend with Ctrl+C")
+    if browser:
+        with contextlib.suppress(webbrowser.Error):
+            webbrowser.open(address)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        server.io_loop.start()
+    except KeyboardInterrupt:
+        server.stop()

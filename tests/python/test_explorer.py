@@ -1,0 +1,218 @@
+"""The explorer without its browser: numbers, undo, links, files and the server."""
+
+import runpy
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+import viscovib as vv
+from viscovib.cli import main
+from viscovib.explorer.drawn import UNSTABLE, curves_of, motion_of
+from viscovib.explorer.measured import read_measured
+from viscovib.explorer.numbers import numbers
+from viscovib.explorer.state import State
+from viscovib.outlines import drawing_of
+
+SCENES = Path(__file__).parents[2] / "data" / "scenes"
+PAPER = SCENES / "mount_paper.nml"
+
+
+@pytest.mark.filterwarnings("ignore:kernel integral")
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.nml")), ids=lambda path: path.stem)
+def test_every_slider_may_stand_at_its_value(path):
+    scene = vv.Scene.read(path).override({})
+    found = numbers(scene)
+    assert found
+    for key, number in found.items():
+        low, high = number.ends(number.value)
+        assert low <= number.value <= high
+        assert low < high
+        # The key is one that a scene knows, and this is its value.
+        value = int(number.value) if number.whole else number.value
+        assert scene.override({key: value}).canonical == scene.canonical
+
+
+def test_entries_of_a_symmetric_matrix_move_together():
+    state = State(vv.Scene.read(SCENES / "absorber.nml"))
+    assert "spring(2).stiffness(3)" not in state.numbers
+    assert state.numbers["spring(2).stiffness(2)"].unit == "N/m"
+    state.set("spring(2).stiffness(2)", -0.03)
+    again = state.now.current().groups["spring"][1]["stiffness"]
+    assert again == [0.045, -0.03, -0.03, 0.045]
+
+
+def test_undo_redo_and_the_way_back():
+    state = State(vv.Scene.read(PAPER))
+    first = state.scene_text()
+    for mass in (1.1, 1.2, 1.3):
+        state.set("mount.mass", mass)
+    state.settle()
+    moved = state.scene_text()
+    state.set_exactly("load.amplitude", "0.2")
+    with pytest.raises(vv.InputError, match="mass = -1"):
+        state.set_exactly("mount.mass", "-1")
+    with pytest.raises(vv.InputError, match="'heavy': must be a number"):
+        state.set_exactly("mount.mass", "heavy")
+    # What was refused left all as it was: two steps, a movement being one.
+    state.undo()
+    assert state.scene_text() == moved
+    state.undo()
+    assert state.scene_text() == first
+    assert not state.can_undo
+    state.redo()
+    assert state.scene_text() == moved
+    want = vv.run(vv.Scene.read(PAPER).override({"mount.mass": 1.3})).value
+    assert np.array_equal(state.result.value.coefficients, want.coefficients)
+    state.reset()
+    assert state.scene_text() == first
+    state.read_text("&mount mass=1, inertia=1, offset=0, stiffness_x=1, stiffness_phi=1 /\n"
+                    "&load amplitude=0.1 /\n&response nu=0.5 /\n", "other.nml")  # fmt: skip
+    assert state.value("mount.inertia") == 1
+    state.undo()
+    assert state.scene_text() == first
+    assert state.value("mount.inertia") == 0.1
+
+
+def test_a_link_leads_to_the_same_scene():
+    state = State(vv.Scene.read(SCENES / "mount_two_kernels.nml"))
+    state.set_exactly("load(2).amplitude", "0.05")
+    state.set_exactly("mount.damping(2)", "0.01")
+    query = urllib.parse.parse_qsl(state.link().lstrip("?"))
+    again = State(vv.Scene.read(SCENES / "mount_two_kernels.nml"))
+    again.follow(query)
+    assert again.scene_text() == state.scene_text()
+    assert again.now.current().groups["mount"]["damping"] == [0.2, 0.01, 0.01, 0.03]
+    with pytest.raises(vv.InputError, match=r"mount.weight: must be one of mount.mass"):
+        again.follow([("mount.weight", "1")])
+    with pytest.raises(vv.InputError, match="'x': must be a number"):
+        again.follow([("mount.mass", "x")])
+
+
+@pytest.mark.parametrize("typed", [False, True])
+def test_the_python_lines_give_the_same(tmp_path, monkeypatch, typed, capsys):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    state = State(vv.Scene.read(PAPER))
+    if typed:
+        state.read_text(state.scene_text())
+    state.set("mount.mass", 1.5)
+    monkeypatch.chdir(tmp_path)
+    Path("lines.py").write_text(state.python_lines())
+    told = runpy.run_path("lines.py")
+    matplotlib.pyplot.close("all")
+    assert "400 of 400" in capsys.readouterr().out
+    assert told["result"].value == state.result.value
+
+
+def test_a_broken_scene_is_told_with_its_line():
+    state = State(vv.Scene.read(PAPER))
+    before = state.now
+    text = (SCENES / "base_linear.nml").read_text()
+    with pytest.raises(vv.InputError, match=r"^line 3: mass = -1: must be greater than 0"):
+        state.read_text(text.replace("mass = 1.0", "mass = -1.0"))
+    with pytest.raises(vv.InputError, match=r"^no &response group"):
+        state.read_text("&mount mass=1 /\n")
+    assert state.now is before
+
+
+def test_curves_are_those_of_the_result():
+    result = vv.run(SCENES / "mount_branch.nml")
+    x, phi = curves_of(result.value)
+    branch = result.value
+    assert np.array_equal(x.y, branch.amplitude("x"))
+    assert np.array_equal(x.stability == UNSTABLE, branch.stable == False)  # noqa: E712
+    assert (np.isnan(x.part(UNSTABLE)) | (x.part(UNSTABLE) == x.y)).all()
+    assert phi.marks["fold"][0].tolist() == branch.folds.tolist()
+    scene = vv.Scene.read(SCENES / "mount_branch.nml")
+    motion = motion_of(scene, branch, (), x, 100)
+    assert f"{branch.nu[100]:.5g} rad/s" in motion.about
+
+
+def test_a_motion_on_a_branch_that_leaves_is_its_own():
+    scene = vv.Scene.read(SCENES / "pendulum_backbone.nml")
+    result = vv.run(scene)
+    (other,) = result.switched
+    curve = curves_of(result.value, result.switched)[0]
+    first = len(result.value.nu)
+    assert np.isnan(curve.y[first])
+    # Those that leave swing, which the others do not.
+    own, swung = (
+        motion_of(scene, result.value, result.switched, curve, point)
+        for point in (first - 1, first + len(other.nu) - 1)
+    )
+    assert own.drawing.outlines[2].x.std(axis=0).max() < 1e-6
+    assert swung.drawing.outlines[2].x.std(axis=0).max() > 0.1
+
+
+def test_outlines_move_as_the_body_does():
+    t = np.linspace(0, 2 * np.pi, 9)
+    motion = np.column_stack([0.3 * np.sin(t), 0.2 * np.cos(t)])
+    block = drawing_of(motion, ("x", "phi"), ("m", "rad"), vv.Mount(
+        mass=1, inertia=1, offset=0.5, stiffness_x=1, stiffness_phi=1)).outlines[2]  # fmt: skip
+    factor = drawing_of(motion, ("x", "phi"), ("m", "rad")).factor
+    np.testing.assert_allclose(block.x.mean(axis=1), factor * motion[:, 0] / 0.5, atol=1e-14)
+    # Rigid: sides keep their lengths.
+    sides = np.hypot(np.diff(block.x, axis=1), np.diff(block.y, axis=1))
+    np.testing.assert_allclose(sides, sides[:1] * np.ones((9, 1)), rtol=1e-12)
+    # The foot of the spring is at x - l sin(phi).
+    foot = drawing_of(motion, ("x", "phi"), ("m", "rad")).outlines[1].x[:, -1]
+    want = factor * motion[:, 0] / 0.5 - np.sin(factor * motion[:, 1])
+    np.testing.assert_allclose(foot, want, atol=1e-12)
+
+
+def test_measured_curves():
+    table = "# bench\nnu, phi, x\n1, 0.1, 0.2\n2, , 0.3\n"
+    found = read_measured(table, ["x", "phi"], [1, 1])
+    assert found["x"][1].tolist() == [0.2, 0.3]
+    assert np.isnan(found["phi"][1][1])
+    plain = read_measured("1 0.1\n2 0.2\n", ["x", "phi"], [1, 1])
+    assert list(plain) == ["x"]
+    assert plain["x"][0].tolist() == [1, 2]
+    for text, message in (
+        ("", "holds no numbers"),
+        ("nu,x\n", "names of columns but no numbers"),
+        ("1\n2\n", "one column"),
+        ("1,2,3\n1,2\n", "row 2 has 2 columns, must have 3"),
+        ("nu,y,z\n1,2,3\n", "no column is named after a coordinate"),
+        ("a,b\nc,d\n", "first column holds no numbers"),
+    ):
+        with pytest.raises(vv.InputError, match=message):
+            read_measured(text, ["x", "phi"], [1, 1])
+
+
+def test_a_table_of_our_own_is_a_measured_curve(tmp_path):
+    result = vv.run(PAPER)
+    result.to_csv(tmp_path / "t.csv")
+    found = read_measured((tmp_path / "t.csv").read_text(), ["x", "phi"], [1, 1])
+    np.testing.assert_allclose(found["phi"][1], result.value.amplitude("phi"), rtol=1e-15)
+
+
+def test_the_page_is_behind_a_token():
+    pytest.importorskip("bokeh")
+    page = vv.explore(PAPER, keys=["mount.mass"])
+    try:
+        with urllib.request.urlopen(page.address) as answer:
+            text = answer.read().decode()
+        # Nothing comes from outside.
+        assert "https://" not in text.replace("https://www.w3.org", "")
+        for place in ("", "wrong/", "static/js/bokeh.min.js"):
+            with pytest.raises(urllib.error.HTTPError, match="404"):
+                urllib.request.urlopen(page.address.rsplit("/", 2)[0] + "/" + place)
+        assert page.address in page._repr_html_()
+    finally:
+        page.stop()
+    with pytest.raises(vv.InputError, match=r"--keys mount.weight: must be one of mount.mass"):
+        vv.explore(PAPER, keys=["mount.weight"])
+
+
+def test_the_command_says_what_is_wrong(tmp_path, capsys):
+    assert main(["explore", str(PAPER), "--port", "70000"]) == 2
+    assert "--port 70000: must be 0 to 65535" in capsys.readouterr().err
+    out = ["--out", str(tmp_path), "--sheet"]
+    assert main(["explore", str(PAPER), *out, "--keys", "mount.mass,load.amplitude"]) == 0
+    assert (tmp_path / "mount_paper_explore.png").stat().st_size > 10_000
+    assert main(["explore", str(PAPER), *out, "--keys", "mount.weight"]) == 2
+    assert "--keys mount.weight: must be one of mount.mass" in capsys.readouterr().err

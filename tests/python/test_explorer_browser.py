@@ -1,0 +1,225 @@
+"""The explorer in a browser: sliders, keys, wrong input, scenes, files, reload, two widths."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import viscovib as vv
+
+SCENES = Path(__file__).parents[2] / "data" / "scenes"
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+try:
+    import bokeh  # noqa: F401
+    from playwright.sync_api import sync_playwright
+except ImportError as error:
+    pytest.skip(f"no browser test: {error.name} is not installed", allow_module_level=True)
+
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no browser test: chromium is not installed (apt-get install chromium)"
+)
+
+#: Y of the first figure's stable curve, as the page has it.
+CURVE = """() => {
+  const all = [...Bokeh.documents[0]._all_models.values()]
+  return Array.from(all.filter(m => m.name === 'x: stable').at(-1).data.y)
+}"""
+#: Milliseconds from a key to the first frame that shows the curve it moved.
+LATENCY = """() => {
+  window.taken = []
+  let pressed = 0
+  window.addEventListener('keydown', () => { pressed = performance.now() }, true)
+  const all = [...Bokeh.documents[0]._all_models.values()]
+  all.filter(m => m.name === 'x: stable').at(-1).properties.data.change.connect(() =>
+    requestAnimationFrame(() => window.taken.push(performance.now() - pressed)))
+}"""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_playwright() as play:
+        shown = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield shown
+        shown.close()
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory):
+    """Serve a folder with some scenes by the command itself."""
+    folder = tmp_path_factory.mktemp("scenes")
+    for name in ("mount_paper", "mount_branch", "pendulum_paper", "duffing_branch"):
+        shutil.copy(SCENES / f"{name}.nml", folder)
+    command = [sys.executable, "-m", "viscovib", "explore", "mount_paper.nml", "--no-browser"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, cwd=folder,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    ) as server:  # fmt: skip
+        yield server.stdout.readline().strip()
+        server.terminate()
+
+
+@pytest.fixture
+def page(browser, address):
+    """Open the page; at the end nothing was asked from outside, and no script failed."""
+    shown = browser.new_page(viewport={"width": 1280, "height": 900}, accept_downloads=True)
+    outside, failed = [], []
+    shown.on("request", lambda request: outside.append(request.url))
+    shown.on("pageerror", lambda error: failed.append(str(error)))
+    open_page(shown, address)
+    yield shown
+    assert [
+        url for url in outside if not url.startswith(("http://127.0.0.1:", "data:", "blob:"))
+    ] == []
+    assert failed == []
+    shown.close()
+
+
+def open_page(page, address):
+    page.goto(address)
+    page.get_by_role("status").wait_for(timeout=60_000)
+    page.locator("canvas").first.wait_for()
+
+
+def mass(page):
+    return page.get_by_label("mass (kg)")
+
+
+def amplitude(**changes):
+    keys = {key.replace("__", "."): value for key, value in changes.items()}
+    return vv.run(vv.Scene.read(SCENES / "mount_paper.nml").override(keys)).value.amplitude("x")
+
+
+def shows(page, want):
+    """Wait until the curve is what Python computes."""
+    for _ in range(100):
+        found = np.array(page.evaluate(CURVE), dtype=float)
+        if found.shape == want.shape and np.array_equal(found, want):
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError("the curve did not become what Python computes")
+
+
+def test_a_slider_moved_by_keys_moves_the_curve(page):
+    shows(page, amplitude())
+    page.locator(".noUi-handle").first.focus()
+    page.evaluate(LATENCY)
+    for _ in range(8):
+        page.keyboard.press("ArrowRight")
+        page.wait_for_timeout(150)
+    value = float(mass(page).input_value())
+    assert value == pytest.approx(1 + 8 * 3.75 / 400)
+    shows(page, amplitude(mount__mass=value))
+    # 25 ms at best on two busy cores; a machine that does much else is not failed for it.
+    assert min(page.evaluate("window.taken")) < 100
+    page.get_by_role("button", name="Undo").click()
+    page.wait_for_timeout(300)
+    assert float(mass(page).input_value()) < value
+    page.get_by_role("button", name="Reset").click()
+    shows(page, amplitude())
+
+
+def test_a_wrong_number_is_told_beside_its_field(page):
+    mass(page).fill("-3")
+    mass(page).press("Enter")
+    message = page.get_by_role("alert")
+    message.wait_for()
+    assert message.inner_text() == "mass = -3: must be greater than 0"
+    field, told = mass(page).bounding_box(), message.bounding_box()
+    assert 0 < told["y"] - field["y"] < 80
+    assert abs(told["x"] - field["x"]) < 40
+    shows(page, amplitude())
+    mass(page).fill("2")
+    mass(page).press("Enter")
+    shows(page, amplitude(mount__mass=2))
+    message.wait_for(state="hidden")
+
+
+def test_reload_and_a_link_restore_the_state(page, browser):
+    mass(page).fill("1.75")
+    mass(page).press("Enter")
+    page.wait_for_url("**mount.mass=1.75")
+    link = page.url
+    page.reload()
+    page.get_by_role("status").wait_for()
+    assert mass(page).input_value() == "1.75"
+    shows(page, amplitude(mount__mass=1.75))
+    other = browser.new_page()
+    open_page(other, link)
+    assert mass(other).input_value() == "1.75"
+    other.goto(link.replace("1.75", "-1"))
+    other.get_by_role("alert").wait_for()
+    assert "mass = -1: must be greater than 0" in other.get_by_role("alert").inner_text()
+    other.close()
+
+
+def test_files_are_handed_over(page, tmp_path):
+    mass(page).fill("1.5")
+    mass(page).press("Enter")
+    shows(page, amplitude(mount__mass=1.5))
+    kept = {}
+    for label in ("Table (CSV)", "Picture (PNG)", "Picture (SVG)", "Scene (NML)", "Python lines"):
+        with page.expect_download() as waiting:
+            page.get_by_role("button", name=label, exact=True).first.click()
+        kept[label] = Path(tmp_path / waiting.value.suggested_filename)
+        waiting.value.save_as(kept[label])
+    assert {path.name for path in kept.values()} == {
+        "mount_paper_response.csv", "mount_paper_response.png", "mount_paper_response.svg",
+        "mount_paper_explored.nml", "mount_paper_explored.py",
+    }  # fmt: skip
+    again = vv.run(kept["Scene (NML)"])
+    assert np.array_equal(again.value.amplitude("x"), amplitude(mount__mass=1.5))
+    again.to_csv(tmp_path / "again.csv")
+    rows = (tmp_path / "again.csv").read_text().splitlines()
+    assert kept["Table (CSV)"].read_text().splitlines()[5:] == rows[5:]
+    assert kept["Picture (PNG)"].read_bytes()[:4] == b"\x89PNG"
+    assert "<svg" in kept["Picture (SVG)"].read_text()
+    assert "'mount.mass': 1.5" in kept["Python lines"].read_text()
+
+
+def test_broken_and_other_scenes_and_measured_curves(page, tmp_path):
+    page.get_by_role("button", name="Scene", exact=True).click()
+    broken = tmp_path / "broken.nml"
+    broken.write_text((SCENES / "base_linear.nml").read_text().replace("mass = 1.0", "mass = -1.0"))
+    page.locator("input[type=file]").nth(0).set_input_files(broken)
+    page.get_by_role("alert").wait_for()
+    assert "line 3: mass = -1: must be greater than 0" in page.get_by_role("alert").inner_text()
+    shows(page, amplitude())
+    page.locator("input[type=file]").nth(0).set_input_files(SCENES / "base_linear.nml")
+    with pytest.warns(vv.StabilityWarning):
+        want = vv.run(SCENES / "base_linear.nml").value.amplitude("x")
+    shows(page, want)
+    page.get_by_role("button", name="Compare with a file").click()
+    measured = tmp_path / "measured.csv"
+    measured.write_text("nu,x\n1,0.01\n2,0.02\n")
+    page.locator("input[type=file]").nth(1).set_input_files(measured)
+    page.get_by_text("× measured").wait_for()
+    measured.write_text("nu\n1\n")
+    page.locator("input[type=file]").nth(1).set_input_files(measured)
+    page.get_by_role("alert").wait_for()
+    assert "one column" in page.get_by_role("alert").inner_text()
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+@pytest.mark.parametrize("scene", ["mount_branch", "pendulum_paper", "duffing_branch"])
+def test_pages_fit_their_window(browser, address, width, scene, tmp_path):
+    shown = browser.new_page(viewport={"width": width, "height": 800})
+    open_page(shown, f"{address}?scene={scene}.nml")
+    shown.wait_for_timeout(300)
+    assert shown.evaluate("document.documentElement.scrollWidth") <= width
+    keep = os.environ.get("VISCOVIB_SCREENSHOTS")
+    if keep:
+        shown.screenshot(path=f"{keep}/{scene}_{width}.png", full_page=True)
+    # The motion plays, and the curves stay in sight of sliders where there is one column.
+    before = shown.screenshot()
+    shown.get_by_role("button", name="Play").click()
+    shown.wait_for_timeout(250)
+    shown.get_by_role("button", name="Stop").click()
+    assert shown.screenshot() != before
+    if width == 400:
+        shown.get_by_role("slider").nth(5).scroll_into_view_if_needed()
+        box = shown.locator("canvas").first.bounding_box()
+        assert box["y"] > -5
+    shown.close()
