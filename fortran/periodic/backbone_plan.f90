@@ -9,7 +9,8 @@ module viscovib_backbone_plan
   use viscovib_oscillator_modes, only: oscillator_modes
   use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_structure, only: structure_type
   implicit none
   private
 
@@ -58,30 +59,23 @@ contains
     type(response_plan_type) :: planned
     type(response_options) :: options
     type(load_type) :: load
-    real(wp) :: omega(system%n_dof()), shapes(system%n_dof(), system%n_dof())
     real(wp) :: moved(system%n_dof())
     complex(wp) :: unit(system%n_dof(), 1)
     integer :: d, n
 
     n = system%n_dof()
-    if (mode < 0 .or. mode > n - 1) then
-      call fail(status, status_input_error, 'mode', 'mode = '//show(mode)//': must be 0 to ' &
-                //show(n - 1))
-      return
-    end if
+    call set_ok(status)
     allocate (plan%system, source=system)
     plan%system%damping = 0.0_wp
     plan%system%kernel_of = 0
-    call oscillator_modes(plan%system, omega, shapes, status)
-    if (status%failed()) return
-    if (omega(mode + 1) <= rigid*omega(n)) then
-      call fail(status, status_input_error, 'mode', 'mode = '//show(mode)//': moves as a rigid ' &
-                //'body, its frequency is 0')
-      return
-    end if
     plan%mode = mode
-    plan%omega = omega(mode + 1)
-    plan%shape = shapes(:, mode + 1)
+    select type (inner => plan%system)
+    class is (structure_type)
+      call find_structure_mode(inner, mode, plan%omega, plan%shape, status)
+    class default
+      call find_mode(inner, mode, plan%omega, plan%shape, status)
+    end select
+    if (status%failed()) return
     moved = abs(plan%shape)*sqrt([(system%mass(d, d), d=1, n)])
     plan%dof = dof
     if (dof == 0) plan%dof = findloc(moved >= (1.0_wp - equal)*maxval(moved), .true., 1)
@@ -115,6 +109,59 @@ contains
     end if
     plan%rest = lines_with('harmonics', planned%rest)
   end subroutine new_backbone_plan
+
+  subroutine find_mode(system, mode, omega, shape, status)
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: mode
+    real(wp), intent(out) :: omega
+    real(wp), allocatable, intent(out) :: shape(:)
+    type(status_type), intent(inout) :: status
+    real(wp) :: omegas(system%n_dof()), shapes(system%n_dof(), system%n_dof())
+
+    omega = 0.0_wp
+    call check_mode(mode, size(omegas), status)
+    if (.not. status%failed()) call oscillator_modes(system, omegas, shapes, status)
+    if (status%failed()) return
+    if (omegas(mode + 1) <= rigid*omegas(size(omegas))) call refuse_rigid(mode, status)
+    omega = omegas(mode + 1)
+    shape = shapes(:, mode + 1)
+  end subroutine find_mode
+
+  !> Of a structure without losses, whose modes are known: its rest holds the linear parts of the
+  !! elements.
+  subroutine find_structure_mode(system, mode, omega, shape, status)
+    class(structure_type), intent(in) :: system
+    integer, intent(in) :: mode
+    real(wp), intent(out) :: omega
+    real(wp), allocatable, intent(out) :: shape(:)
+    type(status_type), intent(inout) :: status
+
+    omega = 0.0_wp
+    call check_mode(mode, system%rest%n_modes, status)
+    if (status%failed()) return
+    shape = system%rest%seen(mode + 1, :)
+    if (.not. system%rest%squares(mode + 1) > 0.0_wp) then
+      call refuse_rigid(mode, status)
+      return
+    end if
+    omega = sqrt(system%rest%squares(mode + 1))
+  end subroutine find_structure_mode
+
+  subroutine check_mode(mode, n, status)
+    integer, intent(in) :: mode, n
+    type(status_type), intent(inout) :: status
+    if (mode < 0 .or. mode > n - 1) then
+      call fail(status, status_input_error, 'mode', 'mode = '//show(mode)//': must be 0 to ' &
+                //show(n - 1))
+    end if
+  end subroutine check_mode
+
+  subroutine refuse_rigid(mode, status)
+    integer, intent(in) :: mode
+    type(status_type), intent(inout) :: status
+    call fail(status, status_input_error, 'mode', 'mode = '//show(mode)//': moves as a rigid ' &
+              //'body, its frequency is 0')
+  end subroutine refuse_rigid
 
   !> Orders that may be kept.
   pure integer function n_most(self)

@@ -16,10 +16,12 @@ from viscovib._plan import Plan, wanted_places
 from viscovib.curves import MAX_SPECIAL, OUTCOMES, largest_panels
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.motion_stability import STABILITY_NOTE, stability_columns
-from viscovib.oscillators import Oscillator, check_oscillator
+from viscovib.oscillators import Steady, check_steady
 from viscovib.parameters import MAX_HARMONICS, MAX_UNKNOWNS, CurveOptions, Interval
 from viscovib.periodic_motions import PeriodicMotions
 from viscovib.results import Number, Panel, Result, named, span
+from viscovib.structure import Structure
+from viscovib.structure_view import View
 from viscovib.tables import Table, listed, listed_units
 
 if TYPE_CHECKING:
@@ -216,7 +218,7 @@ class Backbone(PeriodicMotions, Result):
 
 
 def oscillator_backbone(
-    system: Oscillator,
+    system: Steady,
     mode: int,
     amplitude_range: tuple[float, float] | None,
     *,
@@ -225,48 +227,68 @@ def oscillator_backbone(
     tolerance: float,
     max_points: int,
     max_step: float,
+    coordinates: Sequence[str] | None,
 ) -> Backbone:
-    """`backbone` of a mount or a polynomial system."""
-    check_oscillator(system, None)
+    """`backbone` of a mount, a polynomial system or a structure."""
+    check_steady(system, None)
     names = system.dof_names
     j = _native.integer("mode", mode, 0, len(names) - 1)
     place = 0 if dof is None else names.index(_native.choice("dof", dof, names)) + 1
+    view = None
     if amplitude_range is None:
-        raise InputError("amplitude_range: must be given for a mount or a polynomial system")
+        raise InputError("amplitude_range: must be given for all systems but a pendulum")
     ends = Interval("amplitude_range", above=0).check(amplitude_range)
     curve = CurveOptions.checked(tolerance, max_points, max_step)
     wanted, points, step = curve.tolerance, curve.max_points, curve.max_step
     chosen = _native.is_auto(harmonics)
     highest = 1 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS)
-    job = (system._flat, *system._kernels, j, place)
+    if isinstance(system, Structure):
+        # The coordinate whose amplitude counts is one of those condensed.
+        most = place - 1 if place else system._moving_most(j)
+        loaded, row = system._free.watching(most)
+        view = View.of(system, loaded, coordinates)
+        n_dof, place = loaded.condensation.q, row + 1
+        job = (*loaded.job[:5], j, place)
+    else:
+        if coordinates is not None:
+            raise InputError("coordinates: only those of a structure are chosen")
+        n_dof = len(names)
+        job = (system._flat, *system._kernels, j, place)
     n_kept, text = _native.call(
         core.oscillator_backbone_plan, *job, (dof or "").encode(), *ends, highest, int(chosen),
         wanted,
     )  # fmt: skip
-    most = 100 * MAX_UNKNOWNS**2 // (n_kept * len(names))
-    if points > most:
-        raise InputError(f"max_points = {points}: must be at most {most} with these unknowns")
+    room = 100 * MAX_UNKNOWNS**2 // (n_kept * n_dof)
+    if points > room:
+        raise InputError(f"max_points = {points}: must be at most {room} with these unknowns")
     cancel = np.zeros(1, dtype=np.intc)
     n, ended, m, kept, nu, truncation, coefficients, n_folds, folds = _native.call_interruptibly(
         core.oscillator_backbone, cancel, *job, *ends, highest, int(chosen), wanted, points, step,
-        n_kept, len(names), MAX_SPECIAL, cancel,
+        n_kept, n_dof, MAX_SPECIAL, cancel,
     )  # fmt: skip
     if n == 0:
         raise InputError(
             f"amplitude_range: no solution was found at its beginning {ends[0]:g}: begin lower"
         )
     warn_of_few(truncation[:n], wanted, int(kept[m - 1]))
+    own = np.ascontiguousarray(coefficients[:m, :, :n].T)
+    plan = Plan(text.decode())
+    units = system.dof_units
+    if view is not None:
+        own = view.expand(nu[:n], kept[:m], own)
+        names, units = view.names, view.units
+        plan = Plan(f"computes: {view.loaded.told}\n{text.decode()}")
     return Backbone(
         nu=nu[:n].copy(),
         harmonics=kept[:m].copy(),
-        coefficients=np.ascontiguousarray(coefficients[:m, :, :n].T),
+        coefficients=own,
         truncation=truncation[:n].copy(),
         mode=j,
         outcome=OUTCOMES[ended],
         folds=folds[:n_folds].copy(),
         dof_names=names,
-        dof_units=system.dof_units,
-        plan=Plan(text.decode()),
+        dof_units=units,
+        plan=plan,
         _tolerance=wanted,
     )
 

@@ -29,7 +29,8 @@ from viscovib.oscillators import Steady, check_steady
 from viscovib.parameters import MOST_CHOSEN, OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
 from viscovib.response import _prepare
 from viscovib.structure import Structure
-from viscovib.structure_results import StructureBranch, View, warn_of_reduction
+from viscovib.structure_results import StructureBranch, warn_of_reduction
+from viscovib.structure_view import View
 from viscovib.varying import varied
 
 #: Numbers that all points together may hold.

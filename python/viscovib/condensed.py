@@ -364,7 +364,9 @@ class LoadedStructure:
         """Amplitudes of real and complex modes, and forces of the elements on the rest."""
         c, rest = self.condensation, self.condensation.rest
         at = s[:, np.newaxis]
-        t = 1 / (rest.squares * (1 + 1j * rest.losses) + rest.rates * at + at**2)
+        apart = rest.squares * (1 + 1j * rest.losses) + rest.rates * at + at**2
+        # In a resonance without damping what is left of the difference is rounding.
+        t = 1 / np.where(apart == 0, np.finfo(float).eps * np.abs(rest.squares), apart)
         w = 1 / (at - rest.poles)
         modes = np.zeros((s.size, rest.squares.size), dtype=complex)
         poles = np.zeros((s.size, rest.poles.size), dtype=complex)

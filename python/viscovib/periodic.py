@@ -17,7 +17,7 @@ from viscovib.driven import DrivenResponse, pendulum_response
 from viscovib.driven_branch import DrivenBranch, trace_pendulum
 from viscovib.load import LoadLike
 from viscovib.mount import Mount
-from viscovib.oscillators import Oscillator, Steady
+from viscovib.oscillators import Steady
 from viscovib.parameters import Taken
 from viscovib.pendulum import Pendulum
 from viscovib.pendulum_backbone import pendulum_backbone
@@ -305,7 +305,7 @@ def trace_response(
 
     Parameters
     ----------
-    system : Mount, PolynomialSystem or Pendulum
+    system : Mount, PolynomialSystem, Structure or Pendulum
     nu_range : (float, float)
         Of an oscillator: frequencies (rad/s) of the load.
     load, base
@@ -405,7 +405,7 @@ def trace_response(
 
 @overload
 def backbone(
-    system: Oscillator,
+    system: Steady,
     mode: int,
     amplitude_range: tuple[float, float],
     *,
@@ -414,6 +414,7 @@ def backbone(
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
+    coordinates: Sequence[str] | None = None,
 ) -> Backbone: ...
 @overload
 def backbone(
@@ -434,7 +435,7 @@ def backbone(
     subharmonic: int = 1,
 ) -> Backbone: ...
 def backbone(
-    system: Oscillator | Pendulum,
+    system: Steady | Pendulum,
     mode: int,
     amplitude_range: tuple[float, float] | None = None,
     *,
@@ -449,6 +450,7 @@ def backbone(
     max_step: float = 0.1,
     stability: bool | None = None,
     subharmonic: int = 1,
+    coordinates: Sequence[str] | None = None,
 ) -> Backbone:
     """Follow the free motions that grow from a linear mode: frequency against amplitude.
 
@@ -456,7 +458,7 @@ def backbone(
 
     Parameters
     ----------
-    system : Mount, PolynomialSystem or Pendulum
+    system : Mount, PolynomialSystem, Structure or Pendulum
         Of a pendulum with printed equations the mode of z only: their swings keep no energy, and
         are not periodic.
     mode : int
@@ -493,6 +495,8 @@ def backbone(
     subharmonic : int
         Of a pendulum: period of the motions in periods of the mode, 1 to 20: 2 finds the swings
         that the motion in z feeds.
+    coordinates : sequence of str
+        Of a structure: which of its coordinates the result holds, as for `trace_response`.
 
     Returns
     -------
@@ -526,13 +530,12 @@ def backbone(
     given = locals()
     if isinstance(system, Pendulum):
         return pendulum_backbone(**_PENDULUM_BACKBONE.of(given))
-    if not isinstance(system, _SYSTEMS):
-        check_instance("system", system, *_SYSTEMS)
+    if not isinstance(system, _STEADY):
+        check_instance("system", system, *_STEADY)
     return oscillator_backbone(**_OSCILLATOR_BACKBONE.of(given))
 
 
 _STEADY = (Mount, PolynomialSystem, Structure, Pendulum)
-_SYSTEMS = (Mount, PolynomialSystem, Pendulum)
 _OSCILLATOR = "a mount, a polynomial system or a structure"
 _PENDULUM = "a pendulum"
 _MOUNT_RESPONSE = Taken(forced_response, mount_response, _OSCILLATOR)

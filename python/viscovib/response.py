@@ -19,7 +19,8 @@ from viscovib.oscillators import Steady, check_steady, oscillator_job
 from viscovib.parameters import MAX_HARMONICS, MAX_ITERATIONS, PROGRESS, STABILITY, TOLERANCE
 from viscovib.progress import progress_bar
 from viscovib.response_result import Response
-from viscovib.structure_results import StructureResponse, View, warn_of_reduction
+from viscovib.structure_results import StructureResponse, warn_of_reduction
+from viscovib.structure_view import View
 
 METHODS = ("linear", "successive", "newton")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])

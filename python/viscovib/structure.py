@@ -378,6 +378,36 @@ class Structure:
             self._base_direction,
         )  # fmt: skip
 
+    @cached_property
+    def _free(self) -> LoadedStructure:
+        """The structure without damping, memory and loads."""
+        rest = self._rest
+        if rest.poles.size:
+            if self._reduced is not None:
+                raise InputError("backbone: a reduced structure needs damping that is modal")
+            stiffness, damping = with_elements(self.stiffness, self.damping, self._all_elements)
+            rest = dense_rest(dense_of(self.mass), 0 * damping, stiffness)
+            if rest.poles.size:
+                raise InputError("stiffness: must be symmetric for free motions without losses")
+        nothing = np.zeros(rest.squares.size)
+        undamped = Condensation(
+            rest._replace(rates=nothing, losses=nothing), self._condensation.laws, self._reduced
+        )
+        none = np.zeros((self.n_coordinates, 0), dtype=complex)
+        return LoadedStructure(
+            undamped, np.zeros(0, dtype=np.int32), none, np.zeros(0, dtype=complex),
+            np.zeros(self.n_coordinates), None,
+        )  # fmt: skip
+
+    def _moving_most(self, mode: int) -> int:
+        """The coordinate that moves most in a mode, weighed by the root of its inertia."""
+        free = self._free.condensation.rest
+        if mode >= free.squares.size:
+            raise InputError(f"mode = {mode}: must be 0 to {free.squares.size - 1}")
+        mass: Any = self.mass
+        moved = np.abs(free.shapes[:, mode]) * np.sqrt(np.abs(mass.diagonal()))
+        return int(np.flatnonzero(moved >= (1 - 1e-9) * moved.max())[0])
+
     def _wanted(self, coordinates: Any, loaded: LoadedStructure) -> npt.NDArray[np.intp]:
         """Places of the coordinates that results hold."""
         if coordinates is None:

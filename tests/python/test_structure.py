@@ -260,6 +260,20 @@ def test_response_peaks_between_its_frequencies() -> None:
     assert pickle.loads(pickle.dumps(shown)).amplitude("x3").shape == (21,)
 
 
+@pytest.mark.parametrize("dof", [None, "x2"])
+def test_backbone_is_that_of_the_whole_chain(dof: str | None) -> None:
+    n = 6
+    whole, structure = both(n, "0.3*d^2 + 0.5*d^3", damping=0.1 * np.diag(np.arange(6.0)))
+    for mode in (0, 2):
+        given = {"dof": dof, "harmonics": 10}
+        a, b = (vv.backbone(s, mode, (0.001, 0.4), **given) for s in (whole, structure))
+        assert a.outcome == b.outcome == "completed"
+        one, other = a.coefficients[-1], b.coefficients[-1]
+        assert abs(a.nu[-1] / b.nu[-1] - 1) < 1e-10
+        assert np.abs(one - other).max() < 1e-9 * np.abs(one).max()
+        assert abs(b.nu[0] / whole.natural_frequencies()[mode] - 1) < 1e-4
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [

@@ -109,7 +109,7 @@ def follow(**options):
         # Arguments by name, of functions that have several forms too.
         (
             lambda: vv.backbone(CUBIC, mode=0, energy_range=(0.1, 1)),
-            "backbone: energy_range: is no argument for a mount, a polynomial system or a structure",
+            "backbone: energy_range: is no argument for a mount, a polynomial system or a struct",
         ),
         (lambda: vv.forced_response(pendulum(), 1, load=body()), "load: is no argument for a pend"),
         (lambda: vv.trace_response(body(), (1, 2), f0=1), "trace_response: f0: is no argument"),
@@ -117,10 +117,13 @@ def follow(**options):
             lambda: vv.forced_response(body()),
             "nu: must be given for a mount or a polynomial system",
         ),
-        (lambda: vv.backbone(CUBIC, 0), "amplitude_range: must be given for a mount or a polynom"),
+        (
+            lambda: vv.backbone(CUBIC, 0),
+            "amplitude_range: must be given for all systems but a p",
+        ),
         (
             lambda: vv.backbone(1, 0),
-            "system = 1: must be a Mount or a PolynomialSystem or a Pendulum",
+            "system = 1: must be a Mount or a PolynomialSystem or a Structure or a Pend",
         ),
         (lambda: scene().override(1), "values = 1: must be a mapping"),
         (lambda: vv.run(scene()).to_csv("x.csv", 1), "which = 1: must be 0 to 0"),
