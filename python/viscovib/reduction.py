@@ -50,7 +50,7 @@ _TINY = np.finfo(float).tiny
 class LinearModel(NamedTuple):
     """K, M, C and hereditary stiffnesses of a linear model, dense or sparse.
 
-    D(s) = M s^2 + C s + K (1 + b s + i eta) + a s M + sum_j K_j (1 - R_j(s)) + C_r s.
+    D(s) = M s^2 + C s + (K + sum_j K_j) (1 + b s + i eta) + a s M - sum_j K_j R_j(s) + C_r s.
 
     Attributes
     ----------
@@ -95,10 +95,11 @@ class LinearModel(NamedTuple):
         """Values c_i(s), shape (number of matrices,) + s.shape, without modal ratios."""
         s = np.asarray(s, dtype=complex)
         a, b = self.rayleigh
-        total = [s**2 + a * s, 1 + b * s + 1j * self.loss * np.sign(s.imag)]
+        damped = b * s + 1j * self.loss * np.sign(s.imag)
+        total = [s**2 + a * s, 1 + damped]
         if self.damping is not None:
             total.append(s)
-        total += [1 - np.asarray(kernel.laplace(s)) for _, kernel in self.layers]
+        total += [1 + damped - np.asarray(kernel.laplace(s)) for _, kernel in self.layers]
         return np.asarray(total)
 
     def ratios(self, count: int) -> FloatArray:

@@ -14,6 +14,8 @@ from viscovib.errors import InputError
 
 #: Modes asked for at a time: later ones are found with those already known projected out.
 _BATCH = 32
+#: Coordinates up to which modes are computed of dense matrices.
+_SMALL = 60
 #: Entries of a matrix may differ from those of its transpose by this, relative to the largest.
 _SYMMETRIC = 1e-10
 #: A value phi' K phi is rounding below so many units in the last place of phi' |K| phi.
@@ -154,6 +156,9 @@ class Pencil:
 
     def _next_modes(self, count: int, known: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``count`` modes nearest to sigma, those ``known`` left out."""
+        # Lanczos needs room: of a small system, or of the last modes, all are computed.
+        if self.n <= _SMALL or (self.mass.diagonal() > 0).sum() - known.shape[1] <= 3 * count:
+            return self._all_modes(known)
         weighted = self.mass @ known
 
         def solve(right: FloatArray) -> FloatArray:
@@ -162,8 +167,6 @@ class Pencil:
             return np.asarray(found - known @ (weighted.T @ found))
 
         start = solve(self.mass @ np.random.default_rng(2).standard_normal(self.n))
-        if self.n - known.shape[1] <= count + 1 or count >= self.n - 1:
-            return self._all_modes(known)
         operator = LinearOperator((self.n, self.n), solve, dtype=float)
         try:
             squares, shapes = eigsh(

@@ -11,7 +11,7 @@ HERE = Path(__file__).parent
 FAMILIES = (
     "kernels", "rubber", "systems", "bodies", "linear", "roots", "responses", "peaks", "branches", "crossings",
     "stability", "backbones", "steady", "motions", "ensembles", "spectra", "scales", "scenes",
-    "sweeps", "tables",
+    "structures", "sweeps", "tables",
 )  # fmt: skip
 #: Public names that have nothing to judge, and why.
 _PICTURE = "a picture: numbers are those of the result it is given"
