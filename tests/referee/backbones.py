@@ -102,6 +102,8 @@ def _pendulum(rng, index):
     ends = "energy_range=(1e-6, 3e-3)" if energy else "(0.005, 0.15)"
     call = f"""system = {free.source}
 curve = vv.backbone(system, {mode}, {ends}, max_points=300)
+finer = vv.backbone(system, {mode}, {ends}, harmonics=2 * int(curve.harmonics[-1]) + 1, tolerance=1e-13, max_points=300)
+fine, fine_orders, fine_nu, fine_outcome = finer.coefficients, finer.harmonics, finer.nu, finer.outcome
 nu, start, outcome, energy, truncation = curve.nu, curve.start, curve.outcome, curve.energy, curve.truncation
 stable, multipliers, growing = curve.stable, curve.multipliers, curve.growing
 coefficients, orders = curve.coefficients, curve.harmonics
@@ -109,6 +111,12 @@ coefficients, orders = curve.coefficients, curve.harmonics
     draw = np.random.default_rng(index)
 
     def judge(names, told):
+        curve = names["curve"]
+        for column in (curve.nu, curve.energy, curve.coefficients, curve.truncation):
+            yield Claim("numbers", bool(np.isfinite(column).all()), True)
+        both = names["outcome"] == names["fine_outcome"] == "completed"
+        if both and not curve.folds.size and names["truncation"].max() < 1e-3:
+            yield from _against_finer(names, np.eye(3))
         i = int(draw.integers(len(names["nu"])))
         u = names["start"][i]
         y = np.zeros(6)
