@@ -4,18 +4,19 @@
 !! The maps of a step are in `hereditary_maps`, its nonlinear equations in
 !! `step_equations`.
 module viscovib_hereditary
+  use viscovib_base_motion, only: base_motion_type
   use viscovib_known_past, only: known_past_type, new_known_past
-  use viscovib_memory_channels, only: channels_type, is_steep, new_channels
+  use viscovib_memory_channels, only: channels_type, new_channels
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counting
-  use viscovib_direct_history, only: direct_history_type, new_direct_history
-  use viscovib_exponential_history, only: exponential_history_type, new_exponential_history
   use viscovib_hereditary_kernels, only: add_any, add_held, add_up, gather_channels, judge, &
     runs_away
   use viscovib_hereditary_maps, only: find_map, new_step_map, step_map_type
-  use viscovib_hereditary_start, only: march_start, panel_ends, start_type
+  use viscovib_hereditary_start, only: direct_panels, march_start, panel_ends, start_type
+  use viscovib_histories, only: keeping_type, new_history, past_direct, past_exponentials
   use viscovib_history, only: history_type
   use viscovib_kinds, only: i8, wp
+  use viscovib_march, only: begun, march_type, no_exponentials, no_integral, step_too_large
   use viscovib_oscillator, only: oscillator_type
   use viscovib_step_equations, only: new_step_equations, step_equations_type
   use viscovib_time_load, only: load_clock, new_clock, time_load_type
@@ -24,20 +25,11 @@ module viscovib_hereditary
 
   public :: hereditary_type, new_hereditary
 
-  !> How the past is kept: as exponentials, or step by step.
-  integer, parameter, public :: past_exponentials = 1, past_direct = 2
-  !> Why no run can be made.
-  integer, parameter, public :: begun = 0, no_exponentials = 1, step_too_large = 2, no_integral = 3
+  ! What runs of every kind tell.
+  public :: past_exponentials, past_direct, begun, no_exponentials, step_too_large, no_integral
 
-  !> Doublings from the first panel after a corner or a jump of the load to a step:
-  !! accelerations follow it like t^(2+alpha) at most, so that fewer are needed than at a
-  !! start, see `viscovib_hereditary_start`; and after a corner of the base, which is a jump
-  !! of the relative velocity: like t^(1+alpha). At most, where a piece follows a much
-  !! shorter one.
-  integer, parameter :: corner_doublings = 14, kink_doublings = 21, most_doublings = 60
-
-  type :: hereditary_type
-    real(wp) :: h = 0.0_wp
+  !> The state are the coordinates.
+  type, extends(march_type) :: hereditary_type
     !> Beyond this a coordinate or velocity has left the range of numbers.
     real(wp) :: bound = huge(1.0_wp)
     !> State, shape (n_dof), and what rounding took from it.
@@ -61,26 +53,23 @@ module viscovib_hereditary
     real(wp), allocatable, private :: gather(:, :), gather_bends(:, :)
     !> Room for a step: channels at the points.
     real(wp), allocatable, private :: g(:, :)
-    !> The last step was not made only because it may have passed an escape to infinity;
-    !! the next one is made all the same.
-    logical :: doubtful = .false., trusted = .false.
     !> The next step follows one of its own kind.
     logical, private :: rolling = .false.
-    !> Lengths of the maps; how many there are; whether some kernel is so steep at the
-    !! start that a motion with a corner needs panels after it.
+    !> Lengths of the maps; how many there are.
     real(wp), allocatable, private :: lengths(:)
     integer, private :: n_lengths = 0
-    logical, private :: steep = .false.
-    !> The next step follows a corner of the load; doublings that it needs, and all do.
-    logical, private :: at_corner = .false.
-    integer, private :: n_doublings = corner_doublings, doublings = corner_doublings
+    type(keeping_type), private :: keeping
   contains
     procedure :: step
     procedure :: enter
     procedure :: take_up
     procedure :: kick
     procedure :: change_step
+    procedure :: get_state
+    procedure :: observe
     procedure :: inside
+    procedure :: furthest
+    procedure :: n_observed
     procedure :: resolution
     procedure :: memory_size
     procedure :: save_memory
@@ -90,6 +79,9 @@ module viscovib_hereditary
     procedure, private :: plain_step
     procedure, private :: stand_still
   end type hereditary_type
+
+  !> Part of the displacements that nonlinear forces move on a step in which a motion may escape.
+  real(wp), parameter :: bending = 1.0e-3_wp
 
 contains
 
@@ -114,9 +106,6 @@ contains
     real(wp), intent(in), optional :: shortest
     !> Whether velocities may jump at corners.
     logical, intent(in), optional :: kinks
-    real(wp) :: least
-    type(exponential_history_type), allocatable :: exponentials
-    type(direct_history_type), allocatable :: direct
     logical :: possible, singular
 
     reason = begun
@@ -142,26 +131,11 @@ contains
       reason = step_too_large
       return
     end if
-    least = h
-    if (present(shortest)) then
-      run%steep = is_steep(system, run%channels, h)
-      least = min(h, shortest)
-      if (present(kinks)) run%doublings = merge(kink_doublings, corner_doublings, kinks)
-      if (run%steep) least = scale(least, -run%doublings - 1)
-    end if
-    if (past == past_exponentials) then
-      allocate (exponentials)
-      call new_exponential_history(exponentials, system, run%channels, run%table, h, least, t_end, &
-                                   max(tolerance, 1.0e-14_wp), possible)
-      if (.not. possible) then
-        reason = no_exponentials
-        return
-      end if
-      call move_alloc(exponentials, run%history)
-    else
-      allocate (direct)
-      call new_direct_history(direct, system, run%channels, run%table, h)
-      call move_alloc(direct, run%history)
+    call new_history(run%history, run%keeping, system, run%channels, run%table, past, h, t_end, &
+                     tolerance, possible, shortest, kinks)
+    if (.not. possible) then
+      reason = no_exponentials
+      return
     end if
     if (present(before) .and. run%maps(1)%n_channels > 0) then
       call new_known_past(run%known_past, system, run%channels, before, moved)
@@ -198,9 +172,7 @@ contains
 
     before = self%h
     call self%change_step(system, load, t, h, made)
-    self%at_corner = self%steep
-    ! What a short piece left behind is as steep as that piece is short.
-    self%n_doublings = min(max(self%doublings, exponent(h) - exponent(before)), most_doublings)
+    call self%keeping%turn(before, h)
   end subroutine enter
 
   !> Go on at time t from a state, relative to the base, under another load; what is
@@ -221,12 +193,12 @@ contains
   end subroutine take_up
 
   !> A jump of the state relative to the base.
-  subroutine kick(self, du, dv)
+  subroutine kick(self, base, displacement, velocity)
     class(hereditary_type), intent(inout) :: self
-    !> Shape (n_dof).
-    real(wp), intent(in) :: du(:), dv(:)
-    call add_any(self%u, self%u_rest, du)
-    call add_any(self%v, self%v_rest, dv)
+    type(base_motion_type), intent(in) :: base
+    real(wp), intent(in) :: displacement, velocity
+    call add_any(self%u, self%u_rest, base%direction*displacement)
+    call add_any(self%v, self%v_rest, base%direction*velocity)
   end subroutine kick
 
   !> Steps from time t on are h long.
@@ -264,8 +236,8 @@ contains
     logical, intent(out) :: made
     logical :: graded
 
-    graded = self%at_corner
-    self%at_corner = .false.
+    graded = self%keeping%at_corner
+    self%keeping%at_corner = .false.
     if (n_before == 0) then
       call self%add_first_step(system, load, made)
       if (made) return
@@ -276,7 +248,7 @@ contains
       call self%plain_step(system, load, until, made)
     end if
     if (made) return
-    self%at_corner = graded
+    self%keeping%at_corner = graded
     ! What was tried says nothing of the start.
     call self%stand_still(system)
   end subroutine step
@@ -315,6 +287,8 @@ contains
       if (made .and. size(self%equations%y) > 0 .and. .not. self%trusted) then
         self%doubtful = runs_away(s, self%h, self%u, self%v, self%largest, x, &
                                   self%table%last_coefficient)
+        ! What is linear escapes nowhere, be it ever so steep.
+        if (self%doubtful) self%doubtful = self%equations%nonlinear_share(self%u) > bending
       end if
       made = made .and. .not. self%doubtful
       if (.not. made) return
@@ -355,9 +329,9 @@ contains
     h = self%h
     from = self%clock%t
     allocate (memory, source=self%save_memory())
-    n = self%n_doublings + 1
+    n = self%keeping%n_doublings + 1
     allocate (ends(0:n))
-    ends(:) = panel_ends(h, self%n_doublings)
+    ends(:) = panel_ends(h, self%keeping%n_doublings)
     self%start%table = self%table
     if (allocated(self%start%ends)) deallocate (self%start%ends)
     allocate (self%start%ends, source=ends)
@@ -396,24 +370,49 @@ contains
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
     logical, intent(out) :: made
-    real(wp), dimension(size(self%u)) :: f, u, v
+    real(wp), dimension(size(self%u)) :: f
+    type(direct_panels) :: panels
 
     made = .false.
     if (self%maps(1)%n_channels == 0) return
     call load%at(0.0_wp, f)
     if (.not. (any(abs(self%u) > 0.0_wp) .or. any(abs(self%v) > 0.0_wp) &
                .or. any(abs(f) > 0.0_wp) .or. self%known_past%is_known())) return
-    u = self%u
-    v = self%v
-    call march_start(self%start, system, self%channels, load, self%known_past, self%h, u, v, made)
-    if (made) made = all(abs(u) <= self%bound) .and. all(abs(v) <= self%bound)
+    panels%u = self%u
+    panels%v = self%v
+    call march_start(self%start, system, self%channels, load, self%known_past, self%h, panels, made)
+    if (made) made = all(abs(panels%u) <= self%bound) .and. all(abs(panels%v) <= self%bound)
     if (.not. made) return
-    self%u = u
-    self%v = v
+    self%u = panels%u
+    self%v = panels%v
     call self%history%begin(self%start%table, self%start%past)
     call self%clock%advance(self%h)
     call self%stand_still(system)
   end subroutine add_first_step
+
+  pure integer function n_observed(self)
+    class(hereditary_type), intent(in) :: self
+    n_observed = size(self%u)
+  end function n_observed
+
+  pure subroutine get_state(self, u, v)
+    class(hereditary_type), intent(in) :: self
+    real(wp), allocatable, intent(out) :: u(:), v(:)
+    u = self%u
+    v = self%v
+  end subroutine get_state
+
+  subroutine observe(self, u, v)
+    class(hereditary_type), intent(in) :: self
+    real(wp), intent(out) :: u(:), v(:)
+    u = self%u
+    v = self%v
+  end subroutine observe
+
+  pure real(wp) function furthest(self)
+    class(hereditary_type), intent(in) :: self
+    furthest = maxval(self%largest)
+  end function furthest
 
   !> State a fraction of a step back from its end, by the polynomial of the step.
   subroutine inside(self, theta, u, v)
@@ -443,7 +442,7 @@ contains
 
     n = 0
     call push([merge(1.0_wp, 0.0_wp, self%rolling), self%clock%t, &
-               merge(1.0_wp, 0.0_wp, self%at_corner), real(self%n_doublings, wp)])
+               merge(1.0_wp, 0.0_wp, self%keeping%at_corner), real(self%keeping%n_doublings, wp)])
     call push([self%u, self%v, self%u_rest, self%v_rest, self%roughness, self%largest])
     call push([self%equations%y_start, self%equations%y])
     if (self%maps(1)%n_channels > 0) call push(self%history%save_memory())
@@ -468,8 +467,8 @@ contains
 
     self%rolling = memory(1) > 0.5_wp
     self%clock%t = memory(2)
-    self%at_corner = memory(3) > 0.5_wp
-    self%n_doublings = nint(memory(4))
+    self%keeping%at_corner = memory(3) > 0.5_wp
+    self%keeping%n_doublings = nint(memory(4))
     n = 4
     call pull(self%u)
     call pull(self%v)

@@ -26,7 +26,7 @@ module viscovib_hereditary_maps
   private
 
   public :: step_map_type, new_step_map, local_weights
-  public :: find_map
+  public :: find_map, place_of, padded, remaining_weights, remember_held
 
   !> Lengths of steps whose maps are kept for when they come again.
   integer, parameter :: most_lengths = 64
@@ -116,11 +116,7 @@ contains
     if (.not. map%separable) n_bends = n_bends + map%s*map%n_dof
 
     call remaining_weights(system, table, h, e)
-    allocate (map%held(map%s, map%n_channels))
-    do k = 1, map%n_channels
-      map%held(:, k) = channels%held_recalled(k) - channels%held(k) &
-                       *(1.0_wp - sum(e(:, :, channels%kernel_of(k)), 2))
-    end do
+    call remember_held(map, channels, e)
     n_a = map%s*map%n_dof
     allocate (equations(n_a, n_a), right(n_a, n_in + n_bends), pivots(n_a))
     call set_equations(map, system, table, h, e, equations)
@@ -158,6 +154,20 @@ contains
       e(:, :, k) = e(:, :, k) - local(:, :, 1)
     end do
   end subroutine remaining_weights
+
+  !> What nodes remember of a displacement held before the start.
+  subroutine remember_held(map, channels, e)
+    type(step_map_type), intent(inout) :: map
+    type(channels_type), intent(in) :: channels
+    !> From `remaining_weights`.
+    real(wp), intent(in) :: e(:, 0:, 0:)
+    integer :: k
+    allocate (map%held(map%s, map%n_channels))
+    do k = 1, map%n_channels
+      map%held(:, k) = channels%held_recalled(k) - channels%held(k) &
+                       *(1.0_wp - sum(e(:, :, channels%kernel_of(k)), 2))
+    end do
+  end subroutine remember_held
 
   !> Matrix of the accelerations, equation and unknown (dof-1) s + node.
   subroutine set_equations(map, system, table, h, e, matrix)
@@ -290,19 +300,31 @@ contains
     integer, intent(out) :: now
     type(step_map_type), allocatable :: grown(:)
 
+    call place_of(lengths, n_lengths, h, now)
+    if (now <= size(maps)) return
+    allocate (grown(size(lengths)))
+    grown(:now - 1) = maps
+    call move_alloc(grown, maps)
+  end subroutine find_map
+
+  !> The place of steps h among lengths, or a new one, the next if there is room for more.
+  pure subroutine place_of(lengths, n_lengths, h, now)
+    !> As many as there are places; n_lengths of them are taken.
+    real(wp), allocatable, intent(inout) :: lengths(:)
+    integer, intent(inout) :: n_lengths
+    real(wp), intent(in) :: h
+    integer, intent(out) :: now
+
     do now = 1, n_lengths
       if (abs(lengths(now) - h) <= 0.0_wp) exit
     end do
-    if (now <= size(maps)) return
+    if (now <= size(lengths)) return
     if (now > most_lengths) then
       n_lengths = 0
       now = 1
       return
     end if
-    allocate (grown(min(most_lengths, 2*now)))
-    grown(:now - 1) = maps
-    call move_alloc(grown, maps)
-    lengths = [lengths, spread(0.0_wp, 1, size(maps) - size(lengths))]
-  end subroutine find_map
+    lengths = [lengths, spread(0.0_wp, 1, min(most_lengths, 2*now) - size(lengths))]
+  end subroutine place_of
 
 end module viscovib_hereditary_maps

@@ -4,9 +4,9 @@ module viscovib_hereditary_run
     ieee_support_underflow_control
   use viscovib_base_motion, only: base_motion_type
   use viscovib_counters, only: count_up, counted_states, counting
-  use viscovib_hereditary, only: hereditary_type
   use viscovib_hereditary_stops, only: stop_hereditary
   use viscovib_kinds, only: i8, wp
+  use viscovib_march, only: march_type
   use viscovib_mesh, only: equal_steps, mesh_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_simulate, only: run_coarse, run_completed, run_stopped
@@ -23,7 +23,7 @@ contains
   !! those at wanted times. Underflow is abrupt meanwhile.
   subroutine run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
                             at_times, n_done, n_reached, t_reached, outcome, mesh, anew)
-    type(hereditary_type), intent(inout) :: run
+    class(march_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
     type(base_motion_type), intent(inout) :: base
@@ -31,7 +31,7 @@ contains
     !> Wanted times within these steps, ascending.
     real(wp), intent(in) :: times(:)
     !> Of the body, (u_1, u'_1, u_2, u'_2, ...) after steps save_every, 2 save_every, ..., shape
-    !! (2 n_dof, n_steps/save_every), or no columns at all to keep none; the same at
+    !! (2 n_observed, n_steps/save_every), or no columns at all to keep none; the same at
     !! the wanted times, as many as were reached.
     real(wp), intent(inout) :: states(:, :), at_times(:, :)
     !> Whole steps made; the state in `run` is that at t_reached, the end of the last or
@@ -44,7 +44,7 @@ contains
     !> Whether load and base are others than before; the state is relative to this base.
     logical, intent(in), optional :: anew
     type(mesh_type) :: ends
-    real(wp) :: u(size(run%u)), v(size(run%u)), ahead, now, from
+    real(wp) :: u(run%n_observed()), v(run%n_observed()), ahead, now, from
     integer(i8) :: i, column
     logical :: made, trusted
     integer :: piece, before
@@ -65,8 +65,7 @@ contains
     call enter_base(base, ends, before)
     do while (n_reached < size(times))
       if (times(n_reached + 1) > now) exit
-      u = run%u
-      v = run%v
+      call run%observe(u, v)
       call keep_at_time(now)
     end do
     do i = 1, n_steps
@@ -98,8 +97,7 @@ contains
       do while (n_reached < size(times))
         ahead = times(n_reached + 1) - now
         if (abs(ahead) <= 4.0_wp*spacing(times(n_reached + 1))) then
-          u = run%u
-          v = run%v
+          call run%observe(u, v)
         else if (ahead < 0.0_wp) then
           call run%inside(1.0_wp + ahead/run%h, u, v)
         else
@@ -111,8 +109,7 @@ contains
       column = i/save_every
       if (column > size(states, 2)) cycle
       if (counting) call count_up(counted_states, 1)
-      u = run%u
-      v = run%v
+      call run%observe(u, v)
       call base%add_to(now, u, v)
       states(1::2, column) = u
       states(2::2, column) = v
@@ -145,7 +142,7 @@ contains
 
   !> The base turns a corner at time `now`, of which the body knows nothing.
   subroutine turn(run, base, ends, piece, now)
-    type(hereditary_type), intent(inout) :: run
+    class(march_type), intent(inout) :: run
     type(base_motion_type), intent(inout) :: base
     type(mesh_type), intent(in) :: ends
     integer, intent(in) :: piece
@@ -154,8 +151,7 @@ contains
     call base%along(now, displacement(1), velocity(1))
     call enter_base(base, ends, piece)
     call base%along(now, displacement(2), velocity(2))
-    call run%kick(base%direction*(displacement(1) - displacement(2)), &
-                  base%direction*(velocity(1) - velocity(2)))
+    call run%kick(base, displacement(1) - displacement(2), velocity(1) - velocity(2))
   end subroutine turn
 
 end module viscovib_hereditary_run

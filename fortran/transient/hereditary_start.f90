@@ -23,14 +23,14 @@ module viscovib_hereditary_start
   implicit none
   private
 
-  public :: start_type, march_start, panel_ends
+  public :: direct_panels, march_start, panel_ends, panel_maker, start_type
 
   !> Doublings from the first panel to the step: the error that the first leaves in
   !! a velocity is below (2^-doublings)^(1+alpha) of its change over the step.
   integer, parameter :: doublings = 44
   integer, parameter :: max_iterations = 100
   !> Nodes of a panel, whatever those of a step.
-  integer, parameter :: start_nodes = 8
+  integer, parameter, public :: start_nodes = 8
 
   type :: start_type
     type(collocation_type) :: table
@@ -43,11 +43,47 @@ module viscovib_hereditary_start
     procedure :: at
   end type start_type
 
+  !> What makes panels, one after the other, and keeps the state at the end of the last.
+  type, abstract :: panel_maker
+  contains
+    procedure(make_interface), deferred :: make
+  end type panel_maker
+
+  !> Panels of a system whose equations of motion are solved for the accelerations.
+  type, extends(panel_maker) :: direct_panels
+    !> State, shape (n_dof).
+    real(wp), allocatable :: u(:), v(:)
+  contains
+    procedure :: make => make_panel
+  end type direct_panels
+
+  abstract interface
+
+    !> The next panel, from `now` on. `made` is false if it does not settle.
+    subroutine make_interface(self, system, channels, load, table, local, now, length, &
+                              remembered, points, g, made)
+      import :: channels_type, collocation_type, oscillator_type, panel_maker, time_load_type, wp
+      class(panel_maker), intent(inout) :: self
+      class(oscillator_type), intent(in) :: system
+      type(channels_type), intent(in) :: channels
+      type(time_load_type), intent(in) :: load
+      type(collocation_type), intent(in) :: table
+      !> L of each kernel.
+      real(wp), intent(in) :: local(table%s, 0:table%s + 1, size(system%kernels))
+      real(wp), intent(in) :: now, length
+      !> By the nodes, shape (s, n_channels).
+      real(wp), intent(in) :: remembered(:, :)
+      !> Displacements and channels at the points, shapes (0:s+1, n_dof), (0:s+1, n_channels).
+      real(wp), intent(out) :: points(0:table%s + 1, size(system%gather, 2)), g(0:, :)
+      logical, intent(out) :: made
+    end subroutine make_interface
+
+  end interface
+
 contains
 
-  !> March over [0, h]. `made` is false, and the state stays, if a panel does not
-  !! settle: the step is too large.
-  subroutine march_start(start, system, channels, load, known_past, h, u, v, made)
+  !> March over [0, h]. `made` is false if a panel does not settle: the step is too large.
+  subroutine march_start(start, system, channels, load, known_past, h, panels, made)
     type(start_type), intent(out) :: start
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
@@ -55,13 +91,13 @@ contains
     !> The motion before.
     type(known_past_type), intent(in) :: known_past
     real(wp), intent(in) :: h
-    !> State, shape (n_dof), at 0 and then at h.
-    real(wp), intent(inout) :: u(:), v(:)
+    !> With the state at 0, and then at h.
+    class(panel_maker), intent(inout) :: panels
     logical, intent(out) :: made
     real(wp) :: g(0:start_nodes + 1, size(channels%kernel_of)), length
     real(wp) :: before(0:start_nodes + 1, size(channels%kernel_of))
     real(wp) :: masses(far_nodes, size(channels%kernel_of)), x(far_nodes), factors(far_nodes)
-    real(wp) :: next_u(size(u)), next_v(size(u)), points(0:start_nodes + 1, size(u))
+    real(wp) :: points(0:start_nodes + 1, system%n_dof())
     real(wp) :: remembered(start_nodes, size(channels%kernel_of))
     real(wp) :: local(start_nodes, 0:start_nodes + 1, size(system%kernels), doublings + 1)
     real(wp) :: of_kernel(start_nodes, 0:start_nodes + 1, doublings + 1)
@@ -71,7 +107,8 @@ contains
     x = [(0.5_wp - 0.5_wp*cos((m - 0.5_wp)*pi/far_nodes), m=1, far_nodes)]
     factors = lagrange_factors(x)
     call new_collocation(start%table, start_nodes)
-    allocate (start%ends(0:doublings + 1), start%points(0:start_nodes + 1, size(u), doublings + 1))
+    allocate (start%ends(0:doublings + 1))
+    allocate (start%points(0:start_nodes + 1, system%n_dof(), doublings + 1))
     start%ends(0) = 0.0_wp
     do k = 1, doublings + 1
       start%ends(k) = scale(h, k - 1 - doublings)
@@ -82,8 +119,6 @@ contains
                          start%ends(1:) - start%ends(:doublings), of_kernel)
       local(:, :, k, :) = of_kernel
     end do
-    next_u = u
-    next_v = v
     masses = 0.0_wp
     before = 0.0_wp
     do k = 1, doublings + 1
@@ -99,16 +134,14 @@ contains
           remembered(m, :) = remembered(m, :) + of_old
         end do
       end if
-      call make_panel(system, channels, load, start%table, local(:, :, :, k), start%ends(k - 1), &
-                      length, remembered, next_u, next_v, points, g, made)
+      call panels%make(system, channels, load, start%table, local(:, :, :, k), &
+                       start%ends(k - 1), length, remembered, points, g, made)
       if (.not. made) return
       start%points(:, :, k) = points
       if (k > 1) call carry(start%table, k == 2, start%ends(k - 1) - start%ends(k - 2), before, x, &
                             factors, masses)
       before = g
     end do
-    u = next_u
-    v = next_v
     start%past%times = start%ends(doublings)*x
     start%past%masses = masses
     start%past%length = length
@@ -187,24 +220,23 @@ contains
 
   !> A panel: accelerations at its nodes by iteration, which contracts like the
   !! square of its length.
-  subroutine make_panel(system, channels, load, table, local, now, length, remembered, u, v, &
+  subroutine make_panel(self, system, channels, load, table, local, now, length, remembered, &
                         points, g, made)
+    class(direct_panels), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
     type(time_load_type), intent(in) :: load
     type(collocation_type), intent(in) :: table
-    !> L of each kernel.
     real(wp), intent(in) :: local(table%s, 0:table%s + 1, size(system%kernels))
     real(wp), intent(in) :: now, length, remembered(:, :)
-    real(wp), intent(inout) :: u(:), v(:)
-    real(wp), intent(out) :: points(0:table%s + 1, size(u)), g(0:, :)
+    real(wp), intent(out) :: points(0:table%s + 1, size(system%gather, 2)), g(0:, :)
     logical, intent(out) :: made
-    real(wp), dimension(table%s, size(u)) :: a, new, f, speed, force
-    real(wp) :: mass(size(u), size(u)), inner(table%s, size(u))
+    real(wp), dimension(table%s, size(self%u)) :: a, new, f, speed, force
+    real(wp) :: mass(size(self%u), size(self%u)), inner(table%s, size(self%u))
     real(wp) :: w(0:table%s + 1, system%n_memory()), bend(table%s + 2, system%n_memory())
     real(wp) :: whole(table%s, size(channels%kernel_of)), kept(table%s, system%n_memory())
-    real(wp) :: row(size(u)), change, before
-    integer :: pivots(size(u)), i, k, turn, s
+    real(wp) :: row(size(self%u)), change, before
+    integer :: pivots(size(self%u)), n, i, k, turn, s
     logical :: singular
 
     s = table%s
@@ -213,16 +245,18 @@ contains
       f(i, :) = row
     end do
     mass = system%mass
-    call factorize(size(u), mass, pivots, singular)
+    n = size(self%u)
+    call factorize(n, mass, pivots, singular)
     a = 0.0_wp
     before = huge(1.0_wp)
     made = .false.
     bend = 0.0_wp
     do turn = 1, max_iterations
-      do k = 1, size(u)
-        points(0, k) = u(k)
-        points(1:, k) = u(k) + length*(table%points(1:)*v(k) + length*matmul(table%a2, a(:, k)))
-        speed(:, k) = v(k) + length*matmul(table%a1, a(:, k))
+      do k = 1, n
+        points(0, k) = self%u(k)
+        points(1:, k) = self%u(k) + length*(table%points(1:)*self%v(k) &
+                                            + length*matmul(table%a2, a(:, k)))
+        speed(:, k) = self%v(k) + length*matmul(table%a1, a(:, k))
       end do
       if (any(system%bent)) call system%deflection_remainder(points, bend)
       w = matmul(points, transpose(system%gather))
@@ -249,7 +283,7 @@ contains
       end if
       do i = 1, s
         row = new(i, :)
-        call solve(size(u), mass, pivots, row)
+        call solve(n, mass, pivots, row)
         new(i, :) = row
       end do
       change = maxval(abs(new - a))
@@ -261,8 +295,8 @@ contains
       before = change
     end do
     if (.not. made) return
-    u = points(s + 1, :)
-    v = v + length*matmul(table%b, a)
+    self%u = points(s + 1, :)
+    self%v = self%v + length*matmul(table%b, a)
   end subroutine make_panel
 
   !> State at a time within the step.

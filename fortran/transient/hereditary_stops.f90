@@ -6,8 +6,8 @@
 module viscovib_hereditary_stops
   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_flag, &
     ieee_set_halting_mode
-  use viscovib_hereditary, only: hereditary_type
   use viscovib_kinds, only: i8, wp
+  use viscovib_march, only: march_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_stops, only: run_coarse, run_diverged
   use viscovib_time_load, only: time_load_type
@@ -35,7 +35,7 @@ contains
   !> How the motion goes on in the step that `run` could not make; the run is at the stop
   !! then, or where the motion does not stop, at the start of the step.
   subroutine stop_hereditary(run, system, load, n_before, start, until, t_reached, outcome)
-    type(hereditary_type), intent(inout) :: run
+    class(march_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
     !> Steps made before; start and end of this one.
@@ -47,8 +47,7 @@ contains
     logical :: halting(size(ieee_all))
 
     begin%memory = run%save_memory()
-    begin%u = run%u
-    begin%v = run%v
+    call run%get_state(begin%u, begin%v)
     ! Steps that are too large may overflow, which is how they are known.
     call ieee_get_halting_mode(ieee_all, halting)
     call ieee_set_halting_mode(ieee_all, .false.)
@@ -63,7 +62,7 @@ contains
 
   !> Small steps up to h or to the stop: the last state before it.
   subroutine march(run, system, load, n_before, start, h, at, outcome)
-    type(hereditary_type), intent(inout) :: run
+    class(march_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
     integer(i8), intent(in) :: n_before
@@ -77,7 +76,7 @@ contains
 
     outcome = run_coarse
     s = 0.5_wp*h
-    scale_of_motion = max(maxval(abs(at%u)), maxval(run%largest))
+    scale_of_motion = max(maxval(abs(at%u)), run%furthest())
     shortest = 4.0_wp*spacing(abs(start) + h)
     do i = 1, max_steps
       s = min(s, h - at%ahead)
@@ -113,8 +112,7 @@ contains
       call run%change_step(system, load, start + from%ahead, length, made)
       if (made) call run%step(system, load, before, start + from%ahead + length, made)
       to%ahead = from%ahead + length
-      to%u = run%u
-      to%v = run%v
+      call run%get_state(to%u, to%v)
       to%memory = run%save_memory()
     end subroutine advance
 

@@ -44,6 +44,7 @@ module viscovib_step_equations
     procedure :: start_bends
     procedure :: predict
     procedure :: iterate
+    procedure :: nonlinear_share
     procedure, private :: evaluate_bends
     procedure, private :: evaluate_remainders
     procedure, private :: newton_step
@@ -180,6 +181,17 @@ contains
       before = change
     end do
   end subroutine iterate
+
+  !> What nonlinear parts move on the step, by the displacements on it.
+  pure real(wp) function nonlinear_share(self, u)
+    class(step_equations_type), intent(in) :: self
+    !> Displacements at the start of the step, shape (n_dof).
+    real(wp), intent(in) :: u(:)
+    real(wp) :: size_of
+    size_of = maxval(abs(self%x)) + maxval(abs(u))
+    nonlinear_share = 0.0_wp
+    if (size_of > 0.0_wp) nonlinear_share = maxval(abs(self%x - self%linear))/size_of
+  end function nonlinear_share
 
   !> y(X), and the displacements it is at.
   subroutine evaluate_bends(self, system, map, u)

@@ -7,7 +7,7 @@ module viscovib_time_load
   implicit none
   private
 
-  public :: time_load_type, load_clock, new_clock
+  public :: time_load_type, load_clock, new_clock, new_swing
 
   type :: time_load_type
     !> Im sum_k amplitude(:,k) exp(i frequency(k) t) on the coordinates, shapes (m)
@@ -100,6 +100,23 @@ contains
       clock%turned_cosine(:, k) = reshape(aimag(turned), [size(turned)])
     end do
   end subroutine new_clock
+
+  !> A clock of any quantities that swing with the load: their amplitudes at phase 0 at the
+  !! start of a step, shape (n, m), in place of the load's at the nodes.
+  subroutine new_swing(clock, frequencies, amplitudes, start, h)
+    type(load_clock), intent(out) :: clock
+    real(wp), intent(in) :: frequencies(:), start, h
+    complex(wp), intent(in) :: amplitudes(:, :)
+    integer :: m
+
+    m = size(frequencies)
+    clock%t = start
+    allocate (clock%c(0), clock%high(m), clock%low(m), clock%step_high(m), clock%step_low(m))
+    call split_phase(frequencies, start, clock%high, clock%low)
+    call split_phase(frequencies, h, clock%step_high, clock%step_low)
+    clock%turned_sine = real(amplitudes)
+    clock%turned_cosine = aimag(amplitudes)
+  end subroutine new_swing
 
   !> Load at the nodes of the present step, node i of coordinate d at (d-1) s + i.
   subroutine at_nodes(self, load, f)

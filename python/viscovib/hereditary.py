@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,9 +26,9 @@ from viscovib.trajectory import Trajectory
 
 #: Nodes of a step, and steps a fastest period to begin with when the step is to be found.
 NODES = {"gauss2": 2, "gauss3": 3, "gauss4": 4, "gauss6": 6, "gauss8": 8}
-_FIRST = {"gauss2": 12, "gauss3": 8, "gauss4": 6, "gauss6": 3, "gauss8": 2}
+FIRST = {"gauss2": 12, "gauss3": 8, "gauss4": 6, "gauss6": 3, "gauss8": 2}
 #: Ways to keep the past, by their place in the core.
-_PASTS = ("exponentials", "direct")
+PASTS = ("exponentials", "direct")
 _BEGUN, _NO_EXPONENTIALS, _STEP_TOO_LARGE, _NO_INTEGRAL = range(4)
 #: Place of "step too large" in the outcomes of runs.
 _COARSE = 4
@@ -82,7 +83,7 @@ class MountMotion:
     ) -> "MountMotion":
         """Check every argument of ``simulate`` that a mount has."""
         n = len(mount.dof_names)
-        before, moved = _history(held, n)
+        before, moved = history_of(held, n)
         first = moved[:, 0]
         if initial is None:
             state = np.zeros(2 * n)
@@ -91,7 +92,7 @@ class MountMotion:
             state = _vector("initial", initial, 2 * n)
         name = _native.choice("method", method, ("auto", *NODES))
         name = "gauss8" if name == "auto" else name
-        _native.choice("memory", memory, ("auto", *_PASTS))
+        _native.choice("memory", memory, ("auto", *PASTS))
         table = base if isinstance(base, LoadTable) else None
         waved = None if isinstance(base, LoadTable) else base
         check_oscillator(mount, base)
@@ -151,7 +152,7 @@ class MountMotion:
         else:
             natural = float(self.mount.natural_frequencies().max())
         fastest = max(natural, float(self.frequencies.max()))
-        per_period = _FIRST[self.method]
+        per_period = FIRST[self.method]
         wanted = float(self.end) * fastest * per_period / (2 * math.pi)
         return max(4, math.ceil(min(wanted, 2.0 * MAX_STEPS)))
 
@@ -162,24 +163,29 @@ class MountMotion:
 
     def runs(self, tolerance: float) -> Callable[[float], Run]:
         """Return what makes a run with a step."""
-        return partial(_MountRun, self, tolerance)
+        return partial(MountRun, self, tolerance)
 
 
-class _MountRun(Run):
-    """A run of a mount."""
+class MountRun(Run):
+    """A run of a mount, or of whatever has a motion like one."""
 
     counts = "iterations"
+    #: Reason of a run whose steps are too large, and the outcome it is then.
+    too_large, coarse = _STEP_TOO_LARGE, _COARSE
 
-    def __init__(self, motion: MountMotion, tolerance: float, h: float) -> None:
-        super().__init__(motion.mount, motion.method, motion.state, h, tolerance)
+    def __init__(
+        self, motion: Any, tolerance: float, h: float, state: FloatArray | None = None
+    ) -> None:
+        begin = motion.state if state is None else state
+        super().__init__(motion.mount, motion.method, begin, h, tolerance)
         self.motion = motion
         self.resolution = 0.0
         self.past = "exponentials"
         #: Shortest step after corners, 0: none follows any; whether the base has some.
         self.shortest, self.kinks = 0.0, motion.table is not None
-        self.moves = motion.moves
+        self.moves: Any = getattr(motion, "moves", None)
         #: Coordinates that the run it goes on from computed.
-        self.left_out: npt.NDArray[np.int32] | None = None
+        self.left_out: Any = None
         if motion.memory == "direct":
             self._keep_all()
 
@@ -204,7 +210,7 @@ class _MountRun(Run):
     def adopt(self, earlier: Run) -> None:
         """Go on from the end of an earlier run, under the loads of this one."""
         super().adopt(earlier)
-        if not isinstance(earlier, _MountRun):
+        if not isinstance(earlier, MountRun):
             return
         self.memory, self.past, self.piece = earlier.memory, earlier.past, earlier.piece
         self.shortest, self.kinks = earlier.shortest, earlier.kinks
@@ -213,7 +219,7 @@ class _MountRun(Run):
 
     def prepare(self, like: Run, factor: int) -> None:
         """Remember as much as another run will need."""
-        if isinstance(like, _MountRun):
+        if isinstance(like, MountRun):
             self.shortest, self.kinks = like.shortest / factor, like.kinks
             self.moves = like.moves
 
@@ -249,6 +255,11 @@ class _MountRun(Run):
             2 if self.past == "exponentials" else 3, every, int(last),
         )[0]  # fmt: skip
         return text
+
+    @property
+    def reach(self) -> float:
+        """Until when the run may go on."""
+        return float(_REACH * self.motion.end)
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         until = self._time_after(self.done + count)
@@ -301,7 +312,7 @@ class _MountRun(Run):
             motion.base_pieces,
             *self._mesh_arrays(),
             NODES[self.method],
-            _PASTS.index(self.past) + 1,
+            PASTS.index(self.past) + 1,
             motion.held,
             motion.before,
             motion.moved,
@@ -310,7 +321,7 @@ class _MountRun(Run):
             self.h,
             self.shortest,
             int(self.kinks),
-            _REACH * motion.end,
+            self.reach,
             self.solved,
             self.done,
             count,
@@ -321,17 +332,20 @@ class _MountRun(Run):
             columns,
         )
         self.resolution = float(rough)
-        if reason == _NO_INTEGRAL:
-            raise InputError(
-                "held: a kernel has no integral, and what was held for ever would be forgotten "
-                "wholly; must be None"
-            )
+        self._refuse(reason)
         if reason == _STEP_TOO_LARGE:
             ended, reached = _COARSE, self.time
         part = Piece(
             states, at_times, last, kept[:n_kept], made, n_reached, reached, ended, counted
         )
         return part, n_kept, reason
+
+    def _refuse(self, reason: int) -> None:
+        if reason == _NO_INTEGRAL:
+            raise InputError(
+                "held: a kernel has no integral, and what was held for ever would be forgotten "
+                "wholly; must be None"
+            )
 
     def _keep_all(self) -> None:
         """All of the past, in shorter pieces since each is set up anew."""
@@ -355,7 +369,7 @@ class _MountRun(Run):
 
 def hereditary_run_of(run: Run) -> MountMotion | None:
     """The motion of a run that is one with memory, or may be."""
-    return run.motion if isinstance(run, _MountRun) else None
+    return run.motion if isinstance(run, MountRun) else None
 
 
 def table_of(force: LoadTable | None, n: int) -> tuple[FloatArray, FloatArray]:
@@ -377,7 +391,7 @@ def moving(system: Oscillator, driven: npt.NDArray[np.bool_]) -> npt.NDArray[np.
     )
 
 
-def _history(held: npt.ArrayLike | Past | None, n: int) -> tuple[FloatArray, FloatArray]:
+def history_of(held: npt.ArrayLike | Past | None, n: int) -> tuple[FloatArray, FloatArray]:
     """Return times, ascending to 0, and displacements there, shape (n_dof, m)."""
     if held is None:
         return np.zeros(1), np.zeros((n, 1), order="F")

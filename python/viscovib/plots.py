@@ -317,7 +317,7 @@ def plot_trajectory(
             history.plot(run.t, q, linewidth=1.1, label=labels[i] if labels else None, **style)
             plane.plot(q, v, linewidth=0.7, **style)
         symbol = _symbol(name)
-        unit = runs[0].system.dof_units[d]
+        unit = runs[0].dof_units[d]
         history.set_ylabel(f"${symbol}${_in(unit)}")
         plane.set(xlabel=f"${symbol}$", ylabel=rf"${symbol}'$")
         for axis in (history, plane):

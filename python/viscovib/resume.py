@@ -1,8 +1,9 @@
 """Runs that go on: under the same loads, or under others, which act from there on."""
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from viscovib.mount import Mount
 from viscovib.pendulum import Pendulum
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.runs import Run, Wanted, again, with_estimate
+from viscovib.structure import Structure
+from viscovib.structure_motion import StructureMotion, structure_motion_of
 from viscovib.trajectory import Trajectory
 
 #: Numbers of a pendulum that are its loads.
@@ -84,18 +87,28 @@ def check_resumed(
 
 
 def other_loads(
-    system: Pendulum | Mount | PolynomialSystem,
+    system: Pendulum | Mount | PolynomialSystem | Structure,
     earlier: Trajectory,
     end: float,
     load: LoadLike | None,
     nu: float | None,
     base: LoadLike | LoadTable | None,
     force: LoadTable | None,
+    coordinates: Sequence[str] | None = None,
 ) -> Maker | None:
     """Return what makes a run under the loads given, None if none are."""
     run: Run = earlier._resume
     given = {"load": load, "nu": nu, "base": base, "force": force}
     loaded = any(value is not None for value in given.values())
+    if isinstance(system, Structure):
+        if coordinates is not None:
+            raise InputError(
+                "coordinates: as of the run that is resumed, must not be given with resume"
+            )
+        known_system: object = run.system
+        if known_system is not system:
+            raise InputError("system: must be the Structure of the run that is resumed")
+        return _other_loads_of_structure(system, run, end, load, nu, base, force, loaded)
     if isinstance(system, Pendulum):
         for name, value in given.items():
             if value is not None:
@@ -130,19 +143,53 @@ def other_loads(
     motion = MountMotion.checked(
         system, reach, run.state, run.method, load, nu, base, force, None, past
     )
-    now, place = run.time, 0.0 if before is None else before.base_at(run.time)
-    most = max(motion.travel, 0.0 if before is None else before.travel)
-    if abs(motion.base_at(now) - place) > _OFF * most:
-        raise InputError(
-            f"base: is at {motion.base_at(now):.9g} at t = {now:g}, must go on from {place:.9g}, "
-            "where it was"
-        )
+    _check_base(motion, before, run.time)
     if before is not None:
         moves = moving(system, (motion.moves | before.moves).astype(bool))
         motion = replace(
             motion, held=before.held, before=before.before, moved=before.moved, moves=moves
         )
     return known(motion.runs(run.solved), breaks, force, base)
+
+
+def _other_loads_of_structure(
+    system: Structure,
+    run: Run,
+    end: float,
+    load: LoadLike | None,
+    nu: float | None,
+    base: LoadLike | LoadTable | None,
+    force: LoadTable | None,
+    loaded: bool,
+) -> Maker | None:
+    """The same of a structure, whose modes the run knows."""
+    if not loaded:
+        return None
+    before = structure_motion_of(run)
+    assert before is not None
+    names = [system.dof_names[i] for i in before.places]
+    motion = StructureMotion.checked(
+        system, max(end, before.end), None, run.method, load, nu, base, force, None,
+        before.memory, names,
+    )  # fmt: skip
+    _check_base(motion, before, run.time)
+    motion = replace(
+        motion, held=before.held, before=before.before, moved=before.moved, start=before.start,
+        speed=before.speed,
+    )  # fmt: skip
+    breaks = breaks_of(force, base, system.n_coordinates)
+    return known(motion.runs(run.solved), breaks, force, base)
+
+
+def _check_base(motion: Any, before: Any, now: float) -> None:
+    """Refuse a base that is not where it was."""
+    place = 0.0 if before is None else before.base_at(now)
+    most = max(motion.travel, 0.0 if before is None else before.travel)
+    if abs(motion.base_at(now) - place) > _OFF * most:
+        raise InputError(
+            f"base: is at {motion.base_at(now):.9g} at t = {now:g}, must go on from {place:.9g}, "
+            "where it was"
+        )
 
 
 def go_on(

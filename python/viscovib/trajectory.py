@@ -88,7 +88,7 @@ class Trajectory(Result):
     def _scope(self) -> list[str]:
         return [
             f"t: {span(self.t, self.system.time_unit)}; "
-            f"{named(self.dof_names, self.system.dof_units)}; {self.method}",
+            f"{named(self.dof_names, self.dof_units)}; {self.method}",
             *self._details(),
         ]
 
@@ -102,7 +102,7 @@ class Trajectory(Result):
         late = self.t >= 0.5 * self.t_reached
         found: dict[str, Number] = {}
         columns = self.state[late, ::2].T
-        for name, unit, column in zip(self.dof_names, self.system.dof_units, columns, strict=True):
+        for name, unit, column in zip(self.dof_names, self.dof_units, columns, strict=True):
             largest = float(np.abs(column).max()) if column.size else math.nan
             found[f"max_{name}"] = Number(largest, unit)
             found[f"rms_{name}"] = Number(_rms(self.t[late], column), unit)
@@ -113,9 +113,7 @@ class Trajectory(Result):
         label = "$t$ (s)" if self.system.time_unit == "s" else r"$\tau$"
         return [
             Panel(self.t, self.state[:, 2 * d], label, name, unit)
-            for d, (name, unit) in enumerate(
-                zip(self.dof_names, self.system.dof_units, strict=True)
-            )
+            for d, (name, unit) in enumerate(zip(self.dof_names, self.dof_units, strict=True))
         ]
 
     def _pieces(self) -> tuple[int, str, str]:
@@ -131,6 +129,18 @@ class Trajectory(Result):
     def dof_names(self) -> tuple[str, ...]:
         """Names of the coordinates."""
         return self.system.dof_names
+
+    @property
+    def dof_units(self) -> tuple[str, ...]:
+        """Their units."""
+        return self.system.dof_units
+
+    @property
+    def rate_units(self) -> tuple[str, ...]:
+        """Units of their velocities."""
+        if self.dof_units == self.system.dof_units:
+            return self.system.rate_units
+        return tuple(f"{unit}/s" for unit in self.dof_units)
 
     def coordinate(self, name: str) -> FloatArray:
         """A coordinate by name, "phi", or its velocity, "phi_dot", shape (n,)."""
@@ -171,7 +181,7 @@ class Trajectory(Result):
         Flag("physical").check(physical)
         time, length = 1.0, 1.0
         system = self.system
-        time_unit, units, rates = system.time_unit, system.dof_units, system.rate_units
+        time_unit, units, rates = system.time_unit, self.dof_units, self.rate_units
         if physical and isinstance(system, Pendulum):
             if system.scales is None:
                 raise InputError(
@@ -200,7 +210,7 @@ class Trajectory(Result):
         table = Table([f"method {self.method}, step {self.dt:.16e}, {self.outcome}"], {"t": self.t})
         wanted = wanted_places(coordinates, self.dof_names)
         names = [self.dof_names[d] for d in wanted]
-        units = listed_units(names, [self.system.dof_units[d] for d in wanted])
+        units = listed_units(names, [self.dof_units[d] for d in wanted])
         what = "units" if self.system.time_unit == "s" else "dimensionless"
         table.notes.append(f"{what}: t in {self.system.time_unit}, {units}")
         for d in wanted:

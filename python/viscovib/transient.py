@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,8 @@ from viscovib.runs import (
     by_tolerance,
     with_estimate,
 )
+from viscovib.structure import Structure
+from viscovib.structure_motion import StructureMotion
 from viscovib.trajectory import Trajectory
 
 #: Above this last coefficient of a step, relative to the motion, a run warns.
@@ -37,7 +40,7 @@ _ROUGH = 1e-2
 
 
 def simulate(
-    system: Pendulum | Mount | PolynomialSystem,
+    system: Pendulum | Mount | PolynomialSystem | Structure,
     t_end: float,
     *,
     dt: float | str = "auto",
@@ -57,6 +60,7 @@ def simulate(
     save_every: int = 1,
     keep: str = "all",
     tail: float | None = None,
+    coordinates: Sequence[str] | None = None,
     estimate_error: bool = False,
     progress: bool = False,
 ) -> Trajectory:
@@ -64,7 +68,7 @@ def simulate(
 
     Parameters
     ----------
-    system : Pendulum, Mount or PolynomialSystem
+    system : Pendulum, Mount, PolynomialSystem or Structure
     t_end : float
         End of the run, after its start.
     dt : float or "auto"
@@ -73,7 +77,7 @@ def simulate(
         than ``tolerance``. So many states are kept then (up to 100 000, and unless all of the past
         is kept) that no peak between them is higher by more than 1/500 of the largest displacement.
     initial : array_like, shape (2 n_dof,)
-        State at t = 0, (z, z', phi, phi', psi, psi') or (x, x', phi, phi'). A mount without one
+        State at t = 0, (z, z', phi, phi', psi, psi') or (x, x', phi, phi'). Others without one
         starts at rest, or where it was ``held``.
     resume : Trajectory
         Continue this run instead, with its system, step, method and past. Without a load it is
@@ -127,6 +131,9 @@ def simulate(
         else is stored.
     tail : float
         Length of the part that ``keep="tail"`` keeps.
+    coordinates : sequence of str, optional
+        Of a structure: the coordinates kept; None: all of up to 64, else those that loads and
+        elements act on, 64 at most. Deflections of the elements are kept besides.
     estimate_error : bool
         With ``dt`` given, run once more in half steps, from the first start on, and report the
         largest difference of the states kept.
@@ -146,11 +153,19 @@ def simulate(
     Phases of the loads are carried in two doubles, so that long runs lose no digits; the state
     with compensated summation. With memory, a first step that is not from rest without load is
     made of panels that double their length from 1e-13 of it on, since the start is singular.
+
+    Of a structure the modes of its linear rest go from step to step exactly, under periodic loads
+    and tables too; the step only has to resolve the forces of its elements, polynomials through
+    the nodes of a step. A step costs as many operations as there are modes, times its nodes. Its
+    methods are those of a mount.
     """
-    if not isinstance(system, Pendulum | Mount | PolynomialSystem):
+    if not isinstance(system, Pendulum | Mount | PolynomialSystem | Structure):
         raise InputError(
-            f"system = {_native.shown(system)}: must be a Pendulum or a Mount or a PolynomialSystem"
+            f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a PolynomialSystem or "
+            "a Structure"
         )
+    if coordinates is not None and not isinstance(system, Structure):
+        raise InputError("coordinates: is for a Structure; of other systems all are kept")
     end = _native.number("t_end", t_end)
     _native.flag("progress", progress)
     at_first = 1
@@ -171,7 +186,7 @@ def simulate(
             {"held": held, "tolerance": tolerance, "rtol": rtol, "atol": atol},
             {"dt": dt, "method": method, "memory": memory},
         )
-        other = other_loads(system, resume, end, load, nu, base, force)
+        other = other_loads(system, resume, end, load, nu, base, force, coordinates)
         return go_on(resume, end, want, progress, other, estimated)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
@@ -182,6 +197,12 @@ def simulate(
                 raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
         _native.choice("memory", memory, ("auto",))
         make, n = pendulum_runs(system, end, initial, method, solved)
+    elif isinstance(system, Structure):
+        shape = StructureMotion.checked(
+            system, end, initial, method, load, nu, base, force, held, memory, coordinates
+        )
+        make = shape.runs(ROUNDING if accuracy is None or not shape.remembers else accuracy.solved)
+        n, at_first = shape.first_steps(), 2 if shape.remembers else 1
     elif goes_as_pendulum(system, method, load, base, held, memory):
         make, n = polynomial_runs(system, end, initial, method, load, nu, force, solved)
     else:

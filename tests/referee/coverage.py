@@ -20,6 +20,8 @@ NOTHING_TO_JUDGE = {
     "Spring": _WHOLE,
     "Spring.degree": _WHOLE,
     "Structure": _WHOLE,
+    "Trajectory.dof_units": "units, as the system names them",
+    "Trajectory.rate_units": "units, as the system names them",
     "Structure.n_coordinates": _WHOLE,
     "Structure.rate_units": _WHOLE,
     "Structure.deflections": _WHOLE,

@@ -1,0 +1,87 @@
+!> How the past of a run is kept: as exponentials, or step by step.
+module viscovib_histories
+  use viscovib_collocation, only: collocation_type
+  use viscovib_direct_history, only: direct_history_type, new_direct_history
+  use viscovib_exponential_history, only: exponential_history_type, new_exponential_history
+  use viscovib_history, only: history_type
+  use viscovib_kinds, only: wp
+  use viscovib_memory_channels, only: channels_type, is_steep
+  use viscovib_oscillator, only: oscillator_type
+  implicit none
+  private
+
+  public :: new_history, keeping_type
+
+  integer, parameter, public :: past_exponentials = 1, past_direct = 2
+
+  !> Doublings from the first panel after a corner or a jump of the load to a step:
+  !! accelerations follow it like t^(2+alpha) at most, so that fewer are needed than at a
+  !! start, see `viscovib_hereditary_start`; and after a corner of the base, which is a jump
+  !! of the relative velocity: like t^(1+alpha). At most, where a piece follows a much
+  !! shorter one.
+  integer, parameter :: corner_doublings = 14, kink_doublings = 21, most_doublings = 60
+
+  !> How a run treats corners.
+  type :: keeping_type
+    !> Whether some kernel is so steep at the start that a motion with a corner needs panels
+    !! after it.
+    logical :: steep = .false.
+    !> The next step follows a corner of the load; doublings that it needs, and all do.
+    logical :: at_corner = .false.
+    integer :: n_doublings = corner_doublings, doublings = corner_doublings
+  contains
+    procedure :: turn
+  end type keeping_type
+
+contains
+
+  !> Room for the past. `possible` is false where a kernel has no sum of exponentials.
+  subroutine new_history(history, keeping, system, channels, table, past, h, t_end, tolerance, &
+                         possible, shortest, kinks)
+    class(history_type), allocatable, intent(out) :: history
+    type(keeping_type), intent(out) :: keeping
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    type(collocation_type), intent(in) :: table
+    !> `past_exponentials` or `past_direct`.
+    integer, intent(in) :: past
+    real(wp), intent(in) :: h, t_end, tolerance
+    logical, intent(out) :: possible
+    !> Shortest step of a run whose steps change after corners of the load, and whether
+    !! velocities may jump there.
+    real(wp), intent(in), optional :: shortest
+    logical, intent(in), optional :: kinks
+    type(exponential_history_type), allocatable :: exponentials
+    type(direct_history_type), allocatable :: direct
+    real(wp) :: least
+
+    least = h
+    if (present(shortest)) then
+      keeping%steep = is_steep(system, channels, h)
+      least = min(h, shortest)
+      if (present(kinks)) keeping%doublings = merge(kink_doublings, corner_doublings, kinks)
+      if (keeping%steep) least = scale(least, -keeping%doublings - 1)
+    end if
+    possible = .true.
+    if (past == past_exponentials) then
+      allocate (exponentials)
+      call new_exponential_history(exponentials, system, channels, table, h, least, t_end, &
+                                   max(tolerance, 1.0e-14_wp), possible)
+      call move_alloc(exponentials, history)
+    else
+      allocate (direct)
+      call new_direct_history(direct, system, channels, table, h)
+      call move_alloc(direct, history)
+    end if
+  end subroutine new_history
+
+  !> A corner, where steps before are followed by steps h.
+  subroutine turn(self, before, h)
+    class(keeping_type), intent(inout) :: self
+    real(wp), intent(in) :: before, h
+    self%at_corner = self%steep
+    ! What a short piece left behind is as steep as that piece is short.
+    self%n_doublings = min(max(self%doublings, exponent(h) - exponent(before)), most_doublings)
+  end subroutine turn
+
+end module viscovib_histories

@@ -1,0 +1,135 @@
+!> What runs of motions with memory have in common, whatever equations their steps solve.
+module viscovib_march
+  use viscovib_base_motion, only: base_motion_type
+  use viscovib_kinds, only: i8, wp
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_time_load, only: time_load_type
+  implicit none
+  private
+
+  public :: march_type
+
+  !> Why no run can be made.
+  integer, parameter, public :: begun = 0, no_exponentials = 1, step_too_large = 2, no_integral = 3
+
+  type, abstract :: march_type
+    real(wp) :: h = 0.0_wp
+    !> The last step was not made only because it may have passed an escape to infinity;
+    !! the next one is made all the same.
+    logical :: doubtful = .false., trusted = .false.
+  contains
+    procedure(step_interface), deferred :: step
+    procedure(enter_interface), deferred :: enter
+    procedure(take_up_interface), deferred :: take_up
+    procedure(enter_interface), deferred :: change_step
+    procedure(kick_interface), deferred :: kick
+    procedure(state_interface), deferred :: get_state
+    procedure(observe_interface), deferred :: observe
+    procedure(inside_interface), deferred :: inside
+    procedure(real_interface), deferred :: furthest
+    procedure(real_interface), deferred :: resolution
+    procedure(size_interface), deferred :: n_observed
+    procedure(size_interface), deferred :: memory_size
+    procedure(save_interface), deferred :: save_memory
+    procedure(load_interface), deferred :: load_memory
+  end type march_type
+
+  abstract interface
+
+    !> One step to time `until`; `made` is false, and the state stays, if its equations do
+    !! not settle.
+    subroutine step_interface(self, system, load, n_before, until, made)
+      import :: i8, march_type, oscillator_type, time_load_type, wp
+      class(march_type), intent(inout) :: self
+      class(oscillator_type), intent(in) :: system
+      type(time_load_type), intent(in) :: load
+      !> Steps made before.
+      integer(i8), intent(in) :: n_before
+      real(wp), intent(in) :: until
+      logical, intent(out) :: made
+    end subroutine step_interface
+
+    !> Steps from time t on are h long; `enter`: a piece of the mesh begins there, the load
+    !! has a corner. `made` is false where such steps are too large.
+    subroutine enter_interface(self, system, load, t, h, made)
+      import :: march_type, oscillator_type, time_load_type, wp
+      class(march_type), intent(inout) :: self
+      class(oscillator_type), intent(in) :: system
+      type(time_load_type), intent(in) :: load
+      real(wp), intent(in) :: t, h
+      logical, intent(out) :: made
+    end subroutine enter_interface
+
+    !> Go on at time t from a state, relative to the base, under another load; what is
+    !! remembered stays. `made` is false where steps are too large.
+    subroutine take_up_interface(self, system, load, t, u, v, made)
+      import :: march_type, oscillator_type, time_load_type, wp
+      class(march_type), intent(inout) :: self
+      class(oscillator_type), intent(in) :: system
+      type(time_load_type), intent(in) :: load
+      real(wp), intent(in) :: t, u(:), v(:)
+      logical, intent(out) :: made
+    end subroutine take_up_interface
+
+    !> A jump of the state relative to the base, which has a corner.
+    subroutine kick_interface(self, base, displacement, velocity)
+      import :: base_motion_type, march_type, wp
+      class(march_type), intent(inout) :: self
+      type(base_motion_type), intent(in) :: base
+      !> Of the base, from those before.
+      real(wp), intent(in) :: displacement, velocity
+    end subroutine kick_interface
+
+    !> State: coordinates, or modes, and their velocities.
+    pure subroutine state_interface(self, u, v)
+      import :: march_type, wp
+      class(march_type), intent(in) :: self
+      real(wp), allocatable, intent(out) :: u(:), v(:)
+    end subroutine state_interface
+
+    !> What is kept of the state, shape (n_observed).
+    subroutine observe_interface(self, u, v)
+      import :: march_type, wp
+      class(march_type), intent(in) :: self
+      real(wp), intent(out) :: u(:), v(:)
+    end subroutine observe_interface
+
+    !> The same a fraction of a step back from its end.
+    subroutine inside_interface(self, theta, u, v)
+      import :: march_type, wp
+      class(march_type), intent(in) :: self
+      !> In [0, 1], 1 at the end of the last step.
+      real(wp), intent(in) :: theta
+      real(wp), intent(out) :: u(:), v(:)
+    end subroutine inside_interface
+
+    !> `furthest`: the largest displacement so far, measured as the state is; `resolution`: the
+    !! largest last Legendre coefficient of a displacement, relative to its largest value.
+    pure real(wp) function real_interface(self)
+      import :: march_type, wp
+      class(march_type), intent(in) :: self
+    end function real_interface
+
+    !> How much `observe` returns; all that a run must know to go on bit for bit.
+    pure integer function size_interface(self)
+      import :: march_type
+      class(march_type), intent(in) :: self
+    end function size_interface
+
+    function save_interface(self) result(memory)
+      import :: march_type, wp
+      class(march_type), intent(in) :: self
+      real(wp) :: memory(self%memory_size())
+    end function save_interface
+
+    subroutine load_interface(self, memory, other_load)
+      import :: march_type, wp
+      class(march_type), intent(inout) :: self
+      real(wp), intent(in) :: memory(:)
+      !> The load is another one now: its phases are not those that were saved.
+      logical, intent(in) :: other_load
+    end subroutine load_interface
+
+  end interface
+
+end module viscovib_march

@@ -1,0 +1,187 @@
+!> What of the rest of a structure has no real modes, over one step: z_m' = pole_m z_m + p_m,
+!! w_j = Re sum_m left_mj z_m, one of each conjugate pair standing for both.
+!!
+!!   z(c h) = exp(pole c h) z(0) + integral_0^(c h) exp(pole (c h - t)) p(t) dt,
+!!   p_m = sum_l right_ml f_l(t) + sum_k (sine_mk sin nu_k t + cosine_mk cos nu_k t),
+!!
+!! f_l polynomials through the nodes as in `viscovib_modal_maps`.
+module viscovib_pole_maps
+  use viscovib_collocation, only: collocation_type
+  use viscovib_kinds, only: wp
+  use viscovib_section_step, only: grown, legendre_moments, slope_of_growth
+  implicit none
+  private
+
+  public :: add_pole_points, new_pole_map, move_poles, pole_map_type, pole_rates, poles_inside
+  public :: poles_type, seen_of_poles
+
+  type :: poles_type
+    !> Shape (n) (1/s).
+    complex(wp), allocatable :: poles(:)
+    !> What is seen of them and pushes them, shapes (n, n_seen) and (n, n_pushed).
+    complex(wp), allocatable :: left(:, :), right(:, :)
+    !> By waves, shape (n, n_waves).
+    complex(wp), allocatable :: sine(:, :), cosine(:, :)
+    !> By a jump of the base and of its velocity, shape (n).
+    complex(wp), allocatable :: by_base(:), by_base_rate(:)
+  end type poles_type
+
+  type :: pole_map_type
+    !> Gains by the state at the nodes and the end, shape (n, s+1); at the end by forces at the
+    !! nodes, shape (n, s).
+    complex(wp), allocatable :: by_z(:, :), gain(:, :)
+  end type pole_map_type
+
+contains
+
+  !> The maps, and what they add to those of the deflections and of what swings: rows
+  !! (j-1)(s+1)+p, and in `swing` at the end rows of Re z, then of Im z.
+  subroutine new_pole_map(map, poles, frequencies, coefficients, table, h, answer, swing)
+    type(pole_map_type), intent(out) :: map
+    type(poles_type), intent(in) :: poles
+    real(wp), intent(in) :: frequencies(:)
+    !> From `legendre_of_nodes` at the nodes and the end, shape (s, s, s+1).
+    real(wp), intent(in) :: coefficients(:, :, :)
+    type(collocation_type), intent(in) :: table
+    real(wp), intent(in) :: h
+    real(wp), intent(inout) :: answer(:, :)
+    complex(wp), intent(inout) :: swing(:, :)
+    complex(wp) :: gain(table%s), waved(2)
+    real(wp) :: now
+    integer :: j, k, l, m, n, p, row, s
+
+    s = table%s
+    n = size(poles%poles)
+    allocate (map%by_z(n, s + 1), map%gain(n, s))
+    do p = 1, s + 1
+      now = table%points(p)*h
+      do m = 1, n
+        map%by_z(m, p) = grown(poles%poles(m)*now)
+        call pole_gain(poles%poles(m), now, coefficients(:, :, p), gain)
+        if (p > s) map%gain(m, :) = gain
+        do j = 1, size(poles%left, 2)
+          row = (j - 1)*(s + 1) + p
+          do l = 1, size(poles%right, 2)
+            answer(row, (l - 1)*s + 1:l*s) = answer(row, (l - 1)*s + 1:l*s) &
+                                             + real(poles%left(m, j)*poles%right(m, l)*gain)
+          end do
+        end do
+        do k = 1, size(frequencies)
+          waved = pole_wave(poles%poles(m), frequencies(k), now, poles%sine(m, k), &
+                            poles%cosine(m, k))
+          do j = 1, size(poles%left, 2)
+            row = (j - 1)*(s + 1) + p
+            swing(row, k) = swing(row, k) + cmplx(real(poles%left(m, j)*waved(1)), &
+                                                  real(poles%left(m, j)*waved(2)), wp)
+          end do
+          if (p <= s) cycle
+          row = size(swing, 1) - 2*n + m
+          swing(row, k) = cmplx(real(waved(1)), real(waved(2)), wp)
+          swing(row + n, k) = cmplx(aimag(waved(1)), aimag(waved(2)), wp)
+        end do
+      end do
+    end do
+  end subroutine new_pole_map
+
+  !> By polynomials of unit value at one node, over a time `now`.
+  pure subroutine pole_gain(pole, now, coefficients, gain)
+    complex(wp), intent(in) :: pole
+    real(wp), intent(in) :: now, coefficients(:, :)
+    complex(wp), intent(out) :: gain(:)
+    complex(wp) :: moments(size(gain))
+    call legendre_moments(pole*now, moments)
+    gain = now*matmul(moments, coefficients)
+  end subroutine pole_gain
+
+  !> Answer to sine sin(nu t + phi) + cosine cos(nu t + phi): factors of sin phi and of cos phi.
+  pure function pole_wave(pole, nu, now, sine, cosine) result(waved)
+    complex(wp), intent(in) :: pole, sine, cosine
+    real(wp), intent(in) :: nu, now
+    complex(wp) :: waved(2), ahead, back, of_cosine, of_sine
+    ahead = now*slope_of_growth(cmplx(0.0_wp, nu*now, wp), pole*now)
+    back = now*slope_of_growth(cmplx(0.0_wp, -nu*now, wp), pole*now)
+    of_cosine = 0.5_wp*(ahead + back)
+    of_sine = (0.0_wp, -0.5_wp)*(ahead - back)
+    waved = [sine*of_cosine - cosine*of_sine, sine*of_sine + cosine*of_cosine]
+  end function pole_wave
+
+  !> a + what deflections gain by the state alone, at each point.
+  pure subroutine add_pole_points(map, poles, z, a)
+    type(pole_map_type), intent(in) :: map
+    type(poles_type), intent(in) :: poles
+    complex(wp), intent(in) :: z(:)
+    !> Point p of deflection j at (j-1)(s+1)+p.
+    real(wp), intent(inout) :: a(:)
+    complex(wp) :: gained(size(z))
+    integer :: j, p, n_points
+    if (size(z) == 0) return
+    n_points = size(map%by_z, 2)
+    do p = 1, n_points
+      gained = map%by_z(:, p)*z
+      do j = 1, size(poles%left, 2)
+        a((j - 1)*n_points + p) = a((j - 1)*n_points + p) + seen_of_poles(poles%left(:, j), gained)
+      end do
+    end do
+  end subroutine add_pole_points
+
+  !> Re sum left z.
+  pure real(wp) function seen_of_poles(left, z)
+    complex(wp), intent(in) :: left(:), z(:)
+    seen_of_poles = sum(real(left)*real(z) - aimag(left)*aimag(z))
+  end function seen_of_poles
+
+  !> Re sum left pole z: what the forces add to a rate at once is nothing.
+  pure real(wp) function pole_rates(left, poles, z)
+    complex(wp), intent(in) :: left(:), poles(:), z(:)
+    pole_rates = seen_of_poles(left, poles*z)
+  end function pole_rates
+
+  !> To the end of the step, the sums compensated.
+  pure subroutine move_poles(map, poles, forces, swing, z, rest, finite)
+    type(pole_map_type), intent(in) :: map
+    type(poles_type), intent(in) :: poles
+    !> Shape (s, n_pushed); rows of Re z and of Im z, or none.
+    real(wp), intent(in) :: forces(:, :), swing(:)
+    complex(wp), intent(inout) :: z(:), rest(:)
+    logical, intent(out) :: finite
+    complex(wp) :: gained(size(z)), total
+    integer :: k, m, n
+
+    finite = .true.
+    n = size(z)
+    if (n == 0) return
+    gained = rest + map%by_z(:, size(map%by_z, 2))*z
+    if (size(swing) > 0) gained = gained + cmplx(swing(:n), swing(n + 1:), wp)
+    do k = 1, size(map%gain, 2)
+      gained = gained + map%gain(:, k)*matmul(poles%right, forces(k, :))
+    end do
+    finite = sum(abs(real(gained)) + abs(aimag(gained))) <= huge(1.0_wp)
+    if (.not. finite) return
+    do m = 1, n
+      total = z(m) + gained(m)
+      rest(m) = (z(m) - (total - (total - z(m)))) + (gained(m) - (total - z(m)))
+      z(m) = total
+    end do
+  end subroutine move_poles
+
+  !> z a time `now` after the start of a step, by its forces' Legendre coefficients over that time,
+  !! shape (s, n_pushed), and by waves whose phases were phi at the start.
+  subroutine poles_inside(poles, frequencies, now, orders, phi, z)
+    type(poles_type), intent(in) :: poles
+    real(wp), intent(in) :: frequencies(:), now, orders(:, :), phi(:)
+    complex(wp), intent(inout) :: z(:)
+    complex(wp) :: moments(size(orders, 1)), waved(2)
+    integer :: k, m
+
+    do m = 1, size(z)
+      call legendre_moments(poles%poles(m)*now, moments)
+      z(m) = z(m) + grown(poles%poles(m)*now)*z(m) &
+             + now*sum(moments*matmul(orders, poles%right(m, :)))
+      do k = 1, size(frequencies)
+        waved = pole_wave(poles%poles(m), frequencies(k), now, poles%sine(m, k), poles%cosine(m, k))
+        z(m) = z(m) + waved(1)*sin(phi(k)) + waved(2)*cos(phi(k))
+      end do
+    end do
+  end subroutine poles_inside
+
+end module viscovib_pole_maps

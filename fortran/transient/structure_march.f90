@@ -1,0 +1,611 @@
+!> Motion of a structure in time: its linear rest by exact maps of a step, the forces of its
+!! elements as polynomials through the Gauss nodes, what they remember as in
+!! `viscovib_hereditary`.
+!!
+!! The state are the modes of the rest; the unknowns of a step are the deflections of the elements
+!! at its nodes and its end (`viscovib_condensed_maps`). A step costs as many operations as there
+!! are modes, times its nodes.
+module viscovib_structure_march
+  use viscovib_base_motion, only: base_motion_type
+  use viscovib_collocation, only: collocation_type, new_collocation
+  use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counting
+  use viscovib_hereditary_kernels, only: add_any, gather_channels
+  use viscovib_hereditary_maps, only: place_of, remaining_weights
+  use viscovib_hereditary_start, only: march_start, panel_ends, start_nodes, start_type
+  use viscovib_histories, only: keeping_type, new_history
+  use viscovib_history, only: history_type
+  use viscovib_kinds, only: i8, wp
+  use viscovib_known_past, only: known_past_type, new_known_past
+  use viscovib_march, only: begun, march_type, no_exponentials, no_integral, step_too_large
+  use viscovib_memory_channels, only: channels_type, new_channels
+  use viscovib_modal_maps, only: sections_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_pole_maps, only: pole_rates, seen_of_poles
+  use viscovib_step_equations, only: new_step_equations, step_equations_type
+  use viscovib_structure_inside, only: state_inside
+  use viscovib_structure_kernels, only: mode_block, seen_of
+  use viscovib_structure_step, only: bends_of, make_step, maps_type, new_maps, part_type, &
+    start_state, state_type, structure_panels
+  use viscovib_time_load, only: load_clock, new_clock, new_swing, time_load_type
+  implicit none
+  private
+
+  public :: structure_march_type, new_structure_march
+
+  !> A map by its place, so that maps can be moved.
+  type :: maps_holder
+    type(maps_type), allocatable :: maps
+  end type maps_holder
+
+  !> The state are the modes.
+  type, extends(march_type) :: structure_march_type
+    type(state_type) :: state
+    type(step_equations_type) :: equations
+    type(sections_type), private :: sections
+    !> Coordinates that are observed, by modes, shape (n, n_observed).
+    real(wp), allocatable, private :: shown(:, :)
+    complex(wp), allocatable, private :: shown_left(:, :)
+    real(wp), private :: bound = huge(1.0_wp), solved = 0.0_wp
+    type(collocation_type), private :: table
+    type(maps_holder), allocatable, private :: maps(:)
+    real(wp), allocatable, private :: lengths(:)
+    integer, private :: n_lengths = 0, now = 1
+    type(channels_type), private :: channels
+    class(history_type), allocatable, private :: history
+    type(keeping_type), private :: keeping
+    type(known_past_type), private :: known_past
+    !> Of the columns of tables, and of all that swings with the load.
+    type(load_clock), private :: clock, swing
+    !> T W, shape (n_channels, n_seen), and T of the bent variables.
+    real(wp), allocatable, private :: gather(:, :), gather_bends(:, :)
+    !> The last step in parts, and how many there are.
+    type(part_type), allocatable, private :: parts(:)
+    integer, private :: n_parts = 0
+    !> The next step follows one of its own kind.
+    logical, private :: rolling = .false.
+    !> Room for a step.
+    real(wp), allocatable, private :: points(:, :), g(:, :), values(:), columns(:), recalled(:)
+  contains
+    procedure :: step
+    procedure :: enter
+    procedure :: take_up
+    procedure :: kick
+    procedure :: change_step
+    procedure :: get_state
+    procedure :: observe
+    procedure :: inside
+    procedure :: furthest
+    procedure :: resolution
+    procedure :: n_observed
+    procedure :: memory_size
+    procedure :: save_memory
+    procedure :: load_memory
+    procedure, private :: add_first_step
+    procedure, private :: add_graded_step
+    procedure, private :: plain_step
+    procedure, private :: stand_still
+  end type structure_march_type
+
+contains
+
+  !> A run from modes (q, v) at time 0. `reason`: `begun`, or why it is not.
+  subroutine new_structure_march(run, system, sections, shown, shown_left, load, s, past, held, q, &
+                                 v, h, t_end, tolerance, reason, before, moved, shortest, kinks)
+    type(structure_march_type), intent(out) :: run
+    !> The elements, in their deflections; a rest of n sections.
+    class(oscillator_type), intent(in) :: system
+    type(sections_type), intent(in) :: sections
+    !> Coordinates observed, by modes, shape (n, n_observed).
+    real(wp), intent(in) :: shown(:, :)
+    complex(wp), intent(in) :: shown_left(:, :)
+    !> Columns of tables, which push last in `sections%pushed`.
+    type(time_load_type), intent(in) :: load
+    !> Nodes of a step; as in `new_history`.
+    integer, intent(in) :: s, past
+    !> Deflections held for all t < 0, shape (n_seen).
+    real(wp), intent(in) :: held(:)
+    !> Start, shape (n), then Re z and Im z of what has no real modes; step; latest time; relative
+    !! error of the kernels as exponentials and of a step's solution.
+    real(wp), intent(in) :: q(:), v(:), h, t_end, tolerance
+    integer, intent(out) :: reason
+    !> As in `new_hereditary`, of the deflections.
+    real(wp), intent(in), optional :: before(:), moved(:, :)
+    real(wp), intent(in), optional :: shortest
+    logical, intent(in), optional :: kinks
+    logical :: possible, made
+
+    reason = begun
+    run%bound = system%largest_amplitude()
+    run%solved = max(1.0e-2_wp*tolerance, epsilon(1.0_wp))
+    run%sections = padded_sections(sections)
+    run%shown = padded_rows(shown)
+    run%shown_left = shown_left
+    call new_collocation(run%table, s)
+    if (any(abs(held) > 0.0_wp) .and. system%kernel_without_integral() > 0) then
+      reason = no_integral
+      return
+    end if
+    call new_channels(run%channels, system, held)
+    call set_state(run, q, v)
+    call new_history(run%history, run%keeping, system, run%channels, run%table, past, h, t_end, &
+                     tolerance, possible, shortest, kinks)
+    if (.not. possible) then
+      reason = no_exponentials
+      return
+    end if
+    if (present(before) .and. size(run%channels%kernel_of) > 0) then
+      call new_known_past(run%known_past, system, run%channels, before, moved)
+      if (run%known_past%is_known()) call run%history%add_known_past(run%known_past)
+    end if
+    allocate (run%points(0:s + 1, size(held)), run%g(0:s + 1, size(run%channels%kernel_of)))
+    run%points = 0.0_wp
+    allocate (run%columns(s*size(load%pieces, 1)), run%recalled(s*size(run%channels%kernel_of)))
+    allocate (run%maps(1), run%lengths(1), run%parts(1))
+    allocate (run%parts(1)%forces(s, size(sections%pushed, 2)))
+    call run%change_step(system, load, 0.0_wp, h, made)
+    if (.not. made) then
+      reason = step_too_large
+      return
+    end if
+    run%gather = matmul(run%channels%gather, system%gather)
+    associate (map => run%maps(run%now)%maps%condensed%step)
+      run%gather_bends = run%channels%gather(:, map%bent)
+      call new_step_equations(run%equations, map, run%table, run%solved)
+    end associate
+    call run%stand_still(system)
+  end subroutine new_structure_march
+
+  !> Sections to whole blocks: those added do not move.
+  pure type(sections_type) function padded_sections(sections) result(padded)
+    type(sections_type), intent(in) :: sections
+    integer :: n
+    n = size(sections%squares)
+    allocate (padded%squares(whole(n)), padded%rates(whole(n)), source=0.0_wp)
+    padded%squares(:n) = sections%squares
+    padded%rates(:n) = sections%rates
+    padded%seen = padded_rows(sections%seen)
+    padded%pushed = padded_rows(sections%pushed)
+    padded%frequencies = sections%frequencies
+    allocate (padded%waves(whole(n), size(sections%waves, 2)), source=(0.0_wp, 0.0_wp))
+    padded%waves(:n, :) = sections%waves
+    padded%others = sections%others
+    padded%inner = sections%inner
+  end function padded_sections
+
+  pure function padded_rows(rows) result(padded)
+    real(wp), intent(in) :: rows(:, :)
+    real(wp) :: padded(whole(size(rows, 1)), size(rows, 2))
+    padded = 0.0_wp
+    padded(:size(rows, 1), :) = rows
+  end function padded_rows
+
+  pure integer function whole(n)
+    integer, intent(in) :: n
+    whole = (n + mode_block - 1)/mode_block*mode_block
+  end function whole
+
+  subroutine set_state(run, q, v)
+    class(structure_march_type), intent(inout) :: run
+    real(wp), intent(in) :: q(:), v(:)
+    integer :: m, n, n_poles, r
+
+    n = size(run%sections%squares)
+    n_poles = size(run%sections%others%poles)
+    m = size(q) - n_poles
+    r = size(run%sections%seen, 2)
+    if (.not. allocated(run%state%q)) then
+      allocate (run%state%q(n), run%state%v(n), run%state%q_rest(n), run%state%v_rest(n))
+      allocate (run%state%z(n_poles), run%state%z_rest(n_poles))
+      allocate (run%state%w(r), run%state%w_rate(r))
+      allocate (run%state%roughness(r), run%state%largest(r), source=0.0_wp)
+    end if
+    run%state%q = 0.0_wp
+    run%state%v = 0.0_wp
+    run%state%q(:m) = q(:m)
+    run%state%v(:m) = v(:m)
+    run%state%z = cmplx(q(m + 1:), v(m + 1:), wp)
+    run%state%z_rest = (0.0_wp, 0.0_wp)
+    run%state%q_rest = 0.0_wp
+    run%state%v_rest = 0.0_wp
+    call start_state(run%state, run%sections)
+  end subroutine set_state
+
+  !> The next step begins at the present state and knows of no step before.
+  subroutine stand_still(self, system)
+    class(structure_march_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    call bends_of(self%equations, system, self%maps(self%now)%maps, self%state)
+    self%rolling = .false.
+  end subroutine stand_still
+
+  subroutine enter(self, system, load, t, h, made)
+    class(structure_march_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: t, h
+    logical, intent(out) :: made
+    real(wp) :: before
+    before = self%h
+    call self%change_step(system, load, t, h, made)
+    call self%keeping%turn(before, h)
+  end subroutine enter
+
+  subroutine take_up(self, system, load, t, u, v, made)
+    class(structure_march_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: t, u(:), v(:)
+    logical, intent(out) :: made
+    call set_state(self, u, v)
+    call self%enter(system, load, t, self%h, made)
+    call self%stand_still(system)
+  end subroutine take_up
+
+  subroutine kick(self, base, displacement, velocity)
+    class(structure_march_type), intent(inout) :: self
+    type(base_motion_type), intent(in) :: base
+    real(wp), intent(in) :: displacement, velocity
+    integer :: n
+    ! Where a base comes to rest, it is told by nothing but these jumps.
+    associate (inner => self%sections%inner, poles => self%sections%others, &
+               not_needed => base%direction)
+      n = size(inner)
+      call add_any(self%state%q(:n), self%state%q_rest(:n), displacement*inner)
+      call add_any(self%state%v(:n), self%state%v_rest(:n), velocity*inner)
+      self%state%z = self%state%z + (displacement*poles%by_base + velocity*poles%by_base_rate)
+    end associate
+    call start_state(self%state, self%sections)
+  end subroutine kick
+
+  subroutine change_step(self, system, load, t, h, made)
+    class(structure_march_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: t, h
+    logical, intent(out) :: made
+    real(wp) :: e(self%table%s, 0:self%table%s + 1, 0:size(system%kernels))
+    type(maps_holder), allocatable :: grown(:)
+    logical :: singular
+    integer :: k
+
+    self%h = h
+    self%rolling = .false.
+    if (size(self%channels%kernel_of) > 0) call self%history%change_step(h)
+    singular = .false.
+    call place_of(self%lengths, self%n_lengths, h, self%now)
+    if (size(self%lengths) > size(self%maps)) then
+      allocate (grown(size(self%lengths)))
+      do k = 1, size(self%maps)
+        call move_alloc(self%maps(k)%maps, grown(k)%maps)
+      end do
+      call move_alloc(grown, self%maps)
+    end if
+    if (self%now > self%n_lengths) then
+      if (.not. allocated(self%maps(self%now)%maps)) allocate (self%maps(self%now)%maps)
+      call remaining_weights(system, self%table, h, e)
+      call new_maps(self%maps(self%now)%maps, system, self%channels, self%sections, self%table, &
+                    h, e, singular)
+      self%lengths(self%now) = h
+      if (.not. singular) self%n_lengths = self%now
+    end if
+    made = .not. singular
+    if (.not. made) return
+    call new_clock(self%clock, load, t, h, self%table%points(1:self%table%s))
+    call new_swing(self%swing, self%sections%frequencies, &
+                   self%maps(self%now)%maps%modal%swing, t, h)
+    if (.not. allocated(self%values)) then
+      allocate (self%values(size(self%maps(self%now)%maps%modal%swing, 1)))
+    end if
+  end subroutine change_step
+
+  subroutine step(self, system, load, n_before, until, made)
+    class(structure_march_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    integer(i8), intent(in) :: n_before
+    real(wp), intent(in) :: until
+    logical, intent(out) :: made
+    logical :: graded
+
+    graded = self%keeping%at_corner
+    self%keeping%at_corner = .false.
+    if (n_before == 0) then
+      call self%add_first_step(system, load, made)
+      if (made) return
+    end if
+    if (graded) then
+      call self%add_graded_step(system, load, until, made)
+    else
+      self%n_parts = 1
+      call self%plain_step(system, load, until, made)
+    end if
+    if (made) return
+    self%keeping%at_corner = graded
+    ! What was tried says nothing of the start.
+    call self%stand_still(system)
+  end subroutine step
+
+  !> One step to time `until`, forces as polynomials.
+  subroutine plain_step(self, system, load, until, made)
+    class(structure_march_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: until
+    logical, intent(out) :: made
+    type(time_load_type) :: no_table
+
+    if (counting) call count_up(counted_coordinates, size(self%sections%squares))
+    allocate (no_table%breaks(0))
+    call self%swing%at_nodes(no_table, self%values)
+    call self%clock%at_nodes(load, self%columns)
+    if (size(self%recalled) > 0) call self%history%recall(self%recalled)
+    associate (part => self%parts(self%n_parts), maps => self%maps(self%now)%maps)
+      part%start = self%swing%t
+      call make_step(self%state, system, self%sections, self%table, maps, self%equations, &
+                     self%rolling, self%trusted, self%bound, self%values, self%columns, &
+                     self%recalled, part, self%points, made, self%doubtful)
+      if (.not. made) return
+      self%trusted = .false.
+      if (size(self%recalled) > 0) then
+        call gather_channels(self%table%s + 2, size(self%points, 2), &
+                             size(self%equations%y_start), size(self%g, 2), self%points, &
+                             self%equations%y_start, self%equations%y, self%gather, &
+                             self%gather_bends, self%channels%held, self%g)
+        if (counting) call count_up(counted_memory, size(self%g, 2))
+        call self%history%store(self%g)
+      end if
+    end associate
+    call self%clock%advance(until)
+    call self%swing%advance(until)
+    self%rolling = .true.
+  end subroutine plain_step
+
+  !> One step after a corner of the load, as panels that double their length, as in
+  !! `viscovib_hereditary`.
+  subroutine add_graded_step(self, system, load, until, made)
+    class(structure_march_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: until
+    logical, intent(out) :: made
+    real(wp) :: from, h
+    real(wp), allocatable :: ends(:), memory(:)
+    integer :: k, n
+
+    h = self%h
+    from = self%swing%t
+    allocate (memory, source=self%save_memory())
+    n = self%keeping%n_doublings + 1
+    allocate (ends(0:n))
+    ends(:) = panel_ends(h, self%keeping%n_doublings)
+    call make_room(self%parts, n, self%table%s, size(self%sections%pushed, 2))
+    do k = 1, n
+      self%n_parts = k
+      call self%change_step(system, load, from + ends(k - 1), ends(k) - ends(k - 1), made)
+      if (made) call self%plain_step(system, load, from + ends(k), made)
+      if (.not. made) exit
+    end do
+    if (made) then
+      call self%change_step(system, load, until, h, made)
+    else
+      call self%load_memory(memory, .false.)
+      call self%change_step(system, load, from, h, made)
+      made = .false.
+    end if
+  end subroutine add_graded_step
+
+  !> Room for n parts of a step.
+  subroutine make_room(parts, n, s, n_pushed)
+    type(part_type), allocatable, intent(inout) :: parts(:)
+    integer, intent(in) :: n, s, n_pushed
+    integer :: k
+    if (size(parts) < n) then
+      deallocate (parts)
+      allocate (parts(n))
+    end if
+    do k = 1, n
+      if (.not. allocated(parts(k)%forces)) allocate (parts(k)%forces(s, n_pushed))
+    end do
+  end subroutine make_room
+
+  !> The first step as panels, where memory makes the start singular; `made` is false where a
+  !! plain step will do.
+  subroutine add_first_step(self, system, load, made)
+    class(structure_march_type), intent(inout), target :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    logical, intent(out) :: made
+    type(structure_panels) :: panels
+    type(start_type) :: start
+    real(wp) :: f(size(load%pieces, 1))
+    integer :: k
+
+    made = .false.
+    if (size(self%recalled) == 0) return
+    call load%at(0.0_wp, f)
+    if (.not. (any(abs(self%state%q) > 0.0_wp) .or. any(abs(self%state%v) > 0.0_wp) &
+               .or. any(abs(self%state%z) > 0.0_wp) &
+               .or. any(abs(self%sections%others%cosine) > 0.0_wp) &
+               .or. any(abs(f) > 0.0_wp) .or. self%known_past%is_known() &
+               .or. any(abs(aimag(sum(self%sections%waves, 2))) > 0.0_wp))) return
+    panels%sections => self%sections
+    panels%state = self%state
+    panels%bound = self%bound
+    panels%solved = self%solved
+    allocate (panels%parts(64))
+    call march_start(start, system, self%channels, load, self%known_past, self%h, panels, made)
+    if (.not. made) return
+    self%state = panels%state
+    call self%history%begin(start%table, start%past)
+    call self%clock%advance(self%h)
+    call self%swing%advance(self%h)
+    self%n_parts = panels%n_made
+    deallocate (self%parts)
+    allocate (self%parts(self%n_parts))
+    do k = 1, self%n_parts
+      self%parts(k) = panels%parts(k)
+    end do
+    call self%stand_still(system)
+  end subroutine add_first_step
+
+  pure subroutine get_state(self, u, v)
+    class(structure_march_type), intent(in) :: self
+    real(wp), allocatable, intent(out) :: u(:), v(:)
+    u = [self%state%q, real(self%state%z)]
+    v = [self%state%v, aimag(self%state%z)]
+  end subroutine get_state
+
+  pure integer function n_observed(self)
+    class(structure_march_type), intent(in) :: self
+    n_observed = size(self%shown, 2)
+  end function n_observed
+
+  subroutine observe(self, u, v)
+    class(structure_march_type), intent(in) :: self
+    real(wp), intent(out) :: u(:), v(:)
+    call show_state(self, self%state%q, self%state%v, self%state%z, u, v)
+  end subroutine observe
+
+  !> Coordinates observed of a state.
+  pure subroutine show_state(self, q, v, z, u, rates)
+    class(structure_march_type), intent(in) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    complex(wp), intent(in) :: z(:)
+    real(wp), intent(out) :: u(:), rates(:)
+    integer :: d
+    do d = 1, size(u)
+      u(d) = seen_of(size(q)/mode_block, self%shown(:, d), q) &
+             + seen_of_poles(self%shown_left(:, d), z)
+      rates(d) = seen_of(size(q)/mode_block, self%shown(:, d), v) &
+                 + pole_rates(self%shown_left(:, d), self%sections%others%poles, z)
+    end do
+  end subroutine show_state
+
+  subroutine inside(self, theta, u, v)
+    class(structure_march_type), intent(in) :: self
+    real(wp), intent(in) :: theta
+    real(wp), intent(out) :: u(:), v(:)
+    real(wp), dimension(size(self%shown, 1)) :: q, w
+    real(wp) :: begin, ahead
+    complex(wp) :: z(size(self%state%z))
+    integer :: k
+
+    begin = self%parts(1)%start
+    ahead = theta*self%h
+    k = 1
+    do while (k < self%n_parts)
+      if (self%parts(k + 1)%start - begin > ahead) exit
+      k = k + 1
+    end do
+    call state_inside(self%parts(k), self%sections, ahead - (self%parts(k)%start - begin), q, w, &
+                      z)
+    call show_state(self, q, w, z, u, v)
+  end subroutine inside
+
+  pure real(wp) function furthest(self)
+    class(structure_march_type), intent(in) :: self
+    furthest = self%state%furthest
+  end function furthest
+
+  pure real(wp) function resolution(self)
+    class(structure_march_type), intent(in) :: self
+    integer :: j
+    resolution = 0.0_wp
+    ! Forces that do not depend on deflections need no polynomials of them.
+    if (size(self%equations%y) == 0 .and. size(self%recalled) == 0) return
+    associate (state => self%state)
+      do j = 1, size(state%largest)
+        if (state%largest(j) > 0.0_wp) resolution = max(resolution, &
+                                                        state%roughness(j)/state%largest(j))
+      end do
+    end associate
+  end function resolution
+
+  pure integer function memory_size(self)
+    class(structure_march_type), intent(in) :: self
+    memory_size = 5 + 4*size(self%state%q) + 4*size(self%state%z) + 4*size(self%state%w) &
+                  + size(self%equations%y_start) &
+                  + size(self%equations%y) + 2*size(self%swing%high)
+    if (size(self%recalled) > 0) memory_size = memory_size + self%history%memory_size()
+  end function memory_size
+
+  function save_memory(self) result(memory)
+    class(structure_march_type), intent(in) :: self
+    real(wp) :: memory(self%memory_size())
+    integer :: n
+
+    n = 0
+    call push([merge(1.0_wp, 0.0_wp, self%rolling), self%swing%t, &
+               merge(1.0_wp, 0.0_wp, self%keeping%at_corner), &
+               real(self%keeping%n_doublings, wp), self%state%furthest])
+    associate (state => self%state)
+      call push([state%q, state%v, state%q_rest, state%v_rest, real(state%z), aimag(state%z), &
+                 real(state%z_rest), aimag(state%z_rest), state%w, state%w_rate, &
+                 state%roughness, state%largest])
+    end associate
+    call push([self%equations%y_start, self%equations%y])
+    if (size(self%recalled) > 0) call push(self%history%save_memory())
+    call push([self%swing%high, self%swing%low])
+
+  contains
+
+    subroutine push(part)
+      real(wp), intent(in) :: part(:)
+      memory(n + 1:n + size(part)) = part
+      n = n + size(part)
+    end subroutine push
+
+  end function save_memory
+
+  subroutine load_memory(self, memory, other_load)
+    class(structure_march_type), intent(inout) :: self
+    real(wp), intent(in) :: memory(:)
+    logical, intent(in) :: other_load
+    integer :: n
+
+    self%rolling = memory(1) > 0.5_wp
+    self%swing%t = memory(2)
+    self%clock%t = memory(2)
+    self%keeping%at_corner = memory(3) > 0.5_wp
+    self%keeping%n_doublings = nint(memory(4))
+    self%state%furthest = memory(5)
+    n = 5
+    call pull(self%state%q)
+    call pull(self%state%v)
+    call pull(self%state%q_rest)
+    call pull(self%state%v_rest)
+    call pull_complex(self%state%z)
+    call pull_complex(self%state%z_rest)
+    call pull(self%state%w)
+    call pull(self%state%w_rate)
+    call pull(self%state%roughness)
+    call pull(self%state%largest)
+    call pull(self%equations%y_start)
+    call pull(self%equations%y)
+    if (size(self%recalled) > 0) then
+      call self%history%load_memory(memory(n + 1:))
+      n = n + self%history%memory_size()
+    end if
+    if (other_load) return
+    call pull(self%swing%high)
+    call pull(self%swing%low)
+
+  contains
+
+    subroutine pull(part)
+      real(wp), intent(out) :: part(:)
+      part = memory(n + 1:n + size(part))
+      n = n + size(part)
+    end subroutine pull
+
+    subroutine pull_complex(part)
+      complex(wp), intent(out) :: part(:)
+      real(wp), dimension(size(part)) :: re, im
+      call pull(re)
+      call pull(im)
+      part = cmplx(re, im, wp)
+    end subroutine pull_complex
+
+  end subroutine load_memory
+
+end module viscovib_structure_march

@@ -1,0 +1,260 @@
+!> One step of a structure: the forces of its elements found, its modes moved on.
+module viscovib_structure_step
+  use viscovib_collocation, only: collocation_type
+  use viscovib_condensed_maps, only: condensed_map_type, new_condensed_map
+  use viscovib_hereditary_kernels, only: add_held, gather_channels, judge, product_of, runs_away
+  use viscovib_hereditary_start, only: panel_maker
+  use viscovib_kinds, only: wp
+  use viscovib_memory_channels, only: channels_type
+  use viscovib_modal_maps, only: modal_map_type, new_modal_map, sections_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_pole_maps, only: add_pole_points, move_poles, pole_rates, seen_of_poles
+  use viscovib_step_equations, only: new_step_equations, step_equations_type
+  use viscovib_structure_kernels, only: free_points, mode_block, move_modes, seen_of
+  use viscovib_time_load, only: load_clock, new_swing, time_load_type
+  implicit none
+  private
+
+  public :: bends_of, make_step, maps_type, new_maps, part_type, start_state, state_type
+  public :: structure_panels
+
+  !> Part of the displacements that nonlinear forces move on a step in which a motion may escape.
+  real(wp), parameter :: bending = 1.0e-3_wp
+
+  !> Maps of steps of one length.
+  type :: maps_type
+    real(wp) :: h = 0.0_wp
+    type(modal_map_type) :: modal
+    type(condensed_map_type) :: condensed
+  end type maps_type
+
+  type :: state_type
+    !> Modes, their velocities, and what rounding took from both, shape (n).
+    real(wp), allocatable :: q(:), v(:), q_rest(:), v_rest(:)
+    !> Of what has no real modes.
+    complex(wp), allocatable :: z(:), z_rest(:)
+    !> Deflections of the elements and their rates, shape (n_seen).
+    real(wp), allocatable :: w(:), w_rate(:)
+    !> Largest last Legendre coefficient of the deflections on a step, and largest deflection.
+    real(wp), allocatable :: roughness(:), largest(:)
+    !> Largest of a mode.
+    real(wp) :: furthest = 0.0_wp
+  end type state_type
+
+  !> What tells the motion inside a step: its nodes, start, length, the state there, and forces at
+  !! the nodes, shape (s, n_pushed).
+  type :: part_type
+    integer :: s = 0
+    real(wp) :: start = 0.0_wp, length = 0.0_wp
+    real(wp), allocatable :: q(:), v(:), forces(:, :)
+    complex(wp), allocatable :: z(:)
+  end type part_type
+
+  !> Panels of a singular start.
+  type, extends(panel_maker) :: structure_panels
+    type(sections_type), pointer :: sections => null()
+    type(state_type) :: state
+    real(wp) :: bound = huge(1.0_wp), solved = 0.0_wp
+    !> The panels made.
+    integer :: n_made = 0
+    type(part_type), allocatable :: parts(:)
+  contains
+    procedure :: make => make_panel
+  end type structure_panels
+
+contains
+
+  !> Deflections and their rates of a state that begins.
+  pure subroutine start_state(state, sections)
+    type(state_type), intent(inout) :: state
+    type(sections_type), intent(in) :: sections
+    integer :: j
+    associate (n => size(state%q)/mode_block)
+      do j = 1, size(sections%seen, 2)
+        state%w(j) = seen_of(n, sections%seen(:, j), state%q) &
+                     + seen_of_poles(sections%others%left(:, j), state%z)
+        state%w_rate(j) = rate_of(state, sections, j)
+      end do
+    end associate
+  end subroutine start_state
+
+  !> Rate of a deflection.
+  pure real(wp) function rate_of(state, sections, j)
+    type(state_type), intent(in) :: state
+    type(sections_type), intent(in) :: sections
+    integer, intent(in) :: j
+    rate_of = seen_of(size(state%q)/mode_block, sections%seen(:, j), state%v) &
+              + pole_rates(sections%others%left(:, j), sections%others%poles, state%z)
+  end function rate_of
+
+  !> E as in `remaining_weights`. `singular`: the step is too large.
+  subroutine new_maps(maps, system, channels, sections, table, h, e, singular)
+    type(maps_type), intent(out) :: maps
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    type(sections_type), intent(in) :: sections
+    type(collocation_type), intent(in) :: table
+    real(wp), intent(in) :: h, e(:, 0:, 0:)
+    logical, intent(out) :: singular
+    integer :: r
+
+    r = size(sections%seen, 2)
+    maps%h = h
+    call new_modal_map(maps%modal, sections, table, h)
+    call new_condensed_map(maps%condensed, system, channels, table, &
+                           maps%modal%answer(:, :table%s*r), e, singular)
+  end subroutine new_maps
+
+  !> Nonlinear part of hereditary variables at the start of the next step.
+  subroutine bends_of(equations, system, maps, state)
+    type(step_equations_type), intent(inout) :: equations
+    class(oscillator_type), intent(in) :: system
+    type(maps_type), intent(in) :: maps
+    type(state_type), intent(in) :: state
+    call equations%start_bends(system, maps%condensed%step, state%w)
+  end subroutine bends_of
+
+  !> The step. `made` is false, and the state stays, if its equations do not settle, or if it may
+  !! have passed an escape to infinity, `doubtful`, and is not `trusted`.
+  subroutine make_step(state, system, sections, table, maps, equations, rolling, trusted, bound, &
+                       swing, columns, remembered, part, points, made, doubtful)
+    type(state_type), intent(inout) :: state
+    class(oscillator_type), intent(in) :: system
+    type(sections_type), intent(in) :: sections
+    type(collocation_type), intent(in) :: table
+    type(maps_type), intent(in) :: maps
+    type(step_equations_type), intent(inout) :: equations
+    !> The step follows one of its own kind; largest deflection that laws stand.
+    logical, intent(in) :: rolling, trusted
+    real(wp), intent(in) :: bound
+    !> What waves add, as rows of `swing` of the modal map; columns of tables at the nodes; what
+    !! the nodes remember.
+    real(wp), intent(in), contiguous :: swing(:), columns(:), remembered(:)
+    !> Its q, v and forces are set; deflections at the points, shape (0:s+1, n_seen).
+    type(part_type), intent(inout) :: part
+    real(wp), intent(out), contiguous :: points(0:, :)
+    logical, intent(out) :: made, doubtful
+    real(wp), dimension(size(maps%condensed%by_input, 1)) :: linear, forces
+    integer :: j, n, n_rows, n_swings, r, s
+
+    s = table%s
+    n = size(state%q)/mode_block
+    r = size(state%w)
+    n_rows = (s + 1)*r
+    n_swings = 0
+    if (size(sections%frequencies) > 0) n_swings = 2
+    doubtful = .false.
+    associate (map => maps%condensed%step, z => equations%z, modal => maps%modal)
+      associate (a => z(map%at_load + 1:map%at_load + n_rows))
+        a = swing(:n_rows)
+        if (size(columns) > 0) a = a + matmul(modal%answer(:, s*r + 1:), columns)
+        call free_points(n, s + 1, r, modal%by_q, modal%by_v, sections%seen, state%q, state%v, a)
+        call add_pole_points(modal%poles, sections%others, state%z, a)
+      end associate
+      z(:r) = state%w
+      z(map%at_memory + 1:map%at_bend) = remembered
+      call add_held(s*map%n_channels, map%held, z(map%at_memory + 1:map%at_bend))
+      call equations%predict(map, rolling)
+      z(map%at_bend + 1:) = equations%y_start
+      call equations%iterate(system, map, state%w, made)
+      if (.not. made) return
+      do j = 1, r
+        points(0, j) = state%w(j)
+        points(1:, j) = state%w(j) + equations%x((j - 1)*(s + 1) + 1:j*(s + 1))
+        made = made .and. abs(points(s + 1, j)) <= bound
+      end do
+      if (made .and. size(equations%y) > 0 .and. .not. trusted) then
+        doubtful = runs_away(s, maps%h, state%w, state%w_rate, state%largest, equations%x, &
+                             table%last_coefficient)
+        ! What is linear escapes nowhere, be it ever so steep.
+        if (doubtful) doubtful = equations%nonlinear_share(state%w) > bending
+      end if
+      made = made .and. .not. doubtful
+      if (.not. made) return
+      forces = 0.0_wp
+      call product_of(size(forces), size(z), maps%condensed%by_input, z, forces, linear)
+      call product_of(size(forces), size(equations%y), maps%condensed%by_bend, equations%y, &
+                      linear, forces)
+      part%s = s
+      part%length = maps%h
+      part%q = state%q
+      part%v = state%v
+      part%z = state%z
+      part%forces(:, :r) = -reshape(forces(:s*r), [s, r])
+      part%forces(:, r + 1:) = reshape(columns, [s, size(columns)/s])
+      call move_modes(n, s, size(sections%pushed, 2), modal%by_q(:, s + 1), modal%by_v(:, s + 1), &
+                      modal%rate_by_q, modal%rate_by_v, modal%gain, modal%rate_gain, &
+                      sections%pushed, part%forces, n_swings, swing(n_rows + 1:), &
+                      state%q, state%v, state%q_rest, state%v_rest, state%furthest, made)
+      if (made) call move_poles(modal%poles, sections%others, part%forces, &
+                                swing(n_rows + n_swings*n*mode_block + 1:), state%z, &
+                                state%z_rest, made)
+    end associate
+    if (.not. made) then
+      state%q = part%q
+      state%v = part%v
+      state%z = part%z
+      return
+    end if
+    do j = 1, r
+      call judge(s + 2, points(:, j), table%last_coefficient, state%roughness(j), state%largest(j))
+      state%w(j) = points(s + 1, j)
+      if (size(equations%y) > 0) state%w_rate(j) = rate_of(state, sections, j)
+    end do
+  end subroutine make_step
+
+  !> A panel, its maps made for it alone.
+  subroutine make_panel(self, system, channels, load, table, local, now, length, remembered, &
+                        points, g, made)
+    class(structure_panels), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    type(time_load_type), intent(in) :: load
+    type(collocation_type), intent(in) :: table
+    real(wp), intent(in) :: local(table%s, 0:table%s + 1, size(system%kernels))
+    real(wp), intent(in) :: now, length, remembered(:, :)
+    real(wp), intent(out) :: points(0:table%s + 1, size(system%gather, 2)), g(0:, :)
+    logical, intent(out) :: made
+    type(maps_type) :: maps
+    type(step_equations_type) :: equations
+    type(load_clock) :: clock
+    type(time_load_type) :: no_table
+    real(wp) :: e(table%s, 0:table%s + 1, 0:size(system%kernels))
+    real(wp), allocatable :: swing(:), columns(:), values(:)
+    integer :: i, s
+    logical :: singular, doubtful
+
+    s = table%s
+    e = 0.0_wp
+    do i = 1, s
+      e(i, i, :) = 1.0_wp
+    end do
+    e(:, :, 1:) = e(:, :, 1:) - local
+    call new_maps(maps, system, channels, self%sections, table, length, e, singular)
+    made = .not. singular
+    if (singular) return
+    call new_step_equations(equations, maps%condensed%step, table, self%solved)
+    call bends_of(equations, system, maps, self%state)
+    call new_swing(clock, self%sections%frequencies, maps%modal%swing, now, length)
+    allocate (swing(size(maps%modal%swing, 1)), no_table%breaks(0))
+    call clock%at_nodes(no_table, swing)
+    allocate (columns(s*size(load%pieces, 1)), values(size(load%pieces, 1)))
+    do i = 1, s
+      call load%at(now + table%points(i)*length, values)
+      columns(i::s) = values
+    end do
+    self%n_made = self%n_made + 1
+    associate (part => self%parts(self%n_made))
+      part%start = now
+      allocate (part%forces(s, size(self%sections%pushed, 2)))
+      call make_step(self%state, system, self%sections, table, maps, equations, .false., .true., &
+                     self%bound, swing, columns, reshape(remembered, [size(remembered)]), &
+                     part, points, made, doubtful)
+    end associate
+    if (.not. made) return
+    call gather_channels(s + 2, size(points, 2), size(equations%y_start), size(g, 2), points, &
+                         equations%y_start, equations%y, matmul(channels%gather, system%gather), &
+                         channels%gather(:, maps%condensed%step%bent), channels%held, g)
+  end subroutine make_panel
+
+end module viscovib_structure_step

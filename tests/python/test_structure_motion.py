@@ -1,0 +1,263 @@
+"""Motions of structures in time, against the same systems whole and against SciPy."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+PRONY = vv.PronyKernel(weights=[0.1, 0.3], rates=[0.5, 3.0])
+SINGULAR = vv.RzhanitsynKernel(amplitude=0.1, alpha=0.3, beta=0.2)
+
+
+def chain(n: int) -> np.ndarray:
+    return 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+
+
+def pair(n, kernel, damping, base=None):
+    """A chain with two elements, as a structure and as a polynomial system."""
+    stiffness = chain(n)
+    ends = np.zeros((n, n))
+    ends[-1, -1] = 0.7
+    common = {
+        "mass": np.ones(n),
+        "stiffness": stiffness,
+        "damping": damping,
+        "base_direction": base,
+    }
+    structure = vv.Structure(
+        **common,
+        elements=[
+            vv.Spring(on=f"x{n}", stiffness=0.7, law="0.5*d^3", kernel=kernel),
+            vv.Spring(on=("x1", "x3"), law="0.2*d^2 + 0.3*d^3"),
+        ],
+    )
+    d = "(x1 - x3)"
+    law = f"0.2*{d}^2 + 0.3*{d}^3"
+    whole = vv.PolynomialSystem(
+        **common,
+        forces={"x1": law, "x3": f"-({law})"},
+        springs=[vv.Springs(stiffness=ends, forces={f"x{n}": f"0.5*x{n}^3"}, kernel=kernel)],
+    )
+    return structure, whole
+
+
+def cases(n):
+    rng = np.random.default_rng(n)
+    load = np.zeros(n)
+    load[0], load[3] = 0.5, 0.2
+    start = 0.3 * rng.normal(size=2 * n)
+    table = vv.LoadTable(times=[0, 1.03, 2.5, 4.7], values=rng.normal(size=(4, n)))
+    past = vv.Past(times=[-3, -1, 0], displacements=0.2 * rng.normal(size=(3, n)))
+    return {
+        "two orders from rest": {"load": {1: load, 3: 0.3 * load}, "nu": 0.7},
+        "a jump of the load": {"load": {0: 0.2j * load, 1: 1j * load}, "nu": 0.7, "initial": start},
+        "free": {"initial": start},
+        "table": {"force": table},
+        "held": {"held": past},
+        "base": {"base": {1: 0.3, 2: 0.1j}, "nu": 0.9},
+        "base by a table": {
+            "base": vv.LoadTable(times=[0, 1.03, 2.5, 4.7], values=[0.1, 1, 1, 0.3]),
+            "initial": start,
+        },
+    }
+
+
+@pytest.mark.parametrize("kernel", [None, PRONY, SINGULAR], ids=["none", "prony", "singular"])
+@pytest.mark.parametrize("damping", ["modal", "not modal"])
+@pytest.mark.parametrize("case", list(cases(8)))
+def test_as_the_whole_system(kernel, damping, case):
+    n = 8
+    matrix = 0.03 * np.eye(n) if damping == "modal" else 0.02 * chain(n)
+    structure, whole = pair(n, kernel, matrix, np.ones(n))
+    if case == "held" and kernel is None:
+        pytest.skip("nothing remembers")
+    options = cases(n)[case]
+    got = vv.simulate(structure, 6.0, dt=0.25, **options)
+    wanted = vv.simulate(whole, 6.0, dt=0.0625, save_every=4, **options)
+    assert got.outcome == "completed"
+    assert got.dof_names == wanted.dof_names
+    # Tables drive these chains further, where steps of 1/4 leave 2e-11 (of 1/8 4e-14).
+    allowed = 1e-10 if "table" in case else 2e-12
+    assert np.abs(got.state - wanted.state).max() < allowed
+    at = np.array([0.0, 0.1, 1.03, 2.2345, 5.9])
+    inside = vv.simulate(structure, 6.0, dt=0.25, times=at, **options)
+    between = vv.simulate(whole, 6.0, dt=0.0625, times=at, **options)
+    assert np.abs(inside.state - between.state).max() < allowed
+
+
+def test_thirty_two_coordinates_with_memory():
+    structure, whole = pair(32, SINGULAR, None)
+    options = cases(32)["two orders from rest"]
+    got = vv.simulate(structure, 30.0, dt=0.5, **options)
+    wanted = vv.simulate(whole, 30.0, dt=0.125, save_every=4, **options)
+    assert np.abs(got.state - wanted.state).max() < 1e-11
+
+
+@pytest.mark.parametrize(("method", "order"), [("gauss2", 4), ("gauss3", 6), ("gauss4", 8)])
+def test_order(method, order):
+    structure, _ = pair(8, None, None)
+    start = 0.5 * np.random.default_rng(1).normal(size=16)
+    exact = vv.simulate(structure, 4.0, dt=0.02, initial=start, keep="last").state
+    errors = [
+        np.abs(
+            vv.simulate(
+                structure, 4.0, dt=h, initial=start, keep="last", method=method
+            ).state - exact
+        ).max()
+        for h in (0.5, 0.25)
+    ]  # fmt: skip
+    assert np.log2(errors[0] / errors[1]) > order - 0.6
+
+
+def test_energy_of_a_long_run():
+    """An undamped chain with cubic springs keeps its energy, however long and stiff it is."""
+    n = 40
+    rng = np.random.default_rng(2)
+    stiffness = np.diag(10.0 ** rng.uniform(-1, 6, n)) + chain(n)
+    structure = vv.Structure(
+        mass=np.ones(n), stiffness=stiffness, elements=[vv.Spring(on="x1", law="0.3*d^3")]
+    )
+    start = np.zeros(2 * n)
+    start[0], start[1] = 1.0, 0.5
+    run = vv.simulate(structure, 2000.0, dt=0.1, initial=start, save_every=100)
+    u, v = run.state[:, ::2], run.state[:, 1::2]
+    energy = 0.5 * (v**2).sum(axis=1) + 0.5 * np.einsum("ta,ab,tb->t", u, stiffness, u)
+    energy += 0.3 / 4 * u[:, 0] ** 4
+    assert np.abs(energy / energy[0] - 1).max() < 1e-11
+
+
+def test_linear_structure_is_exact_at_any_step():
+    rng = np.random.default_rng(3)
+    n = 5
+    stiffness = np.diag(10.0 ** np.arange(n)) + 0.1 * chain(n)
+    structure = vv.Structure(mass=np.ones(n), stiffness=stiffness, damping=0.1 * np.eye(n))
+    start = rng.normal(size=2 * n)
+    matrix = np.zeros((2 * n, 2 * n))
+    matrix[:n, n:], matrix[n:, :n], matrix[n:, n:] = np.eye(n), -stiffness, -0.1 * np.eye(n)
+    wanted = expm(7.0 * matrix) @ np.concatenate([start[::2], start[1::2]])
+    got = vv.simulate(structure, 7.0, dt=3.5, initial=start, keep="last").state[0]
+    assert np.abs(got[::2] - wanted[:n]).max() < 1e-12
+    assert np.abs(got[1::2] - wanted[n:]).max() < 1e-10
+
+
+@pytest.mark.parametrize("kernel", [None, PRONY, SINGULAR], ids=["none", "prony", "singular"])
+@pytest.mark.parametrize("damping", [0.03 * np.eye(8), 0.02 * chain(8)], ids=["modal", "not"])
+def test_goes_on_bit_for_bit(kernel, damping):
+    structure, whole = pair(8, kernel, damping)
+    options = cases(8)["a jump of the load"]
+    once = vv.simulate(structure, 10.0, dt=0.25, tolerance=1e-12, **options)
+    half = vv.simulate(structure, 5.0, dt=0.25, tolerance=1e-12, **options)
+    twice = vv.simulate(structure, 10.0, resume=half)
+    if kernel is not SINGULAR:  # exponentials are fitted to the length of a run
+        assert np.array_equal(once.state[-1], twice.state[-1])
+    assert np.abs(once.state[-1] - twice.state[-1]).max() < 1e-11
+    other = vv.simulate(structure, 10.0, resume=half, load=np.eye(8)[2], nu=1.3)
+    before = vv.simulate(whole, 5.0, dt=0.0625, **options)
+    wanted = vv.simulate(whole, 10.0, resume=before, load=np.eye(8)[2], nu=1.3)
+    assert np.abs(other.state[-1] - wanted.state[-1]).max() < 1e-10
+
+
+def test_two_hundred_coordinates_with_three_hereditary_elements():
+    """Against direct integration with the memory of each element as states of its own."""
+    n = 200
+    rng = np.random.default_rng(4)
+    root = rng.normal(size=(n, n)) / np.sqrt(n)
+    stiffness = root @ root.T + 0.05 * np.eye(n)
+    damping = 0.05 * np.eye(n)
+    kernel = vv.PronyKernel(weights=[0.2, 0.4], rates=[0.6, 2.5])
+    weights, rates = np.array([0.2, 0.4]), np.array([0.6, 2.5])
+    directions = np.zeros((n, 3))
+    directions[[0, 50], 0] = 1, -1
+    directions[120, 1] = 1
+    directions[[3, 77, 199], 2] = 0.5, 1, -1
+    structure = vv.Structure(
+        mass=np.ones(n), stiffness=stiffness, damping=damping,
+        elements=[
+            vv.Spring(on=e, stiffness=0.4, law="0.8*d^3", kernel=kernel) for e in directions.T
+        ],
+    )  # fmt: skip
+    load = np.zeros(n)
+    load[10] = 1.0
+    start = np.zeros(2 * n)
+    start[0], start[240] = 1.0, -1.2
+
+    def rhs(t, y):
+        u, v, past = y[:n], y[n : 2 * n], y[2 * n :].reshape(3, 2)
+        d = directions.T @ u
+        full = 0.4 * d + 0.8 * d**3
+        force = full - past @ weights
+        acceleration = -stiffness @ u - damping @ v - directions @ force
+        acceleration = acceleration + load * np.sin(1.1 * t)
+        return np.concatenate([v, acceleration, (full[:, None] - past * rates).ravel()])
+
+    begin = np.concatenate([start[::2], start[1::2], np.zeros(6)])
+    wanted = solve_ivp(rhs, (0, 5), begin, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    names = [f"x{i + 1}" for i in range(n)]
+    got = vv.simulate(
+        structure, 5.0, load=load, nu=1.1, initial=start, keep="last", coordinates=names
+    )
+    assert got.error is not None
+    assert np.abs(got.state[0, ::2] - wanted[:n]).max() < 1e-9
+    assert np.abs(got.state[0, 1::2] - wanted[n : 2 * n]).max() < 1e-9
+    assert np.abs(got.deflections[0] - directions.T @ wanted[:n]).max() < 1e-9
+
+
+def test_only_wanted_coordinates_are_kept():
+    structure, _ = pair(8, None, None)
+    run = vv.simulate(structure, 40.0, load=np.eye(8)[0], nu=0.5, coordinates=["x4", "x8"], dt=0.25)
+    assert run.dof_names == ("x4", "x8")
+    assert run.state.shape == (161, 4)
+    assert run.deflections.shape == (161, 2)
+    assert np.allclose(run.deflections[:, 0], run.coordinate("x8"), atol=1e-14)
+    assert vv.spectrum(run, coordinates="x4").omega.size
+    assert "x8_dot" in run.to_dataset()
+    assert "modes exactly" in str(run.plan)
+
+
+def test_escape_of_a_soft_spring_is_told():
+    structure = vv.Structure(
+        mass=np.ones(3), stiffness=chain(3), elements=[vv.Spring(on="x2", law="-d^3")]
+    )
+    run = vv.simulate(structure, 50.0, dt=0.1, initial=[0, 0, 3.0, 0, 0, 0])
+    assert run.outcome == "diverged"
+
+    def rhs(t, y):
+        return np.concatenate([y[3:], -chain(3) @ y[:3] + np.array([0, y[1] ** 3, 0])])
+
+    far = solve_ivp(
+        rhs, (0, 2), [0, 3.0, 0, 0, 0, 0], rtol=1e-12, atol=1e-12, method="DOP853",
+        events=_terminal(lambda t, y: abs(y[1]) - 1e6),
+    ).t[-1]  # fmt: skip
+    assert abs(run.t_reached - far) < 1e-5
+
+
+def _terminal(event):
+    event.terminal = True
+    return event
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"coordinates": ["y"]}, "coordinates: 'y' must be one of the 8"),
+        ({"initial": [1.0]}, r"initial: must have shape \(16,\)"),
+        ({"base": 0.1, "nu": 1.0}, "base: this system has no base_direction"),
+        ({"nu": 1.0}, "nu: must not be given without load or base"),
+        ({"load": np.ones(8)}, "nu = None: must be greater than 0"),
+        ({"method": "rk4"}, "method = 'rk4'"),
+        ({"dt": 2.0, "t_end": 1.0}, "dt = 2"),
+        ({"force": 3.0}, "force = 3.0: must be a LoadTable"),
+    ],
+)
+def test_bad_input(options, words):
+    structure, _ = pair(8, None, None)
+    end = options.pop("t_end", 10.0)
+    with pytest.raises(vv.InputError, match=words):
+        vv.simulate(structure, end, **options)
+
+
+def test_a_loss_factor_has_no_meaning_in_time():
+    structure = vv.Structure(mass=np.ones(3), stiffness=chain(3), loss_factor=0.1)
+    with pytest.raises(vv.InputError, match="loss_factor: has no meaning in time"):
+        vv.simulate(structure, 1.0)
