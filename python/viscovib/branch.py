@@ -88,13 +88,15 @@ def trace_mount(
     curve = CurveOptions.checked(tolerance, max_points, max_step)
     job, _, options, planned = _prepare(
         system, [fixed], load, base, "newton", harmonics, curve.tolerance, 100, 1.0, keep_idle=True,
-        flat=first, may_choose=True,
+        flat=first, may_choose=True, whole=judged_too or numbers is not None,
     )  # fmt: skip
     chosen = _native.is_auto(harmonics)
     if planned.method != "newton":
         raise InputError(
             "system: nothing is nonlinear, its response is a single curve: see forced_response"
         )
+    if judged_too and planned.loaded is not None:
+        raise InputError("stability: that of a structure is not computed yet")
     flat, direction = (job[0], np.zeros(job[0].size)) if numbers is None else numbers[1:]
     view = None
     if planned.loaded is not None:

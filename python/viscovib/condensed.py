@@ -244,6 +244,20 @@ class LoadedStructure:
         self.base_push = _push(condensation, inertia.astype(complex))
         self.forces, self._inertia = forces, inertia
 
+    @classmethod
+    def of(
+        cls,
+        condensation: Condensation,
+        orders: Any,
+        series: ComplexArray,
+        inertia: FloatArray,
+        direction: FloatArray | None,
+    ) -> "LoadedStructure":
+        """From forces and the motion of the base, shape (n + 1, m); harmonics of 0 are dropped."""
+        kept = np.flatnonzero(series.any(axis=0))
+        forces = series[:-1, kept]
+        return cls(condensation, orders[kept], forces, series[-1, kept], inertia, direction)
+
     @property
     def told(self) -> str:
         """What was condensed, for a plan."""

@@ -40,14 +40,25 @@ def _check_base(system: Steady, base: "LoadLike | LoadTable | None") -> None:
 
 
 def oscillator_job(
-    system: Steady, load: LoadLike | None, base: LoadLike | None, flat: Any = None
+    system: Steady,
+    load: LoadLike | None,
+    base: LoadLike | None,
+    flat: Any = None,
+    *,
+    whole: bool = False,
 ) -> tuple[tuple[Any, ...], LoadedStructure | None]:
     """Return system and load as the core takes them, and the structure if it is condensed.
 
-    ``flat``: instead of the system's own numbers.
+    ``flat``: instead of the system's own numbers; ``whole``: do not condense a polynomial system.
     """
+    condensed: Structure | PolynomialSystem | None = None
     if isinstance(system, Structure):
-        loaded = system._loaded(load, base)
+        condensed = system
+    elif isinstance(system, PolynomialSystem) and not whole and flat is None:
+        condensed = system if system._condensation is not None else None
+    if condensed is not None:
+        loaded = condensed._loaded(load, base)
         return loaded.job, loaded
+    assert not isinstance(system, Structure)
     own = system._flat if flat is None else flat
     return (own, *system._kernels, *load_series(load, base, len(system.dof_names))), None

@@ -13,15 +13,18 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.characteristic import CharacteristicRoots, characteristic_roots
+from viscovib.condensed import Condensation, LoadedStructure
 from viscovib.errors import InputError
 from viscovib.expression import MAX_DEGREE, Polynomial, expand, spell
 from viscovib.kernels import Kernel
+from viscovib.load import LoadLike, load_series
 from viscovib.mount import check_dynamic_frequencies, warn_of_creep
 
 #: What ``forces`` may be: text (one coordinate), {coordinate: text}, or monomials.
 ForcesLike = "str | Mapping[str, str] | Sequence[Monomial]"
 
-_MAX_COORDINATES = 64
+#: In dense matrices; and where forces or memory act in more than half of them.
+_MAX_COORDINATES, _MAX_WHOLE = 2000, 64
 #: Kernel kind in x by which the core knows that the vector holds all kernels.
 _KERNELS_IN_VECTOR = -2
 
@@ -76,7 +79,8 @@ class PolynomialSystem:
     ----------
     mass : array_like
         M, symmetric and positive definite: a number (one coordinate), n numbers (a diagonal
-        matrix) or shape (n, n); n up to 64.
+        matrix) or shape (n, n); n up to 64, or to 2000 where forces and kernels act in half of
+        the coordinates or fewer, and in at most 64.
     stiffness : array_like, optional
         K: a number, n numbers or shape (n, n); None: zero. It need not be positive, nor
         symmetric (follower forces).
@@ -156,8 +160,54 @@ class PolynomialSystem:
                 raise InputError(f"base_direction: must have shape ({n},), got {direction.shape}")
             direction.setflags(write=False)
             self._set("base_direction", direction)
-        _native.call(core.polynomial_check, self._flat)
+        if n <= _MAX_WHOLE:
+            _native.call(core.polynomial_check, self._flat)
+        else:
+            self._check_large()
         warn_of_creep([kernel.integral for kernel in self._active_kernels], stacklevel=4)
+
+    def _check_large(self) -> None:
+        """Of more coordinates than the core takes: those with forces or memory must be few."""
+        n = len(self.dof_names)
+        symmetric = np.abs(self._mass_matrix - self._mass_matrix.T).max()
+        try:
+            np.linalg.cholesky(self._mass_matrix)
+        except np.linalg.LinAlgError:
+            symmetric = np.inf
+        if symmetric > 1e-12 * np.abs(self._mass_matrix).max():
+            raise InputError("mass: must be symmetric and positive definite")
+        condensed = self._condensation
+        if condensed is None or condensed.q > _MAX_WHOLE:
+            raise InputError(
+                f"mass: {n} coordinates, must be 1 to {_MAX_WHOLE} unless forces or memory act in "
+                f"half of them or fewer, and in at most {_MAX_WHOLE}"
+            )
+        laws = np.concatenate(
+            [np.ravel(part) for part in condensed.law_vector(np.zeros(condensed.q))]
+        )
+        _native.call(core.polynomial_check, laws)
+
+    @cached_property
+    def _condensation(self) -> Condensation | None:
+        """The system in the coordinates that have forces or memory; None: these are too many."""
+        from viscovib.polynomial_laws import condensation_of
+
+        return condensation_of(self._mass_matrix, self._damping, self.groups)
+
+    def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
+        """The condensed system under a load."""
+        assert self._condensation is not None
+        n = len(self.dof_names)
+        orders, series = load_series(load, base, n)
+        direction = self._base_direction
+        inertia = np.zeros(n) if direction is None else self._mass_matrix @ direction
+        return LoadedStructure.of(self._condensation, orders, series, inertia, direction)
+
+    def _wanted(self, coordinates: Sequence[str] | None, _: LoadedStructure) -> Any:
+        """Places of the coordinates that results hold: all."""
+        if coordinates is not None:
+            raise InputError("coordinates: only those of a structure are chosen")
+        return np.arange(len(self.dof_names))
 
     @property
     def rate_units(self) -> tuple[str, ...]:

@@ -198,11 +198,12 @@ def _prepare(
     keep_idle: bool = False,
     may_choose: bool = False,
     flat: FloatArray | None = None,
+    whole: bool = False,
 ) -> tuple[tuple[Any, ...], FloatArray, tuple[Any, ...], _Plan]:
     """Check everything and bring it into the form of the core.
 
     ``keep_idle``: take along coordinates that nothing moves; ``flat``: instead of the system's
-    own numbers.
+    own numbers; ``whole``: do not condense a polynomial system.
     """
     check_steady(system, base)
     if nu is None:
@@ -227,7 +228,7 @@ def _prepare(
     chosen = may_choose and isinstance(harmonics, str)
     if chosen and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
-    job, loaded = oscillator_job(system, load, base, flat)
+    job, loaded = oscillator_job(system, load, base, flat, whole=whole or stability)
     if loaded is not None and stability:
         raise InputError("stability: that of a structure is not computed yet")
     options = (

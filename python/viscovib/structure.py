@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray
+from viscovib._native import FloatArray
 from viscovib.condensed import Condensation, LoadedStructure, element_laws
 from viscovib.elements import ElementTerms, direction_of, element_terms
 from viscovib.errors import InputError
@@ -365,18 +365,12 @@ class Structure:
     def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
         n = self.n_coordinates
         orders, series = load_series(load, base, n, self._places)  # type: ignore[attr-defined]
-        # Harmonics that are 0 are none.
-        kept = np.flatnonzero(series.any(axis=0))
-        forces: ComplexArray = series[:-1, kept]
         inertia = np.zeros(n)
         if self._base_direction is not None:
             inertia = self._inertia
         if self._reduced is not None:
-            self._reduced.check_loads(np.column_stack([forces, inertia]).astype(complex))
-        return LoadedStructure(
-            self._condensation, orders[kept], forces, series[-1, kept], inertia,
-            self._base_direction,
-        )  # fmt: skip
+            self._reduced.check_loads(np.column_stack([series[:-1], inertia]))
+        return LoadedStructure.of(self._condensation, orders, series, inertia, self._base_direction)
 
     @cached_property
     def _free(self) -> LoadedStructure:

@@ -196,7 +196,9 @@ def test_the_plan_says_so():
     assert "harmonics up to 199 as the tolerance needs them at each" in str(text)
     assert "skips: even harmonics" in str(text)
     chain = 2 * np.eye(50) - np.eye(50, k=1) - np.eye(50, k=-1)
-    many = vv.PolynomialSystem(mass=np.ones(50), stiffness=chain, forces={"x1": "x1^3"})
+    many = vv.PolynomialSystem(
+        mass=np.ones(50), stiffness=chain, forces={f"x{i + 1}": f"x{i + 1}^3" for i in range(50)}
+    )
     text = vv.plan_response(many, 1.0, load=1, method="newton", harmonics="auto")
     assert "harmonics up to 39 as" in str(text)
 

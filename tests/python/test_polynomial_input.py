@@ -36,7 +36,15 @@ TWO = {"mass": [1, 1], "stiffness": [1, 1]}
         ({"mass": 0}, "mass: must be symmetric and positive definite"),
         ({"mass": [[1, 2], [2, 1]]}, "mass: must be symmetric and positive definite"),
         ({"mass": np.ones((2, 3))}, "mass: must have shape"),
-        ({"mass": np.ones(65)}, "mass: 65 coordinates, must be 1 to 64"),
+        ({"mass": np.ones(2001)}, "mass: 2001 coordinates, must be 1 to 2000"),
+        (
+            {
+                "mass": np.ones(65),
+                "stiffness": np.ones(65),
+                "kernel": vv.AbelKernel(amplitude=0.1, alpha=0.5),
+            },
+            "mass: 65 coordinates, must be 1 to 64 unless forces",
+        ),
         ({"mass": []}, "mass: 0 coordinates"),
         ({"mass": np.nan}, "mass = nan: must be a finite number"),
         (DUFFING | {"stiffness": [1, 2]}, "stiffness: must have shape (1,) or (1, 1), got (2,)"),

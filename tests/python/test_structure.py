@@ -8,7 +8,10 @@ import viscovib as vv
 from viscovib._native import ComplexArray, FloatArray
 
 #: Both sides keep the same few orders, whatever they leave out.
-pytestmark = pytest.mark.filterwarnings("ignore:.*do not reach the tolerance")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*do not reach the tolerance"),
+    pytest.mark.filterwarnings("ignore:.*have no solution"),
+]
 
 ABEL = vv.RzhanitsynKernel(amplitude=0.08, alpha=0.3, beta=0.4)
 RUBBER = vv.RabotnovKernel(amplitude=0.3, alpha=0.5, beta=0.9)
@@ -272,6 +275,40 @@ def test_backbone_is_that_of_the_whole_chain(dof: str | None) -> None:
         assert abs(a.nu[-1] / b.nu[-1] - 1) < 1e-10
         assert np.abs(one - other).max() < 1e-9 * np.abs(one).max()
         assert abs(b.nu[0] / whole.natural_frequencies()[mode] - 1) < 1e-4
+
+
+def test_polynomial_systems_are_condensed_underneath() -> None:
+    """Also where the whole one has more coordinates than the core takes."""
+    n = 12
+    k = chain(n)
+    bottom = np.zeros((n, n))
+    bottom[0, 0] = 0.5
+    given = {
+        "mass": np.ones(n), "stiffness": k, "damping": 0.03 * k, "base_direction": np.ones(n),
+        "forces": {"x12": "0.3*x12^2 + 0.5*x12^3", "x4": "0.2*x4*x12^2"},
+        "springs": [vv.Springs(stiffness=bottom, forces={"x1": "0.4*x1^3"}, kernel=ABEL)],
+    }  # fmt: skip
+    few = vv.PolynomialSystem(**given)
+    # A force that is too small to matter, on too many coordinates to condense.
+    given["forces"] = given["forces"] | {f"x{i}": f"1e-40*x{i}^3" for i in range(5, 11)}
+    whole = vv.PolynomialSystem(**given)
+    nu = np.linspace(0.15, 0.5, 15)
+    loads = {"load": {1: np.full(n, 0.01), 3: np.full(n, 0.002)}, "base": {2: 0.01j}}
+    for method in ("successive", "newton"):
+        a, b = (
+            vv.forced_response(s, nu, **loads, method=method, harmonics=8, max_iterations=9)
+            for s in (whole, few)
+        )
+        assert ("condensed" in str(b.plan), "condensed" in str(a.plan)) == (True, False)
+        both_found = a.converged & b.converged
+        assert both_found.sum() > 5
+        one, other = a.coefficients[both_found], b.coefficients[both_found]
+        assert (
+            np.abs(one - other).max() < (1e-12 if method == "newton" else 1e-9) * np.abs(one).max()
+        )
+    many = vv.PolynomialSystem(mass=np.ones(80), stiffness=chain(80), forces={"x3": "x3^3"})
+    r = vv.forced_response(many, 0.05, load=0.001, method="newton")
+    assert r.coefficients.shape[1] == 80
 
 
 @pytest.mark.parametrize(
