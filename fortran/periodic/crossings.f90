@@ -6,7 +6,6 @@ module viscovib_crossings
     crossing_pair, crossing_symmetry, crossing_type, find_changes
   use viscovib_curve, only: curve_type
   use viscovib_curve_events, only: special_points
-  use viscovib_hill_roots, only: follow_exponent
   use viscovib_kinds, only: wp
   use viscovib_motion_stability, only: circle, judge_type, new_judge, stability_type
   use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency
@@ -59,8 +58,8 @@ contains
     spectrum%nu = nu
     spectrum%n = judge%n_slots
     spectrum%half_wave = curve%balance%set%half_wave
-    spectrum%complete = .not. judge%remembers
-    if (.not. judge%remembers) then
+    spectrum%complete = judge%complete
+    if (judge%complete) then
       spectrum%threshold = log(1.0_wp + circle)*merge(0.5_wp, 1.0_wp, spectrum%half_wave)
     end if
     do i = 1, size(p)
@@ -126,9 +125,9 @@ contains
     class is (oscillator_curve_type)
       unit = self%unit(curve, p)
       if (curve%changes_system) call new_judge(self%judge, curve%system, curve%balance%set)
-      call self%judge%hill%along(curve%system, merge(p, self%nu, curve%vary == vary_frequency), &
-                                 reshape(x, [size(x)/curve%blocks, curve%blocks]))
-      call follow_exponent(self%judge%hill, curve%system, scaled(near, unit), eta, made)
+      call self%judge%follow(curve%system, merge(p, self%nu, curve%vary == vary_frequency), &
+                             reshape(x, [size(x)/curve%blocks, curve%blocks]), &
+                             scaled(near, unit), eta, made)
       eta = scaled(eta, 1.0_wp/unit)
     end select
   end subroutine follow

@@ -3,6 +3,7 @@
 module viscovib_motion_stability
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_negative_inf, ieee_quiet_nan, &
     ieee_value
+  use viscovib_condensed_stability, only: condensed_judge, new_condensed_judge
   use viscovib_constants, only: pi
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_floquet, only: floquet_type, new_floquet
@@ -11,12 +12,13 @@ module viscovib_motion_stability
   use viscovib_hill_count, only: count_right, on_axis
   use viscovib_hill_orders, only: fading_rate
   use viscovib_hill_path, only: hill_path_type, new_hill_path
-  use viscovib_hill_roots, only: complete, find_exponents, leftmost
+  use viscovib_hill_roots, only: complete, find_exponents, follow_exponent, leftmost
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_orbit_multipliers, only: told_apart
   use viscovib_oscillator, only: oscillator_type
   use viscovib_product_eigenvalues, only: product_eigenvalues, product_type
+  use viscovib_structure, only: structure_type
   implicit none
   private
 
@@ -49,12 +51,18 @@ module viscovib_motion_stability
 
   type :: judge_type
     logical :: remembers = .false.
+    !> Whether all exponents are always known, else some of those that decay may lack.
+    logical :: complete = .true.
     integer :: n_slots = 0
     logical, private :: half_wave = .false.
-    type(hill_type) :: hill
+    type(hill_type), private :: hill
     type(floquet_type), private :: floquet
+    !> Of a condensed structure.
+    type(condensed_judge), allocatable, private :: condensed
   contains
     procedure :: judge
+    procedure :: follow
+    procedure, private :: by_condensed
     procedure, private :: by_floquet
     procedure, private :: by_hill
   end type judge_type
@@ -65,6 +73,10 @@ contains
   pure integer function stability_slots(system)
     class(oscillator_type), intent(in) :: system
     stability_slots = 2*system%n_dof() + merge(more, 0, any(system%kernel_of > 0))
+    select type (system)
+    class is (structure_type)
+      stability_slots = 2*system%n_dof() + more
+    end select
   end function stability_slots
 
   !> For solutions with the harmonics of `set`.
@@ -76,6 +88,14 @@ contains
     judge%remembers = any(system%kernel_of > 0)
     judge%half_wave = set%half_wave
     judge%n_slots = stability_slots(system)
+    judge%complete = .not. judge%remembers
+    select type (system)
+    class is (structure_type)
+      judge%complete = .false.
+      allocate (judge%condensed)
+      call new_condensed_judge(judge%condensed, system, set)
+      return
+    end select
     if (judge%remembers) then
       call new_hill(judge%hill, system, set)
     else
@@ -98,16 +118,66 @@ contains
     complex(wp), intent(in), optional :: near(:)
 
     allocate (stability%stable(size(nu)), stability%n_growing(size(nu)), source=-1)
-    allocate (stability%slowest(size(nu)), source=.not. self%remembers)
+    allocate (stability%slowest(size(nu)), source=self%complete)
     allocate (stability%exponents(self%n_slots, size(nu)), &
               stability%multipliers(self%n_slots, size(nu)), source=not_a_number())
-    if (self%remembers) then
+    if (allocated(self%condensed)) then
+      call self%by_condensed(system, nu, x, stability, cancel)
+    else if (self%remembers) then
       call self%by_hill(system, nu, x, stability, cancel, near)
     else
       call self%by_floquet(system, nu, x, stability, cancel)
     end if
     where (stability%n_growing >= 0) stability%stable = merge(1, 0, stability%n_growing == 0)
   end subroutine judge
+
+  !> One exponent (1/s) near that of a neighbour.
+  subroutine follow(self, system, nu, x, near, exponent, made)
+    class(judge_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu, x(:, :)
+    complex(wp), intent(in) :: near
+    complex(wp), intent(out) :: exponent
+    logical, intent(out) :: made
+
+    if (allocated(self%condensed)) then
+      made = .false.
+      select type (system)
+      class is (structure_type)
+        call self%condensed%follow(system, nu, x, near, exponent, made)
+      end select
+    else
+      call self%hill%along(system, nu, x)
+      call follow_exponent(self%hill, system, near, exponent, made)
+    end if
+  end subroutine follow
+
+  !> By the argument principle on the determinant of the elements.
+  subroutine by_condensed(self, system, nu, x, stability, cancel)
+    class(judge_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu(:), x(:, :, :)
+    type(stability_type), intent(inout) :: stability
+    integer, intent(inout), volatile, optional :: cancel
+    integer :: i
+
+    select type (system)
+    class is (structure_type)
+      do i = 1, size(nu)
+        if (present(cancel)) then
+          if (cancel /= 0) return
+        end if
+        if (ieee_is_nan(x(1, 1, i))) cycle
+        associate (exponents => stability%exponents(:, i))
+          call self%condensed%judge(system, nu(i), x(:, :, i), exponents, stability%n_growing(i), &
+                                    stability%slowest(i))
+          where (.not. ieee_is_nan(real(exponents)))
+            stability%multipliers(:, i) = exp(2.0_wp*pi/nu(i)*exponents)
+          end where
+        end associate
+      end do
+    end select
+  end subroutine by_condensed
 
   !> Eigenvalues of monodromy matrices, of half a period under half-wave symmetry.
   subroutine by_floquet(self, system, nu, x, stability, cancel)

@@ -229,8 +229,6 @@ def _prepare(
     if chosen and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
     job, loaded = oscillator_job(system, load, base, flat, whole=whole or stability)
-    if loaded is not None and stability:
-        raise InputError("stability: that of a structure is not computed yet")
     options = (
         METHODS.index(_native.choice("method", method, METHODS)) + 1,
         0 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS),

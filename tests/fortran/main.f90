@@ -4,6 +4,7 @@ program tester
   use testing, only: report, select_test
   use test_balance, only: run_balance
   use test_base, only: run_base
+  use test_condensed, only: run_condensed
   use test_dense, only: run_dense
   use test_floquet, only: run_floquet
   use test_fourier, only: run_fourier
@@ -33,6 +34,7 @@ program tester
 
   if (wants('balance')) call run_balance()
   if (wants('base')) call run_base()
+  if (wants('condensed')) call run_condensed()
   if (wants('dense')) call run_dense()
   if (wants('floquet')) call run_floquet()
   if (wants('fourier')) call run_fourier()

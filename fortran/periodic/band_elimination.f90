@@ -1,0 +1,62 @@
+!> The determinant of a complex matrix with a band, real and imaginary parts apart.
+module viscovib_band_elimination
+  use viscovib_hill_blocks, only: add_column
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: band_determinant
+
+contains
+
+  !> By elimination, rows exchanged for the largest pivot; what is left is no longer the matrix.
+  pure subroutine band_determinant(n, rows, width, re, im, value)
+    !> Order, leading dimension, and diagonals on either side of the main one.
+    integer, intent(in) :: n, rows, width
+    real(wp), intent(inout) :: re(rows, n), im(rows, n)
+    complex(wp), intent(out) :: value
+    complex(wp) :: pivot, factor
+    real(wp) :: largest, swap
+    integer :: i, j, k, m, p, last
+
+    value = (1.0_wp, 0.0_wp)
+    do k = 1, n
+      m = min(n - k, width)
+      ! Rows exchanged reach further.
+      last = min(n, k + 2*width)
+      p = k
+      largest = abs(re(k, k)) + abs(im(k, k))
+      do i = k + 1, k + m
+        if (abs(re(i, k)) + abs(im(i, k)) > largest) then
+          largest = abs(re(i, k)) + abs(im(i, k))
+          p = i
+        end if
+      end do
+      pivot = cmplx(re(p, k), im(p, k), wp)
+      value = value*pivot
+      if (.not. largest > 0.0_wp) return
+      if (p /= k) then
+        value = -value
+        do j = k, last
+          swap = re(p, j)
+          re(p, j) = re(k, j)
+          re(k, j) = swap
+          swap = im(p, j)
+          im(p, j) = im(k, j)
+          im(k, j) = swap
+        end do
+      end if
+      pivot = 1.0_wp/pivot
+      do i = k + 1, k + m
+        swap = real(pivot)*re(i, k) - aimag(pivot)*im(i, k)
+        im(i, k) = real(pivot)*im(i, k) + aimag(pivot)*re(i, k)
+        re(i, k) = swap
+      end do
+      do j = k + 1, last
+        factor = -cmplx(re(k, j), im(k, j), wp)
+        call add_column(m, factor, re(k + 1, k), im(k + 1, k), re(k + 1, j), im(k + 1, j))
+      end do
+    end do
+  end subroutine band_determinant
+
+end module viscovib_band_elimination

@@ -1,0 +1,405 @@
+!> Hill's determinant of a condensed structure: as large as its elements, not as its linear rest.
+!!
+!! A small disturbance exp(lambda t) sum_k Y_k exp(i k nu t) of the deflections of the elements
+!! obeys, with s_k = lambda + i k nu, the compliance H(s) of the linear rest and the local
+!! stiffness of the elements along the motion,
+!!
+!!   Delta(lambda) = det(I + diag[H(s_k)] J) = 0,
+!!   J_kl = sum_j b_j [f_j(s_k) (w_j,(k-l) + W_j delta_kl) - W_j delta_kl],
+!!
+!! w_j the Fourier coefficients of the slopes of variable j, W_j its linear part where it
+!! remembers (the rest has that part without memory), f_j = 1 - epsilon_1 R_j (equation (2) of the
+!! theory of structures, docs/explanation). Delta has poles at the poles p of the rest modulo i d.
+!! Those are multiplied out that could hide a zero next to them,
+!!
+!!   F(lambda) = Delta(lambda) prod_p [1 - exp(2 pi (p - lambda)/d)],
+!!
+!! where |b| |J| |c|/|2 p + rate|, by how much elements move a pole, is no small part of its
+!! distance from the axis. d is nu; under half-wave symmetry slopes have half the period, orders
+!! are odd, and d is 2 nu.
+module viscovib_condensed_hill
+  use viscovib_band_elimination, only: band_determinant
+  use viscovib_compliance_band, only: compliance_band, new_band
+  use viscovib_condensed_poles, only: condensed_poles, gap, new_poles
+  use viscovib_constants, only: pi
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_hill_orders, only: fading_rate
+  use viscovib_hill_relaxing, only: relaxing_points
+  use viscovib_kinds, only: wp
+  use viscovib_structure, only: structure_type
+  implicit none
+  private
+
+  public :: condensed_hill, new_condensed_hill
+
+  !> Multipliers this close to the unit circle count as on it.
+  real(wp), parameter, public :: circle = 1.0e-9_wp
+  !> Slowest growth that is seen where a kernel has no integral, in d.
+  real(wp), parameter :: slow = 1.0e-12_wp
+  !> Unknowns of a determinant at most.
+  integer, parameter :: max_unknowns = 600
+  !> Orders are kept until H J is this small beyond them, and what reaches them, which is squared
+  !! before it acts on exponents, that small, unless this takes many unknowns.
+  real(wp), parameter :: negligible = 0.2_wp, accurate = 1.0e-5_wp
+  integer, parameter :: few_unknowns = 120
+  !> Parts of J so small beside the largest are left out.
+  real(wp), parameter :: silent = 1.0e-11_wp
+  !> Modes are nearly rigid bodies whose poles are nearer to 0, in d.
+  real(wp), parameter :: nearly_rigid = 1.0e-3_wp
+  !> Exponents of memory itself are no faster, in nu.
+  real(wp), parameter :: widest = 100.0_wp
+
+  type :: condensed_hill
+    !> Frequency, and d: exponents matter modulo i d (rad/s).
+    real(wp) :: nu = 0.0_wp, period = 0.0_wp
+    integer :: stride = 1
+    !> Whether `along` found a determinant of reasonable size.
+    logical :: ready = .false.
+    !> Poles of the rest.
+    type(condensed_poles) :: poles
+    logical :: remembers = .false.
+    logical, private :: creeps = .false.
+    !> The slowest rate at which memory fades, and where memory alone relaxes (1/s).
+    real(wp) :: fading = huge(1.0_wp)
+    real(wp), allocatable :: relaxing(:)
+    !> Exponents right of the line Re lambda = line grow (1/s).
+    real(wp) :: line = 0.0_wp
+    !> Poles nearer to 0 are those of rigid bodies (rad/s).
+    real(wp), private :: nearness = 0.0_wp
+    integer, private :: n_dof = 0, highest = 0, n_orders = 0, reach = 0
+    type(harmonic_set_type), private :: set
+    type(compliance_band), private :: band
+    !> Kernel of each group of variables, 0: none.
+    integer, allocatable, private :: kernel_of_group(:)
+    !> J of each group, by the difference of orders, shape (n_dof, n_dof, -reach:reach, groups),
+    !! and what it is less of hereditary ones, (n_dof, n_dof).
+    complex(wp), allocatable, private :: local(:, :, :, :)
+    real(wp), allocatable, private :: without(:, :)
+    !> Sizes of J_m, m = 1, ...
+    real(wp), allocatable, private :: sizes(:)
+    complex(wp), allocatable, private :: waves(:)
+    real(wp), allocatable, private :: u(:, :), slopes(:, :, :), re(:, :), im(:, :)
+  contains
+    procedure :: along
+    procedure :: determinant
+    procedure :: average
+    procedure, private :: find_local
+    procedure, private :: find_orders
+  end type condensed_hill
+
+contains
+
+  !> For motions with the harmonics of `set`.
+  subroutine new_condensed_hill(hill, system, set)
+    type(condensed_hill), intent(out) :: hill
+    class(structure_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    integer :: j, n, q, s
+
+    n = system%n_dof()
+    hill%n_dof = n
+    hill%stride = merge(2, 1, set%half_wave)
+    ! Slopes of a polynomial of degree g reach the order (g - 1) K.
+    call new_harmonic_set(hill%set, maxval(set%orders), set%half_wave, max(2*system%degree - 3, 3))
+    s = hill%set%n_samples
+    allocate (hill%u(s, n), hill%slopes(s, system%n_memory(), n), source=0.0_wp)
+    allocate (hill%waves(0:s - 1))
+    do j = 0, s - 1
+      hill%waves(j) = cmplx(cos(2.0_wp*pi*j/s), -sin(2.0_wp*pi*j/s), wp)/s
+    end do
+    allocate (hill%kernel_of_group(0))
+    do j = 1, system%n_memory()
+      q = system%kernel_of(j)
+      if (.not. any(hill%kernel_of_group == q)) hill%kernel_of_group = [hill%kernel_of_group, q]
+    end do
+    hill%remembers = any(system%kernel_of > 0)
+    allocate (hill%without(n, n), source=0.0_wp)
+    do j = 1, system%n_memory()
+      if (system%kernel_of(j) == 0) cycle
+      do q = 1, n
+        hill%without(:, q) = hill%without(:, q) + system%spread(:, j)*system%gather(j, q)
+      end do
+    end do
+    hill%creeps = system%kernel_without_integral() /= 0
+    if (hill%remembers) hill%fading = fading_rate(system)
+    call new_poles(hill%poles, system%rest)
+  end subroutine new_condensed_hill
+
+  !> Everything that the motion x at frequency nu (rad/s) decides.
+  subroutine along(self, system, nu, x)
+    class(condensed_hill), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    real(wp), intent(in) :: nu
+    !> Harmonics, real and imaginary part by turns, shape (2 n_orders, n_dof).
+    real(wp), intent(in) :: x(:, :)
+    real(wp) :: largest(self%n_dof, self%n_dof)
+    integer :: b
+
+    self%nu = nu
+    self%period = self%stride*nu
+    ! Loss factors have no meaning off the axis.
+    self%ready = system%separable .and. .not. any(abs(system%rest%losses) > 0.0_wp)
+    if (.not. self%ready) return
+    if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
+    do b = 1, self%n_dof
+      self%u(:, b) = matmul(x(:, b), self%set%synthesis)
+    end do
+    if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
+    call self%find_local(system, largest)
+    self%ready = maxval(largest) <= sqrt(huge(1.0_wp))
+    if (.not. self%ready) return
+    self%line = circle*self%period/(2.0_wp*pi)
+    ! Without integral of a kernel motions may creep away slowly.
+    if (self%creeps) self%line = slow*self%period
+    ! The same for neighbours.
+    if (.not. abs(self%nearness/(nearly_rigid*self%period) - 1.0_wp) < 0.3_wp) then
+      self%nearness = nearly_rigid*self%period
+    end if
+    call self%poles%weigh(largest, self%period, self%stride, self%nearness, self%line, self%ready)
+    if (self%ready) call self%find_orders(system, largest)
+  end subroutine along
+
+  !> J, and the largest it is at any time, part by part.
+  subroutine find_local(self, system, largest)
+    class(condensed_hill), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    real(wp), intent(out) :: largest(:, :)
+    complex(wp) :: total
+    real(wp) :: peak, constant
+    integer :: a, b, j, m, most, q, s
+
+    most = (size(self%u, 1) - 1)/2
+    if (allocated(self%local)) deallocate (self%local)
+    allocate (self%local(self%n_dof, self%n_dof, -most:most, size(self%kernel_of_group)), &
+              source=(0.0_wp, 0.0_wp))
+    largest = abs(self%without)
+    do j = 1, size(self%slopes, 2)
+      q = findloc(self%kernel_of_group, system%kernel_of(j), 1)
+      do b = 1, self%n_dof
+        constant = merge(system%gather(j, b), 0.0_wp, system%kernel_of(j) > 0)
+        peak = abs(constant)
+        if (system%bent(j)) peak = maxval(abs(self%slopes(:, j, b) + constant))
+        if (.not. peak > 0.0_wp) cycle
+        largest(:, b) = largest(:, b) + abs(system%spread(:, j))*peak
+        do m = 0, merge(most, 0, system%bent(j))
+          total = cmplx(merge(constant, 0.0_wp, m == 0), 0.0_wp, wp)
+          if (system%bent(j)) then
+            do s = 1, size(self%u, 1)
+              total = total + self%slopes(s, j, b) &
+                      *self%waves(modulo(m*(s - 1), size(self%u, 1)))
+            end do
+          end if
+          do a = 1, self%n_dof
+            if (.not. abs(system%spread(a, j)) > 0.0_wp) cycle
+            self%local(a, b, m, q) = self%local(a, b, m, q) + system%spread(a, j)*total
+            if (m > 0) self%local(a, b, -m, q) = conjg(self%local(a, b, m, q))
+          end do
+        end do
+      end do
+    end do
+    self%sizes = [(maxval(sum(abs(sum(self%local(:, :, m, :), 3)), 2)), m=1, most)]
+    self%reach = findloc(self%sizes > silent*maxval(largest), .true., 1, back=.true.)
+  end subroutine find_local
+
+  !> How many orders: beyond the poles that matter, and until a disturbance of order 1 at these
+  !! reaches no further, Y_k = |H(i k nu)| sum_m |J_m| Y_(k-m).
+  subroutine find_orders(self, system, largest)
+    class(condensed_hill), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    real(wp), intent(in) :: largest(:, :)
+    complex(wp) :: h(1, self%n_dof, self%n_dof)
+    real(wp) :: reached(0:max_unknowns), part, stiff
+    integer :: b, i, m, n
+
+    self%ready = self%poles%fastest <= max_unknowns*self%nu
+    if (.not. self%ready) return
+    stiff = maxval(sum(largest, 2))
+    b = ceiling(self%poles%fastest/self%nu + 0.5_wp*self%stride)
+    if (self%stride == 2 .and. mod(b, 2) == 0) b = b + 1
+    reached = 1.0_wp
+    i = 0
+    do
+      ! One below the lowest, so that orders are mirrored about d/2 too.
+      self%n_orders = merge(b + 2, 2*b + 2, self%stride == 2)
+      n = self%n_orders*self%n_dof
+      self%ready = n <= max_unknowns
+      if (.not. self%ready) return
+      associate (radius => (b + 3*self%stride)*self%nu)
+        if (.not. self%band%serves(radius, self%nearness)) then
+          call new_band(self%band, system%rest, radius, self%nearness)
+        end if
+      end associate
+      call self%band%evaluate([cmplx(0.0_wp, (b + 0.5_wp*self%stride)*self%nu, wp)], h)
+      part = maxval(sum(abs(h(1, :, :)), 2))
+      ! Order b + stride.
+      i = i + 1
+      reached(i) = 0.0_wp
+      do m = 1, self%reach
+        reached(i) = reached(i) + part*self%sizes(m)*reached(max(i - m, 0))
+      end do
+      if (part*stiff <= negligible .and. (maxval(reached(max(i - self%reach + 1, 0):i)) &
+                                          <= accurate .or. n >= few_unknowns)) exit
+      b = b + self%stride
+    end do
+    self%highest = b
+    n = n + size(self%band%rigid_squares)
+    if (allocated(self%re)) then
+      if (size(self%re, 1) == n) return
+      deallocate (self%re, self%im)
+    end if
+    allocate (self%re(n, n), self%im(n, n))
+  end subroutine find_orders
+
+  !> F at lambda; not to be asked for on a cut of a kernel or at a pole of the rest.
+  subroutine determinant(self, system, lambda, value, about_half)
+    class(condensed_hill), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    complex(wp), intent(in) :: lambda
+    complex(wp), intent(out) :: value
+    !> Orders mirrored about Im lambda = d/2, where the determinant is real then, instead of 0.
+    logical, intent(in) :: about_half
+    complex(wp), dimension(self%n_orders) :: s
+    complex(wp) :: h(self%n_orders, self%n_dof, self%n_dof)
+    complex(wp) :: kept(self%n_orders, size(self%kernel_of_group))
+    integer :: centre, i, n, p, q
+
+    p = self%n_orders - merge(0, 1, about_half)
+    do i = 1, p
+      s(i) = lambda + cmplx(0.0_wp, ((i - p)*self%stride + self%highest)*self%nu, wp)
+    end do
+    call self%band%evaluate(s(:p), h(:p, :, :))
+    kept = (1.0_wp, 0.0_wp)
+    do q = 1, size(self%kernel_of_group)
+      if (self%kernel_of_group(q) == 0) cycle
+      call system%kernels(self%kernel_of_group(q))%kernel%laplace(s(:p), kept(:p, q))
+      kept(:p, q) = 1.0_wp - system%memory_scale*kept(:p, q)
+    end do
+    ! Rigid bodies are near their poles at order 0, or -1 of odd ones.
+    centre = p - (self%highest + merge(1, 0, self%stride == 2))/self%stride
+    n = p*self%n_dof + size(self%band%rigid_squares)
+    call fill(self, p, centre, h, kept, s(centre))
+    call band_determinant(n, size(self%re, 1), min(n - 1, (self%reach + 1)*self%n_dof - 1 &
+                                                   + size(self%band%rigid_squares)), &
+                          self%re, self%im, value)
+    do i = 1, size(self%poles%multiplied)
+      value = value*gap(2.0_wp*pi/self%period*(self%poles%multiplied(i) - lambda))
+    end do
+    value = value*self%poles%rigid_factor(s(centre), self%period)
+  end subroutine determinant
+
+  !> I + H J, order by order; behind the order of the rigid bodies one row and column for each.
+  subroutine fill(self, p, centre, h, kept, s)
+    class(condensed_hill), intent(inout) :: self
+    integer, intent(in) :: p, centre
+    complex(wp), intent(in) :: h(:, :, :), kept(:, :), s
+    complex(wp) :: block(self%n_dof, self%n_dof), entry
+    integer :: a, b, c, i, k, l, n, q, row, column, extra
+
+    n = self%n_dof
+    extra = size(self%band%rigid_squares)
+    self%re = 0.0_wp
+    self%im = 0.0_wp
+    do l = 1, p
+      column = (l - 1)*n + merge(extra, 0, l > centre)
+      do i = max(1, l - self%reach), min(p, l + self%reach)
+        row = (i - 1)*n + merge(extra, 0, i > centre)
+        block = (0.0_wp, 0.0_wp)
+        do q = 1, size(self%kernel_of_group)
+          block = block + kept(i, q)*self%local(:, :, i - l, q)
+        end do
+        if (i == l) block = block - self%without
+        do c = 1, n
+          do a = 1, n
+            entry = (0.0_wp, 0.0_wp)
+            do b = 1, n
+              entry = entry + h(i, a, b)*block(b, c)
+            end do
+            if (i == l .and. a == c) entry = entry + 1.0_wp
+            self%re(row + a, column + c) = real(entry)
+            self%im(row + a, column + c) = aimag(entry)
+          end do
+          if (i /= centre) cycle
+          do k = 1, extra
+            entry = -sum(self%band%rigid_pushed(k, :)*block(:, c))
+            self%re(centre*n + k, column + c) = real(entry)
+            self%im(centre*n + k, column + c) = aimag(entry)
+          end do
+        end do
+      end do
+    end do
+    do k = 1, extra
+      self%re((centre - 1)*n + 1:centre*n, centre*n + k) = self%band%rigid_seen(k, :)
+      entry = self%band%rigid_squares(k) + (self%band%rigid_rates(k) + s)*s
+      self%re(centre*n + k, centre*n + k) = real(entry)
+      self%im(centre*n + k, centre*n + k) = aimag(entry)
+    end do
+    ! Rigid bodies at the other orders.
+    do i = 1, merge(p, 0, extra > 0)
+      if (i == centre) cycle
+      call add_rigid(self, p, centre, i, s + cmplx(0.0_wp, (i - centre)*self%stride*self%nu, wp), &
+                     kept)
+    end do
+  end subroutine fill
+
+  !> What the rigid bodies add to the rows of another order.
+  subroutine add_rigid(self, p, centre, i, s, kept)
+    class(condensed_hill), intent(inout) :: self
+    integer, intent(in) :: p, centre, i
+    complex(wp), intent(in) :: s, kept(:, :)
+    complex(wp) :: h(self%n_dof, self%n_dof), block(self%n_dof, self%n_dof)
+    integer :: a, b, l, n, q, row, column, extra
+
+    n = self%n_dof
+    extra = size(self%band%rigid_squares)
+    do b = 1, n
+      do a = 1, n
+        h(a, b) = sum(self%band%rigid_seen(:, a)*self%band%rigid_pushed(:, b) &
+                      /(self%band%rigid_squares + (self%band%rigid_rates + s)*s))
+      end do
+    end do
+    row = (i - 1)*n + merge(extra, 0, i > centre)
+    do l = max(1, i - self%reach), min(p, i + self%reach)
+      column = (l - 1)*n + merge(extra, 0, l > centre)
+      block = (0.0_wp, 0.0_wp)
+      do q = 1, size(self%kernel_of_group)
+        block = block + kept(i, q)*self%local(:, :, i - l, q)
+      end do
+      if (i == l) block = block - self%without
+      block = matmul(h, block)
+      self%re(row + 1:row + n, column + 1:column + n) = &
+        self%re(row + 1:row + n, column + 1:column + n) + real(block)
+      self%im(row + 1:row + n, column + 1:column + n) = &
+        self%im(row + 1:row + n, column + 1:column + n) + aimag(block)
+    end do
+  end subroutine add_rigid
+
+  !> det(I + H J_0) at s, J_0 the mean along the motion: exponents of the mean system are zeros.
+  subroutine average(self, system, s, value)
+    class(condensed_hill), intent(in) :: self
+    class(structure_type), intent(in) :: system
+    complex(wp), intent(in) :: s
+    complex(wp), intent(out) :: value
+    real(wp) :: re(self%n_dof, self%n_dof), im(self%n_dof, self%n_dof)
+    complex(wp) :: h(self%n_dof, self%n_dof), block(self%n_dof, self%n_dof), kept(1)
+    integer :: a, q
+
+    block = -self%without
+    do q = 1, size(self%kernel_of_group)
+      kept = (1.0_wp, 0.0_wp)
+      if (self%kernel_of_group(q) > 0) then
+        call system%kernels(self%kernel_of_group(q))%kernel%laplace([s], kept)
+        kept = 1.0_wp - system%memory_scale*kept
+      end if
+      block = block + kept(1)*self%local(:, :, 0, q)
+    end do
+    call system%rest%evaluate(s, h)
+    h = matmul(h, block)
+    do a = 1, self%n_dof
+      h(a, a) = h(a, a) + 1.0_wp
+    end do
+    re = real(h)
+    im = aimag(h)
+    call band_determinant(self%n_dof, self%n_dof, self%n_dof - 1, re, im, value)
+  end subroutine average
+
+end module viscovib_condensed_hill

@@ -1,0 +1,242 @@
+!> Poles of a linear rest, as Hill's determinant of a condensed structure has them.
+!!
+!! Elements of stiffness J move a pole p of the section c b^T/(a + r s + s^2) by about
+!! |b| |J| |c|/|2 p + r|, or by the root of |b| |J| |c| where two poles meet. Zeros of the
+!! determinant next to poles that move little beside their distance from the axis stay on their
+!! side of it.
+module viscovib_condensed_poles
+  use viscovib_compliance, only: compliance_type
+  use viscovib_constants, only: pi
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: condensed_poles, gap, into_strip, new_poles
+
+  !> Of the distance from the axis: how far poles may move that are let be, at most and at least,
+  !! and all of them together.
+  real(wp), parameter :: much = 0.1_wp, little = 0.02_wp, together = 1.5_wp
+  !> Poles right of this, in d, growing ones and those without damping; ones that move less than
+  !! the second are exponents.
+  real(wp), parameter :: at_axis = 1.0e-9_wp, still = 1.0e-12_wp
+  !> Rates beyond this leave the range of numbers, in d.
+  real(wp), parameter :: largest_rate = 40.0_wp
+
+  type :: condensed_poles
+    !> Places of those multiplied out, with their conjugates, nearly rigid bodies apart.
+    complex(wp), allocatable :: multiplied(:)
+    !> All that are multiplied out, and others that grow.
+    integer :: n_multiplied = 0, n_growing = 0
+    !> Places of those that are exponents.
+    complex(wp), allocatable :: exponents(:)
+    !> Those multiplied out that are not below the real axis, as they are, the ones first that may
+    !! move most.
+    complex(wp), allocatable :: starts(:)
+    !> Largest modulus of those that matter (rad/s).
+    real(wp) :: fastest = 0.0_wp
+    !> Not below the real axis (1/s), and whether the conjugate is another one.
+    complex(wp), allocatable, private :: pole(:)
+    logical, allocatable, private :: paired(:)
+    !> Distance that two poles have from each other, or 1 for complex modes; parts seen and pushed,
+    !! shape (n, n_seen); modulus of the pole, or of the larger one.
+    real(wp), allocatable, private :: apart(:), seen(:, :), pushed(:, :), reaches(:)
+    complex(wp), allocatable, private :: rigid(:)
+  contains
+    procedure :: weigh
+    procedure :: rigid_factor
+  end type condensed_poles
+
+contains
+
+  subroutine new_poles(poles, rest)
+    type(condensed_poles), intent(out) :: poles
+    type(compliance_type), intent(in) :: rest
+    real(wp) :: disc
+    integer :: i, n, most
+
+    most = 2*size(rest%squares) + size(rest%poles)
+    allocate (poles%pole(most), poles%paired(most), poles%apart(most), poles%reaches(most), &
+              poles%seen(most, size(rest%seen, 2)), poles%pushed(most, size(rest%seen, 2)))
+    n = 0
+    do i = 1, rest%n_modes
+      disc = 0.25_wp*rest%rates(i)**2 - rest%squares(i)
+      if (disc < 0.0_wp) then
+        call append(cmplx(-0.5_wp*rest%rates(i), sqrt(-disc), wp), .true., 2.0_wp*sqrt(-disc))
+      else
+        call append(cmplx(larger(rest%rates(i), disc), 0.0_wp, wp), .false., 2.0_wp*sqrt(disc))
+        call append(cmplx(smaller(rest%rates(i), rest%squares(i), disc), 0.0_wp, wp), .false., &
+                    2.0_wp*sqrt(disc))
+      end if
+    end do
+    do i = 1, size(rest%poles)
+      if (aimag(rest%poles(i)) < 0.0_wp) cycle
+      n = n + 1
+      poles%pole(n) = rest%poles(i)
+      poles%paired(n) = aimag(rest%poles(i)) > 0.0_wp
+      poles%apart(n) = 1.0_wp
+      poles%reaches(n) = huge(1.0_wp)
+      poles%seen(n, :) = abs(rest%left(i, :))
+      poles%pushed(n, :) = abs(rest%right(i, :))
+    end do
+    poles%pole = poles%pole(:n)
+    poles%paired = poles%paired(:n)
+    poles%apart = poles%apart(:n)
+    poles%reaches = poles%reaches(:n)
+    poles%seen = poles%seen(:n, :)
+    poles%pushed = poles%pushed(:n, :)
+
+  contains
+
+    subroutine append(pole, paired, apart)
+      complex(wp), intent(in) :: pole
+      logical, intent(in) :: paired
+      real(wp), intent(in) :: apart
+      n = n + 1
+      poles%pole(n) = pole
+      poles%paired(n) = paired
+      poles%apart(n) = apart
+      poles%reaches(n) = abs(pole)
+      if (.not. paired) poles%reaches(n) = abs(larger(rest%rates(i), disc))
+      poles%seen(n, :) = abs(rest%seen(i, :))
+      poles%pushed(n, :) = abs(rest%pushed(i, :))
+    end subroutine append
+
+  end subroutine new_poles
+
+  !> Of two real poles the one further from 0, and the other one.
+  pure real(wp) function larger(rate, disc)
+    real(wp), intent(in) :: rate, disc
+    larger = -(0.5_wp*rate + sign(sqrt(disc), rate))
+  end function larger
+
+  pure real(wp) function smaller(rate, square, disc)
+    real(wp), intent(in) :: rate, square, disc
+    smaller = larger(rate, disc)
+    if (abs(smaller) > 0.0_wp) smaller = square/smaller
+  end function smaller
+
+  !> Which of them matter for a stiffness.
+  subroutine weigh(self, stiffness, period, stride, nearly_rigid, line, ready)
+    class(condensed_poles), intent(inout) :: self
+    !> Largest local stiffness, part by part.
+    real(wp), intent(in) :: stiffness(:, :)
+    real(wp), intent(in) :: period
+    integer, intent(in) :: stride
+    !> Both poles of a section nearer to 0 than this are those of a rigid body (rad/s).
+    real(wp), intent(in) :: nearly_rigid
+    !> Exponents right of it are counted (1/s).
+    real(wp), intent(in) :: line
+    !> Not where poles are too far to the right.
+    logical, intent(out) :: ready
+    real(wp), dimension(size(self%pole)) :: push, moved, weight
+    logical, dimension(size(self%pole)) :: kept, rigid, near
+    complex(wp) :: place
+    real(wp) :: least
+    integer :: i, j, n
+    integer, allocatable :: order(:)
+
+    ready = maxval(real(self%pole)) <= largest_rate*period
+    if (.not. ready) return
+    do i = 1, size(push)
+      push(i) = dot_product(self%pushed(i, :), matmul(stiffness, self%seen(i, :)))
+    end do
+    moved = sqrt(push)
+    where (self%apart > 0.0_wp) moved = min(moved, push/max(self%apart, tiny(1.0_wp)))
+    weight = moved/max(abs(real(self%pole)), tiny(1.0_wp)**0.5_wp)
+    least = much
+    do while (least > little)
+      if (sum(weight, weight <= least) <= together) exit
+      least = 0.7_wp*least
+    end do
+    near = real(self%pole) > -at_axis*period
+    rigid = self%reaches < nearly_rigid .and. sum(self%seen, 2) > 0.0_wp &
+            .and. sum(self%pushed, 2) > 0.0_wp
+    kept = weight > least .or. (near .and. moved > still*period) .or. rigid
+    self%fastest = maxval(abs(aimag(self%pole)), kept .and. (weight > much .or. near))
+    self%fastest = max(self%fastest, 0.0_wp)
+    self%n_multiplied = count(kept) + count(kept .and. self%paired)
+    self%n_growing = count(real(self%pole) > line .and. .not. kept) &
+                     + count(real(self%pole) > line .and. self%paired .and. .not. kept)
+    self%rigid = pack(self%pole, rigid)
+    self%rigid = [self%rigid, conjg(pack(self%pole, rigid .and. self%paired))]
+    if (allocated(self%multiplied)) deallocate (self%multiplied, self%exponents)
+    n = count(kept .and. .not. rigid)
+    allocate (self%multiplied(n + count(kept .and. self%paired .and. .not. rigid)))
+    near = .not. kept .and. moved <= still*period
+    allocate (self%exponents(count(near) + count(near .and. self%paired)))
+    n = 0
+    j = 0
+    do i = 1, size(kept)
+      place = place_of(self%pole(i), period, stride)
+      if (kept(i) .and. .not. rigid(i)) then
+        n = n + 1
+        self%multiplied(n) = place
+        if (self%paired(i)) then
+          n = n + 1
+          self%multiplied(n) = conjg(place)
+        end if
+      else if (near(i)) then
+        j = j + 1
+        self%exponents(j) = place
+        if (self%paired(i)) then
+          j = j + 1
+          self%exponents(j) = conjg(place)
+        end if
+      end if
+    end do
+    order = pack([(i, i=1, size(kept))], kept)
+    do i = 2, size(order)
+      n = order(i)
+      j = i - 1
+      do while (j > 0)
+        if (weight(order(j)) >= weight(n)) exit
+        order(j + 1) = order(j)
+        j = j - 1
+      end do
+      order(j + 1) = n
+    end do
+    self%starts = self%pole(order)
+  end subroutine weigh
+
+  !> Of a pole s the exponent lambda = s, or s - i nu where orders are odd.
+  elemental complex(wp) function place_of(pole, period, stride)
+    complex(wp), intent(in) :: pole
+    real(wp), intent(in) :: period
+    integer, intent(in) :: stride
+    place_of = pole
+    if (stride == 2) place_of = pole - cmplx(0.0_wp, 0.5_wp*period, wp)
+    place_of = into_strip(place_of, period)
+  end function place_of
+
+  elemental complex(wp) function into_strip(lambda, d)
+    complex(wp), intent(in) :: lambda
+    real(wp), intent(in) :: d
+    into_strip = cmplx(real(lambda), aimag(lambda) - d*anint(aimag(lambda)/d), wp)
+  end function into_strip
+
+  !> prod [1 - exp(2 pi (p - s)/d)]/(s - p) over the poles of rigid bodies.
+  pure complex(wp) function rigid_factor(self, s, period) result(factor)
+    class(condensed_poles), intent(in) :: self
+    complex(wp), intent(in) :: s
+    real(wp), intent(in) :: period
+    complex(wp) :: x
+    integer :: i
+
+    factor = (1.0_wp, 0.0_wp)
+    do i = 1, size(self%rigid)
+      x = 2.0_wp*pi/period*(self%rigid(i) - s)
+      factor = factor*(2.0_wp*pi/period)
+      if (abs(x) > 0.0_wp) factor = -factor*gap(x)/x
+    end do
+  end function rigid_factor
+
+  !> 1 - exp(x), to rounding near 0 too.
+  elemental complex(wp) function gap(x)
+    complex(wp), intent(in) :: x
+    real(wp) :: a, b
+    a = 0.5_wp*real(x)
+    b = 0.5_wp*aimag(x)
+    gap = -2.0_wp*exp(0.5_wp*x)*cmplx(sinh(a)*cos(b), cosh(a)*sin(b), wp)
+  end function gap
+
+end module viscovib_condensed_poles

@@ -1,0 +1,120 @@
+!> Stability of motions of a condensed structure: exponents, and the count that judges them.
+module viscovib_condensed_stability
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_condensed_count, only: condensed_path, count_zeros, new_path
+  use viscovib_condensed_hill, only: condensed_hill, new_condensed_hill
+  use viscovib_condensed_roots, only: exponent_near, find_from, find_from_poles, find_on_grid
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_kinds, only: wp
+  use viscovib_structure, only: structure_type
+  implicit none
+  private
+
+  public :: condensed_judge, new_condensed_judge
+
+  type :: condensed_judge
+    type(condensed_hill), private :: hill
+    !> Zeros of the motion judged last, in units of its d.
+    complex(wp), allocatable, private :: zeros(:)
+  contains
+    procedure :: judge
+    procedure :: follow
+    procedure :: forget
+  end type condensed_judge
+
+contains
+
+  subroutine new_condensed_judge(self, system, set)
+    type(condensed_judge), intent(out) :: self
+    class(structure_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    call new_condensed_hill(self%hill, system, set)
+    allocate (self%zeros(0))
+  end subroutine new_condensed_judge
+
+  !> The next motion is no neighbour of the last one.
+  pure subroutine forget(self)
+    class(condensed_judge), intent(inout) :: self
+    self%zeros = self%zeros(:0)
+  end subroutine forget
+
+  !> One motion.
+  subroutine judge(self, system, nu, x, exponents, n_growing, slowest)
+    class(condensed_judge), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    real(wp), intent(in) :: nu
+    !> Harmonics, shape (2 n_orders, n_dof).
+    real(wp), intent(in) :: x(:, :)
+    !> Largest real part first, NaN behind the last; those that grow are complete, or all are NaN.
+    complex(wp), intent(out) :: exponents(:)
+    !> -1: unknown.
+    integer, intent(out) :: n_growing
+    !> Whether none decays more slowly than the first exponent.
+    logical, intent(out) :: slowest
+    type(condensed_path) :: path
+    complex(wp), allocatable :: zeros(:), all(:)
+    integer :: n
+
+    exponents = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
+    n_growing = -1
+    slowest = .false.
+    allocate (zeros(0))
+    call self%hill%along(system, nu, x)
+    if (.not. self%hill%ready) return
+    associate (hill => self%hill, poles => self%hill%poles)
+      call find_from(hill, system, scaled(self%zeros, hill%period), zeros)
+      call find_from_poles(hill, system, zeros)
+      call new_path(path, hill, system, size(zeros))
+      call count_zeros(hill, system, zeros, path, n_growing)
+      if (n_growing < 0) return
+      if (count(real(zeros) > hill%line) + poles%n_growing < n_growing) then
+        call find_on_grid(hill, system, n_growing - poles%n_growing, zeros)
+      end if
+      self%zeros = scaled(zeros, 1.0_wp/hill%period)
+      all = [zeros, poles%exponents]
+      if (count(real(all) > hill%line) /= n_growing) return
+    end associate
+    call sort(all)
+    n = min(size(all), size(exponents))
+    if (n_growing > n) return
+    exponents(:n) = all(:n)
+    slowest = n_growing > 0
+  end subroutine judge
+
+  !> One exponent of a motion from the place it had at a motion nearby.
+  subroutine follow(self, system, nu, x, start, exponent, made)
+    class(condensed_judge), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    real(wp), intent(in) :: nu, x(:, :)
+    complex(wp), intent(in) :: start
+    complex(wp), intent(out) :: exponent
+    logical, intent(out) :: made
+    call self%hill%along(system, nu, x)
+    call exponent_near(self%hill, system, start, exponent, made)
+  end subroutine follow
+
+  elemental complex(wp) function scaled(z, factor)
+    complex(wp), intent(in) :: z
+    real(wp), intent(in) :: factor
+    scaled = cmplx(factor*real(z), factor*aimag(z), wp)
+  end function scaled
+
+  !> By falling real part, the members of a pair side by side.
+  pure subroutine sort(z)
+    complex(wp), intent(inout) :: z(:)
+    complex(wp) :: next
+    integer :: i, j
+
+    do i = 2, size(z)
+      next = z(i)
+      j = i - 1
+      do while (j > 0)
+        if (real(z(j)) >= real(next)) exit
+        z(j + 1) = z(j)
+        j = j - 1
+      end do
+      z(j + 1) = next
+    end do
+  end subroutine sort
+
+end module viscovib_condensed_stability

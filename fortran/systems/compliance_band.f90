@@ -1,0 +1,178 @@
+!> The compliance of a linear rest up to a frequency, at a cost that does not know how many modes
+!! lie beyond.
+!!
+!! Of a mode whose poles are further from 0 than |s|,
+!!
+!!   1/(a + b s + s^2) = sum_j c_j s^j,   c_0 = 1/a,   a c_j = -b c_(j-1) - c_(j-2),
+!!
+!! so that all of these together are one polynomial in s. Modes that are nearly rigid bodies are
+!! kept apart: beside their poles H(s) has parts of rank 1 that drown the others.
+module viscovib_compliance_band
+  use viscovib_compliance, only: compliance_type
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: compliance_band, new_band
+
+  !> Modes whose poles are this many times as far as |s| may be are one polynomial.
+  real(wp), parameter :: beyond = 4.0_wp
+  integer, parameter :: n_terms = 24
+  !> Keeps a pole itself a number.
+  real(wp), parameter :: least = tiny(1.0_wp)
+  !> A band serves up to its radius, and down to this part of it.
+  real(wp), parameter :: spare = 1.3_wp, least_part = 0.4_wp
+
+  type :: compliance_band
+    integer :: n_seen = 0
+    !> Largest |s|, 0: none yet; nearly rigid are modes whose poles are nearer to 0 than the second.
+    real(wp) :: radius = 0.0_wp, nearness = 0.0_wp
+    !> Modes one by one: squares, rates, shape (n), and what they see and feel, (n, n_seen).
+    real(wp), allocatable :: squares(:), rates(:), seen(:, :), pushed(:, :)
+    !> Those kept apart.
+    real(wp), allocatable :: rigid_squares(:), rigid_rates(:), rigid_seen(:, :), rigid_pushed(:, :)
+    !> Complex modes, and coefficients of the polynomial, shape (n_seen, n_seen, 0:n_terms).
+    complex(wp), allocatable, private :: poles(:), left(:, :), right(:, :)
+    real(wp), allocatable, private :: terms(:, :, :)
+    logical, private :: has_terms = .false.
+  contains
+    procedure :: serves
+    procedure :: evaluate
+  end type compliance_band
+
+contains
+
+  !> For |s| up to a radius, and somewhat more.
+  subroutine new_band(band, rest, radius, nearness)
+    type(compliance_band), intent(out) :: band
+    type(compliance_type), intent(in) :: rest
+    !> rad/s.
+    real(wp), intent(in) :: radius, nearness
+    logical, dimension(size(rest%squares)) :: near, rigid, idle
+    real(wp), dimension(size(rest%squares)) :: c, before, next
+    real(wp) :: least, most, disc
+    integer :: a, b, i, j
+
+    band%radius = spare*radius
+    band%nearness = nearness
+    band%n_seen = size(rest%seen, 2)
+    do i = 1, size(rest%squares)
+      disc = 0.25_wp*rest%rates(i)**2 - rest%squares(i)
+      most = sqrt(abs(rest%squares(i)))
+      least = most
+      if (disc > 0.0_wp) then
+        most = 0.5_wp*abs(rest%rates(i)) + sqrt(disc)
+        least = abs(rest%squares(i))/max(most, tiny(1.0_wp))
+      end if
+      idle(i) = .not. (any(abs(rest%seen(i, :)) > 0.0_wp) &
+                       .and. any(abs(rest%pushed(i, :)) > 0.0_wp))
+      rigid(i) = most < nearness
+      near(i) = least < beyond*band%radius
+    end do
+    rigid = rigid .and. .not. idle
+    near = near .and. .not. (rigid .or. idle)
+    band%squares = pack(rest%squares, near)
+    band%rates = pack(rest%rates, near)
+    band%seen = rows_of(rest%seen, near)
+    band%pushed = rows_of(rest%pushed, near)
+    band%rigid_squares = pack(rest%squares, rigid)
+    band%rigid_rates = pack(rest%rates, rigid)
+    band%rigid_seen = rows_of(rest%seen, rigid)
+    band%rigid_pushed = rows_of(rest%pushed, rigid)
+    band%poles = rest%poles
+    band%left = rest%left
+    band%right = rest%right
+    allocate (band%terms(band%n_seen, band%n_seen, 0:n_terms), source=0.0_wp)
+    near = .not. (near .or. rigid .or. idle)
+    band%has_terms = any(near)
+    before = 0.0_wp
+    c = 0.0_wp
+    where (near) c = 1.0_wp/rest%squares
+    do j = 0, n_terms
+      do b = 1, band%n_seen
+        do a = 1, band%n_seen
+          band%terms(a, b, j) = sum(rest%seen(:, a)*rest%pushed(:, b)*c)
+        end do
+      end do
+      next = 0.0_wp
+      where (near) next = -(rest%rates*c + before)/rest%squares
+      before = c
+      c = next
+    end do
+    band%terms(:, :, 0) = band%terms(:, :, 0) + rest%flexibility
+    band%terms(:, :, 1) = band%terms(:, :, 1) + rest%flexibility_rate
+    band%has_terms = band%has_terms .or. any(abs(band%terms(:, :, :1)) > 0.0_wp)
+  end subroutine new_band
+
+  pure function rows_of(whole, kept) result(rows)
+    real(wp), intent(in) :: whole(:, :)
+    logical, intent(in) :: kept(:)
+    real(wp) :: rows(count(kept), size(whole, 2))
+    integer :: a
+    do a = 1, size(whole, 2)
+      rows(:, a) = pack(whole(:, a), kept)
+    end do
+  end function rows_of
+
+  !> Whether the band is good, and not too good, for a radius and a nearness.
+  pure logical function serves(self, radius, nearness)
+    class(compliance_band), intent(in) :: self
+    real(wp), intent(in) :: radius, nearness
+    serves = radius <= self%radius .and. radius >= least_part*self%radius &
+             .and. .not. abs(nearness - self%nearness) > 0.0_wp
+  end function serves
+
+  !> H(s) without the modes that are nearly rigid bodies, at many s within the radius.
+  pure subroutine evaluate(self, s, h)
+    class(compliance_band), intent(in) :: self
+    !> Shape (n).
+    complex(wp), intent(in) :: s(:)
+    !> Shape (n, n_seen, n_seen).
+    complex(wp), intent(out) :: h(:, :, :)
+    real(wp), dimension(size(self%squares)) :: re, im, weight
+    complex(wp) :: total
+    integer :: a, b, j, k, l
+
+    do k = 1, size(s)
+      call resonances(size(re), self%squares, self%rates, s(k), re, im)
+      do b = 1, self%n_seen
+        do a = 1, self%n_seen
+          weight = self%seen(:, a)*self%pushed(:, b)
+          total = (0.0_wp, 0.0_wp)
+          if (self%has_terms) then
+            total = cmplx(self%terms(a, b, n_terms), 0.0_wp, wp)
+            do j = n_terms - 1, 0, -1
+              total = total*s(k) + self%terms(a, b, j)
+            end do
+          end if
+          total = total + cmplx(dot_product(weight, re), dot_product(weight, im), wp)
+          do l = 1, size(self%poles)
+            total = total + self%left(l, a)*self%right(l, b)/(s(k) - self%poles(l))
+          end do
+          h(k, a, b) = total
+        end do
+      end do
+    end do
+  end subroutine evaluate
+
+  !> 1/(squares + rates s + s^2), real and imaginary part.
+  pure subroutine resonances(n, squares, rates, s, re, im)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: squares(n), rates(n)
+    complex(wp), intent(in) :: s
+    real(wp), intent(out) :: re(n), im(n)
+    real(wp) :: x, y, inverse, on_axis, off_axis
+    integer :: i
+
+    on_axis = real(s)**2 - aimag(s)**2
+    off_axis = 2.0_wp*real(s)*aimag(s)
+    do i = 1, n
+      x = squares(i) + rates(i)*real(s) + on_axis
+      y = rates(i)*aimag(s) + off_axis
+      inverse = 1.0_wp/(x*x + y*y + least)
+      re(i) = x*inverse
+      im(i) = -y*inverse
+    end do
+  end subroutine resonances
+
+end module viscovib_compliance_band

@@ -1,0 +1,49 @@
+"""Stability of structures, counted on their elements, against multipliers of the whole."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*do not reach the tolerance")
+
+
+def both(n: int, law: str, zeta: float = 0.01) -> tuple[vv.PolynomialSystem, vv.Structure]:
+    """A chain, one end fixed, with a law at the other."""
+    stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    stiffness[-1, -1] = 1
+    squares, shapes = np.linalg.eigh(stiffness)
+    damping = shapes @ np.diag(2 * zeta * np.sqrt(squares)) @ shapes.T
+    end = f"x{n}"
+    whole = vv.PolynomialSystem(
+        mass=np.ones(n), stiffness=stiffness, damping=damping, forces={end: law.replace("d", end)}
+    )
+    elements = [vv.Spring(on=end, law=law)]
+    structure = vv.Structure(
+        mass=np.ones(n), stiffness=stiffness, damping=damping, elements=elements
+    )
+    return whole, structure
+
+
+@pytest.mark.parametrize("law", ["0.4*d^3", "0.2*d^2 + 0.3*d^3"])
+@pytest.mark.parametrize("n", [3, 6])
+@pytest.mark.parametrize("zeta", [0.001, 0.02])
+def test_growing_motions_are_those_of_the_whole(n: int, law: str, zeta: float) -> None:
+    whole, structure = both(n, law, zeta)
+    first = whole.natural_frequencies()[0]
+    load = np.zeros(n)
+    load[-1] = 0.4 * zeta
+    given = {"load": load, "harmonics": 9, "stability": True}
+    b = vv.trace_response(structure, (0.6 * first, 1.5 * first), **given)
+    assert (np.array(b.stable) == False).any()  # noqa: E712
+    for parameter in [c.parameter for c in b.crossings if c.kind == "fold"]:
+        assert np.abs(b.folds / parameter - 1).min() < 1e-6
+    nu = np.linspace(0.6, 1.5, 12) * first
+    a, c = (vv.forced_response(s, nu, method="newton", **given) for s in (whole, structure))
+    assert (a.converged & c.converged).sum() > 8
+    for i in np.flatnonzero(a.converged & c.converged):
+        if abs(a.coefficients[i] - c.coefficients[i]).max() > 1e-8:
+            continue
+        assert a.stable[i] == c.stable[i]
+        seen = c.multipliers[i][~np.isnan(c.multipliers[i])]
+        if seen.size:
+            assert np.abs(a.multipliers[i][:, None] - seen).min(axis=0).max() < 1e-7
