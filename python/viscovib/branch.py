@@ -95,8 +95,6 @@ def trace_mount(
         raise InputError(
             "system: nothing is nonlinear, its response is a single curve: see forced_response"
         )
-    if judged_too and planned.loaded is not None:
-        raise InputError("stability: that of a structure is not computed yet")
     flat, direction = (job[0], np.zeros(job[0].size)) if numbers is None else numbers[1:]
     view = None
     if planned.loaded is not None:
