@@ -5,8 +5,8 @@
 !! over from Q_0 = Q_m until the spaces of the first columns of Q_0 are mapped onto themselves.
 !! Q_0' Q_m is then diagonal in blocks, and so are, above them, the triangular R: each block of
 !! (Q_0' Q_m) R_m ... R_1 has eigenvalues of one size, which are found by themselves (the periodic
-!! QR iteration without shifts: Bojanczyk, Golub, Van Dooren, Proc. SPIE 1770 (1992); Dieci, Russell,
-!! Van Vleck, SIAM J. Numer. Anal. 34 (1997) 402).
+!! QR iteration without shifts: Bojanczyk, Golub, Van Dooren, Proc. SPIE 1770 (1992) 31; Dieci,
+!! Russell, Van Vleck, SIAM J. Numer. Anal. 34 (1997) 402).
 module viscovib_product_eigenvalues
   use, intrinsic :: ieee_arithmetic, only: ieee_negative_inf, ieee_value
   use viscovib_eigenvalues, only: eigenvalues

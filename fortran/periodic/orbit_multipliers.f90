@@ -30,7 +30,8 @@ contains
   pure logical function told_apart(values)
     complex(wp), intent(in) :: values(:)
     told_apart = .not. any(ieee_is_nan(real(values)))
-    if (told_apart) told_apart = maxval(abs(values)) <= min(largest_root, widest*minval(abs(values)))
+    if (.not. told_apart) return
+    told_apart = maxval(abs(values)) <= min(largest_root, widest*minval(abs(values)))
   end function told_apart
 
   !> How many are larger than a circle; -1: unknown.

@@ -6,6 +6,7 @@
 !! the load, where nothing else tells of these exponents.
 module viscovib_rest_growth
   use viscovib_dense, only: factorize
+  use viscovib_eigenvalues, only: eigenvalues
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   implicit none
@@ -17,49 +18,64 @@ module viscovib_rest_growth
   real(wp), parameter :: slowest = 1.0e-3_wp, fastest = 1.0e5_wp, ratio = 1.1_wp
   !> Rates are found to this part.
   real(wp), parameter :: close_enough = 1.0e-9_wp
+  !> Coordinates up to which eigenvalues take little time.
+  integer, parameter :: most_by_eigenvalues = 8
 
 contains
 
-  !> Ascending. Two within a tenth of each other are not told apart, and left out.
+  !> Ascending, such side by side each for itself: the number of negative eigenvalues tells how many
+  !! there are between two rates.
   subroutine rates_from_rest(system, nu, rates)
     class(oscillator_type), intent(in) :: system
     !> A frequency (rad/s) that counts as neither slow nor fast.
     real(wp), intent(in) :: nu
     real(wp), allocatable, intent(out) :: rates(:)
-    real(wp) :: at, low, high, s
-    integer :: sign_low, sign_high
+    real(wp) :: low, high
+    integer :: n_low, n_high
 
     allocate (rates(0))
-    at = slowest*nu
-    sign_low = sign_at(system, at)
-    do while (at < fastest*nu)
-      low = at
-      at = ratio*at
-      high = at
-      sign_high = sign_at(system, high)
-      if (sign_low*sign_high < 0) then
-        do while (high - low > close_enough*low)
-          s = 0.5_wp*(low + high)
-          if (sign_at(system, s)*sign_high > 0) then
-            high = s
-          else
-            low = s
-          end if
-        end do
-        rates = [rates, high]
-      end if
-      sign_low = sign_high
+    high = slowest*nu
+    n_high = n_negative(system, high)
+    do while (high < fastest*nu)
+      low = high
+      n_low = n_high
+      high = ratio*low
+      n_high = n_negative(system, high)
+      call part(system, low, n_low, high, n_high, rates)
     end do
   end subroutine rates_from_rest
 
-  !> Of the determinant; 0 if it vanishes or is no number.
-  integer function sign_at(system, s) result(sign_of)
+  !> The rates between two.
+  recursive subroutine part(system, low, n_low, high, n_high, rates)
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: low, high
+    integer, intent(in) :: n_low, n_high
+    real(wp), allocatable, intent(inout) :: rates(:)
+    real(wp) :: middle
+    integer :: n_middle, i
+
+    if (n_low == n_high .or. min(n_low, n_high) < 0) return
+    if (high - low <= close_enough*low) then
+      rates = [rates, (high, i=1, abs(n_high - n_low))]
+      return
+    end if
+    middle = 0.5_wp*(low + high)
+    n_middle = n_negative(system, middle)
+    ! On one of them.
+    if (n_middle < 0) n_middle = n_high
+    call part(system, low, n_low, middle, n_middle, rates)
+    call part(system, middle, n_middle, high, n_high, rates)
+  end subroutine part
+
+  !> How many eigenvalues have a negative real part; of large systems whether that number is odd.
+  !! -1: not known.
+  integer function n_negative(system, s)
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: s
     real(wp) :: matrix(system%n_dof(), system%n_dof())
-    complex(wp) :: kept(1)
+    complex(wp) :: kept(1), values(system%n_dof())
     integer :: pivots(system%n_dof()), i, j, q
-    logical :: singular
+    logical :: singular, found
 
     matrix = s**2*system%mass + s*system%damping
     do j = 1, size(system%kernel_of)
@@ -71,14 +87,20 @@ contains
                        *system%spread(:, j)*system%gather(j, i)
       end do
     end do
-    sign_of = 0
+    n_negative = -1
+    if (size(matrix, 1) <= most_by_eigenvalues) then
+      call eigenvalues(matrix, values, found)
+      if (found) n_negative = count(real(values) < 0.0_wp)
+      return
+    end if
     call factorize(size(matrix, 1), matrix, pivots, singular)
     if (singular) return
-    sign_of = 1
+    n_negative = 0
     do i = 1, size(matrix, 1)
-      if (pivots(i) /= i) sign_of = -sign_of
-      if (matrix(i, i) < 0.0_wp) sign_of = -sign_of
+      if (pivots(i) /= i) n_negative = n_negative + 1
+      if (matrix(i, i) < 0.0_wp) n_negative = n_negative + 1
     end do
-  end function sign_at
+    n_negative = mod(n_negative, 2)
+  end function n_negative
 
 end module viscovib_rest_growth

@@ -41,3 +41,28 @@ def test_growth_far_from_the_axis_is_found(seed):
     assert (branch.growing[told] == 2).all()
     for found in branch.exponents[told]:
         assert found[:2].real == pytest.approx(rates, rel=1e-7)
+
+
+def test_rates_of_two_springs_that_relax_alike():
+    # Each spring of a mount with an Abel kernel pushes once it has relaxed, at rates that lie closer
+    # than 1 %: both were counted, neither was found.
+    rng = np.random.default_rng(1)
+    closest = 1.0
+    for _ in range(30):
+        mount = vv.Mount(
+            mass=rng.uniform(0.5, 2), inertia=rng.uniform(0.05, 0.5), offset=rng.uniform(0.3, 2),
+            stiffness_x=rng.uniform(1, 12), stiffness_phi=rng.uniform(0.05, 2),
+            damping=[[0.1, 0], [0, 0.1]],
+            kernel=vv.AbelKernel(alpha=rng.uniform(0.3, 0.9), amplitude=rng.uniform(0.05, 0.3)),
+        )  # fmt: skip
+        roots = mount.characteristic_roots()
+        if roots.real[0] < 0.005:
+            continue
+        branch = vv.trace_response(
+            mount, nu=2.0, load_range=(1e-6, 1.1e-6), load=1.0, max_points=2
+        )
+        assert (branch.growing == roots.n_unstable).all()
+        found = np.sort(branch.exponents[0].real[:2])[::-1]
+        assert found == pytest.approx(roots.real, rel=1e-6)
+        closest = min(closest, 1 - roots.real[1] / roots.real[0])
+    assert closest < 0.01
