@@ -8,10 +8,16 @@ module viscovib_command_line
   implicit none
   private
 
-  public :: command_line, read_command_line
+  public :: command_line, read_command_line, scene_path
+
+  type :: scene_path
+    character(len=:), allocatable :: path
+  end type scene_path
 
   type :: command_line
-    character(len=:), allocatable :: scene, folder
+    !> Scenes to be computed, in their order.
+    type(scene_path), allocatable :: scenes(:)
+    character(len=:), allocatable :: folder
     logical :: plan = .false., quiet = .false., count = .false., allow_paths = .false.
     !> Bounds: time (s; 0: none) and memory (bytes; 0: by the machine).
     real(wp) :: seconds = 0.0_wp, memory = 0.0_wp
@@ -20,7 +26,7 @@ module viscovib_command_line
   end type command_line
 
   character(len=*), parameter :: usage = &
-    'usage: viscovib-solve scene.nml [--plan] [--out DIR] [--quiet] [--count] ' &
+    'usage: viscovib-solve scene.nml ... [--plan] [--out DIR] [--quiet] [--count] ' &
     //'[--allow-paths] [--max-seconds S] [--max-memory GB] [--help] [--version]'
 
 contains
@@ -31,7 +37,7 @@ contains
     character(len=:), allocatable :: word
     integer :: i
 
-    command%scene = ''
+    allocate (command%scenes(0))
     command%folder = 'out'
     command%text = ''
     i = 1
@@ -74,19 +80,52 @@ contains
           return
         end if
       case default
-        if (index(word, '-') == 1 .or. len(command%scene) > 0) then
+        if (index(word, '-') == 1 .or. len(word) == 0) then
           call fail(status, status_input_error, 'argument', "unknown argument '"//clipped(word) &
                     //"'; "//usage)
           return
         end if
-        command%scene = word
+        call add_scene(command, word, status)
+        if (status%failed()) return
       end select
       i = i + 1
     end do
-    if (command%text == '' .and. len(command%scene) == 0) then
+    if (command%text == '' .and. size(command%scenes) == 0) then
       call fail(status, status_input_error, 'scene', 'no scene given; '//usage)
     end if
   end subroutine read_command_line
+
+  !> One more scene; its tables must have names of their own.
+  subroutine add_scene(command, path, status)
+    type(command_line), intent(inout) :: command
+    character(len=*), intent(in) :: path
+    type(status_type), intent(out) :: status
+    type(scene_path), allocatable :: longer(:)
+    integer :: i, n
+    n = size(command%scenes)
+    do i = 1, n
+      if (stem(command%scenes(i)%path) /= stem(path)) cycle
+      call fail(status, status_input_error, 'scene', clipped(path)//': its tables would have the ' &
+                //'names of those of '//clipped(command%scenes(i)%path)//': give each its own call')
+      return
+    end do
+    allocate (longer(n + 1))
+    do i = 1, n
+      call move_alloc(command%scenes(i)%path, longer(i)%path)
+    end do
+    longer(n + 1)%path = path
+    call move_alloc(longer, command%scenes)
+  end subroutine add_scene
+
+  !> Name of a file without its folder and what follows the last dot, as in names of tables.
+  pure function stem(path)
+    character(len=*), intent(in) :: path
+    character(len=:), allocatable :: stem
+    integer :: dot
+    stem = path(index(path, '/', back=.true.) + 1:)
+    dot = index(stem, '.', back=.true.)
+    if (dot > 1) stem = stem(:dot - 1)
+  end function stem
 
   !> A number behind an option.
   subroutine read_bound(name, word, value, status)
@@ -113,7 +152,7 @@ contains
     character(len=:), allocatable :: help
     character(len=*), parameter :: nl = new_line('a')
     help = usage//nl//nl &
-           //'Computes what a scene asks for and writes tables (CSV) into DIR (default: out).'//nl &
+           //'Computes what scenes ask for and writes tables (CSV) into DIR (default: out).'//nl &
            //'  --plan   print what would be computed and what is skipped, and stop'//nl &
            //'  --quiet  print only warnings and errors'//nl &
            //'  --count  print how often each kind of work was done (in the build with all ' &
@@ -127,7 +166,12 @@ contains
            //nl//nl &
            //'Exit status: 0 done; 1 some points have no solution (the rows say which), or a ' &
            //'bound was reached;'//nl &
-           //'2 bad input; 3 a file cannot be read or written.'
+           //'2 bad input; 3 a file cannot be read or written. Of several scenes each is tried;'//nl &
+           //'the largest status counts.'//nl//nl &
+           //'Examples:'//nl &
+           //'  viscovib-solve mount.nml                     out/mount_response.csv'//nl &
+           //'  viscovib-solve mount.nml --plan              what would be computed'//nl &
+           //'  viscovib-solve scenes/*.nml --out tables --quiet'
   end function help
 
 end module viscovib_command_line

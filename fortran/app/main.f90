@@ -2,7 +2,7 @@
 !!
 !! Exit status: 0 done; 1 computed, but some points have no solution (the rows
 !! say which), a motion stopped early or a bound on time or memory was reached; 2 bad input;
-!! 3 a file cannot be read or written.
+!! 3 a file cannot be read or written. Of several scenes each is tried; the largest counts.
 program viscovib_solve
   use, intrinsic :: iso_c_binding, only: c_double
   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
@@ -31,14 +31,13 @@ program viscovib_solve
   end interface
 
   type(command_line) :: command
-  type(scene_type) :: scene
-  character(len=:), allocatable :: plan
-  type(scene_report) :: report
   type(status_type) :: status
+  integer :: i, exit_status
 
   call ignore_file_limit()
   call read_command_line(command, status)
-  call stop_if_failed()
+  if (status%failed()) call tell(status)
+  if (status%failed()) stop status%category, quiet=.true.
   if (command%text /= '') then
     write (output_unit, '(a)') command%text
     stop 0, quiet=.true.
@@ -46,33 +45,60 @@ program viscovib_solve
 
   call limit_memory(command%memory)
   if (command%seconds > 0.0_wp) call limit_seconds(command%seconds)
-  call read_scene(command%scene, scene, status, allow_paths=command%allow_paths)
-  call stop_if_failed()
-  call plan_scene(scene, plan, status)
-  call stop_if_failed()
-  call say(error_unit, 'warning: ', scene%subject%warnings())
-  if (command%plan) then
-    call say(output_unit, '', plan)
-    stop 0, quiet=.true.
-  end if
-
-  call run_scene(scene, command%folder, version, report, status)
-  call stop_if_failed()
-  if (.not. command%quiet) write (output_unit, '(a)') one_line(report%path//': '//told_stop() &
-                                                           //report%summary)
+  exit_status = 0
+  do i = 1, size(command%scenes)
+    if (i > 1 .and. stop_wanted()) then
+      write (error_unit, '(3a)') 'viscovib-solve: ', one_line(command%scenes(i)%path), &
+        ': not begun, time is over (--max-seconds)'
+      exit_status = max(exit_status, 1)
+      cycle
+    end if
+    exit_status = max(exit_status, status_of(command%scenes(i)%path))
+  end do
   if (command%count) call say_counts()
-  if (.not. report%complete) stop 1, quiet=.true.
+  stop exit_status, quiet=.true.
 
 contains
 
-  subroutine stop_if_failed()
-    if (.not. status%failed()) return
+  !> Compute a scene, or tell its plan; the exit status if it were the only one.
+  integer function status_of(path)
+    character(len=*), intent(in) :: path
+    type(scene_type) :: scene
+    character(len=:), allocatable :: plan
+    type(scene_report) :: report
+    call read_scene(path, scene, status, allow_paths=command%allow_paths)
+    if (.not. status%failed()) call plan_scene(scene, plan, status)
+    status_of = status%category
+    if (status%failed()) then
+      call tell(status)
+      return
+    end if
+    call say(error_unit, 'warning: ', scene%subject%warnings())
+    if (command%plan) then
+      if (size(command%scenes) > 1) call say(output_unit, '', one_line(path)//':'//new_line('a'))
+      call say(output_unit, '', plan)
+      return
+    end if
+    call run_scene(scene, command%folder, version, report, status)
+    status_of = status%category
+    if (status%failed()) then
+      call tell(status)
+      return
+    end if
+    if (.not. command%quiet) then
+      write (output_unit, '(a)') one_line(report%path//': '//told_stop(report)//report%summary)
+    end if
+    if (.not. report%complete) status_of = 1
+  end function status_of
+
+  subroutine tell(status)
+    type(status_type), intent(in) :: status
     write (error_unit, '(2a)') 'viscovib-solve: ', one_line(status%message)
-    stop status%category, quiet=.true.
-  end subroutine stop_if_failed
+  end subroutine tell
 
   !> Words about a bound that was reached.
-  function told_stop()
+  function told_stop(report)
+    type(scene_report), intent(in) :: report
     character(len=:), allocatable :: told_stop
     told_stop = ''
     if (stop_wanted() .and. .not. report%complete) told_stop = 'stopped: time is over ' &

@@ -11,7 +11,7 @@ module viscovib_scales_response
   use viscovib_scales_motion, only: harmonic_of, n_sizes
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_steady_states, only: max_steady, new_steady_solver, steady_solver_type
-  use viscovib_stopping, only: stop_wanted
+  use viscovib_stopping, only: begin_piece, stop_wanted
   implicit none
   private
 
@@ -87,6 +87,7 @@ contains
     moves_rest = .not. here%drives(load) > 0.0_wp .and. vary == vary_amplitude
     do i = 1, size(values)
       if (cancel /= 0 .or. stop_wanted()) return
+      call begin_piece()
       ! Nothing here depends on the other values.
       call set_value(values(i))
       if (i == 1 .or. moves_rest) call reach_of(here, reach, status)

@@ -5,9 +5,13 @@ module viscovib_stopping
   implicit none
   private
 
-  public :: stop_wanted, want_stop, set_unfinished
+  public :: stop_wanted, want_stop, set_unfinished, begin_piece, pieces_begun
 
   integer(c_int), bind(c, name='viscovib_stop'), volatile :: stop_flag
+
+  !> Pieces of long work begun since the program started, which tells that it goes on; about, with
+  !! several threads.
+  integer(c_int), volatile :: pieces = 0
 
   interface
     subroutine c_set_unfinished(path) bind(c, name='viscovib_set_unfinished')
@@ -21,6 +25,15 @@ contains
   logical function stop_wanted()
     stop_wanted = stop_flag /= 0
   end function stop_wanted
+
+  !> Called by a loop before each piece that takes long: a point of a curve, a value.
+  subroutine begin_piece()
+    pieces = modulo(pieces, huge(pieces)) + 1
+  end subroutine begin_piece
+
+  integer(c_int) function pieces_begun()
+    pieces_begun = pieces
+  end function pieces_begun
 
   subroutine want_stop(wanted)
     logical, intent(in) :: wanted

@@ -164,3 +164,12 @@ subroutine stop_loops(flag)
   integer(c_int), intent(in) :: flag
   call want_stop(flag /= 0)
 end subroutine stop_loops
+
+!> Points of curves and values that loops have begun since the program started.
+subroutine pieces_of_work(n)
+  use, intrinsic :: iso_c_binding, only: c_int
+  use viscovib_stopping, only: pieces_begun
+  implicit none
+  integer(c_int), intent(out) :: n
+  n = pieces_begun()
+end subroutine pieces_of_work

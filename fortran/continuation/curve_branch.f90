@@ -17,7 +17,7 @@ module viscovib_curve_branch
     curve_stopped, curve_stuck, curve_unphysical
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted, sized_curve_type
-  use viscovib_stopping, only: stop_wanted
+  use viscovib_stopping, only: begin_piece, stop_wanted
   implicit none
   private
 
@@ -100,6 +100,7 @@ contains
         branch%outcome = curve_stopped
         return
       end if
+      call begin_piece()
       call make_step(f, branch, made, ended)
       if (ended) return
       if (.not. made) cycle

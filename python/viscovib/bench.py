@@ -17,6 +17,7 @@ import numpy as np
 from viscovib import __version__, _native
 from viscovib._backbone import Backbone
 from viscovib.branch_result import Branch
+from viscovib.cli_words import as_json
 from viscovib.driven_branch import DrivenBranch
 from viscovib.errors import InputError, ViscovibError
 from viscovib.parameters import MAX_HARMONICS
@@ -119,7 +120,14 @@ def measure(scene: Scene, *, seconds: float = 2.0, runs: int | None = None) -> B
 def run_bench(options: argparse.Namespace) -> int:
     """Measure and print; the exit status."""
     scene = Scene.read(options.scene, allow_paths=options.allow_paths)
-    print(measure(scene, seconds=options.seconds, runs=options.runs))
+    found = measure(scene, seconds=options.seconds, runs=options.runs)
+    if not options.json:
+        print(found)
+        return 0
+    phases = {p.name: {"best": p.best, "median": p.median, "runs": len(p.seconds)}
+              for p in found.phases}  # fmt: skip
+    print(as_json({"scene": options.scene, "status": 0, "size": found.size, "seconds": phases,
+                   "error": found.error, "compared": found.compared}))  # fmt: skip
     return 0
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._sweep import sweep
+from viscovib.cli_words import as_json
 from viscovib.errors import FileError, InputError
 from viscovib.files import whole_file
 from viscovib.limits import StoppedError, limited_seconds
@@ -55,12 +56,13 @@ def run_sweep(options: argparse.Namespace) -> int:
     stem = options.out / f"{options.scene.stem}_sweep"
     checkpoint = getattr(options, "checkpoint", None) or stem.with_suffix(".zarr")
     keep_all = getattr(options, "all", False)
+    shown = sys.stderr.isatty() and not options.quiet and not options.json
     client = _client(getattr(options, "scheduler", None))
     try:
         # Points are kept whole: those in work when the time is over are left out.
         with limited_seconds(options.max_seconds, partial=False):
             data = sweep(
-                scene, grid, client, checkpoint, not options.quiet,
+                scene, grid, client, checkpoint, shown,
                 errors=getattr(options, "errors", "raise"),
                 extract="all" if keep_all else "summary",
                 n_threads=getattr(options, "threads", None),
@@ -81,10 +83,17 @@ def run_sweep(options: argparse.Namespace) -> int:
         table, picture = stem.with_suffix(".csv"), stem.with_suffix(".png")
         write_table(data, table)
         note = save_map(data, picture)
-        lines += [f"{table}", f"{picture}" if not note.startswith("no") else "", note]
-    if not options.quiet:
+        drawn = not note.startswith("no")
+        lines += [f"{table}", f"{picture}" if drawn else "", note]
+    status = 1 if failed else 0
+    if options.json:
+        told = {"scene": options.scene, "status": status, "kind": "sweep", "checkpoint": checkpoint,
+                "sizes": dict(data.sizes), "failed": failed}  # fmt: skip
+        files = {} if keep_all else {"tables": [table], "pictures": [picture] * drawn}
+        print(as_json(told | files))
+    elif not options.quiet:
         print(*filter(None, lines), sep="\n")
-    return 1 if failed else 0
+    return status
 
 
 def write_table(data: xr.Dataset, path: Path) -> None:

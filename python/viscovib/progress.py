@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol, Self
+
+from viscovib._native import core
+
+#: Seconds without a bar, and between two looks.
+_PATIENCE, _LOOK = 0.5, 0.2
 
 
 class Bar(Protocol):
@@ -38,3 +46,36 @@ def progress_bar(total: int, unit: str, shown: bool, done: int = 0) -> Bar:
 
     bar: Bar = tqdm(total=total, initial=done, unit=f" {unit}", leave=False)
     return bar
+
+
+@contextmanager
+def counted_pieces(shown: bool) -> Iterator[None]:
+    """Show how many points a long native call has begun, if it takes longer than half a second.
+
+    For curves, whose number of points is not known before. The bar stands on standard error.
+    """
+    if not shown:
+        yield
+        return
+    over = threading.Event()
+
+    def watch() -> None:
+        from tqdm import tqdm
+
+        before = core.pieces_of_work()
+        if over.wait(_PATIENCE):
+            return
+        with tqdm(unit=" points", leave=False) as bar:
+            while not over.wait(_LOOK):
+                now = core.pieces_of_work()
+                bar.update(max(now - before, 0))
+                before = now
+                bar.refresh()
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        over.set()
+        watcher.join()

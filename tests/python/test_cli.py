@@ -1,0 +1,134 @@
+"""The command line: help, JSON, several scenes a call, completion, bars."""
+
+import fcntl
+import json
+import os
+import pty
+import struct
+import subprocess
+import sys
+import termios
+from pathlib import Path
+
+import pytest
+import viscovib as vv
+from viscovib.cli import main
+
+SCENES = Path(__file__).parents[2] / "data" / "scenes"
+PAPER, BRANCH = SCENES / "mount_paper.nml", SCENES / "mount_branch.nml"
+
+
+def lines(capsys):
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+@pytest.mark.parametrize(
+    "command", ["", "run", "plan", "plot", "sweep", "explore", "bench", "completion"]
+)
+def test_help_has_examples(command, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([*command.split(), "--help"])
+    assert ended.value.code == 0
+    told = capsys.readouterr().out
+    assert f"viscovib {command}".rstrip() in told[told.index("examples:") :]
+
+
+def test_several_scenes_and_the_largest_status(tmp_path, capsys):
+    out = ["--out", str(tmp_path), "--json"]
+    assert main(["run", str(PAPER), "nope.nml", str(BRANCH), *out]) == 3
+    first, none, second = lines(capsys)
+    want = vv.run(PAPER).value
+    assert first["numbers"]["peak_x"] == {"value": want.peak("x").amplitude, "unit": "m"}
+    assert none == {
+        "scene": "nope.nml", "status": 3, "error": "nope.nml: cannot be read "
+        "(No such file or directory)",
+    }  # fmt: skip
+    assert second["numbers"]["folds"]["value"] == 2
+    for one in (first, second):
+        assert one["complete"]
+        assert all(Path(path).exists() for path in one["tables"] + one["pictures"])
+    assert main(["run", str(PAPER), f"elsewhere/{PAPER.name}", *out]) == 2
+    assert "its tables would have the names of those of" in capsys.readouterr().err
+
+
+def test_plans_benchmarks_sweeps_and_pictures_as_json(tmp_path, capsys):
+    assert main(["plan", str(PAPER), "--json"]) == 0
+    (plan,) = lines(capsys)
+    assert plan["skips"] == dict(vv.plan(PAPER).skips)
+    assert main(["bench", str(PAPER), "--runs", "1", "--json"]) == 0
+    (cost,) = lines(capsys)
+    assert cost["seconds"]["compute"]["best"] > 0
+    out = ["--out", str(tmp_path), "--json"]
+    assert main(["sweep", str(PAPER), "--over", "mount.mass=1,2", *out]) == 0
+    (sweep,) = lines(capsys)
+    assert sweep["sizes"] == {"mount.mass": 2}
+    assert all(Path(path).exists() for path in sweep["tables"] + sweep["pictures"])
+    assert main(["plot", str(PAPER), *out]) == 0
+    assert Path(lines(capsys)[0]["pictures"][0]).exists()
+
+
+def test_what_is_no_number_is_null(tmp_path, capsys):
+    # Successive approximations fail at every frequency.
+    scene = tmp_path / "fails.nml"
+    scene.write_text(
+        "&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 /\n"
+        "&load amplitude=50 /\n&response nu=1.4 1.5, method='successive' /\n"
+    )
+    assert main(["run", str(scene), "--out", str(tmp_path), "--json"]) == 1
+    (told,) = lines(capsys)
+    assert told["numbers"]["peak_x"]["value"] is None
+    assert not told["complete"]
+
+
+def test_bash_completes(tmp_path, capsys):
+    (tmp_path / "mount.nml").touch()
+    (tmp_path / "mount.csv").touch()
+    assert main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+
+    def completed(*words):
+        lines = f"COMP_WORDS=(viscovib {' '.join(words)}); COMP_CWORD={len(words)}; _viscovib"
+        said = subprocess.run(
+            ["bash", "-c", f'{script}\n{lines}\nprintf "%s\\n" "${{COMPREPLY[@]}}"'],
+            capture_output=True, text=True, check=True, cwd=tmp_path,
+        )  # fmt: skip
+        return said.stdout.split()
+
+    assert completed("pl") == ["plan", "plot"]
+    assert completed("run", "mou") == ["mount.nml"]
+    assert completed("sweep", "--sch") == ["--scheduler"]
+    assert completed("completion", "f") == ["fish"]
+    for shell in ("zsh", "fish"):
+        assert main(["completion", shell]) == 0
+        assert "sweep" in capsys.readouterr().out
+
+
+def _told_by_terminal(command, cwd):
+    """What a command writes on a terminal."""
+    ours, its = pty.openpty()
+    # Lines and columns; without them nothing has room.
+    fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 25, 80, 0, 0))
+    with subprocess.Popen(command, stdout=its, stderr=its, cwd=cwd) as child:
+        os.close(its)
+        told = b""
+        while True:
+            try:
+                part = os.read(ours, 4096)
+            except OSError:
+                break
+            if not part:
+                break
+            told += part
+        assert child.wait() == 0
+    os.close(ours)
+    return told.decode()
+
+
+def test_bars_only_on_terminals(tmp_path):
+    # A branch that takes more than a second.
+    scene = SCENES / "pendulum_branch.nml"
+    command = [sys.executable, "-m", "viscovib", "run", str(scene)]
+    assert " points [" in _told_by_terminal(command, tmp_path)
+    said = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert said.stderr == ""
+    assert "points [" not in _told_by_terminal([*command, "--quiet"], tmp_path)
