@@ -166,8 +166,8 @@ contains
            //nl//nl &
            //'Exit status: 0 done; 1 some points have no solution (the rows say which), or a ' &
            //'bound was reached;'//nl &
-           //'2 bad input; 3 a file cannot be read or written. Of several scenes each is tried;'//nl &
-           //'the largest status counts.'//nl//nl &
+           //'2 bad input; 3 a file cannot be read or written. Of several scenes each is '//nl &
+           //'tried; the largest status counts.'//nl//nl &
            //'Examples:'//nl &
            //'  viscovib-solve mount.nml                     out/mount_response.csv'//nl &
            //'  viscovib-solve mount.nml --plan              what would be computed'//nl &
