@@ -22,9 +22,9 @@ module viscovib_section_step
   public :: free_section, driven_section, section_wave
   public :: grown, legendre_moments, slope_of_growth
 
-  !> Sizes of roots below which powers of time serve, their distance below which they coincide, and
-  !! decay after which nothing is left.
-  real(wp), parameter :: slow = 1.5_wp, apart = 0.5_wp, vanished = 40.0_wp
+  !> Sizes of roots below which powers of time serve; their distance, and the same by their size,
+  !! below which they all but coincide; and decay after which nothing is left.
+  real(wp), parameter :: slow = 1.5_wp, apart = 0.5_wp, close = 0.2_wp, vanished = 40.0_wp
   !> Powers of time; size beyond which Bessel functions follow from each other upwards.
   integer, parameter :: most_powers = 30
   real(wp), parameter :: far = 30.0_wp
@@ -74,7 +74,7 @@ contains
     roots = roots_of(square, rate)
     if (maxval(abs(roots)) <= slow) then
       call by_powers(square, rate, by_order, rates)
-    else if (abs(roots(1) - roots(2)) < apart) then
+    else if (abs(roots(1) - roots(2)) < max(apart, close*abs(roots(1)))) then
       call by_quadrature(square, rate, by_order, rates)
     else
       call legendre_moments(roots(1), one)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,8 @@ class LoadTable:
         Strictly ascending (s), n >= 2.
     values : array_like, shape (n,) or (n, n_dof)
         Force on the first coordinate, or on each (N, N m); of a base: shape (n,) (m).
+    on : str, int, mapping or array_like, optional
+        Of a `Structure` and with values of shape (n,): where they act, as ``on`` of a `Spring`.
     interpolation : {"linear", "cubic"}
         Straight lines, or a spline, which is twice continuously differentiable. Steps in time
         end on every corner of it and on its ends, so that the order of a method is kept.
@@ -37,6 +39,7 @@ class LoadTable:
     times: npt.ArrayLike
     values: npt.ArrayLike
     interpolation: str = "linear"
+    on: Any = None
     _kinds: ClassVar[tuple[str, ...]] = ("linear", "cubic")
 
     def __post_init__(self) -> None:
@@ -60,6 +63,9 @@ class LoadTable:
                 f"got {values.shape}"
             )
 
+        if self.on is not None and values.ndim == 2:
+            raise InputError("on: must not be given with values for every coordinate")
+
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
         """Load at times t, shape t.shape + values.shape[1:]."""
         from scipy.interpolate import CubicSpline
@@ -76,9 +82,13 @@ class LoadTable:
 
     def _pieces(self, n_dof: int) -> FloatArray:
         """Cubics between the times as the core takes them, shape (n_dof, 4, n)."""
+        return self._cubics(self._columns(n_dof))
+
+    def _cubics(self, values: FloatArray) -> FloatArray:
+        """The same of columns, shape (n, n_columns)."""
         from scipy.interpolate import CubicSpline
 
-        values = self._columns(n_dof)
+        n_dof = values.shape[1]
         times = np.asarray(self.times)
         pieces = np.zeros((n_dof, 4, times.size), order="F")
         if self.interpolation == "cubic":
@@ -90,7 +100,9 @@ class LoadTable:
 
     def _breaks(self, n_dof: int) -> FloatArray:
         """Times at which a piece does not go on smoothly into the next, and the ends."""
-        times, pieces = np.asarray(self.times), self._pieces(n_dof)
+        times, values = np.asarray(self.times), np.asarray(self.values)
+        one = values.ndim == 1
+        pieces = self._cubics(values[:, np.newaxis] if one else self._columns(n_dof))
         length = np.diff(times)
         # Value and derivatives at both ends of each piece, by order.
         a = pieces[:, :, :-1]
@@ -126,6 +138,8 @@ class LoadTable:
 
     def _columns(self, n_dof: int) -> FloatArray:
         values = np.asarray(self.values)
+        if self.on is not None:
+            raise InputError("on: is for the load of a Structure")
         if values.ndim == 1:
             columns = np.zeros((values.size, n_dof))
             columns[:, 0] = values

@@ -15,7 +15,8 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.condensed import LoadedStructure
-from viscovib.errors import InputError, StabilityWarning
+from viscovib.elements import direction_of
+from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning
 from viscovib.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.load import LoadLike
 from viscovib.load_table import LoadTable, added
@@ -26,6 +27,8 @@ from viscovib.trajectory import Trajectory
 
 #: Part of the largest column of a table by which combinations of columns are rounding.
 _ROUNDING = 1e-15
+#: Part of a start that may be in no mode without a word.
+_LEFT_OUT = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,7 +108,11 @@ class StructureMotion:
             raise InputError("base: this system has no base_direction, its base is fixed")
         name = _native.choice("method", method, ("auto", *NODES))
         _native.choice("memory", memory, ("auto", *PASTS))
-        _check_rest(structure)
+        if structure._rest.losses.any():
+            raise InputError(
+                "loss_factor: has no meaning in time, must be 0 for a motion in time (take a "
+                "kernel, or modal_damping)"
+            )
         before, moved = history_of(held, n)
         state = np.zeros(2 * n)
         state[::2] = moved[:, -1]
@@ -122,14 +129,17 @@ class StructureMotion:
             raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
         patterns, breaks, pieces = _table_columns(force, structure)
         directions = loaded.condensation.laws.directions
-        warn_of_creeping(structure)
+        _check_forces(structure, loaded, patterns)
+        _warn_of_creep(structure)
         motion = cls(
             structure, end, "gauss8" if name == "auto" else name, loaded,
             structure._wanted(coordinates, loaded), state[::2].copy(), state[1::2].copy(),
             loaded.orders * frequency, directions.T @ moved[:, 0], before,
             np.asfortranarray(directions.T @ moved), memory, patterns, breaks, pieces,
         )  # fmt: skip
-        return motion if table is None else motion._on_table(table)
+        motion = motion if table is None else motion._on_table(table)
+        motion._warn_of_left_out()
+        return motion
 
     def _on_table(self, table: LoadTable) -> StructureMotion:
         """The same with a base that moves by a table: its acceleration acts on what is relative."""
@@ -266,6 +276,35 @@ class StructureMotion:
             "shown_left": np.concatenate([left[self.places].T, seen], axis=1),
             "start_others": state(start, rates),
         }  # fmt: skip
+
+    def _warn_of_left_out(self) -> None:
+        """Warn of a start that the modes in use do not hold."""
+        place, speed = self.base_state(0.0) if self.moves_base else (0.0, 0.0)
+        if not (self.start.any() or self.speed.any() or place or speed):
+            return
+        rest, modal = self.loaded.condensation.rest, self.modal
+        for name, column, given in (
+            ("displacements", "start", self.start), ("velocities", "start_rates", self.speed),
+        ):  # fmt: skip
+            held = np.zeros(given.size)
+            if rest.squares.size:
+                held += rest.shapes @ modal[column]
+            if rest.poles.size:
+                kept = rest.poles.imag >= 0
+                twice = np.where(rest.poles[kept].imag > 0, 2.0, 1.0)
+                z = modal["start_others"] * (1.0 if column == "start" else modal["poles"])
+                held += (rest.left[:, kept] @ (twice * z)).real
+            b = self.mount._base_direction
+            if b is not None:
+                held += b * (place if column == "start" else speed)
+            left = float(np.abs(given - held).max())
+            if left > _LEFT_OUT * max(float(np.abs(given).max()), float(np.abs(held).max())):
+                warnings.warn(
+                    f"initial: {left:.2g} of the {name} is in no mode of this structure (modes "
+                    "left out, or coordinates without mass), and is left out",
+                    ConvergenceWarning,
+                    stacklevel=5,
+                )
 
     @property
     def moves_base(self) -> bool:
@@ -416,12 +455,19 @@ def _damped(structure: Structure, u: FloatArray) -> FloatArray:
     return total
 
 
-def _check_rest(structure: Structure) -> None:
-    rest = structure._rest
-    if rest.losses.any():
+def _check_forces(structure: Structure, loaded: LoadedStructure, patterns: FloatArray) -> None:
+    """Refuse forces to which the rest has no answer in time."""
+    if structure._reduced is not None:
+        structure._reduced.check_loads(patterns.astype(complex))
+    if loaded.condensation.rest.flexibility is None:
+        return
+    forces = [loaded.condensation.laws.directions, loaded.forces.real, loaded.forces.imag, patterns]
+    moved, _ = loaded.condensation.rest.flexibility(np.concatenate(forces, axis=1))
+    if moved.any():
+        i = int(np.flatnonzero(moved.any(axis=1))[0])
         raise InputError(
-            "loss_factor: has no meaning in time, must be 0 for a motion in time (take a kernel, "
-            "or modal_damping)"
+            f"elements, load: a force acts on a coordinate without mass ({structure.dof_names[i]} "
+            "follows at once), must have mass there for a motion in time"
         )
 
 
@@ -435,8 +481,11 @@ def _table_columns(
     if not isinstance(force, LoadTable):
         raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
     times = np.asarray(force.times)
-    if np.asarray(force.values).ndim == 1:
-        return np.eye(n, 1), times, force._pieces(1)
+    values = np.asarray(force.values)
+    if values.ndim == 1:
+        on = 0 if force.on is None else force.on
+        e = direction_of("force.on", on, n, structure._places)  # type: ignore[attr-defined]
+        return e[:, np.newaxis], times, force._cubics(values[:, np.newaxis])
     pieces = force._pieces(n)
     used = np.flatnonzero(pieces.any(axis=(1, 2)))
     patterns = np.zeros((n, max(used.size, 1)))
@@ -452,7 +501,7 @@ def _table_columns(
     return patterns, times, np.asfortranarray(pieces)
 
 
-def warn_of_creeping(structure: Structure) -> None:
+def _warn_of_creep(structure: Structure) -> None:
     if any(kernel.integral >= 1 for kernel in structure._active_kernels):
         warnings.warn(
             "the integral of a kernel is 1 or more: free motion may creep away, and a run does "

@@ -18,6 +18,7 @@ program tester
   use test_scales, only: run_scales
   use test_scene, only: run_scene
   use test_skips, only: run_skips
+  use test_structure_march, only: run_structure_march
   use test_table, only: run_table
   use test_torus, only: run_torus
   use test_torus_orders, only: run_torus_orders
@@ -48,6 +49,7 @@ program tester
   if (wants('scales')) call run_scales()
   if (wants('scene')) call run_scene()
   if (wants('skips')) call run_skips()
+  if (wants('structure_march')) call run_structure_march()
   if (wants('table')) call run_table()
   if (wants('torus')) call run_torus()
   if (wants('torus_orders')) call run_torus_orders()
