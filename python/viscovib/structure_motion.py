@@ -286,19 +286,21 @@ class StructureMotion:
         for name, column, given in (
             ("displacements", "start", self.start), ("velocities", "start_rates", self.speed),
         ):  # fmt: skip
-            held = np.zeros(given.size)
+            held, size = np.zeros(given.size), np.abs(given)
             if rest.squares.size:
                 held += rest.shapes @ modal[column]
+                size += np.abs(rest.shapes) @ np.abs(modal[column])
             if rest.poles.size:
                 kept = rest.poles.imag >= 0
                 twice = np.where(rest.poles[kept].imag > 0, 2.0, 1.0)
                 z = modal["start_others"] * (1.0 if column == "start" else modal["poles"])
                 held += (rest.left[:, kept] @ (twice * z)).real
+                size += np.abs(rest.left[:, kept]) @ np.abs(twice * z)
             b = self.mount._base_direction
             if b is not None:
                 held += b * (place if column == "start" else speed)
             left = float(np.abs(given - held).max())
-            if left > _LEFT_OUT * max(float(np.abs(given).max()), float(np.abs(held).max())):
+            if left > _LEFT_OUT * float(size.max()):
                 warnings.warn(
                     f"initial: {left:.2g} of the {name} is in no mode of this structure (modes "
                     "left out, or coordinates without mass), and is left out",
