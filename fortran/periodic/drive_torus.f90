@@ -240,30 +240,41 @@ contains
   pure function lattice(n_axes, bound) result(orders)
     integer, intent(in) :: n_axes, bound
     integer, allocatable :: orders(:, :)
-    integer :: s, i, j, k, n, second, third, pass
-    logical :: positive
+    integer :: s, n
 
-    do pass = 1, 2
-      n = 0
-      do s = 0, bound
-        do i = s, 0, -1
-          second = merge(s - i, 0, n_axes > 1)
-          do j = second, -second, -1
-            third = merge(s - i - abs(j), 0, n_axes > 2)
-            do k = third, -third, -1
-              if (i + abs(j) + abs(k) /= s) cycle
-              positive = i > 0 .or. (i == 0 .and. (j > 0 .or. (j == 0 .and. k >= 0)))
-              if (.not. positive) cycle
-              n = n + 1
-              if (pass == 2) orders(:, n) = [i, j, k]
-            end do
-          end do
-        end do
-      end do
-      if (pass == 1) allocate (orders(3, n))
+    ! Counted first, then filled.
+    n = 0
+    do s = 0, bound
+      call add_shell(n_axes, s, n)
+    end do
+    allocate (orders(3, n))
+    n = 0
+    do s = 0, bound
+      call add_shell(n_axes, s, n, orders)
     end do
     orders = orders(:n_axes, :)
   end function lattice
+
+  !> The combinations of one size, the sum of what their orders amount to.
+  pure subroutine add_shell(n_axes, s, n, orders)
+    integer, intent(in) :: n_axes, s
+    integer, intent(inout) :: n
+    integer, intent(inout), optional :: orders(:, :)
+    integer :: i, j, k, second, third
+
+    do i = s, 0, -1
+      second = merge(s - i, 0, n_axes > 1)
+      do j = second, -second, -1
+        third = merge(s - i - abs(j), 0, n_axes > 2)
+        do k = third, -third, -1
+          if (i + abs(j) + abs(k) /= s) cycle
+          if (.not. (i > 0 .or. (i == 0 .and. (j > 0 .or. (j == 0 .and. k >= 0))))) cycle
+          n = n + 1
+          if (present(orders)) orders(:, n) = [i, j, k]
+        end do
+      end do
+    end do
+  end subroutine add_shell
 
   !> Unknowns of three coordinates: three for each point of the whole lattice.
   pure integer function n_unknowns(n_axes, bound)

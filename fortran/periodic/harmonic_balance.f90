@@ -211,9 +211,8 @@ contains
             call retain(self%fraction(:, j), self%block(:, k))
           end do
           do a = 1, self%n_dof
-            if (abs(system%spread(a, j)) > 0.0_wp) then
-              call add_block(self%block, system%spread(a, j), a, b, jacobian)
-            end if
+            if (.not. abs(system%spread(a, j)) > 0.0_wp) cycle
+            call add_block(self%block, system%spread(a, j), a, b, jacobian)
           end do
         end if
         if (.not. system%separable) self%memory(:, :, j) = self%block

@@ -370,15 +370,13 @@ contains
     complex(wp), intent(in) :: kept(:, :)
     real(wp), intent(inout) :: h(size(kept, 1)*self%n_dof, size(kept, 1)*self%n_dof, 2)
     real(wp) :: right(size(kept, 1), size(kept, 1), 2)
-    complex(wp) :: f
-    integer :: a, b, i, j, l, o, p, row, column
+    integer :: a, b, j, l, o, p
 
     p = size(kept, 1)
     o = self%n_orders - p
     do j = 1, size(self%w, 2)
       associate (kept_j => kept(:, findloc(self%kernel_of_group, system%kernel_of(j), 1)))
         do b = 1, self%n_dof
-          column = (b - 1)*p
           if (.not. (self%inner_varies(b, j) .or. abs(system%gather(j, b)) > 0.0_wp)) cycle
           ! f (w + W).
           do l = 1, p
@@ -390,33 +388,47 @@ contains
             right(l, l, 2) = right(l, l, 2) + aimag(kept_j(l))*system%gather(j, b)
           end do
           do a = 1, self%n_dof
-            row = (a - 1)*p
-            if (abs(self%spread(a, j)) > 0.0_wp) then
-              h(row + 1:row + p, column + 1:column + p, :) = &
-                h(row + 1:row + p, column + 1:column + p, :) + self%spread(a, j)*right
-            end if
-            if (.not. self%outer_varies(a, j)) cycle
-            if (self%inner_varies(b, j)) then
-              do l = 1, p
-                do i = 1, p
-                  f = cmplx(right(i, l, 1), right(i, l, 2), wp)
-                  call add_column(p, f, self%outer(o + 1, o + i, a, j, 1), &
-                                  self%outer(o + 1, o + i, a, j, 2), &
-                                  h(row + 1, column + l, 1), h(row + 1, column + l, 2))
-                end do
-              end do
-            else
-              do l = 1, p
-                call add_column(p, kept_j(l)*system%gather(j, b), &
-                                self%outer(o + 1, o + l, a, j, 1), &
-                                self%outer(o + 1, o + l, a, j, 2), h(row + 1, column + l, 1), &
-                                h(row + 1, column + l, 2))
-              end do
-            end if
+            call add_product(self, kept_j, right, a, b, j, system%gather(j, b), h)
           end do
         end do
       end associate
     end do
   end subroutine add_products
+
+  !> Add (b + B) f (w + W) of hereditary variable j to its block of coordinates a and b.
+  subroutine add_product(self, kept, right, a, b, j, gather, h)
+    class(hill_type), intent(in) :: self
+    complex(wp), intent(in) :: kept(:)
+    !> f (w + W).
+    real(wp), intent(in) :: right(:, :, :), gather
+    integer, intent(in) :: a, b, j
+    real(wp), intent(inout) :: h(size(kept)*self%n_dof, size(kept)*self%n_dof, 2)
+    complex(wp) :: f
+    integer :: i, l, o, p, row, column
+
+    p = size(kept)
+    o = self%n_orders - p
+    row = (a - 1)*p
+    column = (b - 1)*p
+    if (abs(self%spread(a, j)) > 0.0_wp) then
+      h(row + 1:row + p, column + 1:column + p, :) = &
+        h(row + 1:row + p, column + 1:column + p, :) + self%spread(a, j)*right
+    end if
+    if (.not. self%outer_varies(a, j)) return
+    do l = 1, p
+      if (.not. self%inner_varies(b, j)) then
+        call add_column(p, kept(l)*gather, self%outer(o + 1, o + l, a, j, 1), &
+                        self%outer(o + 1, o + l, a, j, 2), h(row + 1, column + l, 1), &
+                        h(row + 1, column + l, 2))
+        cycle
+      end if
+      do i = 1, p
+        f = cmplx(right(i, l, 1), right(i, l, 2), wp)
+        call add_column(p, f, self%outer(o + 1, o + i, a, j, 1), &
+                        self%outer(o + 1, o + i, a, j, 2), h(row + 1, column + l, 1), &
+                        h(row + 1, column + l, 2))
+      end do
+    end do
+  end subroutine add_product
 
 end module viscovib_hill

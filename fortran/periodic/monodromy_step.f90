@@ -78,42 +78,62 @@ contains
     integer, intent(in) :: n, nodes, first
     real(wp), intent(in) :: k(n_lanes, nodes, n, n), damping(n_lanes, n, n), y(n_lanes, 2*n, 2*n)
     real(wp), intent(inout) :: g(n_lanes, n_nodes*n, n_nodes*n + 2*n)
-    real(wp) :: total(n_lanes)
-    integer :: a, b, c, i, j, l
+    integer :: b, c, i, j
 
     do j = 1, n_nodes
       do b = 1, n
-        do i = 1, n_nodes
-          do a = 1, n
-            !GCC$ unroll 1
-            do l = 1, n_lanes
-              g(l, (i - 1)*n + a, (j - 1)*n + b) = table%a_q(i, j)*k(l, first - 1 + i, a, b) &
-                                                   + table%a(i, j)*damping(l, a, b)
-            end do
-          end do
-        end do
+        call fill_column(table, n, nodes, first, j, k(:, :, :, b), damping(:, :, b), &
+                         g(:, :, (j - 1)*n + b))
       end do
     end do
     do i = 1, n_nodes*n
       g(:, i, i) = g(:, i, i) + 1.0_wp
     end do
     do c = 1, 2*n
-      do i = 1, n_nodes
-        do a = 1, n
-          total = 0.0_wp
-          do b = 1, n
-            !GCC$ unroll 1
-            do l = 1, n_lanes
-              total(l) = total(l) - (k(l, first - 1 + i, a, b)*(y(l, b, c) &
-                                                                + table%c(i)*y(l, n + b, c)) &
-                                     + damping(l, a, b)*y(l, n + b, c))
-            end do
+      call fill_right(table, n, nodes, first, k, damping, y(:, :, c), g(:, :, n_nodes*n + c))
+    end do
+  end subroutine assemble
+
+  !> The accelerations that a solution at the beginning of the step has at the nodes.
+  pure subroutine fill_right(table, n, nodes, first, k, damping, y, right)
+    type(step_table), intent(in) :: table
+    integer, intent(in) :: n, nodes, first
+    real(wp), intent(in) :: k(n_lanes, nodes, n, n), damping(n_lanes, n, n), y(n_lanes, 2*n)
+    real(wp), intent(inout) :: right(n_lanes, n_nodes*n)
+    real(wp) :: total(n_lanes)
+    integer :: a, b, i, l
+    do i = 1, n_nodes
+      do a = 1, n
+        total = 0.0_wp
+        do b = 1, n
+          !GCC$ unroll 1
+          do l = 1, n_lanes
+            total(l) = total(l) - (k(l, first - 1 + i, a, b)*(y(l, b) + table%c(i)*y(l, n + b)) &
+                                   + damping(l, a, b)*y(l, n + b))
           end do
-          g(:, (i - 1)*n + a, n_nodes*n + c) = total
+        end do
+        right(:, (i - 1)*n + a) = total
+      end do
+    end do
+  end subroutine fill_right
+
+  !> What node j of a coordinate adds to the equations at each node, of each coordinate.
+  pure subroutine fill_column(table, n, nodes, first, j, k, damping, g)
+    type(step_table), intent(in) :: table
+    integer, intent(in) :: n, nodes, first, j
+    real(wp), intent(in) :: k(n_lanes, nodes, n), damping(n_lanes, n)
+    real(wp), intent(inout) :: g(n_lanes, n_nodes*n)
+    integer :: a, i, l
+    do i = 1, n_nodes
+      do a = 1, n
+        !GCC$ unroll 1
+        do l = 1, n_lanes
+          g(l, (i - 1)*n + a) = table%a_q(i, j)*k(l, first - 1 + i, a) &
+                                + table%a(i, j)*damping(l, a)
         end do
       end do
     end do
-  end subroutine assemble
+  end subroutine fill_column
 
   !> Solve m equations with r right sides, both even, two by two: the solution takes the
   !! place of the right sides.
