@@ -35,6 +35,15 @@ module viscovib_resting_modes
   !> Waves this near to a mode, in parts of its frequency, turn with it.
   real(wp), parameter :: still = 1.0e-7_wp
 
+  !> Modes at rest, and how two of them change by each other.
+  type :: pairs_type
+    type(angles_type) :: angles
+    !> Which modes rest, and which of these a drive is near to, shape (n_modes).
+    logical, allocatable :: rests(:), asked(:)
+    !> Q and P, shape (n_modes, n_modes).
+    complex(wp), allocatable :: coupling(:, :), by_a(:, :)
+  end type pairs_type
+
 contains
 
   !> The fastest growth of a pair of resting modes; -huge where nothing is near.
@@ -45,139 +54,170 @@ contains
     !> Amplitudes of a steady motion, in natural units.
     complex(wp), intent(in) :: a(:)
     real(wp), intent(out) :: growth
-    logical, dimension(size(a)) :: rests, asked
-    complex(wp), dimension(size(a), size(a)) :: coupling, by_a, by_conjugate
-    type(angles_type) :: angles
+    type(pairs_type) :: pairs
     real(wp) :: drive, nearest
-    integer :: n(max_angles), j, k
+    integer :: j, k
 
     growth = -huge(1.0_wp)
-    rests = .not. abs(a) > 0.0_wp
-    if (.not. any(rests)) return
-    call find_angles(scales, a, angles)
-    if (angles%n > max_angles - 1) return
-    associate (frame => scales%flow%frame)
-      asked = .false.
-      do j = 1, size(a)
-        do k = 1, size(a)
-          if (.not. (rests(j) .and. rests(k))) cycle
-          call find_nearest(frame(j) + frame(k), drive, nearest)
-          if (nearest <= reach*min(frame(j), frame(k))) asked([j, k]) = .true.
-        end do
-      end do
-      if (.not. any(asked)) return
-      call scales%flow%slopes(a, by_a, by_conjugate)
-      coupling = (0.0_wp, 0.0_wp)
-      do j = 1, size(a)
-        if (asked(j)) call probe(j)
-      end do
+    pairs%rests = .not. abs(a) > 0.0_wp
+    if (.not. any(pairs%rests)) return
+    call find_angles(scales, a, pairs%angles)
+    if (pairs%angles%n > max_angles - 1) return
+    call find_pairs(scales, pairs)
+    if (.not. any(pairs%asked)) return
+    call find_changes(scales, full, a, pairs)
+    associate (frame => scales%flow%frame, asked => pairs%asked)
       do j = 1, size(a)
         do k = j, size(a)
           if (.not. (asked(j) .and. asked(k))) cycle
-          call find_nearest(frame(j) + frame(k), drive, nearest)
+          call find_nearest(pairs%angles, frame(j) + frame(k), drive, nearest)
           if (nearest > reach*min(frame(j), frame(k))) cycle
-          growth = max(growth, growth_of(j, k, drive - frame(j) - frame(k)))
+          growth = max(growth, growth_of(pairs, j, k, drive - frame(j) - frame(k)))
         end do
       end do
     end associate
+  end subroutine resting_growth
 
-  contains
-
-    !> n.f, |n| = 3, nearest to a frequency.
-    subroutine find_nearest(wanted, drive, nearest)
-      real(wp), intent(in) :: wanted
-      real(wp), intent(out) :: drive, nearest
-      n = 0
-      drive = 0.0_wp
-      nearest = huge(1.0_wp)
-      call place(1, order, wanted, drive, nearest)
-    end subroutine find_nearest
-
-    recursive subroutine place(i, left, wanted, drive, nearest)
-      integer, intent(in) :: i, left
-      real(wp), intent(in) :: wanted
-      real(wp), intent(inout) :: drive, nearest
-      real(wp) :: here
-      integer :: value
-      if (i > angles%n) then
-        here = sum(n(:angles%n)*angles%frequency(:angles%n))
-        if (left > 0 .or. abs(here - wanted) >= nearest) return
-        nearest = abs(here - wanted)
-        drive = here
-        return
-      end if
-      do value = -left, left
-        n(i) = value
-        call place(i + 1, left - abs(value), wanted, drive, nearest)
-      end do
-      n(i) = 0
-    end subroutine place
-
-    !> Mode j of a little real, then imaginary amplitude: changes by it and by its conjugate. What
-    !! the motion leaves over without it is the same with a little of the other sign.
-    subroutine probe(j)
-      integer, intent(in) :: j
-      type(defect_type) :: real_part, imaginary_part, opposite
-      complex(wp) :: b(size(a)), own, by_own, by_other
-      integer :: i, k
-      b = a
-      b(j) = little*maxval(abs(a))
-      if (.not. maxval(abs(a)) > 0.0_wp) b(j) = little
-      call find_defect(scales, full, b, real_part, reach)
-      own = b(j)
-      b(j) = cmplx(0.0_wp, real(own), wp)
-      call find_defect(scales, full, b, imaginary_part, reach)
-      b(j) = -own
-      call find_defect(scales, full, b, opposite, reach)
-      if (.not. (real_part%known .and. imaginary_part%known .and. opposite%known)) return
-      do i = 1, real_part%n
-        do k = 1, size(a)
-          if (.not. asked(k)) cycle
-          associate (r => 0.5_wp*(real_part%rates(k, i) - opposite%rates(k, i)), &
-                     s => imaginary_part%rates(k, i) &
-                     - 0.5_wp*(real_part%rates(k, i) + opposite%rates(k, i)), &
-                     f => real_part%frequency(i), frame => scales%flow%frame)
-            by_own = 0.5_wp*(r - (0.0_wp, 1.0_wp)*s)/own
-            by_other = 0.5_wp*(r + (0.0_wp, 1.0_wp)*s)/own
-            if (k == j .and. abs(f - frame(j)) <= 1.0e-9_wp*frame(j)) then
-              by_a(j, j) = by_a(j, j) + by_own
-            end if
-            if (is_drive(f + frame(j), frame(j) + frame(k))) coupling(k, j) = by_other
-          end associate
+  !> Which resting modes a drive is near to, two by two.
+  subroutine find_pairs(scales, pairs)
+    type(multiple_scales_type), intent(in) :: scales
+    type(pairs_type), intent(inout) :: pairs
+    real(wp) :: drive, nearest
+    integer :: j, k
+    allocate (pairs%asked(size(pairs%rests)), source=.false.)
+    associate (frame => scales%flow%frame, rests => pairs%rests)
+      do j = 1, size(rests)
+        do k = 1, size(rests)
+          if (.not. (rests(j) .and. rests(k))) cycle
+          call find_nearest(pairs%angles, frame(j) + frame(k), drive, nearest)
+          if (nearest <= reach*min(frame(j), frame(k))) pairs%asked([j, k]) = .true.
         end do
       end do
-    end subroutine probe
+    end associate
+  end subroutine find_pairs
 
-    !> Whether this is the nearest n.f to a frequency.
-    logical function is_drive(f, wanted)
-      real(wp), intent(in) :: f, wanted
-      real(wp) :: drive, nearest
-      call find_nearest(wanted, drive, nearest)
-      is_drive = nearest < huge(1.0_wp) .and. abs(f - drive) <= 1.0e-9_wp*wanted
-    end function is_drive
+  !> P and Q of the modes that are asked for.
+  subroutine find_changes(scales, full, a, pairs)
+    type(multiple_scales_type), intent(in) :: scales
+    class(full_system_type), intent(in), optional :: full
+    complex(wp), intent(in) :: a(:)
+    type(pairs_type), intent(inout) :: pairs
+    complex(wp) :: by_conjugate(size(a), size(a))
+    integer :: j
+    allocate (pairs%by_a(size(a), size(a)))
+    allocate (pairs%coupling(size(a), size(a)), source=(0.0_wp, 0.0_wp))
+    call scales%flow%slopes(a, pairs%by_a, by_conjugate)
+    do j = 1, size(a)
+      if (pairs%asked(j)) call probe(scales, full, a, j, pairs)
+    end do
+  end subroutine find_changes
 
-    !> Largest real part for the resting modes, j and k driven.
-    real(wp) function growth_of(j, k, off)
-      integer, intent(in) :: j, k
-      real(wp), intent(in) :: off
-      complex(wp) :: driven(size(a), size(a)), turned(size(a), size(a)), values(2*count(rests))
-      integer, allocatable :: which(:)
-      integer :: i
-      logical :: found
-      driven = (0.0_wp, 0.0_wp)
-      driven(j, k) = coupling(j, k)
-      driven(k, j) = coupling(k, j)
-      turned = by_a
-      do i = 1, size(a)
-        turned(i, i) = turned(i, i) - cmplx(0.0_wp, 0.5_wp*off, wp)
+  !> n.f, |n| = 3, nearest to a frequency.
+  pure subroutine find_nearest(angles, wanted, drive, nearest)
+    type(angles_type), intent(in) :: angles
+    real(wp), intent(in) :: wanted
+    real(wp), intent(out) :: drive, nearest
+    integer :: n(max_angles)
+    n = 0
+    drive = 0.0_wp
+    nearest = huge(1.0_wp)
+    call place(angles, 1, order, wanted, n, drive, nearest)
+  end subroutine find_nearest
+
+  pure recursive subroutine place(angles, i, left, wanted, n, drive, nearest)
+    type(angles_type), intent(in) :: angles
+    integer, intent(in) :: i, left
+    real(wp), intent(in) :: wanted
+    integer, intent(inout) :: n(:)
+    real(wp), intent(inout) :: drive, nearest
+    real(wp) :: here
+    integer :: value
+    if (i > angles%n) then
+      here = sum(n(:angles%n)*angles%frequency(:angles%n))
+      if (left > 0 .or. abs(here - wanted) >= nearest) return
+      nearest = abs(here - wanted)
+      drive = here
+      return
+    end if
+    do value = -left, left
+      n(i) = value
+      call place(angles, i + 1, left - abs(value), wanted, n, drive, nearest)
+    end do
+    n(i) = 0
+  end subroutine place
+
+  !> Mode j of a little real, then imaginary amplitude: changes by it and by its conjugate. What
+  !! the motion leaves over without it is the same with a little of the other sign.
+  subroutine probe(scales, full, a, j, pairs)
+    type(multiple_scales_type), intent(in) :: scales
+    class(full_system_type), intent(in), optional :: full
+    complex(wp), intent(in) :: a(:)
+    integer, intent(in) :: j
+    type(pairs_type), intent(inout) :: pairs
+    type(defect_type) :: real_part, imaginary_part, opposite
+    complex(wp) :: b(size(a)), own, by_own, by_other
+    integer :: i, k
+    b = a
+    b(j) = little*maxval(abs(a))
+    if (.not. maxval(abs(a)) > 0.0_wp) b(j) = little
+    call find_defect(scales, full, b, real_part, reach)
+    own = b(j)
+    b(j) = cmplx(0.0_wp, real(own), wp)
+    call find_defect(scales, full, b, imaginary_part, reach)
+    b(j) = -own
+    call find_defect(scales, full, b, opposite, reach)
+    if (.not. (real_part%known .and. imaginary_part%known .and. opposite%known)) return
+    do i = 1, real_part%n
+      do k = 1, size(a)
+        if (.not. pairs%asked(k)) cycle
+        associate (r => 0.5_wp*(real_part%rates(k, i) - opposite%rates(k, i)), &
+                   s => imaginary_part%rates(k, i) &
+                   - 0.5_wp*(real_part%rates(k, i) + opposite%rates(k, i)), &
+                   f => real_part%frequency(i), frame => scales%flow%frame)
+          by_own = 0.5_wp*(r - (0.0_wp, 1.0_wp)*s)/own
+          by_other = 0.5_wp*(r + (0.0_wp, 1.0_wp)*s)/own
+          if (k == j .and. abs(f - frame(j)) <= 1.0e-9_wp*frame(j)) then
+            pairs%by_a(j, j) = pairs%by_a(j, j) + by_own
+          end if
+          if (is_drive(pairs%angles, f + frame(j), frame(j) + frame(k))) then
+            pairs%coupling(k, j) = by_other
+          end if
+        end associate
       end do
-      which = pack([(i, i=1, size(a))], rests)
-      call eigenvalues(real_matrix(turned(which, which), driven(which, which)), values, found)
-      growth_of = -huge(1.0_wp)
-      if (found) growth_of = maxval(real(values))
-    end function growth_of
+    end do
+  end subroutine probe
 
-  end subroutine resting_growth
+  !> Whether this is the nearest n.f to a frequency.
+  pure logical function is_drive(angles, f, wanted)
+    type(angles_type), intent(in) :: angles
+    real(wp), intent(in) :: f, wanted
+    real(wp) :: drive, nearest
+    call find_nearest(angles, wanted, drive, nearest)
+    is_drive = nearest < huge(1.0_wp) .and. abs(f - drive) <= 1.0e-9_wp*wanted
+  end function is_drive
+
+  !> Largest real part for the resting modes, j and k driven.
+  real(wp) function growth_of(pairs, j, k, off)
+    type(pairs_type), intent(in) :: pairs
+    integer, intent(in) :: j, k
+    real(wp), intent(in) :: off
+    complex(wp), dimension(size(pairs%rests), size(pairs%rests)) :: driven, turned
+    complex(wp) :: values(2*count(pairs%rests))
+    integer, allocatable :: which(:)
+    integer :: i
+    logical :: found
+    driven = (0.0_wp, 0.0_wp)
+    driven(j, k) = pairs%coupling(j, k)
+    driven(k, j) = pairs%coupling(k, j)
+    turned = pairs%by_a
+    do i = 1, size(turned, 1)
+      turned(i, i) = turned(i, i) - cmplx(0.0_wp, 0.5_wp*off, wp)
+    end do
+    which = pack([(i, i=1, size(turned, 1))], pairs%rests)
+    call eigenvalues(real_matrix(turned(which, which), driven(which, which)), values, found)
+    growth_of = -huge(1.0_wp)
+    if (found) growth_of = maxval(real(values))
+  end function growth_of
 
   !> Growth of the resting modes by terms of the expansion that are too far from a mode to be in the
   !! modulation equations, which under large motions reach it all the same: what these equations

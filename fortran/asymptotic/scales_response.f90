@@ -4,7 +4,7 @@ module viscovib_scales_response
   use viscovib_kinds, only: wp
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales, reach_of
   use viscovib_normal_products, only: reach_type
-  use viscovib_polynomial_form, only: polynomial_form_type
+  use viscovib_polynomial_form, only: full_system_type, polynomial_form_type
   use viscovib_resonant_terms, only: left_out, wants_more
   use viscovib_resting_modes, only: far_growth, resting_growth
   use viscovib_scales_error, only: steady_error
@@ -93,16 +93,12 @@ contains
       if (i == 1 .or. moves_rest) call reach_of(here, reach, status)
       if (status%failed()) return
       call find_steady(here, tolerance, reach, scales, solver, a, n_found, status, cancel)
-      if (.not. status%failed() .and. .not. scales%flow%autonomous) then
-        call fail(status, status_input_error, 'values', 'values (value '//show(i)//') = ' &
-                  //show(values(i))//': the loads and the resonances have frequencies that no ' &
-                  //'steady motion joins: see modulation, or count fewer as resonant by a ' &
-                  //'smaller tolerance')
-      end if
+      if (.not. status%failed() .and. .not. scales%flow%autonomous) call refuse_value(i)
       if (status%failed()) return
       if (vary == vary_amplitude) scales%load_factor(load) = values(i)/given
       do k = 1, n_found
-        call add_point(i, a(:, k))
+        call add_point(points, i, scales, here, form%full, load, tolerance, reach, with_errors, &
+                       a(:, k))
       end do
     end do
 
@@ -124,38 +120,56 @@ contains
       if (any(abs(unit) > 0.0_wp)) unit = unit/unit(maxloc(abs(unit), 1))
     end function direction
 
-    subroutine add_point(i, amplitudes)
+    subroutine refuse_value(i)
       integer, intent(in) :: i
-      complex(wp), intent(in) :: amplitudes(:)
-      real(wp) :: by_far, left
-      if (points%n == size(points%value)) then
-        call reserve(points, form%n_modes(), form%n_dof, 2*points%n + 1)
-      end if
-      points%n = points%n + 1
-      associate (m => points%n)
-        points%value(m) = i
-        points%a(:, m) = amplitudes*scales%amplitude_units
-        points%frame(:, m) = scales%flow%frame
-        call flow_eigenvalues(scales%flow, amplitudes, points%eigenvalues(:, m))
-        call harmonic_of(scales, amplitudes, scales%form%drives(load), points%harmonic(:, m), &
-                         points%sizes(:, m))
-        points%left_out(m) = left_out(scales%normal, abs(amplitudes))
-        call resting_growth(scales, form%full, amplitudes, points%resting(m))
-        call far_growth(scales, form%full, here, tolerance, reach, amplitudes, by_far, left)
-        points%resting(m) = max(points%resting(m), by_far)
-        points%left_out(m) = max(points%left_out(m), left)
-        if (with_errors) then
-          call steady_error(scales, form%full, amplitudes, scales%form%drives(load), &
-                            points%harmonic_errors(:, m), points%motion_errors(:, m))
-          points%growth_errors(m) = slopes_of_left_out*maxval(abs(points%eigenvalues(:, m))) &
-                                    *maxval(points%motion_errors(:, m)*points%sizes(4, m) &
-                                            /scales%units(:form%n_dof)) &
-                                    /max(points%sizes(1, m), tiny(1.0_wp))
-        end if
-      end associate
-    end subroutine add_point
+      call fail(status, status_input_error, 'values', 'values (value '//show(i)//') = ' &
+                //show(values(i))//': the loads and the resonances have frequencies that no ' &
+                //'steady motion joins: see modulation, or count fewer as resonant by a ' &
+                //'smaller tolerance')
+    end subroutine refuse_value
 
   end subroutine response_along
+
+  !> Add a steady motion at value i, of the equations `here`, with its stability and errors.
+  subroutine add_point(points, i, scales, here, full, load, tolerance, reach, with_errors, &
+                       amplitudes)
+    type(steady_points_type), intent(inout) :: points
+    integer, intent(in) :: i, load
+    type(multiple_scales_type), intent(inout) :: scales
+    type(polynomial_form_type), intent(in) :: here
+    class(full_system_type), intent(in), optional :: full
+    real(wp), intent(in) :: tolerance
+    type(reach_type), intent(in) :: reach
+    logical, intent(in) :: with_errors
+    complex(wp), intent(in) :: amplitudes(:)
+    real(wp) :: by_far, left
+
+    if (points%n == size(points%value)) then
+      call reserve(points, here%n_modes(), here%n_dof, 2*points%n + 1)
+    end if
+    points%n = points%n + 1
+    associate (m => points%n)
+      points%value(m) = i
+      points%a(:, m) = amplitudes*scales%amplitude_units
+      points%frame(:, m) = scales%flow%frame
+      call flow_eigenvalues(scales%flow, amplitudes, points%eigenvalues(:, m))
+      call harmonic_of(scales, amplitudes, scales%form%drives(load), points%harmonic(:, m), &
+                       points%sizes(:, m))
+      points%left_out(m) = left_out(scales%normal, abs(amplitudes))
+      call resting_growth(scales, full, amplitudes, points%resting(m))
+      call far_growth(scales, full, here, tolerance, reach, amplitudes, by_far, left)
+      points%resting(m) = max(points%resting(m), by_far)
+      points%left_out(m) = max(points%left_out(m), left)
+      if (with_errors) then
+        call steady_error(scales, full, amplitudes, scales%form%drives(load), &
+                          points%harmonic_errors(:, m), points%motion_errors(:, m))
+        points%growth_errors(m) = slopes_of_left_out*maxval(abs(points%eigenvalues(:, m))) &
+                                  *maxval(points%motion_errors(:, m)*points%sizes(4, m) &
+                                          /scales%units(:here%n_dof)) &
+                                  /max(points%sizes(1, m), tiny(1.0_wp))
+      end if
+    end associate
+  end subroutine add_point
 
   !> All steady motions, resonances chosen by what their terms do at the largest of those in range.
   subroutine find_steady(form, tolerance, reach, scales, solver, a, n_found, status, cancel)

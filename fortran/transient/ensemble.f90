@@ -52,6 +52,18 @@ module viscovib_ensemble
     real(wp) :: lyapunov(n_lanes) = 0.0_wp
   end type ensemble_block
 
+  !> A block on its way: where its lanes are, how near to a stop, and what is gathered.
+  type :: flight_type
+    !> Coordinates of the motion itself; the others are its disturbance.
+    integer :: n = 0
+    type(explicit_type) :: method
+    type(moments_type) :: moments
+    type(lines_type) :: lines
+    real(wp), allocatable :: q(:, :), v(:, :), q_before(:, :), v_before(:, :)
+    real(wp), dimension(n_lanes) :: margin = 0.0_wp, rate = 0.0_wp, growth = 0.0_wp
+    logical :: alive(n_lanes) = .true.
+  end type flight_type
+
 contains
 
   !> Run a block from time 0; `cancel` may be set from elsewhere to give up.
@@ -77,139 +89,183 @@ contains
     integer, intent(in) :: n
     type(ensemble_block), intent(inout) :: block
     integer, intent(inout), volatile :: cancel
-    type(explicit_type) :: method
-    type(moments_type) :: moments
-    type(lines_type) :: lines
-    real(wp), dimension(n_lanes, system%n_dof) :: q, v, q_before, v_before
-    real(wp), dimension(n_lanes) :: growth, margin, rate, margin_before, rate_before, nowhere
-    logical, dimension(n_lanes) :: alive, good, doubtful
-    integer(i8) :: i, n_samples
-    integer :: l
+    type(flight_type) :: f
+    integer(i8) :: i
 
     ! As in viscovib_simulate.
     if (ieee_support_underflow_control(1.0_wp)) call ieee_set_underflow_mode(.false.)
-    q = 0.0_wp
-    v = 0.0_wp
-    q(:, :n) = block%q
-    v(:, :n) = block%v
-    ! A disturbance in no special direction.
-    if (system%n_dof > n) q(:, n + 1:) = 1.0_wp/sqrt(real(n, wp))
-    call new_explicit(method, system%n_dof, job%method, block%frequencies, q, v, 0.0_wp, block%h)
-    call new_moments(moments, n)
-    n_samples = (job%n_steps - job%n_discard)/job%sample_every
-    call new_lines(lines, n, job%lines, block%h*real(job%n_discard + job%sample_every, wp), &
-                   block%h*real(job%sample_every, wp), n_samples)
-    alive = .true.
-    growth = 0.0_wp
-    call measure_margin()
+    call take_off(f, job, system, n, block)
     do i = 1, job%n_steps
       if (mod(i, int(patience, i8)) == 0) then
         if (cancel /= 0) exit
-        if (.not. any(alive)) exit
+        if (.not. any(f%alive)) exit
       end if
-      q_before = q
-      v_before = v
-      margin_before = margin
-      rate_before = rate
-      call method%step(system)
-      call method%get_state(q, v)
-      good = sum(abs(q(:, :n)), 2) + speed_weight*sum(abs(v(:, :n)), 2) <= largest_angle
-      call measure_margin()
-      doubtful = alive .and. .not. (good .and. least_between(margin_before, rate_before, margin, &
-                                                             rate) > 0.0_wp)
-      if (any(doubtful)) call judge_lanes()
+      call make_step(f, system, block, i)
       if (system%n_dof > n .and. (mod(i, int(rescaling, i8)) == 0 .or. i == job%n_discard &
-                                  .or. i == job%n_steps)) call rescale()
+                                  .or. i == job%n_steps)) call rescale(f, i <= job%n_discard)
       if (i <= job%n_discard) cycle
       if (mod(i - job%n_discard, job%sample_every) == 0) then
-        if (job%moments) call moments%add(q, v, alive)
-        if (lines%n > 0) call lines%add(q, alive)
+        if (job%moments) call f%moments%add(f%q, f%v, f%alive)
+        if (f%lines%n > 0) call f%lines%add(f%q, f%alive)
       end if
       if (job%section_every > 0) then
-        if (mod(i - job%n_discard, job%section_every) == 0) call keep_section()
+        if (mod(i - job%n_discard, job%section_every) == 0) then
+          call keep_section(f, int((i - job%n_discard)/job%section_every), block)
+        end if
       end if
     end do
-    where (alive) block%t_reached = block%h*real(job%n_steps, wp)
+    call land(f, job, block)
+  end subroutine run
+
+  !> Everything as it is at time 0.
+  subroutine take_off(f, job, system, n, block)
+    type(flight_type), intent(out) :: f
+    type(ensemble_job), intent(in) :: job
+    class(driven_system_type), intent(in) :: system
+    integer, intent(in) :: n
+    type(ensemble_block), intent(in) :: block
+    integer(i8) :: n_samples
+    f%n = n
+    allocate (f%q(n_lanes, system%n_dof), f%v(n_lanes, system%n_dof), source=0.0_wp)
+    f%q(:, :n) = block%q
+    f%v(:, :n) = block%v
+    ! A disturbance in no special direction.
+    if (system%n_dof > n) f%q(:, n + 1:) = 1.0_wp/sqrt(real(n, wp))
+    f%q_before = f%q
+    f%v_before = f%v
+    call new_explicit(f%method, system%n_dof, job%method, block%frequencies, f%q, f%v, 0.0_wp, &
+                      block%h)
+    call new_moments(f%moments, n)
+    n_samples = (job%n_steps - job%n_discard)/job%sample_every
+    call new_lines(f%lines, n, job%lines, &
+                   block%h*real(job%n_discard + job%sample_every, wp), &
+                   block%h*real(job%sample_every, wp), n_samples)
+    call measure_margin(f, system, block%h)
+  end subroutine take_off
+
+  !> Step i; lanes in which the motion stops within it stand still from then on.
+  subroutine make_step(f, system, block, i)
+    type(flight_type), intent(inout) :: f
+    class(driven_system_type), intent(in) :: system
+    type(ensemble_block), intent(inout) :: block
+    integer(i8), intent(in) :: i
+    real(wp), dimension(n_lanes) :: margin_before, rate_before
+    logical, dimension(n_lanes) :: good, doubtful
+    integer :: l
+
+    f%q_before(:, :) = f%q
+    f%v_before(:, :) = f%v
+    margin_before = f%margin
+    rate_before = f%rate
+    call f%method%step(system)
+    call f%method%get_state(f%q, f%v)
+    good = sum(abs(f%q(:, :f%n)), 2) + speed_weight*sum(abs(f%v(:, :f%n)), 2) <= largest_angle
+    call measure_margin(f, system, block%h)
+    doubtful = f%alive .and. .not. (good .and. least_between(margin_before, rate_before, f%margin, &
+                                                             f%rate) > 0.0_wp)
+    if (.not. any(doubtful)) return
     do l = 1, n_lanes
-      if (.not. alive(l)) cycle
-      block%q(l, :) = q(l, :n)
-      block%v(l, :) = v(l, :n)
+      if (doubtful(l)) call judge_lane(f, system, block, i, l, good(l))
+    end do
+  end subroutine make_step
+
+  !> Margin of the physics in every lane, and its change in a step.
+  subroutine measure_margin(f, system, h)
+    type(flight_type), intent(inout) :: f
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: h(n_lanes)
+    f%margin = system%margin(f%q)
+    f%rate = system%margin(f%q + spread(h, 2, system%n_dof)*f%v) - f%margin
+  end subroutine measure_margin
+
+  !> Whether the motion of a lane stops inside step i, and where.
+  subroutine judge_lane(f, system, block, i, l, good)
+    type(flight_type), intent(inout) :: f
+    class(driven_system_type), intent(in) :: system
+    type(ensemble_block), intent(inout) :: block
+    integer(i8), intent(in) :: i
+    integer, intent(in) :: l
+    logical, intent(in) :: good
+    type(stop_type) :: stop
+
+    call find_stop(system, f%n, l, block%frequencies, f%q_before(l, :), f%v_before(l, :), &
+                   real(i - 1, wp)*block%h(l), block%h(l), stop)
+    if (stop%outcome == run_completed .or. stop%outcome == run_coarse) then
+      if (good .and. f%margin(l) > 0.0_wp) return
+      stop%outcome = run_coarse
+      stop%ahead = 0.0_wp
+      stop%q = f%q_before(l, :)
+      stop%v = f%v_before(l, :)
+    end if
+    block%outcome(l) = stop%outcome
+    block%t_reached(l) = real(i - 1, wp)*block%h(l) + stop%ahead
+    f%alive(l) = .false.
+    block%q(l, :) = stop%q(:f%n)
+    block%v(l, :) = stop%v(:f%n)
+    ! Beside a stop accelerations may be infinite: the lane waits at rest instead.
+    f%q(l, :) = 0.0_wp
+    f%v(l, :) = 0.0_wp
+    call f%method%set_lane(l, f%q(l, :), f%v(l, :))
+    call f%method%stop_lane(l)
+  end subroutine judge_lane
+
+  !> Make the disturbance of size 1 again; its growth counts once something is gathered.
+  subroutine rescale(f, too_early)
+    type(flight_type), intent(inout) :: f
+    logical, intent(in) :: too_early
+    real(wp) :: size_now(n_lanes)
+    size_now = sqrt(sum(f%q(:, f%n + 1:)**2, 2) + sum(f%v(:, f%n + 1:)**2, 2))
+    where (f%alive .and. size_now > 0.0_wp)
+      f%growth = f%growth + log(size_now)
+    else where
+      size_now = 1.0_wp
+    end where
+    if (too_early) f%growth = 0.0_wp
+    call f%method%scale_lanes(f%n + 1, 1.0_wp/size_now)
+  end subroutine rescale
+
+  subroutine keep_section(f, point, block)
+    type(flight_type), intent(in) :: f
+    integer, intent(in) :: point
+    type(ensemble_block), intent(inout) :: block
+    integer :: d, l
+    if (point > size(block%sections, 3)) return
+    do l = 1, n_lanes
+      if (.not. f%alive(l)) cycle
+      do d = 1, f%n
+        block%sections(l, 2*d - 1, point) = f%q(l, d)
+        block%sections(l, 2*d, point) = f%v(l, d)
+      end do
+    end do
+  end subroutine keep_section
+
+  !> Last states, and what was gathered.
+  subroutine land(f, job, block)
+    type(flight_type), intent(inout) :: f
+    type(ensemble_job), intent(in) :: job
+    type(ensemble_block), intent(inout) :: block
+    real(wp) :: nowhere(n_lanes)
+    integer :: l
+
+    where (f%alive) block%t_reached = block%h*real(job%n_steps, wp)
+    do l = 1, n_lanes
+      if (.not. f%alive(l)) cycle
+      block%q(l, :) = f%q(l, :f%n)
+      block%v(l, :) = f%v(l, :f%n)
     end do
     if (job%moments) then
-      allocate (block%mean(n_lanes, n, 2), block%rms(n_lanes, n, 2))
-      call moments%means(block%mean, block%rms)
-      block%peak = moments%peak(:, :n, :)
+      allocate (block%mean(n_lanes, f%n, 2), block%rms(n_lanes, f%n, 2))
+      call f%moments%means(block%mean, block%rms)
+      block%peak = f%moments%peak(:, :f%n, :)
     end if
     ! Of a motion that stopped, peaks and means are those until then; what belongs to the
     ! whole of it is not known.
-    nowhere = merge(0.0_wp, ieee_value(1.0_wp, ieee_quiet_nan), alive)
-    if (lines%n > 0) then
-      block%lines = lines%amplitudes()
-      block%lines = block%lines + spread(spread(nowhere, 2, lines%n), 3, n)
+    nowhere = merge(0.0_wp, ieee_value(1.0_wp, ieee_quiet_nan), f%alive)
+    if (f%lines%n > 0) then
+      block%lines = f%lines%amplitudes()
+      block%lines = block%lines + spread(spread(nowhere, 2, f%lines%n), 3, f%n)
     end if
-    block%lyapunov = growth/(block%h*real(job%n_steps - job%n_discard, wp)) + nowhere
-
-  contains
-
-    !> Margin of the physics in every lane, and its change in a step.
-    subroutine measure_margin()
-      margin = system%margin(q)
-      rate = system%margin(q + spread(block%h, 2, system%n_dof)*v) - margin
-    end subroutine measure_margin
-
-    !> Lanes whose motion stops inside the step stand still from now on.
-    subroutine judge_lanes()
-      type(stop_type) :: stop
-      integer :: l
-      do l = 1, n_lanes
-        if (.not. doubtful(l)) cycle
-        call find_stop(system, n, l, block%frequencies, q_before(l, :), v_before(l, :), &
-                       real(i - 1, wp)*block%h(l), block%h(l), stop)
-        if (stop%outcome == run_completed .or. stop%outcome == run_coarse) then
-          if (good(l) .and. margin(l) > 0.0_wp) cycle
-          stop%outcome = run_coarse
-          stop%ahead = 0.0_wp
-          stop%q = q_before(l, :)
-          stop%v = v_before(l, :)
-        end if
-        block%outcome(l) = stop%outcome
-        block%t_reached(l) = real(i - 1, wp)*block%h(l) + stop%ahead
-        alive(l) = .false.
-        block%q(l, :) = stop%q(:n)
-        block%v(l, :) = stop%v(:n)
-        ! Beside a stop accelerations may be infinite: the lane waits at rest instead.
-        q(l, :) = 0.0_wp
-        v(l, :) = 0.0_wp
-        call method%set_lane(l, q(l, :), v(l, :))
-        call method%stop_lane(l)
-      end do
-    end subroutine judge_lanes
-
-    subroutine rescale()
-      real(wp) :: size_now(n_lanes)
-      size_now = sqrt(sum(q(:, n + 1:)**2, 2) + sum(v(:, n + 1:)**2, 2))
-      where (alive .and. size_now > 0.0_wp)
-        growth = growth + log(size_now)
-      else where
-        size_now = 1.0_wp
-      end where
-      if (i <= job%n_discard) growth = 0.0_wp
-      call method%scale_lanes(n + 1, 1.0_wp/size_now)
-    end subroutine rescale
-
-    subroutine keep_section()
-      integer :: point, d, l
-      point = int((i - job%n_discard)/job%section_every)
-      if (point > size(block%sections, 3)) return
-      do l = 1, n_lanes
-        if (.not. alive(l)) cycle
-        do d = 1, n
-          block%sections(l, 2*d - 1, point) = q(l, d)
-          block%sections(l, 2*d, point) = v(l, d)
-        end do
-      end do
-    end subroutine keep_section
-
-  end subroutine run
+    block%lyapunov = f%growth/(block%h*real(job%n_steps - job%n_discard, wp)) + nowhere
+  end subroutine land
 
 end module viscovib_ensemble
