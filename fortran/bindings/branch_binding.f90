@@ -6,7 +6,8 @@
 !! p direction (3; else `direction` does nothing). n_kept as the plan says, of which n_used
 !! are used if orders are chosen at each point (harmonics = 0); with symmetric = 0 the mean
 !! and even orders are kept though odd ones would do. With leave = 1 it begins at the point
-!! (begin, begin_p) in the direction `along`, with 0 at a solution found at p = start.
+!! (begin, begin_p) in the direction `along`, or, if that is 0, at a motion near it; with 0 at a
+!! solution found at p = start.
 !! Stability is judged if n_judged is max_points, not 0.
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                         series, n_rows, n_series, parameter, direction, nu, start, finish, &

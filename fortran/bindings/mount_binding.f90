@@ -112,9 +112,10 @@ end subroutine mount_plan
 !! `series` (forces on the coordinates, then motion of the base) belongs to orders(j).
 subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                           series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
-                          max_iterations, relaxation, n_history, n_judged, coefficients, &
-                          n_numbers, cancel, n_kept, outcomes, iterations, rate, highest, &
-                          truncation, corrections, stable, multipliers, exponents, status)
+                          max_iterations, relaxation, n_history, n_judged, begin, n_begin, &
+                          coefficients, n_numbers, cancel, n_kept, outcomes, iterations, rate, &
+                          highest, truncation, corrections, stable, multipliers, exponents, &
+                          status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report
   use viscovib_forced_response, only: forced_response
@@ -133,6 +134,10 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu(n)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(in) :: tolerance, relaxation
+  !> Where Newton's method begins at the first frequency, relative to the base: unknowns of all
+  !! orders that the plan allows; from rest if there is but one number.
+  integer(c_int), intent(in) :: n_begin
+  real(c_double), intent(in) :: begin(n_begin)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   integer(c_int), intent(in) :: n_numbers
@@ -164,7 +169,12 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     call new_response_plan(plan, system, load, nu, method, options, outcome)
   end if
   if (.not. outcome%failed()) then
-    call forced_response(plan, system, load, nu, response, cancel(1))
+    if (n_begin > 1) then
+      call forced_response(plan, system, load, nu, response, cancel(1), &
+                           reshape(begin, [n_begin/(n_rows - 1), n_rows - 1]))
+    else
+      call forced_response(plan, system, load, nu, response, cancel(1))
+    end if
   end if
   ! Nobody waits for what was given up.
   if (.not. outcome%failed() .and. cancel(1) == 0) then

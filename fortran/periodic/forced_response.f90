@@ -27,7 +27,7 @@ contains
   !> Steady response at each frequency; by Newton's method each follows the one
   !! before, else they are independent. Coordinates that nothing moves are left out of
   !! the equations.
-  subroutine forced_response(plan, system, load, nu, response, cancel)
+  subroutine forced_response(plan, system, load, nu, response, cancel, start)
     !> Made for the same system, load and method.
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system
@@ -38,28 +38,38 @@ contains
     !> May be set from elsewhere to give up; only Newton's method, which takes all
     !! frequencies in one piece, looks at it.
     integer, intent(inout), volatile, optional :: cancel
+    !> A motion for Newton's method to begin at, relative to the base: unknowns of all orders that
+    !! the plan allows, shape (2 n_orders, n_dof).
+    real(wp), intent(in), optional :: start(:, :)
     type(polynomial_type) :: reduced
     type(load_type) :: part
+    integer :: d
 
     if (all(plan%moved)) then
-      call whole_response(plan, system, load, nu, response, cancel)
+      call whole_response(plan, system, load, nu, response, cancel, start)
     else
       call reduce(system, plan%moved, reduced)
       call load%take_part(plan%moved, part)
-      call whole_response(plan, reduced, part, nu, response, cancel)
+      if (present(start)) then
+        call whole_response(plan, reduced, part, nu, response, cancel, &
+                            start(:, pack([(d, d=1, size(plan%moved))], plan%moved)))
+      else
+        call whole_response(plan, reduced, part, nu, response, cancel)
+      end if
       call response%spread_out(plan%moved)
     end if
     call response%keep_finite()
   end subroutine forced_response
 
   !> The same for a system all of which is computed.
-  subroutine whole_response(plan, system, load, nu, response, cancel)
+  subroutine whole_response(plan, system, load, nu, response, cancel, start)
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu(:)
     type(response_type), intent(out) :: response
     integer, intent(inout), volatile, optional :: cancel
+    real(wp), intent(in), optional :: start(:, :)
     type(balance_ladder_type) :: ladder
 
     if (counting) call count_up(counted_idle, size(plan%set%orders)*size(nu)*count( &
@@ -77,7 +87,7 @@ contains
       else
         call one_rung(ladder, system, load, plan%set)
       end if
-      call newton_response(system, load, nu, ladder, plan%options, response, cancel)
+      call newton_response(system, load, nu, ladder, plan%options, response, cancel, start)
     case default
       call linear_response(system, load, nu, response)
     end select

@@ -33,9 +33,12 @@ module viscovib_newton_response
     real(wp) :: last_nu = 0.0_wp, before_nu = 0.0_wp
     !> Motions known, and the rung from which one is raised from rest.
     integer :: known = 0, rest = 0
+    !> Whether the last motion is one to begin at, from which none was reached yet.
+    logical :: begins = .false.
     integer :: outcome = outcome_converged
   contains
     procedure :: begin
+    procedure :: begin_at
     procedure :: find
     procedure :: attempt
     procedure :: raise_load
@@ -45,7 +48,7 @@ module viscovib_newton_response
 
 contains
 
-  subroutine newton_response(system, load, nu, ladder, options, response, cancel)
+  subroutine newton_response(system, load, nu, ladder, options, response, cancel, start)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     !> Circular frequencies (rad/s).
@@ -56,6 +59,8 @@ contains
     type(response_type), intent(out) :: response
     !> May be set from elsewhere to give up.
     integer, intent(inout), volatile, optional :: cancel
+    !> A motion to begin at, shape (2 n_orders of the highest rung, n_dof).
+    real(wp), intent(in), optional :: start(:, :)
     type(walk_type) :: walk
     integer :: i, rest
 
@@ -63,6 +68,7 @@ contains
     call ladder%prepare(rest, system, load, nu(1))
     call response%allocate_for(nu, ladder%rungs(rest)%balance%set%orders, system%n_dof(), 0)
     call walk%begin(rest, 2*ladder%n_orders(ladder%n_rungs), system%n_dof())
+    if (present(start)) call walk%begin_at(start, nu(1), ladder)
     do i = 1, size(nu)
       if (present(cancel)) then
         if (cancel /= 0) return
@@ -95,6 +101,25 @@ contains
     allocate (self%x(n, n_dof), self%last(n, n_dof), self%before(n, n_dof), source=0.0_wp)
   end subroutine begin
 
+  !> A motion is known, as if it were the last.
+  subroutine begin_at(self, start, nu, ladder)
+    class(walk_type), intent(inout) :: self
+    real(wp), intent(in) :: start(:, :), nu
+    type(balance_ladder_type), intent(in) :: ladder
+    integer :: last
+
+    last = findloc(sum(abs(start), 2) > 0.0_wp, .true., 1, back=.true.)
+    do while (2*ladder%n_orders(self%choice%rung) < last .and. self%choice%rung < ladder%n_rungs)
+      self%choice%rung = self%choice%rung + 1
+    end do
+    self%rest = max(self%rest, self%choice%rung)
+    self%rows = 2*ladder%n_orders(self%choice%rung)
+    self%last(:self%rows, :) = start(:self%rows, :)
+    self%last_nu = nu
+    self%known = 1
+    self%begins = .true.
+  end subroutine begin_at
+
   !> A motion at a frequency: beyond the last two, from the last, or raised from rest.
   subroutine find(self, system, load, nu, ladder, tolerance, iterations, cancel)
     class(walk_type), intent(inout) :: self
@@ -117,7 +142,10 @@ contains
       self%x(:self%rows, :) = self%last(:self%rows, :)
       call self%attempt(system, load, nu, ladder, tolerance, iterations)
     end if
-    if (self%outcome == outcome_converged) return
+    if (self%outcome == outcome_converged .or. self%begins) then
+      self%begins = self%begins .and. self%outcome /= outcome_converged
+      return
+    end if
     self%known = 0
     self%choice%rung = self%rest
     call self%raise_load(system, load, nu, ladder, tolerance, iterations, cancel)

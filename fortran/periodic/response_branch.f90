@@ -7,7 +7,7 @@ module viscovib_response_branch
   use viscovib_damped_start, only: point_from_damping
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
-  use viscovib_newton_point, only: point_from_rest
+  use viscovib_newton_point, only: newton_point, point_from_rest
   use viscovib_oscillator_curve, only: oscillator_curve_type
   use viscovib_outcomes, only: outcome_converged, outcome_stalled
   use viscovib_response_plan, only: response_plan_type
@@ -23,7 +23,7 @@ module viscovib_response_branch
   integer, parameter, public :: highest_chosen = 63
 
   !> Where to leave another branch: unknowns of all orders the plan allows, shape (n), what
-  !! varies, and the direction, shape (n + 1).
+  !! varies, and the direction, shape (n + 1); 0: a motion nearby, to begin at.
   type :: departure_type
     real(wp), allocatable :: x(:), along(:)
     real(wp) :: p = 0.0_wp
@@ -59,7 +59,10 @@ contains
       call new_ladder(ladder, curve%system, curve%load, plan%set%half_wave, &
                       min(plan%most, max(highest_chosen, lowest_order(curve%load))))
       rung = ladder%rung_of(orders_from_rest)
-      if (present(departure)) rung = rung_with(ladder, departure, curve%blocks)
+      if (present(departure)) then
+        if (any(abs(departure%along) > 0.0_wp)) rung = 1
+        rung = max(rung, rung_with(ladder, departure, curve%blocks))
+      end if
     else
       call one_rung(ladder, curve%system, curve%load, plan%set)
     end if
@@ -67,9 +70,13 @@ contains
     call curve%choose_from(ladder, rung, options%tolerance)
     if (present(departure)) then
       associate (m => size(departure%x))
-        call follow_curve(curve, options, refitted(curve%blocks, departure%x, curve%n), branch, &
-                          departure%p, [refitted(curve%blocks, departure%along(:m), curve%n), &
-                                        departure%along(m + 1)], cancel)
+        if (.not. any(abs(departure%along) > 0.0_wp)) then
+          call follow_from(curve, options, departure, branch, outcome, cancel)
+        else
+          call follow_curve(curve, options, refitted(curve%blocks, departure%x, curve%n), branch, &
+                            departure%p, [refitted(curve%blocks, departure%along(:m), curve%n), &
+                                          departure%along(m + 1)], cancel)
+        end if
       end associate
     else
       do
@@ -104,6 +111,29 @@ contains
     if (outcome == outcome_converged) call keep_used(curve, branch)
     set = curve%balance%set
   end subroutine follow_response
+
+  !> From a motion near the one given.
+  subroutine follow_from(curve, options, departure, branch, outcome, cancel)
+    class(oscillator_curve_type), intent(inout) :: curve
+    type(curve_options), intent(in) :: options
+    type(departure_type), intent(in) :: departure
+    type(curve_branch_type), intent(out) :: branch
+    integer, intent(out) :: outcome
+    integer, intent(inout), volatile, optional :: cancel
+    real(wp) :: x(curve%n/curve%blocks, curve%blocks)
+    integer :: iterations
+    logical :: inside
+
+    outcome = outcome_stalled
+    call curve%set(departure%p, inside)
+    if (.not. inside) return
+    x = reshape(refitted(curve%blocks, departure%x, curve%n), shape(x))
+    iterations = 0
+    call newton_point(curve%balance, curve%system, options%tolerance, x, outcome, iterations, &
+                      to_rounding=.true.)
+    if (outcome /= outcome_converged) return
+    call follow_curve(curve, options, reshape(x, [curve%n]), branch, departure%p, cancel=cancel)
+  end subroutine follow_from
 
   !> The lowest rung that holds everything a departure has.
   pure integer function rung_with(ladder, departure, blocks) result(rung)

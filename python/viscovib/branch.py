@@ -28,6 +28,7 @@ from viscovib.motion_stability import Stability
 from viscovib.oscillators import Steady, check_steady
 from viscovib.parameters import MOST_CHOSEN, OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
 from viscovib.response import _prepare
+from viscovib.starts import Start, StartLike, start_of
 from viscovib.structure import Structure
 from viscovib.structure_results import StructureBranch, warn_of_reduction
 from viscovib.structure_view import View
@@ -50,6 +51,7 @@ def trace_mount(
     vary: str | None,
     vary_range: tuple[float, float] | None,
     at: npt.ArrayLike,
+    start: StartLike | None,
     leave: BranchPoint | None,
     opposite: bool,
     symmetric: bool | None,
@@ -69,22 +71,28 @@ def trace_mount(
         raise InputError("nu: must be given with load_range or vary_range, and only then")
     if (given[0] == "vary_range") != (vary is not None):
         raise InputError("vary: must be given with vary_range, and only then")
-    start, finish = range_of(given[0], ranges[given[0]])
+    first_p, finish = range_of(given[0], ranges[given[0]])
     varies = {"nu_range": "nu", "load_range": "load_factor"}.get(given[0], "")
     check_steady(system, base)
     numbers, first = None, None
     if vary is not None:
         if isinstance(system, Structure):
             raise InputError("vary: the numbers of a structure do not vary: follow nu or the load")
-        numbers = varied(system, vary, start, finish)
+        numbers = varied(system, vary, first_p, finish)
         varies = numbers[0]
-        first = numbers.at(start)
-    if varies == "nu" and min(start, finish) <= 0:
-        raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
-    fixed = start if nu is None else _native.number("nu", nu)
+        first = numbers.at(first_p)
+    if varies == "nu" and min(first_p, finish) <= 0:
+        raise InputError(f"nu_range = ({first_p:g}, {finish:g}): must be greater than 0")
+    fixed = first_p if nu is None else _native.number("nu", nu)
     stops = _native.real_array("at", at).reshape(-1)
     judged_too = STABILITY.check(stability)
     keeps = symmetric is None or SYMMETRIC.check(symmetric)
+    begun: Start | None = None
+    if start is not None:
+        if leave is not None:
+            raise InputError("start: must not be given with leave, which tells where to begin")
+        begun = start_of(start, system.dof_names, fixed)
+        keeps = keeps and not (symmetric is None and begun.has_even)
     curve = CurveOptions.checked(tolerance, max_points, max_step)
     job, _, options, planned = _prepare(
         system, [fixed], load, base, "newton", harmonics, curve.tolerance, 100, 1.0, keep_idle=True,
@@ -120,20 +128,28 @@ def trace_mount(
         check_departure(leave)
         begin, along = leave.departure(2 * m * n_dof, OPPOSITE.check(opposite))
         begin_p = leave.parameter
+    if begun is not None:
+        begin_p = begun.place(varies, first_p, finish)
+        factor = begin_p if varies == "load_factor" else 1.0
+        begin = begun.unknowns(
+            orders, job, system._base_direction, factor, system.dof_names, planned.loaded
+        )
     cancel = np.zeros(1, dtype=np.intc)
     (
         n, ended, n_used, p, iterations, error, kept, truncation, coefficients, is_stop, n_folds,
         folds, fold_coefficients, n_branch, branch_p, branch_x, across, branch_before, judged,
         growing, multipliers, exponents, n_crossings, kinds, before, where, crossing_coefficients,
     ) = _native.call_interruptibly(
-        core.mount_branch, cancel, flat, *job[1:], _KINDS.get(varies, 3), direction, fixed, start,
+        core.mount_branch, cancel, flat, *job[1:], _KINDS.get(varies, 3), direction, fixed, first_p,
         finish, options[1], int(keeps), curve.tolerance, points, curve.max_step, stops,
-        int(leave is not None), begin, begin_p, along, points if judged_too else 0, m,
-        min(points, MAX_SPECIAL), cancel,
+        int(leave is not None or begun is not None), begin, begin_p, along,
+        points if judged_too else 0, m, min(points, MAX_SPECIAL), cancel,
     )  # fmt: skip
+    if not n and begun is not None:
+        raise InputError(f"start: no solution was found near it at {varies} = {begin_p:g}")
     if not n:
         raise InputError(
-            f"{given[0]}: no solution was found at its beginning {start:g}: begin elsewhere"
+            f"{given[0]}: no solution was found at its beginning {first_p:g}: begin elsewhere"
         )
     found: Stability | None = None
     if judged_too:
@@ -225,7 +241,7 @@ def trace_mount(
         truncation=truncation[:n].copy(),
         dof_names=names,
         dof_units=units,
-        plan=_plan(varies, start, finish, 0 if chosen else m, planned, judged_too),
+        plan=_plan(varies, first_p, finish, 0 if chosen else m, planned, judged_too),
         _job=(flat, *job[1:], _KINDS.get(varies, 3), direction, fixed),
         _tolerance=curve.tolerance,
     )

@@ -24,6 +24,7 @@ from viscovib.pendulum_backbone import pendulum_backbone
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.response import mount_plan, mount_response
 from viscovib.response_result import Response
+from viscovib.starts import StartLike
 from viscovib.structure import Structure
 
 
@@ -40,6 +41,7 @@ def forced_response(
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
     stability: bool = False,
+    start: StartLike | None = None,
     coordinates: Sequence[str] | None = None,
     progress: bool = False,
 ) -> Response: ...
@@ -82,6 +84,7 @@ def forced_response(
     duration: float | None = None,
     subharmonic: int = 1,
     max_denominator: int = 12,
+    start: StartLike | None = None,
     coordinates: Sequence[str] | None = None,
     progress: bool = False,
 ) -> Response | DrivenResponse:
@@ -145,6 +148,10 @@ def forced_response(
     max_denominator : int
         Of a pendulum: loads share a base frequency of which they are multiples up to this, 1 to 99;
         those of ``nu`` or a subharmonic share one if this is so for each pair.
+    start : tuple, mapping or Trajectory
+        Of an oscillator, with ``method="newton"``: a motion near the first one wanted, as for
+        `trace_response`. A frequency at which Newton's method does not reach a motion from it has
+        no solution; the next one is tried from it again.
     coordinates : sequence of str
         Of a structure: which of its coordinates the result holds; default all up to 64, else those
         that elements and loads touch.
@@ -234,6 +241,7 @@ def trace_response(
     vary: str | None = None,
     vary_range: tuple[float, float] | None = None,
     at: npt.ArrayLike = (),
+    start: StartLike | None = None,
     leave: BranchPoint | None = None,
     opposite: bool = False,
     symmetric: bool | None = None,
@@ -285,6 +293,7 @@ def trace_response(
     m01: tuple[float, float] | None = None,
     m02: tuple[float, float] | None = None,
     at: npt.ArrayLike = (),
+    start: StartLike | None = None,
     leave: BranchPoint | None = None,
     opposite: bool = False,
     symmetric: bool | None = None,
@@ -327,6 +336,13 @@ def trace_response(
         Of a pendulum: one of its own frequencies or amplitudes of loads.
     at : array_like
         Values of what varies at each of which a point shall lie, as often as the branch gets there.
+    start : tuple, mapping or Trajectory
+        Of an oscillator: a motion nearby to begin at, such as on a closed branch that no sweep
+        meets (an isola) or of a period longer than the load's: ``(result, i)``, the i-th motion of
+        a response or branch; ``{k: X_k}`` with a number of each coordinate; or a `Trajectory`,
+        whose last period, 2 pi over the frequency at which the branch begins, is taken. The branch
+        begins at the value of that motion if the range holds it, else at the beginning of the
+        range. Harmonics keep the symmetry of load and forces unless the motion breaks it.
     leave : BranchPoint
         Follow the branch that crosses another one here, which was traced with the same harmonics,
         loads and ``subharmonic``.

@@ -19,6 +19,7 @@ from viscovib.oscillators import Steady, check_steady, oscillator_job
 from viscovib.parameters import MAX_HARMONICS, MAX_ITERATIONS, PROGRESS, STABILITY, TOLERANCE
 from viscovib.progress import progress_bar
 from viscovib.response_result import Response
+from viscovib.starts import StartLike, start_of
 from viscovib.structure_results import StructureResponse, warn_of_reduction
 from viscovib.structure_view import View
 
@@ -45,6 +46,7 @@ def mount_response(
     max_iterations: int,
     relaxation: float | str,
     stability: bool,
+    start: StartLike | None,
     coordinates: Sequence[str] | None,
     progress: bool,
 ) -> Response:
@@ -61,7 +63,10 @@ def mount_response(
     # A matrix of the unknowns is factorized a few times a frequency.
     typical = _TYPICAL if chosen else planned.orders.size
     long = frequencies.size * (n_dof * typical) ** 2 > _LONG
-    work = _Work(job, frequencies, options, planned, n_dof, long, bool(stability))
+    begin = np.zeros(1)
+    if start is not None:
+        begin = _begin(system, start, frequencies[0], job, planned)
+    work = _Work(job, frequencies, options, planned, n_dof, long, bool(stability), begin)
     parts = work.run(progress)
     iterations = _joined(parts, 2)
 
@@ -100,6 +105,23 @@ def mount_response(
     _warn_of_gaps(response)
     _warn_of_few_orders(response, options[2])
     return response
+
+
+def _begin(
+    system: Steady, start: StartLike, nu: float, job: tuple[Any, ...], planned: "_Plan"
+) -> FloatArray:
+    """Unknowns of a motion to begin at."""
+    if planned.method != "newton":
+        raise InputError("start: needs method = 'newton', and something that is nonlinear")
+    begun = start_of(start, system.dof_names, nu)
+    if begun.has_even and not (planned.orders % 2 == 0).any():
+        raise InputError(
+            "start: has even harmonics, which load and forces have not: see trace_response with "
+            "symmetric=False"
+        )
+    return begun.unknowns(
+        planned.orders, job, system._base_direction, 1.0, system.dof_names, planned.loaded
+    )
 
 
 def _stability_of(
@@ -151,6 +173,8 @@ class _Work:
     #: Whether it takes so long that Ctrl-C must be heard on the way.
     long: bool
     stability: bool
+    #: Unknowns of a motion to begin at; one number: none.
+    begin: FloatArray
 
     def run(self, show: bool = False, n_history: int = 0) -> list[tuple[Any, ...]]:
         # Newton's method follows its branch from frequency to frequency, all in one piece.
@@ -165,7 +189,9 @@ class _Work:
                 # Memory that no order needs is never touched.
                 room = np.empty(chunk.size * n_dof * self.planned.orders.size, dtype=complex)
                 judged = chunk.size if self.stability else 0
-                given = (*self.job, chunk, *self.options, n_history, judged, room, cancel)
+                given = (
+                    *self.job, chunk, *self.options, n_history, judged, self.begin, room, cancel
+                )  # fmt: skip
                 if whole and (self.long or self.stability):
                     part = _native.call_interruptibly(core.mount_response, cancel, *given)
                 else:

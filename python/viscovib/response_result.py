@@ -175,8 +175,8 @@ class Response(PeriodicMotions, Result):
         n_dof = self._job[-1].shape[0] - 1
         room = np.empty(nu.size * n_dof * self.harmonics.size, dtype=complex)
         _native.call(
-            core.mount_response, *self._job, nu, 1, 0, self._tolerance, 1, 1.0, 0, 0, room,
-            np.zeros(1, dtype=np.intc),
+            core.mount_response, *self._job, nu, 1, 0, self._tolerance, 1, 1.0, 0, 0,
+            np.zeros(1), room, np.zeros(1, dtype=np.intc),
         )  # fmt: skip
         return room.reshape(nu.size, n_dof, self.harmonics.size)
 
