@@ -10,7 +10,11 @@ from typing import TYPE_CHECKING, Any
 #: test holds against this table.
 _NAMES = {
     "_backbone": "Backbone BackbonePoint",
+    "_kramers_kronig": "KramersKronig kramers_kronig",
+    "_master_curve": "MasterCurve master_curve",
     "_plan": "Plan",
+    "_prony_terms": "PronyTerms prony_terms",
+    "_propagate": "Band propagate",
     "_spectrum": "Spectrum name_frequencies spectrum",
     "_sweep": "sweep",
     "body": "Body",
@@ -28,10 +32,13 @@ _NAMES = {
     "driven_branch": "DrivenBranch",
     "elements": "Spring",
     "ensemble": "Ensemble simulate_ensemble",
-    "errors": "ConvergenceWarning FileError InputError RangeWarning "
-    "StabilityWarning SweepError ViscovibError",
-    "kernels": "AbelKernel ExponentialSum Kernel PronyKernel "
-    "RabotnovKernel RzhanitsynKernel TabulatedKernel",
+    "errors": "ConvergenceWarning FileError InputError RangeWarning StabilityWarning SweepError "
+    "ViscovibError",
+    "fit_files": "read_fit read_kernel write_kernel",
+    "fit_result": "KernelFit Optimum ParametricFit Profile Sample",
+    "kernel_fit": "fit_kernel",
+    "kernels": "AbelKernel ExponentialSum Kernel PronyKernel RabotnovKernel RzhanitsynKernel "
+    "TabulatedKernel",
     "lines": "Lines amplitudes_at dominant_frequencies",
     "load": "fourier_coefficients",
     "load_table": "LoadTable",
@@ -46,15 +53,20 @@ _NAMES = {
     "periodic_motions": "PeriodicMotions",
     "plots": "plot_backbone plot_branch plot_response plot_sections plot_spectrum plot_trajectory",
     "polynomial_system": "Monomial PolynomialSystem Springs",
+    "prony_fit": "PronyFit",
     "response_result": "Peak Response",
     "results": "Result",
+    "rubber_data": "CreepData ModulusData RelaxationData read_creep read_dma "
+    "read_dynamic_stiffness read_relaxation",
+    "rubber_plots": "plot_cole_cole plot_modulus plot_nomogram plot_van_gurp",
     "scales_plots": "plot_modulation plot_scales_response",
     "scales_results": "Modulation Resonance ScalesMotion ScalesResponse",
     "scene": "Scene",
     "scene_job": "SceneResult plan",
     "scene_run": "run",
-    "sum_kernel": "SumKernel",
+    "shift_fit": "ShiftFit ShiftTable fit_shift_law",
     "structure": "Structure",
+    "sum_kernel": "SumKernel",
     "table_result": "TableResult",
     "time_temperature": "Arrhenius ShiftLaw ThermalKernel WLF",
     "trajectory": "Trajectory",
@@ -67,7 +79,23 @@ if TYPE_CHECKING:
         Backbone as Backbone,
         BackbonePoint as BackbonePoint,
     )
+    from viscovib._kramers_kronig import (
+        KramersKronig as KramersKronig,
+        kramers_kronig as kramers_kronig,
+    )
+    from viscovib._master_curve import (
+        MasterCurve as MasterCurve,
+        master_curve as master_curve,
+    )
     from viscovib._plan import Plan as Plan
+    from viscovib._prony_terms import (
+        PronyTerms as PronyTerms,
+        prony_terms as prony_terms,
+    )
+    from viscovib._propagate import (
+        Band as Band,
+        propagate as propagate,
+    )
     from viscovib._spectrum import (
         Spectrum as Spectrum,
         name_frequencies as name_frequencies,
@@ -111,6 +139,19 @@ if TYPE_CHECKING:
         SweepError as SweepError,
         ViscovibError as ViscovibError,
     )
+    from viscovib.fit_files import (
+        read_fit as read_fit,
+        read_kernel as read_kernel,
+        write_kernel as write_kernel,
+    )
+    from viscovib.fit_result import (
+        KernelFit as KernelFit,
+        Optimum as Optimum,
+        ParametricFit as ParametricFit,
+        Profile as Profile,
+        Sample as Sample,
+    )
+    from viscovib.kernel_fit import fit_kernel as fit_kernel
     from viscovib.kernels import (
         AbelKernel as AbelKernel,
         ExponentialSum as ExponentialSum,
@@ -160,11 +201,27 @@ if TYPE_CHECKING:
         PolynomialSystem as PolynomialSystem,
         Springs as Springs,
     )
+    from viscovib.prony_fit import PronyFit as PronyFit
     from viscovib.response_result import (
         Peak as Peak,
         Response as Response,
     )
     from viscovib.results import Result as Result
+    from viscovib.rubber_data import (
+        CreepData as CreepData,
+        ModulusData as ModulusData,
+        RelaxationData as RelaxationData,
+        read_creep as read_creep,
+        read_dma as read_dma,
+        read_dynamic_stiffness as read_dynamic_stiffness,
+        read_relaxation as read_relaxation,
+    )
+    from viscovib.rubber_plots import (
+        plot_cole_cole as plot_cole_cole,
+        plot_modulus as plot_modulus,
+        plot_nomogram as plot_nomogram,
+        plot_van_gurp as plot_van_gurp,
+    )
     from viscovib.scales_plots import (
         plot_modulation as plot_modulation,
         plot_scales_response as plot_scales_response,
@@ -181,6 +238,11 @@ if TYPE_CHECKING:
         plan as plan,
     )
     from viscovib.scene_run import run as run
+    from viscovib.shift_fit import (
+        ShiftFit as ShiftFit,
+        ShiftTable as ShiftTable,
+        fit_shift_law as fit_shift_law,
+    )
     from viscovib.structure import Structure as Structure
     from viscovib.sum_kernel import SumKernel as SumKernel
     from viscovib.table_result import TableResult as TableResult

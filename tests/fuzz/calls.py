@@ -38,6 +38,16 @@ ENSEMBLE = (
     f"vv.simulate_ensemble({PENDULUM}, initial=[[0.05, 0, 0.3, 0, -0.2, 0]], t_end=5, dt=0.25)"
 )
 SCENE = "vv.Scene.read('scene.nml')"
+DATA = (
+    "vv.ModulusData(frequencies=[1, 10, 100, 1e3, 1e4, 1e5], "
+    "storage=[1.1, 1.3, 1.7, 2.1, 2.5, 2.7], "
+    "loss=[0.1, 0.2, 0.3, 0.35, 0.3, 0.2])"
+)
+SETS = (
+    "vv.ModulusData(frequencies=[1, 2, 4, 1, 2, 4], storage=[1.5, 2, 3, 1, 1.4, 2], "
+    "loss=[1, 1, 1, 1, 1, 1], temperature=[10, 10, 10, 30, 30, 30])"
+)
+FIT = f"vv.fit_kernel({DATA}, kind='rabotnov')"
 SIGNAL = "np.cos(0.3 * np.arange(200.0))"
 
 #: Files that calls may read, in the folder where they run.
@@ -53,6 +63,12 @@ FILES = {
 &transient initial=0.05 0 0.3 0 -0.2 0 t_end=5 dt=0.25 /
 &spectrum window='hann' discard=1 /
 """,
+    "dma.csv": "f,E',E''\nHz,MPa,MPa\n1,2,1\n2,3,1\n4,4,1\n",
+    "mount.csv": "f;K*;angle\nHz;N/mm;deg\n1;2,5;10\n2;3;20\n",
+    "time.csv": "t,E\ns,MPa\n1,3\n2,2\n4,1\n",
+    "creep.csv": "t,J\ns,1/MPa\n1,3\n2,4\n4,5\n",
+    "kernel.json": '{"format": "viscovib kernel", "version": 1, '
+    '"kernel": {"kind": "abel", "amplitude": 0.1, "alpha": 0.3}}',
 }
 
 #: Calls that work, each quick.
@@ -61,6 +77,27 @@ SOUND = (
     ENSEMBLE, SCENE,
     "vv.AbelKernel(amplitude=0.05, alpha=0.3)",
     "vv.SumKernel(parts=[vv.AbelKernel(amplitude=0.05, alpha=0.3)])",
+    DATA, SETS, FIT,
+    "vv.read_dma(path='dma.csv')",
+    "vv.read_dynamic_stiffness(path='mount.csv')",
+    "vv.read_relaxation(path='time.csv', ramp=0.5)",
+    "vv.read_creep(path='creep.csv')",
+    "vv.RelaxationData(times=[1, 2, 4], modulus=[3, 2, 1])",
+    "vv.CreepData(times=[1, 2, 4], compliance=[1, 2, 3])",
+    f"vv.kramers_kronig(data={DATA})",
+    f"vv.master_curve(data={SETS}, reference=20)",
+    "vv.fit_shift_law(temperatures=[0, 20, 50], decades=[2, 0, -2], reference=20)",
+    "vv.ShiftTable(temperatures=[0, 20, 50], decades=[2, 0, -2])",
+    f"vv.fit_kernel(data={DATA}, kind='prony', terms=5)",
+    f"vv.propagate(fit={FIT}, function=lambda s: s.modulus, samples=5)",
+    f"vv.prony_terms(source={KERNEL}, modulus=2e6, t_min=1e-3, t_max=10, tolerance=0.05)",
+    "vv.read_kernel(path='kernel.json')",
+    f"vv.write_kernel(kernel={KERNEL}, path='out.json')",
+    f"{FIT}.profile('alpha')",
+    f"{FIT}.to_json(path='out.json')",
+    f"vv.plot_modulus(data={DATA})",
+    f"vv.plot_cole_cole(data={DATA})",
+    f"vv.plot_nomogram(master=vv.master_curve({SETS}, reference=20))",
     "vv.WLF(reference=20, c1=8.86, c2=101.6)",
     "vv.Arrhenius(reference=20, activation_energy=8e4)",
     f"vv.ThermalKernel(kernel={KERNEL}, shift=vv.WLF(reference=20, c1=8.86, c2=101.6)).at(40)",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 FAMILIES = (
-    "kernels", "rubber", "systems", "bodies", "linear", "roots", "responses", "peaks", "branches", "crossings",
+    "kernels", "rubber", "fits", "systems", "bodies", "linear", "roots", "responses", "peaks", "branches", "crossings",
     "stability", "backbones", "steady", "motions", "ensembles", "spectra", "scales", "scenes",
     "structures", "sweeps", "tables",
 )  # fmt: skip
@@ -42,6 +42,15 @@ NOTHING_TO_JUDGE = {
     "plot_transmissibility": _PICTURE,
     "report": "a page of numbers that bodies judges",
     "BodyModes.to_dataset": "its own arrays, which test_body compares",
+    "plot_modulus": _PICTURE,
+    "plot_cole_cole": _PICTURE,
+    "plot_van_gurp": _PICTURE,
+    "plot_nomogram": _PICTURE,
+    "ModulusData.plot": _PICTURE,
+    "KramersKronig.plot": _PICTURE,
+    "MasterCurve.plot": _PICTURE,
+    "KernelFit.plot": _PICTURE,
+    "Band.plot": _PICTURE,
     "ConvergenceWarning": "what other families listen for",
     "InputError": "what other families count as refused",
     "ViscovibError": "the base of all errors",

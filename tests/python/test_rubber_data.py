@@ -1,0 +1,191 @@
+"""Tables of measurements: what is read, what is refused and where."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import viscovib as vv
+from rubber_examples import KERNELS, made
+
+DATA = Path(__file__).parents[2] / "data" / "rubber"
+
+
+def table(tmp_path, text, name="table.csv"):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_published_tables():
+    master = vv.read_dma(DATA / "pyvisco_freq_user_master.csv")
+    assert (master.frequencies.size, master.quantity) == (206, "E")
+    assert master.frequencies[[0, -1]] == pytest.approx(2 * np.pi * np.array([1e-12, 1e14]))
+    assert master.storage[[0, -1]] == pytest.approx([88.79651575665739e6, 9580.5e6], rel=1e-4)
+    raw = vv.read_dma(DATA / "pyvisco_freq_user_raw.csv")
+    sets = raw.sets()
+    assert [one.frequencies.size for one in sets] == [10] * 21
+    assert sets[0].temperature.mean() == pytest.approx(-49.9, abs=0.1)
+    # The table over time holds the storage at t = 1/f.
+    relaxing = vv.read_relaxation(DATA / "pyvisco_time_user_raw.csv")
+    for one, other in zip(sets, relaxing.sets(), strict=True):
+        assert other.modulus[::-1] == pytest.approx(one.storage, rel=1e-12)
+        assert 2 * np.pi / other.times[::-1] == pytest.approx(one.frequencies, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "storage", "loss", "nu"),
+    [
+        ("f;E';E''\nHz;GPa;MPa\n1,5;2,25;30\n2;2,5;40\n", [2.25e9, 2.5e9], [3e7, 4e7], 3 * np.pi),
+        ("omega [rad/s]\tG' (kPa)\ttan delta [-]\n2\t100\t0.5\n4\t110\t0.25\n", [1e5, 1.1e5],
+         [5e4, 2.75e4], 2.0),
+        ("freq,|E*|,angle\nHz,Pa,deg\n1,2,60\n2,2,30\n", [1, 3**0.5], [3**0.5, 1], 2 * np.pi),
+        ("# a remark\n\nfrequency, E_stor, E_loss\n1/s, N/mm2, N/mm2\n3, 5, 1\n4, 6, 1\n",
+         [5e6, 6e6], [1e6, 1e6], 6 * np.pi),
+    ],
+)  # fmt: skip
+def test_units_commas_and_parts(tmp_path, text, storage, loss, nu):
+    data = vv.read_dma(table(tmp_path, text))
+    assert data.storage == pytest.approx(storage)
+    assert data.loss == pytest.approx(loss)
+    assert data.frequencies[0] == pytest.approx(nu)
+
+
+def test_temperatures_and_sets(tmp_path):
+    text = "f,E',E'',T\nHz,MPa,MPa,K\n1,2,1,273.15\n2,3,1,273.15\n1,1,1,293.15\n2,2,1,293.15\n"
+    data = vv.read_dma(table(tmp_path, text))
+    assert data.temperature == pytest.approx([0, 0, 20, 20])
+    assert data.set.tolist() == [0, 0, 1, 1]
+
+
+def test_stiffness_of_a_mount(tmp_path):
+    text = "f [Hz];K* [N/mm];phase [deg];amplitude [mm]\n1;200;30;0,5\n2;220;30;0,5\n"
+    data = vv.read_dynamic_stiffness(table(tmp_path, text))
+    assert data.quantity == "K"
+    assert data.storage == pytest.approx(np.array([2e5, 2.2e5]) * 3**0.5 / 2)
+    assert data.amplitude == pytest.approx([5e-4, 5e-4])
+
+
+def test_creep(tmp_path):
+    data = vv.read_creep(table(tmp_path, "t,J\nmin,1/MPa\n1,2\n2,3\n"))
+    assert (data.quantity, data.times.tolist()) == ("G", [60.0, 120.0])
+    assert data.compliance == pytest.approx([2e-6, 3e-6])
+
+
+def test_other_names(tmp_path):
+    path = table(tmp_path, "A,B,C\nHz,MPa,MPa\n1,2,1\n2,3,1\n")
+    data = vv.read_dma(path, columns={"frequency": "A", "storage": "B", "loss": "C"}, quantity="G")
+    assert (data.quantity, data.storage[1]) == ("G", 3e6)
+    with pytest.raises(vv.InputError, match="no column 'D', must be one of 'A', 'B', 'C'"):
+        vv.read_dma(path, columns={"frequency": "D"})
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "is empty"),
+        ("1,2,3\n4,5,6\n", "is a row of numbers"),
+        ("f,E',E''\nHz,MPa,MPa\n", "no row of numbers"),
+        ("f,E',E''\n1,2,3\n", "column 'f': has no unit, must be one of hz"),
+        ("f,E',E''\nHz,MPa,psi\n1,2,3\n", "column \"E''\": unit 'psi' is not known"),
+        ("f,E',E''\nHz,mPa,mPa\n1,2,3\n", "is millipascal"),
+        ("f,E',E''\nHz,MPa,MPa\n1,2,3\n2,nan,3\n", r"csv:4: column \"E'\": 'nan' is not a finite"),
+        ("f,E',E''\nHz,MPa,MPa\n1,2,3\n\n2,,3\n", r"csv:5: column \"E'\": is empty"),
+        ("f,E',E''\nHz,MPa,MPa\n1,2,3\n2,x,3\n", r"csv:4: column \"E'\": 'x' is not a finite"),
+        ("f,E',E''\nHz,MPa,MPa\n1,2,3\n2,-2,3\n", r"csv:4: column \"E'\": -2e\+06"),
+        ("f,E',E''\nHz,MPa,MPa\n1,2,3\n2,2,-3\n", r"csv:4: column \"E''\": -3e\+06"),
+        ("f,E',E''\nHz,MPa,MPa\n0,2,3\n", "column 'f': 0 .*greater than 0"),
+        ("f,E',E''\nHz,MPa,MPa\n1,2,3\n1,2,3\n", "stands twice in set 0"),
+        ("f,E',E'',set\nHz,MPa,MPa,-\n1,2,3,7\n3,2,3,7\n2,2,3,7\n", "turns back in set 7"),
+        ("f,E'\nHz,MPa\n1,2\n", "has storage, must have storage and loss"),
+        ("E',E''\nMPa,MPa\n1,2\n", "has no column of frequency"),
+        ("f,storage,loss\nHz,MPa,MPa\n1,2,3\n", "quantity must be given"),
+        ("f,E',G',E''\nHz,MPa,MPa,MPa\n1,2,3,1\n", "both hold storage"),
+    ],
+)  # fmt: skip
+def test_bad_tables_are_told_with_their_place(tmp_path, text, told):
+    with pytest.raises(vv.InputError, match=told):
+        vv.read_dma(table(tmp_path, text))
+
+
+def test_bad_arrays_are_told():
+    good = {"frequencies": [1.0, 2.0], "storage": [2.0, 3.0], "loss": [1.0, 1.0]}
+    for change, told in (
+        ({"storage": [2.0, -3.0]}, r"storage\[1\] = -3"),
+        ({"loss": [1.0, float("nan")]}, r"loss\[1\] = nan"),
+        ({"loss": [1.0]}, "loss has 1 numbers"),
+        ({"frequencies": [1.0, 1.0]}, "stands twice"),
+        ({"quantity": "D"}, "quantity"),
+    ):
+        with pytest.raises(vv.InputError, match=told):
+            vv.ModulusData(**(good | change))
+    with pytest.raises(vv.InputError, match="before the end of the ramp"):
+        vv.RelaxationData(times=[1.0, 2.0], modulus=[2.0, 1.0], ramp=1.5)
+    with pytest.raises(vv.FileError, match="cannot be read"):
+        vv.read_dma("nowhere.csv")
+
+
+def test_young_to_shear_only_by_a_ratio_that_is_said():
+    data = vv.ModulusData(frequencies=[1.0], storage=[3.0], loss=[0.3])
+    shear = data.to_shear(poisson=0.5)
+    assert (shear.quantity, shear.storage[0], shear.loss[0]) == ("G", 1.0, pytest.approx(0.1))
+    assert shear.to_young(poisson=0.5).storage[0] == pytest.approx(3.0)
+    with pytest.raises(vv.InputError, match="must be 'E' to become G"):
+        shear.to_shear(poisson=0.5)
+
+
+class TestKramersKronig:
+    """Whether loss belongs to storage."""
+
+    @pytest.mark.parametrize("noise", [0.0, 0.01, 0.05])
+    @pytest.mark.parametrize("kind", ["rabotnov", "rzhanitsyn"])
+    def test_a_material_is_consistent(self, kind, noise):
+        found = vv.kramers_kronig(made(KERNELS[kind], noise))
+        assert found.consistent
+        assert found.together[1] < noise + 0.02
+
+    def test_scaled_loss_is_not(self):
+        data = made(KERNELS["rabotnov"])
+        wrong = vv.ModulusData(
+            frequencies=data.frequencies, storage=data.storage, loss=1.7 * data.loss
+        )
+        found = vv.kramers_kronig(wrong)
+        assert not found.consistent
+        assert np.median(found.ratio) == pytest.approx(1.7, rel=0.03)
+
+    def test_the_published_master_curve_contradicts_itself(self):
+        """Floors by another program: 20.3, 13.2 % together, E' alone 1.4 %, E'' alone 2.6 %."""
+        found = vv.kramers_kronig(vv.read_dma(DATA / "pyvisco_freq_user_master.csv"))
+        assert not found.consistent
+        assert found.together == pytest.approx((0.203, 0.132), abs=0.002)
+        assert found.storage_alone == pytest.approx(0.014, abs=0.001)
+        assert found.loss_alone == pytest.approx(0.028, abs=0.003)
+        slow = found.frequencies < 2 * np.pi * 1e-2
+        assert found.ratio[slow].min() > 1.3
+        assert found.ratio.max() > 8
+        low, high, least, most = found.wrong[0]
+        assert low < 1e-10
+        assert 0.5 < high < 30
+        assert least > 1.2
+        assert most > 8
+        assert "contradict" in found.summary()
+
+    def test_its_raw_sets_do_not(self):
+        for one in vv.read_dma(DATA / "pyvisco_freq_user_raw.csv").sets():
+            found = vv.kramers_kronig(one)
+            assert found.consistent
+            assert max(found.together) < 0.03
+
+    def test_several_sets_are_refused(self):
+        with pytest.raises(vv.InputError, match="has 21 sets"):
+            vv.read_dma(DATA / "pyvisco_freq_user_raw.csv").kramers_kronig()
+
+
+def test_pictures():
+    import matplotlib.pyplot as plt
+
+    raw = vv.read_dma(DATA / "pyvisco_freq_user_raw.csv")
+    assert len(raw.plot()) == 2
+    for draw in (vv.plot_cole_cole, vv.plot_van_gurp):
+        assert len(draw(raw).lines) == 21
+    assert vv.kramers_kronig(made(KERNELS["rabotnov"])).plot().get_xlabel()
+    plt.close("all")
