@@ -29,6 +29,15 @@ module viscovib_section_step
   integer, parameter :: most_powers = 30
   real(wp), parameter :: far = 30.0_wp
 
+  integer :: power, order
+  !> Of powers by orders, of which there are at most eight: integral_0^1 (1-x)^n/n! P_j(2x-1) dx
+  !! = (-1)^j n!/((n-j)! (n+j+1)!).
+  real(wp), parameter :: weights(0:most_powers, 0:7) = reshape( &
+                         [((merge((-1)**order*gamma(power + 1.0_wp) &
+                                  /(gamma(max(power - order, 0) + 1.0_wp) &
+                                    *gamma(power + order + 2.0_wp)), 0.0_wp, power >= order), &
+                            power=0, most_powers), order=0, 7)], [most_powers + 1, 8])
+
 contains
 
   !> What becomes of a state (q, q') in a unit of time: q gains by_q(1) q + by_v(1) q', its velocity
@@ -73,7 +82,7 @@ contains
 
     roots = roots_of(square, rate)
     if (maxval(abs(roots)) <= slow) then
-      call by_powers(square, rate, by_order, rates)
+      call by_powers(square, rate, maxval(abs(roots)), by_order, rates)
     else if (abs(roots(1) - roots(2)) < max(apart, close*abs(roots(1)))) then
       call by_quadrature(square, rate, by_order, rates)
     else
@@ -146,45 +155,32 @@ contains
                                        cmplx(larger, 0.0_wp, wp)]
   end function roots_of
 
-  !> Derivatives of g at 0 times integral_0^1 (1-x)^n/n! P_j(2x-1) dx
-  !! = (-1)^j n!/((n-j)! (n+j+1)!).
-  pure subroutine by_powers(square, rate, by_order, rates)
-    real(wp), intent(in) :: square, rate
+  !> Derivatives of g at 0 times `weights`; each further power is smaller by the size of the roots
+  !! and more.
+  pure subroutine by_powers(square, rate, size_of, by_order, rates)
+    !> The size of the roots.
+    real(wp), intent(in) :: square, rate, size_of
     real(wp), intent(out) :: by_order(0:), rates(0:)
-    real(wp) :: g(0:most_powers + 1), weight(0:most_powers), moment
-    integer :: j, n
+    real(wp) :: g(0:most_powers + 1)
+    integer :: further, j, n
 
     g(0) = 0.0_wp
     g(1) = 1.0_wp
     do n = 0, most_powers - 1
       g(n + 2) = -rate*g(n + 1) - square*g(n)
     end do
-    moment = 1.0_wp
+    further = most_powers
+    if (size_of < 0.05_wp) further = 14
+    if (size_of < 1.0e-3_wp) further = 7
     do j = 0, size(by_order) - 1
-      ! At n = j: j!/(2j+1)!.
-      if (j > 0) moment = -moment/(2.0_wp*(2*j + 1))
       by_order(j) = 0.0_wp
       rates(j) = 0.0_wp
-      weight = weights_from(j, moment)
-      do n = most_powers, j, -1
-        by_order(j) = by_order(j) + weight(n)*g(n)
-        rates(j) = rates(j) + weight(n)*g(n + 1)
+      do n = min(most_powers, j + further), j, -1
+        by_order(j) = by_order(j) + weights(n, j)*g(n)
+        rates(j) = rates(j) + weights(n, j)*g(n + 1)
       end do
     end do
   end subroutine by_powers
-
-  !> The moments of n = j, j+1, ...: each is (n+1)/((n+1-j)(n+j+2)) times the one before.
-  pure function weights_from(j, first) result(weight)
-    integer, intent(in) :: j
-    real(wp), intent(in) :: first
-    real(wp) :: weight(0:most_powers)
-    integer :: n
-    weight = 0.0_wp
-    weight(j) = first
-    do n = j, most_powers - 1
-      weight(n + 1) = weight(n)*(n + 1)/(real(n + 1 - j, wp)*(n + j + 2))
-    end do
-  end function weights_from
 
   !> Over the time in which g has not vanished.
   pure subroutine by_quadrature(square, rate, by_order, rates)

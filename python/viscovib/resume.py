@@ -100,15 +100,15 @@ def other_loads(
     run: Run = earlier._resume
     given = {"load": load, "nu": nu, "base": base, "force": force}
     loaded = any(value is not None for value in given.values())
-    if isinstance(system, Structure):
+    if isinstance(system, Structure) or structure_motion_of(run) is not None:
         if coordinates is not None:
             raise InputError(
                 "coordinates: as of the run that is resumed, must not be given with resume"
             )
         known_system: object = run.system
         if known_system is not system:
-            raise InputError("system: must be the Structure of the run that is resumed")
-        return _other_loads_of_structure(system, run, end, load, nu, base, force, loaded)
+            raise InputError("system: must be that of the run that is resumed, the same object")
+        return _other_loads_of_structure(run, end, load, nu, base, force, loaded)
     if isinstance(system, Pendulum):
         for name, value in given.items():
             if value is not None:
@@ -153,7 +153,6 @@ def other_loads(
 
 
 def _other_loads_of_structure(
-    system: Structure,
     run: Run,
     end: float,
     load: LoadLike | None,
@@ -167,7 +166,8 @@ def _other_loads_of_structure(
         return None
     before = structure_motion_of(run)
     assert before is not None
-    names = [system.dof_names[i] for i in before.places]
+    system = before.mount
+    names = [system.dof_names[i] for i in before.places] if isinstance(system, Structure) else None
     motion = StructureMotion.checked(
         system, max(end, before.end), None, run.method, load, nu, base, force, None,
         before.memory, names,
@@ -177,7 +177,7 @@ def _other_loads_of_structure(
         motion, held=before.held, before=before.before, moved=before.moved, start=before.start,
         speed=before.speed,
     )  # fmt: skip
-    breaks = breaks_of(force, base, system.n_coordinates)
+    breaks = breaks_of(force, base, len(system.dof_names))
     return known(motion.runs(run.solved), breaks, force, base)
 
 

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeAlias, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -21,12 +21,17 @@ from viscovib.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.load import LoadLike
 from viscovib.load_table import LoadTable, added
 from viscovib.past import Past
+from viscovib.polynomial_system import PolynomialSystem
 from viscovib.runs import MAX_STEPS, Piece, Run, Wanted
 from viscovib.structure import Structure
 from viscovib.trajectory import Trajectory
 
+#: What is condensed.
+Condensed: TypeAlias = Structure | PolynomialSystem
 #: Part of the largest column of a table by which combinations of columns are rounding.
 _ROUNDING = 1e-15
+#: Coordinates of polynomial systems that are not.
+_MOST_WHOLE = 64
 #: Part of a start that may be in no mode without a word.
 _LEFT_OUT = 1e-6
 
@@ -63,7 +68,7 @@ class StructureTrajectory(Trajectory):
 class StructureMotion:
     """A motion of a structure that is wanted: all but its step."""
 
-    mount: Structure
+    mount: Condensed
     end: float
     method: str
     loaded: LoadedStructure
@@ -88,7 +93,7 @@ class StructureMotion:
     @classmethod
     def checked(
         cls,
-        structure: Structure,
+        structure: Condensed,
         end: float,
         initial: npt.ArrayLike | None,
         method: str,
@@ -101,18 +106,13 @@ class StructureMotion:
         coordinates: Sequence[str] | None,
     ) -> StructureMotion:
         """Check every argument of ``simulate`` that a structure has."""
-        n = structure.n_coordinates
+        n = len(structure.dof_names)
         table = base if isinstance(base, LoadTable) else None
         waved = None if isinstance(base, LoadTable) else base
         if (table is not None or waved is not None) and structure._base_direction is None:
             raise InputError("base: this system has no base_direction, its base is fixed")
         name = _native.choice("method", method, ("auto", *NODES))
         _native.choice("memory", memory, ("auto", *PASTS))
-        if structure._rest.losses.any():
-            raise InputError(
-                "loss_factor: has no meaning in time, must be 0 for a motion in time (take a "
-                "kernel, or modal_damping)"
-            )
         before, moved = history_of(held, n)
         state = np.zeros(2 * n)
         state[::2] = moved[:, -1]
@@ -124,6 +124,11 @@ class StructureMotion:
         if load is None and waved is None and nu is not None:
             raise InputError("nu: must not be given without load or base")
         loaded = structure._loaded(load, waved)
+        if loaded.condensation.rest.losses.any():
+            raise InputError(
+                "loss_factor: has no meaning in time, must be 0 for a motion in time (take a "
+                "kernel, or modal_damping)"
+            )
         if frequency < 0 or (frequency == 0 and (loaded.orders > 0).any()):
             given = "None" if nu is None else f"{frequency:g}"
             raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
@@ -442,25 +447,33 @@ class StructureRun(MountRun):
         return part, n_kept, reason
 
 
+def goes_condensed(system: object) -> TypeGuard[Condensed]:
+    """Whether the motion of a system is computed of few deflections and of modes."""
+    if isinstance(system, PolynomialSystem):
+        return len(system.dof_names) > _MOST_WHOLE
+    return isinstance(system, Structure)
+
+
 def structure_motion_of(run: Run) -> StructureMotion | None:
     """The motion of a run that is one of a structure."""
     return run.motion if isinstance(run, StructureRun) else None
 
 
-def _damped(structure: Structure, u: FloatArray) -> FloatArray:
+def _damped(structure: Condensed, u: FloatArray) -> FloatArray:
     """C u, with the dampers among the elements."""
     matrix: Any = structure.damping
     total = np.asarray(matrix @ u)
-    for element in structure._all_elements:
+    for element in getattr(structure, "_all_elements", ()):
         if element.damping:
             total = total + element.damping * element.direction * (element.direction @ u)
     return total
 
 
-def _check_forces(structure: Structure, loaded: LoadedStructure, patterns: FloatArray) -> None:
+def _check_forces(structure: Condensed, loaded: LoadedStructure, patterns: FloatArray) -> None:
     """Refuse forces to which the rest has no answer in time."""
-    if structure._reduced is not None:
-        structure._reduced.check_loads(patterns.astype(complex))
+    reduced = getattr(structure, "_reduced", None)
+    if reduced is not None:
+        reduced.check_loads(patterns.astype(complex))
     if loaded.condensation.rest.flexibility is None:
         return
     forces = [loaded.condensation.laws.directions, loaded.forces.real, loaded.forces.imag, patterns]
@@ -474,10 +487,10 @@ def _check_forces(structure: Structure, loaded: LoadedStructure, patterns: Float
 
 
 def _table_columns(
-    force: LoadTable | None, structure: Structure
+    force: LoadTable | None, structure: Condensed
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Directions of the columns of a table, its times and cubics as the core takes them."""
-    n = structure.n_coordinates
+    n = len(structure.dof_names)
     if force is None:
         return np.zeros((n, 1)), np.zeros(1), np.zeros((1, 4, 1), order="F")
     if not isinstance(force, LoadTable):
@@ -486,7 +499,7 @@ def _table_columns(
     values = np.asarray(force.values)
     if values.ndim == 1:
         on = 0 if force.on is None else force.on
-        e = direction_of("force.on", on, n, structure._places)  # type: ignore[attr-defined]
+        e = direction_of("force.on", on, n, {name: d for d, name in enumerate(structure.dof_names)})
         return e[:, np.newaxis], times, force._cubics(values[:, np.newaxis])
     pieces = force._pieces(n)
     used = np.flatnonzero(pieces.any(axis=(1, 2)))
@@ -503,7 +516,7 @@ def _table_columns(
     return patterns, times, np.asfortranarray(pieces)
 
 
-def _warn_of_creep(structure: Structure) -> None:
+def _warn_of_creep(structure: Condensed) -> None:
     if any(kernel.integral >= 1 for kernel in structure._active_kernels):
         warnings.warn(
             "the integral of a kernel is 1 or more: free motion may creep away, and a run does "

@@ -32,7 +32,7 @@ from viscovib.runs import (
     with_estimate,
 )
 from viscovib.structure import Structure
-from viscovib.structure_motion import StructureMotion
+from viscovib.structure_motion import StructureMotion, goes_condensed
 from viscovib.trajectory import Trajectory
 
 #: Above this last coefficient of a step, relative to the motion, a run warns.
@@ -197,7 +197,7 @@ def simulate(
                 raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
         _native.choice("memory", memory, ("auto",))
         make, n = pendulum_runs(system, end, initial, method, solved)
-    elif isinstance(system, Structure):
+    elif isinstance(system, Structure) or goes_condensed(system):
         shape = StructureMotion.checked(
             system, end, initial, method, load, nu, base, force, held, memory, coordinates
         )
