@@ -6,10 +6,21 @@ The plate's elements are made here: the conforming rectangle of Bogner, Fox and 
 each direction a beam's cubics; a node has w, w_x, w_y and w_xy.
 """
 
+import argparse
+import resource
+import time
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import viscovib as vv
 from scipy.sparse import csc_array
+
+#: Edge and thickness (m), where the hole is, and where the mounts are, as parts of the edge.
+EDGE, THICKNESS, HOLE = 1.2, 0.01, (0.75, 0.7, 0.18)
+MOUNTS = ((0.1, 0.1), (0.1, 0.9), (0.9, 0.1), (0.9, 0.9))
+#: Band of the load (rad/s), and the highest frequency for which displacements are wanted.
+BAND, TOP = (2 * np.pi * 11, 2 * np.pi * 18), 2 * np.pi * 400
 
 
 class Plate(NamedTuple):
@@ -78,3 +89,97 @@ def plate(
     grid = np.full((2 * n_x + 2, 2 * n_y + 2), -1)
     grid.ravel()[used] = np.arange(used.size)
     return Plate(assembled(mass), assembled(stiffness), grid[::2, ::2], x, y)
+
+
+def mounted(elements: int) -> tuple[vv.Structure, Plate, str]:
+    """Return a plate on four rubber mounts, its mesh, and the coordinate that the load pushes."""
+    steel = plate(
+        elements, elements, length=EDGE, width=EDGE, thickness=THICKNESS, young=2.05e11,
+        density=7800.0, hole=HOLE,
+    )  # fmt: skip
+    rubber = vv.RabotnovKernel(amplitude=4.0, alpha=0.55, beta=16.0)
+
+    def name(x: float, y: float) -> str:
+        return f"x{steel.w[round(x * elements), round(y * elements)] + 1}"
+
+    mounts = [
+        vv.Spring(on=name(*at), stiffness=3e5, law="k3*d^3", parameters={"k3": 4e11}, kernel=rubber)
+        for at in MOUNTS
+    ]
+    structure = vv.Structure(
+        mass=steel.mass, stiffness=steel.stiffness, rayleigh=(0.5, 2e-6), elements=mounts
+    )
+    return structure, steel, name(0.3, 0.4)
+
+
+def main() -> None:
+    """Reduce, follow a curve, check it against the full equations, and draw."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--elements", type=int, default=160, help="along each edge")
+    parser.add_argument("--out", type=Path, default=Path("out/plate"))
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    begun = time.perf_counter()
+    structure, steel, pushed = mounted(options.elements)
+    print(f"{structure.n_coordinates} coordinates, made in {time.perf_counter() - begun:.1f} s")
+
+    begun = time.perf_counter()
+    small = structure.reduce(frequency=TOP, tolerance=1e-6, loads=[pushed])
+    taken = time.perf_counter() - begun
+    found = small.reduction
+    print(
+        f"reduced to {found.n_modes} modes and {found.squares.size - found.n_modes} corrections in "
+        f"{taken:.1f} s; error at 50 frequencies up to {TOP:.0f} rad/s at most "
+        f"{found.largest_error:.1e}"
+    )
+    begun = time.perf_counter()
+    branch = vv.trace_response(
+        small, BAND, load={pushed: 30.0}, coordinates=[pushed], stability=False, tolerance=1e-6
+    )
+    taken = time.perf_counter() - begun
+    print(branch.summary())
+    print(f"in {1e3 * taken:.0f} ms; error of the reduction {branch.reduction_error.max():.1e}")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    print(f"memory {peak:.2f} GB")
+
+    begun = time.perf_counter()
+    checked = branch.check(points=5)
+    print(
+        f"direct solutions of the full equations at 5 motions differ by {checked.max():.1e} "
+        f"({time.perf_counter() - begun:.0f} s)"
+    )
+    draw(branch, steel, pushed, options.out / "plate.png")
+
+
+def draw(branch: vv.Branch, steel: Plate, pushed: str, path: Path) -> None:
+    """Draw the curve, and how the plate moves at its highest point."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    hertz = branch.nu / (2 * np.pi)
+    amplitude = 1e3 * branch.amplitude(pushed)
+    at = int(amplitude.argmax())
+    places = steel.w >= 0
+    moved = branch.at([f"x{i + 1}" for i in steel.w[places]])
+    shape = np.full(steel.w.shape, np.nan)
+    shape[places] = 1e3 * np.abs(moved.coefficients[at, :, 0])
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    left.plot(hertz, amplitude, color="C0")
+    left.plot(hertz[at], amplitude[at], "o", color="C1")
+    left.set(xlabel="frequency (Hz)", ylabel="first harmonic where it is pushed (mm)")
+    left.set_title("harmonic balance of four mounts")
+    mesh = right.pcolormesh(steel.x, steel.y, shape.T, shading="gouraud", cmap="viridis")
+    figure.colorbar(mesh, ax=right, label="first harmonic (mm)")
+    mounts = np.array(MOUNTS) * EDGE
+    right.plot(*mounts.T, "s", color="white", markeredgecolor="black", label="mounts")
+    right.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    right.set_title(f"the plate at {hertz[at]:.1f} Hz")
+    right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), frameon=False)
+    figure.savefig(path, dpi=120)
+    print(path)
+
+
+if __name__ == "__main__":
+    main()

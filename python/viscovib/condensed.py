@@ -372,6 +372,27 @@ class LoadedStructure:
                 u[:, :, k] += np.outer(factors, self.direction[places] * self.base[j[0]])
         return u
 
+    def reaction(
+        self, nu: FloatArray, order: int, y: ComplexArray, factors: FloatArray
+    ) -> ComplexArray:
+        """Forces of the elements on the linear rest in one order, shape (n, q).
+
+        ``y``: the coordinates of the condensation in this order, shape (n, q).
+        """
+        j = np.flatnonzero(self.orders == order)
+        if order:
+            s = np.asarray(1j * order * nu)
+            return np.asarray(self._forced(s, y, j, factors)[2])
+        static = self._static(j)
+        return np.asarray(y @ static.stiffness.T - factors[:, np.newaxis] * static.load)
+
+    def _static(self, j: Any) -> Static:
+        c = self.condensation
+        nothing = np.zeros(c.rest.squares.size, complex), np.zeros(c.rest.poles.size, complex)
+        zero = np.zeros(c.q, complex)
+        push = self.pushes[j[0]] if j.size else _Push(*nothing, zero, zero)
+        return c.static(push.modes, push.poles, push.flexible)
+
     def _forced(
         self, s: ComplexArray, y: ComplexArray, j: Any, factors: FloatArray
     ) -> tuple[Any, Any, Any]:
@@ -419,10 +440,10 @@ class LoadedStructure:
     def _at_rest(self, y: ComplexArray, j: Any, places: Any, factors: FloatArray) -> ComplexArray:
         """Order 0 of coordinates."""
         c, rest, rigid = self.condensation, self.condensation.rest, self.condensation._rigid
-        zero = np.zeros(c.q, complex)
         nothing = np.zeros(rest.squares.size, complex), np.zeros(rest.poles.size, complex)
+        zero = np.zeros(c.q, complex)
         push = self.pushes[j[0]] if j.size else _Push(*nothing, zero, zero)
-        static = c.static(push.modes, push.poles, push.flexible)
+        static = self._static(j)
         scale = factors[:, np.newaxis]
         h = y @ static.stiffness.T - scale * static.load
         modes = (scale * push.modes + h @ c.seen.T)[:, ~rigid] / rest.squares[~rigid]

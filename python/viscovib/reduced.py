@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from viscovib.errors import InputError
 from viscovib.reduction import LinearModel, Reduction, reduce_model
 from viscovib.sparse_pencil import is_symmetric
 from viscovib.structure_rest import ModalDamping, Rest, dense_rest
+
+if TYPE_CHECKING:
+    from viscovib.condensed import LoadedStructure
 
 #: Frequency of what has no mass but is damped, in units of the highest wanted: it follows at once,
 #: up to the square of this, inverted.
@@ -139,29 +142,32 @@ def _rest(model: LinearModel, found: Reduction, top: float) -> Rest:
     return Rest(squares, rates, losses, shapes, poles, left, right, flexibility)
 
 
-def check_motion(
-    reduced: ReducedRest, s: ComplexArray, forces: ComplexArray, found: ComplexArray
-) -> FloatArray:
-    """Errors of displacements under given forces, by direct solutions of the full equations.
+def direct_motion(
+    loaded: "LoadedStructure", nu: FloatArray, orders: Any, y: ComplexArray, factor: FloatArray
+) -> ComplexArray:
+    """Harmonics of one motion in all coordinates, shape (n, m), by the full equations.
 
-    Parameters
-    ----------
-    s : complex ndarray, shape (k,)
-    forces, found : complex ndarray, shape (n, k)
-        All that acts on the linear rest, and the displacements found.
-
-    Returns
-    -------
-    ndarray, shape (k,)
-        |u - found|/|u| in the largest entry.
+    ``y``: harmonics (1, q, m) of the deflections found, which say what the elements do.
     """
     from viscovib.sparse_roots import combined, solved
 
-    model = reduced.model
-    errors = np.zeros(s.size)
-    for i, at in enumerate(s):
-        values = model.coefficients(np.array([at]))[:, 0]
-        exact = solved(combined(model, values), forces[:, i])
-        largest = np.abs(exact).max()
-        errors[i] = np.abs(exact - found[:, i]).max() / largest if largest else 0.0
-    return errors
+    c = loaded.condensation
+    if c.reduced is None:
+        raise InputError("check: this structure is not reduced")
+    model = c.reduced.model
+    n = loaded.forces.shape[0]
+    found = np.zeros((n, orders.size), dtype=complex)
+    for k, order in enumerate(orders):
+        j = np.flatnonzero(loaded.orders == order)
+        pushed = c.laws.directions @ loaded.reaction(nu, order, y[:, :, k], factor)[0]
+        s = 1j * order * nu[0]
+        if j.size:
+            pushed = pushed + factor[0] * loaded.forces[:, j[0]]
+            pushed = pushed - s**2 * factor[0] * loaded.base[j[0]] * loaded._inertia
+        if not pushed.any():
+            continue
+        values = model.coefficients(np.array([s]))[:, 0]
+        found[:, k] = solved(combined(model, values), pushed)
+        if j.size and loaded.direction is not None:
+            found[:, k] += loaded.direction * loaded.base[j[0]] * factor[0]
+    return found

@@ -134,7 +134,7 @@ class Reduction:
         Frequencies (rad/s) at which the error was estimated.
     error : ndarray, shape (50,)
         The error of the displacements in the norm of strain energy, relative to them, the largest
-        over all loads; estimated from the residual of the full equations.
+        over all loads; estimated from the residual of the full equations, and what rounding adds.
     """
 
     squares: FloatArray
@@ -176,7 +176,8 @@ class _Basis:
         # Rounding is left of a vector that V holds: added, it would be noise.
         kept = np.abs(values) > _HELD**2
         new = self._freed(new @ (mix[:, kept] / np.sqrt(np.abs(values[kept]))))
-        pushed = [np.asarray(matrix @ new) for matrix in self.model.matrices]
+        mass, *others = self.model.matrices
+        pushed = [np.asarray(mass @ new), *(_image(matrix, new) for matrix in others)]
         v = self.vectors
         for i, image in enumerate(pushed):
             right = v.T @ image
@@ -279,6 +280,7 @@ def reduce_model(
         basis.add(found.shapes)
         above = max(float(found.squares.max()), (margin * top) ** 2)
         estimate = _Estimate(basis, loads, found, above)
+        estimate.rounding = pencil.rounding(loads)
         if _enriched(estimate, lowest, top, tolerance, most):
             return _finished(estimate, model, found.squares.size, boundary is not None)
         margin *= 1.5
@@ -320,6 +322,7 @@ class _Estimate:
     frequencies: FloatArray
     errors: FloatArray
     worst: float
+    rounding: float = 0.0
 
     def __init__(self, basis: _Basis, loads: FloatArray, found: Modes, above: float) -> None:
         self.basis, self.loads, self.found, self.above = basis, loads, found, above
@@ -342,7 +345,8 @@ class _Estimate:
             strain = _products(seen, (met.T @ solved) @ seen).reshape(s.size, r, 2).sum(axis=2)
             whole = np.abs(np.einsum("kai,ab,kbi->ki", q.conj(), basis.shifted(), q))
             relative = np.sqrt(np.abs(strain) / np.maximum(whole, _TINY))
-            errors[start : start + step] = self._factor(s) * relative.max(axis=1)
+            left = self._factor(s) * relative.max(axis=1)
+            errors[start : start + step] = np.hypot(left, self.rounding)
         return errors, solved
 
     def _factor(self, s: ComplexArray) -> FloatArray:
@@ -460,6 +464,10 @@ class HeldPencil:
         """(K - sigma M) vectors."""
         return np.asarray(self.stiffness @ vectors - self.shift * (self.mass @ vectors))
 
+    def rounding(self, right: FloatArray) -> float:
+        """As `Pencil.rounding`, under what a unit displacement of the boundary does."""
+        return self._pencil.rounding(self.apply(self._unit())[self._inside])
+
     def lowest_modes(self, above: float, most: int) -> Modes:
         """Modes with the boundary held."""
         modes = self._pencil.lowest_modes(above, most)
@@ -467,9 +475,13 @@ class HeldPencil:
 
     def constraint_modes(self) -> FloatArray:
         """Displacements of all by a unit displacement of each boundary coordinate, shape (n, b)."""
+        moved = self._unit()
+        return moved - self.solve(self.apply(moved))
+
+    def _unit(self) -> FloatArray:
         moved = np.zeros((self.n, self.boundary.size))
         moved[self.boundary, np.arange(self.boundary.size)] = 1.0
-        return moved - self.solve(self.apply(moved))
+        return moved
 
     def _whole(self, interior: FloatArray) -> FloatArray:
         whole = np.zeros((self.n, interior.shape[1]))
@@ -484,8 +496,8 @@ def _finished(estimate: _Estimate, model: LinearModel, n_modes: int, held: bool)
     if held:
         n_modes = int((squares <= estimate.above).sum())
     else:
-        # Rigid modes are known better than from the shifted matrix.
-        squares[:n_modes] = estimate.found.squares
+        # Rounding is left of rigid modes; the others are better than those Lanczos gave.
+        squares[:n_modes][estimate.found.squares == 0] = 0.0
     a, b = model.rayleigh
     rates = a + b * squares
     if np.any(model.ratio):
@@ -510,6 +522,21 @@ def _spread(lowest: float, top: float, count: int) -> FloatArray:
     """Frequencies from the lowest to the highest, denser at the high end where errors are."""
     part = np.sin(0.5 * np.pi * np.linspace(0, 1, count))
     return lowest + (top - lowest) * part
+
+
+def _image(matrix: Any, vectors: FloatArray) -> FloatArray:
+    """A V, summed in extended precision.
+
+    Of a fine mesh K V is the small difference of large numbers: rounding of 1e-16 would shift the
+    lowest frequencies by 1e-16 times the square of the highest over the lowest.
+    """
+    if not hasattr(matrix, "tocsc"):
+        return np.asarray(matrix @ vectors)
+    wide = matrix.astype(np.longdouble)
+    found = np.empty_like(vectors)
+    for j in range(vectors.shape[1]):
+        found[:, j] = wide @ vectors[:, j].astype(np.longdouble)
+    return found
 
 
 def _products(left: Any, right: Any) -> Any:

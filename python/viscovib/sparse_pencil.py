@@ -70,9 +70,9 @@ class Pencil:
         shifted = csc_array(self.stiffness - self.shift * self.mass)
         check_memory(shifted)
         # For a symmetric matrix pivots stay on the diagonal: a third of the time and of the fill.
-        self._factors = _factored(shifted, symmetric=True)
+        self._factors = factored(shifted, symmetric=True)
         if self._factors is None or self._inaccurate(shifted):
-            self._factors = _factored(shifted, symmetric=False)
+            self._factors = factored(shifted, symmetric=False)
         if self._factors is None or self._inaccurate(shifted):
             raise InputError(
                 f"stiffness: K - sigma M is singular at sigma = {self.shift:.6g}: a coordinate "
@@ -83,7 +83,7 @@ class Pencil:
             self.n_below = int((self._factors.U.diagonal() < 0).sum())
             if self._factors.nnz > _LARGE:
                 # A copy of the factors stays with them once they were looked at.
-                self._factors = _factored(shifted, symmetric=True)
+                self._factors = factored(shifted, symmetric=True)
 
     @property
     def n(self) -> int:
@@ -185,13 +185,36 @@ class Pencil:
         """Modes left of a system so small that Lanczos has no room."""
         from scipy.linalg import eigh
 
+        mass = self.mass.toarray()
         shifted = (self.stiffness - self.shift * self.mass).toarray()
-        inverse, vectors = eigh(self.mass.toarray(), shifted)
-        massive = inverse > 1e-13 * inverse.max()
-        squares = self.shift + 1 / inverse[massive]
-        shapes = vectors[:, massive] / np.sqrt(inverse[massive])
+        try:
+            inverse, vectors = eigh(mass, shifted)
+            massive = inverse > 1e-13 * inverse.max()
+            squares = self.shift + 1 / inverse[massive]
+            shapes = vectors[:, massive] / np.sqrt(inverse[massive])
+        except np.linalg.LinAlgError:
+            # Modes below the shift: the other way round, without what has no mass.
+            kept = self.mass.diagonal() > 0
+            inner = np.linalg.solve(shifted[np.ix_(~kept, ~kept)], shifted[np.ix_(~kept, kept)])
+            left = shifted[np.ix_(kept, kept)] - shifted[np.ix_(kept, ~kept)] @ inner
+            squares, moved = eigh(left, mass[np.ix_(kept, kept)])
+            squares = squares + self.shift
+            shapes = np.zeros((self.n, squares.size))
+            shapes[kept], shapes[~kept] = moved, -inner @ moved
         order = np.argsort(np.abs(squares - self.shift))[known.shape[1] :]
         return squares[order], shapes[:, order]
+
+    def rounding(self, right: FloatArray) -> float:
+        """How far solutions are off by rounding, relative, in the norm of strain energy.
+
+        By a correction whose residual is formed in extended precision.
+        """
+        found = self.solve(right)
+        exact = (self.stiffness - self.shift * self.mass).astype(np.longdouble)
+        left = np.asarray(right - exact @ found.astype(np.longdouble), dtype=float)
+        lost = np.einsum("ij,ij->j", left, self.solve(left))
+        whole = np.einsum("ij,ij->j", right, found)
+        return float(np.sqrt(np.abs(lost / whole)).max())
 
 
 def checked_sparse(name: str, value: Any, n: int | None = None) -> Any:
@@ -289,7 +312,11 @@ def free_memory() -> float:
     return free if soft == resource.RLIM_INFINITY else min(free, float(soft))
 
 
-def _factored(matrix: Any, *, symmetric: bool) -> Any:
+def factored(matrix: Any, *, symmetric: bool) -> Any:
+    """Return the factors of a sparse matrix, None if it is singular.
+
+    ``symmetric``: pivots stay on the diagonal.
+    """
     try:
         if symmetric:
             return splu(

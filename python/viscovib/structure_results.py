@@ -50,6 +50,15 @@ class StructureResponse(Response):
         """
         return _left_out(self)
 
+    def check(self, points: int = 5) -> FloatArray:
+        """Errors of some motions against the full equations, solved directly, shape (points,).
+
+        Each harmonic of what acts on the linear rest (loads, elements, inertia of the base) is
+        applied to the full matrices, with a factorization of its own: |u - found|/|u| in the
+        largest coordinate, all harmonics together. Motions are taken at even distances.
+        """
+        return _checked(self, points)
+
     def at(self, coordinates: Sequence[str]) -> Self:
         """The same motions in other coordinates of the structure."""
         view = _known(self._view).at(coordinates)
@@ -120,6 +129,15 @@ class StructureBranch(Branch):
         """
         return _left_out(self)
 
+    def check(self, points: int = 5) -> FloatArray:
+        """Errors of some motions against the full equations, solved directly, shape (points,).
+
+        Each harmonic of what acts on the linear rest (loads, elements, inertia of the base) is
+        applied to the full matrices, with a factorization of its own: |u - found|/|u| in the
+        largest coordinate, all harmonics together. Motions are taken at even distances.
+        """
+        return _checked(self, points)
+
     def at(self, coordinates: Sequence[str]) -> Self:
         """The same motions in other coordinates of the structure."""
         view = _known(self._view).at(coordinates)
@@ -146,6 +164,28 @@ class StructureBranch(Branch):
             np.asfortranarray(motions.T), row + 1, j + 1, low, high, 1, cancel,
         )  # fmt: skip
         return (at, size) if found else None
+
+
+def _checked(result: StructureResponse | StructureBranch, points: int) -> FloatArray:
+    from viscovib.reduced import direct_motion
+
+    view = _known(result._view)
+    loaded = view.loaded
+    if loaded.condensation.reduced is None:
+        raise InputError("check: this structure is not reduced, its motions are those of all of it")
+    solved = np.flatnonzero(np.isfinite(result._condensed).all(axis=(1, 2)))
+    count = _native.integer("points", points, 1, max(solved.size, 1))
+    taken = solved[np.unique(np.linspace(0, solved.size - 1, count).round().astype(int))]
+    load = result.load_factor if isinstance(result, StructureBranch) else np.ones(result.nu.size)
+    everywhere = np.arange(loaded.forces.shape[0])
+    errors = np.zeros(taken.size)
+    for place, i in enumerate(taken):
+        at = slice(i, i + 1)
+        given = result.nu[at], result.harmonics, result._condensed[at]
+        found = loaded.expand(*given, everywhere, load[at])[0]
+        exact = direct_motion(loaded, *given, load[at])
+        errors[place] = np.abs(found - exact).max() / np.abs(exact).max()
+    return errors
 
 
 def _left_out(result: StructureResponse | StructureBranch) -> FloatArray:

@@ -7,7 +7,7 @@ from models_of_structures import plate
 from scipy.linalg import eigh
 from scipy.sparse import block_diag, coo_array, csc_array, diags_array, kron
 from viscovib.reduction import LinearModel, reduce_model
-from viscovib.sparse_pencil import Pencil, checked_sparse, estimated_fill
+from viscovib.sparse_pencil import Pencil, checked_sparse, estimated_fill, factored
 
 TOP = 2 * np.pi * 400
 
@@ -223,11 +223,9 @@ def block(k):
     ],
 )
 def test_fill_is_estimated(matrix):
-    from viscovib.sparse_pencil import _factored
-
     made = matrix()
     shifted = made if hasattr(made, "nnz") else csc_array(made.stiffness + made.mass)
-    assert 0.5 < estimated_fill(shifted) / _factored(shifted, symmetric=True).nnz < 2
+    assert 0.5 < estimated_fill(shifted) / factored(shifted, symmetric=True).nnz < 2
 
 
 def test_what_does_not_fit_is_refused_at_once(monkeypatch):
