@@ -83,6 +83,7 @@ class Pencil:
             self.n_below = int((self._factors.U.diagonal() < 0).sum())
             if self._factors.nnz > _LARGE:
                 # A copy of the factors stays with them once they were looked at.
+                self._factors = None
                 self._factors = factored(shifted, symmetric=True)
 
     @property
