@@ -267,7 +267,9 @@ else:
 
             value = version("viscovib")
         elif name in _MODULE:
-            value = getattr(import_module(f"viscovib.{_MODULE[name]}"), name)
+            from viscovib.errors import named_near
+
+            value = named_near(import_module(f"viscovib.{_MODULE[name]}"), name)
         elif name in _NAMES:
             value = import_module(f"viscovib.{name}")
         else:

@@ -14,7 +14,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib._plan import Plan, wanted_places
 from viscovib.curves import MAX_SPECIAL, OUTCOMES, largest_panels
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.motion_stability import STABILITY_NOTE, stability_columns
 from viscovib.oscillators import Steady, check_steady
 from viscovib.parameters import MAX_HARMONICS, MAX_UNKNOWNS, CurveOptions, Interval
@@ -302,5 +302,5 @@ def warn_of_few(truncation: FloatArray, tolerance: float, highest: int) -> None:
             f"tolerance {tolerance:.1e}; the worst has an estimated relative error of "
             f"{truncation.max():.1e}",
             ConvergenceWarning,
-            stacklevel=4,
+            stacklevel=caller(),
         )

@@ -16,7 +16,7 @@ from viscovib.body_forces import MountForces, mount_forces
 from viscovib.body_modes import BodyModes, find_modes
 from viscovib.body_springs import MountSprings, mount_springs, spring_groups
 from viscovib.body_statics import Sag, find_sag, geometric_stiffness
-from viscovib.errors import InputError, StabilityWarning
+from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.load import LoadLike, load_series
 from viscovib.mount_point import MountPoint, crossing
 from viscovib.polynomial_system import PolynomialSystem
@@ -461,7 +461,7 @@ class Body(PolynomialSystem):
                     f"of gyration is {radius:.3g} m: positions are in m, those in mm are to be "
                     "multiplied by units.mm",
                     StabilityWarning,
-                    stacklevel=4,
+                    stacklevel=caller(),
                 )
                 return
 
@@ -471,7 +471,7 @@ class Body(PolynomialSystem):
             warnings.warn(
                 "the position at rest is unstable: the preload turns the body over",
                 StabilityWarning,
-                stacklevel=3,
+                stacklevel=caller(),
             )
 
 

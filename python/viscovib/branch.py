@@ -22,7 +22,7 @@ from viscovib.curves import (
     located_crossings,
     range_of,
 )
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.load import LoadLike
 from viscovib.motion_stability import Stability
 from viscovib.oscillators import Steady, check_steady
@@ -187,7 +187,7 @@ def trace_mount(
             f"{tolerance:.1e}; worst at {varies} = {p[truncation[:n].argmax()]:.6g}, with an "
             f"estimated relative error of {truncation[:n].max():.1e}",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
     if error[:n].max() > tolerance:
         warnings.warn(
@@ -195,7 +195,7 @@ def trace_mount(
             f"tolerance {tolerance:.1e}; worst at {varies} = {p[error[:n].argmax()]:.6g}, with an "
             f"estimated relative error of {error[:n].max():.1e}",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
     places = branch_p[:n_branch]
     points_off = shown(_complex(branch_x[:, :n_branch], n_dof, m)[:n_used], places)

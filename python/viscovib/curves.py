@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.errors import InputError, StabilityWarning
+from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.response_result import Peak, band_of, lowest_order, peaks
 from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import listed
@@ -238,7 +238,7 @@ def located_crossings(
         warnings.warn(
             f"stability changes {n} times: the first {MAX_SPECIAL} changes are given",
             StabilityWarning,
-            stacklevel=4,
+            stacklevel=caller(),
         )
     return tuple(
         Crossing(CROSSINGS[kinds[i] - 1], int(before[i]) - 1)

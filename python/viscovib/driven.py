@@ -13,7 +13,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib._plan import Plan, wanted_places
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.parameters import DURATION, MAX_DENOMINATOR, STABILITY, SUBHARMONIC, TOLERANCE
 from viscovib.pendulum import Pendulum
 from viscovib.response import OUTCOMES
@@ -288,7 +288,7 @@ def pendulum_response(
             f"{result.highest[worst]} orders leave an estimated relative error of "
             f"{result.truncation[worst]:.1e}, more than the tolerance {wanted:.1e}",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
     lost = ~result.converged
     if lost.any():
@@ -296,7 +296,7 @@ def pendulum_response(
             f"{lost.sum()} of {lost.size} motions were not found, at {varies or torus.names[0]} = "
             f"{rows[lost].min():.6g} to {rows[lost].max():.6g}; they hold NaN",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
     return result
 
@@ -344,7 +344,7 @@ def _solve(
     if duration and torus.n_axes == 1:
         multipliers, stable = multipliers_found.T.copy(), growing == 0
         multipliers[~found] = np.nan
-        warn_of_unknown(found & (growing < 0), stacklevel=5)
+        warn_of_unknown(found & (growing < 0))
         growth = np.log(np.abs(multipliers)) * base / (2 * np.pi)
     elif duration:
         growth = np.where(found, rates, np.nan).T

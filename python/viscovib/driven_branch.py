@@ -26,7 +26,7 @@ from viscovib.curves import (
     range_of,
 )
 from viscovib.driven import check_size
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.motion_stability import STABILITY_NOTE, stability_columns
 from viscovib.parameters import (
     DURATION,
@@ -360,7 +360,7 @@ def trace_pendulum(
             f"{bound} orders leave an estimated relative error of {worst:.1e}, more than the "
             f"tolerance {wanted:.1e}",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
     if not n_points:
         raise InputError(

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import re
-from typing import Any
+from collections.abc import Callable, Iterable
+from types import FunctionType, ModuleType
+from typing import Any, TypeVar
+
+_F = TypeVar("_F", bound=Callable[..., Any])
 
 
 class ViscovibError(Exception):
@@ -40,3 +45,61 @@ class SweepError(ViscovibError):
 
 class RangeWarning(UserWarning):
     """An asymptotic result is outside the range in which its expansion holds."""
+
+
+def near_name(wrong: str, known: Iterable[str]) -> str:
+    """Say which of the names known may have been meant, or which there are."""
+    from difflib import get_close_matches
+
+    known = list(known)
+    near = get_close_matches(wrong, known, n=1)
+    return f"did you mean {near[0]}?" if near else f"must be one of {', '.join(known)}"
+
+
+def named_near(module: ModuleType, name: str) -> Any:
+    """Return a public name of a module; a misspelt keyword of its call is told the one meant."""
+    value = getattr(module, name)
+    if isinstance(value, FunctionType):
+        value = _naming_near(value)
+        # There too, so that both are one object: pickles name functions by their place.
+        setattr(module, name, value)
+    elif isinstance(value, type) and "__init__" in vars(value):
+        value.__init__ = _naming_near(value.__init__)  # type: ignore[misc]
+    return value
+
+
+def _naming_near(function: _F) -> _F:
+    """Return the function, whose TypeError of a misspelt keyword names the one that is near."""
+
+    @functools.wraps(function)
+    def called(*args: Any, **options: Any) -> Any:
+        try:
+            return function(*args, **options)
+        except TypeError as error:
+            if text := _misspelt(function, options):
+                raise TypeError(f"{error.args[0]}: {text}") from None
+            raise
+
+    return called  # type: ignore[return-value]
+
+
+def _misspelt(function: Callable[..., Any], options: Iterable[str]) -> str:
+    """What is to be said of the first name that the function does not know; empty if none is."""
+    import inspect
+
+    parameters = inspect.signature(function).parameters
+    if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
+        return ""
+    wrong = [name for name in options if name not in parameters]
+    known = [name for name in parameters if name != "self"]
+    return near_name(wrong[0], known) if wrong else ""
+
+
+def caller() -> int:
+    """Return the ``stacklevel`` at which a warning names the line that called the package."""
+    import sys
+
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("viscovib"):
+        level, frame = level + 1, frame.f_back
+    return level

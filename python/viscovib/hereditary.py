@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.errors import InputError, StabilityWarning
+from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels import PronyKernel
 from viscovib.load import LoadLike, load_series
 from viscovib.load_table import LoadTable, added
@@ -446,5 +446,5 @@ def _warn_of_slow_mode(mount: Oscillator) -> None:
     warnings.warn(
         f"a slow mode grows {rate}: a run does not settle on the steady response",
         StabilityWarning,
-        stacklevel=4,
+        stacklevel=caller(),
     )

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning
+from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning, caller
 from viscovib.parameters import TOLERANCE, Number
 
 
@@ -178,7 +178,7 @@ class Kernel(ABC):
             warnings.warn(
                 f"the sum of exponentials meets {found.error:.1e}, not the tolerance {wanted:.1e}",
                 ConvergenceWarning,
-                stacklevel=2,
+                stacklevel=caller(),
             )
         return found
 
@@ -449,7 +449,7 @@ class TabulatedKernel(Kernel):
         else:
             self._warn_of_what_is_not_seen(times)
             return
-        warnings.warn(text, StabilityWarning, stacklevel=4)
+        warnings.warn(text, StabilityWarning, stacklevel=caller())
 
     def _warn_of_what_is_not_seen(self, times: FloatArray) -> None:
         (unseen,) = _native.call(core.kernel_unseen, self._kind, self._data)
@@ -459,7 +459,7 @@ class TabulatedKernel(Kernel):
                 f"{unseen:.3g} lies before times[0] = {times[0]:g}, which the table does not hold; "
                 f"the integral of the table is {self.integral:.3g}"
             )
-            warnings.warn(text, StabilityWarning, stacklevel=5)
+            warnings.warn(text, StabilityWarning, stacklevel=caller())
 
     def _exponentials(
         self, tolerance: float, first: float, last: float

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib._native import ComplexArray
-from viscovib.errors import StabilityWarning
+from viscovib.errors import StabilityWarning, caller
 
 
 def codes_of(stable: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
@@ -70,7 +70,7 @@ class Stability(NamedTuple):
                 f"stability of {lost.sum()} of {lost.size} motions is unknown: an exponent lies on "
                 "the imaginary axis to rounding, or time scales are too far apart",
                 StabilityWarning,
-                stacklevel=4,
+                stacklevel=caller(),
             )
         columns = int((~np.isnan(multipliers)).sum(axis=0).max(initial=0))
         return cls(

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.characteristic import CharacteristicRoots, characteristic_roots
-from viscovib.errors import InputError, StabilityWarning
+from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels import Kernel
 
 GEOMETRIES = ("exact", "cubic", "printed")
@@ -101,9 +101,7 @@ class Mount:
                 f"kernel_phi = {_native.shown(self.kernel_phi)}: must be a Kernel, None or False"
             )
         self.natural_frequencies()
-        warn_of_creep(
-            (self.memory_scale * kernel.integral for kernel in self._active_kernels), stacklevel=4
-        )
+        warn_of_creep(self.memory_scale * kernel.integral for kernel in self._active_kernels)
 
     def natural_frequencies(self) -> FloatArray:
         """Undamped natural circular frequencies without memory (rad/s), ascending, shape (2,)."""
@@ -199,17 +197,17 @@ def check_dynamic_frequencies(nu: npt.ArrayLike, kernels: Sequence[Kernel]) -> F
     return frequencies
 
 
-def warn_of_creep(integrals: Iterable[float], stacklevel: int) -> None:
+def warn_of_creep(integrals: Iterable[float]) -> None:
     """Warn of kernels (their integrals, scale included) that no relaxation has."""
     for total in integrals:
         if total >= 1:
-            warnings.warn(creep_message(total), StabilityWarning, stacklevel=stacklevel)
+            warnings.warn(creep_message(total), StabilityWarning, stacklevel=caller())
         elif total < 0:
             warnings.warn(
                 f"kernel integral = {total:.6g} < 0: the spring stiffens with time, which no "
                 "relaxation does",
                 StabilityWarning,
-                stacklevel=stacklevel,
+                stacklevel=caller(),
             )
 
 

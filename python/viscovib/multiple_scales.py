@@ -13,7 +13,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib._plan import Plan
 from viscovib.cubic_system import CubicSystem
-from viscovib.errors import InputError, RangeWarning
+from viscovib.errors import InputError, RangeWarning, caller
 from viscovib.oscillators import Oscillator
 from viscovib.pendulum import Pendulum
 from viscovib.scales_results import (
@@ -163,7 +163,7 @@ class MultipleScales:
                 f"mode {j + 1} is unstable without load: its amplitude grows at the rate "
                 f"{-self.decay[j]:.6g}",
                 RangeWarning,
-                stacklevel=2,
+                stacklevel=caller(),
             )
 
     def _form(self, tolerance: float) -> tuple[Any, ...]:
@@ -260,7 +260,7 @@ class MultipleScales:
                 f"at t = {modulation.t[at]:g} the motion leaves the range of the expansion: orders "
                 f"are of sizes {sizes[at, 0]:.3g}, {sizes[at, 1]:.3g}, {sizes[at, 2]:.3g}",
                 RangeWarning,
-                stacklevel=2,
+                stacklevel=caller(),
             )
         return result
 
@@ -381,7 +381,7 @@ class MultipleScales:
                 f"amplitude {amplitude:g} of mode {j} is beyond the range of the expansion: "
                 "orders do not fall off",
                 RangeWarning,
-                stacklevel=3,
+                stacklevel=caller(),
             )
 
     def _plan(self, first: str) -> Plan:
@@ -454,7 +454,7 @@ class MultipleScales:
                 f"the modulation equations end at t = {times[reached - 1] if reached else 0:g} "
                 f"({_OUTCOMES[outcome]}): amplitudes beyond the range of the expansion",
                 RangeWarning,
-                stacklevel=4,
+                stacklevel=caller(),
             )
         kept = slice(reached)
         modulation = Modulation(

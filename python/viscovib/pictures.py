@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from inspect import signature
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
@@ -13,7 +14,7 @@ from viscovib.branch_result import Branch
 from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import DrivenBranch
 from viscovib.ensemble import Ensemble
-from viscovib.errors import InputError
+from viscovib.errors import InputError, near_name
 from viscovib.files import whole_file
 from viscovib.plots import (
     COLOURS,
@@ -149,9 +150,18 @@ _PLOTTED: dict[type, Any] = {Ensemble: plot_sections, Modulation: plot_modulatio
 
 def plot(result: Result, *args: Any, **options: Any) -> Any:
     """Draw a result by the function for its kind."""
-    if type(result) in _PLOTTED:
-        return _PLOTTED[type(result)](result, *args, **options)
-    return _drawn(result)[2](result, *args, **options)
+    own = _PLOTTED.get(type(result))
+    function = _drawn(result)[2] if own is None else own
+    parameters = list(signature(function).parameters.values())[1:]
+    known = [p.name for p in parameters]
+    for name in options:
+        if name not in known and not any(p.kind is p.VAR_KEYWORD for p in parameters):
+            raise InputError(
+                f"plot: {name}: is no option of this picture, {near_name(name, known)}"
+            )
+    if len(args) > sum(p.kind is not p.KEYWORD_ONLY for p in parameters):
+        raise InputError(f"plot: takes options by name: {', '.join(known)}")
+    return function(result, *args, **options)
 
 
 def _drawn(result: Result) -> Any:

@@ -164,7 +164,7 @@ class PolynomialSystem:
             _native.call(core.polynomial_check, self._flat)
         else:
             self._check_large()
-        warn_of_creep([kernel.integral for kernel in self._active_kernels], stacklevel=4)
+        warn_of_creep([kernel.integral for kernel in self._active_kernels])
 
     def _check_large(self) -> None:
         """Of more coordinates than the core takes: those with forces or memory must be few."""

@@ -12,7 +12,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib._plan import Plan
 from viscovib.condensed import LoadedStructure
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.load import LoadLike
 from viscovib.motion_stability import Stability
 from viscovib.oscillators import Steady, check_steady, oscillator_job
@@ -297,7 +297,7 @@ def _warn_of_gaps(response: Response) -> None:
         f"{lost.sum()} of {lost.size} frequencies have no solution ({kinds}), between nu = "
         f"{response.nu[lost].min():.6g} and {response.nu[lost].max():.6g}; they hold NaN",
         ConvergenceWarning,
-        stacklevel=4,
+        stacklevel=caller(),
     )
 
 
@@ -312,5 +312,5 @@ def _warn_of_few_orders(response: Response, tolerance: float) -> None:
         f"{response.highest[worst]} leave an estimated relative error of "
         f"{response.truncation[worst]:.1e}",
         ConvergenceWarning,
-        stacklevel=4,
+        stacklevel=caller(),
     )

@@ -16,7 +16,7 @@ from viscovib._plan import Plan, wanted_places
 from viscovib._spectrum import Spectrum, spectrum
 from viscovib.branch_result import Branch
 from viscovib.driven_branch import DrivenBranch
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.periodic import forced_response, trace_response
 from viscovib.response_result import Response
 from viscovib.results import Result
@@ -166,7 +166,7 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
             f"no spectrum: {kept.sum()} states from discard = {group['discard']:g} on, must be at "
             "least 2",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
         return None
     step = float(run.t[min(1, run.t.size - 1)])

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.sparse import block_array, csc_array
 
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.reduction import LinearModel
 from viscovib.sparse_pencil import Pencil, check_memory, factored
 
@@ -63,7 +63,7 @@ def sparse_roots(model: LinearModel, count: int) -> tuple[ComplexArray, ComplexA
         warnings.warn(
             f"{int(np.isnan(roots).sum())} of {count} characteristic roots were not found (NaN)",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
     return roots, shapes
 

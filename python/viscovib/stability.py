@@ -5,17 +5,17 @@ import warnings
 import numpy as np
 import numpy.typing as npt
 
-from viscovib.errors import StabilityWarning
+from viscovib.errors import StabilityWarning, caller
 
 #: Rates of growth closer to 0 than this count as 0.
 STILL = 1e-7
 
 
-def warn_of_unknown(unknown: npt.NDArray[np.bool_], stacklevel: int = 4) -> None:
+def warn_of_unknown(unknown: npt.NDArray[np.bool_]) -> None:
     """Say of how many motions stability is unknown, if of any."""
     if unknown.any():
         warnings.warn(
             f"stability of {unknown.sum()} motions is unknown: time scales are too far apart",
             StabilityWarning,
-            stacklevel=stacklevel,
+            stacklevel=caller(),
         )

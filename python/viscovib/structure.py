@@ -137,7 +137,7 @@ class Structure:
             self._set("base_direction", direction)
         found = element_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
         self._set("_elements", found)
-        warn_of_creep([kernel.integral for kernel in self._active_kernels], stacklevel=4)
+        warn_of_creep([kernel.integral for kernel in self._active_kernels])
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)

@@ -16,7 +16,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.condensed import LoadedStructure
 from viscovib.elements import direction_of
-from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning
+from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning, caller
 from viscovib.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.load import LoadLike
 from viscovib.load_table import LoadTable, added
@@ -310,7 +310,7 @@ class StructureMotion:
                     f"initial: {left:.2g} of the {name} is in no mode of this structure (modes "
                     "left out, or coordinates without mass), and is left out",
                     ConvergenceWarning,
-                    stacklevel=5,
+                    stacklevel=caller(),
                 )
 
     @property
@@ -522,5 +522,5 @@ def _warn_of_creep(structure: Condensed) -> None:
             "the integral of a kernel is 1 or more: free motion may creep away, and a run does "
             "not settle on the steady response",
             StabilityWarning,
-            stacklevel=4,
+            stacklevel=caller(),
         )

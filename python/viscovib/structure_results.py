@@ -14,7 +14,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.branch_result import Branch
 from viscovib.condensed import LoadedStructure
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.response_result import Response
 from viscovib.structure_view import View
 
@@ -209,7 +209,7 @@ def warn_of_reduction(result: StructureResponse | StructureBranch) -> None:
             "for which the structure was not reduced; worst at nu = "
             f"{result.nu[worst]:.6g}, with an estimated relative error of {errors[worst]:.1e}",
             ConvergenceWarning,
-            stacklevel=4,
+            stacklevel=caller(),
         )
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.accuracy import Accuracy
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.hereditary import MountMotion
 from viscovib.load import LoadLike
 from viscovib.load_table import LoadTable
@@ -251,7 +251,7 @@ def simulate(
             f"dt = {step:g}: steps do not resolve the motion (resolution "
             f"{result.resolution:.1e}, should be below {_ROUGH:g})",
             ConvergenceWarning,
-            stacklevel=2,
+            stacklevel=caller(),
         )
     if estimated:
         return with_estimate(result, run(2, 1), "by a run in half steps")
