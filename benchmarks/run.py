@@ -25,6 +25,7 @@ import phases
 import response_curve
 import skips
 import steady
+import structures
 from combined import draw_methods
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -309,6 +310,25 @@ def of_bodies(out: Path) -> Part:
     ], {}
 
 
+def of_structures(out: Path) -> Part:
+    """Branches of structures condensed to what is nonlinear."""
+    rows = structures.run()
+    write_csv(out / "structures.csv", rows)
+    lines = [
+        "",
+        "| branch of a structure | time | points | a point | target | times whole | error |",
+    ]
+    lines += ["| --- |" + " --- |" * 6]
+    return lines + [
+        f"| {row['job']} | {show_time(row['seconds'])} | {row['points']} | "
+        f"{show_time(row['seconds'] / row['points'])} | "
+        f"{show_time(row['target']) if row['target'] else ''} | "
+        f"{'' if row['ratio'] != row['ratio'] else format(row['ratio'], '.3g')} | "
+        f"{show_error(row['error'])} |"
+        for row in rows
+    ], {}
+
+
 def of_skips(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     """What each skip of a plan gains."""
     rows = skips.run()
@@ -336,6 +356,7 @@ PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "memory": (of_memory, 900),
     "scales": (of_scales, 600),
     "bodies": (of_bodies, 600),
+    "structures": (of_structures, 900),
     "floors": (of_floors, 600),
     "phases": (of_phases, 900),
     "peaks": (of_peaks, 300),
