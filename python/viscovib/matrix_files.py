@@ -54,8 +54,11 @@ def read_matrix(name: str, path: str | os.PathLike[str]) -> Any:
     return csc_array(matrix)
 
 
-def write_matrix(path: str | os.PathLike[str], matrix: Any) -> None:
-    """Write a matrix in all its digits: Matrix Market (.mtx) or .npz, by the name."""
+def write_matrix(path: str | os.PathLike[str], matrix: Any, comment: str = "") -> None:
+    """Write a matrix in all its digits: Matrix Market (.mtx) or .npz, by the name.
+
+    ``comment``: of a Matrix Market file.
+    """
     file = Path(FilePath("path").check(path))
     ending = file.suffix.lower()
     if ending not in (*MATRIX_MARKET, ".npz"):
@@ -64,7 +67,7 @@ def write_matrix(path: str | os.PathLike[str], matrix: Any) -> None:
         if ending == ".npz":
             save_npz(target, csc_array(matrix))
         else:
-            mmwrite(target, coo_array(matrix), precision=17)
+            mmwrite(target, coo_array(matrix), comment=comment, precision=17)
 
 
 def _matrix_market(name: str, file: Path, size: int) -> Any:

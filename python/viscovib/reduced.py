@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +11,6 @@ from viscovib.errors import InputError
 from viscovib.reduction import LinearModel, Reduction, reduce_model
 from viscovib.sparse_pencil import is_symmetric
 from viscovib.structure_rest import ModalDamping, Rest, dense_rest
-
-if TYPE_CHECKING:
-    from viscovib.condensed import LoadedStructure
 
 #: Frequency of what has no mass but is damped, in units of the highest wanted: it follows at once,
 #: up to the square of this, inverted.
@@ -143,9 +140,11 @@ def _rest(model: LinearModel, found: Reduction, top: float) -> Rest:
 
 
 def direct_motion(
-    loaded: "LoadedStructure", nu: FloatArray, orders: Any, y: ComplexArray, factor: FloatArray
+    loaded: Any, nu: FloatArray, orders: Any, y: ComplexArray, factor: FloatArray
 ) -> ComplexArray:
     """Harmonics of one motion in all coordinates, shape (n, m), by the full equations.
+
+    ``loaded``: a `LoadedStructure`.
 
     ``y``: harmonics (1, q, m) of the deflections found, which say what the elements do.
     """

@@ -1,5 +1,6 @@
 """A structure of any number of coordinates with local elements, condensed to what is nonlinear."""
 
+import os
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
@@ -329,6 +330,63 @@ class Structure:
         result.__dict__["_rest"] = found.rest
         return result
 
+    @classmethod
+    def read(
+        cls,
+        mass: "str | os.PathLike[str]",
+        stiffness: "str | os.PathLike[str] | None" = None,
+        damping: "str | os.PathLike[str] | None" = None,
+        **options: Any,
+    ) -> Self:
+        """Return a structure from files of its matrices, or from one of all (`write`).
+
+        Parameters
+        ----------
+        mass, stiffness, damping : path
+            Matrix Market (.mtx, .mm), Harwell-Boeing (.rb, .hb, .rsa, .rua) or what
+            `scipy.sparse.save_npz` wrote (.npz), each real and square. ``mass`` alone: a .npz
+            that `write` made.
+        **options
+            All else that a structure takes, such as ``elements``, ``names`` and ``rayleigh``.
+
+        Raises
+        ------
+        FileError, InputError
+            A file is missing, cut short, complex, of another type or size: one line that names
+            it.
+
+        Examples
+        --------
+        >>> import numpy as np, tempfile, pathlib, viscovib as vv
+        >>> where = pathlib.Path(tempfile.mkdtemp())
+        >>> vv.Structure(mass=[1.0, 2.0], stiffness=np.eye(2)).write(where / "two.npz")
+        >>> again = vv.Structure.read(where / "two.npz", elements=[vv.Spring(on="x1", law="d^3")])
+        >>> again.dof_names, again.deflections
+        (('x1', 'x2'), ('x1',))
+        """
+        from viscovib.structure_files import read_structure
+
+        return cls(**read_structure(mass, stiffness, damping, options))
+
+    def write(
+        self, path: "str | os.PathLike[str]", *, coordinates: Sequence[str] | None = None
+    ) -> None:
+        """Write the matrices, without the elements: laws and kernels are given when it is read.
+
+        Parameters
+        ----------
+        path : path
+            NAME.npz: the whole model with its damping, names, units and base, for `read`.
+            NAME.mtx: Matrix Market files NAME_mass.mtx, NAME_stiffness.mtx and NAME_damping.mtx.
+            Of a reduced structure these are of its modes, with NAME_shapes.mtx: a row for each of
+            some coordinates; an element or load along e acts on the modes along shapes' e.
+        coordinates : sequence of str, optional
+            Rows of NAME_shapes.mtx; None: where elements and loads act.
+        """
+        from viscovib.structure_files import write_structure
+
+        write_structure(self, path, coordinates)
+
     @property
     def reduction(self) -> Any:
         """How good a reduced structure is (`viscovib.reduction.Reduction`); None of a whole one."""
@@ -411,6 +469,10 @@ class Structure:
             for element in self._all_elements:
                 touched |= element.direction != 0
             return np.flatnonzero(touched)[:_ALL_GIVEN]
+        return self._chosen(coordinates)
+
+    def _chosen(self, coordinates: Any) -> npt.NDArray[np.intp]:
+        """Places of coordinates by their names."""
         if isinstance(coordinates, str) or not isinstance(coordinates, Sequence):
             raise InputError(f"coordinates = {_native.shown(coordinates)}: must be a list of names")
         places: Mapping[str, int] = self._places  # type: ignore[attr-defined]

@@ -82,10 +82,12 @@ def dense_rest(
             rates[np.abs(rates) <= _OFF_DIAGONAL * np.abs(rates).max(initial=0.0)] = 0.0
             return Rest(squares, rates, losses, shapes, np.zeros(0, complex), none, none)
     if modal is not None:
-        raise InputError(
-            "damping: modal ratios, Rayleigh factors and loss factors need symmetric matrices "
-            "that leave the modes uncoupled"
-        )
+        if np.any(modal.ratio) or np.any(modal.loss):
+            raise InputError(
+                "damping: modal ratios and loss factors need symmetric matrices that leave the "
+                "modes uncoupled"
+            )
+        damping = damping + modal.by_mass * mass + modal.by_stiffness * stiffness
     return _complex_rest(mass, damping, stiffness)
 
 
