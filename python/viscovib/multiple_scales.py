@@ -306,6 +306,7 @@ class MultipleScales:
         found = self._steady(load, vary, where, False)
         n, which, a, frames, eigenvalues, harmonics, sizes, left_out, resting = found[:9]
         kept = slice(n)
+        self._warn_of_beats(left_out[kept])
         return ScalesResponse(
             parameter=parameter,
             values=where,
@@ -368,6 +369,29 @@ class MultipleScales:
         wide = _FREE_BAND if self.tolerance is None else self.tolerance
         terms = [x for x in self._form(wide)[-1] if not any("p" in f for f in x.factors)]
         return free_frequencies(j, b, terms, self.frequencies, self.interaction)
+
+    def _n_loads(self) -> int:
+        """How many loads act, constant ones not counted."""
+        if isinstance(self.system, Pendulum):
+            return sum(getattr(self.system, name) != 0 for name in ("f0", "m01", "m02"))
+        if isinstance(self.system, CubicSystem):
+            acting = np.any(np.asarray(self.system.load) != 0, axis=0)
+            return int((acting & (np.asarray(self.system.drives) != 0)).sum())
+        return 1
+
+    def _warn_of_beats(self, left_out: FloatArray) -> None:
+        """Say which motions no frame makes stand still, and what follows them."""
+        beats = int((left_out > LEAST_FALL).sum())
+        if not beats or self._n_loads() < 2:
+            return
+        exact = "forced_response" if isinstance(self.system, Pendulum) else "simulate"
+        warnings.warn(
+            f"{beats} of {left_out.size} motions are quasi-periodic: loads near the same mode, or "
+            "modes near a resonance with other loads, beat, and no steady amplitudes describe that "
+            f"(in_range is False); motion(t) follows them in time, and {exact} does exactly",
+            RangeWarning,
+            stacklevel=caller(),
+        )
 
     def _warn_beyond(self, j: int, amplitude: float) -> None:
         """Say so where orders do not fall off at this amplitude of mode j."""
