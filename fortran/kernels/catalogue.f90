@@ -80,6 +80,7 @@ contains
     do while (first < size(numbers))
       n = n + 1
       if (.not. (numbers(first + 1) >= 0.0_wp .and. numbers(first + 1) <= size(numbers))) exit
+      if (.not. (numbers(first) >= 1.0_wp .and. numbers(first) < kernel_sum_of)) exit
       first = first + 2 + nint(numbers(first + 1))
     end do
     if (first /= size(numbers) + 1 .or. n == 0) then

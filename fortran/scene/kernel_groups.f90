@@ -2,6 +2,7 @@
 module viscovib_kernel_groups
   use viscovib_catalogue, only: kernel_abel, kernel_names, kernel_prony, kernel_rabotnov, &
     kernel_rzhanitsyn, new_kernel
+  use viscovib_fitted_kernel, only: read_fitted
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_kernel_table, only: read_kernel_table
@@ -95,10 +96,13 @@ contains
     character(len=:), allocatable :: word
     real(wp), allocatable :: p(:), second(:)
     integer :: kind
+    !> Kinds that a scene spells out, and one of which a file holds everything.
+    character(len=len(kernel_names)), parameter :: &
+      kinds(size(kernel_names)) = [kernel_names(:size(kernel_names) - 1), 'fitted    ']
 
     kind = 0
     allocate (second(0))
-    word = reader%read_text('kind', allowed=kernel_names, choice=kind)
+    word = reader%read_text('kind', allowed=kinds, choice=kind)
     if (reader%status%failed()) return
     select case (kind)
     case (kernel_rzhanitsyn, kernel_rabotnov, kernel_abel)
@@ -111,6 +115,8 @@ contains
       second = reader%read_reals('rates')
       call check_pairs(reader, 'weights', 'rates', size(p), size(second))
       p = [p, second]
+    case (size(kinds))
+      call read_fitted(reader, kind, p)
     case default
       call read_tabulated(reader, p)
     end select
@@ -118,6 +124,8 @@ contains
     call new_kernel(holder%kernel, kind, p, status)
     if (status%failed() .and. reader%has('file')) then
       call reader%complain('file', 'file: '//status%message)
+    else if (status%failed() .and. reader%has('numbers')) then
+      call reader%complain('numbers', 'numbers: '//status%message)
     end if
     call reader%place(status)
   end subroutine read_kernel

@@ -11,6 +11,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -404,4 +405,8 @@ def _kernel(group: Mapping[str, Any]) -> Kernel:
     for key in _LISTS:
         if key in given:
             given[key] = np.atleast_1d(given[key])
+    if group["kind"] == "fitted":
+        # Its module needs others that a scene without it does not load.
+        fitted: Kernel = import_module("viscovib.fitted_scene").fitted_kernel(given)
+        return fitted
     return _KERNELS[group["kind"]](**given)

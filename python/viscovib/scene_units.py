@@ -72,7 +72,9 @@ def _matrix_unit(units: list[str], values: Any, entry: str, element: int) -> str
 
 def _kernel_unit(kernel: Mapping[str, Any], entry: str) -> str:
     kind = str(kernel.get("kind", "")).lower()
-    units = {"rates": "1/s", "weights": "1/s", "times": "s", "values": "1/s"}
+    units = {
+        "rates": "1/s", "weights": "1/s", "times": "s", "values": "1/s", "temperature": "degC",
+    }  # fmt: skip
     # R = A exp(-beta t) t^(alpha-1); of Rabotnov's kernel beta multiplies t^alpha instead.
     if kind == "rzhanitsyn":
         units["beta"] = "1/s"
