@@ -30,7 +30,7 @@ _NAMES = {
     "decay": "FreeDecay free_decay",
     "driven": "DrivenResponse",
     "driven_branch": "DrivenBranch",
-    "elements": "Spring",
+    "elements": "Coupling Spring",
     "ensemble": "Ensemble simulate_ensemble",
     "errors": "ConvergenceWarning FileError InputError RangeWarning StabilityWarning SweepError "
     "ViscovibError",
@@ -125,7 +125,10 @@ if TYPE_CHECKING:
     )
     from viscovib.driven import DrivenResponse as DrivenResponse
     from viscovib.driven_branch import DrivenBranch as DrivenBranch
-    from viscovib.elements import Spring as Spring
+    from viscovib.elements import (
+        Coupling as Coupling,
+        Spring as Spring,
+    )
     from viscovib.ensemble import (
         Ensemble as Ensemble,
         simulate_ensemble as simulate_ensemble,

@@ -1,123 +1,28 @@
 """A structure condensed to the deflections of its elements, and back to all its coordinates."""
 
-from collections.abc import Mapping, Sequence
 from functools import cached_property
-from itertools import combinations_with_replacement
-from math import factorial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.elements import ElementTerms
+from viscovib.element_laws import Laws
 from viscovib.errors import InputError
-from viscovib.kernels import Kernel
 from viscovib.structure_rest import Rest, Static, static_form
-
-if TYPE_CHECKING:
-    from viscovib.reduced import ReducedRest
 
 #: Kernel kind in x by which the core knows that the vector holds a condensed structure.
 STRUCTURE_IN_VECTOR = -3
-#: A direction that depends on others but for this part of it is one of theirs.
-_DEPENDENT = 1e-9
 #: What part of a mean load may be left that nothing holds: rounding.
 _UNHELD = 1e-9
 #: Numbers of one part of an expansion to all coordinates.
 _AT_ONCE = 2_000_000
 
-#: A force: on which equation, powers of the coordinates, and its coefficient, by kernel.
-Monomials = dict[tuple[int, tuple[int, ...]], float]
-
-
-class Laws(NamedTuple):
-    """Elements in few coordinates y = Q^T u: forces of each kernel on each of them."""
-
-    #: Q, shape (n, q).
-    directions: FloatArray
-    #: Kernels (None: no memory), linear stiffness of each, shape (q, q), and monomials.
-    kernels: tuple[Kernel | None, ...]
-    stiffness: tuple[FloatArray, ...]
-    forces: tuple[Monomials, ...]
-
-    def watching(self, direction: FloatArray) -> "Laws":
-        """The same with one more coordinate, in which no force acts."""
-        more = np.concatenate([self.directions, direction[:, np.newaxis]], axis=1)
-        wider = tuple(np.pad(k, (0, 1)) for k in self.stiffness)
-        forces = tuple(
-            {(on, (*powers, 0)): c for (on, powers), c in group.items()} for group in self.forces
-        )
-        return Laws(more, self.kernels, wider, forces)
-
-
-def element_laws(elements: Sequence[ElementTerms], n: int) -> Laws:
-    """Condense what is nonlinear or remembers; what is elastic belongs to the linear rest."""
-    active = [e for e in elements if e.kernel is not None or max(e.powers, default=1) > 1]
-    chosen: list[FloatArray] = []
-    weights: list[dict[int, float]] = []
-    for element in active:
-        weights.append(_in_terms_of(chosen, element.direction))
-    if not chosen:
-        # Nothing is to be condensed to: one coordinate stands for the linear response.
-        chosen.append(np.eye(1, n)[0])
-    q = len(chosen)
-    kernels: list[Kernel | None] = []
-    stiffness: list[FloatArray] = []
-    forces: list[Monomials] = []
-    for element, mix in zip(active, weights, strict=True):
-        if element.kernel not in kernels:
-            kernels.append(element.kernel)
-            stiffness.append(np.zeros((q, q)))
-            forces.append({})
-        i = kernels.index(element.kernel)
-        column = np.zeros(q)
-        column[list(mix)] = list(mix.values())
-        # An elastic stiffness without memory is part of the rest already.
-        if element.kernel is not None:
-            stiffness[i] += element.powers.get(1, 0.0) * np.outer(column, column)
-        _add_forces(forces[i], element.powers, mix, q)
-    return Laws(np.array(chosen).T, tuple(kernels), tuple(stiffness), tuple(forces))
-
-
-def _in_terms_of(chosen: list[FloatArray], direction: FloatArray) -> dict[int, float]:
-    """Weights of the coordinates chosen, one more if it depends on none of them."""
-    if chosen:
-        basis = np.array(chosen).T
-        weights = np.linalg.lstsq(basis, direction, rcond=None)[0]
-        left = np.linalg.norm(direction - basis @ weights)
-        if left <= _DEPENDENT * np.linalg.norm(direction):
-            largest = np.abs(weights).max()
-            return {
-                int(i): float(weights[i]) for i in np.flatnonzero(abs(weights) > 1e-12 * largest)
-            }
-    chosen.append(direction)
-    return {len(chosen) - 1: 1.0}
-
-
-def _add_forces(
-    forces: Monomials, powers: Mapping[int, float], mix: dict[int, float], q: int
-) -> None:
-    """Add g_a = w_a sum_p c_p (sum_b w_b y_b)^p, by the multinomial theorem."""
-    places = list(mix)
-    for power, c in powers.items():
-        if power < 2:
-            continue
-        for picks in combinations_with_replacement(places, power):
-            exponents = [0] * q
-            for place in picks:
-                exponents[place] += 1
-            factor = float(factorial(power))
-            for place in places:
-                factor *= mix[place] ** exponents[place] / factorial(exponents[place])
-            for on in places:
-                key = on, tuple(exponents)
-                forces[key] = forces.get(key, 0.0) + c * factor * mix[on]
-
 
 class Condensation:
     """H(s) = Q^T D(s)^-1 Q of a linear rest at the coordinates of laws."""
 
-    def __init__(self, rest: Rest, laws: Laws, reduced: "ReducedRest | None" = None) -> None:
+    def __init__(self, rest: Rest, laws: Laws, reduced: Any = None) -> None:
+        # ``reduced``: the reduction that made the rest (`viscovib.reduced.ReducedRest`), or None.
         # The core looks at the first modes one by one.
         order = np.argsort(np.abs(rest.squares), kind="stable")
         if (np.diff(order) < 0).any():

@@ -72,6 +72,77 @@ class Spring:
         return {power: c for power, c in sorted(terms.items()) if c != 0}
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Coupling:
+    """Forces between several deflections of a structure: g_a = (1 - R*) f_a(d_1, d_2, ...).
+
+    Each acts along the direction of its deflection d_a = e_a . u, against it, and may depend on all
+    of them: springs in series with large rotations, follower forces, a law that reads one place and
+    acts on another.
+
+    Parameters
+    ----------
+    on : mapping of str to direction
+        Deflections by the names that the law has for them; directions as of `Spring`.
+    law : mapping of str to str
+        Polynomials f_a of degree 2 to 15 by deflection; one that has none is only read. What is
+        linear belongs to the stiffness of the structure.
+    parameters : mapping of str to float, optional
+        Numbers that the law names.
+    kernel : Kernel, optional
+        Relaxation kernel R of these forces.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> bent = vv.Coupling(on={"a": "x3", "b": ("x3", "x7")},
+    ...                    law={"a": "k*a*b^2", "b": "k*a^2*b"}, parameters={"k": 0.5})
+    >>> sorted(bent.on)
+    ['a', 'b']
+    """
+
+    on: Mapping[str, Any]
+    law: Mapping[str, str]
+    parameters: Mapping[str, float] | None = None
+    kernel: Kernel | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.on, Mapping) or not self.on:
+            raise InputError(
+                f"on = {_native.shown(self.on)}: must be a mapping of names to directions, such as "
+                "{'a': 'x3'}"
+            )
+        if not (self.kernel is None or isinstance(self.kernel, Kernel)):
+            raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
+        values = _parameter_values(self.parameters, tuple(self.on))
+        if not isinstance(self.law, Mapping) or not self.law:
+            raise InputError(f"law = {_native.shown(self.law)}: must be a mapping to texts")
+        names = tuple(self.on)
+        forces: dict[tuple[int, tuple[int, ...]], float] = {}
+        for name, text in self.law.items():
+            where = f"law[{name!r}]"
+            if name not in names:
+                raise InputError(f"{where}: must be one of the deflections {', '.join(names)}")
+            if not isinstance(text, str):
+                raise InputError(f"{where} = {_native.shown(text)}: must be a text")
+            for powers, c in _with_values(where, text, names, values).items():
+                if not 2 <= sum(powers) <= MAX_DEGREE:
+                    raise InputError(
+                        f"{where}: has a term of degree {sum(powers)}, must be 2 to {MAX_DEGREE} "
+                        "(what is linear belongs to the stiffness of the structure)"
+                    )
+                forces[names.index(name), powers] = c
+        object.__setattr__(self, "_forces", forces)
+
+
+class CouplingTerms(NamedTuple):
+    """A coupling as the condensation takes it: directions, forces by equation and powers."""
+
+    directions: tuple[FloatArray, ...]
+    forces: dict[tuple[int, tuple[int, ...]], float]
+    kernel: Kernel | None
+
+
 class ElementTerms(NamedTuple):
     """An element as the condensation takes it: direction e, shape (n,), and coefficients."""
 
@@ -92,10 +163,33 @@ def element_terms(
         )
     found = []
     for i, element in enumerate(elements):
+        if isinstance(element, Coupling):
+            # Alone, its directions are only places at which the structure is looked at.
+            coupled = coupling_terms([element], names, places, i)[0]
+            found += [ElementTerms(e, {}, 0.0, None) for e in coupled.directions]
+            continue
         if not isinstance(element, Spring):
-            raise InputError(f"elements[{i}] = {_native.shown(element)}: must be a Spring")
+            raise InputError(
+                f"elements[{i}] = {_native.shown(element)}: must be a Spring or a Coupling"
+            )
         e = direction_of(f"elements[{i}].on", element.on, len(names), places)
         found.append(ElementTerms(e, element._powers, element.damping, element.kernel))
+    return tuple(found)
+
+
+def coupling_terms(
+    elements: Sequence[Any], names: Sequence[str], places: Mapping[str, int], first: int = 0
+) -> tuple[CouplingTerms, ...]:
+    """Return the couplings among elements."""
+    found = []
+    for i, element in enumerate(elements, first):
+        if isinstance(element, Coupling):
+            directions = tuple(
+                direction_of(f"elements[{i}].on[{name!r}]", on, len(names), places)
+                for name, on in element.on.items()
+            )
+            forces: dict[tuple[int, tuple[int, ...]], float] = element._forces  # type: ignore[attr-defined]
+            found.append(CouplingTerms(directions, forces, element.kernel))
     return tuple(found)
 
 
@@ -140,27 +234,43 @@ def _law_terms(law: Any, parameters: Any) -> dict[int, float]:
         return {}
     if not isinstance(law, str):
         raise InputError(f"law = {_native.shown(law)}: must be a text such as 'k3*d^3'")
-    if parameters is None:
-        parameters = {}
-    if not isinstance(parameters, Mapping):
-        raise InputError(f"parameters = {_native.shown(parameters)}: must be a mapping to numbers")
-    values = {}
-    for name, value in parameters.items():
-        if not isinstance(name, str) or not name.isidentifier() or name == "d":
-            raise InputError(f"parameters: {_native.shown(name)} must be a name, other than d")
-        values[name] = _native.number(f"parameters[{name!r}]", value)
-    names = ("d", *values)
-    terms: dict[int, float] = {}
-    for powers, c in expand("law", law, names).items():
-        factor = c
-        for value, power in zip(values.values(), powers[1:], strict=True):
-            factor *= value**power
-        if not np.isfinite(factor):
-            raise InputError(f"law = {_native.shown(law)}: a coefficient is not finite")
-        terms[powers[0]] = terms.get(powers[0], 0.0) + factor
+    values = _parameter_values(parameters, ("d",))
+    terms = {powers[0]: c for powers, c in _with_values("law", law, ("d",), values).items()}
     if terms.get(0, 0.0) != 0:
         raise InputError(f"law: has the constant {terms[0]:g}, which belongs to the load")
     terms.pop(0, None)
     if max(terms, default=0) > MAX_DEGREE:
         raise InputError(f"law: has degree {max(terms)}, must be at most {MAX_DEGREE}")
+    return terms
+
+
+def _parameter_values(parameters: Any, taken: Sequence[str]) -> dict[str, float]:
+    """Numbers of a law by name."""
+    if parameters is None:
+        return {}
+    if not isinstance(parameters, Mapping):
+        raise InputError(f"parameters = {_native.shown(parameters)}: must be a mapping to numbers")
+    values = {}
+    for name, value in parameters.items():
+        if not isinstance(name, str) or not name.isidentifier() or name in taken:
+            raise InputError(
+                f"parameters: {_native.shown(name)} must be a name, other than {', '.join(taken)}"
+            )
+        values[name] = _native.number(f"parameters[{name!r}]", value)
+    return values
+
+
+def _with_values(
+    where: str, text: str, names: Sequence[str], values: Mapping[str, float]
+) -> dict[tuple[int, ...], float]:
+    """Coefficients of the powers of deflections in a law."""
+    terms: dict[tuple[int, ...], float] = {}
+    for powers, c in expand(where, text, (*names, *values)).items():
+        factor = c
+        for value, power in zip(values.values(), powers[len(names) :], strict=True):
+            factor *= value**power
+        if not np.isfinite(factor):
+            raise InputError(f"{where} = {_native.shown(text)}: a coefficient is not finite")
+        own = powers[: len(names)]
+        terms[own] = terms.get(own, 0.0) + factor
     return terms

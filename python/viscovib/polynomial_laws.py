@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from viscovib._native import FloatArray
-from viscovib.condensed import Condensation, Laws
+from viscovib.condensed import Condensation
+from viscovib.element_laws import Laws
 from viscovib.errors import InputError
 from viscovib.structure_rest import dense_rest
 

@@ -12,8 +12,15 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.condensed import Condensation, LoadedStructure, element_laws
-from viscovib.elements import ElementTerms, direction_of, element_terms
+from viscovib.condensed import Condensation, LoadedStructure
+from viscovib.element_laws import element_laws
+from viscovib.elements import (
+    Coupling,
+    ElementTerms,
+    coupling_terms,
+    direction_of,
+    element_terms,
+)
 from viscovib.errors import InputError
 from viscovib.kernels import Kernel
 from viscovib.load import LoadLike, load_series
@@ -67,7 +74,7 @@ class Structure:
         K (1 + i loss_factor sign(nu)), for harmonic methods only: in time it has no meaning.
         Modal damping, Rayleigh's and this one are of the structure with the linear parts of its
         elements.
-    elements : sequence of Spring
+    elements : sequence of Spring and Coupling
         Local elements. Their linear stiffness and damping add to K and C.
     names, units : sequence of str, optional
         Of the coordinates; default "x1", "x2", ..., and "m".
@@ -193,6 +200,9 @@ class Structure:
         for element in self._all_elements:
             if element.kernel is not None and element.powers and element.kernel not in kernels:
                 kernels.append(element.kernel)
+        for one in self.elements:
+            if isinstance(one, Coupling) and one.kernel is not None and one.kernel not in kernels:
+                kernels.append(one.kernel)
         return tuple(kernels)
 
     @cached_property
@@ -209,7 +219,8 @@ class Structure:
 
     @cached_property
     def _condensation(self) -> Condensation:
-        laws = element_laws(self._all_elements, self.n_coordinates)
+        couplings = coupling_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
+        laws = element_laws(self._all_elements, self.n_coordinates, couplings)
         return Condensation(self._rest, laws, self._reduced)
 
     @property

@@ -192,7 +192,7 @@ def _left_out(result: StructureResponse | StructureBranch) -> FloatArray:
     reduced = _known(result._view).loaded.condensation.reduced
     if reduced is None:
         return np.zeros(result.nu.size)
-    return reduced.left_out(result.nu, result.harmonics, result._condensed)
+    return np.asarray(reduced.left_out(result.nu, result.harmonics, result._condensed))
 
 
 def warn_of_reduction(result: StructureResponse | StructureBranch) -> None:

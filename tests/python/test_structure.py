@@ -130,6 +130,40 @@ def test_elements_with_kernels_of_their_own() -> None:
     assert difference(a, vv.forced_response(structure, nu, **given)) < 1e-12
 
 
+def test_couplings_read_and_act_in_several_places() -> None:
+    """Also along directions that depend on others, with memory, and read only."""
+    n = 6
+    given = {"mass": np.linspace(1, 2, n), "stiffness": chain(n), "damping": 0.03 * chain(n)}
+    structure = vv.Structure(
+        **given,
+        elements=[
+            vv.Spring(on="x2", law="0.2*d^3"),
+            vv.Coupling(
+                on={"a": "x2", "b": ("x2", "x5"), "c": {"x5": 2.0}},
+                law={"a": "k*a*b^2 + b^2*c", "b": "k*a^2*b"}, parameters={"k": 0.4}, kernel=RUBBER,
+            ),
+        ],
+    )  # fmt: skip
+    on_two = "0.4*x2*(x2-x5)^2 + (x2-x5)^2*2*x5"
+    across = "0.4*x2^2*(x2-x5)"
+    whole = vv.PolynomialSystem(
+        **given, forces={"x2": "0.2*x2^3"},
+        springs=[vv.Springs(forces={"x2": f"{on_two} + {across}", "x5": f"-{across}"},
+                            kernel=RUBBER)],
+    )  # fmt: skip
+    assert structure.deflections == ("x2", "+1*x2-1*x5")
+    nu = np.linspace(0.3, 1.2, 15)
+    load = np.zeros(n)
+    load[3] = 0.05
+    both_ways = [
+        vv.forced_response(s, nu, load=load, method="newton", harmonics=8)
+        for s in (whole, structure)
+    ]
+    assert difference(*both_ways) < 1e-12
+    with pytest.raises(vv.InputError, match=r"law\['a'\]: has a term of degree 1, must be 2"):
+        vv.Coupling(on={"a": "x1", "b": "x2"}, law={"a": "b"})
+
+
 def test_rigid_bodies() -> None:
     """Free-free: the element alone holds the mean."""
     n = 5

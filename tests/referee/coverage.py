@@ -17,6 +17,7 @@ FAMILIES = (
 _PICTURE = "a picture: numbers are those of the result it is given"
 _WHOLE = "tests/python/test_structure.py compares it with the whole system"
 NOTHING_TO_JUDGE = {
+    "Coupling": _WHOLE,
     "Spring": _WHOLE,
     "Spring.degree": _WHOLE,
     "Structure": _WHOLE,
