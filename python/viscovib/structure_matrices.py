@@ -100,8 +100,14 @@ def linear_model(
     from viscovib.sparse_pencil import checked_sparse
 
     n = mass.shape[0]
-    layers = [e for e in elements if remembering and e.kernel is not None and e.powers.get(1, 0.0)]
-    elastic = [(e.powers.get(1, 0.0), e.direction) for e in elements if e not in layers]
+    layers: list[ElementTerms] = []
+    elastic: list[tuple[float, FloatArray]] = []
+    for e in elements:
+        k = e.powers.get(1, 0.0)
+        if remembering and e.kernel is not None and k:
+            layers.append(e)
+        else:
+            elastic.append((k, e.direction))
     total = checked_sparse("damping", damping)
     total = total + _of_elements(n, [(e.damping, e.direction) for e in elements])
     modal = ModalDamping() if modal is None else modal
