@@ -141,7 +141,6 @@ contains
     run%points = 0.0_wp
     allocate (run%columns(s*size(load%pieces, 1)), run%recalled(s*size(run%channels%kernel_of)))
     allocate (run%maps(1), run%lengths(1), run%parts(1))
-    allocate (run%parts(1)%forces(s, size(sections%pushed, 2)))
     call run%change_step(system, load, 0.0_wp, h, made)
     if (.not. made) then
       reason = step_too_large
@@ -378,7 +377,10 @@ contains
     n = self%keeping%n_doublings + 1
     allocate (ends(0:n))
     ends(:) = panel_ends(h, self%keeping%n_doublings)
-    call make_room(self%parts, n, self%table%s, size(self%sections%pushed, 2))
+    if (size(self%parts) < n) then
+      deallocate (self%parts)
+      allocate (self%parts(n))
+    end if
     do k = 1, n
       self%n_parts = k
       call self%change_step(system, load, from + ends(k - 1), ends(k) - ends(k - 1), made)
@@ -393,20 +395,6 @@ contains
       made = .false.
     end if
   end subroutine add_graded_step
-
-  !> Room for n parts of a step.
-  subroutine make_room(parts, n, s, n_pushed)
-    type(part_type), allocatable, intent(inout) :: parts(:)
-    integer, intent(in) :: n, s, n_pushed
-    integer :: k
-    if (size(parts) < n) then
-      deallocate (parts)
-      allocate (parts(n))
-    end if
-    do k = 1, n
-      if (.not. allocated(parts(k)%forces)) allocate (parts(k)%forces(s, n_pushed))
-    end do
-  end subroutine make_room
 
   !> The first step as panels, where memory makes the start singular; `made` is false where a
   !! plain step will do.

@@ -175,6 +175,7 @@ contains
       call product_of(size(forces), size(z), maps%condensed%by_input, z, forces, linear)
       call product_of(size(forces), size(equations%y), maps%condensed%by_bend, equations%y, &
                       linear, forces)
+      call make_room(part, s, size(sections%pushed, 2))
       part%s = s
       part%length = maps%h
       part%q = state%q
@@ -202,6 +203,17 @@ contains
       if (size(equations%y) > 0) state%w_rate(j) = rate_of(state, sections, j)
     end do
   end subroutine make_step
+
+  !> Room for the forces of a step of s nodes.
+  pure subroutine make_room(part, s, n_pushed)
+    type(part_type), intent(inout) :: part
+    integer, intent(in) :: s, n_pushed
+    if (allocated(part%forces)) then
+      if (size(part%forces, 1) == s) return
+      deallocate (part%forces)
+    end if
+    allocate (part%forces(s, n_pushed))
+  end subroutine make_room
 
   !> A panel, its maps made for it alone.
   subroutine make_panel(self, system, channels, load, table, local, now, length, remembered, &
@@ -246,7 +258,6 @@ contains
     self%n_made = self%n_made + 1
     associate (part => self%parts(self%n_made))
       part%start = now
-      allocate (part%forces(s, size(self%sections%pushed, 2)))
       call make_step(self%state, system, self%sections, table, maps, equations, .false., .true., &
                      self%bound, swing, columns, reshape(remembered, [size(remembered)]), &
                      part, points, made, doubtful)

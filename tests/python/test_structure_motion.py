@@ -110,6 +110,16 @@ def test_order(method, order):
     assert np.log2(errors[0] / errors[1]) > order - 0.6
 
 
+@pytest.mark.parametrize("method", ["gauss3", "gauss4", "gauss6"])
+def test_a_singular_start_by_any_method(method):
+    """Panels of a start have nodes of their own, other than those of the steps that follow."""
+    structure, whole = pair(8, PRONY, None)
+    options = {"load": 1j * np.eye(8)[0], "nu": 0.4}
+    got = vv.simulate(structure, 3.0, dt=0.05, method=method, keep="last", **options)
+    wanted = vv.simulate(whole, 3.0, dt=0.05, keep="last", **options)
+    assert np.abs(got.state - wanted.state).max() < 1e-10
+
+
 def test_energy_of_a_long_run():
     """An undamped chain with cubic springs keeps its energy, however long and stiff it is."""
     n = 40

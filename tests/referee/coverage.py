@@ -11,23 +11,20 @@ HERE = Path(__file__).parent
 FAMILIES = (
     "kernels", "rubber", "fits", "systems", "bodies", "linear", "roots", "responses", "peaks", "branches", "crossings",
     "stability", "backbones", "steady", "motions", "ensembles", "spectra", "scales", "scenes",
-    "structures", "sweeps", "tables",
+    "structure_motions", "structures", "sweeps", "tables",
 )  # fmt: skip
 #: Public names that have nothing to judge, and why.
 _PICTURE = "a picture: numbers are those of the result it is given"
 _WHOLE = "tests/python/test_structure.py compares it with the whole system"
 NOTHING_TO_JUDGE = {
     "Coupling": _WHOLE,
-    "Spring": _WHOLE,
     "Spring.degree": _WHOLE,
-    "Structure": _WHOLE,
     "Trajectory.dof_units": "units, as the system names them",
     "Trajectory.rate_units": "units, as the system names them",
     "Structure.read": "tests/python/test_structure_files.py writes and reads",
     "Structure.write": "tests/python/test_structure_files.py writes and reads",
     "Structure.n_coordinates": _WHOLE,
     "Structure.rate_units": _WHOLE,
-    "Structure.deflections": _WHOLE,
     "Explorer": "a page: numbers are those of the scene it shows",
     "Explorer.stop": "ends a server",
     "explore": "a page: numbers are those of the scene it shows",
