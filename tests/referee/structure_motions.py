@@ -18,7 +18,7 @@ class _Draft:
     def __init__(self, rng, index):
         n = self.n = int(rng.integers(2, 9))
         self.mass = np.array([few(rng, 0.3, 3, 2) for _ in range(n)])
-        self.k = self._links(rng, n)
+        self.k = self._links(rng, n, 0.3)
         kind = index % 5
         self.c = np.zeros((n, n))
         options = []
@@ -65,7 +65,7 @@ class _Draft:
         self.remembering = [e for e in self.elements if e[5]]
 
     @staticmethod
-    def _links(rng, n):
+    def _links(rng, n, stiff=0.0):
         k = np.zeros((n, n))
         for i in range(n):
             e = np.zeros(n)
@@ -73,9 +73,9 @@ class _Draft:
             if i:
                 e[i - 1] = -1
             k += few(rng, 0.3, 3, 2) * np.outer(e, e)
-        if rng.random() < 0.3:
+        if rng.random() < stiff:
             i = int(rng.integers(n))
-            k[i, i] += few(rng, 10, 1e3, 2)
+            k[i, i] += few(rng, 10, 300, 2)
         return np.round(k, 3)
 
     def force(self, e, own, square, cube, u):
