@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 #: The public names of each module. Type checkers and editors read the imports below, which a
 #: test holds against this table.
 _NAMES = {
+    "animation": "animate",
     "_backbone": "Backbone BackbonePoint",
     "_kramers_kronig": "KramersKronig kramers_kronig",
     "_master_curve": "MasterCurve master_curve",
@@ -102,6 +103,7 @@ if TYPE_CHECKING:
         spectrum as spectrum,
     )
     from viscovib._sweep import sweep as sweep
+    from viscovib.animation import animate as animate
     from viscovib.body import Body as Body
     from viscovib.body_forces import MountForces as MountForces
     from viscovib.body_modes import BodyModes as BodyModes

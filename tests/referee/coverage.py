@@ -28,6 +28,7 @@ NOTHING_TO_JUDGE = {
     "Explorer": "a page: numbers are those of the scene it shows",
     "Explorer.stop": "ends a server",
     "explore": "a page: numbers are those of the scene it shows",
+    "animate": _PICTURE,
     "plot_backbone": _PICTURE,
     "plot_body": _PICTURE,
     "plot_branch": _PICTURE,
