@@ -52,7 +52,8 @@ _NAMES = {
     "pendulum": "Pendulum",
     "periodic": "backbone forced_response plan_response trace_response",
     "periodic_motions": "PeriodicMotions",
-    "plots": "plot_backbone plot_branch plot_response plot_sections plot_spectrum plot_trajectory",
+    "motion_plots": "plot_sections plot_spectrum plot_trajectory",
+    "plots": "plot_backbone plot_branch plot_response",
     "polynomial_system": "Monomial PolynomialSystem Springs",
     "prony_fit": "PronyFit",
     "response_result": "Peak Response",
@@ -174,6 +175,11 @@ if TYPE_CHECKING:
     from viscovib.load import fourier_coefficients as fourier_coefficients
     from viscovib.load_table import LoadTable as LoadTable
     from viscovib.maps import plot_map as plot_map
+    from viscovib.motion_plots import (
+        plot_sections as plot_sections,
+        plot_spectrum as plot_spectrum,
+        plot_trajectory as plot_trajectory,
+    )
     from viscovib.mount import Mount as Mount
     from viscovib.mount_point import (
         FluidTrack as FluidTrack,
@@ -197,9 +203,6 @@ if TYPE_CHECKING:
         plot_backbone as plot_backbone,
         plot_branch as plot_branch,
         plot_response as plot_response,
-        plot_sections as plot_sections,
-        plot_spectrum as plot_spectrum,
-        plot_trajectory as plot_trajectory,
     )
     from viscovib.polynomial_system import (
         Monomial as Monomial,

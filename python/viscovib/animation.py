@@ -18,7 +18,7 @@ from viscovib.files import whole_file
 from viscovib.outlines import Drawing, drawing_of
 from viscovib.parameters import Number, Whole
 from viscovib.periodic_motions import PeriodicMotions
-from viscovib.plots import COLOURS
+from viscovib.style import COLOURS
 from viscovib.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -230,8 +230,8 @@ def _write(made: FuncAnimation, path: Path, rate: float) -> None:
     part = path.with_name(f"{path.stem}.part{path.suffix}")
     try:
         # Pillow's frames last a whole number of hundredths of a second.
-        made.save(part, writer=PillowWriter(fps=max(1, round(rate))) if path.suffix.lower() == ".gif"
-                  else "ffmpeg", dpi=90)  # fmt: skip
+        film = path.suffix.lower() == ".mp4"
+        made.save(part, writer="ffmpeg" if film else PillowWriter(max(1, round(rate))), dpi=90)
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)

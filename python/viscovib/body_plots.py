@@ -13,7 +13,7 @@ from viscovib._native import FloatArray
 from viscovib.body import Body
 from viscovib.body_modes import BodyModes
 from viscovib.errors import InputError
-from viscovib.plots import COLOURS, STYLES
+from viscovib.style import COLOURS, STYLES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

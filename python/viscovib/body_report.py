@@ -26,7 +26,7 @@ from viscovib.body_plots import (
 )
 from viscovib.errors import InputError
 from viscovib.files import whole_file
-from viscovib.plots import COLOURS, STYLES
+from viscovib.style import COLOURS, STYLES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

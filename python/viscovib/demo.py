@@ -16,8 +16,9 @@ from viscovib.errors import StabilityWarning
 from viscovib.kernels import RzhanitsynKernel
 from viscovib.mount import GEOMETRIES, Mount
 from viscovib.periodic import forced_response, trace_response
-from viscovib.plots import COLOURS, plot_response
+from viscovib.plots import plot_response
 from viscovib.response_result import Peak, Response
+from viscovib.style import COLOURS
 
 AMPLITUDES = (0.078, 0.048, 0.030, 0.020, 0.015)
 #: Below and above: where each coordinate resonates (rad/s).
@@ -143,7 +144,7 @@ def draw(path: Path, linear: dict[float, Response], nonlinear: dict[float, Respo
     labels = [f"$A$ = {a:.3f}" for a in nonlinear]
     curves = list(nonlinear.values())
     plot_response(curves, axes[:, 0], labels=labels)
-    plot_response(curves, axes[:, 1], log=False)
+    plot_response(curves, axes[:, 1], y="linear")
     for row, dof in zip(axes, ("x", "phi"), strict=True):
         for axis in row:
             for curve, colour in zip(linear.values(), COLOURS, strict=True):

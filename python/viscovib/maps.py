@@ -13,7 +13,7 @@ from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.panels import panel
 from viscovib.parameters import Flag, Optional, Text, checked
-from viscovib.plots import COLOURS, _bare
+from viscovib.style import COLOURS, bare
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -71,7 +71,7 @@ def plot_map(
         ax.set(xlabel=_called(axes[0]), ylabel=shown)
         if log:
             ax.set_yscale("log")
-        _bare(ax)
+        bare(ax)
         return ax
     values = array.values.astype(float)
     if np.abs(values[np.isfinite(values)]).max(initial=0.0) > _LARGEST_DRAWN:

@@ -29,6 +29,15 @@ def panels(ax: Any, n: int, each: str = "one a coordinate") -> list[Any]:
     return axes
 
 
+def chosen_panels(
+    ax: Any, names: tuple[str, ...], moving: tuple[str, ...]
+) -> tuple[tuple[str, ...], list[Any]]:
+    """Return coordinates and an axis for each: those that move, or all where axes are given."""
+    if ax is None or len(_given(ax)) == len(moving) != len(names):
+        return moving, panels(ax, len(moving))
+    return names, panels(ax, len(names))
+
+
 def panel(ax: Any, figsize: tuple[float, float] = (7, 5)) -> "Axes":
     """Return the axes given, or those of a new figure."""
     if ax is None:

@@ -10,27 +10,20 @@ import numpy as np
 
 from viscovib._backbone import Backbone
 from viscovib._spectrum import Spectrum
+from viscovib.axes import moving
 from viscovib.branch_result import Branch
 from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import DrivenBranch
 from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError, near_name
 from viscovib.files import whole_file
-from viscovib.plots import (
-    COLOURS,
-    _bare,
-    motion_axes,
-    plot_backbone,
-    plot_branch,
-    plot_response,
-    plot_sections,
-    plot_spectrum,
-    plot_trajectory,
-)
+from viscovib.motion_plots import motion_axes, plot_sections, plot_spectrum, plot_trajectory
+from viscovib.plots import plot_backbone, plot_branch, plot_response
 from viscovib.response_result import Response, lowest_order
 from viscovib.results import Result
-from viscovib.scales_plots import moving, plot_modulation, plot_scales_response
+from viscovib.scales_plots import moving as moving_steadily, plot_modulation, plot_scales_response
 from viscovib.scales_results import Modulation, ScalesResponse
+from viscovib.style import COLOURS, bare
 from viscovib.table_result import TableResult
 from viscovib.trajectory import Trajectory
 
@@ -58,23 +51,40 @@ def _largest_order(branches: Sequence[DrivenBranch], d: int) -> int | tuple[int,
     return int(order[0]) if order.size == 1 else tuple(order.tolist())
 
 
+def _rows(figure: "Figure", results: Sequence[Any]) -> Any:
+    """Return a panel for each coordinate that moves in one of some results."""
+    return figure.subplots(_moving(results), 1, sharex=True, squeeze=False)[:, 0]
+
+
+def _moving(results: Sequence[Any]) -> int:
+    """Return how many coordinates move."""
+    sizes = [np.abs(one.coefficients).max(axis=2, initial=0.0) for one in results]
+    return len(moving(results[0].dof_names, np.concatenate(sizes)))
+
+
 def _draw_response(result: Response, figure: "Figure", _: Drawn) -> None:
-    axes = figure.subplots(len(result.dof_names), 1, sharex=True)
+    axes = _rows(figure, [result])
     plot_response(result, axes, harmonic=lowest_order(result.harmonics))
 
 
 def _draw_driven(result: DrivenResponse, figure: "Figure", _: Drawn) -> None:
-    axes = figure.subplots(len(result.dof_names), 1, sharex=True)
+    axes = _rows(figure, [result])
     plot_response(result, axes, harmonic=lowest_order(result.harmonics))
 
 
 def _draw_branch(result: Branch, figure: "Figure", _: Drawn) -> None:
-    plot_branch(result, figure.subplots(len(result.dof_names), 1, sharex=True))
+    plot_branch(result, _rows(figure, [result]))
 
 
 def _draw_driven_branch(result: DrivenBranch, figure: "Figure", more: Drawn) -> None:
-    axes = figure.subplots(len(result.dof_names), 1, sharex=True)
     branches: list[DrivenBranch] = [result, *more.others]
+    # What rests on one branch may move on another.
+    several = bool(more.others)
+    axes = (
+        figure.subplots(len(result.dof_names), 1, sharex=True)
+        if several
+        else _rows(figure, branches)
+    )
     orders = {name: _largest_order(branches, d) for d, name in enumerate(result.dof_names)}
     for branch in branches:
         plot_branch(branch, axes, harmonic=orders)
@@ -84,11 +94,11 @@ def _draw_backbone(result: Backbone, figure: "Figure", more: Drawn) -> None:
     names = result.dof_names
     curves: list[Backbone] = [result, *more.others]
     most = {name: int(result.harmonics[_largest_place(curves, d)]) for d, name in enumerate(names)}
-    plot_backbone(curves, figure.subplots(len(names), 1, sharex=True), harmonic=most)
+    plot_backbone(curves, _rows(figure, curves), harmonic=most)
 
 
 def _draw_scales(result: ScalesResponse, figure: "Figure", _: Drawn) -> None:
-    plot_scales_response(result, figure.subplots(len(moving(result)), 1, sharex=True))
+    plot_scales_response(result, figure.subplots(len(moving_steadily(result)), 1, sharex=True))
 
 
 def _draw_trajectory(result: Trajectory, figure: "Figure", _: Drawn) -> None:
@@ -113,7 +123,7 @@ def _draw_table(result: TableResult, figure: "Figure", _: Drawn) -> "Sequence[Ax
         axis.plot(panel.x, panel.y, "o" if counted else "o-", color=COLOURS[0], markersize=4)
         axis.set(ylabel=panel.name, xlabel=panel.x_label)
         axis.xaxis.get_major_locator().set_params(integer=counted)
-        _bare(axis)
+        bare(axis)
         axis.label_outer()
     return axes
 
@@ -127,7 +137,7 @@ def _plot_table(result: TableResult) -> "Sequence[Axes]":
 
 
 def _panel_size(result: Any) -> tuple[float, float]:
-    return 7, 3 * len(result.dof_names)
+    return 7, 3 * _moving([result]) if hasattr(result, "coefficients") else 3.0
 
 
 #: For each kind of result: what draws it into a figure, the size of that, the public function.
@@ -141,7 +151,7 @@ _DRAWN: dict[type, tuple[Callable[..., Any], Callable[[Any], tuple[float, float]
     Spectrum: (_draw_spectrum, lambda _: (8, 4.5), plot_spectrum),
     TableResult: (_draw_table, _table_size, _plot_table),
     ScalesResponse: (
-        _draw_scales, lambda r: (7, 3 * len(moving(r))), plot_scales_response,
+        _draw_scales, lambda r: (7, 3 * len(moving_steadily(r))), plot_scales_response,
     ),
 }  # fmt: skip
 #: Those that only the public function draws.
@@ -177,11 +187,12 @@ def save_picture(
     bases: Mapping[str, float] | None = None,
     others: Sequence[DrivenBranch] | Sequence[Backbone] = (),
     small: bool = False,
+    title: str = "",
 ) -> None:
     """Draw a result into a file, without a display; into an open one as SVG.
 
     ``bases`` name the peaks of a spectrum; ``others`` are those that leave the one drawn;
-    ``small``: at half the size, for notebooks.
+    ``small``: at half the size, for notebooks; ``title`` stands above it.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -190,6 +201,10 @@ def save_picture(
     figure = Figure(figsize=size(result), layout="constrained")
     FigureCanvasAgg(figure)
     draw(result, figure, Drawn(bases, others))
+    if others:
+        figure.set_size_inches(7, 3 * len(figure.axes))
+    if title:
+        figure.suptitle(title, fontsize="medium")
     if small:
         figure.set_size_inches(*(0.6 * x for x in size(result)))
     if not isinstance(path, (str, os.PathLike)):

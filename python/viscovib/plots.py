@@ -1,4 +1,4 @@
-"""Pictures: every curve is told apart by line style as well as by colour."""
+"""Pictures of curves: every one is told apart by line style as well as by colour."""
 
 from __future__ import annotations
 
@@ -10,25 +10,18 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._backbone import Backbone
-from viscovib._native import FloatArray
-from viscovib._spectrum import Spectrum, name_frequencies
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.axes import Shown, jumps_of, moving, torn
 from viscovib.branch_result import Branch
 from viscovib.driven import DrivenResponse
 from viscovib.driven_branch import DrivenBranch
-from viscovib.ensemble import Ensemble
 from viscovib.errors import InputError
-from viscovib.panels import Labels, order_of, panel, panels
-from viscovib.parameters import Flag
+from viscovib.panels import Labels, chosen_panels, order_of
 from viscovib.response_result import Response
-from viscovib.trajectory import Trajectory
+from viscovib.style import BY_STABILITY, COLOURS, STYLES, bare, harmonic_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-#: Dark to light, so that order survives a greyscale print.
-COLOURS = ("#0b1d51", "#7b1e7a", "#c8452e", "#e08e1b", "#b9b21a")
-STYLES = ("-", (0, (6, 1.5)), (0, (4, 1.2, 1, 1.2)), (0, (2, 1)), (0, (1, 1)))
 
 #: How changes of stability other than folds are marked.
 _CROSSING_MARKERS = {
@@ -37,16 +30,8 @@ _CROSSING_MARKERS = {
     "period doubling": "D",
     "Neimark-Sacker": "v",
 }
-_LOG, _LABELS = Flag("log"), Labels("labels")
-_SYMBOLS = {"x": "x", "phi": r"\varphi", "psi": r"\psi"}
-_DOTS: dict[str, Any] = {
-    "linestyle": "none",
-    "marker": ".",
-    "markersize": 1.5,
-    "markeredgewidth": 0,
-    "color": COLOURS[0],
-    "rasterized": True,
-}
+_LABELS = Labels("labels")
+_LOAD = r"circular frequency of the load $\nu$ (rad/s)"
 
 
 def plot_response(
@@ -55,64 +40,104 @@ def plot_response(
     *,
     labels: Sequence[str] | None = None,
     harmonic: int | tuple[int, ...] = 1,
-    log: bool = True,
+    x: str = "rad/s",
+    y: str = "log",
+    reference: float = 1.0,
 ) -> Sequence[Axes]:
     """Draw amplitude against frequency, one panel a coordinate.
 
     Parameters
     ----------
     response : Response or DrivenResponse, or sequence of them
-        Curves; gaps show where no solution was found. Where stability is known all are solid, but
-        dashed where unstable.
+        Curves; gaps show where no solution was found, and where the response jumps to another
+        branch. Where stability is known unstable motions are dashed.
     ax : Axes or sequence of Axes, optional
-        Where to draw: as many as there are coordinates; None makes a figure.
+        Where to draw: as many as there are coordinates. None makes a figure with a panel for each
+        coordinate that moves.
     labels : sequence of str, optional
         A legend entry a curve.
     harmonic : int, or tuple for several base frequencies
         Order to draw.
-    log : bool
-        Logarithmic amplitudes.
+    x : {"rad/s", "hz"}
+        Unit of frequencies that are in rad/s.
+    y : {"log", "linear", "db", "phase"}
+        Amplitudes over a logarithmic or linear axis, in decibels, or phases in degrees.
+    reference : float
+        Amplitude of 0 dB: that of a moving base gives its transmissibility.
 
     Returns
     -------
     sequence of Axes, one a coordinate.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,
+    ...                  damping=[[0.2, 0], [0, 0.05]])
+    >>> response = vv.forced_response(mount, np.linspace(0.5, 12, 200), base=1e-3)
+    >>> axes = vv.plot_response(response, x="hz", y="db", reference=1e-3)
+
+    See Also
+    --------
+    forced_response, plot_branch
     """
     curves = _native.several("response", response, Response, DrivenResponse)
-    _LOG.check(log)
+    shown = Shown.checked(x, y, reference)
     labels = _LABELS.of(labels, len(curves))
     names = curves[0].dof_names
-    axes = panels(ax, len(names))
-    for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
+    units = dict(zip(names, curves[0].dof_units, strict=True))
+    found = moving(names, np.concatenate([_sizes(curve) for curve in curves]))
+    names, axes = chosen_panels(ax, names, found)
+    circular = isinstance(curves[0], Response)
+    for axis, name in zip(axes, names, strict=True):
         for i, curve in enumerate(curves):
-            amplitude = _amplitude(curve, name, harmonic)
-            shown: list[tuple[FloatArray, Any]] = [(amplitude, STYLES[i % len(STYLES)])]
-            if isinstance(curve, Response) and curve.stable is not None:
-                unstable = curve.stable == False  # noqa: E712
-                shown = [
-                    (np.where(unstable, np.nan, amplitude), "-"),
-                    (np.where(_with_neighbours(unstable), amplitude, np.nan), (0, (3, 1.5))),
-                ]
-            for values, style in shown:
-                axis.plot(
-                    curve.nu if isinstance(curve, Response) else curve.parameter,
-                    values,
-                    color=COLOURS[i % len(COLOURS)],
-                    linestyle=style,
-                    linewidth=1.6,
-                    label=labels[i] if labels and style == shown[0][1] else None,
-                )
-        axis.set_ylabel(rf"amplitude $|{_harmonic(name, harmonic)}|${_in(unit)}")
-        if log and any((line.get_ydata() > 0).any() for line in axis.lines):
-            axis.set_yscale("log")
-        _bare(axis)
-    axes[-1].set_xlabel(
-        r"circular frequency of the load $\nu$ (rad/s)"
-        if isinstance(curves[0], Response)
-        else curves[0].varies or curves[0].axes[0]
-    )
+            values = shown.sizes(_harmonic_of(curve, name, harmonic))
+            at = curve.nu if isinstance(curve, Response) else curve.parameter
+            at = shown.places(np.asarray(at), circular)
+            stable = curve.stable if isinstance(curve, Response) else None
+            style: dict[str, Any] = {
+                "color": COLOURS[i % len(COLOURS)], "linewidth": 1.6,
+                "linestyle": STYLES[i % len(STYLES)],
+            }  # fmt: skip
+            label = labels[i] if labels else None
+            if stable is None:
+                axis.plot(*_whole(curve, shown, at, values), label=label, **style)
+                continue
+            unstable = np.asarray(stable == False)  # noqa: E712
+            for part, dashes, own in (
+                (np.where(unstable, np.nan, values), "-", label),
+                (np.where(_with_neighbours(unstable), values, np.nan), (0, (3, 1.5)), None),
+            ):
+                style["linestyle"] = dashes
+                axis.plot(*_whole(curve, shown, at, part), label=own, **style)
+        axis.set_ylabel(shown.y_label(harmonic_of(name, harmonic), units[name]))
+        shown.finish(axis)
+        bare(axis)
+    first = curves[0]
+    if isinstance(first, Response):
+        axes[-1].set_xlabel(shown.x_label(_LOAD, True))
+    else:
+        axes[-1].set_xlabel(first.varies or first.axes[0])
     if labels:
         axes[0].legend(frameon=False)
     return axes
+
+
+def _sizes(curve: Any) -> FloatArray:
+    """Return how far each coordinate moves at each point, shape (n, n_dof)."""
+    return np.asarray(np.abs(curve.coefficients).max(axis=2, initial=0.0))
+
+
+def _whole(
+    curve: Response | DrivenResponse, shown: Shown, at: FloatArray, values: FloatArray
+) -> list[FloatArray]:
+    """Return a curve without the lines that would cross a jump."""
+    jumps = jumps_of(curve.coefficients)
+    if shown.y == "phase":
+        with np.errstate(invalid="ignore"):
+            jumps = jumps | (np.abs(np.diff(values)) > 180)
+    return torn(jumps, at, values)
 
 
 def _with_neighbours(shown: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -123,19 +148,14 @@ def _with_neighbours(shown: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     return wider
 
 
-def _in(unit: str) -> str:
-    """Unit in brackets; nothing of a coordinate that has none."""
-    return "" if unit in ("1", "L") else f" ({unit})"
-
-
-def _amplitude(
+def _harmonic_of(
     curve: Response | DrivenResponse, name: str, harmonic: int | tuple[int, ...]
-) -> FloatArray:
+) -> ComplexArray:
     if isinstance(curve, DrivenResponse):
-        return curve.amplitude(name, harmonic)
+        return curve.coefficient(name, harmonic)
     if not isinstance(harmonic, int):
         raise InputError(f"harmonic = {_native.shown(harmonic)}: must be an integer")
-    return curve.amplitude(name, harmonic)
+    return curve.coefficient(name, harmonic)
 
 
 def plot_branch(
@@ -143,79 +163,102 @@ def plot_branch(
     ax: Axes | Sequence[Axes] | None = None,
     *,
     harmonic: int | tuple[int, ...] | Mapping[str, int | tuple[int, ...]] = 1,
-    log: bool = False,
+    x: str = "rad/s",
+    y: str = "linear",
+    reference: float = 1.0,
 ) -> Sequence[Axes]:
     """Draw amplitude along a branch, one panel a coordinate.
 
-    Stable parts are solid, unstable ones dashed; where stability is unknown the line is grey.
-    Folds, branch points and other changes of stability are marked. ``harmonic`` may be a mapping
-    from coordinates.
+    Stable parts are solid, unstable ones lighter, thinner and dashed; where stability is unknown
+    the line is grey and dotted. Folds, branch points and other changes of stability are marked.
+    ``harmonic`` may be a mapping from coordinates; ``x``, ``y`` and ``reference`` are those of
+    `plot_response`. Without ``ax``, coordinates that do not move have no panel.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.5*x^3")
+    >>> branch = vv.trace_response(duffing, (0.3, 2.5), load=0.2)
+    >>> axes = vv.plot_branch(branch, x="hz", y="db")
+
+    See Also
+    --------
+    trace_response, plot_backbone
     """
     _native.check_instance("branch", branch, Branch, DrivenBranch)
-    _LOG.check(log)
-    names = branch.dof_names
-    axes = panels(ax, len(names))
-    for axis, name, unit in zip(axes, names, branch.dof_units, strict=True):
+    shown = Shown.checked(x, y, reference)
+    units = dict(zip(branch.dof_names, branch.dof_units, strict=True))
+    names, axes = chosen_panels(ax, branch.dof_names, moving(branch.dof_names, _sizes(branch)))
+    circular = isinstance(branch, Branch) and branch.varies == "nu"
+    for axis, name in zip(axes, names, strict=True):
         order = order_of(harmonic, name)
-        amplitude = branch.amplitude(name, order)
-        if branch.stable is None:
-            axis.plot(branch.parameter, amplitude, color="0.45", label="stability unknown")
-        else:
-            for stable, style in ((True, "-"), (False, (0, (3, 1.5)))):
-                # A stretch ends at the first point of the next, so that no gap shows.
-                shown = branch.stable == stable
-                shown[1:] |= shown[:-1].copy()
-                axis.plot(
-                    branch.parameter,
-                    np.where(shown, amplitude, np.nan),
-                    color=COLOURS[0] if stable else COLOURS[2],
-                    linestyle=style,
-                    label="stable" if stable else "unstable",
-                )
-            unknown = np.array([s is None for s in branch.stable])
-            if unknown.any():
-                axis.plot(
-                    branch.parameter,
-                    np.where(unknown, amplitude, np.nan),
-                    color="0.45",
-                    marker=".",
-                    label="stability unknown",
-                )
         d, j = branch._place(name, order)
+        values = shown.sizes(branch.coefficients[:, d, j])
+        at = shown.places(branch.parameter, circular)
+        wraps = np.zeros(at.size - 1, dtype=bool)
+        if shown.y == "phase":
+            wraps = np.abs(np.diff(values)) > 180
+        for stable, label, style in BY_STABILITY:
+            part = _stretch(branch, stable)
+            if part.any():
+                axis.plot(*torn(wraps, at, np.where(part, values, np.nan)), label=label, **style)
         if branch.folds.size:
             axis.plot(
-                branch.folds, np.abs(branch.fold_coefficients[:, d, j]), "o", color="k",
-                markersize=4, markerfacecolor="w", label="fold",
+                shown.places(branch.folds, circular),
+                shown.sizes(branch.fold_coefficients[:, d, j]),
+                "o", color="k", markersize=4, markerfacecolor="w", label="fold",
             )  # fmt: skip
-        _mark_crossings(axis, branch, d, j)
+        _mark_crossings(axis, branch, d, j, shown, circular)
         if isinstance(branch, DrivenBranch) and branch.branch_points:
             axis.plot(
                 [point.parameter for point in branch.branch_points],
-                [abs(point.coefficients[d, j]) for point in branch.branch_points],
+                shown.sizes(np.array([p.coefficients[d, j] for p in branch.branch_points])),
                 "s", color="k", markersize=4, markerfacecolor="w", label="branch point",
             )  # fmt: skip
-        axis.set_ylabel(rf"amplitude $|{_harmonic(name, order)}|${_in(unit)}")
-        if log:
-            axis.set_yscale("log")
-        _bare(axis)
-    axes[-1].set_xlabel(branch.label)
-    # Of several branches on the same axes each kind is named once.
-    named = dict(zip(*axes[0].get_legend_handles_labels()[::-1], strict=True))
-    axes[0].legend(named.values(), named.keys(), frameon=False)
+        axis.set_ylabel(shown.y_label(harmonic_of(name, order), units[name]))
+        shown.finish(axis)
+        bare(axis)
+    axes[-1].set_xlabel(shown.x_label(branch.label, circular))
+    _name_once(axes[0])
     return axes
 
 
-def _mark_crossings(axis: Axes, branch: Branch | DrivenBranch, d: int, j: int) -> None:
+def _stretch(branch: Branch | DrivenBranch, stable: bool | None) -> npt.NDArray[np.bool_]:
+    """Points of a branch of one stability; a stretch ends at the first point of the next."""
+    if branch.stable is None:
+        return np.full(branch.parameter.size, stable is None)
+    if stable is None:
+        return np.array([one is None for one in branch.stable])
+    shown = np.asarray(branch.stable == stable)
+    if shown.any():
+        shown[1:] |= shown[:-1].copy()
+    return shown
+
+
+def _name_once(axis: Axes) -> None:
+    """Write the legend: of several curves on the same axes each kind is named once."""
+    named = dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
+    if named:
+        axis.legend(named.values(), named.keys(), frameon=False)
+
+
+def _mark_crossings(
+    axis: Axes, branch: Branch | DrivenBranch, d: int, j: int, shown: Shown, circular: bool
+) -> None:
     """Mark changes of stability other than folds, a sign for each kind."""
     for kind, marker in _CROSSING_MARKERS.items():
         if isinstance(branch, DrivenBranch) and kind == "branch point":
             # Those are marked whether stability changes there or not.
             continue
-        here = [c for c in branch.crossings if c.kind == kind and c.coefficients is not None]
+        here = [
+            (c.parameter, c.coefficients[d, j])
+            for c in branch.crossings
+            if c.kind == kind and c.coefficients is not None and c.parameter is not None
+        ]
         if here:
+            at, values = map(np.array, zip(*here, strict=True))
             axis.plot(
-                [c.parameter for c in here if c.parameter is not None],
-                [abs(c.coefficients[d, j]) for c in here if c.coefficients is not None],
+                shown.places(at, circular), shown.sizes(values),
                 marker, color="k", markersize=5, markerfacecolor="w", label=kind,
             )  # fmt: skip
 
@@ -225,242 +268,69 @@ def plot_backbone(
     ax: Axes | Sequence[Axes] | None = None,
     *,
     harmonic: int | Mapping[str, int] = 1,
+    x: str = "rad/s",
+    y: str = "linear",
+    reference: float = 1.0,
 ) -> Sequence[Axes]:
     """Draw amplitude against frequency of free motions, one panel a coordinate.
 
     Motions known to be unstable are dotted, branch points are marked. ``harmonic`` may be a mapping
-    from coordinates. Axes of `plot_response` or `plot_branch` may be given, so that the curves lie
-    together.
+    from coordinates; ``x``, ``y`` and ``reference`` are those of `plot_response`. Axes of
+    `plot_response` or `plot_branch` may be given, so that the curves lie together.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.5*x^3")
+    >>> axes = vv.plot_branch(vv.trace_response(duffing, (0.3, 2.5), load=0.15), x="hz")
+    >>> axes = vv.plot_backbone(vv.backbone(duffing, 0, (0.01, 2)), ax=axes, x="hz")
+
+    See Also
+    --------
+    backbone, plot_branch
     """
     curves = _native.several("backbone", backbone, Backbone)
+    shown = Shown.checked(x, y, reference)
     names = curves[0].dof_names
-    axes = panels(ax, len(names))
+    units = dict(zip(names, curves[0].dof_units, strict=True))
+    found = moving(names, np.concatenate([_sizes(curve) for curve in curves]))
+    names, axes = chosen_panels(ax, names, found)
+    circular = curves[0].energy is None
     labels: list[str] = []
     for curve in curves:
         label = f"backbone, mode {curve.mode}"
         again = sum(other.startswith(label) for other in labels)
         labels.append(f"{label}, family {again + 1}" if again else label)
-    for axis, name, unit in zip(axes, names, curves[0].dof_units, strict=True):
+    for axis, name in zip(axes, names, strict=True):
         order = order_of(harmonic, name)
         for i, curve in enumerate(curves):
-            amplitude = curve.amplitude(name, order)
+            amplitude = shown.sizes(curve.coefficient(name, order))
+            at = shown.places(curve.nu, circular)
             shaky = np.zeros(curve.nu.size, dtype=bool)
             if curve.growing is not None:
                 shaky = curve.growing > 0
             style: dict[str, Any] = {"color": COLOURS[i % len(COLOURS)], "linewidth": 1.2}
             axis.plot(
-                curve.nu,
-                np.where(shaky, np.nan, amplitude),
-                linestyle=(0, (6, 1.5, 1, 1.5)),
-                label=labels[i],
-                **style,
-            )
+                at, np.where(shaky, np.nan, amplitude),
+                linestyle=(0, (6, 1.5, 1, 1.5)), label=labels[i], **style,
+            )  # fmt: skip
             if shaky.any():
                 axis.plot(
-                    curve.nu,
-                    np.where(_with_neighbours(shaky), amplitude, np.nan),
-                    linestyle=(0, (1, 1.5)),
-                    label="unstable",
-                    **style,
-                )
+                    at, np.where(_with_neighbours(shaky), amplitude, np.nan),
+                    linestyle=(0, (1, 1.5)), label="unstable", **style,
+                )  # fmt: skip
             if curve.branch_points:
-                d = names.index(name)
+                d = curve.dof_names.index(name)
                 where = int(np.flatnonzero(curve.harmonics == order)[0])
                 axis.plot(
-                    [point.nu for point in curve.branch_points],
-                    [abs(point.coefficients[d, where]) for point in curve.branch_points],
+                    shown.places(np.array([p.nu for p in curve.branch_points]), circular),
+                    shown.sizes(np.array([p.coefficients[d, where] for p in curve.branch_points])),
                     "s", color="k", markersize=4, markerfacecolor="w", label="branch point",
                 )  # fmt: skip
-        axis.set_ylabel(rf"amplitude $|{_harmonic(name, order)}|${_in(unit)}")
-        _bare(axis)
-    unit = " (rad/s)" if curves[0].energy is None else ""
-    axes[-1].set_xlabel(rf"circular frequency $\nu${unit}")
-    named = dict(zip(*axes[0].get_legend_handles_labels()[::-1], strict=True))
-    axes[0].legend(named.values(), named.keys(), frameon=False)
+        axis.set_ylabel(shown.y_label(harmonic_of(name, order), units[name]))
+        shown.finish(axis)
+        bare(axis)
+    unit = " (rad/s)" if circular else ""
+    axes[-1].set_xlabel(shown.x_label(rf"circular frequency $\nu${unit}", circular))
+    _name_once(axes[0])
     return axes
-
-
-def plot_trajectory(
-    trajectory: Trajectory | Sequence[Trajectory],
-    ax: Axes | Sequence[Axes] | None = None,
-    *,
-    labels: Sequence[str] | None = None,
-) -> Sequence[Axes]:
-    """Draw motions: for each coordinate its history and its phase plane.
-
-    Parameters
-    ----------
-    trajectory : Trajectory or sequence of them
-    ax : sequence of Axes, optional
-        Where to draw: two a coordinate, history and phase plane; None makes a figure.
-    labels : sequence of str, optional
-        A legend entry a motion.
-
-    Returns
-    -------
-    sequence of Axes: history and phase plane of z, then of phi, then of psi.
-    """
-    runs = _native.several("trajectory", trajectory, Trajectory)
-    labels = _LABELS.of(labels, len(runs))
-    names = runs[0].dof_names
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        figure = plt.figure(figsize=(10, 2.4 * len(names)), layout="constrained")
-        ax = motion_axes(figure, len(names))
-    axes = panels(ax, 2 * len(names), "two a coordinate")
-    for d, name in enumerate(names):
-        history, plane = axes[2 * d], axes[2 * d + 1]
-        for i, run in enumerate(runs):
-            style = {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)]}
-            q, v = run.state[:, 2 * d], run.state[:, 2 * d + 1]
-            history.plot(run.t, q, linewidth=1.1, label=labels[i] if labels else None, **style)
-            plane.plot(q, v, linewidth=0.7, **style)
-        symbol = _symbol(name)
-        unit = runs[0].dof_units[d]
-        history.set_ylabel(f"${symbol}${_in(unit)}")
-        plane.set(xlabel=f"${symbol}$", ylabel=rf"${symbol}'$")
-        for axis in (history, plane):
-            _bare(axis)
-    in_seconds = runs[0].system.time_unit == "s"
-    axes[-2].set_xlabel("$t$ (s)" if in_seconds else r"$\tau = \omega_1 t$")
-    if labels:
-        axes[0].legend(frameon=False)
-    return axes
-
-
-def plot_sections(
-    ensemble: Ensemble,
-    ax: Axes | None = None,
-    *,
-    parameter: str | None = None,
-    quantity: str = "phi",
-) -> Axes:
-    """Draw the section points of an ensemble.
-
-    With the name of a ``parameter`` that varies, a bifurcation diagram of ``quantity`` over it;
-    without, a Poincare section: ``quantity`` against its velocity.
-    """
-    _native.check_instance("ensemble", ensemble, Ensemble)
-    if ensemble.sections is None:
-        raise InputError("ensemble: holds no sections, ask for them by sections=1, 2 or 3")
-    dofs = ensemble.system.dof_names
-    d = dofs.index(_native.choice("quantity", quantity, dofs))
-    ax = panel(ax)
-    symbol = _symbol(quantity)
-    q = ensemble.sections[:, :, 2 * d]
-    if parameter is None:
-        ax.plot(q.ravel(), ensemble.sections[:, :, 2 * d + 1].ravel(), **_DOTS)
-        ax.set(xlabel=f"${symbol}$", ylabel=rf"${symbol}'$")
-    else:
-        _native.choice("parameter", parameter, tuple(ensemble.parameters))
-        values = np.broadcast_to(ensemble.parameters[parameter][:, np.newaxis], q.shape)
-        ax.plot(values.ravel(), q.ravel(), **_DOTS)
-        ax.set(xlabel=parameter, ylabel=f"${symbol}$ at whole periods (rad)")
-    _bare(ax)
-    return ax
-
-
-def plot_spectrum(
-    spectrum: Spectrum,
-    ax: Axes | None = None,
-    *,
-    bases: Mapping[str, float] | None = None,
-    highest: float | None = None,
-) -> Axes:
-    """Draw amplitude against circular frequency, a curve a signal.
-
-    Parameters
-    ----------
-    spectrum : Spectrum
-    ax : Axes, optional
-    bases : mapping of name to frequency, optional
-        The largest peaks are named as combinations of these, within a bin.
-    highest : float, optional
-        Highest frequency shown.
-    """
-    _native.check_instance("spectrum", spectrum, Spectrum)
-    ax = panel(ax, (8, 4.5))
-    columns = spectrum.amplitude.reshape(spectrum.omega.size, -1)
-    shown = spectrum.omega > 0
-    if highest is not None:
-        shown &= spectrum.omega <= _native.number("highest", highest)
-    for j, name in enumerate(spectrum.names):
-        ax.plot(
-            spectrum.omega[shown],
-            columns[shown, j],
-            color=COLOURS[j % len(COLOURS)],
-            linestyle=STYLES[j % len(STYLES)],
-            linewidth=0.9,
-            label=f"${_symbol(name)}$" if len(name) < 4 else name,
-        )
-    if bases is not None and columns.size:
-        _name_peaks(ax, spectrum.omega[shown], columns[shown].max(axis=1), bases)
-    ax.set(xlabel=r"circular frequency $\omega$", ylabel="amplitude")
-    if (columns[shown] > 0).any():
-        ax.set_yscale("log")
-    ax.margins(y=0.12 if bases else 0.05)
-    ax.legend(frameon=False)
-    _bare(ax)
-    return ax
-
-
-def _name_peaks(
-    ax: Axes, omega: FloatArray, amplitude: FloatArray, bases: Mapping[str, float]
-) -> None:
-    """Write names above the peaks that reach a thousandth of the largest, where there is room."""
-    if amplitude.size < 3:
-        return
-    inner = amplitude[1:-1]
-    peaks = 1 + np.flatnonzero((inner > amplitude[:-2]) & (inner >= amplitude[2:]))
-    peaks = peaks[amplitude[peaks] > 1e-3 * amplitude.max()]
-    if not peaks.size:
-        return
-    peaks = peaks[np.argsort(-amplitude[peaks])]
-    names = name_frequencies(omega[peaks], bases, order=4, tolerance=float(omega[1] - omega[0]))
-    room, taken = 0.02 * float(omega[-1] - omega[0]), np.empty(0)
-    for k, name in zip(peaks, names, strict=True):
-        if not name or np.any(np.abs(taken - omega[k]) < room):
-            continue
-        taken = np.append(taken, omega[k])
-        ax.annotate(
-            name.split(" or ")[0],
-            (float(omega[k]), float(amplitude[k])),
-            xytext=(0, 4),
-            textcoords="offset points",
-            ha="center",
-            va="bottom",
-            rotation=90,
-            fontsize=7,
-        )
-
-
-def _symbol(name: str) -> str:
-    """How a name looks in mathematics: Greek, italic with a number below, or upright."""
-    if name in _SYMBOLS or (len(name) == 1 and name != "_"):
-        return _SYMBOLS.get(name, name)
-    if name[0].isalpha() and name[1:].isdigit():
-        return f"{{{name[0]}_{{{name[1:]}}}}}"
-    return rf"\mathrm{{{name}}}".replace("_", r"\_")
-
-
-def _harmonic(name: str, order: int | tuple[int, ...]) -> str:
-    """Write the order below a letter, above a name that has an index of its own."""
-    plain = name in _SYMBOLS or len(name) == 1
-    text = str(order) if isinstance(order, int) else ",".join(map(str, order))
-    return f"{_symbol(name)}_{{{text}}}" if plain else f"{_symbol(name)}^{{({text})}}"
-
-
-def _bare(axis: Axes) -> None:
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.grid(color="0.9", linewidth=0.6)
-    axis.set_axisbelow(True)
-
-
-def motion_axes(figure: Figure, n: int) -> Sequence[Axes]:
-    """Return two panels a coordinate, history and phase plane, in rows."""
-    axes = figure.subplots(n, 2, width_ratios=[3, 1], squeeze=False)
-    for row in axes[:-1]:
-        row[0].sharex(axes[-1, 0])
-        row[0].tick_params(labelbottom=False)
-    return [axis for row in axes for axis in row]

@@ -6,17 +6,22 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from viscovib import _native
+from viscovib.axes import Shown
 from viscovib.errors import InputError
 from viscovib.panels import panels
 from viscovib.parameters import Names
 from viscovib.scales_results import ScalesMotion, ScalesResponse
+from viscovib.style import BY_STABILITY
 from viscovib.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+#: Neighbours move by less than this part of their size.
+_NEAR = 1 / 3
 _DARK, _WARM = "#0b1d51", "#c8452e"
 _LABELS = {"z": "z", "x": "x", "phi": r"\varphi", "psi": r"\psi"}
 #: Loads of systems with units; those of others are dimensionless.
@@ -35,11 +40,28 @@ def plot_scales_response(
     ax: Axes | Sequence[Axes] | None = None,
     *,
     dofs: Sequence[str] | None = None,
+    x: str = "rad/s",
+    y: str = "linear",
+    reference: float = 1.0,
 ) -> Sequence[Axes]:
     """Draw the steady motions, one panel a coordinate: amplitude of the load's frequency.
 
-    Stable motions are full dots, unstable ones crosses; those outside the range of the expansion
-    are left out. ``dofs`` are the coordinates, by default those that move.
+    Stable motions are solid, unstable ones dashed; those outside the range of the expansion are
+    left out, and single motions between them. ``dofs`` are the coordinates, by default those that
+    move; ``x``, ``y`` and ``reference`` are those of `plot_response`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.005, c2=0.005, c3=0.005,
+    ...                    f0=0.002, p1=1.02)
+    >>> steady = vv.MultipleScales(body).response("p1", np.linspace(1.0, 1.05, 40))
+    >>> axes = vv.plot_scales_response(steady, y="log")
+
+    See Also
+    --------
+    MultipleScales, plot_modulation
     """
     _native.check_instance("response", response, ScalesResponse)
     names = moving(response)
@@ -47,27 +69,71 @@ def plot_scales_response(
         names = Names("dofs", response.dof_names).check(dofs)
         if not names:
             raise InputError("dofs: must not be empty")
+    shown = Shown.checked(x, y, reference)
+    circular = response.parameter == "nu"
     axes = panels(ax, len(names))
+    chains = _chains(response)
+    at = shown.places(response.at, circular)
     for axis, name in zip(axes, names, strict=True):
-        amplitude = response.amplitude(name)
-        for stable, marker, colour in ((True, ".", _DARK), (False, "x", _WARM)):
-            shown = (response.stable == stable) & response.in_range
-            axis.plot(
-                response.at[shown],
-                amplitude[shown],
-                ls="none",
-                marker=marker,
-                markersize=3,
-                markeredgewidth=0.6,
-                color=colour,
-                label="stable" if stable else "unstable",
-            )
-        axis.set_ylabel(rf"amplitude $|{_LABELS.get(name, name)}_1|$")
+        amplitude = shown.sizes(response.harmonics[:, response.dof_names.index(name)])
+        named: set[str] = set()
+        for chain in chains:
+            stable = response.stable[chain]
+            for known, label, style in BY_STABILITY:
+                part = np.array([one is None for one in stable]) if known is None else (
+                    np.asarray(stable == known)
+                )  # fmt: skip
+                if not part.any():
+                    continue
+                # A stretch ends at the first point of the next.
+                part[1:] |= part[:-1].copy()
+                axis.plot(
+                    at[chain], np.where(part, amplitude[chain], np.nan),
+                    # A motion without neighbours is a point.
+                    marker=("." if known else "x") if chain.size == 1 else None, markersize=4,
+                    label=None if label in named else label, **style,
+                )  # fmt: skip
+                named.add(label)
+        axis.set_ylabel(shown.y_label(f"{_LABELS.get(name, name)}_1", "1"))
+        shown.finish(axis)
         axis.spines[["top", "right"]].set_visible(False)
     name = response.parameter
-    axes[-1].set_xlabel(_PARAMETERS.get(name, f"${name[0]}_{{{name[1:]}}}$"))
-    axes[0].legend(frameon=False, markerscale=2.5)
+    label = _PARAMETERS.get(name, f"${name[0]}_{{{name[1:]}}}$")
+    axes[-1].set_xlabel(shown.x_label(label, circular))
+    if chains:
+        axes[0].legend(frameon=False)
     return axes
+
+
+def _chains(response: ScalesResponse) -> list[npt.NDArray[np.intp]]:
+    """Return motions that follow each other from value to value, those in range alone.
+
+    Two are neighbours if each is the nearest of the other, of the motions at their values, and both
+    move by less than a third of their size.
+    """
+    here = np.flatnonzero(response.in_range)
+    after: dict[int, int] = {}
+    by_value = {v: here[response.index[here] == v] for v in np.unique(response.index[here])}
+    for value, mine in by_value.items():
+        others = by_value.get(value + 1)
+        if others is None:
+            continue
+        far = np.abs(response.harmonics[mine, None] - response.harmonics[None, others]).max(axis=2)
+        sizes = np.abs(response.harmonics[mine]).max(axis=1)
+        nearest, back = far.argmin(axis=1), far.argmin(axis=0)
+        for i, j in enumerate(nearest):
+            if back[j] == i and far[i, j] <= _NEAR * sizes[i]:
+                after[int(mine[i])] = int(others[j])
+    chains = []
+    begun = set(here.tolist()) - set(after.values())
+    for first in sorted(begun):
+        chain = [first]
+        while chain[-1] in after:
+            chain.append(after[chain[-1]])
+        chains.append(np.array(chain))
+    # Between values whose motions are all out of range a single one tells nothing.
+    longer = [chain for chain in chains if chain.size > 1]
+    return longer or chains
 
 
 def plot_modulation(

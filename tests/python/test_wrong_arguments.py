@@ -143,7 +143,7 @@ def follow(**options):
         (lambda: vv.plot_branch(follow(), harmonic={"x": 1}), "harmonic: has no order for 'phi'"),
         (lambda: vv.plot_branch(follow(), 5), "ax = 5: must be Axes"),
         (lambda: vv.plot_response(respond(), labels=0.5), "labels = 0.5: must be a list or tuple"),
-        (lambda: vv.plot_response(respond(), log=EMPTY), "log = array"),
+        (lambda: vv.plot_response(respond(), y=EMPTY), "y = array"),
         (
             lambda: vv.plot_response([respond(), respond()], labels=["a"]),
             "labels: 1 given, must be 2",

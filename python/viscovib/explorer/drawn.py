@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib._native import FloatArray
+from viscovib.axes import jumps_of
 from viscovib.errors import InputError
 from viscovib.outlines import Drawing, drawing_of
 from viscovib.results import Panel
@@ -43,6 +44,8 @@ class Curve:
     points: bool = False
     #: Folds, branch points and other changes of stability: x and y.
     marks: dict[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    #: Between which points a response jumps to another branch; None: nowhere.
+    jumps: npt.NDArray[np.bool_] | None = None
 
     @property
     def label(self) -> str:
@@ -102,6 +105,7 @@ def curves_of(value: Any, others: Sequence[Any] = ()) -> list[Curve]:
                 np.concatenate(stability)[:-1].astype(np.int8),
                 panel.x.dtype.kind == "i",
                 marks,
+                jumps_of(value.coefficients) if value.kind == "response" else None,
             )
         )
     return found

@@ -10,6 +10,7 @@ from bokeh.models import ColumnDataSource, Range1d, Span
 from bokeh.plotting import figure
 
 from viscovib._native import FloatArray
+from viscovib.axes import torn
 from viscovib.explorer.drawn import STABLE, UNKNOWN, UNSTABLE, Curve, Motion
 
 #: Dark and solid, lighter and dashed, grey and dotted: told apart without colour too.
@@ -102,7 +103,8 @@ class CurvePicture:
         """Show a curve of the same coordinate."""
         self._curve = curve
         for stability, (name, _) in _LINES.items():
-            self._put(name, curve.x, curve.part(stability))
+            columns = curve.x, curve.part(stability)
+            self._put(name, *(columns if curve.jumps is None else torn(curve.jumps, *columns)))
         for kind in _MARKS:
             self._put(kind, *curve.marks.get(kind, (np.empty(0), np.empty(0))))
 

@@ -4,13 +4,14 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
+from viscovib.axes import logarithmic
 from viscovib.errors import InputError, ViscovibError
 from viscovib.explorer.numbers import chosen
 from viscovib.files import whole_file
-from viscovib.plots import _SYMBOLS, COLOURS, STYLES, _bare
 from viscovib.results import Panel
 from viscovib.scene import Scene
 from viscovib.scene_job import SceneResult, run_one
+from viscovib.style import COLOURS, STYLES, SYMBOLS, bare
 from viscovib.sweep_points import quiet
 
 #: Numbers shown at most, and how far each is moved.
@@ -25,7 +26,7 @@ def _curves(result: SceneResult) -> list[Panel]:
 
 
 def _label(panel: Panel) -> str:
-    symbol = _SYMBOLS.get(panel.name, panel.name)
+    symbol = SYMBOLS.get(panel.name, panel.name)
     if panel.order is None:
         return f"${symbol}$"
     return f"$|{symbol}_{{{panel.order}}}|$ ({panel.unit})"
@@ -68,8 +69,9 @@ def save_sheet(scene: Scene, path: Path, keys: Sequence[str] | None = None) -> N
                     )
             for axis, curve in zip(row, middle, strict=True):
                 axis.set_ylabel(_label(curve))
-                axis.set_yscale("log" if curve.log else "linear")
-                _bare(axis)
+                if curve.log:
+                    logarithmic(axis)
+                bare(axis)
             row[0].legend(
                 frameon=False, fontsize=7, loc="lower left", bbox_to_anchor=(0, 1), ncols=3
             )

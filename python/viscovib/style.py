@@ -1,0 +1,49 @@
+"""One style for all pictures: colours, line styles, letters, frames."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: Dark to light, so that order survives a greyscale print.
+COLOURS = ("#0b1d51", "#7b1e7a", "#c8452e", "#e08e1b", "#b9b21a")
+STYLES = ("-", (0, (6, 1.5)), (0, (4, 1.2, 1, 1.2)), (0, (2, 1)), (0, (1, 1)))
+
+#: Stable motions are dark, thick and solid; unstable ones lighter, thinner and dashed, unknown ones
+#: grey and dotted, so that they differ without colour and where they overlie each other.
+BY_STABILITY: tuple[tuple[bool | None, str, dict[str, Any]], ...] = (
+    (True, "stable", {"color": COLOURS[0], "linewidth": 2.0}),
+    (False, "unstable", {"color": COLOURS[2], "linewidth": 1.3, "linestyle": (0, (4, 2))}),
+    (None, "stability unknown", {"color": "0.45", "linewidth": 1.5, "linestyle": (0, (1, 1.2))}),
+)
+SYMBOLS = {"x": "x", "phi": r"\varphi", "psi": r"\psi"}
+
+
+def in_brackets(unit: str) -> str:
+    """Unit in brackets; nothing of a coordinate that has none."""
+    return "" if unit in ("1", "L") else f" ({unit})"
+
+
+def symbol(name: str) -> str:
+    """How a name looks in mathematics: Greek, italic with a number below, or upright."""
+    if name in SYMBOLS or (len(name) == 1 and name != "_"):
+        return SYMBOLS.get(name, name)
+    if name[0].isalpha() and name[1:].isdigit():
+        return f"{{{name[0]}_{{{name[1:]}}}}}"
+    return rf"\mathrm{{{name}}}".replace("_", r"\_")
+
+
+def harmonic_of(name: str, order: int | tuple[int, ...]) -> str:
+    """Write the order below a letter, above a name that has an index of its own."""
+    plain = name in SYMBOLS or len(name) == 1
+    text = str(order) if isinstance(order, int) else ",".join(map(str, order))
+    return f"{symbol(name)}_{{{text}}}" if plain else f"{symbol(name)}^{{({text})}}"
+
+
+def bare(axis: Axes) -> None:
+    """Take away what is no curve: half of the frame; a light grid stays."""
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.grid(color="0.9", linewidth=0.6)
+    axis.set_axisbelow(True)
