@@ -4,13 +4,14 @@
 !!   n, n_springs, n_monomials, n_kernels, factor of all kernels; M (n^2); C (n^2);
 !!   base direction (n); of each spring: kernel, K (n^2); of each monomial:
 !!   coefficient, equation, kernel, powers (n); of each kernel: kind, number of data,
-!!   data.
+!!   data; where there are any, how many laws are no polynomials, and each (`new_law_term`).
 !!
 !! Matrices are column by column.
 module viscovib_system_vector
   use viscovib_catalogue, only: new_kernel
   use viscovib_checks, only: check_finite
   use viscovib_kinds, only: wp
+  use viscovib_law_term, only: new_law_term
   use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_status, only: fail, status_input_error, status_type
@@ -62,6 +63,14 @@ contains
       call new_kernel(kernels(i)%kernel, kind, next(n_data), status)
       if (status%failed()) return
     end do
+    if (at < size(vector)) then
+      allocate (p%laws(nint(vector(at + 1))))
+      at = at + 1
+      do i = 1, size(p%laws)
+        call new_law_term(p%laws(i), vector(at + 1:), n, n_data)
+        at = at + n_data
+      end do
+    end if
     call check_finite('memory_scale', vector(5:5), status)
     if (status%failed()) return
     call new_polynomial(system, p, kernels, status)

@@ -4,6 +4,8 @@ module viscovib_system_groups
   use viscovib_growing_text, only: growing_text
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kinds, only: wp
+  use viscovib_law_term, only: about_rest, law_term
+  use viscovib_law_text, only: compile_law
   use viscovib_namelist, only: lower, namelist_type
   use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: max_coordinates, max_degree, new_polynomial, &
@@ -19,7 +21,8 @@ module viscovib_system_groups
 
   !> Most monomials of all laws, numbers of all stiffnesses, and steps of expanding all laws: what
   !! is read within a second.
-  integer, parameter :: max_monomials = 10000, max_stiffness = 2000000, max_effort = 10000000
+  integer, parameter :: max_monomials = 10000, max_stiffness = 2000000, max_effort = 10000000, &
+                        max_laws = 100
 
 contains
 
@@ -168,7 +171,11 @@ contains
       law = reader%read_text('law')
       if (reader%status%failed()) return
       call expand(law, coordinates, terms, fault, effort)
-      if (fault /= '') call reader%complain('law', "law = '"//clipped(law)//"': "//fault)
+      if (fault /= '') then
+        call read_function(reader, p, law, coordinates, on, kernel, fault)
+        if (fault /= '') call reader%complain('law', "law = '"//clipped(law)//"': "//fault)
+        return
+      end if
     else
       terms%coefficients = [reader%read_real('coefficient')]
       powers = reader%read_integers('powers', size(coordinates))
@@ -227,6 +234,58 @@ contains
     end subroutine echo_monomials
 
   end subroutine read_force
+
+  !> A law that is no polynomial, if it is one; else the fault stays, or is said better.
+  subroutine read_function(reader, p, text, coordinates, on, kernel, fault)
+    type(group_reader), intent(inout) :: reader
+    type(polynomial_parameters), intent(inout) :: p
+    character(len=*), intent(in) :: text
+    character(len=name_length), intent(in) :: coordinates(:)
+    integer, intent(in) :: on, kernel
+    character(len=:), allocatable, intent(inout) :: fault
+    type(law_term) :: law
+    type(law_term), allocatable :: laws(:)
+    character(len=name_length) :: none(0)
+    real(wp) :: no_values(0), slopes(size(coordinates)), zero(size(coordinates), size(coordinates))
+    character(len=:), allocatable :: other
+    logical :: defined
+    integer :: i
+
+    call compile_law(lower(text), coordinates, none, no_values, law%program, law%parity, other)
+    if (other /= '') then
+      if (scan(text, '(<>') > 0) fault = other
+      return
+    end if
+    law%kernel = kernel
+    law%equations = [on]
+    law%weights = [1.0_wp]
+    law%variables = [0]
+    call about_rest(law, slopes, defined)
+    fault = ''
+    if (.not. defined) then
+      fault = 'must be defined around rest, where what it depends on is 0'
+      return
+    end if
+    ! Its arguments are the coordinates.
+    law%arguments = reshape([(merge(1.0_wp, 0.0_wp, mod(i, size(coordinates) + 1) == 0), &
+                              i=0, size(zero) - 1)], shape(zero))
+    if (.not. allocated(p%laws)) allocate (p%laws(0))
+    if (size(p%laws) >= max_laws) then
+      call reader%complain('force', '&force: at most '//show(max_laws)//' may be no polynomials')
+      return
+    end if
+    allocate (laws(size(p%laws) + 1))
+    do i = 1, size(p%laws)
+      laws(i) = p%laws(i)
+    end do
+    laws(size(laws)) = law
+    call move_alloc(laws, p%laws)
+    ! What is linear in it.
+    zero = 0.0_wp
+    zero(on, :) = slopes
+    p%stiffness = reshape([p%stiffness, zero], [shape(zero), size(p%stiffness, 3) + 1])
+    p%spring_kernel = [p%spring_kernel, kernel]
+  end subroutine read_function
 
   !> Another room for monomials.
   pure subroutine resize_monomials(p, n)

@@ -4,13 +4,14 @@
 !!   M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u)] = load(t),
 !!
 !! every f_g a sum of monomials c prod_d u_d^p_d of degree 2 or more on chosen
-!! equations. All springs and monomials with one kernel R_g make up one group: the
+!! equations, and of laws given as text that are no polynomials. All springs and monomials with one kernel R_g make up one group: the
 !! hereditary variables are the forces of each group on each equation, so that
 !! F = B v with a column of the unit matrix for each.
 module viscovib_polynomial
   use viscovib_checks, only: check_finite
   use viscovib_counters, only: count_up, counted_deflections, counted_monomials, counting
   use viscovib_kinds, only: wp
+  use viscovib_law_term, only: add_law_slopes, add_laws, law_term
   use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
@@ -32,6 +33,8 @@ module viscovib_polynomial
     integer, allocatable :: on(:), monomial_kernel(:), powers(:, :)
     !> How u moves with the base, shape (n); all 0: the base is fixed.
     real(wp), allocatable :: base_direction(:)
+    !> Forces that are no polynomials; none if not allocated.
+    type(law_term), allocatable :: laws(:)
   end type polynomial_parameters
 
   !> c prod u_dof^power, dof and power of its factors.
@@ -43,6 +46,7 @@ module viscovib_polynomial
 
   type, extends(oscillator_type) :: polynomial_type
     type(monomial_type), allocatable :: monomials(:)
+    type(law_term), allocatable :: laws(:)
   contains
     procedure :: deflection_remainder
     procedure :: force_remainder
@@ -81,6 +85,12 @@ contains
       system%degree = max(1, maxval(degrees))
     end associate
     system%n_zero = size(parameters%coefficient) - size(system%monomials)
+    allocate (system%laws(0))
+    if (allocated(parameters%laws)) system%laws = parameters%laws
+    if (size(system%laws) > 0) then
+      system%odd = system%odd .and. all(system%laws%parity == -1)
+      system%degree = 0
+    end if
     call add_variables(system, parameters, size(kernels))
     call system%drop_zero_kernels()
   end subroutine new_polynomial
@@ -124,6 +134,15 @@ contains
       end if
       if (status%failed()) return
     end do
+    if (allocated(p%laws)) then
+      do i = 1, size(p%laws)
+        if (p%laws(i)%kernel < 0 .or. p%laws(i)%kernel > n_kernels) then
+          call fail(status, status_input_error, 'kernel', 'kernel: must be 0 (none) to ' &
+                    //show(n_kernels))
+          return
+        end if
+      end do
+    end if
     if (any([p%spring_kernel, p%monomial_kernel] < 0) &
         .or. any([p%spring_kernel, p%monomial_kernel] > n_kernels)) then
       call fail(status, status_input_error, 'kernel', 'kernel: must be 0 (none) to ' &
@@ -190,6 +209,11 @@ contains
           bent(m) = .true.
           system%monomials(j)%variable = m
         end do
+        do i = 1, size(system%laws)
+          if (system%laws(i)%kernel /= k) cycle
+          bent(m) = bent(m) .or. any(system%laws(i)%equations == a)
+          where (system%laws(i)%equations == a) system%laws(i)%variables = m
+        end do
         if (.not. bent(m) .and. .not. any(abs(rows(m, :)) > 0.0_wp)) m = m - 1
       end do
     end do
@@ -224,6 +248,7 @@ contains
         w(:, m%variable) = w(:, m%variable) + product
       end associate
     end do
+    call add_laws(self%laws, u, w)
   end subroutine deflection_remainder
 
   !> product x^power.
@@ -282,6 +307,7 @@ contains
         end do
       end associate
     end do
+    call add_law_slopes(self%laws, u, slopes)
   end subroutine deflection_slopes
 
   subroutine force_slopes(self, u, v, by_u, by_v)
@@ -297,13 +323,22 @@ contains
   !> Springs, and products in which coordinates stand together.
   pure function coupling(self) result(coupled)
     class(polynomial_type), intent(in) :: self
-    logical :: coupled(size(self%gather, 2), size(self%gather, 2))
-    integer :: i
+    logical :: coupled(size(self%gather, 2), size(self%gather, 2)), read(size(self%gather, 2))
+    integer :: i, j
 
     coupled = self%linear_coupling()
     do i = 1, size(self%monomials)
       associate (together => [self%monomials(i)%equation, self%monomials(i)%dof])
         coupled(together, together) = .true.
+      end associate
+    end do
+    do i = 1, size(self%laws)
+      associate (law => self%laws(i))
+        read = any(abs(law%arguments) > 0.0_wp, 1)
+        read(law%equations) = .true.
+        do j = 1, size(read)
+          if (read(j)) coupled(:, j) = coupled(:, j) .or. read
+        end do
       end associate
     end do
   end function coupling

@@ -10,6 +10,7 @@ module viscovib_polynomial_motion
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
+  use viscovib_law_term, only: law_term
   use viscovib_load, only: load_type
   use viscovib_polynomial, only: monomial_type, multiply, polynomial_type
   use viscovib_status, only: fail, show, status_input_error, status_type
@@ -20,6 +21,7 @@ module viscovib_polynomial_motion
 
   type, extends(driven_system_type) :: polynomial_motion_type
     type(monomial_type), allocatable, private :: monomials(:)
+    type(law_term), allocatable, private :: laws(:)
     !> M^(-1), M^(-1) K and M^(-1) C, shape (n_dof, n_dof).
     real(wp), allocatable, private :: inverse(:, :), stiffness(:, :), damping(:, :)
     !> M^(-1) P_k, shape (n_dof, size(orders)), and orders, ascending.
@@ -62,6 +64,7 @@ contains
     if (status%failed()) return
     motion%n_dof = system%n_dof()
     motion%monomials = system%monomials
+    motion%laws = system%laws
     call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
     motion%inverse = real(inverse)
     motion%stiffness = matmul(motion%inverse, system%stiffness_at_rest())
@@ -141,6 +144,14 @@ contains
           if (abs(self%inverse(d, m%equation)) > 0.0_wp) then
             a(:, d) = a(:, d) - self%inverse(d, m%equation)*product
           end if
+        end do
+      end associate
+    end do
+    do i = 1, size(self%laws)
+      associate (law => self%laws(i))
+        call law%program%evaluate(matmul(q, transpose(law%arguments)), product)
+        do d = 1, self%n_dof
+          a(:, d) = a(:, d) - dot_product(self%inverse(d, law%equations), law%weights)*product
         end do
       end associate
     end do

@@ -69,8 +69,15 @@ contains
         n = n + 1
         reduced%monomials(n) = system%monomials(i)
       end do
+      allocate (reduced%laws(count([(kept(system%laws(i)%equations(1)), i=1, size(system%laws))])))
+      n = 0
+      do i = 1, size(system%laws)
+        if (.not. kept(system%laws(i)%equations(1))) cycle
+        n = n + 1
+        reduced%laws(n) = system%laws(i)
+      end do
     class default
-      allocate (reduced%monomials(0))
+      allocate (reduced%monomials(0), reduced%laws(0))
     end select
     do i = 1, size(reduced%monomials)
       associate (m => reduced%monomials(i))
@@ -79,9 +86,17 @@ contains
         m%dof = place(m%dof)
       end associate
     end do
-    reduced%odd = all([(mod(sum(reduced%monomials(i)%power), 2) == 1, &
+    do i = 1, size(reduced%laws)
+      associate (law => reduced%laws(i))
+        law%arguments = law%arguments(:, dofs)
+        law%equations = place(law%equations)
+        law%variables = variable(law%variables)
+      end associate
+    end do
+    reduced%odd = all(reduced%laws%parity == -1) .and. all([(mod(sum(reduced%monomials(i)%power), 2) == 1, &
                         i=1, size(reduced%monomials))])
-    reduced%degree = maxval([1, (sum(reduced%monomials(i)%power), i=1, size(reduced%monomials))])
+    reduced%degree = 0
+    if (size(reduced%laws) == 0) reduced%degree = maxval([1, (sum(reduced%monomials(i)%power), i=1, size(reduced%monomials))])
   end subroutine reduce
 
   !> Whether entries of a state (u_1, u_1', u_2, ...) belong to coordinates that move.

@@ -33,6 +33,11 @@ contains
     type is (mount_type)
       call new_mount_form(form, oscillator, load, nu)
     type is (polynomial_type)
+      if (size(oscillator%laws) > 0) then
+        call fail(status, status_input_error, 'system', 'system: has a force that is no ' &
+                  //'polynomial, multiple scales take polynomials only')
+        return
+      end if
       call new_system_form(form, oscillator, load, nu, status)
     end select
     if (status%failed()) return

@@ -108,7 +108,17 @@ class Condensation:
         return [
             [q, len(laws.kernels), len(monomials), len(kernels), 1.0],
             np.diag(self.weights).ravel(), np.zeros(q * q), direction, *springs, *monomials, *data,
+            *self._program_vector,
         ]  # fmt: skip
+
+    @property
+    def _program_vector(self) -> list[Any]:
+        """Laws that are no polynomials, nothing without any."""
+        programs = self.laws.programs
+        parts: list[Any] = [[len(programs)]] if programs else []
+        for kernel, reads, targets, law in programs:
+            parts.append(law.numbers(reads, targets, kernel))
+        return parts
 
 
 def _pairs(values: ComplexArray) -> FloatArray:

@@ -10,12 +10,24 @@ import numpy as np
 from viscovib._native import FloatArray
 from viscovib.elements import CouplingTerms, ElementTerms
 from viscovib.kernels import Kernel
+from viscovib.laws import Law
 
 #: A direction that depends on others but for this part of it is one of theirs.
 _DEPENDENT = 1e-9
 
 #: A force: on which equation, powers of the coordinates, and its coefficient, by kernel.
 Monomials = dict[tuple[int, tuple[int, ...]], float]
+
+
+class LawPlace(NamedTuple):
+    """A law that is no polynomial: behind which kernel, from 1 (0: none), and where it acts."""
+
+    kernel: int
+    #: How its arguments follow from y, shape (n_arguments, q).
+    reads: FloatArray
+    #: Weights of the equations of y in which it stands.
+    targets: dict[int, float]
+    law: Law
 
 
 class Laws(NamedTuple):
@@ -27,6 +39,8 @@ class Laws(NamedTuple):
     kernels: tuple[Kernel | None, ...]
     stiffness: tuple[FloatArray, ...]
     forces: tuple[Monomials, ...]
+    #: Laws that are no polynomials.
+    programs: tuple[LawPlace, ...] = ()
 
     def watching(self, direction: FloatArray) -> "Laws":
         """The same with one more coordinate, in which no force acts."""
@@ -35,14 +49,17 @@ class Laws(NamedTuple):
         forces = tuple(
             {(on, (*powers, 0)): c for (on, powers), c in group.items()} for group in self.forces
         )
-        return Laws(more, self.kernels, wider, forces)
+        programs = tuple(
+            one._replace(reads=np.pad(one.reads, ((0, 0), (0, 1)))) for one in self.programs
+        )
+        return Laws(more, self.kernels, wider, forces, programs)
 
 
 def element_laws(
     elements: Sequence[ElementTerms], n: int, couplings: Sequence[CouplingTerms] = ()
 ) -> Laws:
     """Condense what is nonlinear or remembers; what is elastic belongs to the linear rest."""
-    active = [e for e in elements if e.kernel is not None or max(e.powers, default=1) > 1]
+    active = [e for e in elements if e.active]
     chosen: list[FloatArray] = []
     weights = [_in_terms_of(chosen, element.direction) for element in active]
     mixes = [[_in_terms_of(chosen, e) for e in coupling.directions] for coupling in couplings]
@@ -76,7 +93,31 @@ def element_laws(
         for (on, powers), c in coupling.forces.items():
             factors = [(own[j], power) for j, power in enumerate(powers) if power]
             _add_force(forces[i], c, own[on], factors, q)
-    return Laws(np.array(chosen).T, tuple(kernels), tuple(stiffness), tuple(forces))
+    programs = [
+        LawPlace(kernel_place(kernels, element.kernel), _rows([mix], q), mix, element.law)
+        for element, mix in zip(active, weights, strict=True)
+        if element.law is not None
+    ]
+    programs += [
+        LawPlace(kernel_place(kernels, coupling.kernel), _rows(own, q), own[on], law)
+        for coupling, own in zip(couplings, mixes, strict=True)
+        for on, law in coupling.programs
+    ]
+    found = tuple(kernels), tuple(stiffness), tuple(forces), tuple(programs)
+    return Laws(np.array(chosen).T, *found)
+
+
+def kernel_place(kernels: Sequence[Kernel | None], kernel: Kernel | None) -> int:
+    """Return the place of a kernel among those that are kernels, from 1; 0: none."""
+    return 0 if kernel is None else [k for k in kernels if k is not None].index(kernel) + 1
+
+
+def _rows(mixes: Sequence[dict[int, float]], q: int) -> FloatArray:
+    """Deflections in terms of y, a row each."""
+    rows = np.zeros((len(mixes), q))
+    for row, mix in zip(rows, mixes, strict=True):
+        row[list(mix)] = list(mix.values())
+    return rows
 
 
 def _in_terms_of(chosen: list[FloatArray], direction: FloatArray) -> dict[int, float]:

@@ -9,8 +9,9 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
-from viscovib.expression import MAX_DEGREE, expand
+from viscovib.expression import MAX_DEGREE
 from viscovib.kernels import Kernel
+from viscovib.laws import Law, read_law
 
 #: What a direction may be: a coordinate, two of them for their difference, weights, or a vector.
 On = "str | int | tuple[str, str] | Mapping[str, float] | npt.ArrayLike"
@@ -32,7 +33,9 @@ class Spring:
     damping : float
         c (N s/m), viscous, without memory.
     law : str, optional
-        f as a polynomial in d, such as "k3*d^3": degree up to 15; what is linear adds to k.
+        f of the deflection d, as a polynomial such as "k3*d^3" (degree up to 15) or with functions,
+        such as "F0*tanh(d/0.01)", "k*max(d - gap, 0)" or "where(d > 0, k1*d, k2*d)" (see `Law`).
+        What is linear at d = 0 adds to k.
     parameters : mapping of str to float, optional
         Numbers that the law names.
     kernel : Kernel, optional
@@ -57,11 +60,15 @@ class Spring:
             object.__setattr__(self, name, _native.number(name, getattr(self, name)))
         if not (self.kernel is None or isinstance(self.kernel, Kernel)):
             raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
-        object.__setattr__(self, "_terms", _law_terms(self.law, self.parameters))
+        terms, program = _law_terms(self.law, self.parameters)
+        object.__setattr__(self, "_terms", terms)
+        object.__setattr__(self, "_program", program)
 
     @property
     def degree(self) -> int:
-        """Highest power of the deflection in its force."""
+        """Highest power of the deflection in its force; 0 if it is no polynomial."""
+        if self._program is not None:  # type: ignore[attr-defined]
+            return 0
         return max(self._powers, default=0)
 
     @property
@@ -85,8 +92,8 @@ class Coupling:
     on : mapping of str to direction
         Deflections by the names that the law has for them; directions as of `Spring`.
     law : mapping of str to str
-        Polynomials f_a of degree 2 to 15 by deflection; one that has none is only read. What is
-        linear belongs to the stiffness of the structure.
+        f_a by deflection, polynomials of degree 2 to 15 or with functions as of `Spring`; one that
+        has none is only read. What is linear belongs to the stiffness of the structure.
     parameters : mapping of str to float, optional
         Numbers that the law names.
     kernel : Kernel, optional
@@ -119,13 +126,23 @@ class Coupling:
             raise InputError(f"law = {_native.shown(self.law)}: must be a mapping to texts")
         names = tuple(self.on)
         forces: dict[tuple[int, tuple[int, ...]], float] = {}
+        programs: list[tuple[int, Law]] = []
         for name, text in self.law.items():
             where = f"law[{name!r}]"
             if name not in names:
                 raise InputError(f"{where}: must be one of the deflections {', '.join(names)}")
             if not isinstance(text, str):
                 raise InputError(f"{where} = {_native.shown(text)}: must be a text")
-            for powers, c in _with_values(where, text, names, values).items():
+            found = read_law(where, text, names, values)
+            if isinstance(found, Law):
+                if found.slopes_at_rest.any():
+                    raise InputError(
+                        f"{where} = {text!r}: must have no linear part at rest (what is linear "
+                        "belongs to the stiffness of the structure)"
+                    )
+                programs.append((names.index(name), found))
+                continue
+            for powers, c in found.items():
                 if not 2 <= sum(powers) <= MAX_DEGREE:
                     raise InputError(
                         f"{where}: has a term of degree {sum(powers)}, must be 2 to {MAX_DEGREE} "
@@ -133,6 +150,7 @@ class Coupling:
                     )
                 forces[names.index(name), powers] = c
         object.__setattr__(self, "_forces", forces)
+        object.__setattr__(self, "_programs", tuple(programs))
 
 
 class CouplingTerms(NamedTuple):
@@ -141,6 +159,8 @@ class CouplingTerms(NamedTuple):
     directions: tuple[FloatArray, ...]
     forces: dict[tuple[int, tuple[int, ...]], float]
     kernel: Kernel | None
+    #: What is no polynomial, by deflection on which it acts.
+    programs: tuple[tuple[int, Law], ...] = ()
 
 
 class ElementTerms(NamedTuple):
@@ -150,6 +170,14 @@ class ElementTerms(NamedTuple):
     powers: dict[int, float]
     damping: float
     kernel: Kernel | None
+    #: What is left of a law that is no polynomial without its linear part.
+    law: Law | None = None
+
+    @property
+    def active(self) -> bool:
+        """Whether it is more than elastic."""
+        bent = self.law is not None or max(self.powers, default=1) > 1
+        return self.kernel is not None or bent
 
 
 def element_terms(
@@ -173,7 +201,8 @@ def element_terms(
                 f"elements[{i}] = {_native.shown(element)}: must be a Spring or a Coupling"
             )
         e = direction_of(f"elements[{i}].on", element.on, len(names), places)
-        found.append(ElementTerms(e, element._powers, element.damping, element.kernel))
+        program = element._program  # type: ignore[attr-defined]
+        found.append(ElementTerms(e, element._powers, element.damping, element.kernel, program))
     return tuple(found)
 
 
@@ -189,7 +218,8 @@ def coupling_terms(
                 for name, on in element.on.items()
             )
             forces: dict[tuple[int, tuple[int, ...]], float] = element._forces  # type: ignore[attr-defined]
-            found.append(CouplingTerms(directions, forces, element.kernel))
+            programs: tuple[tuple[int, Law], ...] = element._programs  # type: ignore[attr-defined]
+            found.append(CouplingTerms(directions, forces, element.kernel, programs))
     return tuple(found)
 
 
@@ -226,22 +256,25 @@ def _place(where: str, name: Any, n: int, places: Mapping[str, int]) -> int:
     raise InputError(f"{where} = {_native.shown(name)}: must be a coordinate, 0 to {n - 1}")
 
 
-def _law_terms(law: Any, parameters: Any) -> dict[int, float]:
-    """Coefficients of the powers of d in a law."""
+def _law_terms(law: Any, parameters: Any) -> tuple[dict[int, float], Law | None]:
+    """Coefficients of the powers of d in a law, and what is left of one that is no polynomial."""
     if law is None:
         if parameters:
             raise InputError("parameters: must not be given without a law")
-        return {}
+        return {}, None
     if not isinstance(law, str):
         raise InputError(f"law = {_native.shown(law)}: must be a text such as 'k3*d^3'")
-    values = _parameter_values(parameters, ("d",))
-    terms = {powers[0]: c for powers, c in _with_values("law", law, ("d",), values).items()}
+    found = read_law("law", law, ("d",), _parameter_values(parameters, ("d",)))
+    if isinstance(found, Law):
+        slope = float(found.slopes_at_rest[0])
+        return ({1: slope} if slope else {}), found.remainder
+    terms = {power: c for (power,), c in found.items()}
     if terms.get(0, 0.0) != 0:
         raise InputError(f"law: has the constant {terms[0]:g}, which belongs to the load")
     terms.pop(0, None)
     if max(terms, default=0) > MAX_DEGREE:
         raise InputError(f"law: has degree {max(terms)}, must be at most {MAX_DEGREE}")
-    return terms
+    return terms, None
 
 
 def _parameter_values(parameters: Any, taken: Sequence[str]) -> dict[str, float]:
@@ -258,19 +291,3 @@ def _parameter_values(parameters: Any, taken: Sequence[str]) -> dict[str, float]
             )
         values[name] = _native.number(f"parameters[{name!r}]", value)
     return values
-
-
-def _with_values(
-    where: str, text: str, names: Sequence[str], values: Mapping[str, float]
-) -> dict[tuple[int, ...], float]:
-    """Coefficients of the powers of deflections in a law."""
-    terms: dict[tuple[int, ...], float] = {}
-    for powers, c in expand(where, text, (*names, *values)).items():
-        factor = c
-        for value, power in zip(values.values(), powers[len(names) :], strict=True):
-            factor *= value**power
-        if not np.isfinite(factor):
-            raise InputError(f"{where} = {_native.shown(text)}: a coefficient is not finite")
-        own = powers[: len(names)]
-        terms[own] = terms.get(own, 0.0) + factor
-    return terms

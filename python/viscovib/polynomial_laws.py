@@ -9,7 +9,7 @@ import numpy as np
 
 from viscovib._native import FloatArray
 from viscovib.condensed import Condensation
-from viscovib.element_laws import Laws
+from viscovib.element_laws import LawPlace, Laws, kernel_place
 from viscovib.errors import InputError
 from viscovib.structure_rest import dense_rest
 
@@ -21,32 +21,39 @@ _SMALLEST = 8
 def condensed_laws(groups: Sequence[Any], n: int) -> Laws | None:
     """Forces and memory in the coordinates that have them; None: in too many to condense.
 
-    ``groups``: springs with their stiffness (n, n), forces {(on, powers): c} and kernel.
+    ``groups``: springs with their stiffness (n, n), forces {(on, powers): c}, laws and kernel.
     """
     touched = np.zeros(n, dtype=bool)
     for group in groups:
         for on, powers in group.forces:
             touched[on] = True
             touched[np.flatnonzero(powers)] = True
+        for on, law in group.laws:
+            touched[[on, *law.places]] = True
         if group.kernel is not None:
             touched |= group.stiffness.any(axis=0) | group.stiffness.any(axis=1)
     places = np.flatnonzero(touched)
     if n < _SMALLEST or not 0 < 2 * places.size <= n:
         return None
-    kernels, stiffness, forces = [], [], []
+    kernels, stiffness, forces, programs = [], [], [], []
+    index = {int(place): i for i, place in enumerate(places)}
     for group in groups:
         own = group.stiffness[np.ix_(places, places)]
         # What is elastic belongs to the rest.
         kernels.append(group.kernel)
         stiffness.append(own if group.kernel is not None else np.zeros_like(own))
-        index = {int(place): i for i, place in enumerate(places)}
         forces.append(
             {
                 (index[on], tuple(powers[place] for place in places)): c
                 for (on, powers), c in group.forces.items()
             }
         )
-    return Laws(np.eye(n)[:, places], tuple(kernels), tuple(stiffness), tuple(forces))
+        reads = np.eye(n)[:, places]
+        for on, law in group.laws:
+            place = kernel_place(kernels, group.kernel)
+            programs.append(LawPlace(place, reads, {index[on]: 1.0}, law))
+    found = tuple(kernels), tuple(stiffness), tuple(forces), tuple(programs)
+    return Laws(np.eye(n)[:, places], *found)
 
 
 def condensation_of(

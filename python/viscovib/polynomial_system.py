@@ -15,8 +15,9 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.characteristic import CharacteristicRoots, characteristic_roots
 from viscovib.condensed import Condensation, LoadedStructure
 from viscovib.errors import InputError
-from viscovib.expression import MAX_DEGREE, Polynomial, expand, spell
+from viscovib.expression import MAX_DEGREE, Polynomial, spell
 from viscovib.kernels import Kernel
+from viscovib.laws import Law, read_law
 from viscovib.load import LoadLike, load_series
 from viscovib.mount import check_dynamic_frequencies, warn_of_creep
 
@@ -66,6 +67,8 @@ class SpringGroup(NamedTuple):
     stiffness: FloatArray
     forces: dict[tuple[int, tuple[int, ...]], float]
     kernel: Kernel | None
+    #: What is no polynomial, without its linear part, and the equation in which it stands.
+    laws: tuple[tuple[int, Law], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,7 +90,9 @@ class PolynomialSystem:
     forces : str, mapping or sequence of Monomial, optional
         Nonlinear forces f(u). For one coordinate a text such as ``"0.5*x^3"``; else
         ``{"x1": "2*(x1 - x2)^3", "x2": "2*(x2 - x1)^3"}``, by equation. Expressions have +, -,
-        *, /, ^ and whole powers, degree up to 15. Or `Monomial` s, for programs.
+        *, /, ^ and whole powers, degree up to 15. Texts with functions, such as ``"tanh(x)"`` or
+        ``"max(x1 - x2 - 0.1, 0)"``, are forces too (functions and derivatives as of `Spring`).
+        Or `Monomial` s, for programs.
     kernel : Kernel, optional
         Relaxation kernel of this stiffness and these forces; None: no memory.
     damping : array_like, optional
@@ -313,6 +318,8 @@ class PolynomialSystem:
         """Stiffness and forces of all groups, if they have a potential."""
         if self._active_kernels:
             raise InputError("kernel: energy is not defined with memory")
+        if any(group.laws for group in self.groups):
+            raise InputError("forces: are no polynomials, their potential is not known")
         stiffness = self._stiffness_at_rest
         if not np.allclose(stiffness, stiffness.T, rtol=1e-12, atol=0):
             raise InputError("stiffness: must be symmetric for forces to have a potential")
@@ -343,11 +350,13 @@ class PolynomialSystem:
         kernels = list(self._active_kernels)
         springs: list[Any] = []
         monomials: list[Any] = []
+        laws: list[Any] = []
         for group in self.groups:
             place = 0 if group.kernel is None else kernels.index(group.kernel) + 1
             springs += [[place], group.stiffness.ravel(order="F")]
             for (on, powers), c in group.forces.items():
                 monomials.append([c, on + 1, place, *powers])
+            laws += [law.numbers(np.eye(n), {on: 1.0}, place) for on, law in group.laws]
         direction = np.zeros(n) if self.base_direction is None else self.base_direction
         data: list[Any] = []
         for kernel in kernels:
@@ -355,7 +364,7 @@ class PolynomialSystem:
         parts: list[Any] = [
             [n, len(self.groups), len(monomials), len(kernels), 1.0],
             self._mass_matrix.ravel(order="F"), self._damping.ravel(order="F"),
-            direction, *springs, *monomials, *data,
+            direction, *springs, *monomials, *data, *([[len(laws)]] if laws else []), *laws,
         ]  # fmt: skip
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])
 
@@ -412,7 +421,12 @@ def _group(prefix: str, springs: Springs, names: tuple[str, ...]) -> SpringGroup
         )
     stiffness = _square(f"{prefix}stiffness", springs.stiffness, len(names)).copy()
     forces: dict[tuple[int, tuple[int, ...]], float] = {}
+    laws = []
     for where, on, polynomial in _by_equation(f"{prefix}forces", springs.forces, names):
+        if isinstance(polynomial, Law):
+            stiffness[on] += polynomial.slopes_at_rest
+            laws.append((on, polynomial.remainder))
+            continue
         for powers, c in polynomial.items():
             degree = sum(powers)
             if degree == 0:
@@ -423,14 +437,14 @@ def _group(prefix: str, springs: Springs, names: tuple[str, ...]) -> SpringGroup
                 forces[on, powers] = forces.get((on, powers), 0.0) + c
     stiffness.setflags(write=False)
     # A kernel of nothing is none.
-    kernel = springs.kernel if forces or stiffness.any() else None
-    return SpringGroup(stiffness, forces, kernel)
+    kernel = springs.kernel if forces or laws or stiffness.any() else None
+    return SpringGroup(stiffness, forces, kernel, tuple(laws))
 
 
 def _by_equation(
     where: str, forces: Any, names: tuple[str, ...]
-) -> list[tuple[str, int, Polynomial]]:
-    """Polynomials, each with its equation and what an error calls it."""
+) -> list[tuple[str, int, Polynomial | Law]]:
+    """Polynomials or other laws, each with its equation and what an error calls it."""
     if forces is None:
         return []
     if isinstance(forces, str):
@@ -441,14 +455,14 @@ def _by_equation(
             )
         forces = {names[0]: forces}
     if isinstance(forces, Mapping):
-        result = []
+        result: list[tuple[str, int, Polynomial | Law]] = []
         for key, text in forces.items():
             place = f"{where}[{key!r}]"
             if not isinstance(text, str):
                 raise InputError(
                     f"{place} = {_native.shown(text)}: must be a text such as '2*{names[0]}^3'"
                 )
-            result.append((place, _equation(place, key, names), expand(place, text, names)))
+            result.append((place, _equation(place, key, names), read_law(place, text, names, {})))
         return result
     if not isinstance(forces, Sequence):
         raise InputError(

@@ -153,6 +153,14 @@ class Scene:
         ]
         for group in self.groups["force"]:
             if "coefficient" not in group:
+                # The core writes polynomials as monomials: this is another law, or nothing.
+                if group["law"] != "0":
+                    springs.append(
+                        Springs(
+                            forces={group.get("on", names[0]): group["law"].lower()},
+                            kernel=kernels[group["kernel"]],
+                        )
+                    )
                 continue
             monomial = Monomial(
                 coefficient=group["coefficient"],

@@ -198,7 +198,8 @@ class Structure:
     def _active_kernels(self) -> tuple[Kernel, ...]:
         kernels: list[Kernel] = []
         for element in self._all_elements:
-            if element.kernel is not None and element.powers and element.kernel not in kernels:
+            does = bool(element.powers) or element.law is not None
+            if element.kernel is not None and does and element.kernel not in kernels:
                 kernels.append(element.kernel)
         for one in self.elements:
             if isinstance(one, Coupling) and one.kernel is not None and one.kernel not in kernels:

@@ -1,0 +1,63 @@
+! Flat routines over force laws, for f2py.
+
+!> Compile a law. Names stand in fields of 64 characters. The program is given as code and number
+!! of each instruction; if it is longer than the room given, n_code says what is needed.
+subroutine law_compile(text, arguments, n_arguments, names, n_names, values, max_code, code, &
+                       number, n_code, parity, status)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: report
+  use viscovib_law_program, only: law_program
+  use viscovib_law_text, only: compile_law
+  use viscovib_status, only: fail, set_ok, status_input_error, status_type
+  implicit none
+  character(len=*), intent(in) :: text, arguments, names
+  integer(c_int), intent(in) :: n_arguments, n_names, max_code
+  real(c_double), intent(in) :: values(n_names)
+  integer(c_int), intent(out) :: code(max_code), n_code, parity, status
+  real(c_double), intent(out) :: number(max_code)
+  character(len=64) :: argument_names(n_arguments), parameter_names(n_names)
+  character(len=:), allocatable :: fault
+  type(law_program) :: law
+  type(status_type) :: outcome
+  integer :: i
+
+  code = 0
+  number = 0.0_c_double
+  n_code = 0
+  call set_ok(outcome)
+  do i = 1, n_arguments
+    argument_names(i) = arguments(64*i - 63:64*i)
+  end do
+  do i = 1, n_names
+    parameter_names(i) = names(64*i - 63:64*i)
+  end do
+  call compile_law(text, argument_names, parameter_names, values, law, parity, fault)
+  if (fault /= '') then
+    call fail(outcome, status_input_error, 'law', fault)
+  else
+    n_code = size(law%code)
+    i = min(n_code, max_code)
+    code(:i) = law%code(:i)
+    number(:i) = law%number(:i)
+  end if
+  call report(outcome, status)
+end subroutine law_compile
+
+!> A law and its derivatives at n samples of its arguments.
+subroutine law_values(code, number, n_code, arguments, n, n_arguments, value, slopes)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_law_program, only: law_program
+  implicit none
+  integer(c_int), intent(in) :: n_code, n, n_arguments
+  integer(c_int), intent(in) :: code(n_code)
+  real(c_double), intent(in) :: number(n_code), arguments(n, n_arguments)
+  real(c_double), intent(out) :: value(n), slopes(n, n_arguments)
+  !f2py threadsafe
+  type(law_program) :: law
+
+  law%n_arguments = n_arguments
+  law%code = code
+  law%number = number
+  call law%measure()
+  call law%differentiate(arguments, value, slopes)
+end subroutine law_values

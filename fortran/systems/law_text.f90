@@ -1,0 +1,379 @@
+!> Force laws written as text, such as F0*tanh(v/0.01) or k*max(d - gap, 0), compiled.
+!!
+!!   sum        := term {(+|-) term}
+!!   comparison := sum [(<|<=|>|>=) sum]
+!!   term       := factor {(*|/) factor}
+!!   factor     := {+|-} power
+!!   power      := primary [(^|**) factor]
+!!   primary    := number | name | function ( comparison {, comparison} ) | ( comparison )
+!!
+!! Names are arguments of the law or parameters, whose numbers are put in. What is known when a
+!! law is read is worked out then.
+module viscovib_law_text
+  use viscovib_constants, only: pi
+  use viscovib_kinds, only: wp
+  use viscovib_law_program, only: add, divide, f_atleast, f_atmost, f_less, f_more, f_pow, &
+    first_function, functions, known_power, law_program, multiply, negate, operands, parity_of, &
+    power, put_argument, put_number, square, subtract, wall
+  use viscovib_number_text, only: parse_real
+  use viscovib_status, only: show
+  implicit none
+  private
+
+  public :: compile_law
+
+  !> Bounds that keep a slip of the pen from filling the memory.
+  integer, parameter :: max_depth = 100, max_code = 2000, max_stack = 60
+  character(len=*), parameter :: digits = '0123456789', &
+                                 letters = 'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
+
+  !> The text, and where in it the reader stands; `fault` says what is wrong.
+  type :: cursor_type
+    character(len=:), allocatable :: text, fault
+    integer :: at = 1, depth = 0, n = 0
+    !> The program so far, and the parity of each value on its stack.
+    integer :: code(max_code) = 0, parity(max_stack) = 0, held = 0
+    real(wp) :: number(max_code) = 0.0_wp
+  end type cursor_type
+
+contains
+
+  !> Compile a text; if something is wrong, `fault` says what, else it is empty.
+  subroutine compile_law(text, arguments, names, values, program, parity, fault)
+    character(len=*), intent(in) :: text
+    !> Names of arguments, and of parameters with their values.
+    character(len=*), intent(in) :: arguments(:), names(:)
+    real(wp), intent(in) :: values(:)
+    type(law_program), intent(out) :: program
+    !> As of `parity_of`.
+    integer, intent(out) :: parity
+    character(len=:), allocatable, intent(out) :: fault
+    type(cursor_type) :: cursor
+
+    parity = 0
+    cursor%text = text//' '
+    cursor%fault = ''
+    call read_comparison(cursor, arguments, names, values)
+    if (cursor%fault == '' .and. peek(cursor) /= ' ') call blame(cursor, 'found where an operator ' &
+                                                                 //'or the end should be')
+    fault = cursor%fault
+    if (fault /= '') return
+    program%n_arguments = size(arguments)
+    program%code = cursor%code(:cursor%n)
+    program%number = cursor%number(:cursor%n)
+    call program%measure()
+    parity = cursor%parity(1)
+  end subroutine compile_law
+
+  !> The next character that is not blank.
+  character function peek(cursor)
+    type(cursor_type), intent(inout) :: cursor
+    do while (cursor%at < len(cursor%text))
+      if (cursor%text(cursor%at:cursor%at) /= ' ') exit
+      cursor%at = cursor%at + 1
+    end do
+    peek = cursor%text(cursor%at:cursor%at)
+  end function peek
+
+  subroutine blame(cursor, what)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: what
+    if (cursor%fault /= '') return
+    if (cursor%at >= len(cursor%text)) then
+      cursor%fault = 'its end is '//what
+    else
+      cursor%fault = "'"//cursor%text(cursor%at:cursor%at)//"' (character "//show(cursor%at) &
+                     //') is '//what
+    end if
+  end subroutine blame
+
+  !> Append an instruction; what works on numbers alone is worked out.
+  subroutine emit(cursor, code, number)
+    type(cursor_type), intent(inout) :: cursor
+    integer, intent(in) :: code
+    real(wp), intent(in) :: number
+    type(law_program) :: known
+    real(wp) :: value(1), nothing(1, 0)
+    integer :: first, n
+
+    if (cursor%fault /= '') return
+    n = operands(code)
+    if (cursor%n >= max_code .or. cursor%held - n + 1 > max_stack) then
+      cursor%fault = 'it is too long'
+      return
+    end if
+    cursor%n = cursor%n + 1
+    cursor%code(cursor%n) = code
+    cursor%number(cursor%n) = number
+    first = cursor%held - n + 1
+    cursor%parity(first) = parity_of(code, number, cursor%parity(first:cursor%held))
+    cursor%held = first
+    first = cursor%n - n
+    if (n == 0) return
+    if (any(cursor%code(first:cursor%n - 1) /= put_number)) return
+    known%code = cursor%code(first:cursor%n)
+    known%number = cursor%number(first:cursor%n)
+    call known%measure()
+    call known%evaluate(nothing, value)
+    if (abs(value(1)) >= wall) then
+      cursor%fault = 'it divides by 0, or takes a function outside its domain'
+      return
+    end if
+    cursor%n = first
+    cursor%code(first) = put_number
+    cursor%number(first) = value(1)
+  end subroutine emit
+
+  recursive subroutine read_comparison(cursor, arguments, names, values)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: arguments(:), names(:)
+    real(wp), intent(in) :: values(:)
+    integer :: code
+    logical :: orequal
+
+    call read_sum(cursor, arguments, names, values)
+    if (cursor%fault /= '' .or. scan(peek(cursor), '<>') == 0) return
+    code = merge(f_less, f_more, peek(cursor) == '<')
+    cursor%at = cursor%at + 1
+    orequal = cursor%text(cursor%at:cursor%at) == '='
+    if (orequal) cursor%at = cursor%at + 1
+    if (orequal) code = merge(f_atmost, f_atleast, code == f_less)
+    call read_sum(cursor, arguments, names, values)
+    call emit(cursor, code, 0.0_wp)
+  end subroutine read_comparison
+
+  recursive subroutine read_sum(cursor, arguments, names, values)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: arguments(:), names(:)
+    real(wp), intent(in) :: values(:)
+    integer :: code
+
+    call read_term(cursor, arguments, names, values)
+    do while (cursor%fault == '' .and. scan(peek(cursor), '+-') > 0)
+      code = merge(add, subtract, peek(cursor) == '+')
+      cursor%at = cursor%at + 1
+      call read_term(cursor, arguments, names, values)
+      call emit(cursor, code, 0.0_wp)
+    end do
+  end subroutine read_sum
+
+  recursive subroutine read_term(cursor, arguments, names, values)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: arguments(:), names(:)
+    real(wp), intent(in) :: values(:)
+    integer :: code
+
+    call read_factor(cursor, arguments, names, values)
+    do while (cursor%fault == '' .and. scan(peek(cursor), '*/') > 0)
+      code = merge(multiply, divide, peek(cursor) == '*')
+      cursor%at = cursor%at + 1
+      call read_factor(cursor, arguments, names, values)
+      if (code == divide .and. cursor%fault == '') then
+        if (cursor%code(cursor%n) == put_number .and. .not. abs(cursor%number(cursor%n)) > 0.0_wp) &
+          cursor%fault = 'it divides by 0'
+      end if
+      call emit(cursor, code, 0.0_wp)
+    end do
+  end subroutine read_term
+
+  recursive subroutine read_factor(cursor, arguments, names, values)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: arguments(:), names(:)
+    real(wp), intent(in) :: values(:)
+    logical :: negative
+
+    negative = .false.
+    do while (scan(peek(cursor), '+-') > 0)
+      negative = negative .neqv. peek(cursor) == '-'
+      cursor%at = cursor%at + 1
+    end do
+    call read_power(cursor, arguments, names, values)
+    if (negative) call emit(cursor, negate, 0.0_wp)
+  end subroutine read_factor
+
+  recursive subroutine read_power(cursor, arguments, names, values)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: arguments(:), names(:)
+    real(wp), intent(in) :: values(:)
+    call read_primary(cursor, arguments, names, values)
+    if (cursor%fault /= '') return
+    if (peek(cursor) /= '^' .and. next_two(cursor) /= '**') return
+    cursor%at = cursor%at + merge(1, 2, peek(cursor) == '^')
+    cursor%depth = cursor%depth + 1
+    if (cursor%depth > max_depth) cursor%fault = 'it must not be nested deeper than ' &
+                                                 //show(max_depth)
+    if (cursor%fault /= '') return
+    call read_factor(cursor, arguments, names, values)
+    cursor%depth = cursor%depth - 1
+    if (cursor%fault /= '') return
+    call raise(cursor)
+  end subroutine read_power
+
+  !> The last value is the exponent of the one before; if it is known, it is part of the instruction.
+  subroutine raise(cursor)
+    type(cursor_type), intent(inout) :: cursor
+    real(wp) :: exponent
+
+    if (cursor%fault /= '') return
+    if (cursor%code(cursor%n) /= put_number) then
+      call emit(cursor, power, 0.0_wp)
+      return
+    end if
+    exponent = cursor%number(cursor%n)
+    cursor%n = cursor%n - 1
+    cursor%held = cursor%held - 1
+    call emit(cursor, merge(square, known_power, abs(exponent - 2.0_wp) <= 0.0_wp), exponent)
+  end subroutine raise
+
+  pure character(len=2) function next_two(cursor)
+    type(cursor_type), intent(in) :: cursor
+    next_two = cursor%text(cursor%at:min(cursor%at + 1, len(cursor%text)))
+  end function next_two
+
+  recursive subroutine read_primary(cursor, arguments, names, values)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: arguments(:), names(:)
+    real(wp), intent(in) :: values(:)
+    character :: c
+
+    c = peek(cursor)
+    if (c == '(') then
+      cursor%at = cursor%at + 1
+      call read_inside(cursor, arguments, names, values, 1)
+    else if (scan(c, digits//'.') > 0) then
+      call read_number(cursor)
+    else if (scan(c, letters) > 0) then
+      call read_name(cursor, arguments, names, values)
+    else
+      call blame(cursor, 'found where a number, a name or ( should be')
+    end if
+  end subroutine read_primary
+
+  !> What stands in parentheses: so many values, and the end of them.
+  recursive subroutine read_inside(cursor, arguments, names, values, n)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: arguments(:), names(:)
+    real(wp), intent(in) :: values(:)
+    integer, intent(in) :: n
+    integer :: i
+
+    cursor%depth = cursor%depth + 1
+    if (cursor%depth > max_depth) cursor%fault = 'it must not be nested deeper than ' &
+                                                 //show(max_depth)
+    do i = 1, n
+      if (cursor%fault /= '') return
+      call read_comparison(cursor, arguments, names, values)
+      if (cursor%fault /= '') return
+      if (i == n) exit
+      if (peek(cursor) /= ',') call blame(cursor, 'found where , should be')
+      cursor%at = cursor%at + 1
+    end do
+    if (peek(cursor) /= ')') call blame(cursor, 'found where ) should be')
+    cursor%at = cursor%at + 1
+    cursor%depth = cursor%depth - 1
+  end subroutine read_inside
+
+  recursive subroutine read_name(cursor, arguments, names, values)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: arguments(:), names(:)
+    real(wp), intent(in) :: values(:)
+    character(len=:), allocatable :: name
+    integer :: code, first, i
+
+    first = cursor%at
+    cursor%at = first + verify(cursor%text(first:), letters//digits) - 1
+    name = cursor%text(first:cursor%at - 1)
+    if (peek(cursor) == '(') then
+      i = place_of(name, functions)
+      if (i == 0) then
+        cursor%fault = "'"//name//"' is no function known"//likely(name, functions)
+        return
+      end if
+      code = first_function + i - 1
+      cursor%at = cursor%at + 1
+      call read_inside(cursor, arguments, names, values, operands(code))
+      if (code == f_pow) then
+        call raise(cursor)
+      else
+        call emit(cursor, code, 0.0_wp)
+      end if
+      return
+    end if
+    i = place_of(name, arguments)
+    if (i > 0) then
+      call emit(cursor, put_argument, real(i, wp))
+      return
+    end if
+    i = place_of(name, names)
+    if (i > 0) then
+      call emit(cursor, put_number, values(i))
+    else if (name == 'pi') then
+      call emit(cursor, put_number, pi)
+    else
+      cursor%fault = "'"//name//"' is neither a variable nor a parameter" &
+                     //likely(name, [character(len=64) :: arguments, names])
+    end if
+  end subroutine read_name
+
+  pure integer function place_of(name, names)
+    character(len=*), intent(in) :: name, names(:)
+    do place_of = size(names), 1, -1
+      if (names(place_of) == name) return
+    end do
+  end function place_of
+
+  !> A number such as 2, .5, 1e-3.
+  subroutine read_number(cursor)
+    type(cursor_type), intent(inout) :: cursor
+    integer :: first, last
+    real(wp) :: value
+    logical :: ok
+
+    first = cursor%at
+    last = first + verify(cursor%text(first:), digits//'.') - 1
+    if (scan(cursor%text(last:last), 'eE') > 0) then
+      last = last + 1
+      if (scan(cursor%text(last:last), '+-') > 0) last = last + 1
+      last = last + verify(cursor%text(last:), digits) - 1
+    end if
+    call parse_real(cursor%text(first:last - 1), value, ok)
+    if (.not. ok) cursor%fault = "'"//cursor%text(first:last - 1)//"' is not a finite number"
+    cursor%at = last
+    call emit(cursor, put_number, value)
+  end subroutine read_number
+
+  !> The name that is written most alike, as a question; nothing if none is.
+  pure function likely(name, names) result(question)
+    character(len=*), intent(in) :: name, names(:)
+    character(len=:), allocatable :: question
+    integer :: best, distance, i
+
+    question = ''
+    best = max(len(name)/2, 1) + 1
+    do i = 1, size(names)
+      distance = edits(name, trim(names(i)))
+      if (distance >= best) cycle
+      best = distance
+      question = ' (did you mean '//trim(names(i))//'?)'
+    end do
+  end function likely
+
+  !> How many letters are to be changed, added or left out (Levenshtein's distance).
+  pure integer function edits(a, b)
+    character(len=*), intent(in) :: a, b
+    integer :: row(0:len(b)), last, above, i, j
+
+    row = [(j, j=0, len(b))]
+    do i = 1, len(a)
+      last = row(0)
+      row(0) = i
+      do j = 1, len(b)
+        above = row(j)
+        row(j) = min(above + 1, row(j - 1) + 1, last + merge(0, 1, a(i:i) == b(j:j)))
+        last = above
+      end do
+    end do
+    edits = row(len(b))
+  end function edits
+
+end module viscovib_law_text

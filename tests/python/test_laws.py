@@ -1,0 +1,205 @@
+"""Force laws with functions: derivatives, and motions against SciPy and against polynomials."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+from viscovib.laws import Law, read_law
+
+SMOOTH = {
+    "F0*tanh(d/w)": lambda d: 2 * np.tanh(d / 0.3),
+    "k*d + sin(d)": lambda d: 3 * d + np.sin(d),
+    "d/(1 + d^2)": lambda d: d / (1 + d**2),
+    "exp(-d)*d^2 - cos(2*d) + 1": lambda d: np.exp(-d) * d**2 - np.cos(2 * d) + 1,
+    "atan2(d, 1) + asinh(d)*sqrt(1 + d*d)": lambda d: (
+        np.arctan(d) + np.arcsinh(d) * np.sqrt(1 + d**2)
+    ),
+    "log(2 + d) - log(2) + pow(d, 3)": lambda d: np.log(2 + d) - np.log(2) + d**3,
+    "asin(d/4)*acos(d/4) + atanh(d/4) + acosh(5 + d) - acosh(5)": lambda d: (
+        np.arcsin(d / 4) * np.arccos(d / 4) + np.arctanh(d / 4) + np.arccosh(5 + d) - np.arccosh(5)
+    ),
+    "sinh(d)*cosh(d) + tan(d/3) + atan(d)": lambda d: (
+        np.sinh(d) * np.cosh(d) + np.tan(d / 3) + np.arctan(d)
+    ),
+    "2^d - 1 + (1 + d*d)^1.5": lambda d: 2.0**d - 1 + (1 + d * d) ** 1.5,
+    "(2 + d)^(d/3) + 1/(3 + d)^2 + d^-2*d^4": lambda d: (
+        (2 + d) ** (d / 3) + 1 / (3 + d) ** 2 + d**2
+    ),
+}  # fmt: skip
+KINKS = {
+    "k*max(d - gap, 0)": lambda d: 3 * np.maximum(d - 0.1, 0),
+    "abs(d) + min(d, 0.2) + sign(d)": lambda d: np.abs(d) + np.minimum(d, 0.2) + np.sign(d),
+    "where(d > 0.1, k*d, 2*d)": lambda d: np.where(d > 0.1, 3 * d, 2 * d),
+    "where(d <= 0.1, 1, 0) + (d < 2)*(d >= -3)*d + heaviside(d)": lambda d: (
+        np.where(d <= 0.1, 1, 0) + d + np.heaviside(d, 0.5)
+    ),
+}
+NUMBERS = {"F0": 2.0, "w": 0.3, "k": 3.0, "gap": 0.1}
+
+
+@pytest.mark.parametrize("text", [*SMOOTH, *KINKS])
+def test_values_and_derivatives(text):
+    """Values are NumPy's; derivatives those of Richardson's differences."""
+    law = read_law("law", text, ("d",), NUMBERS)
+    assert isinstance(law, Law)
+    d = np.linspace(-1.31, 1.27, 41)
+    value, slopes = law(d[:, np.newaxis])
+    expected = (SMOOTH | KINKS)[text]
+    np.testing.assert_allclose(value, expected(d), rtol=1e-13, atol=1e-14)
+
+    def difference(h):
+        return (expected(d + h) - expected(d - h)) / (2 * h)
+
+    fine = (64 * difference(5e-4) - 20 * difference(1e-3) + difference(2e-3)) / 45
+    np.testing.assert_allclose(slopes[:, 0], fine, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("text", "parity"),
+    [
+        ("tanh(d) + d^3*cos(d)", -1), ("d*abs(d)", -1), ("max(d, 0)", 0), ("cosh(d)*d^2", 1),
+        ("d^2 + sin(d)", 0), ("where(abs(d) > 1, d, tanh(d))", -1), ("exp(d)", 0),
+        ("sqrt(1 + d^2)", 1), ("sin(d)^3 + tanh(d)/cosh(d)", -1),
+    ],
+)  # fmt: skip
+def test_parity(text, parity):
+    """Oddness is known from how a law is made up; what is odd keeps odd harmonics only."""
+    law = read_law("law", text, ("d",), {})
+    assert isinstance(law, Law)
+    assert law.parity == parity
+
+
+def test_polynomials_stay_polynomials():
+    """A law without functions keeps its exact path."""
+    assert read_law("law", "k*d^3 + d*(d - 1)", ("d",), {"k": 2.0}) == {(3,): 2, (2,): 1, (1,): -1}
+    spring = vv.Spring(on="x", law="k*d^3", parameters={"k": 2.0})
+    assert spring.degree == 3
+    assert vv.Spring(on="x", law="tanh(d)").degree == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("tanhh(d)", r"'tanhh' is no function known \(did you mean tanh\?\)"),
+        ("sin(dd)", r"'dd' is neither a variable nor a parameter \(did you mean d\?\)"),
+        ("max(d)", r"found where , should be"),
+        ("sin(d", r"its end is found where \) should be"),
+        ("tanh(d)/0", "it divides by 0"),
+        ("sin(d) + log(0 - 1)", "outside its domain"),
+        ("sin(2d)", "found where"),
+        ("abs(" * 300 + "d" + ")" * 300, "nested deeper than 100"),
+        ("+".join(["sin(d)"] * 2000), "it is too long"),
+        ("sin(é)", "letters of the English alphabet"),
+        ("2d", "must be a polynomial such as"),
+    ],
+)
+def test_wrong_laws(text, told):
+    """One line that says what is wrong, and what was meant."""
+    with pytest.raises(vv.InputError, match=told):
+        vv.Spring(on="x", law=text)
+
+
+def test_outside_the_domain_is_a_wall():
+    """A motion beyond a logarithm's domain is no solution, and no number is lost."""
+    law = read_law("law", "log(1 + d)", ("d",), {})
+    value, _ = law(np.array([[-2.0], [0.0]]))
+    assert value[0] == 1e60
+    assert value[1] == 0
+    wall = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="-0.2*log(1 - x)")
+    run = vv.simulate(wall, 50, load=2.0, nu=0.9, dt=0.01)
+    assert run.outcome != "completed"
+    assert np.isfinite(run.state).all()
+
+
+def settled(force, nu, load, c, k, periods=80):
+    """A steady motion by SciPy, after a long while."""
+    period = 2 * np.pi / nu
+    times = period * (periods - 1 + np.arange(16) / 16)
+    run = solve_ivp(
+        lambda t, y: [y[1], load * np.sin(nu * t) - c * y[1] - k * y[0] - force(y[0])],
+        (0, times[-1]), [0, 0], "DOP853", times, rtol=1e-11, atol=1e-13, max_step=period / 40,
+    )  # fmt: skip
+    return times, run.y[0]
+
+
+@pytest.mark.parametrize("text", ["2*tanh(x/0.3)", "x/(1 + x^2)", "exp(-x)*x^2 + sin(x)"])
+def test_steady_and_in_time(text):
+    """Harmonic balance and steps in time against SciPy."""
+    c, k, nu, load = 0.3, 1.5, 1.1, 0.4
+    values = read_law("law", text, ("x",), {})
+
+    def force(x):
+        return values(np.array([[x]]))[0][0]
+
+    system = vv.PolynomialSystem(mass=1, stiffness=k, damping=c, forces=text)
+    found = vv.forced_response(system, [nu], load=load, method="newton")
+    times, x = settled(force, nu, load, c, k)
+    waves = np.exp(1j * nu * np.outer(found.harmonics, times))
+    np.testing.assert_allclose((found.coefficients[0, 0] @ waves).imag, x, atol=1e-8)
+    run = vv.simulate(system, 10, load=load, nu=nu, dt=0.02)
+    exact = solve_ivp(
+        lambda t, y: [y[1], load * np.sin(nu * t) - c * y[1] - k * y[0] - force(y[0])],
+        (0, 10), [0, 0], "DOP853", rtol=1e-12, atol=1e-13, max_step=0.1,
+    )  # fmt: skip
+    np.testing.assert_allclose(run.state[-1], exact.y[:, -1], atol=1e-11)
+
+
+def test_with_memory():
+    """(1 - R*) [k x + f(x)] with an exponential kernel, as ordinary equations by SciPy."""
+    weight, rate, c, k, nu, load = 0.8, 2.0, 0.1, 2.0, 1.3, 0.5
+    kernel = vv.PronyKernel(weights=[weight], rates=[rate])
+    system = vv.PolynomialSystem(mass=1, stiffness=k, damping=c, forces="tanh(3*x)", kernel=kernel)
+
+    def rhs(t, y):
+        w = k * y[0] + np.tanh(3 * y[0])
+        return [y[1], load * np.sin(nu * t) - c * y[1] - (w - weight * y[2]), w - rate * y[2]]
+
+    run = vv.simulate(system, 10, load=load, nu=nu, dt=0.05)
+    exact = solve_ivp(rhs, (0, 10), [0, 0, 0], "DOP853", rtol=1e-12, atol=1e-13, max_step=0.1)
+    np.testing.assert_allclose(run.state[-1], exact.y[:2, -1], atol=1e-10)
+    found = vv.forced_response(system, [nu], load=load, method="newton", stability=True)
+    assert found.stable[0]
+    times = 2 * np.pi / nu * (60 + np.arange(8) / 8)
+    steady = solve_ivp(
+        rhs, (0, times[-1]), [0, 0, 0], "DOP853", times, rtol=1e-11, atol=1e-13, max_step=0.1
+    )
+    waves = np.exp(1j * nu * np.outer(found.harmonics, times))
+    np.testing.assert_allclose((found.coefficients[0, 0] @ waves).imag, steady.y[0], atol=1e-8)
+
+
+def test_same_law_in_three_ways():
+    """As monomials, as a function of the coordinates, and as an element of a structure."""
+    chain = np.diag([2.0, 2, 2]) - np.diag([1.0, 1], 1) - np.diag([1.0, 1], -1)
+    common = {"mass": np.eye(3), "stiffness": chain, "damping": 0.05 * chain}
+    plain = vv.PolynomialSystem(**common, forces={"x1": "(x1 - x3)^3", "x3": "(x3 - x1)^3"})
+    # The term that is 0 makes it a law with functions.
+    bent = vv.PolynomialSystem(
+        **common,
+        forces={"x1": "(x1 - x3)^3 + 0*sin(x2)", "x3": "(x3 - x1)^3 + 0*sin(x2)"},
+    )
+    element = vv.Structure(
+        **common, elements=[vv.Spring(on=("x1", "x3"), law="k*d^3 + 0*sin(d)", parameters={"k": 1})]
+    )
+    load = [0.3, 0, 0.1]
+    nu = np.array([0.7, 1.4])
+    first = vv.forced_response(plain, nu, load=load, method="newton", harmonics=15)
+    for system in (bent, element):
+        found = vv.forced_response(system, nu, load=load, method="newton", harmonics=15)
+        for name in ("x1", "x2", "x3"):
+            expected = first.coefficient(name, 1)
+            np.testing.assert_allclose(found.coefficient(name, 1), expected, rtol=1e-9)
+    branches = [
+        vv.trace_response(s, (0.4, 1.2), load=load, harmonics=9, tolerance=1e-6, stability=False)
+        for s in (plain, bent, element)
+    ]
+    for other in branches[1:]:
+        np.testing.assert_allclose(other.folds, branches[0].folds, rtol=1e-7)
+
+
+def test_multiple_scales_refuse_by_name():
+    """They expand in powers."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="tanh(x)")
+    with pytest.raises(vv.InputError, match="multiple scales take polynomials only"):
+        vv.MultipleScales(system, load=0.1, nu=1.0)
+    with pytest.raises(vv.InputError, match="potential is not known"):
+        system.energy([0.1, 0])
