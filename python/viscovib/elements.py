@@ -34,8 +34,9 @@ class Spring:
         c (N s/m), viscous, without memory.
     law : str, optional
         f of the deflection d, as a polynomial such as "k3*d^3" (degree up to 15) or with functions,
-        such as "F0*tanh(d/0.01)", "k*max(d - gap, 0)" or "where(d > 0, k1*d, k2*d)" (see `Law`).
-        What is linear at d = 0 adds to k.
+        such as "F0*tanh(d/0.01)", "k*max(d - gap, 0)" or "where(d > 0, k1*d, k2*d)": sin, cos, tan,
+        asin, acos, atan, atan2, sinh, cosh, tanh, asinh, acosh, atanh, exp, log, sqrt, abs, sign,
+        heaviside, pow, min, max, where, comparisons and pi. What is linear at d = 0 adds to k.
     parameters : mapping of str to float, optional
         Numbers that the law names.
     kernel : Kernel, optional

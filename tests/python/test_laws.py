@@ -203,3 +203,30 @@ def test_multiple_scales_refuse_by_name():
         vv.MultipleScales(system, load=0.1, nu=1.0)
     with pytest.raises(vv.InputError, match="potential is not known"):
         system.energy([0.1, 0])
+
+
+def test_condensed_with_functions():
+    """A long chain with a law of two of its coordinates: the whole equations' motion."""
+    n = 10
+    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    names = [f"x{i + 1}" for i in range(n)]
+    common = {"mass": np.eye(n), "stiffness": chain, "damping": 0.02 * chain}
+    text = {"x2": "tanh(3*(x2 - x5))", "x5": "tanh(3*(x5 - x2))"}
+    kernel = vv.PronyKernel(weights=[0.3], rates=[1.0])
+    springs = [vv.Springs(forces=text, kernel=kernel)]
+    condensed = vv.PolynomialSystem(**common, springs=springs)
+    # What is added acts on all coordinates, by nothing.
+    all_of_it = "+".join(f"0*{name}^3" for name in names)
+    idle = vv.Springs(forces={name: f"1e-300*sin({all_of_it})" for name in names})
+    whole = vv.PolynomialSystem(**common, springs=[*springs, idle])
+    load = np.eye(n)[0] * 0.2
+    found, expected = (
+        vv.forced_response(s, [0.5, 1.1], load=load, method="newton", harmonics=9)
+        for s in (condensed, whole)
+    )
+    assert "condensed" in str(found.plan)
+    assert "condensed" not in str(expected.plan)
+    for name in names:
+        np.testing.assert_allclose(
+            found.coefficient(name, 1), expected.coefficient(name, 1), rtol=1e-9
+        )

@@ -35,7 +35,8 @@ MORE = {
   f0=0.01 p1=0.9 m01=0.01 p2=0.31 /
 &branch parameter='p1' from=0.9 to=0.95 harmonics=3 max_points=10 /
 """,
-    "laws_in_time": """&system coordinates='x' 'y' mass=1 0.1 stiffness=1.2 -0.2 -0.2 0.2 damping=0.03 0 0 0 /
+    "laws_in_time": """&system coordinates='x' 'y' mass=1 0.1 stiffness=1.2 -0.2 -0.2 0.2
+  damping=0.03 0 0 0 /
 &kernel kind='prony' weights=0.3 rates=1.5 /
 &force on='y' law='Tanh(3*x - y)' kernel=1 /
 &force on='x' law='max(x - 0.1, 0) + 0.3*x^2' kernel=0 /

@@ -9,7 +9,8 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 FAMILIES = (
-    "kernels", "rubber", "fits", "systems", "bodies", "linear", "roots", "responses", "peaks", "branches", "crossings",
+    "kernels", "rubber", "fits", "systems", "bodies", "laws", "linear", "roots", "responses",
+    "peaks", "branches", "crossings",
     "stability", "backbones", "steady", "motions", "ensembles", "spectra", "scales", "scenes",
     "structure_motions", "structures", "sweeps", "tables",
 )  # fmt: skip
@@ -18,7 +19,6 @@ _PICTURE = "a picture: numbers are those of the result it is given"
 _WHOLE = "tests/python/test_structure.py compares it with the whole system"
 NOTHING_TO_JUDGE = {
     "Coupling": _WHOLE,
-    "Spring.degree": _WHOLE,
     "Trajectory.dof_units": "units, as the system names them",
     "Trajectory.rate_units": "units, as the system names them",
     "Structure.read": "tests/python/test_structure_files.py writes and reads",
