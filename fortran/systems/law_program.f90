@@ -228,7 +228,7 @@ contains
       value = merge(1.0_wp, 0.0_wp, x <= y)
     case (f_more)
       value = merge(1.0_wp, 0.0_wp, x > y)
-    case (f_atleast)
+    case default
       value = merge(1.0_wp, 0.0_wp, x >= y)
     end select
   end subroutine of_two
@@ -301,7 +301,7 @@ contains
       by = merge(0.0_wp, sign(1.0_wp, x), .not. abs(x) > 0.0_wp)
     case (f_sign)
       value = merge(0.0_wp, sign(1.0_wp, x), .not. abs(x) > 0.0_wp)
-    case (f_heaviside)
+    case default
       value = merge(0.5_wp, merge(1.0_wp, 0.0_wp, x > 0.0_wp), .not. abs(x) > 0.0_wp)
     end select
   end subroutine of_one

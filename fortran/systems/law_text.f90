@@ -54,8 +54,9 @@ contains
     cursor%text = text//' '
     cursor%fault = ''
     call read_comparison(cursor, arguments, names, values)
-    if (cursor%fault == '' .and. peek(cursor) /= ' ') call blame(cursor, 'found where an operator ' &
-                                                                 //'or the end should be')
+    if (cursor%fault == '' .and. peek(cursor) /= ' ') then
+      call blame(cursor, 'found where an operator or the end should be')
+    end if
     fault = cursor%fault
     if (fault /= '') return
     program%n_arguments = size(arguments)
@@ -162,6 +163,7 @@ contains
     character(len=*), intent(in) :: arguments(:), names(:)
     real(wp), intent(in) :: values(:)
     integer :: code
+    logical :: known
 
     call read_factor(cursor, arguments, names, values)
     do while (cursor%fault == '' .and. scan(peek(cursor), '*/') > 0)
@@ -169,8 +171,9 @@ contains
       cursor%at = cursor%at + 1
       call read_factor(cursor, arguments, names, values)
       if (code == divide .and. cursor%fault == '') then
-        if (cursor%code(cursor%n) == put_number .and. .not. abs(cursor%number(cursor%n)) > 0.0_wp) &
-          cursor%fault = 'it divides by 0'
+        known = cursor%code(cursor%n) == put_number
+        if (known .and. .not. abs(cursor%number(cursor%n)) > 0.0_wp) cursor%fault &
+          = 'it divides by 0'
       end if
       call emit(cursor, code, 0.0_wp)
     end do
@@ -209,7 +212,8 @@ contains
     call raise(cursor)
   end subroutine read_power
 
-  !> The last value is the exponent of the one before; if it is known, it is part of the instruction.
+  !> The last value is the exponent of the one before; one that is known is part of the
+  !! instruction.
   subroutine raise(cursor)
     type(cursor_type), intent(inout) :: cursor
     real(wp) :: exponent

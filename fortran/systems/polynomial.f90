@@ -4,9 +4,10 @@
 !!   M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u)] = load(t),
 !!
 !! every f_g a sum of monomials c prod_d u_d^p_d of degree 2 or more on chosen
-!! equations, and of laws given as text that are no polynomials. All springs and monomials with one kernel R_g make up one group: the
-!! hereditary variables are the forces of each group on each equation, so that
-!! F = B v with a column of the unit matrix for each.
+!! equations, and of laws given as text that are no polynomials. All springs and
+!! forces with one kernel R_g make up one group: the hereditary variables are the
+!! forces of each group on each equation, so that F = B v with a column of the unit
+!! matrix for each.
 module viscovib_polynomial
   use viscovib_checks, only: check_finite
   use viscovib_counters, only: count_up, counted_deflections, counted_monomials, counting
@@ -323,7 +324,8 @@ contains
   !> Springs, and products in which coordinates stand together.
   pure function coupling(self) result(coupled)
     class(polynomial_type), intent(in) :: self
-    logical :: coupled(size(self%gather, 2), size(self%gather, 2)), read(size(self%gather, 2))
+    logical :: coupled(size(self%gather, 2), size(self%gather, 2))
+    logical :: touched(size(self%gather, 2))
     integer :: i, j
 
     coupled = self%linear_coupling()
@@ -334,10 +336,10 @@ contains
     end do
     do i = 1, size(self%laws)
       associate (law => self%laws(i))
-        read = any(abs(law%arguments) > 0.0_wp, 1)
-        read(law%equations) = .true.
-        do j = 1, size(read)
-          if (read(j)) coupled(:, j) = coupled(:, j) .or. read
+        touched = any(abs(law%arguments) > 0.0_wp, 1)
+        touched(law%equations) = .true.
+        do j = 1, size(touched)
+          if (touched(j)) coupled(:, j) = coupled(:, j) .or. touched
         end do
       end associate
     end do

@@ -93,10 +93,11 @@ contains
         law%variables = variable(law%variables)
       end associate
     end do
-    reduced%odd = all(reduced%laws%parity == -1) .and. all([(mod(sum(reduced%monomials(i)%power), 2) == 1, &
-                        i=1, size(reduced%monomials))])
-    reduced%degree = 0
-    if (size(reduced%laws) == 0) reduced%degree = maxval([1, (sum(reduced%monomials(i)%power), i=1, size(reduced%monomials))])
+    associate (degrees => [(sum(reduced%monomials(i)%power), i=1, size(reduced%monomials))])
+      reduced%odd = all(mod(degrees, 2) == 1) .and. all(reduced%laws%parity == -1)
+      reduced%degree = 0
+      if (size(reduced%laws) == 0) reduced%degree = maxval([1, degrees])
+    end associate
   end subroutine reduce
 
   !> Whether entries of a state (u_1, u_1', u_2, ...) belong to coordinates that move.
