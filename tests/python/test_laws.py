@@ -230,3 +230,23 @@ def test_condensed_with_functions():
         np.testing.assert_allclose(
             found.coefficient(name, 1), expected.coefficient(name, 1), rtol=1e-9
         )
+
+
+def test_coupling_with_functions():
+    """A law of two deflections: the same as forces of the coordinates."""
+    chain = np.diag([2.0, 2, 2]) - np.diag([1.0, 1], 1) - np.diag([1.0, 1], -1)
+    common = {"mass": np.eye(3), "stiffness": chain, "damping": 0.05 * chain}
+    text = "k*a*tanh(b^2)"
+    couple = vv.Coupling(on={"a": "x1", "b": ("x2", "x3")}, law={"a": text}, parameters={"k": 2})
+    structure = vv.Structure(**common, elements=[couple])
+    plain = vv.PolynomialSystem(**common, forces={"x1": "2*x1*tanh((x2 - x3)^2)"})
+    found, expected = (
+        vv.forced_response(s, [0.7], load=[0.5, 0, 0.3], method="newton", harmonics=21)
+        for s in (structure, plain)
+    )
+    for name in ("x1", "x2", "x3"):
+        np.testing.assert_allclose(
+            found.coefficient(name, 1), expected.coefficient(name, 1), rtol=1e-9
+        )
+    with pytest.raises(vv.InputError, match="must have no linear part at rest"):
+        vv.Coupling(on={"a": "x1", "b": "x2"}, law={"a": "tanh(a + b)"})
