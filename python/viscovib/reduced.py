@@ -8,7 +8,8 @@ import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
-from viscovib.reduction import LinearModel, Reduction, reduce_model
+from viscovib.linear_model import LinearModel
+from viscovib.reduction import Reduction, reduce_model
 from viscovib.sparse_pencil import is_symmetric
 from viscovib.structure_rest import ModalDamping, Rest, dense_rest
 
@@ -148,7 +149,7 @@ def direct_motion(
 
     ``y``: harmonics (1, q, m) of the deflections found, which say what the elements do.
     """
-    from viscovib.sparse_roots import combined, solved
+    from viscovib.sparse_roots import direct_solution
 
     c = loaded.condensation
     if c.reduced is None:
@@ -165,8 +166,7 @@ def direct_motion(
             pushed = pushed - s**2 * factor[0] * loaded.base[j[0]] * loaded._inertia
         if not pushed.any():
             continue
-        values = model.coefficients(np.array([s]))[:, 0]
-        found[:, k] = solved(combined(model, values), pushed)
+        found[:, k] = direct_solution(model, s, pushed)
         if j.size and loaded.direction is not None:
             found[:, k] += loaded.direction * loaded.base[j[0]] * factor[0]
     return found

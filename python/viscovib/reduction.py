@@ -17,7 +17,7 @@ reduced model has no energy of its own; its modes above the true ones carry the 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh
@@ -25,8 +25,8 @@ from scipy.sparse import csc_array
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
-from viscovib.kernels import Kernel
-from viscovib.sparse_pencil import Modes, Pencil
+from viscovib.linear_model import LinearModel, modal_rates, with_ratios
+from viscovib.sparse_pencil import HeldPencil, Modes, Pencil
 
 #: Modes are kept up to this multiple of the highest frequency wanted.
 _MARGIN = 1.5
@@ -45,67 +45,6 @@ _HELD = 1e-9
 #: A mode has no mass if phi' M phi / phi' (K - sigma M) phi is below this part of the largest.
 _MASSLESS = 1e-14
 _TINY = np.finfo(float).tiny
-
-
-class LinearModel(NamedTuple):
-    """K, M, C and hereditary stiffnesses of a linear model, dense or sparse.
-
-    D(s) = M s^2 + C s + (K + sum_j K_j) (1 + b s + i eta) + a s M - sum_j K_j R_j(s) + C_r s.
-
-    Attributes
-    ----------
-    mass, stiffness : array or sparse array, shape (n, n)
-    damping : array or sparse array, or None
-        C.
-    rayleigh : (float, float)
-        a and b: a M + b K is added to C.
-    ratio : float or sequence of float
-        Of critical damping, of every mode that the reduction finds; the last of a sequence holds
-        for all modes above. Beyond them C_r is b K, b = 2 ratio/omega of the last one: a ratio
-        of modes that nobody computes has no meaning.
-    loss : float
-        eta, loss factor of K: for periodic motions, s = i omega, omega > 0.
-    layers : sequence of (array, Kernel)
-        K_j with their kernels. ``stiffness`` does not hold them.
-    """
-
-    mass: Any
-    stiffness: Any
-    damping: Any = None
-    rayleigh: tuple[float, float] = (0.0, 0.0)
-    ratio: float | Sequence[float] = 0.0
-    loss: float = 0.0
-    layers: Sequence[tuple[Any, Kernel]] = ()
-
-    @property
-    def at_rest(self) -> Any:
-        """K with the layers before they relax: what acts at once."""
-        total = self.stiffness
-        for layer, _ in self.layers:
-            total = total + layer
-        return total
-
-    @property
-    def matrices(self) -> list[Any]:
-        """A_i: M, K, C if there is one, and the layers."""
-        damping = [] if self.damping is None else [self.damping]
-        return [self.mass, self.stiffness, *damping, *(layer for layer, _ in self.layers)]
-
-    def coefficients(self, s: ComplexArray) -> ComplexArray:
-        """Values c_i(s), shape (number of matrices,) + s.shape, without modal ratios."""
-        s = np.asarray(s, dtype=complex)
-        a, b = self.rayleigh
-        damped = b * s + 1j * self.loss * np.sign(s.imag)
-        total = [s**2 + a * s, 1 + damped]
-        if self.damping is not None:
-            total.append(s)
-        total += [1 + damped - np.asarray(kernel.laplace(s)) for _, kernel in self.layers]
-        return np.asarray(total)
-
-    def ratios(self, count: int) -> FloatArray:
-        """Ratios of ``count`` modes."""
-        given = np.atleast_1d(np.asarray(self.ratio, dtype=float))
-        return np.concatenate([given[:count], np.full(max(0, count - given.size), given[-1])])
 
 
 @dataclass
@@ -272,7 +211,7 @@ def reduce_model(
     margin = _MARGIN
     for _ in range(_WIDER):
         found = pencil.lowest_modes((margin * top) ** 2, most)
-        judged = model if boundary is not None else _with_ratios(model, found)
+        judged = model if boundary is not None else with_ratios(model, found)
         basis = _Basis(judged, pencil)
         if boundary is not None:
             basis.add(pencil.constraint_modes())
@@ -390,30 +329,6 @@ class _Estimate:
             solved = np.concatenate([solved, self.basis.pencil.solve(new)], axis=1)
 
 
-class _ModalDamping:
-    """C + b K + M Phi (2 zeta omega - b omega^2) Phi' M, b = 2 zeta/omega of the highest mode.
-
-    The full matrix with the ratios given in the modes Phi.
-    """
-
-    def __init__(self, model: LinearModel, modes: Modes) -> None:
-        self._model = model
-        rates, self._slope = _modal_rates(model, modes.squares)
-        self._rates = rates - self._slope * modes.squares
-        self._weighted = np.asarray(model.mass @ modes.shapes)
-
-    @property
-    def T(self) -> "_ModalDamping":  # noqa: N802
-        """Its transpose, itself."""
-        return self
-
-    def __matmul__(self, vectors: FloatArray) -> FloatArray:
-        model = self._model
-        seen = self._rates[:, np.newaxis] * (self._weighted.T @ vectors)
-        total = self._slope * (model.at_rest @ vectors) + self._weighted @ seen
-        return np.asarray(total if model.damping is None else total + model.damping @ vectors)
-
-
 def _massless(model: LinearModel, loads: FloatArray) -> FloatArray:
     """What moves at once under the loads on coordinates without mass, all others held."""
     free = np.flatnonzero(model.mass.diagonal() == 0)
@@ -424,69 +339,6 @@ def _massless(model: LinearModel, loads: FloatArray) -> FloatArray:
         stiffness = csc_array(model.at_rest[np.ix_(free, free)])
         moved[free] = Pencil(0.0 * stiffness, stiffness, 0.0).solve(pushed)
     return moved
-
-
-def _modal_rates(model: LinearModel, squares: FloatArray) -> tuple[FloatArray, float]:
-    """2 zeta omega of modes, and b of what lies above them."""
-    omega, ratios = np.sqrt(np.abs(squares)), model.ratios(squares.size)
-    return 2 * ratios * omega, float(2 * ratios[-1] / omega.max())
-
-
-def _with_ratios(model: LinearModel, modes: Modes) -> LinearModel:
-    """Return a model whose damping holds the modal ratios."""
-    if not np.any(model.ratio):
-        return model
-    return model._replace(damping=_ModalDamping(model, modes), ratio=0.0)
-
-
-class HeldPencil:
-    """A `Pencil` of which some coordinates, the boundary, are held.
-
-    Its inverse is that of the interior. With the constraint modes in the basis, whose residual
-    is then 0, it is the inverse of all.
-    """
-
-    def __init__(self, mass: Any, stiffness: Any, shift: float, boundary: Any) -> None:
-        self.mass, self.stiffness, self.shift = mass, stiffness, shift
-        self.boundary = np.unique(boundary)
-        inside = np.ones(mass.shape[0], dtype=bool)
-        inside[self.boundary] = False
-        self._inside = np.flatnonzero(inside)
-        cut = np.ix_(self._inside, self._inside)
-        self._pencil = Pencil(csc_array(mass[cut]), csc_array(stiffness[cut]), shift)
-        self.n = int(mass.shape[0])
-
-    def solve(self, right: FloatArray) -> FloatArray:
-        """Displacements of the interior, the boundary held, shape (n, k)."""
-        return self._whole(self._pencil.solve(right[self._inside]))
-
-    def apply(self, vectors: FloatArray) -> FloatArray:
-        """(K - sigma M) vectors."""
-        return np.asarray(self.stiffness @ vectors - self.shift * (self.mass @ vectors))
-
-    def rounding(self, right: FloatArray) -> float:
-        """As `Pencil.rounding`, under what a unit displacement of the boundary does."""
-        return self._pencil.rounding(self.apply(self._unit())[self._inside])
-
-    def lowest_modes(self, above: float, most: int) -> Modes:
-        """Modes with the boundary held."""
-        modes = self._pencil.lowest_modes(above, most)
-        return Modes(modes.squares, self._whole(modes.shapes))
-
-    def constraint_modes(self) -> FloatArray:
-        """Displacements of all by a unit displacement of each boundary coordinate, shape (n, b)."""
-        moved = self._unit()
-        return moved - self.solve(self.apply(moved))
-
-    def _unit(self) -> FloatArray:
-        moved = np.zeros((self.n, self.boundary.size))
-        moved[self.boundary, np.arange(self.boundary.size)] = 1.0
-        return moved
-
-    def _whole(self, interior: FloatArray) -> FloatArray:
-        whole = np.zeros((self.n, interior.shape[1]))
-        whole[self._inside] = interior
-        return whole
 
 
 def _finished(estimate: _Estimate, model: LinearModel, n_modes: int, held: bool) -> Reduction:
@@ -501,7 +353,7 @@ def _finished(estimate: _Estimate, model: LinearModel, n_modes: int, held: bool)
     a, b = model.rayleigh
     rates = a + b * squares
     if np.any(model.ratio):
-        modal, slope = _modal_rates(model, squares[:n_modes])
+        modal, slope = modal_rates(model, squares[:n_modes])
         rates += np.concatenate([modal, slope * squares[n_modes:]])
     kept = len(model.matrices) - 2
     return Reduction(

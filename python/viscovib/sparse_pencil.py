@@ -218,6 +218,56 @@ class Pencil:
         return float(np.sqrt(np.abs(lost / whole)).max())
 
 
+class HeldPencil:
+    """A `Pencil` of which some coordinates, the boundary, are held.
+
+    Its inverse is that of the interior. With the constraint modes in the basis, whose residual
+    is then 0, it is the inverse of all.
+    """
+
+    def __init__(self, mass: Any, stiffness: Any, shift: float, boundary: Any) -> None:
+        self.mass, self.stiffness, self.shift = mass, stiffness, shift
+        self.boundary = np.unique(boundary)
+        inside = np.ones(mass.shape[0], dtype=bool)
+        inside[self.boundary] = False
+        self._inside = np.flatnonzero(inside)
+        cut = np.ix_(self._inside, self._inside)
+        self._pencil = Pencil(csc_array(mass[cut]), csc_array(stiffness[cut]), shift)
+        self.n = int(mass.shape[0])
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Displacements of the interior, the boundary held, shape (n, k)."""
+        return self._whole(self._pencil.solve(right[self._inside]))
+
+    def apply(self, vectors: FloatArray) -> FloatArray:
+        """(K - sigma M) vectors."""
+        return np.asarray(self.stiffness @ vectors - self.shift * (self.mass @ vectors))
+
+    def rounding(self, right: FloatArray) -> float:
+        """As `Pencil.rounding`, under what a unit displacement of the boundary does."""
+        return self._pencil.rounding(self.apply(self._unit())[self._inside])
+
+    def lowest_modes(self, above: float, most: int) -> Modes:
+        """Modes with the boundary held."""
+        modes = self._pencil.lowest_modes(above, most)
+        return Modes(modes.squares, self._whole(modes.shapes))
+
+    def constraint_modes(self) -> FloatArray:
+        """Displacements of all by a unit displacement of each boundary coordinate, shape (n, b)."""
+        moved = self._unit()
+        return moved - self.solve(self.apply(moved))
+
+    def _unit(self) -> FloatArray:
+        moved = np.zeros((self.n, self.boundary.size))
+        moved[self.boundary, np.arange(self.boundary.size)] = 1.0
+        return moved
+
+    def _whole(self, interior: FloatArray) -> FloatArray:
+        whole = np.zeros((self.n, interior.shape[1]))
+        whole[self._inside] = interior
+        return whole
+
+
 def checked_sparse(name: str, value: Any, n: int | None = None) -> Any:
     """Return a matrix as a real, finite, square csc_array without stored zeros."""
     matrix = csc_array(value)

@@ -15,6 +15,7 @@ j-th mode of the stiffness that acts there, omega_j(K(omega)) = omega. These sta
 """
 
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from scipy.sparse import block_array, csc_array
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import ConvergenceWarning, InputError, caller
-from viscovib.reduction import LinearModel
+from viscovib.linear_model import LinearModel
 from viscovib.sparse_pencil import Pencil, check_memory, factored
 
 #: Steps of Newton's method, and of the search for a frequency to begin at.
@@ -169,27 +170,38 @@ def combined(model: LinearModel, values: ComplexArray) -> csc_array:
     return total
 
 
-def solved(matrix: csc_array, right: ComplexArray) -> ComplexArray:
+def solved(
+    matrix: csc_array, right: ComplexArray, product: Callable[[Any], Any] | None = None
+) -> ComplexArray:
     """Solution of a sparse complex system by a factorization of its own.
 
-    With one correction by its residual in extended precision: fine meshes are so stiff that
-    rounding is seen without it.
+    With corrections by its residual in extended precision: fine meshes are so stiff that rounding
+    is seen without them, even that of the sum which makes the matrix. ``product``: of this sum and
+    a vector, without that rounding.
     """
     check_memory(matrix)
-    exact = matrix.astype(np.clongdouble)
+    wide = matrix.astype(np.clongdouble)
+    times = product or (lambda x: wide @ x)
     rows = abs(matrix).sum(axis=1)
     for symmetric in (True, False):
         factors = factored(matrix, symmetric=symmetric)
         if factors is None:
             continue
         found = factors.solve(right).astype(np.clongdouble)
-        left = right - exact @ found
-        found = found + factors.solve(left.astype(complex))
-        left = np.abs(right - exact @ found).astype(float)
+        for _ in range(2):
+            left = right - times(found)
+            found = found + factors.solve(left.astype(complex))
+        left = np.abs(right - times(found)).astype(float)
         scale = rows * float(np.abs(found).max()) + np.abs(right)
         if np.isfinite(left).all() and (left <= 1e-10 * scale).all():
             return np.asarray(found.astype(complex))
     raise RuntimeError("singular")
+
+
+def direct_solution(model: LinearModel, s: complex, right: ComplexArray) -> ComplexArray:
+    """D(s)^-1 right, by the full matrices."""
+    values = model.coefficients(np.array([s]))[:, 0]
+    return solved(combined(model, values), right, lambda x: _product(model, values, x))
 
 
 def _likeness(shapes: ComplexArray, shape: ComplexArray) -> FloatArray:

@@ -14,7 +14,7 @@ from viscovib.polynomial_system import _square
 from viscovib.structure_rest import ModalDamping
 
 if TYPE_CHECKING:
-    from viscovib.reduction import LinearModel
+    from viscovib.linear_model import LinearModel
 
 #: Coordinates that an element may act on in sparse matrices.
 _MANY = 2000
@@ -96,7 +96,7 @@ def linear_model(
 
     ``remembering``: what has a kernel relaxes.
     """
-    from viscovib.reduction import LinearModel
+    from viscovib.linear_model import LinearModel
     from viscovib.sparse_pencil import checked_sparse
 
     n = mass.shape[0]
