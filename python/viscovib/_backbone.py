@@ -34,6 +34,13 @@ class BackbonePoint:
 
     Value of what varies, frequency, X_k there, the last point before it; ``across`` is the
     direction of the other family in X_k.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(e=0.1, w2=0.53, w3=0.9, alpha=0.5)
+    >>> free = vv.backbone(body, 0, (0.01, 0.2), subharmonic=2)
+    >>> points = free.branch_points  # each may be given as leave=
     """
 
     parameter: float
@@ -85,6 +92,14 @@ class Backbone(PeriodicMotions, Result):
         Whether no disturbance grows exponentially: no multiplier beyond 1 + 1e-6.
     growing : ndarray of int, shape (n,), or None
         How many multipliers are beyond that; -1: unknown.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.5*x^3")
+    >>> free = vv.backbone(duffing, 0, (0.01, 2))
+    >>> bool(free.nu[-1] > free.nu[0])
+    True
     """
 
     nu: FloatArray

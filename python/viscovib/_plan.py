@@ -24,6 +24,20 @@ class Plan(Mapping[str, Any]):
     ----------
     text : str
         The lines.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> plan = vv.forced_response(mount, [1.0, 2.0], load=0.1).plan
+    >>> reasons = plan["skips"]  # what is skipped, and why
     """
 
     def __init__(self, text: str) -> None:

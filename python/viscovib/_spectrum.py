@@ -47,6 +47,15 @@ class Spectrum(Result):
         A name for each signal.
     plan : Plan
         What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> t = 0.01 * np.arange(4096)
+    >>> found = vv.spectrum(np.sin(12 * t), 0.01)
+    >>> round(float(found.omega[found.amplitude.argmax()]), 1)
+    12.0
     """
 
     omega: FloatArray
@@ -142,6 +151,13 @@ def spectrum(
     -----
     The mean under the window is taken out before the transform and returned as X[0], so that it
     does not leak. Records of fewer than 10 samples are not windowed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> t = 0.01 * np.arange(4096)
+    >>> found = vv.spectrum(np.sin(12 * t), 0.01, window="hann")
     """
     source = read_signal(signal, dt, coordinates=coordinates, most=2)
     samples, step = source.samples, source.step
@@ -192,6 +208,12 @@ def name_frequencies(
     -------
     A name each: of the lowest order within the tolerance, several of the same order joined by
     " or "; "mean" for 0; "" where none fits.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> vv.name_frequencies([1.3, 0.93], {"p1": 0.93, "p2": 0.37})
+    ['p1 + p2', 'p1']
     """
     values = np.atleast_1d(_native.real_array("frequencies", frequencies))
     if values.ndim != 1:

@@ -120,6 +120,25 @@ def sweep(
     thread then ends unseen in the background. Memory holds a few chunks at a time (without a
     checkpoint: and the result). Warnings about convergence and stability are left out: results
     tell their outcomes.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> data = vv.sweep(
+    ...     lambda load: (
+    ...         vv.forced_response(mount, [1.0, 2.0], load=load).peak("x").amplitude
+    ...     ),
+    ...     {"load": [0.1, 0.2]},
+    ...     progress=False,
+    ... )
     """
     function, points, identity, name = _job(function_or_scene, grid, extract)
     mode = _native.choice("errors", errors, ("raise", "keep"))

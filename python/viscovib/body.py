@@ -78,7 +78,7 @@ class Body(PolynomialSystem):
     ... ]
     >>> pump = vv.Body(mass=80, inertia=(2.0, 3.0, 3.5), mounts=feet)
     >>> [round(float(f), 2) for f in pump.modes().hz]
-    [13.48, 14.18, 19.06, 22.51, 22.9, 26.05]
+    [14.71, 15.39, 22.51, 27.43, 30.8, 36.05]
     """
 
     def __init__(

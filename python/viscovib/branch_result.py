@@ -80,6 +80,23 @@ class Branch(PeriodicMotions, Curve):
         Estimated relative change of the motion if all orders were kept.
     plan : Plan
         What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> branch = vv.trace_response(mount, (0.5, 6), load=0.5)
+    >>> branch.outcome
+    'completed'
+    >>> len(branch.folds)
+    2
     """
 
     nu: FloatArray

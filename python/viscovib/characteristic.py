@@ -39,6 +39,17 @@ class CharacteristicRoots:
         Roots with positive real part, conjugates counted, by the argument principle.
     complete : bool
         Whether the roots listed account for all unstable ones.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> mount = vv.Mount(
+    ...     mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=rubber
+    ... )
+    >>> roots = mount.characteristic_roots()
+    >>> roots.complete
+    True
     """
 
     oscillatory: ComplexArray

@@ -32,6 +32,19 @@ class CubicSystem:
         Amplitudes F_k, a column each.
     drives : array_like, shape (n_loads,), optional
         Circular frequencies p_k >= 0.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> duffing = vv.CubicSystem(
+    ...     mass=[[1.0]],
+    ...     stiffness=[[1.0]],
+    ...     damping=[[0.02]],
+    ...     cubic=[[[[0.5]]]],
+    ...     load=[[0.01]],
+    ...     drives=[1.05],
+    ... )
+    >>> scales = vv.MultipleScales(duffing)
     """
 
     mass: npt.ArrayLike

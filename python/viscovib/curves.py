@@ -34,6 +34,21 @@ class Crossing:
     "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is the index of the last
     point before it. ``parameter`` and ``coefficients`` (shape (n_dof, m), not for the pendulum):
     where, and the motion there; None where that was not found.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> branch = vv.trace_response(mount, (0.5, 6), load=0.5)
+    >>> sorted({crossing.kind for crossing in branch.crossings})
+    ['fold']
     """
 
     kind: str
@@ -53,6 +68,18 @@ class BranchPoint:
 
     ``across`` is the direction of the other branch in X_k, found where the derivatives are
     singular; the other branch leads off both ways.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> parametric = vv.PolynomialSystem(
+    ...     mass=[1, 1],
+    ...     stiffness=[[1, 0], [0, 0.25]],
+    ...     damping=[0.05, 0.02],
+    ...     forces={"x1": "0.5*x2^2", "x2": "x1*x2"},
+    ... )
+    >>> branch = vv.trace_response(parametric, (0.8, 1.2), load={1: [0.1, 0]})
+    >>> points = branch.branch_points  # each may be given as leave=
     """
 
     parameter: float

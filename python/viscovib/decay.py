@@ -24,6 +24,21 @@ class FreeDecay:
         a of each coordinate, at t = 0 of the trajectory.
     residual : float
         Largest rest of a coordinate, relative to its largest value.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> run = vv.simulate(mount, 40, initial=[0.01, 0, 0, 0], dt=0.05)
+    >>> found = vv.free_decay(run)
+    >>> s = found.roots  # decay and frequency of each oscillation
     """
 
     roots: ComplexArray
@@ -60,6 +75,21 @@ def free_decay(trajectory: Trajectory, *, count: int = 2, start: float = 0.0) ->
     -----
     Matrix pencil (Hua and Sarkar, IEEE Trans. Acoust. 38, 1990) of all coordinates at once, with
     ``2 count`` exponentials more than oscillations for what does not oscillate.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> run = vv.simulate(mount, 40, initial=[0.01, 0, 0, 0], dt=0.05)
+    >>> found = vv.free_decay(run)
+    >>> s = found.roots  # decay and frequency of each oscillation
     """
     _native.check_instance("trajectory", trajectory, Trajectory)
     wanted = _native.integer("count", count, 1, 50)

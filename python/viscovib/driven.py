@@ -89,6 +89,15 @@ class DrivenResponse(Result):
         Whether all of them decay. False too where no solution was found or the rates are unknown.
     plan : Plan
         What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> rows = vv.forced_response(body, p1=[1.0, 1.02], harmonics=5)
+    >>> size = rows.amplitude("z")
     """
 
     varies: str | None

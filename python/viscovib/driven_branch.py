@@ -106,6 +106,16 @@ class DrivenBranch(PeriodicMotions, Curve):
         point.
     plan : Plan
         What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> branch = vv.trace_response(body, p1=(0.9, 1.0), harmonics=5)
+    >>> branch.outcome
+    'completed'
     """
 
     varies: str

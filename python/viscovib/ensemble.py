@@ -70,6 +70,22 @@ class Ensemble(Result):
     system : Pendulum
     plan : Plan
         What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> many = vv.simulate_ensemble(
+    ...     body,
+    ...     initial=np.zeros((4, 6)),
+    ...     t_end=20.0,
+    ...     parameters={"f0": [0.001, 0.002, 0.003, 0.004]},
+    ... )
+    >>> many.state.shape[0]
+    4
     """
 
     t_end: FloatArray
@@ -194,6 +210,20 @@ def simulate_ensemble(
         Default: as many as there are processors. Results do not depend on it, to the last bit.
     progress : bool
         Show a progress bar.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> many = vv.simulate_ensemble(
+    ...     body,
+    ...     initial=np.zeros((4, 6)),
+    ...     t_end=20.0,
+    ...     parameters={"f0": [0.001, 0.002, 0.003, 0.004]},
+    ... )
     """
     if not isinstance(system, Pendulum):
         raise InputError(f"system = {_native.shown(system)}: must be a Pendulum")

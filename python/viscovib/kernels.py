@@ -28,7 +28,15 @@ from viscovib.parameters import TOLERANCE, Number
 
 
 class Kernel(ABC):
-    """A relaxation kernel R(t) (1/s)."""
+    """A relaxation kernel R(t) (1/s).
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> isinstance(rubber, vv.Kernel)
+    True
+    """
 
     _kind: ClassVar[int]
 
@@ -257,6 +265,14 @@ class RzhanitsynKernel(Kernel):
         Exponent of the weak singularity, in (0, 1].
     beta : float
         Rate of the exponential (1/s), >= 0; without it the kernel has no integral.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> round(rubber.integral, 4)
+    0.6161
+    >>> loss = rubber.sine(1.5) / (1 - rubber.cosine(1.5))  # loss factor at 1.5 rad/s
     """
 
     amplitude: float
@@ -284,7 +300,16 @@ class RzhanitsynKernel(Kernel):
 
 @dataclass(frozen=True, kw_only=True)
 class AbelKernel(Kernel):
-    """Abel (power law) kernel R(t) = A t^(alpha-1), 0 < alpha <= 1; it has no integral."""
+    """Abel (power law) kernel R(t) = A t^(alpha-1), 0 < alpha <= 1; it has no integral.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> kernel = vv.AbelKernel(amplitude=0.03, alpha=0.2)
+    >>> kernel.integral
+    inf
+    >>> transform = kernel.transform([1.0, 2.0])  # R_c - i R_s
+    """
 
     amplitude: float
     alpha: float
@@ -317,6 +342,13 @@ class RabotnovKernel(Kernel):
         Fractional order, in (0, 1].
     beta : float
         beta >= 0 (1/s^alpha).
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> kernel = vv.RabotnovKernel(amplitude=0.1, alpha=0.5, beta=0.4)
+    >>> round(kernel.integral, 12)
+    0.25
     """
 
     amplitude: float
@@ -347,6 +379,15 @@ class PronyKernel(Kernel):
         w_j >= 0 (1/s).
     rates : array_like, shape (n,)
         r_j >= 0 (1/s).
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> kernel = vv.PronyKernel(weights=[0.1, 0.2], rates=[0.5, 4])
+    >>> round(kernel.integral, 12)
+    0.25
+    >>> round(float(kernel(1e-9)), 6)
+    0.3
     """
 
     weights: npt.ArrayLike
@@ -376,6 +417,14 @@ class ExponentialSum(PronyKernel):
     error : float
         Measured largest relative error there; relative to the largest value if the kernel
         vanishes somewhere.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> fit = rubber.sum_of_exponentials(tolerance=1e-8, t_min=1e-3, t_max=100)
+    >>> fit.weights.shape == fit.rates.shape
+    True
     """
 
     t_min: float
@@ -405,6 +454,14 @@ class TabulatedKernel(Kernel):
         the first points rise towards t = 0 like a power of t, so that more than 1 % of the integral
         lies before the first time, where the table knows nothing: give earlier times, or a kernel
         with that singularity, such as `RzhanitsynKernel`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> t = np.geomspace(1e-3, 50, 40)
+    >>> kernel = vv.TabulatedKernel(times=t, values=0.1 * np.exp(-t))
+    >>> cosine = kernel.cosine(2.0)
     """
 
     times: npt.ArrayLike

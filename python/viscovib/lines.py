@@ -47,6 +47,15 @@ class Lines(Result):
         damping ratio of a free vibration is ``decay / hypot(decay, omega)``.
     start : float
         Time of the first sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> t = 0.01 * np.arange(4096)
+    >>> lines = vv.dominant_frequencies(
+    ...     np.sin(12 * t) + 0.1 * np.sin(20 * t), 0.01, count=2
+    ... )
     """
 
     omega: FloatArray
@@ -128,6 +137,13 @@ def amplitudes_at(
     Returns
     -------
     Lines, in the order of ``frequencies``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> t = 0.01 * np.arange(4096)
+    >>> lines = vv.amplitudes_at(np.sin(12 * t), 0.01, [12.0])
     """
     source = read_signal(signal, dt, start=start, coordinates=coordinate, most=1)
     samples, step = source.samples, source.step
@@ -206,6 +222,15 @@ def dominant_frequencies(
     192, over which noise may have any level but should be nearly even. Under the window of Hann
     these are independent, so that the multiple follows from the probability without further
     assumptions on the level (order statistics: Rohling, IEEE Trans. AES 19 (1983) 608).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> t = 0.01 * np.arange(4096)
+    >>> lines = vv.dominant_frequencies(
+    ...     np.sin(12 * t) + 0.1 * np.sin(20 * t), 0.01, count=2
+    ... )
     """
     source = read_signal(signal, dt, start=start, coordinates=coordinate, most=1)
     samples = source.samples

@@ -33,6 +33,15 @@ def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, compl
     -------
     dict
         {k: P_k} with f(t) = Im sum_k P_k exp(i k nu t); the mean is the imaginary part of P_0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> t = np.arange(64) / 64
+    >>> series = vv.fourier_coefficients(0.1 * np.sin(2 * np.pi * t), orders=3)
+    >>> round(abs(series[1]), 12)
+    0.1
     """
     values = _native.real_array("samples", samples, ndim=1)
     highest = _native.integer("orders", orders, 0, _MAX_ORDER)

@@ -34,6 +34,14 @@ class LoadTable:
     interpolation : {"linear", "cubic"}
         Straight lines, or a spline, which is twice continuously differentiable. Steps in time
         end on every corner of it and on its ends, so that the order of a method is kept.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2)
+    >>> shock = vv.LoadTable(times=[0, 0.1, 0.2], values=[[0, 0], [5, 0], [0, 0]])
+    >>> run = vv.simulate(mount, 2, force=shock)
     """
 
     times: npt.ArrayLike

@@ -50,6 +50,16 @@ def plot_map(
         Logarithmic sizes.
     label : str, optional
         What the quantity is called; its name and units otherwise.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> data = vv.sweep(
+    ...     lambda a, b: {"y": a * b},
+    ...     {"a": [1.0, 2.0, 3.0], "b": [1.0, 2.0]},
+    ...     progress=False,
+    ... )
+    >>> ax = vv.plot_map(data, "y")
     """
     import xarray as xr
 

@@ -51,6 +51,19 @@ def plot_trajectory(
     Returns
     -------
     sequence of Axes: history and phase plane of z, then of phi, then of psi.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> axes = vv.plot_trajectory(vv.simulate(mount, 20, load=0.1, nu=1.5))
     """
     runs = _native.several("trajectory", trajectory, Trajectory)
     labels = _LABELS.of(labels, len(runs))
@@ -92,6 +105,16 @@ def plot_sections(
 
     With the name of a ``parameter`` that varies, a bifurcation diagram of ``quantity`` over it;
     without, a Poincare section: ``quantity`` against its velocity.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> many = vv.simulate_ensemble(body, initial=np.zeros((3, 6)), t_end=100.0, sections=1)
+    >>> ax = vv.plot_sections(many, quantity="z")
     """
     _native.check_instance("ensemble", ensemble, Ensemble)
     if ensemble.sections is None:

@@ -53,6 +53,15 @@ class Mount:
     -----
     StabilityWarning
         If the integral of a kernel (times ``memory_scale``) is not between 0 and 1.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> mount = vv.Mount(
+    ...     mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=rubber
+    ... )
+    >>> frequencies = mount.natural_frequencies()  # rad/s, without memory
     """
 
     mass: float

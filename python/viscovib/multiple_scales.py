@@ -87,6 +87,16 @@ class MultipleScales:
     of its amplitude, as long as t stays within a fixed number of times amplitude^-2; loads near
     a natural frequency count as of third order, others as of first, and damping is exact
     in the linear part. Nothing else is assumed small (no coupling, no divisor).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> scales = vv.MultipleScales(body)
+    >>> steady = scales.response("p1", np.linspace(1.0, 1.05, 20))
     """
 
     dof_names: ClassVar[tuple[str, ...]]

@@ -23,6 +23,16 @@ class Past:
         Strictly ascending (s), the last 0, n >= 2.
     displacements : array_like, shape (n, n_dof)
         Of each coordinate, relative to the base.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> mount = vv.Mount(
+    ...     mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=rubber
+    ... )
+    >>> past = vv.Past(times=[-5, -1, 0], displacements=[[0, 0], [0.1, 0], [0.1, 0]])
+    >>> run = vv.simulate(mount, 2, held=past, initial=[0.1, 0, 0, 0])
     """
 
     times: npt.ArrayLike

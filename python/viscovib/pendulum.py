@@ -65,6 +65,15 @@ class Pendulum:
         "cubic": everything expanded to third order; "printed": as seed paper 000 prints them.
     scales : Scales, optional
         Physical units, set by `from_physical`, so that results can go back into them.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> frequencies = body.natural_frequencies()
+    >>> run = vv.simulate(body, 20, initial=[0.05, 0, 0.1, 0, 0, 0])
     """
 
     e: float

@@ -225,6 +225,19 @@ def plan_response(
     Returns
     -------
     Plan
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> skipped = vv.plan_response(mount, [1.0, 2.0], load=0.1)["skips"]
     """
     return mount_plan(**locals())
 

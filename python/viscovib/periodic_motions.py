@@ -22,6 +22,21 @@ class PeriodicMotions:
     """A row of periodic motions: harmonics of each coordinate, and what follows from them.
 
     Of a motion without a solution every number is NaN. ``dof`` is a name of `dof_names`.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> response = vv.forced_response(mount, [1.0, 2.0], load=0.1)
+    >>> t, coordinates = response.waveform(0, 64)  # one period
+    >>> size = response.peak_to_peak("x")
     """
 
     dof_names: tuple[str, ...]

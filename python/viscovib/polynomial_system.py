@@ -42,6 +42,12 @@ class Monomial:
         {"x1": 2, "x2": 1} or (2, 1): u_1^2 u_2.
     on : str or int
         The equation it stands in, by coordinate.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> cubic = vv.Monomial(coefficient=0.5, powers=[3], on="x")
+    >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=[cubic])
     """
 
     coefficient: float
@@ -54,6 +60,14 @@ class Springs:
     """Springs that share a kernel: linear stiffness and polynomial forces.
 
     Arguments are those of `PolynomialSystem`.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> block = vv.PolynomialSystem(
+    ...     mass=1, springs=[vv.Springs(stiffness=4, kernel=rubber)]
+    ... )
     """
 
     stiffness: npt.ArrayLike | None = None
@@ -111,6 +125,18 @@ class PolynomialSystem:
     -----
     StabilityWarning
         If the integral of a kernel is not between 0 and 1.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> chain = vv.PolynomialSystem(
+    ...     mass=[1, 1],
+    ...     stiffness=[[2, -1], [-1, 2]],
+    ...     damping=[0.1, 0.1],
+    ...     forces={"x1": "x1^3"},
+    ... )
+    >>> chain.dof_names
+    ('x1', 'x2')
     """
 
     mass: npt.ArrayLike

@@ -27,7 +27,25 @@ _MAX_SEARCH = 3e9
 
 
 class Peak(NamedTuple):
-    """Largest amplitude in a band."""
+    """Largest amplitude in a band.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> response = vv.forced_response(mount, np.linspace(0.5, 12, 100), load=0.1)
+    >>> nu, amplitude, enclosed = response.peak("x")
+    >>> enclosed
+    True
+    """
 
     nu: float
     amplitude: float
@@ -72,6 +90,22 @@ class Response(PeriodicMotions, Result):
         As in `Branch`; NaN where unknown.
     slowest : ndarray of bool, shape (n,), or None
         As in `Branch`: whether the first multiplier is the largest for certain.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> response = vv.forced_response(mount, np.linspace(0.5, 12, 100), load=0.1)
+    >>> peak = response.peak("x")
+    >>> solved = response.converged  # elsewhere its numbers are NaN
     """
 
     nu: FloatArray

@@ -46,7 +46,24 @@ class Panel:
 
 
 class Result:
-    """Base of all results, which are values: frozen, compared field by field, pickled, copied."""
+    """Base of all results, which are values: frozen, compared field by field, pickled, copied.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> response = vv.forced_response(mount, [1.0, 2.0], load=0.1)
+    >>> isinstance(response, vv.Result)
+    True
+    >>> words = response.summary()
+    """
 
     #: As in the names of tables: "response", "branch", "backbone", "transient", ...
     kind: ClassVar[str]

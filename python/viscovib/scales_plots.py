@@ -145,6 +145,18 @@ def plot_modulation(
 
     ``exact`` is the same motion by direct integration, drawn below it. The envelope adds up what
     the modes' amplitudes make of the coordinate at most.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> motion = vv.MultipleScales(body).motion(
+    ...     np.linspace(0, 50, 100), [0.05, 0, 0.1, 0, 0, 0]
+    ... )
+    >>> axes = vv.plot_modulation(motion)
     """
     _native.check_instance("motion", motion, ScalesMotion)
     if exact is not None:

@@ -37,6 +37,15 @@ class Resonance(NamedTuple):
 
     ``order`` is the order of the expansion in which it is felt; ``divisor`` is the sum over the
     highest frequency in it, ``near`` whether that is within the tolerance asked for.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> near = vv.MultipleScales(body).resonances(tolerance=0.1)
+    >>> words = [str(one) for one in near]
     """
 
     names: tuple[str, ...]
@@ -87,6 +96,16 @@ class Modulation(Result):
         "complete", "overflow" (beyond all range), "step limit" or "cancelled".
     plan : Plan
         What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> scales = vv.MultipleScales(body)
+    >>> slow = scales.modulation(np.linspace(0, 100, 50), [0.05, 0, 0.1, 0, 0, 0])
     """
 
     t: FloatArray
@@ -150,6 +169,17 @@ class ScalesMotion(Result):
         As of `MultipleScales`.
     plan : Plan
         What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> motion = vv.MultipleScales(body).motion(
+    ...     np.linspace(0, 50, 100), [0.05, 0, 0.1, 0, 0, 0]
+    ... )
     """
 
     t: FloatArray
@@ -243,6 +273,16 @@ class ScalesResponse(Result):
         than half of its own. -inf where there is no such condition.
     plan : Plan
         What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> steady = vv.MultipleScales(body).response("p1", np.linspace(1.0, 1.05, 20))
+    >>> sizes = steady.amplitude("z")[steady.in_range]
     """
 
     parameter: str

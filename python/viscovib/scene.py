@@ -71,6 +71,12 @@ class Scene:
         {"pendulum": {...}, "transient": {...}, ...}.
     canonical : str
         The same as namelist text.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> scene = vv.Scene.read("data/scenes/mount_paper.nml")
+    >>> heavier = scene.override({"mount.mass": 1.5})
     """
 
     path: Path

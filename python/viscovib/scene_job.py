@@ -42,6 +42,14 @@ class SceneResult:
     Response or branch of a mount; motion of a pendulum and its spectra, or a branch of its motions
     and those that leave it, ``switched``; free motions (of a pendulum with families that leave
     them) or steady motions of either; a table of a sweep.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> result = vv.run("data/scenes/mount_paper.nml")
+    >>> result.kind
+    'response'
+    >>> result.to_csv("table.csv")
     """
 
     scene: Scene
@@ -181,7 +189,13 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
 
 
 def plan(scene: Scene | str | os.PathLike[str]) -> Plan:
-    """Say what a scene will compute and what is skipped, with the reasons."""
+    """Say what a scene will compute and what is skipped, with the reasons.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> skipped = vv.plan("data/scenes/mount_paper.nml")["skips"]
+    """
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
     if read.groups["sweep"]:
         return _plan_sweep(read)

@@ -13,7 +13,14 @@ _PROGRESS = Flag("progress")
 
 
 def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
-    """Compute what a scene asks for; with &sweep groups, at every point of their grid."""
+    """Compute what a scene asks for; with &sweep groups, at every point of their grid.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> result = vv.run("data/scenes/mount_paper.nml")
+    >>> peak = result.response.peak("x")
+    """
     _PROGRESS.check(progress)
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
     if read.groups["sweep"]:

@@ -37,6 +37,15 @@ class TableResult(Result):
         What the columns are, with units.
     plan : Plan
         What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import viscovib as vv
+    >>> mount = "&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 /"
+    >>> size = Path("modes.nml").write_text(f"{mount} &modes /")
+    >>> vv.run("modes.nml").kind
+    'modes'
     """
 
     kind: str  # type: ignore[misc]

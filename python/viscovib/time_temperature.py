@@ -94,7 +94,7 @@ class Arrhenius(ShiftLaw):
     --------
     >>> law = vv.Arrhenius(reference=20.0, activation_energy=80e3)
     >>> round(float(law.log10(40.0)), 3)
-    -0.911
+    -0.91
     """
 
     reference: float

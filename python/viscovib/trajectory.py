@@ -60,6 +60,22 @@ class Trajectory(Result):
         "steps"; of a pendulum "evaluations" (of all lanes at once), of systems with memory
         "iterations".
     system : Pendulum, Mount or PolynomialSystem
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> run = vv.simulate(mount, 20, load=0.1, nu=1.5)
+    >>> x = run.coordinate("x")
+    >>> run.outcome
+    'completed'
     """
 
     t: FloatArray

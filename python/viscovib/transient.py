@@ -158,6 +158,20 @@ def simulate(
     and tables too; the step only has to resolve the forces of its elements, polynomials through
     the nodes of a step. A step costs as many operations as there are modes, times its nodes. Its
     methods are those of a mount.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> run = vv.simulate(mount, 20, load=0.1, nu=1.5)
+    >>> longer = vv.simulate(mount, 40, resume=run)  # goes on where it ended
     """
     if not isinstance(system, Pendulum | Mount | PolynomialSystem | Structure):
         raise InputError(

@@ -1,0 +1,53 @@
+"""Every public name's docstring has an example, and every example runs and prints what it says."""
+
+import doctest
+import inspect
+import warnings
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import viscovib as vv
+
+#: What examples need not import.
+GIVEN = {"np": np, "vv": vv}
+DATA = Path(__file__).parents[2] / "data"
+
+#: Warnings and errors are met in the examples of what gives them.
+NAMES = [
+    name
+    for name in vv.__all__
+    if not (isinstance(getattr(vv, name), type) and issubclass(getattr(vv, name), BaseException))
+]
+#: Names whose examples are still to be written.
+LACKING = {
+    "Band", "BodyModes", "KernelFit", "KramersKronig", "MasterCurve", "MountForces", "Optimum",
+    "ParametricFit", "Profile", "PronyFit", "PronyTerms", "Sag", "Sample", "ShiftFit", "ShiftLaw",
+    "plot_cole_cole", "plot_energy", "plot_modulus", "plot_nomogram", "plot_transmissibility",
+    "plot_van_gurp", "read_creep", "read_dma", "read_dynamic_stiffness", "read_fit", "read_kernel",
+    "read_relaxation",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_example_of_a_name_runs(name, tmp_path, monkeypatch):
+    text = inspect.getdoc(getattr(vv, name)) or ""
+    examples = doctest.DocTestParser().get_doctest(text, dict(GIVEN), name, None, 0)
+    if name in LACKING and not examples.examples:
+        pytest.skip("has no example yet")
+    assert examples.examples, f"{name}: its docstring has no example"
+    (tmp_path / "data").symlink_to(DATA)
+    monkeypatch.chdir(tmp_path)
+    told: list[str] = []
+    options = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+    runner = doctest.DocTestRunner(optionflags=options, verbose=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        failed, _ = runner.run(examples, out=told.append)
+    plt.close("all")
+    assert not failed, "".join(told)
