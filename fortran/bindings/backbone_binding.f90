@@ -35,26 +35,26 @@ subroutine oscillator_backbone_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi,
   call report(outcome, status)
 end subroutine oscillator_backbone_plan
 
-!> The backbone of a mode, counted from 0, from amplitude start to finish of coordinate
-!! dof, counted from 1 (0: the one that moves most). n_kept as its plan says; n_used of them
+!> The backbone of a mode, counted from 0, with the options packed for `curve_options_from`, by
+!! the amplitude of coordinate dof, counted from 1 (0: the one that moves most). n_kept as its plan says; n_used of them
 !! are kept.
 subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
-                               mode, dof, start, finish, harmonics, chosen, tolerance, max_points, &
-                               max_step, n_kept, n_dof, max_special, cancel, n_points, ended, &
+                               mode, dof, curve_packed, n_packed, harmonics, chosen, max_points, &
+                               n_kept, n_dof, max_special, cancel, n_points, ended, &
                                n_used, kept, nu, truncation, coefficients, n_folds, folds, &
                                status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_backbone, only: follow_backbone
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
   use viscovib_binding_tools, only: make_system, report
-  use viscovib_curve_branch, only: curve_branch_type, curve_options
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_options_from
   use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: status_type
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, mode, dof, harmonics
-  integer(c_int), intent(in) :: chosen, max_points, n_kept, n_dof, max_special
+  integer(c_int), intent(in) :: chosen, max_points, n_kept, n_dof, max_special, n_packed
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi)
-  real(c_double), intent(in) :: start, finish, tolerance, max_step
+  real(c_double), intent(in) :: curve_packed(n_packed)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   integer(c_int), intent(out) :: n_points, ended, n_used, kept(n_kept), n_folds, status
@@ -65,6 +65,7 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
   class(oscillator_type), allocatable :: system
   type(backbone_plan_type), target :: plan
   type(curve_branch_type) :: backbone
+  type(curve_options) :: options
   type(status_type) :: outcome
   integer, allocatable :: orders(:)
   integer :: d, from
@@ -73,12 +74,12 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
   n_used = 0
   n_folds = 0
   ended = 0
+  options = curve_options_from(curve_packed)
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call new_backbone_plan(plan, system, mode, dof, '', harmonics, &
-                                                     chosen == 1, tolerance, outcome)
+                                                     chosen == 1, options%tolerance, outcome)
   if (.not. outcome%failed()) then
-    call follow_backbone(plan, curve_options(start, finish, tolerance, max_points, max_step), &
-                         backbone, orders, cancel(1))
+    call follow_backbone(plan, options, backbone, orders, cancel(1))
     n_used = size(orders)
     kept(:n_used) = orders
     n_points = backbone%n_points
@@ -105,23 +106,24 @@ end subroutine oscillator_backbone
 !! at the cosines `begin`, frequency begin_nu and size begin_p in the direction `along`, else
 !! near the cosines `begin`, which are only scaled to size; both to `harmonics` times `order`.
 !! Floquet multipliers if stability = 1.
-subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmonics, most, start, &
-                             finish, tolerance, max_points, max_step, stability, leave, n_begin, &
+subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmonics, most, &
+                             curve_packed, n_packed, max_points, stability, leave, n_begin, &
                              begin, begin_nu, begin_p, along, n_unknowns, max_special, cancel, &
                              n_points, ended, highest, nu, energy, truncation, x, multipliers, &
                              growing, n_folds, folds, n_branch_points, branch_points, &
                              branch_point_nu, branch_point_x, across, before, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
-  use viscovib_curve_branch, only: curve_options
+  use viscovib_curve_branch, only: curve_options_from
   use viscovib_free_family, only: follow_family, free_circle, free_family_type, free_options
   use viscovib_orbit_multipliers, only: count_larger
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
   implicit none
   integer(c_int), intent(in) :: n_pattern, n_begin, n_unknowns, max_points, max_special, dof, order
+  integer(c_int), intent(in) :: n_packed
   integer(c_int), intent(in) :: pattern(n_pattern, 3), harmonics, most, stability, leave
-  real(c_double), intent(in) :: flat(14), unit, start, finish, tolerance, max_step
+  real(c_double), intent(in) :: flat(14), unit, curve_packed(n_packed)
   real(c_double), intent(in) :: begin(n_begin), begin_nu, begin_p, along(n_begin + 2)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
@@ -159,7 +161,7 @@ subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmoni
     options%unit = unit
     options%dof = dof
     options%order = order
-    options%curve = curve_options(start, finish, tolerance, max_points, max_step)
+    options%curve = curve_options_from(curve_packed)
     options%stability = stability /= 0
     if (leave == 0) then
       call follow_family(family, system, options, begin, problem, cancel(1))

@@ -1,7 +1,7 @@
 ! Flat routines over branches of periodic solutions, for f2py. System and load
 ! are given as in mount_binding.
 
-!> A branch from p = start to p = finish, p being the frequency (parameter = 1) or, at
+!> A branch with the options packed for `curve_options_from`, p being the frequency (parameter = 1) or, at
 !! the frequency nu, the factor of the load (2) or the number by which the system's are flat +
 !! p direction (3; else `direction` does nothing). n_kept as the plan says, of which n_used
 !! are used if orders are chosen at each point (harmonics = 0); with symmetric = 0 the mean
@@ -10,8 +10,8 @@
 !! solution found at p = start.
 !! Stability is judged if n_judged is max_points, not 0.
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
-                        series, n_rows, n_series, parameter, direction, nu, start, finish, &
-                        harmonics, symmetric, tolerance, max_points, max_step, stops, n_stops, &
+                        series, n_rows, n_series, parameter, direction, nu, curve_packed, &
+                        n_packed, harmonics, symmetric, max_points, &
                         leave, begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
                         cancel, n_points, ended, n_used, p, iterations, error, kept, truncation, &
                         coefficients, is_stop, n_folds, &
@@ -23,7 +23,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report, &
     to_complex
   use viscovib_crossings, only: crossing_type, find_crossings
-  use viscovib_curve_branch, only: curve_branch_type, curve_options
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_options_from
   use viscovib_family_curve, only: judge_systems, new_family_curve, new_plain_curve, &
     system_builder
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -40,10 +40,10 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   use viscovib_vector_builder, only: vector_at, vector_builder
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series
-  integer(c_int), intent(in) :: parameter, harmonics, symmetric, n_stops, leave, n_unknowns
+  integer(c_int), intent(in) :: parameter, harmonics, symmetric, n_packed, leave, n_unknowns
   integer(c_int), intent(in) :: orders(n_series), max_points, n_judged, n_kept, max_special
   real(c_double), intent(in) :: flat(n_flat), direction(n_flat), data_x(n_x), data_phi(n_phi)
-  real(c_double), intent(in) :: nu, start, finish, tolerance, max_step, stops(n_stops)
+  real(c_double), intent(in) :: nu, curve_packed(n_packed)
   real(c_double), intent(in) :: begin(n_unknowns), begin_p, along(n_unknowns + 1)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
@@ -99,13 +99,14 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   n_branch_points = 0
   n_crossings = 0
   ended = -1
+  options = curve_options_from(curve_packed)
   varied = parameter > vary_load
   vector = flat
-  if (varied) vector = vector_at(flat, direction, start)
+  if (varied) vector = vector_at(flat, direction, options%start)
   call make_system(system, vector, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
-    wanted = make_options(harmonics, tolerance, 100, 1.0_c_double, 0)
+    wanted = make_options(harmonics, options%tolerance, 100, 1.0_c_double, 0)
     wanted%keep_idle = .true.
     wanted%symmetric = symmetric /= 0
     call new_response_plan(plan, system, load, [nu], method_newton, wanted, outcome)
@@ -115,17 +116,16 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       call new_plain_curve(curve, system, load, plan%set, parameter, nu)
     else
       allocate (builder, source=vector_builder(flat, direction, data_x, data_phi, kind_x, kind_phi))
-      call new_family_curve(curve, builder, start, max(abs(start), abs(finish)), load, plan%set, &
+      call new_family_curve(curve, builder, options%start, max(abs(options%start), abs(options%finish)), load, plan%set, &
                             nu, outcome)
     end if
   end if
   if (.not. outcome%failed()) then
-    options = curve_options(start, finish, tolerance, max_points, max_step, stops)
     if (leave /= 0) then
       call follow_response(curve, plan, options, branch, set, found, &
                            departure_type(begin, along, begin_p), cancel(1))
     else
-      if (parameter == vary_load) curve%balance%load_factor = start
+      if (parameter == vary_load) curve%balance%load_factor = options%start
       call follow_response(curve, plan, options, branch, set, found, cancel=cancel(1))
     end if
     n_used = size(set%orders)
@@ -186,3 +186,28 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   call report(outcome, status)
 
 end subroutine mount_branch
+
+!> The options of curves: names between commas, and of each its default, the least and the most
+!! that are allowed, and 1 if it is a whole number; the words for how curves end, between commas.
+subroutine curve_words(names, n, numbers, endings)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_curve_branch, only: curve_outcomes, curve_table
+  implicit none
+  character(len=512), intent(out) :: names, endings
+  integer(c_int), intent(out) :: n
+  real(c_double), intent(out) :: numbers(4, 16)
+  integer :: i
+
+  names = ''
+  endings = ''
+  numbers = 0.0_c_double
+  n = size(curve_table)
+  do i = 1, n
+    names = trim(names)//trim(curve_table(i)%name)//','
+    numbers(:, i) = [curve_table(i)%default, curve_table(i)%lowest, curve_table(i)%highest, &
+                     merge(1.0_c_double, 0.0_c_double, curve_table(i)%whole)]
+  end do
+  do i = lbound(curve_outcomes, 1), ubound(curve_outcomes, 1)
+    endings = trim(endings)//trim(curve_outcomes(i))//','
+  end do
+end subroutine curve_words

@@ -118,8 +118,7 @@ end subroutine pendulum_truncation
 !! (begin, begin_p) in the direction `along`, with 0 at a solution found at p = start.
 !! Stability and `kept` as above.
 subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
-                           vary, which, start, finish, tolerance, max_points, max_step, &
-                           stops, n_stops, duration, leave, begin, begin_p, along, n_unknowns, &
+                           vary, which, curve_packed, n_packed, max_points, duration, leave, begin, begin_p, along, n_unknowns, &
                            max_special, cancel, n_points, ended, p, iterations, x, is_stop, &
                            multipliers, growing, rates, n_folds, folds, fold_x, n_branch_points, &
                            branch_points, branch_point_x, across, branch_before, n_crossings, &
@@ -128,7 +127,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_crossings, only: crossing_type
-  use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_options_from, follow_curve
   use viscovib_orbit_floquet, only: orbit_floquet_type
   use viscovib_orbit_multipliers, only: count_larger
   use viscovib_orbit_stability, only: find_orbit_crossings, judge_orbits, orbit_circle
@@ -140,11 +139,11 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   use viscovib_torus_growth, only: growth_rates
   use viscovib_torus_response, only: solve_from_rest
   implicit none
-  integer(c_int), intent(in) :: n_axes, n_orders, n_unknowns, max_points, max_special, n_stops
+  integer(c_int), intent(in) :: n_axes, n_orders, n_unknowns, max_points, max_special, n_packed
   integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
   integer(c_int), intent(in) :: kept(n_orders, 3), leave
-  real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), start, finish, tolerance
-  real(c_double), intent(in) :: duration, max_step, stops(n_stops)
+  real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3)
+  real(c_double), intent(in) :: duration, curve_packed(n_packed)
   real(c_double), intent(in) :: begin(n_unknowns), begin_p, along(n_unknowns + 1)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
@@ -201,12 +200,12 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
     balance%vary = vary
     balance%which = which
     if (vary == vary_frequency) balance%lowest = 0.0_c_double
-    options = curve_options(start, finish, tolerance, max_points, max_step, stops)
+    options = curve_options_from(curve_packed)
     found = outcome_converged
     allocate (at(balance%n))
     if (leave == 0) then
       made = 0
-      call solve_from_rest(balance, start, tolerance, at, found, made, cancel(1))
+      call solve_from_rest(balance, options%start, options%tolerance, at, found, made, cancel(1))
       if (found == outcome_converged) then
         call follow_curve(balance, options, at, branch, cancel=cancel(1))
       end if

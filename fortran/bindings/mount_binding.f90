@@ -198,21 +198,16 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
 end subroutine mount_response
 
 !> Bounds and defaults that Python checks arguments by: highest order, highest that is chosen
-!! along a branch, iterations, unknowns, points of a curve and their default; lowest and highest
-!! tolerance, default tolerance and step of a curve.
+!! along a branch, iterations, unknowns; lowest and highest tolerance.
 subroutine known_limits(counts, sizes)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use viscovib_curve_branch, only: curve_options
-  use viscovib_curve_groups, only: max_curve_points
+  use viscovib_limits, only: max_tolerance, min_tolerance
   use viscovib_response_branch, only: highest_chosen
-  use viscovib_response_plan, only: max_harmonics, max_iterations_allowed, max_tolerance, &
-                                    max_unknowns, min_tolerance
+  use viscovib_response_plan, only: max_harmonics, max_iterations_allowed, max_unknowns
   implicit none
-  integer(c_int), intent(out) :: counts(6)
-  real(c_double), intent(out) :: sizes(4)
-  type(curve_options) :: curve
+  integer(c_int), intent(out) :: counts(4)
+  real(c_double), intent(out) :: sizes(2)
 
-  counts = [max_harmonics, highest_chosen, max_iterations_allowed, max_unknowns, &
-            max_curve_points, curve%max_points]
-  sizes = [min_tolerance, max_tolerance, curve%tolerance, curve%max_step]
+  counts = [max_harmonics, highest_chosen, max_iterations_allowed, max_unknowns]
+  sizes = [min_tolerance, max_tolerance]
 end subroutine known_limits

@@ -13,8 +13,8 @@ module viscovib_curve_branch
   use viscovib_curve_point, only: angle_between, copy_point, curve_point, distance, new_point, &
     normalize, reverse
   use viscovib_curve_record, only: curve_branch_type, curve_closed, curve_completed, &
-    curve_options, curve_outcomes, curve_overflow, curve_returned, curve_step_limit, &
-    curve_stopped, curve_stuck, curve_unphysical
+    curve_fold_limit, curve_options, curve_options_from, curve_outcomes, curve_overflow, &
+    curve_returned, curve_step_limit, curve_stopped, curve_stuck, curve_table, curve_unphysical
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted, sized_curve_type
   use viscovib_stopping, only: begin_piece, stop_wanted
@@ -22,9 +22,9 @@ module viscovib_curve_branch
   private
 
   public :: follow_curve
-  public :: curve_branch_type, curve_options, curve_outcomes
-  public :: curve_closed, curve_completed, curve_overflow, curve_returned, curve_step_limit, &
-            curve_stopped, curve_stuck, curve_unphysical
+  public :: curve_branch_type, curve_options, curve_options_from, curve_outcomes, curve_table
+  public :: curve_closed, curve_completed, curve_fold_limit, curve_overflow, curve_returned, &
+            curve_step_limit, curve_stopped, curve_stuck, curve_unphysical
 
   !> Steps in units of the present point, at first and at least; where the equations
   !! end, steps this short are enough.
@@ -257,6 +257,10 @@ contains
     call branch%add(f%next, at_stop(f, f%next%p), f%truncation)
     ended = f%away .and. apart < f%step
     if (ended) branch%outcome = curve_closed
+    if (branch%folds%n >= f%options%max_folds .and. .not. ended) then
+      ended = .true.
+      branch%outcome = curve_fold_limit
+    end if
   end subroutine take_step
 
   !> The next step begins where this one has ended; how long it is.

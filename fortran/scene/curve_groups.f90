@@ -1,6 +1,6 @@
 !> What groups about curves share: keys that say how they are followed and where others leave.
 module viscovib_curve_groups
-  use viscovib_curve_branch, only: curve_options
+  use viscovib_curve_branch, only: curve_options, curve_table
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_status, only: show
@@ -9,29 +9,36 @@ module viscovib_curve_groups
 
   public :: read_curve, read_switch, read_yes, check_between
 
-  integer, parameter, public :: max_curve_points = 100000
   integer, parameter :: max_switches = 20
 
 contains
 
-  !> tolerance, max_points and max_step.
+  !> The options of curves, each by its name in `curve_table`.
   subroutine read_curve(reader, options)
     type(group_reader), intent(inout) :: reader
     type(curve_options), intent(inout) :: options
+    character(len=:), allocatable :: key
+    real(wp) :: values(size(curve_table))
+    integer :: i
 
-    options%tolerance = reader%read_real('tolerance', options%tolerance)
-    options%max_points = reader%read_integer('max_points', options%max_points)
-    options%max_step = reader%read_real('max_step', options%max_step)
-    if (reader%status%failed()) return
-    call check_between(reader, 'max_points', options%max_points, 2, max_curve_points)
-    if (options%tolerance < 1.0e-14_wp .or. options%tolerance > 0.1_wp) then
-      call reader%complain('tolerance', 'tolerance = '//show(options%tolerance) &
-                           //': must be in [1e-14, 0.1]')
-    end if
-    if (options%max_step < 1.0e-4_wp .or. options%max_step > 1.0_wp) then
-      call reader%complain('max_step', 'max_step = '//show(options%max_step) &
-                           //': must be in [1e-4, 1]')
-    end if
+    values = options%values()
+    do i = 1, size(curve_table)
+      key = trim(curve_table(i)%name)
+      associate (option => curve_table(i))
+        if (option%whole) then
+          values(i) = reader%read_integer(key, nint(values(i)))
+          call check_between(reader, key, nint(values(i)), nint(option%lowest), &
+                             nint(option%highest))
+        else
+          values(i) = reader%read_real(key, values(i))
+          if (values(i) < option%lowest .or. values(i) > option%highest) then
+            call reader%complain(key, key//' = '//show(values(i))//': must be in [' &
+                                 //show(option%lowest)//', '//show(option%highest)//']')
+          end if
+        end if
+      end associate
+    end do
+    if (.not. reader%status%failed()) call options%set(values)
   end subroutine read_curve
 
   !> Branch points to leave at, counted from 1, negative: the other way.

@@ -71,7 +71,8 @@ class Backbone(PeriodicMotions, Result):
     mode : int
         The linear mode it grew from, counted from 0.
     outcome : str
-        "completed"; "step limit": max_points reached; "stuck": no smaller step helps;
+        "completed"; "step limit": max_points reached; "fold limit": max_folds reached; "stuck":
+        no smaller step helps;
         "returned": back at the size it began with, as where modes are in internal resonance and
         the motion becomes one of a higher mode; "closed": back at the first point; "overflow";
         "unphysical": no motion oscillates beyond; of a pendulum, it reaches z = -1.
@@ -239,10 +240,8 @@ def oscillator_backbone(
     *,
     dof: str | None,
     harmonics: int | str,
-    tolerance: float,
-    max_points: int,
-    max_step: float,
     coordinates: Sequence[str] | None,
+    **options: Any,
 ) -> Backbone:
     """`backbone` of a mount, a polynomial system or a structure."""
     check_steady(system, None)
@@ -253,8 +252,8 @@ def oscillator_backbone(
     if amplitude_range is None:
         raise InputError("amplitude_range: must be given for all systems but a pendulum")
     ends = Interval("amplitude_range", above=0).check(amplitude_range)
-    curve = CurveOptions.checked(tolerance, max_points, max_step)
-    wanted, points, step = curve.tolerance, curve.max_points, curve.max_step
+    curve = CurveOptions.checked(options)
+    wanted, points = curve.tolerance, curve.max_points
     chosen = _native.is_auto(harmonics)
     highest = 1 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS)
     if isinstance(system, Structure):
@@ -278,7 +277,7 @@ def oscillator_backbone(
         raise InputError(f"max_points = {points}: must be at most {room} with these unknowns")
     cancel = np.zeros(1, dtype=np.intc)
     n, ended, m, kept, nu, truncation, coefficients, n_folds, folds = _native.call_interruptibly(
-        core.oscillator_backbone, cancel, *job, *ends, highest, int(chosen), wanted, points, step,
+        core.oscillator_backbone, cancel, *job, curve.packed(*ends), highest, int(chosen), points,
         n_kept, n_dof, MAX_SPECIAL, cancel,
     )  # fmt: skip
     if n == 0:

@@ -56,11 +56,9 @@ def trace_mount(
     opposite: bool,
     symmetric: bool | None,
     harmonics: int | str,
-    tolerance: float,
-    max_points: int,
-    max_step: float,
     stability: bool,
     coordinates: Sequence[str] | None,
+    **options: Any,
 ) -> Branch:
     """`trace_response` of a mount, a polynomial system or a structure."""
     ranges = {"nu_range": nu_range, "load_range": load_range, "vary_range": vary_range}
@@ -93,8 +91,8 @@ def trace_mount(
             raise InputError("start: must not be given with leave, which tells where to begin")
         begun = start_of(start, system.dof_names, fixed)
         keeps = keeps and not (symmetric is None and begun.has_even)
-    curve = CurveOptions.checked(tolerance, max_points, max_step)
-    job, _, options, planned = _prepare(
+    curve = CurveOptions.checked(options)
+    job, _, prepared, planned = _prepare(
         system, [fixed], load, base, "newton", harmonics, curve.tolerance, 100, 1.0, keep_idle=True,
         flat=first, may_choose=True, whole=judged_too or numbers is not None,
     )  # fmt: skip
@@ -111,7 +109,7 @@ def trace_mount(
         raise InputError("coordinates: only those of a structure are chosen")
     orders = planned.orders
     if not keeps:
-        orders = np.arange((planned.orders[-1] if chosen else options[1]) + 1, dtype=np.int32)
+        orders = np.arange((planned.orders[-1] if chosen else prepared[1]) + 1, dtype=np.int32)
     if chosen:
         orders = orders[orders <= max(MOST_CHOSEN, *job[-2])]
     n_dof, m = job[-1].shape[0] - 1, orders.size
@@ -140,8 +138,8 @@ def trace_mount(
         folds, fold_coefficients, n_branch, branch_p, branch_x, across, branch_before, judged,
         growing, multipliers, exponents, n_crossings, kinds, before, where, crossing_coefficients,
     ) = _native.call_interruptibly(
-        core.mount_branch, cancel, flat, *job[1:], _KINDS.get(varies, 3), direction, fixed, first_p,
-        finish, options[1], int(keeps), curve.tolerance, points, curve.max_step, stops,
+        core.mount_branch, cancel, flat, *job[1:], _KINDS.get(varies, 3), direction, fixed,
+        curve.packed(first_p, finish, stops), prepared[1], int(keeps), points,
         int(leave is not None or begun is not None), begin, begin_p, along,
         points if judged_too else 0, m, min(points, MAX_SPECIAL), cancel,
     )  # fmt: skip
@@ -180,23 +178,11 @@ def trace_mount(
     )
     values = p[:n].copy()
     same = np.ones(n)
-    few = truncation[:n] > tolerance
-    if few.any():
-        warnings.warn(
-            f"at {few.sum()} of {n} points harmonics up to {orders[-1]} do not reach the tolerance "
-            f"{tolerance:.1e}; worst at {varies} = {p[truncation[:n].argmax()]:.6g}, with an "
-            f"estimated relative error of {truncation[:n].max():.1e}",
-            ConvergenceWarning,
-            stacklevel=caller(),
-        )
-    if error[:n].max() > tolerance:
-        warnings.warn(
-            f"at {(error[:n] > tolerance).sum()} of {n} points rounding leaves more than the "
-            f"tolerance {tolerance:.1e}; worst at {varies} = {p[error[:n].argmax()]:.6g}, with an "
-            f"estimated relative error of {error[:n].max():.1e}",
-            ConvergenceWarning,
-            stacklevel=caller(),
-        )
+    _warn_above(
+        truncation[:n], curve.tolerance, varies, p,
+        f"harmonics up to {orders[-1]} do not reach the tolerance",
+    )  # fmt: skip
+    _warn_above(error[:n], curve.tolerance, varies, p, "rounding leaves more than the tolerance")
     places = branch_p[:n_branch]
     points_off = shown(_complex(branch_x[:, :n_branch], n_dof, m)[:n_used], places)
     directions = shown(_complex(across[:-1, :n_branch], n_dof, m)[:n_used], places, whole=False)
@@ -248,6 +234,20 @@ def trace_mount(
     if isinstance(branch, StructureBranch):
         warn_of_reduction(branch)
     return branch
+
+
+def _warn_above(
+    errors: FloatArray, tolerance: float, varies: str, p: FloatArray, told: str
+) -> None:
+    """Warn of points whose error is above the tolerance."""
+    above = errors > tolerance
+    if above.any():
+        warnings.warn(
+            f"at {above.sum()} of {errors.size} points {told} {tolerance:.1e}; worst at {varies} = "
+            f"{p[errors.argmax()]:.6g}, with an estimated relative error of {errors.max():.1e}",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
 
 
 def _plan(

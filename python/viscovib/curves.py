@@ -12,14 +12,12 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError, StabilityWarning, caller
+from viscovib.parameters import CURVE_OUTCOMES
 from viscovib.response_result import Peak, band_of, lowest_order, peaks
 from viscovib.results import Number, Panel, Result, named, span
 from viscovib.tables import listed
 
-OUTCOMES: tuple[str, ...] = (
-    "completed", "returned", "step limit", "stuck", "overflow", "unphysical", "closed",
-    "stopped",
-)  # fmt: skip
+OUTCOMES = CURVE_OUTCOMES
 #: Folds, branch points and changes of stability that a branch keeps.
 MAX_SPECIAL = 200
 #: What may be crossed, in the order of the core.

@@ -282,14 +282,12 @@ def trace_pendulum(
     leave: BranchPoint | None,
     opposite: bool,
     harmonics: int | str,
-    tolerance: float,
-    max_points: int,
-    max_step: float,
     stability: bool,
     duration: float | None,
     symmetric: bool | None,
     subharmonic: int,
     max_denominator: int,
+    **options: Any,
 ) -> DrivenBranch:
     """`trace_response` of a pendulum."""
     pend = system
@@ -301,8 +299,8 @@ def trace_pendulum(
     start, finish = range_of(varies, value)
     if (varies in FREQUENCIES or varies == "nu") and min(start, finish) <= 0:
         raise InputError(f"{varies} = ({start:g}, {finish:g}): must be greater than 0")
-    curve = CurveOptions.checked(tolerance, max_points, max_step)
-    wanted, points, step = curve.tolerance, curve.max_points, curve.max_step
+    curve = CurveOptions.checked(options)
+    wanted, points = curve.tolerance, curve.max_points
     checked((STABILITY, OPPOSITE), locals())
     keeps = symmetric is not None and SYMMETRIC.check(symmetric)
     denominator = MAX_DENOMINATOR.check(max_denominator)
@@ -344,9 +342,9 @@ def trace_pendulum(
             folds, fold_x, n_branch, branch_p, branch_x, across, before, n_crossings, kinds,
             crossed_after, crossed_at, crossed_x,
         ) = _native.call_interruptibly(
-            core.pendulum_branch, cancel, *job[:2], kept, *job[2:], start / unit, finish / unit,
-            wanted, points, step, stops / unit, span, int(leave is not None), begin, begin_p,
-            along, MAX_SPECIAL, cancel,
+            core.pendulum_branch, cancel, *job[:2], kept, *job[2:],
+            curve.packed(start / unit, finish / unit, stops / unit), points, span,
+            int(leave is not None), begin, begin_p, along, MAX_SPECIAL, cancel,
         )  # fmt: skip
         if not n_points:
             break

@@ -4,6 +4,8 @@ What an argument may be is said once, by a record; `checked` holds what is given
 of them. Every record refuses in the same words: ``name = value: must be ...``.
 """
 
+from __future__ import annotations
+
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
@@ -14,6 +16,7 @@ from operator import is_
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
@@ -193,7 +196,7 @@ class Optional(Parameter[Any]):
     of: Parameter[Any]
 
     @classmethod
-    def or_none(cls, of: Parameter[Any]) -> "Optional":
+    def or_none(cls, of: Parameter[Any]) -> Optional:
         """Allow None besides."""
         return cls(of.name, of)
 
@@ -203,10 +206,10 @@ class Optional(Parameter[Any]):
 
 
 _counts, _sizes = _native.core.known_limits()
-_lowest, _highest, _curve_tolerance, _curve_step = _sizes.tolist()
+_lowest, _highest = _sizes.tolist()
 #: Highest order of a periodic motion, the highest that is chosen along a branch unless the load
 #: needs more, unknowns of Newton's method: all bounds here are those of the core.
-MAX_HARMONICS, MOST_CHOSEN, _iterations, MAX_UNKNOWNS, _most_points, _points = _counts.tolist()
+MAX_HARMONICS, MOST_CHOSEN, _iterations, MAX_UNKNOWNS = _counts.tolist()
 #: What several methods share: the relative size of the last correction, ...
 TOLERANCE = Number("tolerance", _lowest, _highest)
 MAX_ITERATIONS = Whole("max_iterations", 1, _iterations)
@@ -221,23 +224,48 @@ DURATION = Number("duration", 1, 1e6)
 TIME_TOLERANCE, RTOL = Number("tolerance", 1e-13, 1), Number("rtol", 1e-13, 1)
 
 
+def _curve_table() -> tuple[dict[str, float], tuple[Parameter[Any], ...], tuple[str, ...]]:
+    """Return the options of curves that the core knows, and its words for how they end."""
+    names, n, numbers, endings = _native.core.curve_words()
+    words = names.decode().rstrip(", ").split(",")
+    given: dict[str, float] = {}
+    bounds: list[Parameter[Any]] = []
+    for name, (default, lowest, highest, whole) in zip(words, numbers.T[:n].tolist(), strict=True):
+        given[name] = int(default) if whole else default
+        bounds.append(
+            Whole(name, int(lowest), int(highest)) if whole else Number(name, lowest, highest)
+        )
+    return given, tuple(bounds), tuple(endings.decode().rstrip(", ").split(","))
+
+
+#: Options of curves of motions with their defaults, and the words for how curves end.
+CURVE_DEFAULTS, _CURVE_BOUNDS, CURVE_OUTCOMES = _curve_table()
+
+
 @dataclass(frozen=True)
 class CurveOptions:
-    """How a curve of motions is followed, whatever the motions are; the defaults of all methods."""
+    """How a curve of motions is followed, whatever the motions are: options that the core names."""
 
-    tolerance: float = _curve_tolerance
-    max_points: int = _points
-    max_step: float = _curve_step
+    values: Mapping[str, float]
 
     @classmethod
-    def checked(cls, tolerance: float, max_points: int, max_step: float) -> "CurveOptions":
+    def checked(cls, given: Mapping[str, Any]) -> CurveOptions:
         """Check all of them."""
-        return cls(
-            TOLERANCE.check(tolerance), _MAX_POINTS.check(max_points), _MAX_STEP.check(max_step)
-        )
+        return cls(checked(_CURVE_BOUNDS, given))
 
+    @property
+    def tolerance(self) -> float:
+        """Relative size of the last correction."""
+        return self.values["tolerance"]
 
-_MAX_POINTS, _MAX_STEP = Whole("max_points", 2, _most_points), Number("max_step", 1e-4, 1)
+    @property
+    def max_points(self) -> int:
+        """Points at most."""
+        return int(self.values["max_points"])
+
+    def packed(self, start: float, finish: float, stops: npt.ArrayLike = ()) -> FloatArray:
+        """Return them as flat routines take them, with where the curve begins, ends and stops."""
+        return np.array([start, finish, *self.values.values(), *np.asarray(stops)])
 
 
 def checked(table: Iterable[Parameter[Any]], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -254,7 +282,12 @@ class Taken:
     def __init__(self, public: Callable[..., Any], inner: Callable[..., Any], whose: str) -> None:
         arguments = signature(public).parameters
         self._called, self._whose = public.__name__, whose
-        self._names = tuple(signature(inner).parameters)
+        # `**curve` stands for all options of curves.
+        self._names = tuple(
+            name
+            for one in signature(inner).parameters.values()
+            for name in (CURVE_DEFAULTS if one.kind is one.VAR_KEYWORD else (one.name,))
+        )
         others = [one for name, one in arguments.items() if name not in self._names]
         self._others = tuple(one.name for one in others)
         self._defaults = tuple(one.default for one in others)

@@ -38,14 +38,12 @@ def pendulum_backbone(
     energy_range: tuple[float, float] | None,
     dof: str | None,
     harmonics: int | str,
-    tolerance: float,
-    max_points: int,
-    max_step: float,
     stability: bool | None,
     symmetric: bool,
     subharmonic: int,
     leave: BackbonePoint | None,
     opposite: bool,
+    **options: Any,
 ) -> Backbone:
     """`backbone` of a pendulum."""
     pend = system
@@ -82,8 +80,8 @@ def pendulum_backbone(
         raise InputError(f"dof = {dof!r}: stands still in mode {j}")
     varies = "amplitude" if energy_range is None else "energy"
     start, finish = _ends(amplitude_range, energy_range)
-    curve = CurveOptions.checked(tolerance, max_points, max_step)
-    wanted, points, step = curve.tolerance, curve.max_points, curve.max_step
+    curve = CurveOptions.checked(options)
+    wanted, points = curve.tolerance, curve.max_points
     n, n_most = 3 * (highest + 1), 3 * (multiple * most + 1)
     check_size("max_points", points, n_most)
     given = checked((SYMMETRIC, OPPOSITE), locals())
@@ -107,9 +105,9 @@ def pendulum_backbone(
         n_branch, branch_p, branch_nu, branch_x, across, before,
     ) = _native.call_interruptibly(
         core.pendulum_backbone, cancel, free._flat, pattern, unit,
-        place + 1 if varies == "amplitude" else 0, multiple, order, most, start, finish, wanted,
-        points, step, int(judged), int(leave is not None), begin.ravel(), begin_nu,
-        begin_p, along, n_most, MAX_SPECIAL, cancel,
+        place + 1 if varies == "amplitude" else 0, multiple, order, most,
+        curve.packed(start, finish), points, int(judged), int(leave is not None), begin.ravel(),
+        begin_nu, begin_p, along, n_most, MAX_SPECIAL, cancel,
     )  # fmt: skip
     if not count:
         raise InputError(

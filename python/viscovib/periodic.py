@@ -262,6 +262,7 @@ def trace_response(
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
+    max_folds: int = 100000,
     stability: bool = True,
     coordinates: Sequence[str] | None = None,
 ) -> Branch: ...
@@ -284,6 +285,7 @@ def trace_response(
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
+    max_folds: int = 100000,
     stability: bool = True,
     duration: float | None = None,
     subharmonic: int = 1,
@@ -314,6 +316,7 @@ def trace_response(
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
+    max_folds: int = 100000,
     stability: bool = True,
     duration: float | None = None,
     subharmonic: int = 1,
@@ -380,6 +383,8 @@ def trace_response(
         Points at most, 2 to 100000.
     max_step : float
         Largest step as a part of the present point, 1e-4 to 1.
+    max_folds : int
+        Folds behind which the curve ends with "fold limit", 1 to 100000, which is no limit.
     stability : bool
         Compute Floquet multipliers; with memory, exponents from Hill's determinant, those that grow
         counted by the argument principle; with many coordinates that takes longer than the branch
@@ -443,6 +448,7 @@ def backbone(
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
+    max_folds: int = 100000,
     coordinates: Sequence[str] | None = None,
 ) -> Backbone: ...
 @overload
@@ -460,6 +466,7 @@ def backbone(
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
+    max_folds: int = 100000,
     stability: bool | None = None,
     subharmonic: int = 1,
 ) -> Backbone: ...
@@ -477,6 +484,7 @@ def backbone(
     tolerance: float = 1e-10,
     max_points: int = 2000,
     max_step: float = 0.1,
+    max_folds: int = 100000,
     stability: bool | None = None,
     subharmonic: int = 1,
     coordinates: Sequence[str] | None = None,
@@ -519,6 +527,8 @@ def backbone(
         Points at most, 2 to 100000.
     max_step : float
         Largest step as a part of the present point, 1e-4 to 1.
+    max_folds : int
+        Folds behind which the curve ends with "fold limit", 1 to 100000, which is no limit.
     stability : bool
         Of a pendulum: compute Floquet multipliers, unless this is False.
     subharmonic : int

@@ -33,7 +33,7 @@ from viscovib.kernels import (
 from viscovib.mount import Mount
 from viscovib.multiple_scales import MultipleScales
 from viscovib.oscillators import Oscillator
-from viscovib.parameters import FilePath
+from viscovib.parameters import CURVE_DEFAULTS, FilePath
 from viscovib.pendulum import Pendulum
 from viscovib.periodic import backbone, trace_response
 from viscovib.polynomial_system import Monomial, PolynomialSystem, Springs
@@ -53,7 +53,7 @@ _LISTS = ("weights", "rates", "times", "values")
 
 #: Keys of a pendulum's &branch that `trace_response` has under the same names.
 _DRIVEN = (
-    "harmonics", "tolerance", "max_points", "max_step", "subharmonic", "max_denominator",
+    "harmonics", *CURVE_DEFAULTS, "subharmonic", "max_denominator",
 )  # fmt: skip
 
 
@@ -317,8 +317,8 @@ class Scene:
         group = self._group("backbone")
         ends = (group["from"], group["to"])
         same = {
-            **{key: group[key] for key in ("mode", "harmonics", "tolerance")},
-            **{key: group[key] for key in ("max_points", "max_step", "dof") if key in group},
+            **{key: group[key] for key in ("mode", "harmonics")},
+            **{key: group[key] for key in (*CURVE_DEFAULTS, "dof") if key in group},
         }
         if not self.is_pendulum:
             return backbone(self.oscillator(), amplitude_range=ends, **same), ()
@@ -359,7 +359,7 @@ class Scene:
             "system": self.oscillator(),
             **where,
             **self.loads(),
-            **{key: group[key] for key in ("harmonics", "tolerance", "max_points", "max_step")},
+            **{key: group[key] for key in ("harmonics", *CURVE_DEFAULTS)},
             "stability": group["stability"] == "yes",
         }
 

@@ -814,3 +814,25 @@ def test_branch_points_do_not_depend_on_steps():
     ])  # fmt: skip
     assert places.shape == (7, 3)
     assert np.ptp(places, axis=0) == pytest.approx(0, abs=1e-11)
+
+
+def test_a_branch_ends_behind_as_many_folds_as_wanted():
+    body = vv.PolynomialSystem(mass=[[1]], stiffness=[[1]], damping=[[0.1]], forces="x^3")
+    whole = vv.trace_response(body, (0.4, 2.5), load=0.3)
+    assert len(whole.folds) == 2
+    for most in (1, 2, 3):
+        part = vv.trace_response(body, (0.4, 2.5), load=0.3, max_folds=most)
+        assert len(part.folds) == min(most, 2)
+        assert part.outcome == ("completed" if most > 2 else "fold limit")
+        np.testing.assert_array_equal(part.coefficients, whole.coefficients[: part.nu.size])
+        # One point behind the fold: what turns back does so at the last step.
+        turns = np.diff(np.sign(np.diff(part.nu[:-1]))) != 0
+        assert turns.sum() == min(most, 2) - (most < 3)
+    free = vv.backbone(body, 0, (0.1, 2.0), max_folds=1)
+    assert free.outcome == "completed"
+
+
+@pytest.mark.parametrize("most", [0, 1.5, 10**6])
+def test_a_wrong_number_of_folds_is_refused(most):
+    with pytest.raises(vv.InputError, match=f"max_folds = {most}: must be"):
+        vv.trace_response(damped(), (0.5, 1), load=0.5, max_folds=most)

@@ -4,12 +4,12 @@ import inspect
 import re
 import typing
 import warnings
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import documented_calls
 import pytest
 import viscovib as vv
-from viscovib.parameters import CurveOptions
+from viscovib.parameters import CURVE_DEFAULTS
 
 SHARED = (vv.forced_response, vv.trace_response, vv.backbone)
 FUNCTIONS = (*SHARED, vv.plan_response, vv.simulate, vv.simulate_ensemble)
@@ -45,7 +45,7 @@ def test_forms_have_the_defaults_of_the_whole(function):
 @pytest.mark.parametrize("function", [vv.trace_response, vv.backbone])
 def test_curves_have_the_defaults_of_the_core(function):
     whole = inspect.signature(function).parameters
-    for name, value in asdict(CurveOptions()).items():
+    for name, value in CURVE_DEFAULTS.items():
         assert whole[name].default == value
 
 
