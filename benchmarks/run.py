@@ -23,6 +23,7 @@ import orders
 import peaks
 import phases
 import response_curve
+import rubber
 import skips
 import steady
 import structures
@@ -310,6 +311,24 @@ def of_bodies(out: Path) -> Part:
     ], {}
 
 
+def of_rubber(out: Path) -> Part:
+    """Fits of kernels to measurements."""
+    rows = rubber.run()
+    write_csv(out / "rubber.csv", rows)
+    lines = ["", "| rubber from data | time | target | residual of storage | of loss |"]
+    lines += ["| --- |" + " --- |" * 4]
+
+    def part(value: float) -> str:
+        return f"{100 * value:.2g} %" if value == value else ""
+
+    return lines + [
+        f"| {row['job']} | {show_time(row['seconds'])} | "
+        f"{show_time(row['target']) if row['target'] else ''} | {part(row['storage'])} | "
+        f"{part(row['loss'])} |"
+        for row in rows
+    ], {}
+
+
 def of_structures(out: Path) -> Part:
     """Branches of structures condensed to what is nonlinear."""
     rows = structures.run()
@@ -357,6 +376,7 @@ PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "scales": (of_scales, 600),
     "bodies": (of_bodies, 600),
     "structures": (of_structures, 900),
+    "rubber": (of_rubber, 600),
     "floors": (of_floors, 600),
     "phases": (of_phases, 900),
     "peaks": (of_peaks, 300),

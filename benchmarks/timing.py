@@ -18,6 +18,7 @@ PEERS = (
     "OSCILATE",
     "idesolver",
     "pycaputo",
+    "pyvisco",
 )
 
 

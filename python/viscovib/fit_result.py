@@ -401,7 +401,7 @@ class ParametricFit(KernelFit):
             rows = measured.slopes(model, x) * factor[:, np.newaxis]
             return np.vstack([rows, weight * model.turned_slopes(x)[place]])
 
-        found = descend(residual, slopes, start)
+        found = descend(residual, slopes, start, rough=True)
         left = residual(found)[:-1]
         return found, float(left @ left)
 
