@@ -168,11 +168,54 @@ def whole_curve() -> Row:
     return show(row)
 
 
+def steps_in_time(n: int, method: str, target: float, *, whole: bool = False) -> Row:
+    """A step of chain B whose spring remembers, the preparation of a run left out."""
+    structure, w, load = chain_b(n)
+    end, few, many = f"x{n}", 10, 810 if n > 100 else 4010
+    kernel = vv.RzhanitsynKernel(amplitude=0.05, alpha=0.3, beta=0.1)
+    cubic = structure.elements[0].parameters["c"]
+    spring = vv.Spring(on=end, stiffness=0.01, law=f"{cubic}*d^3", kernel=kernel)
+    system = vv.Structure(
+        mass=np.ones(n), stiffness=matrix(n, free=True), modal_damping=0.01, elements=[spring]
+    )
+    h = 0.25
+
+    def steps(body: vv.Structure | vv.PolynomialSystem, count: int) -> float:
+        forced = {"load": np.eye(n)[-1] * load, "nu": w}
+        only = {"coordinates": [end]} if isinstance(body, vv.Structure) else {}
+        return least(
+            lambda: vv.simulate(
+                body, h * count, dt=h, method=method, keep="last", tolerance=1e-12, **forced, **only
+            )
+        )
+
+    seconds = max(steps(system, many) - steps(system, few), 0.0)
+    row: Row = {
+        "job": f"step in time, {n} modes, a hereditary spring, {method}", "points": many - few,
+        "seconds": seconds, "target": target, "whole": np.nan, "ratio": np.nan, "error": np.nan,
+    }  # fmt: skip
+    if whole:
+        ends = np.zeros((n, n))
+        ends[-1, -1] = 0.01
+        # Modal damping as a matrix.
+        squares, shapes = np.linalg.eigh(matrix(n, free=True) + ends)
+        body = vv.PolynomialSystem(
+            mass=np.ones(n), stiffness=matrix(n, free=True),
+            damping=shapes * (0.02 * np.sqrt(squares)) @ shapes.T,
+            springs=[vv.Springs(stiffness=ends, forces={end: f"{cubic}*{end}^3"}, kernel=kernel)],
+        )  # fmt: skip
+        row["whole"] = steps(body, many) - steps(body, few)
+        row["ratio"] = row["whole"] / seconds
+    return show(row)
+
+
 def run() -> list[Row]:
     """All rows."""
     warnings.simplefilter("ignore", vv.ConvergenceWarning)
     rows = [*chains(stability=False), *growth(stability=False), whole_curve()]
-    return [*rows, *chains(stability=True), *growth(stability=True)]
+    rows += [*chains(stability=True), *growth(stability=True)]
+    rows += [steps_in_time(32, "gauss8", 0.0, whole=True), steps_in_time(1000, "gauss8", 15e-6)]
+    return [*rows, steps_in_time(1000, "gauss4", 15e-6)]
 
 
 if __name__ == "__main__":

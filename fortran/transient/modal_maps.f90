@@ -15,13 +15,15 @@ module viscovib_modal_maps
   use viscovib_pole_maps, only: new_pole_map, pole_map_type, poles_type
   use viscovib_quadrature, only: lagrange, lagrange_factors, legendre
   use viscovib_section_step, only: driven_section, free_section, section_wave
+  use viscovib_structure_kernels, only: mode_block
   implicit none
   private
 
   public :: modal_map_type, sections_type, new_modal_map, legendre_of_nodes
 
   type :: sections_type
-    !> Shape (n): squares of frequencies (1/s^2), and rates of damping (1/s).
+    !> Shape (n), for maps whole blocks of modes: squares of frequencies (1/s^2), and rates of
+    !! damping (1/s).
     real(wp), allocatable :: squares(:), rates(:)
     !> Deflections by modes, shape (n, n_seen); pushes of forces on modes, shape (n, n_pushed).
     real(wp), allocatable :: seen(:, :), pushed(:, :)
@@ -38,8 +40,8 @@ module viscovib_modal_maps
     !> Gains of a section by its state (q, q') at the nodes and the end, shape (n, s+1), and of
     !! its velocity at the end, shape (n).
     real(wp), allocatable :: by_q(:, :), by_v(:, :), rate_by_q(:), rate_by_v(:)
-    !> Gains at the end by a unit push at a node, shape (n, s).
-    real(wp), allocatable :: gain(:, :), rate_gain(:, :)
+    !> Gains at the end by a unit push at a node, shape (mode_block, s, n/mode_block).
+    real(wp), allocatable :: gain(:, :, :), rate_gain(:, :, :)
     !> Deflections at the nodes and the end by forces at the nodes, point p of deflection j at
     !! (j-1)(s+1)+p and node k of force l at (l-1)s+k.
     real(wp), allocatable :: answer(:, :)
@@ -88,7 +90,8 @@ contains
     n = size(sections%squares)
     n_rows = (s + 1)*size(sections%seen, 2)
     allocate (map%by_q(n, s + 1), map%by_v(n, s + 1), map%rate_by_q(n), map%rate_by_v(n))
-    allocate (map%gain(n, s), map%rate_gain(n, s), gain(n, s))
+    allocate (map%gain(mode_block, s, n/mode_block), gain(n, s))
+    allocate (map%rate_gain(mode_block, s, n/mode_block))
     allocate (map%answer(n_rows, s*size(sections%pushed, 2)))
     allocate (map%swing(n_rows + 2*(n + size(sections%others%poles)), &
                         size(sections%frequencies)))
@@ -118,8 +121,9 @@ contains
         if (p <= s) cycle
         map%rate_by_q(m) = by_q(2)/now
         map%rate_by_v(m) = by_v(2)
-        map%gain(m, :) = gain(m, :)
-        map%rate_gain(m, :) = now*matmul(rates, coefficients(:, :, p))
+        i = modulo(m - 1, mode_block) + 1
+        map%gain(i, :, (m - 1)/mode_block + 1) = gain(m, :)
+        map%rate_gain(i, :, (m - 1)/mode_block + 1) = now*matmul(rates, coefficients(:, :, p))
       end do
       do j = 1, size(sections%seen, 2)
         do l = 1, size(sections%pushed, 2)

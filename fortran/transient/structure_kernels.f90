@@ -18,22 +18,16 @@ contains
     real(wp), intent(in) :: seen(mode_block, n_blocks, r)
     real(wp), intent(in), dimension(mode_block, n_blocks) :: q, v
     real(wp), intent(inout) :: a(n_points, r)
-    real(wp), dimension(mode_block) :: sums, more
-    real(wp) :: x(mode_block, n_blocks)
+    real(wp) :: lanes(mode_block, n_points), x(mode_block, n_blocks)
     integer :: b, j, p
 
-    if (r == 0) return
-    do p = 1, n_points
-      sums = 0.0_wp
-      more = 0.0_wp
-      if (r == 1) then
-        !GCC$ novector
-        do b = 1, n_blocks
-          sums = sums + seen(:, b, 1)*(by_q(:, b, p)*q(:, b))
-          more = more + seen(:, b, 1)*(by_v(:, b, p)*v(:, b))
-        end do
-        a(p, 1) = a(p, 1) + sum(sums + more)
-      else
+    if (r == 1) then
+      call one_deflection(n_blocks, n_points, by_q, by_v, seen, q, v, lanes)
+      do p = 1, n_points
+        a(p, 1) = a(p, 1) + sum(lanes(:, p))
+      end do
+    else if (r > 1) then
+      do p = 1, n_points
         !GCC$ novector
         do b = 1, n_blocks
           x(:, b) = by_q(:, b, p)*q(:, b) + by_v(:, b, p)*v(:, b)
@@ -41,26 +35,53 @@ contains
         do j = 1, r
           a(p, j) = a(p, j) + seen_of(n_blocks, seen(:, :, j), x)
         end do
-      end if
-    end do
+      end do
+    end if
   end subroutine free_points
+
+  !> Eight sums a point: what ends in arrays is done eight at a time, what ends in a number is not.
+  pure subroutine one_deflection(n_blocks, n_points, by_q, by_v, seen, q, v, lanes)
+    integer, intent(in) :: n_blocks, n_points
+    real(wp), intent(in), dimension(mode_block, n_blocks, n_points) :: by_q, by_v
+    real(wp), intent(in), dimension(mode_block, n_blocks) :: seen, q, v
+    real(wp), intent(out) :: lanes(mode_block, n_points)
+    real(wp), dimension(mode_block) :: of_q, of_v
+    integer :: b, p
+    do p = 1, n_points
+      of_q = 0.0_wp
+      of_v = 0.0_wp
+      !GCC$ novector
+      do b = 1, n_blocks
+        of_q = of_q + seen(:, b)*(by_q(:, b, p)*q(:, b))
+        of_v = of_v + seen(:, b)*(by_v(:, b, p)*v(:, b))
+      end do
+      lanes(:, p) = of_q + of_v
+    end do
+  end subroutine one_deflection
 
   !> seen . x.
   pure real(wp) function seen_of(n_blocks, seen, x)
     integer, intent(in) :: n_blocks
     real(wp), intent(in), dimension(mode_block, n_blocks) :: seen, x
-    real(wp), dimension(mode_block) :: even, odd
-    integer :: b
-    even = 0.0_wp
-    odd = 0.0_wp
-    !GCC$ novector
-    do b = 1, n_blocks/2
-      odd = odd + seen(:, 2*b - 1)*x(:, 2*b - 1)
-      even = even + seen(:, 2*b)*x(:, 2*b)
-    end do
-    if (mod(n_blocks, 2) == 1) odd = odd + seen(:, n_blocks)*x(:, n_blocks)
-    seen_of = sum(odd + even)
+    real(wp) :: lanes(mode_block, 2*n_blocks)
+    call products(n_blocks, seen, x, lanes)
+    seen_of = sum(lanes(:, 1))
   end function seen_of
+
+  !> Of the columns of lanes the first is used.
+  pure subroutine products(n_blocks, seen, x, lanes)
+    integer, intent(in) :: n_blocks
+    real(wp), intent(in), dimension(mode_block, n_blocks) :: seen, x
+    real(wp), intent(inout) :: lanes(mode_block, 2*n_blocks)
+    real(wp) :: total(mode_block)
+    integer :: b
+    total = 0.0_wp
+    !GCC$ novector
+    do b = 1, n_blocks
+      total = total + seen(:, b)*x(:, b)
+    end do
+    lanes(:, min(1, n_blocks)) = total
+  end subroutine products
 
   !> Modes to the end of the step, their sums compensated: by their state, by forces at the nodes,
   !! and by what waves add.
@@ -69,71 +90,86 @@ contains
                              largest, finite)
     integer, intent(in) :: n_blocks, s, n_pushed, n_swings
     real(wp), intent(in), dimension(mode_block, n_blocks) :: by_q, by_v, rate_by_q, rate_by_v
-    real(wp), intent(in), dimension(mode_block, n_blocks, s) :: gain, rate_gain
+    !> Node by node of a block, as they are used.
+    real(wp), intent(in), dimension(mode_block, s, n_blocks) :: gain, rate_gain
     real(wp), intent(in) :: pushed(mode_block, n_blocks, n_pushed), forces(s, n_pushed)
     !> Of the modes, then of their velocities, 2 blocks or none.
     real(wp), intent(in) :: swing(mode_block, n_blocks, n_swings)
     real(wp), intent(inout), dimension(mode_block, n_blocks) :: q, v, q_rest, v_rest
-    !> Of the modes, so far.
+    !> Of the modes, so far: sum of the sizes of all.
     real(wp), intent(inout) :: largest
     logical, intent(out) :: finite
-    real(wp), dimension(mode_block) :: push, dq, dv, here, sum_of, back, total, most
-    integer :: b, k, l
+    real(wp), dimension(mode_block, n_blocks) :: moved, there
+    integer :: b
 
-    total = 0.0_wp
-    most = 0.0_wp
-    !GCC$ novector
     do b = 1, n_blocks
-      dq = q_rest(:, b) + (by_q(:, b)*q(:, b) + by_v(:, b)*v(:, b))
-      dv = v_rest(:, b) + (rate_by_q(:, b)*q(:, b) + rate_by_v(:, b)*v(:, b))
-      if (n_swings > 0) then
-        dq = dq + swing(:, b, 1)
-        dv = dv + swing(:, b, 2)
-      end if
-      if (n_pushed == 1) then
-        push = pushed(:, b, 1)
-        here = 0.0_wp
-        back = 0.0_wp
-        !GCC$ novector
-        do k = 1, s
-          here = here + gain(:, b, k)*forces(k, 1)
-          back = back + rate_gain(:, b, k)*forces(k, 1)
-        end do
-        dq = dq + push*here
-        dv = dv + push*back
-      else if (n_pushed > 1) then
-        !GCC$ novector
-        do k = 1, s
-          push = 0.0_wp
-          !GCC$ novector
-          do l = 1, n_pushed
-            push = push + pushed(:, b, l)*forces(k, l)
-          end do
-          dq = dq + gain(:, b, k)*push
-          dv = dv + rate_gain(:, b, k)*push
-        end do
-      end if
-      ! What is no number would be lost in a comparison, but not in a sum.
-      total = total + (abs(dq) + abs(dv))
-      here = q(:, b)
-      sum_of = here + dq
-      back = sum_of - here
-      q_rest(:, b) = (here - (sum_of - back)) + (dq - back)
-      q(:, b) = sum_of
-      most = larger(most, abs(sum_of))
-      here = v(:, b)
-      sum_of = here + dv
-      back = sum_of - here
-      v_rest(:, b) = (here - (sum_of - back)) + (dv - back)
-      v(:, b) = sum_of
+      call move_block(b, n_blocks, s, n_pushed, by_q, by_v, rate_by_q, rate_by_v, gain(:, :, b), &
+                      rate_gain(:, :, b), pushed, forces, n_swings, swing, q(:, b), v(:, b), &
+                      q_rest(:, b), v_rest(:, b), moved(:, b), there(:, b))
     end do
-    finite = sum(total) <= huge(1.0_wp)
-    if (finite) largest = max(largest, maxval(most))
+    !GCC$ novector
+    do b = 2, n_blocks
+      moved(:, 1) = moved(:, 1) + moved(:, b)
+      there(:, 1) = there(:, 1) + there(:, b)
+    end do
+    finite = .true.
+    if (n_blocks == 0) return
+    ! What is no number would be lost in a comparison, but not in a sum.
+    finite = sum(moved(:, 1)) <= huge(1.0_wp)
+    if (finite) largest = max(largest, sum(there(:, 1)))
   end subroutine move_modes
 
-  elemental real(wp) function larger(a, b)
-    real(wp), intent(in) :: a, b
-    larger = merge(a, b, a > b)
-  end function larger
+  pure subroutine move_block(b, n_blocks, s, n_pushed, by_q, by_v, rate_by_q, rate_by_v, gain, &
+                             rate_gain, pushed, forces, n_swings, swing, q, v, q_rest, v_rest, &
+                             moved, there)
+    integer, intent(in) :: b, n_blocks, s, n_pushed, n_swings
+    real(wp), intent(in), dimension(mode_block, n_blocks) :: by_q, by_v, rate_by_q, rate_by_v
+    real(wp), intent(in), dimension(mode_block, s) :: gain, rate_gain
+    real(wp), intent(in) :: pushed(mode_block, n_blocks, n_pushed), forces(s, n_pushed)
+    real(wp), intent(in) :: swing(mode_block, n_blocks, n_swings)
+    real(wp), intent(inout), dimension(mode_block) :: q, v, q_rest, v_rest
+    real(wp), intent(out), dimension(mode_block) :: moved, there
+    real(wp), dimension(mode_block) :: push, dq, dv, sum_of, back
+    integer :: k, l
+
+    dq = 0.0_wp
+    dv = 0.0_wp
+    if (n_pushed == 1) then
+      !GCC$ novector
+      do k = 1, s
+        dq = dq + gain(:, k)*forces(k, 1)
+        dv = dv + rate_gain(:, k)*forces(k, 1)
+      end do
+      dq = pushed(:, b, 1)*dq
+      dv = pushed(:, b, 1)*dv
+    else if (n_pushed > 1) then
+      !GCC$ novector
+      do k = 1, s
+        push = 0.0_wp
+        !GCC$ novector
+        do l = 1, n_pushed
+          push = push + pushed(:, b, l)*forces(k, l)
+        end do
+        dq = dq + gain(:, k)*push
+        dv = dv + rate_gain(:, k)*push
+      end do
+    end if
+    dq = q_rest + (by_q(:, b)*q + by_v(:, b)*v) + dq
+    dv = v_rest + (rate_by_q(:, b)*q + rate_by_v(:, b)*v) + dv
+    if (n_swings > 0) then
+      dq = dq + swing(:, b, 1)
+      dv = dv + swing(:, b, 2)
+    end if
+    moved = abs(dq) + abs(dv)
+    sum_of = q + dq
+    back = sum_of - q
+    q_rest = (q - (sum_of - back)) + (dq - back)
+    q = sum_of
+    there = abs(sum_of)
+    sum_of = v + dv
+    back = sum_of - v
+    v_rest = (v - (sum_of - back)) + (dv - back)
+    v = sum_of
+  end subroutine move_block
 
 end module viscovib_structure_kernels

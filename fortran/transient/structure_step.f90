@@ -37,7 +37,7 @@ module viscovib_structure_step
     real(wp), allocatable :: w(:), w_rate(:)
     !> Largest last Legendre coefficient of the deflections on a step, and largest deflection.
     real(wp), allocatable :: roughness(:), largest(:)
-    !> Largest of a mode.
+    !> Largest sum of the sizes of all modes.
     real(wp) :: furthest = 0.0_wp
   end type state_type
 
