@@ -16,6 +16,7 @@ version = release = viscovib.__version__
 extensions = [
     "mathml",
     "myst_parser",
+    "notebooks",
     "plain_docstrings",
     "run_blocks",
     "sphinx.ext.autodoc",
@@ -23,7 +24,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_*", "ford.md", "examples/short", "**/sg_execution_times.rst"]
+exclude_patterns = ["_*", "ford.md", "paper.md", "examples/short", "**/sg_execution_times.rst"]
 templates_path = ["_templates"]
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]

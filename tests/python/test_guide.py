@@ -45,6 +45,14 @@ def test_scripts_of_the_gallery_draw(script, tmp_path, monkeypatch):
     matplotlib.pyplot.close("all")
 
 
+def test_the_paper_cites_what_its_bibliography_has():
+    paper, sources = (ROOT / "docs/paper.md").read_text(), (ROOT / "docs/paper.bib").read_text()
+    cited = set(re.findall(r"@(\w+)", paper.split("---", 2)[2]))
+    assert cited == set(re.findall(r"^@\w+\{(\w+),", sources, re.M))
+    for part in ("Summary", "Statement of need", "State of the field", "Limits", "References"):
+        assert f"\n# {part}\n" in paper
+
+
 def test_every_public_name_has_a_reference_page():
     pages = (ROOT / "docs/reference/python").glob("*.md")
     listed = [name for page in pages for name in re.findall(r"^   (\w+)$", page.read_text(), re.M)]
