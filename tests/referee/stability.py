@@ -1,10 +1,13 @@
 """Floquet multipliers of the ordinary equations (memory as exponentials) by Magnus' expansion."""
 
+from dataclasses import replace
+from math import gamma
+
 import numpy as np
 
 from referee.balance import multipliers
-from referee.case import Case, Claim, few
-from referee.models import chain, mount, prony, some_prony
+from referee.case import Case, Claim, even, few
+from referee.models import chain, mount, prony, rzhanitsyn, some_prony, spread
 from referee.responses import refined
 
 JUDGES = ("forced_response", "StabilityWarning")
@@ -20,6 +23,8 @@ def case(rng, index):
     memory = None
     if remembers:
         memory = some_prony(rng, 0.02 if light else 0.3)
+    if index % 16 == 11:
+        return _singular(rng)
     if index % 4 == 2:
         return _barely_damped(rng)
     if index % 6 == 5:
@@ -37,6 +42,54 @@ def case(rng, index):
     # Nearly linear, or a hundred times as much.
     size = few(rng, 3e-4, 1e-3, 2) if rng.random() < 0.5 else few(rng, 0.01, 0.5, 2)
     return _asked(model, nu, size, remembers, ', harmonics="auto"')
+
+
+def _singular(rng):
+    """Points of branches with a singular kernel, against it as a sum of exponentials."""
+    alpha, beta = even(rng, 0.15, 0.75, 3), few(rng, 0.05, 1, 3)
+    amplitude = float(f"{rng.uniform(0.02, 0.4) * beta**alpha / gamma(alpha):.3g}")
+    memory = rzhanitsyn(amplitude, alpha, beta)
+    n = int(rng.integers(1, 3))
+    model = chain(
+        rng, n, few(rng, 1e-4, 0.02, 2), memory=memory, quadratic=rng.random() < 0.5, softening=True
+    ).model()
+    w = float(model.frequencies[0])
+    load = [few(rng, 0.1, 1.5, 2), *[0.0] * (n - 1)]
+    call = f"""system = {model.source}
+branch = vv.trace_response(system, ({0.6 * w:.4g}, {1.8 * w:.4g}), load={load}, max_points=300)
+"""
+
+    def judge(names, told):
+        branch = names["branch"]
+        if branch.growing is None:
+            yield Claim("unknown stability is told", any("Stability" in t for t in told), True)
+            return
+        kept = np.flatnonzero((branch.truncation < 1e-8) & (branch.growing >= 0))
+        unstable = kept[branch.growing[kept] > 0]
+        for i in {*kept[:: max(1, kept.size)], *unstable[:: max(1, unstable.size)]}:
+            nu = branch.nu[i]
+            own = spread(memory, amplitude, alpha, beta, max(nu, w))
+            at = 1j * nu * np.array([0.1, 1.0, 3.0])
+            off_by = np.abs((own.weights / (at[:, None] + own.rates)).sum(1) / own.laplace(at) - 1)
+            groups = tuple(replace(g, memory=g.memory and own) for g in model.groups)
+            x = np.zeros((n, int(branch.harmonics.max()) + 1), complex)
+            x[:, branch.harmonics] = branch.coefficients[i]
+            mu, off = multipliers(replace(model, groups=groups), x, nu, 32)
+            size = abs(mu[0])
+            near = 1e-4 + 10 * off + 10 * off_by.max()
+            if abs(size - 1) < near:
+                continue
+            yield Claim(
+                "stable with a singular kernel", bool(branch.growing[i] == 0), bool(size < 1)
+            )
+            if branch.slowest[i]:
+                got = np.nanmax(np.abs(branch.multipliers[i]))
+                yield Claim(
+                    "slowest with a singular kernel", got, size, near * max(1, size),
+                    damage=max(1e-2, 5 * near),
+                )  # fmt: skip
+
+    return Case(call, judge, may_refuse=True)
 
 
 def _barely_damped(rng):
