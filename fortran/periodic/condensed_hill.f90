@@ -22,6 +22,7 @@ module viscovib_condensed_hill
   use viscovib_compliance_band, only: compliance_band, new_band
   use viscovib_condensed_poles, only: condensed_poles, gap, new_poles
   use viscovib_constants, only: pi
+  use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_hill_orders, only: fading_rate
   use viscovib_hill_relaxing, only: relaxing_points
@@ -44,6 +45,8 @@ module viscovib_condensed_hill
   integer, parameter :: few_unknowns = 120
   !> Parts of J so small beside the largest are left out.
   real(wp), parameter :: silent = 1.0e-11_wp
+  !> Waves of J so small beside the largest move no exponent much.
+  real(wp), parameter :: faint = 1.0e-3_wp
   !> Modes are nearly rigid bodies whose poles are nearer to 0, in d.
   real(wp), parameter :: nearly_rigid = 1.0e-3_wp
   !> Exponents of memory itself are no faster, in nu.
@@ -83,6 +86,7 @@ module viscovib_condensed_hill
     procedure :: along
     procedure :: determinant
     procedure :: average
+    procedure :: moved_by_waves
     procedure, private :: find_local
     procedure, private :: find_orders
   end type condensed_hill
@@ -373,14 +377,13 @@ contains
     end do
   end subroutine add_rigid
 
-  !> det(I + H J_0) at s, J_0 the mean along the motion: exponents of the mean system are zeros.
-  subroutine average(self, system, s, value)
+  !> I + H J_0 at s, J_0 the mean along the motion, and H.
+  subroutine mean_system(self, system, s, matrix, h)
     class(condensed_hill), intent(in) :: self
     class(structure_type), intent(in) :: system
     complex(wp), intent(in) :: s
-    complex(wp), intent(out) :: value
-    real(wp) :: re(self%n_dof, self%n_dof), im(self%n_dof, self%n_dof)
-    complex(wp) :: h(self%n_dof, self%n_dof), block(self%n_dof, self%n_dof), kept(1)
+    complex(wp), intent(out) :: matrix(:, :), h(:, :)
+    complex(wp) :: block(self%n_dof, self%n_dof), kept(1)
     integer :: a, q
 
     block = -self%without
@@ -393,13 +396,66 @@ contains
       block = block + kept(1)*self%local(:, :, 0, q)
     end do
     call system%rest%evaluate(s, h)
-    h = matmul(h, block)
+    matrix = matmul(h, block)
     do a = 1, self%n_dof
-      h(a, a) = h(a, a) + 1.0_wp
+      matrix(a, a) = matrix(a, a) + 1.0_wp
     end do
-    re = real(h)
-    im = aimag(h)
+  end subroutine mean_system
+
+  !> det(I + H J_0) at s: exponents of the mean system are zeros.
+  subroutine average(self, system, s, value)
+    class(condensed_hill), intent(in) :: self
+    class(structure_type), intent(in) :: system
+    complex(wp), intent(in) :: s
+    complex(wp), intent(out) :: value
+    complex(wp), dimension(self%n_dof, self%n_dof) :: matrix, h
+    real(wp), dimension(self%n_dof, self%n_dof) :: re, im
+
+    call mean_system(self, system, s, matrix, h)
+    re = real(matrix)
+    im = aimag(matrix)
     call band_determinant(self%n_dof, self%n_dof, self%n_dof - 1, re, im, value)
   end subroutine average
+
+  !> By how much, about, J - J_0 moves an exponent s of the mean system: through its neighbours at
+  !! s + i m d, R sum_m |J_m|^2 |H_J(s + i m d)| with R/(s' - s) the part of
+  !! H_J = (I + H J_0)^-1 H near s.
+  subroutine moved_by_waves(self, system, s, distance, moved)
+    class(condensed_hill), intent(in) :: self
+    class(structure_type), intent(in) :: system
+    complex(wp), intent(in) :: s
+    !> Not to be told from s.
+    real(wp), intent(in) :: distance
+    real(wp), intent(out) :: moved
+    real(wp) :: next, both
+    integer :: m
+
+    moved = 0.0_wp
+    do m = 1, self%reach
+      if (self%sizes(m) <= faint*maxval(self%sizes)) cycle
+      both = 0.0_wp
+      call add(s + cmplx(0.0_wp, m*self%period, wp))
+      call add(s - cmplx(0.0_wp, m*self%period, wp))
+      ! Strong waves come back more than once.
+      next = self%sizes(m)*both
+      moved = moved + self%sizes(m)*next*(1.0_wp + next)
+    end do
+    both = 0.0_wp
+    call add(s + distance)
+    moved = moved*both*distance
+
+  contains
+
+    subroutine add(at)
+      complex(wp), intent(in) :: at
+      complex(wp), dimension(self%n_dof, self%n_dof) :: matrix, h, inverse
+      logical :: singular
+      call mean_system(self, system, at, matrix, h)
+      call invert(matrix, inverse, singular)
+      if (singular) both = huge(1.0_wp)**0.25_wp
+      if (.not. singular) both = both + maxval(sum(abs(matmul(inverse, h)), 2))
+    end subroutine add
+
+  end subroutine moved_by_waves
 
 end module viscovib_condensed_hill

@@ -11,7 +11,7 @@ module viscovib_condensed_poles
   implicit none
   private
 
-  public :: condensed_poles, gap, into_strip, new_poles
+  public :: condensed_poles, gap, into_strip, new_poles, place_of
 
   !> Of the distance from the axis: how far poles may move that are let be, at most and at least,
   !! and all of them together.
@@ -19,6 +19,10 @@ module viscovib_condensed_poles
   !> Poles right of this, in d, growing ones and those without damping; ones that move less than
   !! the second are exponents.
   real(wp), parameter :: at_axis = 1.0e-9_wp, still = 1.0e-12_wp
+  !> So many that decay most slowly are multiplied out in any case, if they are no further from 0, in
+  !! d; of rates as near as this part of the frequency the one of lower frequency.
+  integer, parameter :: slow_ones = 2
+  real(wp), parameter :: slow_range = 6.0_wp, slope = 1.0e-6_wp
   !> Rates beyond this leave the range of numbers, in d.
   real(wp), parameter :: largest_rate = 40.0_wp
 
@@ -29,14 +33,14 @@ module viscovib_condensed_poles
     integer :: n_multiplied = 0, n_growing = 0
     !> Places of those that are exponents.
     complex(wp), allocatable :: exponents(:)
-    !> Those multiplied out that are not below the real axis, as they are, the ones first that may
+    !> Numbers of those multiplied out that are not below the real axis, the ones first that may
     !! move most.
-    complex(wp), allocatable :: starts(:)
+    integer, allocatable :: order(:)
     !> Largest modulus of those that matter (rad/s).
     real(wp) :: fastest = 0.0_wp
     !> Not below the real axis (1/s), and whether the conjugate is another one.
-    complex(wp), allocatable, private :: pole(:)
-    logical, allocatable, private :: paired(:)
+    complex(wp), allocatable :: pole(:)
+    logical, allocatable :: paired(:)
     !> Distance that two poles have from each other, or 1 for complex modes; parts seen and pushed,
     !! shape (n, n_seen); modulus of the pole, or of the larger one.
     real(wp), allocatable, private :: apart(:), seen(:, :), pushed(:, :), reaches(:)
@@ -133,8 +137,6 @@ contains
     complex(wp) :: place
     real(wp) :: least
     integer :: i, j, n
-    integer, allocatable :: order(:)
-
     ready = maxval(real(self%pole)) <= largest_rate*period
     if (.not. ready) return
     do i = 1, size(push)
@@ -154,6 +156,14 @@ contains
     kept = weight > least .or. (near .and. moved > still*period) .or. rigid
     self%fastest = maxval(abs(aimag(self%pole)), kept .and. (weight > much .or. near))
     self%fastest = max(self%fastest, 0.0_wp)
+    do i = 1, slow_ones
+      ! Of equal rates the lowest frequency.
+      j = maxloc(real(self%pole) - slope*abs(self%pole), 1, moved > still*period .and. .not. kept &
+                 .and. abs(self%pole) <= slow_range*period)
+      if (j == 0) cycle
+      kept(j) = .true.
+      self%fastest = max(self%fastest, abs(aimag(self%pole(j))))
+    end do
     self%n_multiplied = count(kept) + count(kept .and. self%paired)
     self%n_growing = count(real(self%pole) > line .and. .not. kept) &
                      + count(real(self%pole) > line .and. self%paired .and. .not. kept)
@@ -184,18 +194,17 @@ contains
         end if
       end if
     end do
-    order = pack([(i, i=1, size(kept))], kept)
-    do i = 2, size(order)
-      n = order(i)
+    self%order = pack([(i, i=1, size(kept))], kept)
+    do i = 2, size(self%order)
+      n = self%order(i)
       j = i - 1
       do while (j > 0)
-        if (weight(order(j)) >= weight(n)) exit
-        order(j + 1) = order(j)
+        if (weight(self%order(j)) >= weight(n)) exit
+        self%order(j + 1) = self%order(j)
         j = j - 1
       end do
-      order(j + 1) = n
+      self%order(j + 1) = n
     end do
-    self%starts = self%pole(order)
   end subroutine weigh
 
   !> Of a pole s the exponent lambda = s, or s - i nu where orders are odd.

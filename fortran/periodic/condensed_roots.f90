@@ -1,92 +1,307 @@
 !> Exponents of a motion of a condensed structure: zeros of F, Hill's determinant with poles of the
-!! rest multiplied out, by the secant method.
+!! rest multiplied out.
 !!
-!! Zeros found before are divided out, with their conjugates, so that each start leads to another.
-!! It starts from exponents of a motion nearby, or from exponents of the system with its mean
-!! stiffness along the motion, which are sought from the poles.
+!! Each pole of the rest that was multiplied out has a zero near the exponent of the system with its
+!! mean stiffness along the motion, det(I + H(s) J_0) = 0, which is as quickly evaluated as the
+!! elements are few. All of these stand for the zeros until some of them are made sharp by the
+!! secant method on F, all others divided out. At a motion nearby a zero is as far from its mean
+!! exponent as it was there.
 module viscovib_condensed_roots
-  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use viscovib_condensed_hill, only: condensed_hill
-  use viscovib_condensed_poles, only: gap, into_strip
+  use viscovib_condensed_poles, only: gap, into_strip, place_of
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
   use viscovib_structure, only: structure_type
   implicit none
   private
 
-  public :: exponent_near, find_from, find_from_poles, find_on_grid
+  public :: condensed_zeros, exponent_near, new_zeros
 
-  integer, parameter :: max_iterations = 30, max_mean_iterations = 10
-  !> In units of d: range of Re lambda, longest step, last step wanted and least, distance from a
-  !! line of symmetry that counts as on it, how far zeros are from a start, of the mean system and
-  !! of the motion, at most.
+  integer, parameter :: max_iterations = 30, max_mean_iterations = 8
+  !> In units of d: range of Re lambda, longest step, last step wanted and least, also of an
+  !! exponent that is followed, distance from a line of symmetry that counts as on it, step to
+  !! begin with, distance of zeros that are the same.
   real(wp), parameter :: leftmost = -1.5_wp, rightmost = 45.0_wp, longest = 0.2_wp
-  real(wp), parameter :: last_step = 1.0e-7_wp, smallest_step = 1.0e-12_wp
+  real(wp), parameter :: last_step = 1.0e-7_wp, small_step = 1.0e-10_wp, smallest_step = 1.0e-12_wp
   real(wp), parameter :: on_line = 1.0e-8_wp, first_step = 1.0e-4_wp
+  real(wp), parameter :: same = 1.0e-8_wp
+  !> Of the distance from the axis: how far from their mean exponents zeros may be.
+  real(wp), parameter :: safe = 0.1_wp
+  !> Last step to a mean exponent, and how far from its pole it may be, in d.
+  real(wp), parameter :: mean_step = 1.0e-4_wp, mean_range = 4.0_wp
   !> The grid of starts: real parts in units of d, and imaginary ones over [0, 1/2].
   real(wp), parameter :: grid_re(4) = [0.05_wp, 1.0e-3_wp, 0.3_wp, 1.0e-6_wp]
   integer, parameter :: grid_im = 4
 
+  type :: condensed_zeros
+    !> Zeros with 0 <= Im lambda <= d/2, n of them, whether each is sharp, and its pole, 0: none.
+    integer :: n = 0
+    complex(wp), allocatable :: upper(:)
+    logical, allocatable :: sharp(:)
+    integer, allocatable, private :: of_pole(:)
+    !> Whether one that is not sharp may lie on the other side of the axis.
+    logical, allocatable, private :: doubtful(:)
+    !> Of each pole: its mean exponent s, and how far the zero is from there, in d; whether there is
+    !! one.
+    complex(wp), allocatable, private :: mean(:), offset(:)
+    logical, allocatable, private :: known(:)
+  contains
+    procedure :: approximate
+    procedure :: sharpen
+    procedure :: search
+    procedure :: all_of
+    procedure :: n_right
+    procedure, private :: put
+  end type condensed_zeros
+
 contains
 
-  !> Zeros from exponents nearby.
-  subroutine find_from(hill, system, near, zeros)
-    type(condensed_hill), intent(inout) :: hill
+  subroutine new_zeros(zeros, hill)
+    type(condensed_zeros), intent(out) :: zeros
+    type(condensed_hill), intent(in) :: hill
+    allocate (zeros%upper(0), zeros%sharp(0), zeros%of_pole(0), zeros%doubtful(0))
+    allocate (zeros%mean(size(hill%poles%pole)), zeros%offset(size(hill%poles%pole)), &
+              source=(0.0_wp, 0.0_wp))
+    allocate (zeros%known(size(hill%poles%pole)), source=.false.)
+  end subroutine new_zeros
+
+  !> A zero for each pole that was multiplied out.
+  subroutine approximate(self, hill, system)
+    class(condensed_zeros), intent(inout) :: self
+    type(condensed_hill), intent(in) :: hill
     class(structure_type), intent(in) :: system
-    !> NaN is passed over, and so are those below the real axis.
-    complex(wp), intent(in) :: near(:)
-    !> Those found, with their conjugates.
-    complex(wp), allocatable, intent(inout) :: zeros(:)
-    complex(wp) :: root
-    integer :: i
+    complex(wp) :: place
+    integer :: i, m
     logical :: made
 
-    do i = 1, size(near)
-      if (ieee_is_nan(real(near(i))) .or. aimag(near(i)) < 0.0_wp) cycle
-      if (size(zeros) >= hill%poles%n_multiplied .and. .not. hill%remembers) return
-      call secant(hill, system, zeros, near(i), root, made)
-      if (made) call append(hill, root, zeros)
+    self%n = 0
+    do i = 1, size(hill%poles%order)
+      m = hill%poles%order(i)
+      if (.not. self%known(m)) then
+        self%mean(m) = hill%poles%pole(m)
+        self%offset(m) = (0.0_wp, 0.0_wp)
+      end if
     end do
-  end subroutine find_from
+    do i = 1, size(hill%poles%order)
+      m = hill%poles%order(i)
+      call find_mean(self, hill, system, m, made)
+      self%known(m) = .true.
+      place = place_of(self%mean(m), hill%period, hill%stride)
+      place = cmplx(real(place), abs(aimag(place)), wp) + hill%period*self%offset(m)
+      ! A pole is no zero.
+      if (.not. made) place = place + first_step*hill%period*(0.1_wp, 1.0_wp)
+      call self%put(hill, place, .false., m)
+      self%doubtful(self%n) = .true.
+      if (made) self%doubtful(self%n) = is_doubtful(hill, system, self%mean(m), &
+                                                    hill%period*abs(self%offset(m)))
+    end do
+  end subroutine approximate
 
-  !> Zeros from the poles, as the mean stiffness moves them.
-  subroutine find_from_poles(hill, system, zeros)
-    type(condensed_hill), intent(inout) :: hill
+  !> An exponent of the system with its mean stiffness, those of all other poles divided out.
+  subroutine find_mean(self, hill, system, m, made)
+    class(condensed_zeros), intent(inout) :: self
+    type(condensed_hill), intent(in) :: hill
     class(structure_type), intent(in) :: system
-    complex(wp), allocatable, intent(inout) :: zeros(:)
-    complex(wp) :: start
+    integer, intent(in) :: m
+    logical, intent(out) :: made
+    complex(wp) :: before, root, value_before, value, step
     integer :: i
 
-    ! The last ones are those that move least, and were perhaps let be at a motion nearby.
-    do i = size(hill%poles%starts), 1, -1
-      if (size(zeros) >= hill%poles%n_multiplied) return
-      call mean_exponent(hill, system, hill%poles%starts(i), start)
-      if (hill%stride == 2) start = start - cmplx(0.0_wp, hill%nu, wp)
-      start = into_strip(start, hill%period)
-      call find_from(hill, system, [cmplx(real(start), abs(aimag(start)), wp)], zeros)
+    made = .false.
+    before = self%mean(m) + 1.0e-3_wp*hill%period*(1.0_wp, 1.0_wp)
+    root = self%mean(m) + 1.0e-5_wp*hill%period*(0.1_wp, 1.0_wp)
+    call reduced(before, value_before)
+    do i = 1, max_mean_iterations
+      call reduced(root, value)
+      if (.not. abs(value - value_before) > 0.0_wp) exit
+      step = -value*((root - before)/(value - value_before))
+      if (.not. abs(step) <= huge(1.0_wp)) return
+      if (abs(step) > hill%period) step = hill%period*step/abs(step)
+      before = root
+      value_before = value
+      root = root + step
+      made = abs(step) <= mean_step*hill%period
+      if (made) exit
     end do
-  end subroutine find_from_poles
+    made = made .and. abs(root - hill%poles%pole(m)) <= mean_range*hill%period
+    if (made) self%mean(m) = root
 
-  !> Zeros that are left, from where memory alone relaxes, and right of the line from a grid, until
-  !! as many as counted are found there.
-  subroutine find_on_grid(hill, system, counted, zeros)
+  contains
+
+    subroutine reduced(s, value)
+      complex(wp), intent(in) :: s
+      complex(wp), intent(out) :: value
+      integer :: j
+      call hill%average(system, s, value)
+      do j = 1, size(hill%poles%order)
+        associate (other => hill%poles%order(j))
+          value = value*(s - hill%poles%pole(other))
+          if (other /= m) value = value/(s - self%mean(other))
+        end associate
+      end do
+    end subroutine reduced
+
+  end subroutine find_mean
+
+  !> Whether a zero may be far from its mean exponent, beside the distance of that from the axis.
+  logical function is_doubtful(hill, system, mean, offset)
+    type(condensed_hill), intent(in) :: hill
+    class(structure_type), intent(in) :: system
+    complex(wp), intent(in) :: mean
+    !> What it was at a motion nearby.
+    real(wp), intent(in) :: offset
+    real(wp) :: moved
+    is_doubtful = .not. offset < safe*abs(real(mean))
+    if (is_doubtful) return
+    call hill%moved_by_waves(system, mean, 0.1_wp*abs(real(mean)), moved)
+    is_doubtful = .not. moved < safe*abs(real(mean))
+  end function is_doubtful
+
+  subroutine put(self, hill, zero, sharp, pole)
+    class(condensed_zeros), intent(inout) :: self
+    type(condensed_hill), intent(in) :: hill
+    complex(wp), intent(in) :: zero
+    logical, intent(in) :: sharp
+    integer, intent(in) :: pole
+
+    if (self%n == size(self%upper)) then
+      self%upper = [self%upper, self%upper, (0.0_wp, 0.0_wp)]
+      self%sharp = [self%sharp, self%sharp, .false.]
+      self%of_pole = [self%of_pole, self%of_pole, 0]
+      self%doubtful = [self%doubtful, self%doubtful, .false.]
+    end if
+    self%n = self%n + 1
+    self%upper(self%n) = folded(zero, hill%period)
+    self%sharp(self%n) = sharp
+    self%of_pole(self%n) = pole
+    self%doubtful(self%n) = .false.
+  end subroutine put
+
+  !> Into 0 <= Im lambda <= d/2, on its borders where that may be.
+  elemental complex(wp) function folded(lambda, d)
+    complex(wp), intent(in) :: lambda
+    real(wp), intent(in) :: d
+    folded = into_strip(lambda, d)
+    folded = cmplx(real(folded), abs(aimag(folded)), wp)
+    if (aimag(folded) < on_line*d) folded = real(folded)
+    if (aimag(folded) > (0.5_wp - on_line)*d) folded = cmplx(real(folded), 0.5_wp*d, wp)
+  end function folded
+
+  !> Whether the conjugate is another one.
+  elemental logical function is_pair(upper, d)
+    complex(wp), intent(in) :: upper
+    real(wp), intent(in) :: d
+    is_pair = aimag(upper) > 0.0_wp .and. aimag(upper) < 0.5_wp*d
+  end function is_pair
+
+  !> Zeros and their conjugates; sharp ones only, or all but one of them, 0: all.
+  pure function all_of(self, hill, sharp_only, but) result(zeros)
+    class(condensed_zeros), intent(in) :: self
+    type(condensed_hill), intent(in) :: hill
+    logical, intent(in) :: sharp_only
+    integer, intent(in) :: but
+    complex(wp), allocatable :: zeros(:)
+    integer :: i, n
+
+    allocate (zeros(2*self%n))
+    n = 0
+    do i = 1, self%n
+      if (i == but .or. (sharp_only .and. .not. self%sharp(i))) cycle
+      n = n + 1
+      zeros(n) = self%upper(i)
+      if (.not. is_pair(self%upper(i), hill%period)) cycle
+      n = n + 1
+      zeros(n) = conjg(self%upper(i))
+    end do
+    zeros = zeros(:n)
+  end function all_of
+
+  !> How many sharp ones lie right of the line.
+  pure integer function n_right(self, hill)
+    class(condensed_zeros), intent(in) :: self
+    type(condensed_hill), intent(in) :: hill
+    n_right = count(real(self%all_of(hill, .true., 0)) > hill%line)
+  end function n_right
+
+  !> Make those sharp that are in doubt, and others that are furthest right until `wanted` are,
+  !! conjugates counted.
+  subroutine sharpen(self, hill, system, wanted)
+    class(condensed_zeros), intent(inout) :: self
+    type(condensed_hill), intent(inout) :: hill
+    class(structure_type), intent(in) :: system
+    integer, intent(in) :: wanted
+    logical :: tried(2*size(self%upper) + 2)
+    complex(wp) :: root, before, beside
+    integer :: i, k
+    logical :: made, paired
+    logical, allocatable :: left(:)
+
+    tried = .false.
+    do k = 1, size(hill%poles%order)
+      left = .not. (self%sharp .or. tried(:size(self%sharp)))
+      if (size(self%all_of(hill, .true., 0)) >= wanted) left = left .and. self%doubtful
+      i = maxloc(real(self%upper(:self%n)), 1, left(:self%n))
+      if (i == 0) exit
+      tried(i) = .true.
+      paired = hill%poles%paired(self%of_pole(i))
+      call secant(hill, system, self%all_of(hill, .false., i), self%upper(i), small_step, root, &
+                  made)
+      if (.not. made) cycle
+      before = self%upper(i)
+      self%upper(i) = folded(root, hill%period)
+      self%sharp(i) = .true.
+      associate (m => self%of_pole(i))
+        beside = place_of(self%mean(m), hill%period, hill%stride)
+        self%offset(m) = (self%upper(i) - cmplx(real(beside), abs(aimag(beside)), wp))/hill%period
+      end associate
+      ! A pair may meet on the line and part.
+      if (.not. paired .or. is_pair(self%upper(i), hill%period)) cycle
+      beside = cmplx(2.0_wp*real(before) - real(self%upper(i)), aimag(self%upper(i)), wp) &
+               + first_step*hill%period*(0.3_wp, 0.2_wp)
+      call secant(hill, system, self%all_of(hill, .false., 0), beside, small_step, root, made)
+      if (.not. made) cycle
+      call self%put(hill, root, .true., 0)
+    end do
+    call drop_doubtful(self)
+  end subroutine sharpen
+
+  !> Without those in doubt that could not be made sharp: with one on the wrong side of the axis
+  !! divided out, nothing is seen of the zero.
+  pure subroutine drop_doubtful(self)
+    class(condensed_zeros), intent(inout) :: self
+    integer :: i, n
+
+    n = 0
+    do i = 1, self%n
+      if (self%doubtful(i) .and. .not. self%sharp(i)) cycle
+      n = n + 1
+      self%upper(n) = self%upper(i)
+      self%sharp(n) = self%sharp(i)
+      self%of_pole(n) = self%of_pole(i)
+      self%doubtful(n) = self%doubtful(i)
+    end do
+    self%n = n
+  end subroutine drop_doubtful
+
+  !> More zeros right of the line, from a grid, until as many as counted are sharp there.
+  subroutine search(self, hill, system, counted)
+    class(condensed_zeros), intent(inout) :: self
     type(condensed_hill), intent(inout) :: hill
     class(structure_type), intent(in) :: system
     integer, intent(in) :: counted
-    complex(wp), allocatable, intent(inout) :: zeros(:)
     complex(wp) :: root
     integer :: i, j
     logical :: made
 
     do i = 1, size(grid_re)
       do j = 0, grid_im
-        if (count(real(zeros) > hill%line) >= counted) return
-        call secant(hill, system, zeros, hill%period*cmplx(grid_re(i), 0.5_wp*j/grid_im, wp), &
-                    root, made)
-        if (made) call append(hill, root, zeros)
+        if (self%n_right(hill) >= counted) return
+        call secant(hill, system, self%all_of(hill, .false., 0), &
+                    hill%period*cmplx(grid_re(i), 0.5_wp*j/grid_im, wp), small_step, root, made)
+        if (made) call self%put(hill, root, .true., 0)
       end do
     end do
-  end subroutine find_on_grid
+  end subroutine search
 
   !> One exponent from the place it had at a motion nearby.
   subroutine exponent_near(hill, system, start, exponent, made)
@@ -98,57 +313,17 @@ contains
     complex(wp) :: none(0)
     made = .false.
     exponent = start
-    if (hill%ready) call secant(hill, system, none, start, exponent, made)
+    if (hill%ready) call secant(hill, system, none, start, smallest_step, exponent, made)
+    if (made) exponent = folded(exponent, hill%period)
   end subroutine exponent_near
 
-  subroutine append(hill, root, zeros)
-    type(condensed_hill), intent(in) :: hill
-    complex(wp), intent(in) :: root
-    complex(wp), allocatable, intent(inout) :: zeros(:)
-    zeros = [zeros, root]
-    if (aimag(root) > 0.0_wp .and. aimag(root) < 0.5_wp*hill%period) zeros = [zeros, conjg(root)]
-  end subroutine append
-
-  !> An exponent of the system with its mean stiffness, near a pole of the rest.
-  subroutine mean_exponent(hill, system, pole, root)
-    type(condensed_hill), intent(in) :: hill
-    class(structure_type), intent(in) :: system
-    complex(wp), intent(in) :: pole
-    complex(wp), intent(out) :: root
-    complex(wp) :: before, value_before, value, step
-    integer :: i
-
-    before = pole + 1.0e-3_wp*hill%period*(1.0_wp, 1.0_wp)
-    root = pole + 1.0e-4_wp*hill%period*(0.1_wp, 1.0_wp)
-    call reduced(before, value_before)
-    do i = 1, max_mean_iterations
-      call reduced(root, value)
-      if (.not. abs(value - value_before) > 0.0_wp) exit
-      step = -value*((root - before)/(value - value_before))
-      if (abs(step) > hill%period) step = hill%period*step/abs(step)
-      before = root
-      value_before = value
-      root = root + step
-      if (abs(step) <= first_step*hill%period) exit
-    end do
-    if (.not. abs(root - pole) <= 4.0_wp*hill%period) root = pole
-
-  contains
-
-    subroutine reduced(s, value)
-      complex(wp), intent(in) :: s
-      complex(wp), intent(out) :: value
-      call hill%average(system, s, value)
-      value = value*(s - pole)
-    end subroutine reduced
-
-  end subroutine mean_exponent
-
-  !> A zero with 0 <= Im lambda <= d/2, those known divided out.
-  subroutine secant(hill, system, known, start, root, made)
+  !> A zero, those known divided out.
+  subroutine secant(hill, system, known, start, least, root, made)
     type(condensed_hill), intent(inout) :: hill
     class(structure_type), intent(in) :: system
     complex(wp), intent(in) :: known(:), start
+    !> Last step (d).
+    real(wp), intent(in) :: least
     complex(wp), intent(out) :: root
     logical, intent(out) :: made
     complex(wp) :: before, value_before, value, step
@@ -168,7 +343,10 @@ contains
     do i = 1, max_iterations
       call reduced(root, value)
       if (.not. abs(value) <= huge(1.0_wp)) return
-      if (.not. abs(value - value_before) > 0.0_wp) exit
+      if (.not. abs(value - value_before) > 0.0_wp) then
+        made = i > 1
+        return
+      end if
       step = -value*((root - before)/(value - value_before))
       if (.not. abs(step) <= huge(1.0_wp)) return
       if (abs(step) > longest*hill%period) step = step*(longest*hill%period/abs(step))
@@ -179,19 +357,15 @@ contains
       ! Steps go with the product of the two before: what the next one would be.
       error = abs(step)
       if (i > 2 .and. error < last .and. last < earlier) error = error*(error/earlier)
-      made = error <= smallest_step*hill%period &
+      made = error <= least*hill%period &
              .or. (abs(step) <= last_step*hill%period .and. abs(step) >= last)
       if (made) exit
       earlier = last
       last = abs(step)
     end do
-    if (.not. made) return
-    root = into_strip(root, hill%period)
-    root = cmplx(real(root), abs(aimag(root)), wp)
-    if (aimag(root) < on_line*hill%period) root = real(root)
-    if (aimag(root) > (0.5_wp - on_line)*hill%period) then
-      root = cmplx(real(root), 0.5_wp*hill%period, wp)
-    end if
+    ! One of those known once more.
+    if (made) made = all(abs(folded(known, hill%period) - folded(root, hill%period)) &
+                         > same*hill%period)
 
   contains
 

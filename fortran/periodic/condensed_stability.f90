@@ -3,7 +3,7 @@ module viscovib_condensed_stability
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_condensed_count, only: condensed_path, count_zeros, new_path
   use viscovib_condensed_hill, only: condensed_hill, new_condensed_hill
-  use viscovib_condensed_roots, only: exponent_near, find_from, find_from_poles, find_on_grid
+  use viscovib_condensed_roots, only: condensed_zeros, exponent_near, new_zeros
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_structure, only: structure_type
@@ -14,12 +14,11 @@ module viscovib_condensed_stability
 
   type :: condensed_judge
     type(condensed_hill), private :: hill
-    !> Zeros of the motion judged last, in units of its d.
-    complex(wp), allocatable, private :: zeros(:)
+    !> Zeros of the motion judged last.
+    type(condensed_zeros), private :: zeros
   contains
     procedure :: judge
     procedure :: follow
-    procedure :: forget
   end type condensed_judge
 
 contains
@@ -29,14 +28,8 @@ contains
     class(structure_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     call new_condensed_hill(self%hill, system, set)
-    allocate (self%zeros(0))
+    call new_zeros(self%zeros, self%hill)
   end subroutine new_condensed_judge
-
-  !> The next motion is no neighbour of the last one.
-  pure subroutine forget(self)
-    class(condensed_judge), intent(inout) :: self
-    self%zeros = self%zeros(:0)
-  end subroutine forget
 
   !> One motion.
   subroutine judge(self, system, nu, x, exponents, n_growing, slowest)
@@ -58,20 +51,20 @@ contains
     exponents = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     n_growing = -1
     slowest = .false.
-    allocate (zeros(0))
     call self%hill%along(system, nu, x)
     if (.not. self%hill%ready) return
     associate (hill => self%hill, poles => self%hill%poles)
-      call find_from(hill, system, scaled(self%zeros, hill%period), zeros)
-      call find_from_poles(hill, system, zeros)
+      call self%zeros%approximate(hill, system)
+      call self%zeros%sharpen(hill, system, size(exponents))
+      zeros = self%zeros%all_of(hill, .false., 0)
       call new_path(path, hill, system, size(zeros))
       call count_zeros(hill, system, zeros, path, n_growing)
       if (n_growing < 0) return
-      if (count(real(zeros) > hill%line) + poles%n_growing < n_growing) then
-        call find_on_grid(hill, system, n_growing - poles%n_growing, zeros)
+      if (self%zeros%n_right(hill) + poles%n_growing < n_growing) then
+        call self%zeros%sharpen(hill, system, huge(1))
+        call self%zeros%search(hill, system, n_growing - poles%n_growing)
       end if
-      self%zeros = scaled(zeros, 1.0_wp/hill%period)
-      all = [zeros, poles%exponents]
+      all = [self%zeros%all_of(hill, .true., 0), poles%exponents]
       if (count(real(all) > hill%line) /= n_growing) return
     end associate
     call sort(all)
@@ -92,12 +85,6 @@ contains
     call self%hill%along(system, nu, x)
     call exponent_near(self%hill, system, start, exponent, made)
   end subroutine follow
-
-  elemental complex(wp) function scaled(z, factor)
-    complex(wp), intent(in) :: z
-    real(wp), intent(in) :: factor
-    scaled = cmplx(factor*real(z), factor*aimag(z), wp)
-  end function scaled
 
   !> By falling real part, the members of a pair side by side.
   pure subroutine sort(z)
