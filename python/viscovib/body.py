@@ -118,8 +118,8 @@ class Body(PolynomialSystem):
         own(self, "_sag", sag)
         own(self, "_mount_springs", springs)
         direction = None if base_direction is None else _direction(base_direction, n)
-        first, *others = spring_groups(springs, preload)
         names = (*NAMES, *(f"{mount.name}_y" for mount in self.mounts if mount.track))
+        first, *others = spring_groups(springs, preload, names)
         super().__init__(
             mass=matrix,
             stiffness=first.stiffness,

@@ -12,7 +12,11 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.body_springs import MountSprings
 from viscovib.errors import InputError
 from viscovib.kernels import Kernel
+from viscovib.laws import Law
 from viscovib.mount_point import MountPoint
+
+#: Samples an order, and at least, of what is no polynomial.
+_FINE, _FINEST = 32, 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +102,19 @@ def _retained(kernel: Kernel, nu: FloatArray, orders: FloatArray) -> ComplexArra
     return kept
 
 
-def _of_law(law: dict[int, float], orders: FloatArray, d: ComplexArray) -> ComplexArray:
-    """Return the orders kept of a polynomial of d = Im sum_k D_k exp(i k theta)."""
+def _of_law(law: dict[int, float] | Law, orders: FloatArray, d: ComplexArray) -> ComplexArray:
+    """Return the orders kept of a law of d = Im sum_k D_k exp(i k theta)."""
     highest = int(orders.max())
-    samples = (max(law) + 1) * highest + 2
+    if isinstance(law, Law):
+        samples = max(_FINE * highest, _FINEST)
+    else:
+        samples = (max(law) + 1) * highest + 2
     theta = 2 * np.pi * np.arange(samples) / samples
     waves = np.exp(1j * np.outer(orders, theta))
     motion = (d @ waves).imag
-    force = sum(c * motion**power for power, c in law.items())
+    if isinstance(law, Law):
+        force: Any = law(motion.reshape(-1, 1))[0].reshape(motion.shape)
+    else:
+        force = sum(c * motion**power for power, c in law.items())
     weights = np.where(orders == 0, 1j, 2j) / samples
     return np.asarray((force @ waves.conj().T) * weights)

@@ -26,6 +26,7 @@ from viscovib.body_plots import (
 )
 from viscovib.errors import InputError
 from viscovib.files import whole_file
+from viscovib.laws import Law
 from viscovib.style import COLOURS, STYLES
 
 if TYPE_CHECKING:
@@ -197,9 +198,14 @@ def _kernel(kernel: object) -> str:
     return "none" if kernel is None else type(kernel).__name__.removesuffix("Kernel")
 
 
-def _law(laws: tuple[dict[int, float], ...]) -> str:
+def _law(laws: tuple[dict[int, float] | Law, ...]) -> str:
     texts = [
-        f"{axis}: " + " + ".join(f"{c:.4g} d^{p}" for p, c in law.items())
+        f"{axis}: "
+        + (
+            law.text
+            if isinstance(law, Law)
+            else " + ".join(f"{c:.4g} d^{p}" for p, c in law.items())
+        )
         for axis, law in zip("123", laws, strict=True)
         if law
     ]

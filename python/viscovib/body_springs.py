@@ -11,6 +11,7 @@ import numpy as np
 
 from viscovib._native import FloatArray
 from viscovib.kernels import Kernel
+from viscovib.laws import Law
 from viscovib.mount_point import MountPoint, crossing
 from viscovib.polynomial_system import Monomial, Springs
 
@@ -25,8 +26,8 @@ class MountSprings:
     stiffness: FloatArray
     damping: FloatArray
     kernels: tuple[Kernel | None, ...]
-    #: Coefficients of d^2, d^3, ... by their powers.
-    laws: tuple[dict[int, float], ...]
+    #: Coefficients of d^2, d^3, ... by their powers, or another law.
+    laws: tuple[dict[int, float] | Law, ...]
     #: Place of the first of the three directions of each mount.
     first: tuple[int, ...]
     #: Mass and damping of the tracks' own coordinates, shape (n_dof, n_dof).
@@ -41,8 +42,11 @@ class MountSprings:
     def about(self, deflections: FloatArray) -> MountSprings:
         """Return the same springs about deflected positions: k d + g(d) as a series there."""
         stiffness = self.stiffness.copy()
-        laws = []
-        for j, (law, at) in enumerate(zip(self.laws, deflections, strict=True)):
+        laws: list[dict[int, float] | Law] = []
+        for j, (law, at) in enumerate(zip(self.laws, deflections.tolist(), strict=True)):
+            if isinstance(law, Law):
+                laws.append(law.about("d", at))
+                continue
             series: dict[int, float] = {}
             for power, c in law.items():
                 for p in range(1, power + 1):
@@ -59,7 +63,7 @@ def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSpri
     stiffness: list[float] = []
     damping: list[float] = []
     kernels: list[Kernel | None] = []
-    laws: list[dict[int, float]] = []
+    laws: list[dict[int, float] | Law] = []
     first: list[int] = []
     mass_of_tracks, damping_of_tracks = np.zeros((n, n)), np.zeros((n, n))
     own = 6
@@ -97,7 +101,9 @@ def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSpri
     )  # fmt: skip
 
 
-def spring_groups(springs: MountSprings, preload: FloatArray) -> list[Springs]:
+def spring_groups(
+    springs: MountSprings, preload: FloatArray, names: Sequence[str]
+) -> list[Springs]:
     """Return springs by kernel, the first without memory, which the preload joins."""
     kernels: list[Kernel | None] = [None]
     for kernel in springs.kernels:
@@ -109,14 +115,30 @@ def spring_groups(springs: MountSprings, preload: FloatArray) -> list[Springs]:
         rows, k = springs.rows[these], springs.stiffness[these]
         matrix = (rows.T * k) @ rows + (preload if kernel is None else 0.0)
         terms: dict[tuple[int, tuple[int, ...]], float] = {}
+        others = []
         for j in these:
-            for power, c in springs.laws[j].items():
+            law = springs.laws[j]
+            if isinstance(law, Law):
+                others += [
+                    Springs(forces=texts, kernel=kernel)
+                    for texts in _in_coordinates(law, springs.rows[j], names)
+                ]
+                continue
+            for power, c in law.items():
                 _add_power(terms, springs.rows[j], power, c)
         forces = [
             Monomial(coefficient=c, powers=powers, on=on) for (on, powers), c in terms.items()
         ]
-        groups.append(Springs(stiffness=matrix, forces=forces or None, kernel=kernel))
+        groups += [Springs(stiffness=matrix, forces=forces or None, kernel=kernel), *others]
     return groups
+
+
+def _in_coordinates(law: Law, row: FloatArray, names: Sequence[str]) -> list[dict[str, str]]:
+    """Return e g(e . u) as texts by equation."""
+    weights = {name: float(w) for name, w in zip(names, row, strict=True) if w}
+    deflection = " + ".join(f"({w!r})*{name}" for name, w in weights.items())
+    text = law.with_argument("d", deflection)
+    return [{name: f"({w!r})*({text})" for name, w in weights.items()}]
 
 
 def _add_power(

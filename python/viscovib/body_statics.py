@@ -11,6 +11,7 @@ import numpy as np
 from viscovib._native import FloatArray
 from viscovib.body_springs import MountSprings
 from viscovib.errors import InputError
+from viscovib.laws import Law
 from viscovib.mount_point import MountPoint
 
 _MAX_STEPS = 30
@@ -74,6 +75,11 @@ def _forces(springs: MountSprings, d: FloatArray) -> tuple[FloatArray, FloatArra
     """Forces of springs that have not relaxed, and their slopes."""
     force, slope = springs.stiffness * d, springs.stiffness.copy()
     for j, law in enumerate(springs.laws):
+        if isinstance(law, Law):
+            value, by = law(d[j : j + 1, np.newaxis])
+            force[j] += value[0]
+            slope[j] += by[0, 0]
+            continue
         for power, c in law.items():
             force[j] += c * d[j] ** power
             slope[j] += power * c * d[j] ** (power - 1)

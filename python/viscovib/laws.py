@@ -69,6 +69,16 @@ class Law:
         parity = self.parity if self.parity == _ODD or len(code) == len(self.code) else 0
         return Law(self.text, self.arguments, tuple(code), tuple(number), parity)
 
+    def with_argument(self, name: str, text: str) -> str:
+        """Return its text with another expression in place of an argument."""
+        return re.sub(rf"\b{name}\b", f"({text})", self.text)
+
+    def about(self, name: str, at: float) -> Law:
+        """Return f(at + d) - f(at), of one argument."""
+        rest = float(self(np.array([[at]]))[0][0])
+        text = f"({self.with_argument(name, f'{name} + ({at!r})')}) - ({rest!r})"
+        return compile_law("law", text, self.arguments, {})
+
     def numbers(self, reads: FloatArray, targets: Mapping[int, float], kernel: int) -> list[float]:
         """Return it as the core takes it.
 

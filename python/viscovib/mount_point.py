@@ -12,8 +12,8 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
-from viscovib.expression import Polynomial, expand
 from viscovib.kernels import Kernel
+from viscovib.laws import Law, read_law
 
 #: How far axes may be from a rotation.
 _ROTATION = 1e-9
@@ -94,7 +94,8 @@ class MountPoint:
     kernel : Kernel or sequence of 3 Kernel or None, optional
         Memory of all three directions, or of each.
     law : str or sequence of 3 str or None, optional
-        Nonlinear forces g_j(d), polynomials such as ``"1e10*d^3"``. A linear term adds to k_j.
+        Nonlinear forces g_j(d): polynomials such as ``"1e10*d^3"``, whose linear term adds to k_j,
+        or with functions as of `Spring`, such as a snubber ``"1e6*max(d - 0.004, 0)"``.
     rotational_stiffness : array_like, shape (3,), optional
         About the local axes (N m/rad), on the rotation of the body, with the same memory.
     track : FluidTrack, optional
@@ -128,8 +129,8 @@ class MountPoint:
     rotation: FloatArray = field(init=False, repr=False)
     #: Of each local direction.
     kernels: tuple[Kernel | None, ...] = field(init=False, repr=False)
-    #: Of each local direction: coefficients of d^2, d^3, ... by their powers.
-    laws: tuple[dict[int, float], ...] = field(init=False, repr=False)
+    #: Of each local direction: coefficients of d^2, d^3, ... by their powers, or another law.
+    laws: tuple[dict[int, float] | Law, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         fits = isinstance(self.name, str) and self.name.isascii() and self.name.isidentifier()
@@ -146,10 +147,16 @@ class MountPoint:
         turning = self._vector("rotational_stiffness", self.rotational_stiffness, positive=True)
         self._set("rotational_stiffness", turning)
         self._set("kernels", self._each("kernel", self.kernel, Kernel))
-        laws = []
+        laws: list[dict[int, float] | Law] = []
         for j, text in enumerate(self._each("law", self.law, str)):
             where = f"{self.name}: law[{j}]"
-            terms: Polynomial = {} if text is None else expand(where, text, ("d",))
+            terms = {} if text is None else read_law(where, text, ("d",), {})
+            if isinstance(terms, Law):
+                at_rest = float(terms(np.zeros((1, 1)))[0][0])
+                if at_rest != 0:
+                    raise InputError(f"{where} = {text!r}: is {at_rest:g} at d = 0, must be 0")
+                laws.append(terms)
+                continue
             if terms.get((0,)):
                 raise InputError(f"{where}: has the constant {terms[0,]:g}, must be 0 at d = 0")
             stiffness[j] += terms.get((1,), 0.0)
@@ -171,7 +178,7 @@ class MountPoint:
         total = np.empty((*frequencies.shape, 3), dtype=complex)
         for j, kernel in enumerate(self.kernels):
             kept = 1.0 if kernel is None else 1 - np.asarray(kernel.transform(frequencies))
-            total[..., j] = kept * np.asarray(self.stiffness)[j]
+            total[..., j] = kept * self._tangents[j]
             total[..., j] += 1j * frequencies * np.asarray(self.damping)[j]
         if self.track is not None:
             total[..., self.track.axis] += self.track.dynamic_stiffness(frequencies)
@@ -181,7 +188,16 @@ class MountPoint:
     def static_stiffness(self) -> FloatArray:
         """Linear stiffness along the local axes when all relaxation is over, shape (3,) (N/m)."""
         lost = [0.0 if kernel is None else kernel.integral for kernel in self.kernels]
-        return np.asarray((1 - np.array(lost)) * np.asarray(self.stiffness))
+        kept = 1 - np.array(lost)
+        return np.asarray(kept * self._tangents)
+
+    @property
+    def _tangents(self) -> FloatArray:
+        """Stiffness at rest along the local axes, that of laws with functions included."""
+        slopes = [
+            float(law.slopes_at_rest[0]) if isinstance(law, Law) else 0.0 for law in self.laws
+        ]
+        return np.asarray(np.asarray(self.stiffness) + np.array(slopes))
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)

@@ -416,3 +416,37 @@ def test_pictures(tmp_path):
         vv.plot_body(body, vv.plot_energy(body.modes()))
     body.modes().to_csv(tmp_path / "modes.csv")
     assert "energy_rz" in (tmp_path / "modes.csv").read_text()
+
+
+def test_snubbers():
+    """A mount between stops: its law of the deflection, about the sag, and its forces."""
+    law = "1e4*d + 3e5*0.001*log(cosh(d/0.001))*tanh(d/0.001)"
+    common = {"position": (0, 0, 0), "stiffness": (1e5,) * 3, "rotational_stiffness": (1e3,) * 3}
+    foot = vv.MountPoint(name="foot", **common, damping=50, law=(None, None, law))
+    body = vv.Body(mass=50, inertia=(1, 1, 1), mounts=[foot], gravity=9.81)
+
+    def force(d):
+        return 1e5 * d + 1e4 * d + 3e2 * np.log(np.cosh(d / 1e-3)) * np.tanh(d / 1e-3)
+
+    down = -body.sag().displacement[2]
+    assert force(down) == pytest.approx(50 * 9.81, rel=1e-12)
+    h = 1e-6
+    tangent = (force(down + h) - force(down - h)) / (2 * h)
+    expected = math.sqrt(tangent / 50)
+    assert np.abs(body.modes().omega - expected).min() < 1e-6 * expected
+    nu = 0.9 * expected
+    found = vv.forced_response(body, [nu], load=body.load((0, 0, 60)), method="newton")
+    told = body.mount_forces(found).force[0, 0, 2]
+    theta = 2 * np.pi * np.arange(4096) / 4096
+    waves = np.exp(1j * np.outer(found.harmonics, theta))
+    z = (found.coefficients[0, 2] @ waves).imag
+    # About the loaded position, in which the mount is pressed down.
+    sampled = force(z - down) - force(-down)
+    weights = np.where(found.harmonics == 0, 1j, 2j) / 4096
+    elastic = (sampled @ waves.conj().T) * weights
+    damped = 1j * found.harmonics * nu * 50 * found.coefficients[0, 2]
+    np.testing.assert_allclose(told, elastic + damped, atol=1e-6 * np.abs(told).max())
+    left = -((found.harmonics * nu) ** 2) * 50 * found.coefficients[0, 2] + told
+    np.testing.assert_allclose(left, 60.0 * (found.harmonics == 1), atol=1e-6)
+    with pytest.raises(vv.InputError, match="is 1 at d = 0, must be 0"):
+        vv.MountPoint(name="foot", **common, law="cos(d)")
