@@ -101,7 +101,8 @@ contains
         self%load(k, :) = load%force(:, j)
         if (.not. (abs(load%base(j)) > 0.0_wp .or. system%condensed)) cycle
         self%load(k, :) = system%load_coefficient(load%force(:, j), load%base(j), &
-                                                  load%orders(j), nu)
+                                                  load%orders(j), nu, self%stiffness(:, :, k), &
+                                                  self%fraction(k, :))
       end do
     end do
   end subroutine set_frequency
@@ -345,21 +346,14 @@ contains
     real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
     real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
     complex(wp) :: total(size(self%set%orders), size(x, 2)), y(size(self%set%orders), size(x, 2))
-    integer :: a, b, j, k
+    integer :: a, b, k
 
     total = (0.0_wp, 0.0_wp)
     do b = 1, self%n_dof
       y(:, b) = cmplx(x(1::2, b), x(2::2, b), wp)
     end do
-    call system%add_stiffness_slope(self%set%orders, self%nu, y, total)
-    if (system%condensed .or. load%moves_base()) then
-      do j = 1, size(load%orders)
-        k = findloc(self%set%orders, load%orders(j), 1)
-        if (k > 0) total(k, :) = total(k, :) - self%load_factor &
-                                 *system%load_slope(load%force(:, j), load%base(j), &
-                                                    load%orders(j), self%nu)
-      end do
-    end if
+    call system%add_frequency_slope(self%set%orders, self%nu, y, load%orders, load%force, &
+                                    load%base, self%load_factor, total)
     do a = 1, self%n_dof
       slope(1::2, a) = real(total(:, a))
       slope(2::2, a) = aimag(total(:, a))

@@ -13,23 +13,18 @@
 !! so that all of these together are one polynomial: few modes are looked at one by one.
 module viscovib_compliance
   use viscovib_kinds, only: wp
+  use viscovib_mode_sums, only: add_polynomial, apart, block, degree, least, mode_lanes, &
+    multiply, nearest_pole, resonances, rounding, slopes, total
   implicit none
   private
 
   public :: compliance_type, push_type
 
-  !> Modes are filled up to a multiple of this by some that nothing sees or pushes, and taken so
-  !! many at a time.
-  integer, parameter, public :: mode_lanes = 8
-  integer, parameter :: block = 64
-  !> Modes whose poles are so many times as far as |s| are one polynomial of this degree, if they
-  !! are as many as a block: what it leaves out is far^-(degree + 1).
+  !> Modes whose poles are so many times as far as |s| are one polynomial, if they are as many as
+  !! a block: what it leaves out is far^-(degree + 1).
   real(wp), parameter :: far = 4.0_wp
-  integer, parameter :: degree = 25
   !> Coordinates up to which such polynomials are made.
   integer, parameter :: most_seen = 12
-  !> What is taken for the rest of a difference that is exactly 0, relative.
-  real(wp), parameter :: rounding = epsilon(1.0_wp), least = tiny(1.0_wp)**0.25_wp
 
   type :: compliance_type
     !> Coordinates seen.
@@ -57,6 +52,7 @@ module viscovib_compliance
     procedure :: complete
     procedure :: complete_push
     procedure :: evaluate
+    procedure :: on_axis
     procedure :: answer
     procedure :: least_loss
     procedure, private :: level_for
@@ -132,17 +128,6 @@ contains
       end do
     end do
   end subroutine add_levels
-
-  !> Smaller modulus of the roots of s^2 + rate s + square.
-  pure real(wp) function nearest_pole(square, rate) result(nearest)
-    real(wp), intent(in) :: square, rate
-    real(wp) :: under
-    nearest = sqrt(abs(square))
-    under = 0.25_wp*rate**2 - square
-    if (under > 0.0_wp .and. nearest > 0.0_wp) then
-      nearest = nearest*(nearest/(0.5_wp*abs(rate) + sqrt(under)))
-    end if
-  end function nearest_pole
 
   !> Coefficients of (s/reach)^j of the modes beyond those kept on each level, each times a weight.
   pure function tails_of(self, weights) result(c)
@@ -269,6 +254,93 @@ contains
     end do
   end subroutine evaluate
 
+  !> H(i mu) at several frequencies, and its derivative by mu.
+  pure subroutine on_axis(self, mu, h, slope)
+    class(compliance_type), intent(in) :: self
+    !> Shape (n).
+    real(wp), intent(in) :: mu(:)
+    !> Shape (n_seen, n_seen, n).
+    complex(wp), intent(out) :: h(:, :, :)
+    complex(wp), intent(out), optional :: slope(:, :, :)
+    integer :: first, last, k
+
+    if (self%n_seen == 1 .and. size(self%poles) == 0) then
+      do first = 1, size(mu), mode_lanes
+        last = min(first + mode_lanes - 1, size(mu))
+        if (present(slope)) then
+          call one_on_axis(self, mu(first:last), h(1, 1, first:last), slope(1, 1, first:last))
+        else
+          call one_on_axis(self, mu(first:last), h(1, 1, first:last))
+        end if
+      end do
+      return
+    end if
+    do k = 1, size(mu)
+      if (present(slope)) then
+        call self%evaluate(cmplx(0.0_wp, mu(k), wp), h(:, :, k), slope(:, :, k))
+      else
+        call self%evaluate(cmplx(0.0_wp, mu(k), wp), h(:, :, k))
+      end if
+    end do
+    if (present(slope)) slope = (0.0_wp, 1.0_wp)*slope
+  end subroutine on_axis
+
+  !> The same of one coordinate and no complex modes, frequency by frequency side by side.
+  pure subroutine one_on_axis(self, mu, h, slope)
+    class(compliance_type), intent(in) :: self
+    !> At most as many as there are lanes.
+    real(wp), intent(in) :: mu(:)
+    complex(wp), intent(out) :: h(:)
+    complex(wp), intent(out), optional :: slope(:)
+    real(wp), dimension(mode_lanes) :: at, minus, x, y, re, im, sum_re, sum_im, by_re, by_im, &
+                                       inverse
+    complex(wp) :: value, by_s
+    integer :: i, l, level, last
+
+    at = mu(size(mu))
+    at(:size(mu)) = mu
+    minus = -at**2
+    level = self%level_for(cmplx(0.0_wp, maxval(at), wp))
+    last = size(self%squares)
+    if (level > 0) last = self%kept(level)
+    sum_re = 0.0_wp
+    sum_im = 0.0_wp
+    by_re = 0.0_wp
+    by_im = 0.0_wp
+    do i = 1, last
+      do l = 1, mode_lanes
+        x(l) = self%squares(i) + minus(l)
+        y(l) = self%losses(i) + self%rates(i)*at(l)
+        x(l) = x(l) + merge(0.0_wp, rounding*abs(self%squares(i)) + least, &
+                            abs(x(l)) + abs(y(l)) > 0.0_wp)
+        inverse(l) = 1.0_wp/(x(l)*x(l) + y(l)*y(l))
+        re(l) = x(l)*inverse(l)
+        im(l) = -y(l)*inverse(l)
+        sum_re(l) = sum_re(l) + self%products(i, 1, 1)*re(l)
+        sum_im(l) = sum_im(l) + self%products(i, 1, 1)*im(l)
+      end do
+      if (.not. present(slope)) cycle
+      ! -i (rate + 2 i mu) t^2
+      do l = 1, mode_lanes
+        x(l) = re(l)*re(l) - im(l)*im(l)
+        y(l) = 2.0_wp*re(l)*im(l)
+        by_re(l) = by_re(l) + self%products(i, 1, 1)*(2.0_wp*at(l)*x(l) + self%rates(i)*y(l))
+        by_im(l) = by_im(l) + self%products(i, 1, 1)*(2.0_wp*at(l)*y(l) - self%rates(i)*x(l))
+      end do
+    end do
+    do l = 1, size(mu)
+      value = (0.0_wp, 0.0_wp)
+      by_s = (0.0_wp, 0.0_wp)
+      if (level > 0) call add_polynomial(self%tails(:, 1, 1, level), &
+                                         cmplx(0.0_wp, at(l)/self%reach(level), wp), value, by_s)
+      h(l) = cmplx(sum_re(l) + self%flexibility(1, 1), &
+                   sum_im(l) + at(l)*self%flexibility_rate(1, 1), wp) + value
+      if (.not. present(slope)) cycle
+      slope(l) = cmplx(by_re(l), by_im(l) + self%flexibility_rate(1, 1), wp)
+      if (level > 0) slope(l) = slope(l) + (0.0_wp, 1.0_wp)*by_s/self%reach(level)
+    end do
+  end subroutine one_on_axis
+
   !> Deflections under a push, and their derivatives by s.
   pure subroutine answer(self, s, push, y, slope)
     class(compliance_type), intent(in) :: self
@@ -321,39 +393,6 @@ contains
     end do
   end subroutine answer
 
-  !> A polynomial of real coefficients and its derivative: even and odd powers apart, which on the
-  !! imaginary axis are sums of real numbers.
-  pure subroutine add_polynomial(c, x, value, slope)
-    real(wp), intent(in) :: c(0:degree)
-    complex(wp), intent(in) :: x
-    complex(wp), intent(out) :: value, slope
-    real(wp) :: square, even, odd, even_slope, odd_slope
-    integer :: j
-
-    if (abs(real(x)) > 0.0_wp) then
-      value = (0.0_wp, 0.0_wp)
-      slope = (0.0_wp, 0.0_wp)
-      do j = degree, 0, -1
-        slope = slope*x + value
-        value = value*x + c(j)
-      end do
-      return
-    end if
-    square = -aimag(x)**2
-    even = 0.0_wp
-    odd = 0.0_wp
-    even_slope = 0.0_wp
-    odd_slope = 0.0_wp
-    do j = degree - 1, 0, -2
-      even_slope = even_slope*square + even
-      odd_slope = odd_slope*square + odd
-      even = even*square + c(j)
-      odd = odd*square + c(j + 1)
-    end do
-    value = cmplx(even, aimag(x)*odd, wp)
-    slope = cmplx(odd + 2.0_wp*square*odd_slope, 2.0_wp*aimag(x)*even_slope, wp)
-  end subroutine add_polynomial
-
   !> The smallest loss factor of all modes that oscillate: 2 zeta.
   pure real(wp) function least_loss(self) result(loss)
     class(compliance_type), intent(in) :: self
@@ -369,83 +408,5 @@ contains
     end do
     loss = max(loss, 0.0_wp)
   end function least_loss
-
-  !> 1/(squares + i losses + rates s + s^2), real and imaginary part.
-  pure subroutine resonances(n, squares, rates, losses, s, re, im)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: squares(n), rates(n), losses(n)
-    complex(wp), intent(in) :: s
-    real(wp), intent(out) :: re(n), im(n)
-    real(wp) :: x, y, size_of, by_s, on_axis, off_axis
-    integer :: i
-
-    by_s = real(s)
-    on_axis = real(s)**2 - aimag(s)**2
-    off_axis = 2.0_wp*real(s)*aimag(s)
-    do i = 1, n
-      x = squares(i) + rates(i)*by_s + on_axis
-      y = losses(i) + rates(i)*aimag(s) + off_axis
-      ! Without damping and in resonance what is left of the difference is rounding.
-      x = x + merge(0.0_wp, rounding*abs(squares(i)) + least, abs(x) + abs(y) > 0.0_wp)
-      size_of = 1.0_wp/(x*x + y*y)
-      re(i) = x*size_of
-      im(i) = -y*size_of
-    end do
-  end subroutine resonances
-
-  !> Their derivatives by s: -(rates + 2 s) t^2.
-  pure subroutine slopes(n, rates, s, re, im, slope_re, slope_im)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: rates(n), re(n), im(n)
-    complex(wp), intent(in) :: s
-    real(wp), intent(out) :: slope_re(n), slope_im(n)
-    real(wp) :: x, y, a
-    integer :: i
-    do i = 1, n
-      x = re(i)*re(i) - im(i)*im(i)
-      y = 2.0_wp*re(i)*im(i)
-      a = rates(i) + 2.0_wp*real(s)
-      slope_re(i) = -(a*x - 2.0_wp*aimag(s)*y)
-      slope_im(i) = -(a*y + 2.0_wp*aimag(s)*x)
-    end do
-  end subroutine slopes
-
-  !> Multiply by complex numbers, of which the last may lack.
-  pure subroutine multiply(n, factors, re, im)
-    integer, intent(in) :: n
-    complex(wp), intent(in) :: factors(n)
-    real(wp), intent(inout) :: re(n), im(n)
-    real(wp) :: x
-    integer :: i
-    do i = 1, n
-      x = real(factors(i))*re(i) - aimag(factors(i))*im(i)
-      im(i) = real(factors(i))*im(i) + aimag(factors(i))*re(i)
-      re(i) = x
-    end do
-  end subroutine multiply
-
-  !> sum w (re + i im), lane by lane; n is a multiple of `mode_lanes`.
-  pure complex(wp) function total(n, w, re, im)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: w(n), re(n), im(n)
-    real(wp) :: sum_re(mode_lanes), sum_im(mode_lanes)
-    integer :: i, l
-    sum_re = 0.0_wp
-    sum_im = 0.0_wp
-    do i = 0, n - 1, mode_lanes
-      do l = 1, mode_lanes
-        sum_re(l) = sum_re(l) + w(i + l)*re(i + l)
-        sum_im(l) = sum_im(l) + w(i + l)*im(i + l)
-      end do
-    end do
-    total = cmplx(sum(sum_re), sum(sum_im), wp)
-  end function total
-
-  !> s - pole, or rounding where that is 0.
-  elemental complex(wp) function apart(s, pole)
-    complex(wp), intent(in) :: s, pole
-    apart = s - pole
-    if (.not. abs(apart) > 0.0_wp) apart = rounding*abs(pole) + least
-  end function apart
 
 end module viscovib_compliance

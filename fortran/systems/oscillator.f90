@@ -64,9 +64,8 @@ module viscovib_oscillator
     procedure :: retained
     procedure :: retained_slope
     procedure :: dynamic_stiffness
-    procedure :: add_stiffness_slope
     procedure :: load_coefficient
-    procedure :: load_slope
+    procedure :: add_frequency_slope
     procedure :: kernel_without_integral
   end type oscillator_type
 
@@ -279,15 +278,40 @@ contains
     end do
   end subroutine dynamic_stiffness
 
-  !> Add dD/dnu y of each order, memory apart: k (i C - 2 k nu M) Y_k.
-  pure subroutine add_stiffness_slope(self, orders, nu, y, total)
+  !> Of order k, on the coordinates relative to the moving base: P_k + (k nu)^2 M b Y_k, with b
+  !! the direction in which the base moves.
+  pure function load_coefficient(self, force, base, order, nu, stiffness, fraction) result(p)
+    class(oscillator_type), intent(in) :: self
+    !> P_k and Y_k.
+    complex(wp), intent(in) :: force(:), base
+    integer, intent(in) :: order
+    real(wp), intent(in) :: nu
+    !> From `dynamic_stiffness` and `retained` at this order, if they are known: of use where
+    !! coordinates are condensed.
+    complex(wp), intent(in), optional :: stiffness(:, :), fraction(:)
+    complex(wp) :: p(size(force))
+
+    p = force
+    if (abs(base) > 0.0_wp) then
+      p = p + (order*nu)**2*matmul(self%mass, self%base_direction)*base
+    end if
+    associate (not_needed => [present(stiffness), present(fraction)])
+    end associate
+  end function load_coefficient
+
+  !> Add d(D y - s P)/dnu of each order, memory apart: k (i C - 2 k nu M) Y_k - s dP_k/dnu.
+  pure subroutine add_frequency_slope(self, orders, nu, y, load_orders, force, base, factor, total)
     class(oscillator_type), intent(in) :: self
     integer, intent(in) :: orders(:)
     real(wp), intent(in) :: nu
     !> Harmonics, shape (size(orders), n_dof).
     complex(wp), intent(in) :: y(:, :)
+    !> Orders of the load, its forces (n_dof, n) and the motion of the base (n), and its factor s.
+    integer, intent(in) :: load_orders(:)
+    complex(wp), intent(in) :: force(:, :), base(:)
+    real(wp), intent(in) :: factor
     complex(wp), intent(inout) :: total(:, :)
-    integer :: a, b, k
+    integer :: a, b, j, k
 
     do b = 1, size(y, 2)
       do a = 1, size(y, 2)
@@ -297,37 +321,13 @@ contains
         end do
       end do
     end do
-  end subroutine add_stiffness_slope
-
-  !> Of order k, on the coordinates relative to the moving base: P_k + (k nu)^2 M b Y_k, with b
-  !! the direction in which the base moves.
-  pure function load_coefficient(self, force, base, order, nu) result(p)
-    class(oscillator_type), intent(in) :: self
-    !> P_k and Y_k.
-    complex(wp), intent(in) :: force(:), base
-    integer, intent(in) :: order
-    real(wp), intent(in) :: nu
-    complex(wp) :: p(size(force))
-
-    p = force
-    if (abs(base) > 0.0_wp) then
-      p = p + (order*nu)**2*matmul(self%mass, self%base_direction)*base
-    end if
-  end function load_coefficient
-
-  !> Its derivative by nu, P_k being given without the motion of the base.
-  pure function load_slope(self, force, base, order, nu) result(slope)
-    class(oscillator_type), intent(in) :: self
-    complex(wp), intent(in) :: force(:), base
-    integer, intent(in) :: order
-    real(wp), intent(in) :: nu
-    complex(wp) :: slope(size(force))
-
-    slope = (0.0_wp, 0.0_wp)
-    if (abs(base) > 0.0_wp) then
-      slope = 2.0_wp*order**2*nu*matmul(self%mass, self%base_direction)*base
-    end if
-  end function load_slope
+    do j = 1, size(load_orders)
+      if (.not. abs(base(j)) > 0.0_wp) cycle
+      k = findloc(orders, load_orders(j), 1)
+      if (k > 0) total(k, :) = total(k, :) - factor*2.0_wp*load_orders(j)**2*nu*base(j) &
+                               *matmul(self%mass, self%base_direction(:size(force, 1)))
+    end do
+  end subroutine add_frequency_slope
 
   !> The first kernel in use whose integral does not exist (0: none). Such a
   !! system has no static response.

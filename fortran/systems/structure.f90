@@ -37,9 +37,8 @@ module viscovib_structure
     type(structure_load), allocatable :: loads(:)
   contains
     procedure :: dynamic_stiffness
-    procedure :: add_stiffness_slope
     procedure :: load_coefficient
-    procedure :: load_slope
+    procedure :: add_frequency_slope
     procedure :: coupling
   end type structure_type
 
@@ -51,13 +50,13 @@ contains
     real(wp), intent(in) :: mu(:)
     complex(wp), intent(in) :: fraction(:, :)
     complex(wp), intent(out) :: stiffness(:, :, :)
-    complex(wp) :: h(size(stiffness, 1), size(stiffness, 1))
+    complex(wp) :: h(size(stiffness, 1), size(stiffness, 1), size(mu))
     integer :: b, j, k
 
+    call self%rest%on_axis(mu, h)
     do k = 1, size(mu)
       if (abs(mu(k)) > 0.0_wp) then
-        call self%rest%evaluate(cmplx(0.0_wp, mu(k), wp), h)
-        call invert_compliance(h, stiffness(:, :, k))
+        call invert_compliance(h(:, :, k), stiffness(:, :, k))
       else
         stiffness(:, :, k) = self%rest%stiffness_at_rest
       end if
@@ -85,34 +84,16 @@ contains
     end do
   end subroutine invert_compliance
 
-  !> d(H^-1)/dmu y = -i H^-1 H' H^-1 y.
-  pure subroutine add_stiffness_slope(self, orders, nu, y, total)
-    class(structure_type), intent(in) :: self
-    integer, intent(in) :: orders(:)
-    real(wp), intent(in) :: nu
-    complex(wp), intent(in) :: y(:, :)
-    complex(wp), intent(inout) :: total(:, :)
-    complex(wp), dimension(size(y, 2), size(y, 2)) :: h, slope, stiffness
-    integer :: k
-
-    do k = 1, size(orders)
-      if (orders(k) == 0) cycle
-      call self%rest%evaluate(cmplx(0.0_wp, orders(k)*nu, wp), h, slope)
-      call invert_compliance(h, stiffness)
-      total(k, :) = total(k, :) - cmplx(0.0_wp, orders(k), wp) &
-                    *matmul(stiffness, matmul(slope, matmul(stiffness, y(k, :))))
-    end do
-  end subroutine add_stiffness_slope
-
-  !> H^-1 Y0 of one order.
-  pure function load_coefficient(self, force, base, order, nu) result(p)
+  !> H^-1 Y0 of one order: with D and what memory retains, D Y0 without what is hereditary of D.
+  pure function load_coefficient(self, force, base, order, nu, stiffness, fraction) result(p)
     class(structure_type), intent(in) :: self
     complex(wp), intent(in) :: force(:), base
     integer, intent(in) :: order
     real(wp), intent(in) :: nu
+    complex(wp), intent(in), optional :: stiffness(:, :), fraction(:)
     complex(wp) :: p(size(force))
-    complex(wp) :: h(size(p), size(p)), stiffness(size(p), size(p)), y(size(p))
-    integer :: j
+    complex(wp) :: h(size(p), size(p)), inverse(size(p), size(p)), y(size(p))
+    integer :: i, j
 
     ! What the load of the coordinates holds only tells which orders there are.
     p = 0.0_wp*(force + base)
@@ -122,10 +103,18 @@ contains
         p = self%loads(j)%at_rest
         return
       end if
-      call self%rest%evaluate(cmplx(0.0_wp, order*nu, wp), h)
-      call invert_compliance(h, stiffness)
       call deflections(self, self%loads(j), order*nu, y)
-      p = matmul(stiffness, y)
+      if (present(stiffness) .and. present(fraction)) then
+        p = matmul(stiffness, y)
+        do i = 1, size(self%kernel_of)
+          if (self%kernel_of(i) > 0) p = p - self%spread(:, i) &
+                                         *((fraction(i) - 1.0_wp)*sum(self%gather(i, :)*y))
+        end do
+      else
+        call self%rest%evaluate(cmplx(0.0_wp, order*nu, wp), h)
+        call invert_compliance(h, inverse)
+        p = matmul(inverse, y)
+      end if
     end do
   end function load_coefficient
 
@@ -150,28 +139,38 @@ contains
     if (present(slope)) slope = slope + mu*(2.0_wp*part + mu*((0.0_wp, 1.0_wp)*part_slope))
   end subroutine deflections
 
-  !> d(H^-1 Y0)/dnu = k H^-1 (Y0' - i H' H^-1 Y0).
-  pure function load_slope(self, force, base, order, nu) result(slope)
+  !> Add d[H^-1 (Y - s Y0)]/dnu of each order: -k H^-1 [dH/dmu H^-1 (Y - s Y0) + s dY0/dmu].
+  pure subroutine add_frequency_slope(self, orders, nu, y, load_orders, force, base, factor, total)
     class(structure_type), intent(in) :: self
-    complex(wp), intent(in) :: force(:), base
-    integer, intent(in) :: order
+    integer, intent(in) :: orders(:)
     real(wp), intent(in) :: nu
-    complex(wp) :: slope(size(force))
-    complex(wp), dimension(size(slope), size(slope)) :: h, h_slope, stiffness
-    complex(wp), dimension(size(slope)) :: y, y_slope
-    integer :: j
+    complex(wp), intent(in) :: y(:, :)
+    integer, intent(in) :: load_orders(:)
+    complex(wp), intent(in) :: force(:, :), base(:)
+    real(wp), intent(in) :: factor
+    complex(wp), intent(inout) :: total(:, :)
+    complex(wp), dimension(size(y, 2), size(y, 2), size(orders)) :: h, slope
+    complex(wp) :: inverse(size(y, 2), size(y, 2))
+    complex(wp), dimension(size(y, 2)) :: free, free_slope, moved
+    integer :: j, k
 
-    slope = 0.0_wp*(force + base)
-    if (order == 0) return
-    do j = 1, size(self%loads)
-      if (self%loads(j)%order /= order) cycle
-      call self%rest%evaluate(cmplx(0.0_wp, order*nu, wp), h, h_slope)
-      call invert_compliance(h, stiffness)
-      call deflections(self, self%loads(j), order*nu, y, y_slope)
-      slope = order*matmul(stiffness, y_slope &
-                           - (0.0_wp, 1.0_wp)*matmul(h_slope, matmul(stiffness, y)))
+    call self%rest%on_axis(orders*nu, h, slope)
+    do k = 1, size(orders)
+      if (orders(k) == 0) cycle
+      call invert_compliance(h(:, :, k), inverse)
+      moved = y(k, :)
+      free_slope = (0.0_wp, 0.0_wp)
+      do j = 1, size(self%loads)
+        if (self%loads(j)%order /= orders(k)) cycle
+        call deflections(self, self%loads(j), orders(k)*nu, free, free_slope)
+        moved = moved - factor*free
+      end do
+      total(k, :) = total(k, :) - orders(k)*matmul(inverse, factor*free_slope &
+                                                   + matmul(slope(:, :, k), matmul(inverse, moved)))
     end do
-  end function load_slope
+    associate (not_needed => [size(load_orders), size(force), size(base)])
+    end associate
+  end subroutine add_frequency_slope
 
   !> All: the rest lies between them.
   pure function coupling(self) result(coupled)
