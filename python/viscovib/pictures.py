@@ -175,9 +175,11 @@ def plot(result: Result, *args: Any, **options: Any) -> Any:
 
 
 def _drawn(result: Result) -> Any:
-    if type(result) not in _DRAWN:
-        raise InputError(f"plot: no picture of {result.kind} is known")
-    return _DRAWN[type(result)]
+    # Results of structures are kinds of others.
+    for kind in type(result).__mro__:
+        if kind in _DRAWN:
+            return _DRAWN[kind]
+    raise InputError(f"plot: no picture of {result.kind} is known")
 
 
 def save_picture(

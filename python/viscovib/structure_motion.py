@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,9 @@ from viscovib.polynomial_system import PolynomialSystem
 from viscovib.runs import MAX_STEPS, Piece, Run, Wanted
 from viscovib.structure import Structure
 from viscovib.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: What is condensed.
 Condensed: TypeAlias = Structure | PolynomialSystem
@@ -62,6 +65,16 @@ class StructureTrajectory(Trajectory):
     def dof_units(self) -> tuple[str, ...]:
         """Their units."""
         return self._units
+
+    def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
+        """Coordinates and velocities over t, and ``deflections`` and ``rates`` of the elements."""
+        data = super().to_dataset(physical=physical)
+        names = [f"y{i + 1}" for i in range(self.deflections.shape[1])]
+        if isinstance(self.system, Structure):
+            names = list(self.system.deflections)
+        return data.assign(
+            deflections=(("t", "element"), self.deflections), rates=(("t", "element"), self.rates)
+        ).assign_coords(element=names)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """Motions of structures in time, against the same systems whole and against SciPy."""
 
+import pickle
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -221,7 +223,12 @@ def test_only_wanted_coordinates_are_kept():
     assert run.deflections.shape == (161, 2)
     assert np.allclose(run.deflections[:, 0], run.coordinate("x8"), atol=1e-14)
     assert vv.spectrum(run, coordinates="x4").omega.size
-    assert "x8_dot" in run.to_dataset()
+    data = run.to_dataset()
+    assert "x8_dot" in data
+    assert list(data.element.values) == list(structure.deflections)
+    assert np.array_equal(data.deflections, run.deflections)
+    assert len(run.plot()) == 4
+    assert np.array_equal(pickle.loads(pickle.dumps(run)).deflections, run.deflections)
     assert "modes exactly" in str(run.plan)
 
 
