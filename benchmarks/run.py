@@ -339,8 +339,8 @@ def of_structures(out: Path) -> Part:
     ]
     lines += ["| --- |" + " --- |" * 6]
     return lines + [
-        f"| {row['job']} | {show_time(row['seconds'])} | {row['points']} | "
-        f"{show_time(row['seconds'] / row['points'])} | "
+        f"| {row['job']} | {show_time(row['seconds'])} | {row['points'] or ''} | "
+        f"{show_time(row['seconds'] / row['points']) if row['points'] else ''} | "
         f"{show_time(row['target']) if row['target'] else ''} | "
         f"{'' if row['ratio'] != row['ratio'] else format(row['ratio'], '.3g')} | "
         f"{show_error(row['error'])} |"

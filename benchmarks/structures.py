@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import plate
 import viscovib as vv
 from timing import least, pair, show_time
 
@@ -215,7 +216,8 @@ def run() -> list[Row]:
     rows = [*chains(stability=False), *growth(stability=False), whole_curve()]
     rows += [*chains(stability=True), *growth(stability=True)]
     rows += [steps_in_time(32, "gauss8", 0.0, whole=True), steps_in_time(1000, "gauss8", 15e-6)]
-    return [*rows, steps_in_time(1000, "gauss4", 15e-6)]
+    rows += [steps_in_time(1000, "gauss4", 15e-6)]
+    return rows + [show(row) for row in plate.run()]
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.elements import ElementTerms
 from viscovib.errors import InputError
@@ -37,9 +38,10 @@ def matrix_of(name: str, value: Any, n: int | None, sparse: bool) -> Any:
         return checked_sparse(name, value, n)
     if value is None:
         return csc_array((n, n))
-    if np.ndim(value) == 1:
-        return checked_sparse(name, diags_array(np.asarray(value)), n)
-    return checked_sparse(name, _square(name, value, n), n)
+    given = _native.real_array(name, value)
+    if given.ndim < 2:
+        return checked_sparse(name, diags_array(np.atleast_1d(given)), n)
+    return checked_sparse(name, _square(name, given, n), n)
 
 
 def dense_of(matrix: Any) -> FloatArray:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse
 import viscovib as vv
 import xarray as xr
 from calls import FILES, SOUND, public
@@ -49,7 +50,8 @@ def names() -> dict[str, Any]:
     nested: list[Any] = []
     nested.append(nested)
     return {
-        "vv": vv, "np": np, "xr": xr, "nan": math.nan, "inf": math.inf, "Fraction": Fraction,
+        "vv": vv, "np": np, "sparse": scipy.sparse, "xr": xr,
+        "nan": math.nan, "inf": math.inf, "Fraction": Fraction,
         "Decimal": Decimal, "Path": Path, "nested": nested, "Odd": Odd, "Liar": Liar,
     }  # fmt: skip
 

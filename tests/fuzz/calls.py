@@ -63,6 +63,8 @@ FILES = {
 &transient initial=0.05 0 0.3 0 -0.2 0 t_end=5 dt=0.25 /
 &spectrum window='hann' discard=1 /
 """,
+    "mass.mtx": "%%MatrixMarket matrix coordinate real general\n2 2 2\n1 1 1.0\n2 2 2.0\n",
+    "stiffness.mtx": "%%MatrixMarket matrix coordinate real symmetric\n2 2 2\n1 1 3.0\n2 2 1.0\n",
     "dma.csv": "f,E',E''\nHz,MPa,MPa\n1,2,1\n2,3,1\n4,4,1\n",
     "mount.csv": "f;K*;angle\nHz;N/mm;deg\n1;2,5;10\n2;3;20\n",
     "time.csv": "t,E\ns,MPa\n1,3\n2,2\n4,1\n",
@@ -71,13 +73,33 @@ FILES = {
     '"kernel": {"kind": "abel", "amplitude": 0.1, "alpha": 0.3}}',
 }
 
+STRUCTURE = (
+    "vv.Structure(mass=[1, 2, 1], stiffness=[[2, -1, 0], [-1, 2, -1], [0, -1, 1]], "
+    "modal_damping=0.02, elements=[vv.Spring(on='x3', law='0.1*d^3')])"
+)
+CHAIN = (
+    "vv.Structure(mass=[1] * 40, stiffness=sparse.diags_array([-1.0, 2, -1], "
+    "offsets=[-1, 0, 1], shape=(40, 40)), rayleigh=(0.01, 0.01), "
+    "elements=[vv.Spring(on='x30', law='0.1*d^3')])"
+)
+SMALL = f"{CHAIN}.reduce(frequency=0.5, tolerance=1e-4, loads=['x1'])"
 #: Calls that work, each quick.
 SOUND = (
     PENDULUM, KERNEL, MOUNT, MEMORY, SYSTEM, RUN, RESPONSE, STEADY, BRANCH, DRIVEN, SCALES,
     ENSEMBLE, SCENE,
     "vv.AbelKernel(amplitude=0.05, alpha=0.3)",
     "vv.SumKernel(parts=[vv.AbelKernel(amplitude=0.05, alpha=0.3)])",
-    DATA, SETS, FIT,
+    DATA, SETS, FIT, STRUCTURE, CHAIN, SMALL,
+    "vv.Spring(on={'x1': 1, 'x2': -1}, stiffness=1, damping=0.1, law='k*d^3', parameters={'k': 2})",
+    f"{CHAIN}.reduce(frequency=0.5, loads=['x1'], method='craig-bampton', "
+    "lowest=0.1, max_modes=50)",
+    f"{CHAIN}.characteristic_roots(count=2)",
+    f"{STRUCTURE}.write(path='out.npz')",
+    f"{SMALL}.write(path='out.mtx', coordinates=['x1'])",
+    "vv.Structure.read(mass='mass.mtx', stiffness='stiffness.mtx', modal_damping=0.1)",
+    f"vv.forced_response({SMALL}, nu=[0.1, 0.2], load={{'x1': 0.01}}, coordinates=['x1', 'x9'])",
+    f"vv.trace_response({STRUCTURE}, (0.3, 0.6), load={{'x1': 0.01}}, harmonics=3)",
+    f"vv.forced_response({SMALL}, nu=[0.1], load={{'x1': 0.01}}).check(points=1)",
     "vv.read_dma(path='dma.csv')",
     "vv.read_dynamic_stiffness(path='mount.csv')",
     "vv.read_relaxation(path='time.csv', ramp=0.5)",
