@@ -282,8 +282,12 @@ contains
     character(len=*), intent(in) :: arguments(:), names(:)
     real(wp), intent(in) :: values(:)
     character(len=:), allocatable :: name
+    !> Filled in two steps: gfortran 12 makes too little room for an array constructor of both.
+    character(len=64) :: known(size(arguments) + size(names))
     integer :: code, first, i
 
+    known(:size(arguments)) = arguments
+    known(size(arguments) + 1:) = names
     first = cursor%at
     cursor%at = first + verify(cursor%text(first:), letters//digits) - 1
     name = cursor%text(first:cursor%at - 1)
@@ -315,7 +319,7 @@ contains
       call emit(cursor, put_number, pi)
     else
       cursor%fault = "'"//name//"' is neither a variable nor a parameter" &
-                     //likely(name, [character(len=64) :: arguments, names])
+                     //likely(name, known)
     end if
   end subroutine read_name
 
