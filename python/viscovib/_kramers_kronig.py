@@ -54,6 +54,15 @@ class KramersKronig:
         Measured loss over the expected.
     wrong : tuple of (float, float, float, float)
         Ranges where the ratio leaves [0.8, 1.25]: from, to (rad/s), smallest and largest ratio.
+
+    Examples
+    --------
+    >>> found = vv.read_dma("data/rubber/pyvisco_freq_user_master.csv").kramers_kronig()
+    >>> found.consistent, f"{100 * found.together[0]:.1f} %, {100 * found.together[1]:.1f} %"
+    (False, '20.3 %, 13.3 %')
+    >>> low, high, least, most = found.wrong[0]
+    >>> bool(high < 2 * np.pi and most > 10)
+    True
     """
 
     consistent: bool

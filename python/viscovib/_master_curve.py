@@ -57,6 +57,16 @@ class MasterCurve:
         Root mean square distance from a smooth curve (decades of modulus).
     data : ModulusData or RelaxationData
         All rows at reduced frequencies (times), a single set.
+
+    Examples
+    --------
+    >>> raw = vv.read_dma("data/rubber/pyvisco_freq_user_raw.csv")
+    >>> master = vv.master_curve(raw, reference=20.0)
+    >>> master.temperatures.size, round(master.scatter, 3)
+    (21, 0.003)
+    >>> fit = vv.fit_kernel(master, kind="prony")
+    >>> fit.kernel.at(60.0).temperature
+    60.0
     """
 
     reference: float

@@ -38,6 +38,15 @@ class PronyTerms:
         The times between which it stands for the kernel (s); frequencies are their inverses.
     error : float
         Largest relative error |M_terms - M|/|M| at frequencies 1/t_max to 1/t_min (rad/s).
+
+    Examples
+    --------
+    >>> rubber = vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3)
+    >>> terms = vv.prony_terms(rubber, modulus=2e6, t_min=1e-3, t_max=10, tolerance=0.05)
+    >>> bool(abs(terms.modulus - terms.relaxed - terms.moduli.sum()) < 1e-6)
+    True
+    >>> terms.text("ansys").splitlines()[4]
+    'TB,PRONY,1,1,...,SHEAR'
     """
 
     relaxed: float

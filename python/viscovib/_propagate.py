@@ -38,6 +38,18 @@ class Band:
     missing : ndarray of int, shape (...)
         Samples that had no answer.
     level : float
+
+    Examples
+    --------
+    >>> nu = np.geomspace(1e-2, 1e4, 40)
+    >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal((2, 40))
+    >>> stiff = 2e6 * (1 - vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3).transform(nu))
+    >>> data = vv.ModulusData(
+    ...     frequencies=nu, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+    ... )
+    >>> band = vv.propagate(vv.fit_kernel(data), lambda s: abs(s.kernel.transform(nu)), samples=50)
+    >>> band.nominal.shape, band.answers.shape, bool((band.low < band.high).all())
+    ((40,), (50, 40), True)
     """
 
     nominal: FloatArray

@@ -72,6 +72,12 @@ def read_kernel(path: str | os.PathLike[str]) -> Kernel:
         If the file cannot be read.
     InputError
         If it holds no kernel: a line with what is missing or wrong.
+
+    Examples
+    --------
+    >>> vv.write_kernel(vv.AbelKernel(amplitude=0.02, alpha=0.1), "rubber.json")
+    >>> vv.read_kernel("rubber.json")
+    AbelKernel(amplitude=0.02, alpha=0.1)
     """
     name, content = _read(path)
     return _told(name, lambda: _kernel_of(content))
@@ -111,6 +117,15 @@ def read_fit(path: str | os.PathLike[str]) -> KernelFit:
         If the file cannot be read.
     InputError
         If it holds no fit.
+
+    Examples
+    --------
+    >>> t = np.geomspace(0.01, 100, 30)
+    >>> rubber = vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3)
+    >>> fit = vv.fit_kernel(vv.RelaxationData(times=t, modulus=2e6 * rubber.relaxation(t)))
+    >>> fit.to_json("rubber.json")
+    >>> vv.read_fit("rubber.json").modulus == fit.modulus
+    True
     """
     name, content = _read(path)
     return _told(name, lambda: _fit_of(content))

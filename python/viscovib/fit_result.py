@@ -38,7 +38,20 @@ _SIDE, _LONGER, _FAR, _HOLD = 60, 1.5, 40.0, 1e3
 
 @dataclass(frozen=True)
 class Optimum:
-    """An end that starts have led to: the sum of squares (weights by the data), parameters."""
+    """An end that starts have led to: the sum of squares (weights by the data), parameters.
+
+    Examples
+    --------
+    >>> nu = np.geomspace(1e-2, 1e4, 40)
+    >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal((2, 40))
+    >>> stiff = 2e6 * (1 - vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3).transform(nu))
+    >>> data = vv.ModulusData(
+    ...     frequencies=nu, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+    ... )
+    >>> best = vv.fit_kernel(data).optima[0]
+    >>> round(best.parameters["alpha"], 2), best.cost < 0.02
+    (0.5, True)
+    """
 
     cost: float
     parameters: Mapping[str, float]
@@ -53,6 +66,12 @@ class Sample:
     kernel : Kernel
     modulus : float
         Its instantaneous modulus (Pa, N/m).
+
+    Examples
+    --------
+    >>> sample = vv.Sample(kernel=vv.AbelKernel(amplitude=0.1, alpha=0.3), modulus=2e6)
+    >>> sample.modulus
+    2000000.0
     """
 
     kernel: Kernel
@@ -73,6 +92,18 @@ class Profile:
     interval : (float, float)
         Where the rise stays below the bound; 0 or inf (of alpha 0 or 1) where it never passes it.
     level : float
+
+    Examples
+    --------
+    >>> nu = np.geomspace(1e-2, 1e4, 40)
+    >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal((2, 40))
+    >>> stiff = 2e6 * (1 - vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3).transform(nu))
+    >>> data = vv.ModulusData(
+    ...     frequencies=nu, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+    ... )
+    >>> profile = vv.fit_kernel(data).profile("alpha")
+    >>> bool(profile.interval[0] < 0.5 < profile.interval[1]), bool(profile.rise.min() == 0)
+    (True, True)
     """
 
     name: str
@@ -105,6 +136,21 @@ class KernelFit(ABC):
         What the residuals were relative to in the end.
     optima : tuple of Optimum
         Ends of all starts, the best first.
+
+    Examples
+    --------
+    >>> nu = np.geomspace(1e-2, 1e4, 40)
+    >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal((2, 40))
+    >>> stiff = 2e6 * (1 - vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3).transform(nu))
+    >>> data = vv.ModulusData(
+    ...     frequencies=nu, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+    ... )
+    >>> fit = vv.fit_kernel(data)
+    >>> fit.kind, fit.quantity, fit.weights, fit.unconstrained
+    ('rabotnov', 'E', 'model', ())
+    >>> low, high = fit.interval["alpha"]
+    >>> bool(low < 0.5 < high), bool(abs(fit.predict(0.0) / (2e6 / 3) - 1) < 0.01)
+    (True, True)
     """
 
     kind: str
@@ -214,6 +260,18 @@ class ParametricFit(KernelFit):
     Linearised about the best parameters, over their logarithms (of alpha over its logit), which
     keeps intervals admissible: covariance s^2 (J' J)^-1, s^2 = sum r^2/(n - k), J by the relative
     residuals r (Seber and Wild, Nonlinear Regression, 1989, ch. 5).
+
+    Examples
+    --------
+    >>> nu = np.geomspace(1e-2, 1e4, 40)
+    >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal((2, 40))
+    >>> stiff = 2e6 * (1 - vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3).transform(nu))
+    >>> data = vv.ModulusData(
+    ...     frequencies=nu, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+    ... )
+    >>> fit = vv.fit_kernel(data)
+    >>> fit.names, fit.correlation.shape, sorted(fit.zener[0])
+    (('modulus', 'amplitude', 'alpha', 'beta'), (4, 4), ['alpha', 'loss', 'relaxed', 'tau'])
     """
 
     model: Model

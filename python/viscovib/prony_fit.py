@@ -43,6 +43,18 @@ class PronyFit(KernelFit):
         tau_j (s), descending, and M_j (Pa, N/m) of the terms that are not 0.
     relaxed : float
         M_e, what is left in the end.
+
+    Examples
+    --------
+    >>> nu = np.geomspace(1e-2, 1e4, 40)
+    >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal((2, 40))
+    >>> stiff = 2e6 * (1 - vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3).transform(nu))
+    >>> data = vv.ModulusData(
+    ...     frequencies=nu, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+    ... )
+    >>> fit = vv.fit_kernel(data, kind="prony", terms=10)
+    >>> bool(abs(fit.modulus - fit.relaxed - fit.moduli.sum()) < 1), bool((fit.moduli > 0).all())
+    (True, True)
     """
 
     measured: Measured

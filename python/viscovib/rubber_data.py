@@ -273,6 +273,11 @@ def read_dma(
         ``file:line: column 'name': what is wrong``.
     FileError
         If the file cannot be read.
+
+    Examples
+    --------
+    >>> vv.read_dma("data/rubber/pyvisco_freq_user_master.csv")
+    ModulusData(206 rows of E, 6.283e-12 to 6.283e+14 rad/s, storage 8.88e+07 to 9.58e+09)
     """
     return _read_dynamic(path, columns, quantity, "modulus", _MODULI)
 
@@ -280,10 +285,18 @@ def read_dma(
 def read_dynamic_stiffness(
     path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
 ) -> ModulusData:
-    """Read the dynamic stiffness of a mount over frequency: |K*| and angle, or K' and K''.
+    r"""Read the dynamic stiffness of a mount over frequency: |K*| and angle, or K' and K''.
 
     As `read_dma`, with names ``K'``, ``K''``, ``|K*|``, ``angle`` (deg or rad), ``loss factor`` and
     ``amplitude`` (m, mm), and units N/m, N/mm, kN/mm or N m/rad.
+
+    Examples
+    --------
+    >>> text = "f [Hz];K* [N/mm];phase [deg]\n1;200;10\n2;220;12\n"
+    >>> with open("mount.csv", "w") as file:
+    ...     n = file.write(text)
+    >>> vv.read_dynamic_stiffness("mount.csv").loss_factor.round(3)
+    array([0.176, 0.213])
     """
     return _read_dynamic(path, columns, "K", "stiffness", _STIFFNESSES)
 
@@ -346,6 +359,11 @@ def read_relaxation(
 
     As `read_dma`, with columns of time (``t``, ``time``; s, ms, min, h) and of the modulus
     (``E_relax``, ``E(t)``, ``G``); ``ramp`` is the time that the strain took to rise (s).
+
+    Examples
+    --------
+    >>> vv.read_relaxation("data/rubber/pyvisco_time_user_raw.csv")
+    RelaxationData(210 rows in 21 sets of E, 0.01 to 10 s, -49.99 to 100 deg C, ...)
     """
     names = ("erelax", "grelax", "e", "g", "et", "gt", "relaxationmodulus", "modulus")
     table = read_columns(
@@ -371,10 +389,17 @@ def read_creep(
     columns: Mapping[str, str] | None = None,
     quantity: str | None = None,
 ) -> CreepData:
-    """Read a compliance over time after a step of stress.
+    r"""Read a compliance over time after a step of stress.
 
     As `read_dma`, with columns of time and of the compliance (``D`` of E, ``J`` of G; 1/Pa to
     1/GPa).
+
+    Examples
+    --------
+    >>> with open("creep.csv", "w") as file:
+    ...     n = file.write("t,J\nmin,1/MPa\n1,2\n2,3\n")
+    >>> vv.read_creep("creep.csv")
+    CreepData(2 rows of 1/G, 60 to 120 s, 2e-06 to 3e-06)
     """
     names = ("j", "d", "jt", "dt", "jcreep", "dcreep", "creepcompliance", "compliance")
     table = read_columns(

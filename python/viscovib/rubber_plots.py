@@ -37,6 +37,11 @@ def plot_modulus(data: ModulusData, ax: "Axes | Sequence[Axes] | None" = None) -
     Returns
     -------
     sequence of Axes
+
+    Examples
+    --------
+    >>> raw = vv.read_dma("data/rubber/pyvisco_freq_user_raw.csv")
+    >>> axes = vv.plot_modulus(raw)
     """
     _native.check_instance("data", data, ModulusData)
     upper, lower = panels(ax, 2, "moduli and loss factor")
@@ -57,12 +62,24 @@ def plot_modulus(data: ModulusData, ax: "Axes | Sequence[Axes] | None" = None) -
 
 
 def plot_cole_cole(data: ModulusData, ax: "Axes | None" = None) -> "Axes":
-    """Draw loss over storage (Cole and Cole): one material at all temperatures is one arc."""
+    """Draw loss over storage (Cole and Cole): one material at all temperatures is one arc.
+
+    Examples
+    --------
+    >>> raw = vv.read_dma("data/rubber/pyvisco_freq_user_raw.csv")
+    >>> axes = vv.plot_cole_cole(raw)
+    """
     return _without_frequency(data, ax, log=False)
 
 
 def plot_van_gurp(data: ModulusData, ax: "Axes | None" = None) -> "Axes":
-    """Draw the loss angle over |M*| (van Gurp and Palmen): sets that superpose are one curve."""
+    """Draw the loss angle over |M*| (van Gurp and Palmen): sets that superpose are one curve.
+
+    Examples
+    --------
+    >>> raw = vv.read_dma("data/rubber/pyvisco_freq_user_raw.csv")
+    >>> axes = vv.plot_van_gurp(raw)
+    """
     return _without_frequency(data, ax, log=True)
 
 
@@ -153,6 +170,11 @@ def plot_nomogram(
         Of the slanted lines (deg C), within those measured; those of the sets if not given.
     ax : Axes, optional
         Where to draw; None makes a figure.
+
+    Examples
+    --------
+    >>> raw = vv.read_dma("data/rubber/pyvisco_freq_user_raw.csv")
+    >>> ax = vv.plot_nomogram(vv.master_curve(raw, reference=60), [40, 60, 80])
     """
     _native.check_instance("master", master, MasterCurve)
     data = master.data

@@ -92,6 +92,12 @@ class ShiftFit:
         Factor less law at each temperature (decades).
     interval : dict
         95 % interval of each parameter of the law, from the residuals and linearised.
+
+    Examples
+    --------
+    >>> found = vv.fit_shift_law([0, 20, 40, 60], [2.1, 0, -1.5, -2.5], reference=20)
+    >>> type(found.law).__name__, bool(found.misfit < 0.1)
+    ('WLF', True)
     """
 
     law: WLF | Arrhenius

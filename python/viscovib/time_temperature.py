@@ -23,7 +23,14 @@ GAS_CONSTANT, KELVIN = 8.314462618, 273.15
 
 
 class ShiftLaw(ABC):
-    """How many times as slow a material is at a temperature as at its reference."""
+    """How many times as slow a material is at a temperature as at its reference.
+
+    Examples
+    --------
+    >>> law = vv.WLF(reference=20.0, c1=8.86, c2=101.6)
+    >>> isinstance(law, vv.ShiftLaw), float(law(20.0))
+    (True, 1.0)
+    """
 
     reference: float
 
