@@ -14,6 +14,8 @@ from viscovib.errors import InputError
 
 #: Modes asked for at a time: later ones are found with those already known projected out.
 _BATCH = 32
+#: Coordinates at most.
+MOST = 1_000_000
 #: Coordinates up to which modes are computed of dense matrices.
 _SMALL = 60
 #: Entries of a matrix may differ from those of its transpose by this, relative to the largest.
@@ -270,17 +272,21 @@ class HeldPencil:
 
 def checked_sparse(name: str, value: Any, n: int | None = None) -> Any:
     """Return a matrix as a real, finite, square csc_array without stored zeros."""
-    matrix = csc_array(value)
-    if matrix.dtype.kind == "c":
+    if value.dtype.kind == "c":
         raise InputError(f"{name}: must be real, got complex numbers")
-    if matrix.dtype.kind not in "iufb":
-        raise InputError(f"{name}: must be numbers, got {matrix.dtype}")
-    rows, columns = matrix.shape
+    if value.dtype.kind not in "iufb":
+        raise InputError(f"{name}: must be numbers, got {value.dtype}")
+    if len(value.shape) != 2:
+        raise InputError(f"{name}: must have 2 dimensions, got shape {value.shape}")
+    # Before it is brought into columns, of which each takes room.
+    rows, columns = value.shape
     size = rows if n is None else n
     if (rows, columns) != (size, size):
         wanted = "square" if n is None else f"({n}, {n}) as mass is"
         raise InputError(f"{name}: must be {wanted}, got shape ({rows}, {columns})")
-    matrix = matrix.astype(float, copy=True)
+    if rows > MOST:
+        raise InputError(f"{name}: {rows} coordinates, must be 1 to {MOST}")
+    matrix = csc_array(value).astype(float, copy=True)
     matrix.sum_duplicates()
     if not np.isfinite(matrix.data).all():
         bad = matrix.tocoo()
