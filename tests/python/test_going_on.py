@@ -224,3 +224,28 @@ def test_a_base_goes_on_from_where_it_was():
     explicit = vv.simulate(plain, 5, dt=0.1, method="dop8", initial=[1, 0])
     with pytest.raises(vv.InputError, match="by method 'dop8' no base moves"):
         vv.simulate(plain, 8, resume=explicit, base=vv.LoadTable(times=[5, 6], values=[0, 1.0]))
+
+
+@pytest.mark.filterwarnings("ignore:kernel integral")
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        vv.RzhanitsynKernel(amplitude=0.05, alpha=0.3, beta=0.01),
+        vv.RabotnovKernel(amplitude=0.05, alpha=0.5, beta=0.1),
+        vv.AbelKernel(amplitude=0.02, alpha=0.4),
+    ],
+)
+def test_a_kernel_fitted_for_a_short_run_serves_one_a_hundred_times_as_long(kernel):
+    body = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, kernel=kernel, forces="x^3")
+    job = {"dt": 0.125, "load": 0.3, "nu": 1.3, "initial": [0.5, 0]}
+    whole = vv.simulate(body, 99, **job)
+    first = vv.simulate(body, 1, **job)
+    run = first
+    for end in (2, 25, 99):
+        run = vv.simulate(body, end, resume=run)
+        assert np.abs(run.state[-1] - whole.state[8 * end]).max() < 1e-12
+    assert np.abs(vv.simulate(body, 99, resume=first).state - whole.state[8:]).max() < 1e-12
+    with pytest.raises(
+        vv.InputError, match="t_end = 101: a run made for t_end = 1 may go on to 100"
+    ):
+        vv.simulate(body, 101, resume=first)
