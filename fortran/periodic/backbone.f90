@@ -10,7 +10,7 @@
 module viscovib_backbone
   use viscovib_backbone_plan, only: backbone_plan_type
   use viscovib_curve, only: curve_type
-  use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
+  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_free_orders, only: order_search
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
@@ -23,6 +23,10 @@ module viscovib_backbone
   private
 
   public :: follow_backbone
+
+  !> A beginning that is not found from the linear mode is sought from 0.1, 0.01, ... of it up, so
+  !! often at most.
+  integer, parameter :: max_lower = 4, most_below = 1000
 
   !> Unknowns: the cosines, coordinate by coordinate, and, last, the frequency.
   type, extends(curve_type) :: backbone_curve
@@ -80,17 +84,40 @@ contains
     type(curve_branch_type), intent(out) :: branch
     integer, intent(inout), volatile :: cancel
     type(backbone_curve) :: curve
-    real(wp), allocatable :: x(:)
-    integer :: d, rows
+    type(curve_branch_type) :: below
+    type(curve_options) :: lower
+    integer :: k
 
     call new_backbone_curve(curve, plan, set)
-    allocate (x(curve%n), source=0.0_wp)
-    rows = size(set%orders)
-    do d = 1, size(plan%shape)
-      x((d - 1)*rows + cosine_of_first(set)) = options%start*(plan%shape(d)/plan%shape(plan%dof))
+    call follow_curve(curve, options, linear(options%start), branch, cancel=cancel)
+    ! Far from the linear mode the curve is followed up to its beginning.
+    lower = options
+    lower%finish = options%start
+    lower%max_points = max(options%max_points, most_below)
+    if (allocated(lower%stops)) deallocate (lower%stops)
+    do k = 1, max_lower
+      if (branch%n_points > 0 .or. cancel /= 0) return
+      lower%start = options%start*0.1_wp**k
+      call follow_curve(curve, lower, linear(lower%start), below, cancel=cancel)
+      if (below%n_points == 0 .or. below%outcome /= curve_completed) cycle
+      call follow_curve(curve, options, below%x(:, below%n_points), branch, cancel=cancel)
     end do
-    x(curve%n) = plan%omega
-    call follow_curve(curve, options, x, branch, cancel=cancel)
+
+  contains
+
+    !> Unknowns of the linear mode with an amplitude.
+    function linear(amplitude) result(x)
+      real(wp), intent(in) :: amplitude
+      real(wp) :: x(curve%n)
+      integer :: d
+      x = 0.0_wp
+      do d = 1, size(plan%shape)
+        x((d - 1)*size(set%orders) + cosine_of_first(set)) = amplitude*(plan%shape(d) &
+                                                                       /plan%shape(plan%dof))
+      end do
+      x(curve%n) = plan%omega
+    end function linear
+
   end subroutine follow_with
 
   subroutine new_backbone_curve(curve, plan, set)

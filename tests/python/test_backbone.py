@@ -330,3 +330,19 @@ def test_beyond_the_range_of_numbers(changes, ends):
     assert not b.complete
     for values in (b.nu, b.coefficients, b.truncation):
         assert np.isfinite(values).all()
+
+
+def test_a_beginning_far_from_the_linear_mode_is_reached_from_below():
+    rng = np.random.default_rng(8)
+    for _ in range(12):
+        power = int(rng.choice([3, 5]))
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=rng.uniform(0.05, 1), forces=f"{rng.uniform(0.3, 30):.3f}*x^{power}"
+        )
+        begin = rng.uniform(1, 4)
+        curve = vv.backbone(system, 0, (begin, 1.5 * begin), max_points=10, tolerance=1e-8)
+        whole = vv.backbone(system, 0, (0.001, begin), tolerance=1e-8, max_points=2000)
+        assert curve.nu[0] == pytest.approx(whole.nu[-1], rel=1e-6)
+    softening = vv.PolynomialSystem(mass=1, stiffness=1, forces="-x^3")
+    with pytest.raises(vv.InputError, match="where this mode ends before: begin lower"):
+        vv.backbone(softening, 0, (3, 4))
