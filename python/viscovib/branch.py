@@ -94,7 +94,7 @@ def trace_mount(
     curve = CurveOptions.checked(options)
     job, _, prepared, planned = _prepare(
         system, [fixed], load, base, "newton", harmonics, curve.tolerance, 100, 1.0, keep_idle=True,
-        flat=first, may_choose=True, whole=judged_too or numbers is not None,
+        flat=first, may_choose=True, whole=numbers is not None,
     )  # fmt: skip
     chosen = _native.is_auto(harmonics)
     if planned.method != "newton":

@@ -254,7 +254,7 @@ def _prepare(
     chosen = may_choose and isinstance(harmonics, str)
     if chosen and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
-    job, loaded = oscillator_job(system, load, base, flat, whole=whole or stability)
+    job, loaded = oscillator_job(system, load, base, flat, whole=whole)
     options = (
         METHODS.index(_native.choice("method", method, METHODS)) + 1,
         0 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS),
