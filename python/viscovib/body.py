@@ -408,6 +408,73 @@ class Body(PolynomialSystem):
         inertia = -(frequencies[..., None] ** 2) * self.body_mass * moved[..., :3]
         return np.asarray(push[..., :3] - inertia)
 
+    def random_floor(
+        self,
+        hz: npt.ArrayLike,
+        density: npt.ArrayLike,
+        axis: str | npt.ArrayLike = "z",
+        point: npt.ArrayLike | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Acceleration of a point of the body on a floor that shakes at random, linear.
+
+        S_body = |H|^2 S_floor, and the mean square is the integral of S over the frequencies.
+
+        Parameters
+        ----------
+        hz : array_like, shape (n,)
+            Frequencies (Hz), ascending.
+        density : array_like, shape (n,)
+            One-sided spectral density of the floor's acceleration ((m/s^2)^2/Hz).
+        axis, point
+            As of `base_transmissibility`.
+
+        Returns
+        -------
+        density : ndarray, shape (n, 3)
+            Spectral densities of the acceleration along x, y and z ((m/s^2)^2/Hz).
+        rms : ndarray, shape (3,)
+            Root mean squares over these frequencies (m/s^2), by the trapezoidal rule.
+        """
+        frequencies = _native.real_array("hz", hz)
+        given = _native.real_array("density", density)
+        if frequencies.ndim != 1 or frequencies.size < 2 or (np.diff(frequencies) <= 0).any():
+            raise InputError("hz: must be ascending, two or more")
+        if given.shape != frequencies.shape or (given < 0).any():
+            raise InputError(f"density: must have shape {frequencies.shape}, none negative")
+        answer = self.base_transmissibility(2 * math.pi * frequencies, axis, point)
+        densities = np.abs(answer) ** 2 * given[:, np.newaxis]
+        mean = (densities[1:] + densities[:-1]) / 2 * np.diff(frequencies)[:, np.newaxis]
+        return densities, np.sqrt(mean.sum(axis=0))
+
+    def engine_orders(
+        self, speeds: npt.ArrayLike, orders: npt.ArrayLike, loads: npt.ArrayLike
+    ) -> ComplexArray:
+        """Answer to loads whose frequencies are multiples of a speed, linear.
+
+        Parameters
+        ----------
+        speeds : array_like, shape (n,)
+            Of the crankshaft (rad/s).
+        orders : array_like, shape (m,)
+            Multiples of the speed: 0.5, 1, 2, ...
+        loads : array_like, shape (m, n_dof) or (n, m, n_dof)
+            Amplitudes (see `load`), at all speeds or at each.
+
+        Returns
+        -------
+        ndarray, shape (n, m, n_dof)
+            Coefficients of u = Im sum_j X_j exp(i order_j speed t).
+        """
+        turning = _native.real_array("speeds", speeds, ndim=1)
+        multiples = _native.real_array("orders", orders, ndim=1)
+        if (turning <= 0).any() or (multiples <= 0).any():
+            raise InputError("speeds, orders: must be greater than 0")
+        given = _native.complex_array("loads", loads)
+        shape = (turning.size, multiples.size, len(self.dof_names))
+        if given.shape not in (shape[1:], shape):
+            raise InputError(f"loads: must have shape {shape[1:]} or {shape}, got {given.shape}")
+        return self._solved(np.outer(turning, multiples), np.broadcast_to(given, shape))
+
     def scatter(
         self, n: int, spread: float = 0.15, *, seed: int = 0
     ) -> tuple[FloatArray, FloatArray]:

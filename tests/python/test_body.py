@@ -450,3 +450,32 @@ def test_snubbers():
     np.testing.assert_allclose(left, 60.0 * (found.harmonics == 1), atol=1e-6)
     with pytest.raises(vv.InputError, match="is 1 at d = 0, must be 0"):
         vv.MountPoint(name="foot", **common, law="cos(d)")
+
+
+def test_random_floor_and_engine_orders():
+    """A white floor shakes a lightly damped oscillator by Miles' equation; orders are responses."""
+    omega, zeta, level = 2 * math.pi * 10, 0.01, 0.2
+    mass = 5.0
+    foot = vv.MountPoint(
+        name="foot", position=(0, 0, 0), stiffness=(mass * omega**2,) * 3,
+        damping=2 * zeta * omega * mass, rotational_stiffness=(1e4,) * 3,
+    )  # fmt: skip
+    body = vv.Body(mass=mass, inertia=(1, 1, 1), mounts=[foot])
+    frequencies = np.linspace(0.01, 400, 400_001)
+    _, rms = body.random_floor(frequencies, np.full(frequencies.size, level), "z")
+    # With the term of the damper: f0 (1 + 4 zeta^2) pi/(4 zeta) S, and what lies above 400 Hz.
+    white = 10 * math.pi * (1 + 4 * zeta**2) / (4 * zeta) * level
+    assert rms[2] ** 2 == pytest.approx(white, rel=2e-3)
+    np.testing.assert_allclose(rms[:2], 0, atol=1e-12)
+    body = engine(vv.PronyKernel(weights=[20.0], rates=[60.0]))
+    loads = [body.load(torque=(0, 300, 0)), body.load(force=(0, 0, 50), at=(0.1, 0, 0))]
+    speeds = np.array([60.0, 90.0])
+    found = body.engine_orders(speeds, [0.5, 2], loads)
+    for i, speed in enumerate(speeds):
+        for j, order in enumerate((0.5, 2)):
+            one = vv.forced_response(body, [order * speed], load=loads[j], method="linear")
+            np.testing.assert_allclose(found[i, j], one.coefficients[0, :, 0], rtol=1e-9)
+    with pytest.raises(vv.InputError, match=r"loads: must have shape \(2, 6\)"):
+        body.engine_orders(speeds, [0.5, 2], loads[0])
+    with pytest.raises(vv.InputError, match="hz: must be ascending"):
+        body.random_floor([2, 1], [1, 1])

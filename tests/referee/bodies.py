@@ -10,7 +10,7 @@ from referee.models import prony
 JUDGES = (
     "Body", "Body.modes", "Body.sag", "Body.torque_roll_axis", "Body.roll_share", "Body.centers",
     "Body.load", "Body.unbalance", "Body.motion_of", "Body.mount_forces",
-    "Body.base_transmissibility", "Body.force_transmissibility", "Body.scatter", "BodyModes",
+    "Body.base_transmissibility", "Body.random_floor", "Body.engine_orders", "Body.force_transmissibility", "Body.scatter", "BodyModes",
     "BodyModes.hz", "BodyModes.decoupling", "FluidTrack", "FluidTrack.dynamic_stiffness",
     "MountForces", "MountForces.lost_power", "MountForces.amplitude", "MountPoint",
     "MountPoint.dynamic_stiffness", "MountPoint.static_stiffness", "Sag",
@@ -162,6 +162,8 @@ turning = body.unbalance({nu[0]}, {size}, at={numbers(at)}, axis={axis!r})
 base = body.base_transmissibility({nu}, {axis!r}, {numbers(point)})
 relative = body.base_transmissibility({nu}, {axis!r}, {numbers(point)}, relative=True)
 floor = body.force_transmissibility({nu}, {axis!r}, {numbers(at)})
+shaken, rms = body.random_floor({[x / 6.25 for x in nu]}, [1.0, 2.0, 3.0, 4.0], {axis!r})
+turned = body.engine_orders({nu[:2]}, [0.5, 2.0], [load, 2 * load])
 r = vv.forced_response(body, {nu}, load=load, base=1e-3, method="linear")
 coefficients, moved = r.coefficients, body.motion_of(r, {numbers(point)})
 forces = body.mount_forces(r, base=1e-3)
@@ -186,6 +188,21 @@ track = vv.FluidTrack(mass={size}, damping=3.0, stiffness=2e4).dynamic_stiffness
                     1e-12 * strength**2)  # fmt: skip
         for part in (first, second):
             yield Claim("unbalance", part[3:], np.cross(arm, part[:3]), 1e-11 * strength)
+        for i, x in enumerate(nu[:2]):
+            for j, order in enumerate((0.5, 2.0)):
+                d = model.dynamic(order * x)
+                u = np.linalg.solve(d, (1 + j) * load)
+                far = np.abs(u).max() * np.linalg.cond(d) * 1e-13
+                yield Claim("engine_orders", names["turned"][i, j], u, far)
+        shaken = []
+        for i, x in enumerate(nu):
+            d, b = model.dynamic(x / 6.25 * 2 * np.pi), np.concatenate([along, np.zeros(3)])
+            u = np.linalg.solve(d, (x / 6.25 * 2 * np.pi) ** 2 * model.masses @ b)[:3] + along
+            shaken.append((i + 1) * np.abs(u) ** 2)
+        shaken = np.array(shaken)
+        yield Claim("random_floor", names["shaken"], shaken, 1e-8 * shaken.max())
+        power = np.trapezoid(shaken, np.array(nu) / 6.25, axis=0)
+        yield Claim("random_floor", names["rms"] ** 2, power, 1e-8 * power.max())
         for i, x in enumerate(nu):
             d, m = model.dynamic(x), model.masses
             b = np.concatenate([along, np.zeros(3)])
