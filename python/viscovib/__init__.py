@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 #: The public names of each module. Type checkers and editors read the imports below, which a
 #: test holds against this table.
 _NAMES = {
-    "animation": "animate",
     "_backbone": "Backbone BackbonePoint",
     "_kramers_kronig": "KramersKronig kramers_kronig",
     "_master_curve": "MasterCurve master_curve",
@@ -18,6 +17,8 @@ _NAMES = {
     "_propagate": "Band propagate",
     "_spectrum": "Spectrum name_frequencies spectrum",
     "_sweep": "sweep",
+    "amplitude_fit": "AmplitudeFit ProgressiveLaw fit_amplitude fit_progressive jenkins_stiffness",
+    "animation": "animate",
     "body": "Body",
     "body_forces": "MountForces",
     "body_modes": "BodyModes",
@@ -44,6 +45,7 @@ _NAMES = {
     "load": "fourier_coefficients",
     "load_table": "LoadTable",
     "maps": "plot_map",
+    "motion_plots": "plot_sections plot_spectrum plot_trajectory",
     "mount": "Mount",
     "mount_point": "FluidTrack MountPoint",
     "multiple_scales": "MultipleScales",
@@ -52,7 +54,6 @@ _NAMES = {
     "pendulum": "Pendulum",
     "periodic": "backbone forced_response plan_response trace_response",
     "periodic_motions": "PeriodicMotions",
-    "motion_plots": "plot_sections plot_spectrum plot_trajectory",
     "plots": "plot_backbone plot_branch plot_response",
     "polynomial_system": "Monomial PolynomialSystem Springs",
     "prony_fit": "PronyFit",
@@ -104,6 +105,13 @@ if TYPE_CHECKING:
         spectrum as spectrum,
     )
     from viscovib._sweep import sweep as sweep
+    from viscovib.amplitude_fit import (
+        AmplitudeFit as AmplitudeFit,
+        ProgressiveLaw as ProgressiveLaw,
+        fit_amplitude as fit_amplitude,
+        fit_progressive as fit_progressive,
+        jenkins_stiffness as jenkins_stiffness,
+    )
     from viscovib.animation import animate as animate
     from viscovib.body import Body as Body
     from viscovib.body_forces import MountForces as MountForces

@@ -114,6 +114,11 @@ SOUND = (
     f"vv.propagate(fit={FIT}, function=lambda s: s.modulus, samples=5)",
     f"vv.prony_terms(source={KERNEL}, modulus=2e6, t_min=1e-3, t_max=10, tolerance=0.05)",
     "vv.read_kernel(path='kernel.json')",
+    "vv.jenkins_stiffness([1e-3, 2e-3], stiffness=1e5, slip=1e-3)",
+    "vv.fit_progressive(deflection=[0, 1, 2, 3], force=[0, 1, 3, 7], degree=3)",
+    "vv.fit_amplitude(vv.ModulusData(frequencies=[1, 10, 100, 1, 10, 100], "
+    "storage=[3, 4, 5, 2, 3, 4], "
+    "loss=[1, 1, 1, 1, 1, 1], amplitude=[1, 1, 1, 2, 2, 2], quantity='K'))",
     f"vv.write_kernel(kernel={KERNEL}, path='out.json')",
     f"{FIT}.profile('alpha')",
     f"{FIT}.to_json(path='out.json')",

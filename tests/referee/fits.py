@@ -24,7 +24,8 @@ JUDGES = (
     "ModulusData.modulus", "ModulusData.loss_factor", "ModulusData.sets", "ModulusData.to_shear",
     "ModulusData.to_young", "ModulusData.kramers_kronig", "RelaxationData", "RelaxationData.sets",
     "CreepData", "CreepData.sets", "read_dma", "read_dynamic_stiffness", "read_relaxation",
-    "read_creep",
+    "read_creep", "fit_amplitude", "AmplitudeFit", "AmplitudeFit.predict", "jenkins_stiffness",
+    "fit_progressive", "ProgressiveLaw",
 )  # fmt: skip
 
 
@@ -281,7 +282,35 @@ mount = vv.read_dynamic_stiffness(path).modulus
     return Case(call, judge, may_refuse=True)
 
 
+def _amplitudes(rng, index):
+    _, values, _ = _material(rng, 0)
+    k, slip, cubic = few(rng, 2e4, 2e5, 3), few(rng, 3e-4, 2e-3, 3), few(rng, 1e8, 1e10, 2)
+    call = f"""p = {values}
+nu, x = np.tile(np.geomspace(1e-2, 1e3, 15), 5), np.repeat(np.geomspace(1e-4, 1e-2, 5), 15)
+u = np.minimum({slip} / x, 1)
+angle = np.arccos(1 - 2 * u)
+slider = {k} / np.pi * (angle - np.sin(2 * angle) / 2 + 1j * np.sin(angle) ** 2)
+own = vv.jenkins_stiffness(x, stiffness={k}, slip={slip})
+total = 2e5 * (1 - p['amplitude'] / ((1j * nu) ** p['alpha'] + p['beta'])) + slider
+data = vv.ModulusData(frequencies=nu, storage=total.real, loss=total.imag, amplitude=x, quantity="K")
+fit = vv.fit_amplitude(data)
+found, said = np.array([fit.stiffness[0], fit.slip[0], fit.modulus]), fit.predict(nu, x)
+law = vv.fit_progressive(x, {k} * x + {cubic} * x**3)
+static = np.array([law.stiffness, law.parameters["k3"]])
+"""
+
+    def judge(names, told):
+        true = np.array([k, slip, 2e5])
+        yield Claim("Jenkins", names["own"], names["slider"], 1e-12 * k)
+        yield Claim("elements", names["found"], true, 1e-5 * true)
+        yield Claim("stiffness", names["said"], names["total"], 1e-6 * np.abs(names["total"]))
+        yield Claim("static", names["static"], np.array([k, cubic]), 1e-9 * np.array([k, cubic]))
+
+    return Case(call, judge, may_refuse=True)
+
+
 def case(rng: np.random.Generator, index: int) -> Case:
     """One of the questions, by turns."""
-    make = (_parametric, _parametric, _in_time, _terms, _sets, _table)[index % 6]
+    kinds = (_parametric, _parametric, _in_time, _terms, _sets, _table, _amplitudes)
+    make = kinds[index % 7]
     return make(rng, int(rng.integers(1000)))

@@ -1,0 +1,84 @@
+"""Jenkins elements beside a kernel, and static curves."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from rubber_examples import KERNELS
+
+
+def by_cycles(x, k, slip, n=200_001):
+    """First harmonic of a slider followed through three cycles."""
+    t = np.linspace(0, 6 * np.pi, n)
+    deflection, force = x * np.sin(t), np.zeros(n)
+    step = k * np.diff(deflection)
+    for i in range(1, n):
+        force[i] = min(max(force[i - 1] + step[i - 1], -k * slip), k * slip)
+    last = t >= 4 * np.pi
+    wave = force[last] * np.exp(-1j * t[last])
+    return 2j * np.mean(wave[:-1]) / x
+
+
+@pytest.mark.parametrize("x", [0.5, 1.5, 4.0])
+def test_the_first_harmonic_is_that_of_a_slider(x):
+    found = vv.jenkins_stiffness(x, stiffness=3.0, slip=1.0)
+    assert found == pytest.approx(by_cycles(x, 3.0, 1.0), abs=3e-4)
+
+
+def stiffness(kernel, elements, noise=0.0, seed=0):
+    nu, x = np.tile(np.geomspace(0.1, 1e3, 15), 5), np.repeat(np.geomspace(1e-4, 1e-2, 5), 15)
+    k = 2e5 * (1 - kernel.transform(nu))
+    for one, slip in elements:
+        k = k + vv.jenkins_stiffness(x, stiffness=one, slip=slip)
+    scatter = 1 + noise * np.random.default_rng(seed).standard_normal((2, nu.size))
+    return vv.ModulusData(
+        frequencies=nu,
+        storage=k.real * scatter[0],
+        loss=k.imag * scatter[1],
+        amplitude=x,
+        quantity="K",
+    )
+
+
+@pytest.mark.parametrize("kind", ["rabotnov", "rzhanitsyn"])
+@pytest.mark.parametrize("elements", [[(1e5, 3e-4)], [(1e5, 3e-4), (4e4, 3e-3)]])
+def test_elements_come_back(kind, elements):
+    data = stiffness(KERNELS[kind], elements)
+    fit = vv.fit_amplitude(data, kind=kind, elements=len(elements))
+    assert fit.stiffness == pytest.approx([k for k, _ in elements], rel=1e-6)
+    assert fit.slip == pytest.approx([s for _, s in elements], rel=1e-6)
+    assert fit.modulus == pytest.approx(2e5, rel=1e-6)
+    said = fit.predict(data.frequencies, data.amplitude)
+    assert said == pytest.approx(data.modulus, rel=1e-7)
+
+
+def test_intervals_hold_the_truth():
+    inside = 0
+    for seed in range(30):
+        data = stiffness(KERNELS["rabotnov"], [(1e5, 3e-4)], 0.01, seed)
+        fit = vv.fit_amplitude(data)
+        for name, true in (("stiffness_1", 1e5), ("slip_1", 3e-4)):
+            low, high = fit.interval[name]
+            inside += low <= true <= high
+    assert 51 <= inside <= 60
+
+
+def test_static_curves():
+    d = np.linspace(-3e-3, 5e-3, 31)
+    force = 1e5 * d + 2e7 * d**2 + 4e9 * d**3
+    found = vv.fit_progressive(d, force, odd=False)
+    assert found.stiffness == pytest.approx(1e5)
+    assert found.parameters == pytest.approx({"k2": 2e7, "k3": 4e9})
+    assert found.residual < 1e-12
+    with pytest.raises(vv.InputError, match="the fitted force falls at a deflection"):
+        vv.fit_progressive(d, -1e3 * d + 4e9 * d**3)
+
+
+def test_what_is_refused():
+    nu = np.geomspace(1, 10, 5)
+    given = {"frequencies": nu, "storage": nu + 1, "loss": nu}
+    with pytest.raises(vv.InputError, match="has no amplitudes"):
+        vv.fit_amplitude(vv.ModulusData(**given))
+    with pytest.raises(vv.InputError, match=r"one amplitude alone, 0\.001 m"):
+        vv.fit_amplitude(vv.ModulusData(**given, amplitude=1e-3))
+    with pytest.raises(vv.InputError, match="slip = -1"):
+        vv.jenkins_stiffness(1.0, stiffness=1.0, slip=-1.0)
