@@ -226,7 +226,7 @@ def test_a_base_goes_on_from_where_it_was():
         vv.simulate(plain, 8, resume=explicit, base=vv.LoadTable(times=[5, 6], values=[0, 1.0]))
 
 
-@pytest.mark.filterwarnings("ignore:kernel integral")
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 @pytest.mark.parametrize(
     "kernel",
     [
