@@ -282,8 +282,8 @@ def oscillator_backbone(
     )  # fmt: skip
     if n == 0:
         raise InputError(
-            f"amplitude_range: no solution was found at its beginning {ends[0]:g}, nor on the way up "
-            "to it from rest, where this mode ends before: begin lower"
+            f"amplitude_range: no solution was found at its beginning {ends[0]:g}, nor on the way "
+            "up to it from rest, where this mode ends before: begin lower"
         )
     warn_of_few(truncation[:n], wanted, int(kept[m - 1]))
     own = np.ascontiguousarray(coefficients[:m, :, :n].T)
