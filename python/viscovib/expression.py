@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Sequence
 
+from viscovib._native import shown
 from viscovib.errors import InputError
 
 #: Powers of every coordinate, and the coefficient.
@@ -92,7 +93,8 @@ class _Expander:
             )
         if name not in self.names:
             raise InputError(
-                f"{self.where}: unknown coordinate {name!r}, must be one of {', '.join(self.names)}"
+                f"{self.where}: unknown coordinate {shown(name)}, must be one of "
+                f"{', '.join(self.names)}"
             )
         place = self.names.index(name)
         return {tuple(int(d == place) for d in range(len(self.names))): 1.0}

@@ -299,6 +299,8 @@ class Structure:
         n = self.n_coordinates
         top = _native.number("frequency", frequency)
         low = _native.number("lowest", lowest)
+        if not 1e-50 <= top <= 1e50:
+            raise InputError(f"frequency = {top:g}: must be 1e-50 to 1e50")
         if not 0 <= low < top:
             raise InputError(f"lowest = {low:g}: must be at least 0 and below frequency = {top:g}")
         wanted = _native.number("tolerance", tolerance)

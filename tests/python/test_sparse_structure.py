@@ -175,7 +175,9 @@ def test_wrong_matrices(message):
 
 
 REFUSED = {
-    r"frequency = 0|lowest = 0: must be at least 0 and below frequency = 0": {"frequency": 0.0},
+    "frequency = 0: must be 1e-50 to 1e50": {"frequency": 0.0},
+    r"frequency = 1e\+199: must be": {"frequency": 1e199},
+    "lowest = 1e\\+06: must be at least 0 and below frequency": {"lowest": 1e6},
     "tolerance = 1e-14: must be 1e-12 to 0.1": {"tolerance": 1e-14},
     "method = 'best': must be one of": {"method": "best"},
     r"loads\[0\] = 'y': must be one of the": {"loads": ["y"]},
