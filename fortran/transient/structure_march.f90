@@ -20,12 +20,12 @@ module viscovib_structure_march
   use viscovib_memory_channels, only: channels_type, new_channels
   use viscovib_modal_maps, only: sections_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_pole_maps, only: pole_rates, seen_of_poles
   use viscovib_step_equations, only: new_step_equations, step_equations_type
   use viscovib_structure_inside, only: state_inside
-  use viscovib_structure_kernels, only: mode_block, seen_of
+  use viscovib_structure_state, only: padded_rows, padded_sections, set_state, show_state, &
+    start_state, state_type
   use viscovib_structure_step, only: bends_of, make_step, maps_type, new_maps, part_type, &
-    start_state, state_type, structure_panels
+    structure_panels
   use viscovib_time_load, only: load_clock, new_clock, new_swing, time_load_type
   implicit none
   private
@@ -126,7 +126,7 @@ contains
       return
     end if
     call new_channels(run%channels, system, held)
-    call set_state(run, q, v)
+    call set_state(run%state, run%sections, q, v)
     call new_history(run%history, run%keeping, system, run%channels, run%table, past, h, t_end, &
                      tolerance, possible, shortest, kinks)
     if (.not. possible) then
@@ -154,62 +154,7 @@ contains
     call run%stand_still(system)
   end subroutine new_structure_march
 
-  !> Sections to whole blocks: those added do not move.
-  pure type(sections_type) function padded_sections(sections) result(padded)
-    type(sections_type), intent(in) :: sections
-    integer :: n
-    n = size(sections%squares)
-    allocate (padded%squares(whole(n)), padded%rates(whole(n)), source=0.0_wp)
-    padded%squares(:n) = sections%squares
-    padded%rates(:n) = sections%rates
-    padded%seen = padded_rows(sections%seen)
-    padded%pushed = padded_rows(sections%pushed)
-    padded%frequencies = sections%frequencies
-    allocate (padded%waves(whole(n), size(sections%waves, 2)), source=(0.0_wp, 0.0_wp))
-    padded%waves(:n, :) = sections%waves
-    padded%others = sections%others
-    padded%inner = sections%inner
-  end function padded_sections
-
-  pure function padded_rows(rows) result(padded)
-    real(wp), intent(in) :: rows(:, :)
-    real(wp) :: padded(whole(size(rows, 1)), size(rows, 2))
-    padded = 0.0_wp
-    padded(:size(rows, 1), :) = rows
-  end function padded_rows
-
-  pure integer function whole(n)
-    integer, intent(in) :: n
-    whole = (n + mode_block - 1)/mode_block*mode_block
-  end function whole
-
-  subroutine set_state(run, q, v)
-    class(structure_march_type), intent(inout) :: run
-    real(wp), intent(in) :: q(:), v(:)
-    integer :: m, n, n_poles, r
-
-    n = size(run%sections%squares)
-    n_poles = size(run%sections%others%poles)
-    m = size(q) - n_poles
-    r = size(run%sections%seen, 2)
-    if (.not. allocated(run%state%q)) then
-      allocate (run%state%q(n), run%state%v(n), run%state%q_rest(n), run%state%v_rest(n))
-      allocate (run%state%z(n_poles), run%state%z_rest(n_poles))
-      allocate (run%state%w(r), run%state%w_rate(r))
-      allocate (run%state%roughness(r), run%state%largest(r), source=0.0_wp)
-    end if
-    run%state%q = 0.0_wp
-    run%state%v = 0.0_wp
-    run%state%q(:m) = q(:m)
-    run%state%v(:m) = v(:m)
-    run%state%z = cmplx(q(m + 1:), v(m + 1:), wp)
-    run%state%z_rest = (0.0_wp, 0.0_wp)
-    run%state%q_rest = 0.0_wp
-    run%state%v_rest = 0.0_wp
-    call start_state(run%state, run%sections)
-  end subroutine set_state
-
-  !> The next step begins at the present state and knows of no step before.
+  !> The next step knows of no step before.
   subroutine stand_still(self, system)
     class(structure_march_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -235,7 +180,7 @@ contains
     type(time_load_type), intent(in) :: load
     real(wp), intent(in) :: t, u(:), v(:)
     logical, intent(out) :: made
-    call set_state(self, u, v)
+    call set_state(self%state, self%sections, u, v)
     call self%enter(system, load, t, self%h, made)
     call self%stand_still(system)
   end subroutine take_up
@@ -451,23 +396,10 @@ contains
   subroutine observe(self, u, v)
     class(structure_march_type), intent(in) :: self
     real(wp), intent(out) :: u(:), v(:)
-    call show_state(self, self%state%q, self%state%v, self%state%z, u, v)
+    associate (state => self%state)
+      call show_state(self%sections, self%shown, self%shown_left, state%q, state%v, state%z, u, v)
+    end associate
   end subroutine observe
-
-  !> Coordinates observed of a state.
-  pure subroutine show_state(self, q, v, z, u, rates)
-    class(structure_march_type), intent(in) :: self
-    real(wp), intent(in) :: q(:), v(:)
-    complex(wp), intent(in) :: z(:)
-    real(wp), intent(out) :: u(:), rates(:)
-    integer :: d
-    do d = 1, size(u)
-      u(d) = seen_of(size(q)/mode_block, self%shown(:, d), q) &
-             + seen_of_poles(self%shown_left(:, d), z)
-      rates(d) = seen_of(size(q)/mode_block, self%shown(:, d), v) &
-                 + pole_rates(self%shown_left(:, d), self%sections%others%poles, z)
-    end do
-  end subroutine show_state
 
   subroutine inside(self, theta, u, v)
     class(structure_march_type), intent(in) :: self
@@ -487,7 +419,7 @@ contains
     end do
     call state_inside(self%parts(k), self%sections, ahead - (self%parts(k)%start - begin), q, w, &
                       z)
-    call show_state(self, q, w, z, u, v)
+    call show_state(self%sections, self%shown, self%shown_left, q, w, z, u, v)
   end subroutine inside
 
   pure real(wp) function furthest(self)
@@ -497,22 +429,14 @@ contains
 
   pure real(wp) function resolution(self)
     class(structure_march_type), intent(in) :: self
-    integer :: j
     resolution = 0.0_wp
     ! Forces that do not depend on deflections need no polynomials of them.
-    if (size(self%equations%y) == 0 .and. size(self%recalled) == 0) return
-    associate (state => self%state)
-      do j = 1, size(state%largest)
-        if (state%largest(j) > 0.0_wp) resolution = max(resolution, &
-                                                        state%roughness(j)/state%largest(j))
-      end do
-    end associate
+    if (size(self%equations%y) + size(self%recalled) > 0) resolution = self%state%resolution()
   end function resolution
 
   pure integer function memory_size(self)
     class(structure_march_type), intent(in) :: self
-    memory_size = 5 + 4*size(self%state%q) + 4*size(self%state%z) + 4*size(self%state%w) &
-                  + size(self%equations%y_start) &
+    memory_size = 4 + self%state%n_numbers() + size(self%equations%y_start) &
                   + size(self%equations%y) + 2*size(self%swing%high)
     if (size(self%recalled) > 0) memory_size = memory_size + self%history%memory_size()
   end function memory_size
@@ -525,12 +449,8 @@ contains
     n = 0
     call push([merge(1.0_wp, 0.0_wp, self%rolling), self%swing%t, &
                merge(1.0_wp, 0.0_wp, self%keeping%at_corner), &
-               real(self%keeping%n_doublings, wp), self%state%furthest])
-    associate (state => self%state)
-      call push([state%q, state%v, state%q_rest, state%v_rest, real(state%z), aimag(state%z), &
-                 real(state%z_rest), aimag(state%z_rest), state%w, state%w_rate, &
-                 state%roughness, state%largest])
-    end associate
+               real(self%keeping%n_doublings, wp)])
+    call push(self%state%save_numbers())
     call push([self%equations%y_start, self%equations%y])
     if (size(self%recalled) > 0) call push(self%history%save_memory())
     call push([self%swing%high, self%swing%low])
@@ -556,18 +476,8 @@ contains
     self%clock%t = memory(2)
     self%keeping%at_corner = memory(3) > 0.5_wp
     self%keeping%n_doublings = nint(memory(4))
-    self%state%furthest = memory(5)
-    n = 5
-    call pull(self%state%q)
-    call pull(self%state%v)
-    call pull(self%state%q_rest)
-    call pull(self%state%v_rest)
-    call pull_complex(self%state%z)
-    call pull_complex(self%state%z_rest)
-    call pull(self%state%w)
-    call pull(self%state%w_rate)
-    call pull(self%state%roughness)
-    call pull(self%state%largest)
+    n = 4 + self%state%n_numbers()
+    call self%state%load_numbers(memory(5:n))
     call pull(self%equations%y_start)
     call pull(self%equations%y)
     if (size(self%recalled) > 0) then
@@ -585,14 +495,6 @@ contains
       part = memory(n + 1:n + size(part))
       n = n + size(part)
     end subroutine pull
-
-    subroutine pull_complex(part)
-      complex(wp), intent(out) :: part(:)
-      real(wp), dimension(size(part)) :: re, im
-      call pull(re)
-      call pull(im)
-      part = cmplx(re, im, wp)
-    end subroutine pull_complex
 
   end subroutine load_memory
 

@@ -8,15 +8,15 @@ module viscovib_structure_step
   use viscovib_memory_channels, only: channels_type
   use viscovib_modal_maps, only: modal_map_type, new_modal_map, sections_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_pole_maps, only: add_pole_points, move_poles, pole_rates, seen_of_poles
+  use viscovib_pole_maps, only: add_pole_points, move_poles
   use viscovib_step_equations, only: new_step_equations, step_equations_type
-  use viscovib_structure_kernels, only: free_points, mode_block, move_modes, seen_of
+  use viscovib_structure_kernels, only: free_points, mode_block, move_modes
+  use viscovib_structure_state, only: rate_of, state_type
   use viscovib_time_load, only: load_clock, new_swing, time_load_type
   implicit none
   private
 
-  public :: bends_of, make_step, maps_type, new_maps, part_type, start_state, state_type
-  public :: structure_panels
+  public :: bends_of, make_step, maps_type, new_maps, part_type, structure_panels
 
   !> Part of the displacements that nonlinear forces move on a step in which a motion may escape.
   real(wp), parameter :: bending = 1.0e-3_wp
@@ -27,19 +27,6 @@ module viscovib_structure_step
     type(modal_map_type) :: modal
     type(condensed_map_type) :: condensed
   end type maps_type
-
-  type :: state_type
-    !> Modes, their velocities, and what rounding took from both, shape (n).
-    real(wp), allocatable :: q(:), v(:), q_rest(:), v_rest(:)
-    !> Of what has no real modes.
-    complex(wp), allocatable :: z(:), z_rest(:)
-    !> Deflections of the elements and their rates, shape (n_seen).
-    real(wp), allocatable :: w(:), w_rate(:)
-    !> Largest last Legendre coefficient of the deflections on a step, and largest deflection.
-    real(wp), allocatable :: roughness(:), largest(:)
-    !> Largest sum of the sizes of all modes.
-    real(wp) :: furthest = 0.0_wp
-  end type state_type
 
   !> What tells the motion inside a step: its nodes, start, length, the state there, and forces at
   !! the nodes, shape (s, n_pushed).
@@ -63,29 +50,6 @@ module viscovib_structure_step
   end type structure_panels
 
 contains
-
-  !> Deflections and their rates of a state that begins.
-  pure subroutine start_state(state, sections)
-    type(state_type), intent(inout) :: state
-    type(sections_type), intent(in) :: sections
-    integer :: j
-    associate (n => size(state%q)/mode_block)
-      do j = 1, size(sections%seen, 2)
-        state%w(j) = seen_of(n, sections%seen(:, j), state%q) &
-                     + seen_of_poles(sections%others%left(:, j), state%z)
-        state%w_rate(j) = rate_of(state, sections, j)
-      end do
-    end associate
-  end subroutine start_state
-
-  !> Rate of a deflection.
-  pure real(wp) function rate_of(state, sections, j)
-    type(state_type), intent(in) :: state
-    type(sections_type), intent(in) :: sections
-    integer, intent(in) :: j
-    rate_of = seen_of(size(state%q)/mode_block, sections%seen(:, j), state%v) &
-              + pole_rates(sections%others%left(:, j), sections%others%poles, state%z)
-  end function rate_of
 
   !> E as in `remaining_weights`. `singular`: the step is too large.
   subroutine new_maps(maps, system, channels, sections, table, h, e, singular)

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +15,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.condensed import LoadedStructure
-from viscovib.elements import direction_of
-from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning, caller
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.load import LoadLike
 from viscovib.load_table import LoadTable, added
@@ -24,15 +23,18 @@ from viscovib.past import Past
 from viscovib.polynomial_system import PolynomialSystem
 from viscovib.runs import MAX_STEPS, Piece, Run, Wanted
 from viscovib.structure import Structure
+from viscovib.structure_loads import (
+    Condensed,
+    check_forces,
+    damped,
+    table_columns,
+    warn_of_creeping,
+)
 from viscovib.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import xarray as xr
 
-#: What is condensed.
-Condensed: TypeAlias = Structure | PolynomialSystem
-#: Part of the largest column of a table by which combinations of columns are rounding.
-_ROUNDING = 1e-15
 #: Coordinates of polynomial systems that are not.
 _MOST_WHOLE = 64
 #: Part of a start that may be in no mode without a word.
@@ -145,10 +147,10 @@ class StructureMotion:
         if frequency < 0 or (frequency == 0 and (loaded.orders > 0).any()):
             given = "None" if nu is None else f"{frequency:g}"
             raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
-        patterns, breaks, pieces = _table_columns(force, structure)
+        patterns, breaks, pieces = table_columns(force, structure)
         directions = loaded.condensation.laws.directions
-        _check_forces(structure, loaded, patterns)
-        _warn_of_creep(structure)
+        check_forces(structure, loaded, patterns)
+        warn_of_creeping(structure)
         motion = cls(
             structure, end, "gauss8" if name == "auto" else name, loaded,
             structure._wanted(coordinates, loaded), state[::2].copy(), state[1::2].copy(),
@@ -277,7 +279,7 @@ class StructureMotion:
         mass: Any = self.mount.mass
 
         def state(u: FloatArray, v: FloatArray) -> ComplexArray:
-            resisted = _damped(self.mount, u)
+            resisted = damped(self.mount, u)
             pushed: Any = poles * (right.T @ (mass @ u)) + right.T @ (resisted + mass @ v)
             return np.asarray(pushed)
 
@@ -470,70 +472,3 @@ def goes_condensed(system: object) -> TypeGuard[Condensed]:
 def structure_motion_of(run: Run) -> StructureMotion | None:
     """The motion of a run that is one of a structure."""
     return run.motion if isinstance(run, StructureRun) else None
-
-
-def _damped(structure: Condensed, u: FloatArray) -> FloatArray:
-    """C u, with the dampers among the elements."""
-    matrix: Any = structure.damping
-    total = np.asarray(matrix @ u)
-    for element in getattr(structure, "_all_elements", ()):
-        if element.damping:
-            total = total + element.damping * element.direction * (element.direction @ u)
-    return total
-
-
-def _check_forces(structure: Condensed, loaded: LoadedStructure, patterns: FloatArray) -> None:
-    """Refuse forces to which the rest has no answer in time."""
-    reduced = getattr(structure, "_reduced", None)
-    if reduced is not None:
-        reduced.check_loads(patterns.astype(complex))
-    if loaded.condensation.rest.flexibility is None:
-        return
-    forces = [loaded.condensation.laws.directions, loaded.forces.real, loaded.forces.imag, patterns]
-    moved, _ = loaded.condensation.rest.flexibility(np.concatenate(forces, axis=1))
-    if moved.any():
-        i = int(np.flatnonzero(moved.any(axis=1))[0])
-        raise InputError(
-            f"elements, load: a force acts on a coordinate without mass ({structure.dof_names[i]} "
-            "follows at once), must have mass there for a motion in time"
-        )
-
-
-def _table_columns(
-    force: LoadTable | None, structure: Condensed
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Directions of the columns of a table, its times and cubics as the core takes them."""
-    n = len(structure.dof_names)
-    if force is None:
-        return np.zeros((n, 1)), np.zeros(1), np.zeros((1, 4, 1), order="F")
-    if not isinstance(force, LoadTable):
-        raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
-    times = np.asarray(force.times)
-    values = np.asarray(force.values)
-    if values.ndim == 1:
-        on = 0 if force.on is None else force.on
-        e = direction_of("force.on", on, n, {name: d for d, name in enumerate(structure.dof_names)})
-        return e[:, np.newaxis], times, force._cubics(values[:, np.newaxis])
-    pieces = force._pieces(n)
-    used = np.flatnonzero(pieces.any(axis=(1, 2)))
-    patterns = np.zeros((n, max(used.size, 1)))
-    patterns[used, np.arange(used.size)] = 1.0
-    pieces = pieces[used] if used.size else np.zeros((1, 4, times.size))
-    if used.size > 8:
-        # Few motions of many coordinates: their combinations.
-        flat = pieces.reshape(used.size, -1)
-        left, sizes, right = np.linalg.svd(flat, full_matrices=False)
-        rank = int((sizes > _ROUNDING * sizes[0]).sum())
-        patterns = patterns @ (left[:, :rank] * sizes[:rank])
-        pieces = right[:rank].reshape(rank, 4, times.size)
-    return patterns, times, np.asfortranarray(pieces)
-
-
-def _warn_of_creep(structure: Condensed) -> None:
-    if any(kernel.integral >= 1 for kernel in structure._active_kernels):
-        warnings.warn(
-            "the integral of a kernel is 1 or more: free motion may creep away, and a run does "
-            "not settle on the steady response",
-            StabilityWarning,
-            stacklevel=caller(),
-        )
