@@ -78,8 +78,8 @@ contains
       associate (total => system%memory_scale*system%kernels(i)%kernel%integral())
         if (total >= 1) then
           text = text//'kernel integral = '//show(total)//' >= 1: the relaxed stiffness is not ' &
-                 //'positive, and free motion creeps away slowly; the forced response without ' &
-                 //'a mean does not feel it'//new_line('a')
+                 //'positive, and free motion creeps away slowly; the forced response to a load ' &
+                 //'without a mean is unaffected'//new_line('a')
         else if (total < 0) then
           text = text//'kernel integral = '//show(total)//' < 0: the spring stiffens with ' &
                  //'time, which no relaxation does'//new_line('a')

@@ -37,8 +37,8 @@ class Branch(PeriodicMotions, Curve):
     coefficients : complex ndarray, shape (n, n_dof, m)
         X_k.
     stable : ndarray of bool, shape (n,), or None
-        None: unknown (time scales too far apart) or not asked for. If it is unknown of some motions
-        only, the array holds objects, True, False and None.
+        None: unknown (too stiff for the Floquet solver) or not asked for. If it is unknown of some
+        motions only, the array holds objects, True, False and None.
     growing : ndarray of int, shape (n,), or None
         How many disturbances grow; -1: unknown.
     multipliers : complex ndarray, shape (n, 2 n_dof), or None

@@ -84,7 +84,8 @@ class DrivenBranch(PeriodicMotions, Curve):
         X_k of z, phi (rad), psi (rad).
     stable : ndarray of bool, shape (n,), or None
         None: unknown (not asked for; with several base frequencies if no ``duration`` is given).
-        False too where multipliers or rates are unknown (time scales too far apart).
+        False too where multipliers or rates are unknown (too stiff for the Floquet
+        solver).
     multipliers : complex ndarray, shape (n, 6), or None
         Floquet multipliers over a period of the base frequency, largest first; NaN where unknown.
     growing : ndarray of int, shape (n,), or None

@@ -68,7 +68,8 @@ class Stability(NamedTuple):
         if lost.any():
             warnings.warn(
                 f"stability of {lost.sum()} of {lost.size} motions is unknown: an exponent lies on "
-                "the imaginary axis to rounding, or time scales are too far apart",
+                "the imaginary axis to rounding, or the problem is too stiff for the Floquet "
+                "solver",
                 StabilityWarning,
                 stacklevel=caller(),
             )

@@ -224,5 +224,6 @@ def creep_message(total: float) -> str:
     """Say what a kernel whose integral is 1 or more means."""
     return (
         f"kernel integral = {total:.6g} >= 1: the relaxed stiffness is not positive, and free "
-        "motion creeps away slowly; the forced response without a mean does not feel it"
+        "motion creeps away slowly; the forced response to a load without a "
+        "mean is unaffected"
     )

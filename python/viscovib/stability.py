@@ -15,7 +15,8 @@ def warn_of_unknown(unknown: npt.NDArray[np.bool_]) -> None:
     """Say of how many motions stability is unknown, if of any."""
     if unknown.any():
         warnings.warn(
-            f"stability of {unknown.sum()} motions is unknown: time scales are too far apart",
+            f"stability of {unknown.sum()} motions is unknown: the problem is too stiff for the "
+            "Floquet solver",
             StabilityWarning,
             stacklevel=caller(),
         )

@@ -39,9 +39,9 @@ class Trajectory(Result):
         Each coordinate and its velocity: (z, z', phi, phi', psi, psi') of a pendulum, (x, x', phi,
         phi') of a mount.
     outcome : str
-        "completed"; "diverged": a coordinate passed 1e6 (of a system that goes the way
-        of the mount: it escapes to infinity, or leaves the range of numbers); "unphysical":
-        z = -1, the spring passes through the pivot; "step too large": the motion goes on, but
+        "completed"; "diverged": a coordinate passed 1e6 (of a system that uses the mount's
+        integrator: it escapes to infinity, or leaves the range of numbers); "unphysical": z = -1,
+        the spring passes through the pivot; "step too large": the motion goes on, but
         the given steps do not follow it. Runs that end so hold the states before.
     t_reached : float
         Time that was reached: where a motion diverges or becomes unphysical it is found inside

@@ -45,6 +45,27 @@ def test_scripts_of_the_gallery_draw(script, tmp_path, monkeypatch):
     matplotlib.pyplot.close("all")
 
 
+def test_links_between_pages_lead_somewhere():
+    # `./run docs` follows the links of the built site, those of pages it makes too.
+    sources = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+    made = ("docs/gallery/", "docs/reference/python/names/", "docs/fortran/", "out/")
+    broken = []
+    for page in sources:
+        place = page.relative_to(ROOT)
+        if str(place).startswith((*made, "docs/ford.md")):
+            continue
+        text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+        for link in re.findall(r"\]\(([^)\s]+)\)", text):
+            path = link.partition("#")[0]
+            if not path or "://" in path or path.startswith("mailto:"):
+                continue
+            target = (page.parent / path).resolve()
+            inside = str(target.relative_to(ROOT)) if target.is_relative_to(ROOT) else path
+            if not target.exists() and not f"{inside}/".startswith(made):
+                broken.append(f"{place}: {link}")
+    assert broken == []
+
+
 def test_the_paper_cites_what_its_bibliography_has():
     paper, sources = (ROOT / "docs/paper.md").read_text(), (ROOT / "docs/paper.bib").read_text()
     cited = set(re.findall(r"@(\w+)", paper.split("---", 2)[2]))
