@@ -1,6 +1,5 @@
 !> The determinant of a complex matrix with a band, real and imaginary parts apart.
 module viscovib_band_elimination
-  use viscovib_hill_blocks, only: add_column
   use viscovib_kinds, only: wp
   implicit none
   private
@@ -15,8 +14,8 @@ contains
     integer, intent(in) :: n, rows, width
     real(wp), intent(inout) :: re(rows, n), im(rows, n)
     complex(wp), intent(out) :: value
-    complex(wp) :: pivot, factor
-    real(wp) :: largest, swap
+    complex(wp) :: pivot
+    real(wp) :: largest, swap, x, y
     integer :: i, j, k, m, p, last
 
     value = (1.0_wp, 0.0_wp)
@@ -53,8 +52,12 @@ contains
         re(i, k) = swap
       end do
       do j = k + 1, last
-        factor = -cmplx(re(k, j), im(k, j), wp)
-        call add_column(m, factor, re(k + 1, k), im(k + 1, k), re(k + 1, j), im(k + 1, j))
+        x = re(k, j)
+        y = im(k, j)
+        do i = k + 1, k + m
+          re(i, j) = re(i, j) - (x*re(i, k) - y*im(i, k))
+          im(i, j) = im(i, j) - (x*im(i, k) + y*re(i, k))
+        end do
       end do
     end do
   end subroutine band_determinant

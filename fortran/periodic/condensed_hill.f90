@@ -21,6 +21,7 @@ module viscovib_condensed_hill
   use viscovib_band_elimination, only: band_determinant
   use viscovib_compliance_band, only: compliance_band, new_band
   use viscovib_condensed_poles, only: condensed_poles, gap, new_poles
+  use viscovib_condensed_rows, only: fill_one
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
@@ -281,7 +282,12 @@ contains
     ! Rigid bodies are near their poles at order 0, or -1 of odd ones.
     centre = p - (self%highest + merge(1, 0, self%stride == 2))/self%stride
     n = p*self%n_dof + size(self%band%rigid_squares)
-    call fill(self, p, centre, h, kept, s(centre))
+    if (n == p) then
+      call fill_one(p, self%reach, size(self%re, 1), h(:p, 1, 1), kept(:p, :), self%local, &
+                    ubound(self%local, 3), self%without(1, 1), self%re, self%im)
+    else
+      call fill(self, p, centre, h, kept, s(centre))
+    end if
     call band_determinant(n, size(self%re, 1), min(n - 1, (self%reach + 1)*self%n_dof - 1 &
                                                    + size(self%band%rigid_squares)), &
                           self%re, self%im, value)

@@ -19,7 +19,7 @@ module viscovib_condensed_poles
   !> Poles right of this, in d, growing ones and those without damping; ones that move less than
   !! the second are exponents.
   real(wp), parameter :: at_axis = 1.0e-9_wp, still = 1.0e-12_wp
-  !> So many that decay most slowly are multiplied out in any case, if they are no further from 0, in
+  !> So many that decay most slowly are multiplied out in any case, if they are near enough to 0, in
   !! d; of rates as near as this part of the frequency the one of lower frequency.
   integer, parameter :: slow_ones = 2
   real(wp), parameter :: slow_range = 6.0_wp, slope = 1.0e-6_wp
@@ -139,8 +139,11 @@ contains
     integer :: i, j, n
     ready = maxval(real(self%pole)) <= largest_rate*period
     if (.not. ready) return
-    do i = 1, size(push)
-      push(i) = dot_product(self%pushed(i, :), matmul(stiffness, self%seen(i, :)))
+    push = 0.0_wp
+    do j = 1, size(stiffness, 2)
+      do i = 1, size(stiffness, 1)
+        push = push + stiffness(i, j)*self%pushed(:, i)*self%seen(:, j)
+      end do
     end do
     moved = sqrt(push)
     where (self%apart > 0.0_wp) moved = min(moved, push/max(self%apart, tiny(1.0_wp)))
