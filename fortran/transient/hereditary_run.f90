@@ -44,7 +44,7 @@ contains
     !> Whether load and base are others than before; the state is relative to this base.
     logical, intent(in), optional :: anew
     type(mesh_type) :: ends
-    real(wp) :: u(run%n_observed()), v(run%n_observed()), ahead, now, from
+    real(wp) :: u(run%n_observed()), v(run%n_observed()), now, from
     integer(i8) :: i, column
     logical :: made, trusted
     integer :: piece, before
@@ -65,8 +65,9 @@ contains
     call enter_base(base, ends, before)
     do while (n_reached < size(times))
       if (times(n_reached + 1) > now) exit
+      n_reached = n_reached + 1
       call run%observe(u, v)
-      call keep_at_time(now)
+      call keep(base, now, u, v, at_times(:, n_reached))
     end do
     do i = 1, n_steps
       if (stop_wanted()) then
@@ -94,41 +95,50 @@ contains
         outcome = run_completed
       end if
       n_done = i
-      do while (n_reached < size(times))
-        ahead = times(n_reached + 1) - now
-        if (abs(ahead) <= 4.0_wp*spacing(times(n_reached + 1))) then
-          call run%observe(u, v)
-        else if (ahead < 0.0_wp) then
-          call run%inside(1.0_wp + ahead/run%h, u, v)
-        else
-          exit
-        end if
-        call keep_at_time(times(n_reached + 1))
-      end do
+      call keep_reached(run, base, times, now, at_times, n_reached)
       if (mod(i, save_every) /= 0) cycle
       column = i/save_every
       if (column > size(states, 2)) cycle
-      if (counting) call count_up(counted_states, 1)
       call run%observe(u, v)
-      call base%add_to(now, u, v)
-      states(1::2, column) = u
-      states(2::2, column) = v
+      call keep(base, now, u, v, states(:, column))
     end do
     t_reached = now
 
-  contains
-
-    !> Keep (u, v) as the state at the next wanted time, t.
-    subroutine keep_at_time(t)
-      real(wp), intent(in) :: t
-      call base%add_to(t, u, v)
-      n_reached = n_reached + 1
-      if (counting) call count_up(counted_states, 1)
-      at_times(1::2, n_reached) = u
-      at_times(2::2, n_reached) = v
-    end subroutine keep_at_time
-
   end subroutine run_hereditary
+
+  !> Keep the states at the wanted times that the last step has reached.
+  subroutine keep_reached(run, base, times, now, at_times, n_reached)
+    class(march_type), intent(inout) :: run
+    type(base_motion_type), intent(inout) :: base
+    real(wp), intent(in) :: times(:), now
+    real(wp), intent(inout) :: at_times(:, :)
+    integer, intent(inout) :: n_reached
+    real(wp) :: u(run%n_observed()), v(run%n_observed()), ahead
+
+    do while (n_reached < size(times))
+      ahead = times(n_reached + 1) - now
+      if (abs(ahead) <= 4.0_wp*spacing(times(n_reached + 1))) then
+        call run%observe(u, v)
+      else if (ahead < 0.0_wp) then
+        call run%inside(1.0_wp + ahead/run%h, u, v)
+      else
+        exit
+      end if
+      n_reached = n_reached + 1
+      call keep(base, times(n_reached), u, v, at_times(:, n_reached))
+    end do
+  end subroutine keep_reached
+
+  !> Keep (u, v), relative to the base, as the state of the body at time t.
+  subroutine keep(base, t, u, v, state)
+    type(base_motion_type), intent(inout) :: base
+    real(wp), intent(in) :: t
+    real(wp), intent(inout) :: u(:), v(:), state(:)
+    call base%add_to(t, u, v)
+    if (counting) call count_up(counted_states, 1)
+    state(1::2) = u
+    state(2::2) = v
+  end subroutine keep
 
   subroutine enter_base(base, ends, piece)
     type(base_motion_type), intent(inout) :: base
