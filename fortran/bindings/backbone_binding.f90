@@ -36,8 +36,8 @@ subroutine oscillator_backbone_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi,
 end subroutine oscillator_backbone_plan
 
 !> The backbone of a mode, counted from 0, with the options packed for `curve_options_from`, by
-!! the amplitude of coordinate dof, counted from 1 (0: the one that moves most). n_kept as its plan says; n_used of them
-!! are kept.
+!! the amplitude of coordinate dof, counted from 1 (0: the one that moves most). n_kept as its
+!! plan says; n_used of them are kept.
 subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
                                mode, dof, curve_packed, n_packed, harmonics, chosen, max_points, &
                                n_kept, n_dof, max_special, cancel, n_points, ended, &

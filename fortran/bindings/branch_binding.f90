@@ -1,10 +1,11 @@
 ! Flat routines over branches of periodic solutions, for f2py. System and load
 ! are given as in mount_binding.
 
-!> A branch with the options packed for `curve_options_from`, p being the frequency (parameter = 1) or, at
-!! the frequency nu, the factor of the load (2) or the number by which the system's are flat +
-!! p direction (3; else `direction` does nothing). n_kept as the plan says, of which n_used
-!! are used if orders are chosen at each point (harmonics = 0); with symmetric = 0 the mean
+!> A branch with the options packed for `curve_options_from`, p being the frequency
+!! (parameter = 1) or, at the frequency nu, the factor of the load (2) or the number by which
+!! the system's are flat + p direction (3; else `direction` does nothing). n_kept as the plan
+!! says, of which n_used are used if orders are chosen at each point (harmonics = 0); with
+!! symmetric = 0 the mean
 !! and even orders are kept though odd ones would do. With leave = 1 it begins at the point
 !! (begin, begin_p) in the direction `along`, or, if that is 0, at a motion near it; with 0 at a
 !! solution found at p = start.
@@ -116,8 +117,9 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       call new_plain_curve(curve, system, load, plan%set, parameter, nu)
     else
       allocate (builder, source=vector_builder(flat, direction, data_x, data_phi, kind_x, kind_phi))
-      call new_family_curve(curve, builder, options%start, max(abs(options%start), abs(options%finish)), load, plan%set, &
-                            nu, outcome)
+      call new_family_curve(curve, builder, options%start, &
+                            max(abs(options%start), abs(options%finish)), load, plan%set, nu, &
+                            outcome)
     end if
   end if
   if (.not. outcome%failed()) then

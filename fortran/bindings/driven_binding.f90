@@ -117,17 +117,19 @@ end subroutine pendulum_truncation
 !> A branch from p = start to p = finish. With leave = 1 it begins at the point
 !! (begin, begin_p) in the direction `along`, with 0 at a solution found at p = start.
 !! Stability and `kept` as above.
-subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
-                           vary, which, curve_packed, n_packed, max_points, duration, leave, begin, begin_p, along, n_unknowns, &
-                           max_special, cancel, n_points, ended, p, iterations, x, is_stop, &
-                           multipliers, growing, rates, n_folds, folds, fold_x, n_branch_points, &
+subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, omega, &
+                           amplitude, vary, which, curve_packed, n_packed, max_points, &
+                           duration, leave, begin, begin_p, along, n_unknowns, max_special, &
+                           cancel, n_points, ended, p, iterations, x, is_stop, multipliers, &
+                           growing, rates, n_folds, folds, fold_x, n_branch_points, &
                            branch_points, branch_point_x, across, branch_before, n_crossings, &
                            kinds, before, crossings, crossing_x, status)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_crossings, only: crossing_type
-  use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_options_from, follow_curve
+  use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_options_from, &
+    follow_curve
   use viscovib_orbit_floquet, only: orbit_floquet_type
   use viscovib_orbit_multipliers, only: count_larger
   use viscovib_orbit_stability, only: find_orbit_crossings, judge_orbits, orbit_circle
