@@ -21,10 +21,14 @@ from typing import Any
 import numpy as np
 from scipy.sparse import block_array, csc_array
 
+from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.characteristic import CharacteristicRoots
 from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.kernels import Kernel
 from viscovib.linear_model import LinearModel
 from viscovib.sparse_pencil import Pencil, check_memory, factored
+from viscovib.structure_matrices import linear_model, matrix_of
 
 #: Steps of Newton's method, and of the search for a frequency to begin at.
 _NEWTON, _BEGINNING = 30, 40
@@ -67,6 +71,27 @@ def sparse_roots(model: LinearModel, count: int) -> tuple[ComplexArray, ComplexA
             stacklevel=caller(),
         )
     return roots, shapes
+
+
+def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRoots:
+    """`Structure.characteristic_roots`."""
+    n = structure.n_coordinates
+    wanted = _native.integer("count", count, 1, min(200, n))
+    if not isinstance(layers, (list, tuple)):
+        raise InputError(f"layers = {_native.shown(layers)}: must be a list of (matrix, kernel)")
+    model = linear_model(
+        structure.mass, structure.damping, structure.stiffness, structure._uncoupled,
+        structure._all_elements, remembering=True,
+    )  # fmt: skip
+    more = []
+    for i, layer in enumerate(layers):
+        if not (isinstance(layer, (list, tuple)) and len(layer) == 2):
+            raise InputError(f"layers[{i}] = {_native.shown(layer)}: must be (matrix, kernel)")
+        _native.check_instance(f"layers[{i}][1]", layer[1], Kernel)
+        more.append((matrix_of(f"layers[{i}][0]", layer[0], n, sparse=True), layer[1]))
+    roots, _ = sparse_roots(model._replace(layers=[*model.layers, *more]), wanted)
+    growing = 2 * int((roots.real > 0).sum())
+    return CharacteristicRoots(roots, np.zeros(0), growing, False)
 
 
 def _beginning(model: LinearModel, j: int, lowest: float) -> tuple[float, FloatArray]:

@@ -406,7 +406,9 @@ class Structure:
         """How good a reduced structure is (`viscovib.reduction.Reduction`); None of a whole one."""
         return None if self._reduced is None else self._reduced.reduction
 
-    def characteristic_roots(self, count: int = 6) -> "CharacteristicRoots":
+    def characteristic_roots(
+        self, count: int = 6, *, layers: Sequence[tuple[Any, Kernel]] = ()
+    ) -> "CharacteristicRoots":
         """The first roots of det[M s^2 + C s + K + sum_j k_j e_j e_j' (1 - R_j(s))] = 0.
 
         By Newton's method on the full matrices, dense or sparse; each root begins at a mode of the
@@ -417,18 +419,13 @@ class Structure:
         ----------
         count : int
             How many, by rising frequency of the modes they belong to.
+        layers : sequence of (array, Kernel)
+            Stiffness matrices beside K that relax as a whole, as of a layer of rubber. Motions of
+            such structures are not computed: for them memory belongs to elements.
         """
-        from viscovib.characteristic import CharacteristicRoots
-        from viscovib.sparse_roots import sparse_roots
+        from viscovib.sparse_roots import structure_roots
 
-        wanted = _native.integer("count", count, 1, min(200, self.n_coordinates))
-        model = linear_model(
-            self.mass, self.damping, self.stiffness, self._uncoupled, self._all_elements,
-            remembering=True,
-        )  # fmt: skip
-        roots, _ = sparse_roots(model, wanted)
-        growing = 2 * int((roots.real > 0).sum())
-        return CharacteristicRoots(roots, np.zeros(0), growing, False)
+        return structure_roots(self, count, layers)
 
     @property
     def _base_direction(self) -> FloatArray | None:

@@ -34,6 +34,9 @@ def test_six_roots_of_a_sandwich_beam():
     roots, shapes = sparse_roots(model, 6)
     # The reference says exp(i lam t), to ten digits.
     np.testing.assert_allclose(roots / 1j, reference, rtol=3e-10)
+    beam = vv.Structure(mass=model.mass, stiffness=model.stiffness)
+    public = beam.characteristic_roots(6, layers=model.layers)
+    np.testing.assert_array_equal(public.oscillatory, roots)
     for s, shape in zip(roots, shapes.T, strict=True):
         c = model.coefficients(np.array([s]))[:, 0]
         full = sum(ci * matrix for ci, matrix in zip(c, model.matrices, strict=True))
@@ -79,3 +82,17 @@ def test_without_memory_and_with_equal_modes():
     exact = -rates / 2 + 1j * np.sqrt(squares - rates**2 / 4)
     np.testing.assert_allclose(roots, exact, rtol=1e-8)
     assert np.linalg.matrix_rank(shapes, tol=1e-6) == 4
+
+
+@pytest.mark.parametrize(
+    ("layers", "message"),
+    [
+        ("x", "layers = 'x': must be a list"),
+        ([np.eye(2)], r"layers\[0\] = .*: must be \(matrix, kernel\)"),
+        ([(np.eye(2), 3)], r"layers\[0\]\[1\] = 3: must be a Kernel"),
+        ([(np.eye(3), vv.AbelKernel(amplitude=0.1, alpha=0.5))], r"layers\[0\]\[0\]: must have"),
+    ],
+)
+def test_wrong_layers(layers, message):
+    with pytest.raises(vv.InputError, match=message):
+        vv.Structure(mass=[1, 1], stiffness=[1, 2]).characteristic_roots(1, layers=layers)
