@@ -430,8 +430,9 @@ contains
   pure real(wp) function resolution(self)
     class(structure_march_type), intent(in) :: self
     resolution = 0.0_wp
-    ! Forces that do not depend on deflections need no polynomials of them.
-    if (size(self%equations%y) + size(self%recalled) > 0) resolution = self%state%resolution()
+    ! Without forces that depend on deflections nothing needs polynomials.
+    if (size(self%equations%y) + size(self%recalled) == 0) return
+    resolution = self%state%resolution(self%sections)
   end function resolution
 
   pure integer function memory_size(self)

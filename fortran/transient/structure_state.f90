@@ -9,6 +9,8 @@ module viscovib_structure_state
 
   public :: padded_rows, padded_sections, rate_of, set_state, show_state, start_state, state_type
 
+  real(wp), parameter :: trace = 1.0e-9_wp
+
   type :: state_type
     !> Modes, their velocities, and what rounding took from both, shape (n).
     real(wp), allocatable :: q(:), v(:), q_rest(:), v_rest(:)
@@ -96,13 +98,17 @@ contains
     end do
   end subroutine show_state
 
-  !> The largest last Legendre coefficient, relative to the largest deflection.
-  pure real(wp) function resolution(self)
+  !> The largest last Legendre coefficient, relative to the largest deflection; or to a part of what
+  !! the modes could deflect, where a deflection is but the first trace of a wave.
+  pure real(wp) function resolution(self, sections)
     class(state_type), intent(in) :: self
+    type(sections_type), intent(in) :: sections
+    real(wp) :: size_of
     integer :: j
     resolution = 0.0_wp
     do j = 1, size(self%largest)
-      if (self%largest(j) > 0.0_wp) resolution = max(resolution, self%roughness(j)/self%largest(j))
+      size_of = max(self%largest(j), trace*self%furthest*maxval(abs(sections%seen(:, j))))
+      if (size_of > 0.0_wp) resolution = max(resolution, self%roughness(j)/size_of)
     end do
   end function resolution
 
