@@ -17,6 +17,9 @@ module viscovib_crossing_dips
   !! largest of the four, by which the cubic may be wrong.
   real(wp), parameter :: deep = 0.2_wp, wrong = 0.03_wp
   integer, parameter :: n_places = 19
+  !> Logarithms of multipliers that are far from the unit circle, and of the largest; the largest
+  !! product.
+  real(wp), parameter :: level = 20.0_wp, largest_log = 300.0_wp, largest = 1.0e100_wp
 
 contains
 
@@ -26,29 +29,38 @@ contains
     complex(wp), intent(in) :: eta(:)
     real(wp) :: tests(n_tests)
     complex(wp) :: mu(size(eta)), products(n_tests)
-    real(wp) :: part
     integer :: j, k, n
 
     tests = 0.0_wp
     n = 0
     do k = 1, size(eta)
       if (.not. ieee_is_finite(real(eta(k)))) cycle
-      if (abs(real(eta(k))) > 100.0_wp) return
+      if (abs(real(eta(k))) > largest_log) return
       n = n + 1
       mu(n) = eta(k)
     end do
     products = 1.0_wp
     do k = 1, n
-      part = exp(-0.5_wp*real(mu(k)))
-      products(1) = products(1)*(exp(mu(k)) - 1.0_wp)*part
-      products(2) = products(2)*(exp(mu(k)) + 1.0_wp)*part
+      products(1) = products(1)*factor_of(mu(k), 1.0_wp)
+      products(2) = products(2)*factor_of(mu(k), -1.0_wp)
       do j = 1, k - 1
-        products(3) = products(3)*(exp(mu(k) + mu(j)) - 1.0_wp) &
-                      *exp(-0.5_wp*real(mu(k) + mu(j)))
+        products(3) = products(3)*factor_of(mu(k) + mu(j), 1.0_wp)
+        if (abs(products(3)) > largest) return
       end do
+      if (maxval(abs(products)) > largest) return
     end do
     tests = real(products)
   end function tests_of
+
+  !> (m - m_0)/|m|^(1/2) of m = exp(log_m); beyond `level` the root is taken as it is there, so that
+  !! what is far from the unit circle does not outgrow the range of numbers.
+  pure complex(wp) function factor_of(log_m, m_0)
+    complex(wp), intent(in) :: log_m
+    real(wp), intent(in) :: m_0
+    associate (r => real(log_m))
+      factor_of = (exp(log_m) - m_0)*exp(-0.5_wp*max(r, -level) - 0.5_wp*max(r - level, 0.0_wp))
+    end associate
+  end function factor_of
 
   !> The test that may vanish between points i and i + 1, 0: none, and where, 0 to 1.
   pure subroutine find_dip(tests, p, x, i, which, at)

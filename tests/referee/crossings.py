@@ -112,7 +112,11 @@ refined = {refined if memory is None or index % 12 == 2 else None}
                         for b in (branch, refined)
                     )
                     yield Claim(
-                        "places with smaller steps", got, true, 1e-5 * np.abs(true), damage=1e-3
+                        "places with smaller steps",
+                        got,
+                        true,
+                        (1e-5 + 5 * branch.truncation.max()) * np.abs(true),
+                        damage=1e-2,
                     )
         for c in list(branch.crossings)[:3]:
             if c.parameter is None or c.coefficients is None:
