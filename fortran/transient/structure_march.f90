@@ -237,9 +237,8 @@ contains
     call new_clock(self%clock, load, t, h, self%table%points(1:self%table%s))
     call new_swing(self%swing, self%sections%frequencies, &
                    self%maps(self%now)%maps%modal%swing, t, h)
-    if (.not. allocated(self%values)) then
-      allocate (self%values(size(self%maps(self%now)%maps%modal%swing, 1)))
-    end if
+    if (allocated(self%values)) return
+    allocate (self%values(size(self%maps(self%now)%maps%modal%swing, 1)))
   end subroutine change_step
 
   subroutine step(self, system, load, n_before, until, made)
@@ -351,7 +350,6 @@ contains
     type(structure_panels) :: panels
     type(start_type) :: start
     real(wp) :: f(size(load%pieces, 1))
-    integer :: k
 
     made = .false.
     if (size(self%recalled) == 0) return
@@ -375,9 +373,7 @@ contains
     self%n_parts = panels%n_made
     deallocate (self%parts)
     allocate (self%parts(self%n_parts))
-    do k = 1, self%n_parts
-      self%parts(k) = panels%parts(k)
-    end do
+    self%parts(:) = panels%parts(:self%n_parts)
     call self%stand_still(system)
   end subroutine add_first_step
 
