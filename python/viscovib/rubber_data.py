@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _Data = TypeVar("_Data")
 #: What was measured: E or G (Pa), K (N/m or N m/rad).
 QUANTITIES = ("E", "G", "K")
+#: Measured numbers and their inverses are at most this.
+_FAR = 1e40
 _POISSON = Number("poisson", -1, 0.5)
 _RAMP = Number("ramp", lowest=0)
 
@@ -98,6 +100,8 @@ class ModulusData:
         n = _columns(self, ("frequencies", "storage", "loss"), ("temperature", "set", "amplitude"))
         for name in ("frequencies", "storage"):
             _first_wrong(name, getattr(self, name), getattr(self, name) <= 0, "be greater than 0")
+        for name in ("frequencies", "storage", "loss"):
+            _in_range(name, getattr(self, name))
         _first_wrong("loss", self.loss, np.asarray(self.loss) < 0, "not be negative")
         if self.amplitude is not None:
             sizes = np.asarray(self.amplitude)
@@ -486,6 +490,7 @@ def _check_times(data: Any, values: str) -> None:
     _columns(data, ("times", values), ("temperature", "set"))
     for name in ("times", values):
         _first_wrong(name, getattr(data, name), getattr(data, name) <= 0, "be greater than 0")
+        _in_range(name, getattr(data, name))
     if data.set is None:
         labels = _turns(data.times)
         labels.setflags(write=False)
@@ -497,6 +502,12 @@ def _first_wrong(name: str, values: Any, wrong: npt.NDArray[np.bool_], allowed: 
     if wrong.any():
         i = int(np.flatnonzero(wrong)[0])
         raise InputError(f"{name}[{i}] = {values[i]:g}: must {allowed}")
+
+
+def _in_range(name: str, values: Any) -> None:
+    """Refuse numbers whose ratios would leave the range of numbers; no unit makes such ones."""
+    far = (values > _FAR) | ((values < 1 / _FAR) & (values > 0))
+    _first_wrong(name, values, far, f"be {1 / _FAR:g} to {_FAR:g}")
 
 
 def _turns(x: FloatArray) -> FloatArray:

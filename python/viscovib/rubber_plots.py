@@ -97,7 +97,7 @@ def _without_frequency(data: ModulusData, ax: "Axes | None", log: bool) -> "Axes
         axes.set_xscale("log")
     axes.set_xlabel(f"|{data.quantity}*| {_unit(data)}" if log else _label(data, "'"))
     axes.set_ylabel("loss angle (degrees)" if log else _label(data, "''"))
-    if 1 < len(sets) <= 8:
+    if 1 < len(sets) <= 8 and data.temperature is not None:
         axes.legend()
     return axes
 

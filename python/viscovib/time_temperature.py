@@ -20,6 +20,8 @@ from viscovib.kernels import Kernel
 
 #: J/(mol K), and 0 deg C in K.
 GAS_CONSTANT, KELVIN = 8.314462618, 273.15
+#: Of parameters of laws.
+_LARGEST = 1e9
 
 
 class ShiftLaw(ABC):
@@ -40,7 +42,9 @@ class ShiftLaw(ABC):
 
     def __call__(self, temperature: npt.ArrayLike) -> FloatArray:
         """a_T at temperatures (deg C), any shape; 1 at the reference."""
-        return np.asarray(10.0 ** self.log10(temperature))[()]
+        # Beyond the range of numbers it is 0 or infinite.
+        with np.errstate(over="ignore", under="ignore"):
+            return np.asarray(10.0 ** self.log10(temperature))[()]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +76,7 @@ class WLF(ShiftLaw):
     def __post_init__(self) -> None:
         _numbers(self, "reference", "c1", "c2")
         for name in ("c1", "c2"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name} = {getattr(self, name):g}: must be greater than 0")
+            _positive(name, getattr(self, name))
 
     def log10(self, temperature: npt.ArrayLike) -> FloatArray:
         """Decades log10(a_T) at temperatures (deg C), any shape."""
@@ -83,7 +86,7 @@ class WLF(ShiftLaw):
                 f"temperature = {t.min() + self.reference:g}: must be above reference - c2 = "
                 f"{self.reference - self.c2:g}, where the law ends"
             )
-        return np.asarray(-self.c1 * t / (self.c2 + t))[()]
+        return np.asarray(-self.c1 * (t / (self.c2 + t)))[()]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,10 +114,7 @@ class Arrhenius(ShiftLaw):
         _numbers(self, "reference", "activation_energy")
         if self.reference <= -KELVIN:
             raise InputError(f"reference = {self.reference:g}: must be above -{KELVIN} deg C")
-        if not self.activation_energy > 0:
-            raise InputError(
-                f"activation_energy = {self.activation_energy:g}: must be greater than 0"
-            )
+        _positive("activation_energy", self.activation_energy)
 
     def log10(self, temperature: npt.ArrayLike) -> FloatArray:
         """Decades log10(a_T) at temperatures (deg C), any shape."""
@@ -126,7 +126,7 @@ class Arrhenius(ShiftLaw):
             )
         rate = self.activation_energy / GAS_CONSTANT / np.log(10.0)
         # The difference of inverses would lose its digits near the reference.
-        return np.asarray(-rate * warmer / (kelvin * (kelvin + warmer)))[()]
+        return np.asarray(-rate / kelvin * (warmer / (kelvin + warmer)))[()]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,6 +208,13 @@ class ThermalKernel(Kernel):
         slow = self.slowness
         weights, rates = self.kernel._exponentials(tolerance, first / slow, last / slow)
         return weights / slow, rates / slow
+
+
+def _positive(name: str, value: float) -> None:
+    if not value > 0:
+        raise InputError(f"{name} = {value:g}: must be greater than 0")
+    if value > _LARGEST:
+        raise InputError(f"{name} = {value:g}: must be at most {_LARGEST:g}, more is no material's")
 
 
 def _numbers(owner: Any, *names: str) -> None:
