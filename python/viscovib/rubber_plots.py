@@ -13,6 +13,7 @@ from viscovib._propagate import Band
 from viscovib.errors import InputError
 from viscovib.fit_result import KernelFit
 from viscovib.panels import panel, panels
+from viscovib.parameters import Text
 from viscovib.rubber_data import ModulusData
 from viscovib.time_temperature import ShiftLaw
 
@@ -121,6 +122,8 @@ def plot_master(
 ) -> "Sequence[Axes]":
     """Draw the curve and, below, the factors with their 95 % intervals and a law."""
     _native.check_instance("master", master, MasterCurve)
+    if law is not None:
+        _native.check_instance("law", law, ShiftLaw)
     if ax is None:
         import matplotlib.pyplot as plt
 
@@ -240,13 +243,13 @@ def plot_fit(fit: KernelFit, ax: "Axes | None" = None) -> "Axes":
 
 def plot_band(band: Band, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: str = "") -> "Axes":
     """Draw the band and the nominal answer over x."""
-    place = _native.real_array("x", x, ndim=1)
+    place, title = _native.real_array("x", x, ndim=1), Text("label").check(label)
     if band.nominal.shape != place.shape:
         raise InputError(f"x: has shape {place.shape}, answers have {band.nominal.shape}")
     axes = panel(ax)
     name = f"{100 * band.level:g} %"
     axes.fill_between(place, band.low, band.high, color=_WARM, alpha=0.5, lw=0, label=name)
-    axes.plot(place, band.nominal, color=_DARK, lw=1.2, label=label or "fit")
+    axes.plot(place, band.nominal, color=_DARK, lw=1.2, label=title or "fit")
     axes.legend()
     return axes
 
