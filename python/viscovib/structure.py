@@ -32,6 +32,7 @@ from viscovib.structure_matrices import (
     is_sparse,
     linear_model,
     matrix_of,
+    told,
     with_elements,
 )
 from viscovib.structure_rest import ModalDamping, Rest, dense_rest
@@ -146,6 +147,9 @@ class Structure:
         found = element_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
         self._set("_elements", found)
         warn_of_creep([kernel.integral for kernel in self._active_kernels])
+
+    def __repr__(self) -> str:
+        return told(self)
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -319,12 +323,8 @@ class Structure:
             raise InputError("loads: must not be empty for a structure without elements")
         directions = np.array(pushed).T
         model = linear_model(
-            self.mass,
-            self.damping,
-            self.stiffness,
-            self._uncoupled,
-            self._all_elements,
-        )
+            self.mass, self.damping, self.stiffness, self._uncoupled, self._all_elements
+        )  # fmt: skip
         boundary = None
         if method == "craig-bampton":
             boundary = np.flatnonzero(directions.any(axis=1)).tolist()

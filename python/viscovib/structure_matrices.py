@@ -44,6 +44,20 @@ def matrix_of(name: str, value: Any, n: int | None, sparse: bool) -> Any:
     return checked_sparse(name, _square(name, given, n), n)
 
 
+def told(structure: Any) -> str:
+    """A structure in a line."""
+    form = "sparse" if is_sparse(structure.mass) else "dense"
+    count = len(structure.elements)
+    text = f"{structure.n_coordinates} coordinates in {form} matrices, {count} elements"
+    found = structure.reduction
+    if found is not None:
+        text += (
+            f", reduced to {found.n_modes} modes and {found.squares.size - found.n_modes} "
+            f"corrections with an error of {found.largest_error:.1e}"
+        )
+    return f"<Structure: {text}>"
+
+
 def dense_of(matrix: Any) -> FloatArray:
     """Return a matrix as a dense one."""
     return np.asarray(matrix.toarray() if is_sparse(matrix) else matrix, dtype=float)

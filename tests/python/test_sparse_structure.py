@@ -72,6 +72,8 @@ def test_reduced_plate_moves_as_the_whole_one(steel, damping, method):
     assert difference.max() < 1e-7
     assert one.reduction_error.max() < 1e-8
     assert "static corrections" in str(one.plan)
+    assert repr(small).startswith("<Structure: 324 coordinates in sparse matrices, 4 elements, red")
+    assert "\n" not in repr(small)
 
 
 def test_harmonics_above_the_band_are_told(steel):
