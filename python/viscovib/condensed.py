@@ -14,6 +14,8 @@ from viscovib.structure_rest import Rest, Static, static_form
 STRUCTURE_IN_VECTOR = -3
 #: What part of a mean load may be left that nothing holds: rounding.
 _UNHELD = 1e-9
+#: What part of a rigid body's motion is no deflection: rounding.
+_UNSEEN = 1e-10
 #: Numbers of one part of an expansion to all coordinates.
 _AT_ONCE = 2_000_000
 
@@ -58,7 +60,13 @@ class Condensation:
         rest, rigid = self.rest, self._rigid
         bend = np.where(rigid, 0.0, 1 / np.where(rigid, 1.0, rest.squares))
         total = (self.seen * bend[:, np.newaxis]).T @ self.seen
-        total = total - np.einsum("lq,lp,l->qp", self.left, self.right, 1 / rest.poles).real
+        moving = ~self._still
+        total = (
+            total
+            - np.einsum(
+                "lq,lp,l->qp", self.left[moving], self.right[moving], 1 / rest.poles[moving]
+            ).real
+        )
         return np.asarray(total + self.laws.directions.T @ self.flexible)
 
     @property
@@ -67,11 +75,27 @@ class Condensation:
 
     def static(self, modes: ComplexArray, poles: ComplexArray, flexible: ComplexArray) -> Static:
         """Order 0 under a push on real modes (m,), complex ones (p,), and flexible deflections."""
-        rest, rigid = self.rest, self._rigid
+        rest, rigid, still = self.rest, self._rigid, self._still
         deflection = flexible + (self.seen[~rigid].T / rest.squares[~rigid]) @ modes[~rigid]
-        deflection = deflection - self.left.T @ (poles / rest.poles)
-        seen = self.seen[rigid].T
-        return static_form(self._elastic, deflection, seen, seen, modes[rigid])
+        deflection = deflection - self.left[~still].T @ (poles[~still] / rest.poles[~still])
+        # Of a pole at 0 the shapes are real but for a common factor of both.
+        q, bodies = self.laws.directions.T, rest.shapes[:, rigid]
+        seen = np.hstack([_seen(q, bodies), _seen(q, (rest.left[:, still] / self._turn).real)])
+        pushed = np.hstack([_seen(q, bodies), _seen(q, (rest.right[:, still] * self._turn).real)])
+        pushes = np.concatenate([modes[rigid], poles[still] * self._turn])
+        return static_form(self._elastic, deflection, seen, pushed, pushes)
+
+    @property
+    def _still(self) -> Any:
+        """Complex modes that are rigid bodies held by dampers."""
+        return self.rest.poles == 0
+
+    @property
+    def _turn(self) -> ComplexArray:
+        """Factors that make the shapes of these real."""
+        left = self.rest.left[:, self._still]
+        largest = np.take_along_axis(left, np.abs(left).argmax(axis=0)[np.newaxis], axis=0)[0]
+        return np.asarray(largest / np.abs(largest))
 
     @cached_property
     def rest_vector(self) -> list[Any]:
@@ -119,6 +143,13 @@ class Condensation:
         for kernel, reads, targets, law in programs:
             parts.append(law.numbers(reads, targets, kernel))
         return parts
+
+
+def _seen(directions: FloatArray, bodies: FloatArray) -> FloatArray:
+    """What coordinates see of rigid bodies, without what is rounding of 0."""
+    seen = directions @ bodies
+    seen[np.abs(seen) <= _UNSEEN * (np.abs(directions) @ np.abs(bodies))] = 0.0
+    return np.asarray(seen)
 
 
 def _pairs(values: ComplexArray) -> FloatArray:
@@ -364,8 +395,12 @@ class LoadedStructure:
         modes = (scale * push.modes + h @ c.seen.T)[:, ~rigid] / rest.squares[~rigid]
         u = modes @ rest.shapes[places][:, ~rigid].T
         bodies = y @ static.rigid.T + scale * static.rigid_load
-        u = u + bodies @ rest.shapes[places][:, rigid].T
-        u = u - ((scale * push.poles + h @ c.right.T) / rest.poles) @ rest.left[places].T
+        still = c._still
+        left = rest.left[places].T
+        bodily = np.vstack([rest.shapes[places][:, rigid].T, (left[still].T / c._turn).T])
+        u = u + bodies @ bodily
+        poles = (scale * push.poles + h @ c.right.T)[:, ~still] / rest.poles[~still]
+        u = u - poles @ left[~still]
         if rest.flexibility is not None:
             u = u + h @ c.flexible[places].T
             u = u + self._flexible_load(np.zeros(factors.size, dtype=complex), j, places, factors)

@@ -175,6 +175,8 @@ def _complex_rest(mass: FloatArray, damping: FloatArray, stiffness: FloatArray) 
             "damping: the structure has defective modes (as critically damped ones or undamped "
             "rigid bodies under a damping matrix that is not modal), which no sum over modes gives"
         )
+    # A motion that neither spring nor damper resists, but that dampers couple.
+    poles[np.abs(poles) <= _RIGID * np.abs(poles).max()] = 0.0
     left = rights[:n]
     right = inverse.T @ (lefts[n:].conj() / scale)
     none = np.zeros(0)

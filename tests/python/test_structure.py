@@ -189,6 +189,34 @@ def test_a_rigid_body_that_nothing_holds_has_no_mean() -> None:
     assert r.complete
 
 
+def test_a_rigid_body_that_dampers_hold() -> None:
+    """A pole at 0 among complex modes: a spring too soft to matter makes the whole one regular."""
+    n = 8
+    free = chain(n)
+    free[0, 0] = free[-1, -1] = 1
+    damping = 0.05 * free
+    damping[0, 0] += 0.2
+    law = "0.5*d^3 + 0.3*d^2"
+    held = free.copy()
+    held[2, 2] += 1e-9
+    forces = {}
+    for a, b in (("x1", "x2"), ("x5", "x8")):
+        f = f"(0.5*({a}-{b})^3 + 0.3*({a}-{b})^2)"
+        forces |= {a: f, b: f"-{f}"}
+    whole = vv.PolynomialSystem(mass=np.ones(n), stiffness=held, damping=damping, forces=forces)
+    whole.__dict__["_condensation"] = None
+    structure = vv.Structure(
+        mass=np.ones(n), stiffness=free, damping=damping,
+        elements=[vv.Spring(on=("x1", "x2"), law=law), vv.Spring(on=("x5", "x8"), law=law)],
+    )  # fmt: skip
+    given = {"load": np.eye(1, n, 2)[0] * 0.05, "method": "newton", "harmonics": 8}
+    a, b = (vv.forced_response(s, [0.5, 0.8], **given) for s in (whole, structure))
+    for one, other in ((0, 1), (4, 7)):
+        x, y = (r.coefficients[:, one] - r.coefficients[:, other] for r in (a, b))
+        assert np.abs(x - y).max() < 1e-7 * np.abs(x).max()
+        assert np.abs(y[:, 0]).min() > 1e-5
+
+
 @pytest.mark.parametrize("given", [{"modal_damping": 0.02}, {"rayleigh": (0.01, 0.03)}])
 def test_modal_damping_is_a_matrix(given: dict) -> None:
     n = 6
