@@ -6,5 +6,11 @@ module viscovib_limits
 
   !> Relative sizes of a last correction.
   real(wp), parameter, public :: min_tolerance = 1.0e-14_wp, max_tolerance = 0.1_wp
+  !> Relative errors of motions in time.
+  real(wp), parameter, public :: min_time_tolerance = 1.0e-13_wp, max_time_tolerance = 1.0_wp
+  !> Stands for 0 where a number varies: terms would be left out that other values have.
+  real(wp), parameter, public :: nearly_nothing = 1.0e-200_wp
+  !> Highest order of a motion, of a load in time, of base frequencies together.
+  integer, parameter, public :: max_harmonics = 199
 
 end module viscovib_limits

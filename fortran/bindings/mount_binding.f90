@@ -198,16 +198,21 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
 end subroutine mount_response
 
 !> Bounds and defaults that Python checks arguments by: highest order, highest that is chosen
-!! along a branch, iterations, unknowns; lowest and highest tolerance.
+!! along a branch, iterations, unknowns, orders of free motions of a pendulum at first and at most;
+!! lowest and highest tolerance, the same in time, what stands for 0 where a number varies.
 subroutine known_limits(counts, sizes)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use viscovib_limits, only: max_tolerance, min_tolerance
+  use viscovib_limits, only: max_harmonics, max_time_tolerance, max_tolerance, &
+    min_time_tolerance, min_tolerance, nearly_nothing
+  use viscovib_free_orders, only: first_free => first_chosen, most_free => highest_chosen
   use viscovib_response_branch, only: highest_chosen
-  use viscovib_response_plan, only: max_harmonics, max_iterations_allowed, max_unknowns
+  use viscovib_response_plan, only: max_iterations_allowed, max_unknowns
   implicit none
-  integer(c_int), intent(out) :: counts(4)
-  real(c_double), intent(out) :: sizes(2)
+  integer(c_int), intent(out) :: counts(6)
+  real(c_double), intent(out) :: sizes(5)
 
-  counts = [max_harmonics, highest_chosen, max_iterations_allowed, max_unknowns]
-  sizes = [min_tolerance, max_tolerance]
+  counts = [max_harmonics, highest_chosen, max_iterations_allowed, max_unknowns, first_free, &
+            most_free]
+  sizes = [min_tolerance, max_tolerance, min_time_tolerance, max_time_tolerance, &
+           nearly_nothing]
 end subroutine known_limits

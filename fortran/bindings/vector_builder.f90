@@ -1,8 +1,9 @@
 !> Systems whose numbers grow with p: flat + p direction.
 module viscovib_vector_builder
   use viscovib_binding_tools, only: make_system
-  use viscovib_family_curve, only: nearly_nothing, system_builder
+  use viscovib_family_curve, only: system_builder
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: nearly_nothing
   use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: status_type
   implicit none

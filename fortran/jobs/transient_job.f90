@@ -6,6 +6,7 @@ module viscovib_transient_job
   use viscovib_counters, only: count_up, counted_runs, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
+  use viscovib_limits, only: max_time_tolerance, min_time_tolerance
   use viscovib_method_catalogue, only: method_order, new_stepper, transient_methods
   use viscovib_reduction, only: state_mask
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_names, run_stopped, &
@@ -150,7 +151,8 @@ contains
     if (status%failed()) return
     call check_finite('rtol', job%relative, status)
     if (status%failed()) return
-    if (job%relative > 0.0_wp .and. job%relative < 1.0e-13_wp .or. job%relative > 1.0_wp &
+    if (job%relative > 0.0_wp .and. job%relative < min_time_tolerance &
+        .or. job%relative > max_time_tolerance &
         .or. job%relative < 0.0_wp) then
       call fail(status, status_input_error, 'rtol', 'rtol = '//show(job%relative) &
                 //': must be in [1e-13, 1]')
@@ -160,7 +162,7 @@ contains
                 //': finds the step, must not be given with dt')
       return
     end if
-    if (job%tolerance < 1.0e-13_wp .or. job%tolerance > 1.0_wp) then
+    if (job%tolerance < min_time_tolerance .or. job%tolerance > max_time_tolerance) then
       if (.not. ((job%dt > 0.0_wp .or. job%relative > 0.0_wp) .and. job%tolerance == 0.0_wp)) then
         call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(job%tolerance) &
                   //': must be in [1e-13, 1]')
@@ -357,7 +359,7 @@ contains
     largest = maxval(abs(last%states))
     if (last%outcome /= run_completed) then
       text = 'the run is '//trim(run_names(last%outcome))//' at t = '//show(last%t_reached)
-    else if (job%tolerance + job%relative*largest < 1.0e-13_wp*largest &
+    else if (job%tolerance + job%relative*largest < min_time_tolerance*largest &
              .and. change < 1.0e-6_wp*largest) then
       text = 'the motion is as large as '//show(largest)//', near whose rounding that is: give rtol'
     else

@@ -2,6 +2,7 @@
 !! commensurate loads share an axis of the torus.
 module viscovib_drive_torus
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: max_harmonics
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
@@ -20,7 +21,6 @@ module viscovib_drive_torus
   !> Unknowns at most: where they need a matrix, which takes 130 MB then and its factors some
   !! seconds, and where residuals do.
   integer, parameter, public :: max_unknowns = 4000, max_without_matrix = 12000
-  integer, parameter :: max_bound = 199
   !> Two frequencies count as commensurate if a ratio of small numbers meets theirs so
   !! closely.
   real(wp), parameter :: closeness = 1.0e-12_wp
@@ -94,10 +94,10 @@ contains
     end if
     if (status%failed()) return
     call sorting%base_frequencies(subharmonic, torus)
-    if (lowest_bound(torus) > max_bound) then
+    if (lowest_bound(torus) > max_harmonics) then
       call fail(status, status_input_error, 'max_denominator', 'max_denominator = ' &
                 //show(max_denominator)//': the loads are up to '//show(lowest_bound(torus)) &
-                //' times their base frequency, must be at most '//show(max_bound))
+                //' times their base frequency, must be at most '//show(max_harmonics))
     else if (varies >= 1 .and. varies <= n_drives) then
       torus%axis = sorting%axis(varies)
       torus%multiple = torus%orders(torus%axis, varies)
@@ -294,7 +294,7 @@ contains
     integer, intent(in) :: n_axes, most
     real(wp), intent(in) :: share
     bound = 1
-    do while (share*n_unknowns(n_axes, bound + 1) <= most .and. bound < max_bound)
+    do while (share*n_unknowns(n_axes, bound + 1) <= most .and. bound < max_harmonics)
       bound = bound + 1
     end do
   end function largest_bound

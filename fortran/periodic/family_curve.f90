@@ -5,6 +5,7 @@ module viscovib_family_curve
   use viscovib_curve, only: negligible_at_least
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: nearly_nothing
   use viscovib_load, only: load_type
   use viscovib_motion_stability, only: judge_type, new_judge, stability_type
   use viscovib_oscillator, only: oscillator_type
@@ -27,8 +28,6 @@ module viscovib_family_curve
                                                  -25.0_wp, 48.0_wp, -36.0_wp, 16.0_wp, -3.0_wp, &
                                                  25.0_wp, -48.0_wp, 36.0_wp, -16.0_wp, 3.0_wp], &
                                                  [5, 3])/12.0_wp
-  !> Stands for p = 0, where terms would be left out that other values have.
-  real(wp), parameter, public :: nearly_nothing = 1.0e-200_wp
 
   !> Makes the systems, all with the same terms.
   type, abstract :: system_builder

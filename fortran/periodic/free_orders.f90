@@ -10,6 +10,7 @@ module viscovib_free_orders
   use viscovib_curve, only: curve_type
   use viscovib_dense, only: factorize_blocks, factorize_padded, solve_padded
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: max_harmonics
   use viscovib_status, only: show
   use viscovib_torus_orders, only: better_bound, max_vain
   implicit none
@@ -19,8 +20,6 @@ module viscovib_free_orders
 
   !> Orders that are chosen: at first, and at most.
   integer, parameter, public :: first_chosen = 9, highest_chosen = 63
-  !> Highest order of the base frequency that may be asked for.
-  integer, parameter, public :: max_harmonics = 199
 
   !> Orders left out that judge those kept, at least.
   integer, parameter :: fewest_beyond = 4

@@ -7,7 +7,7 @@ module viscovib_response_plan
   use viscovib_checks, only: check_finite, check_positive
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
-  use viscovib_limits, only: max_tolerance, min_tolerance
+  use viscovib_limits, only: max_harmonics, max_tolerance, min_tolerance
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_plan_text, only: tell_idle, tell_zeros, things
@@ -25,7 +25,7 @@ module viscovib_response_plan
   character(len=*), parameter, public :: method_names(3) = &
     [character(len=10) :: 'linear', 'successive', 'newton']
   !> Bounds of the options.
-  integer, parameter, public :: max_harmonics = 199, max_iterations_allowed = 100000
+  integer, parameter, public :: max_iterations_allowed = 100000
   !> Unknowns of Newton's method at most: what fills a matrix of 32 MB.
   integer, parameter, public :: max_unknowns = 2000
 

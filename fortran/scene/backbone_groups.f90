@@ -4,9 +4,10 @@ module viscovib_backbone_groups
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
   use viscovib_checks, only: check_positive
   use viscovib_curve_groups, only: check_between, read_curve, read_switch, read_yes
-  use viscovib_free_orders, only: max_harmonics, most_chosen
+  use viscovib_free_orders, only: most_chosen
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: max_harmonics
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: equations_printed, pendulum_type
   use viscovib_status, only: show, status_type

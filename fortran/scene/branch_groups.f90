@@ -3,9 +3,9 @@ module viscovib_branch_groups
   use viscovib_branch_job, only: branch_job
   use viscovib_checks, only: check_positive
   use viscovib_curve_groups, only: read_curve, read_yes
-  use viscovib_family_curve, only: nearly_nothing
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: nearly_nothing
   use viscovib_mount, only: mount_type
   use viscovib_mount_builder, only: change_mount, mount_numbers
   use viscovib_status, only: show, status_type

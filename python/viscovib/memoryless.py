@@ -15,6 +15,7 @@ from viscovib.hereditary import moving, table_of
 from viscovib.load import LoadLike, load_series
 from viscovib.load_table import LoadTable
 from viscovib.mount import Mount
+from viscovib.parameters import MAX_HARMONICS
 from viscovib.past import Past
 from viscovib.pendulum import Pendulum
 from viscovib.polynomial_system import PolynomialSystem
@@ -28,8 +29,6 @@ METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
 }
 #: Numbers that a run needs to go on; the core uses as many as the method has.
 _MEMORY = 256
-#: Highest order of a load without memory: its phase is reached by rotations.
-_MAX_LOAD_ORDER = 199
 #: Coordinates of a polynomial system that the methods of a pendulum take.
 _MAX_DOF = 6
 
@@ -89,7 +88,7 @@ def goes_as_pendulum(
         and method in ("auto", *METHODS)
         and all(given is None for given in (base, held))
         and isinstance(highest, int)
-        and highest <= _MAX_LOAD_ORDER
+        and highest <= MAX_HARMONICS
     )
 
 

@@ -206,10 +206,11 @@ class Optional(Parameter[Any]):
 
 
 _counts, _sizes = _native.core.known_limits()
-_lowest, _highest = _sizes.tolist()
+_lowest, _highest, _lowest_in_time, _highest_in_time, NEARLY_NOTHING = _sizes.tolist()
 #: Highest order of a periodic motion, the highest that is chosen along a branch unless the load
-#: needs more, unknowns of Newton's method: all bounds here are those of the core.
-MAX_HARMONICS, MOST_CHOSEN, _iterations, MAX_UNKNOWNS = _counts.tolist()
+#: needs more, unknowns of Newton's method, orders of free motions of a pendulum that are chosen,
+#: at first and at most: all bounds here are those of the core.
+MAX_HARMONICS, MOST_CHOSEN, _iterations, MAX_UNKNOWNS, FIRST_FREE, MOST_FREE = _counts.tolist()
 #: What several methods share: the relative size of the last correction, ...
 TOLERANCE = Number("tolerance", _lowest, _highest)
 MAX_ITERATIONS = Whole("max_iterations", 1, _iterations)
@@ -221,7 +222,8 @@ SUBHARMONIC, MAX_DENOMINATOR = Whole("subharmonic", 1, 20), Whole("max_denominat
 #: ... and the time over which rates of growth are averaged.
 DURATION = Number("duration", 1, 1e6)
 #: Errors of motions in time.
-TIME_TOLERANCE, RTOL = Number("tolerance", 1e-13, 1), Number("rtol", 1e-13, 1)
+TIME_TOLERANCE = Number("tolerance", _lowest_in_time, _highest_in_time)
+RTOL = Number("rtol", _lowest_in_time, _highest_in_time)
 
 
 def _curve_table() -> tuple[dict[str, float], tuple[Parameter[Any], ...], tuple[str, ...]]:

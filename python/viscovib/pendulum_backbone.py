@@ -13,7 +13,9 @@ from viscovib.curves import MAX_SPECIAL, OUTCOMES
 from viscovib.driven import check_size
 from viscovib.errors import InputError
 from viscovib.parameters import (
+    FIRST_FREE,
     MAX_HARMONICS,
+    MOST_FREE,
     OPPOSITE,
     STABILITY,
     SUBHARMONIC,
@@ -25,9 +27,6 @@ from viscovib.parameters import (
 from viscovib.pendulum import Pendulum
 from viscovib.stability import warn_of_unknown
 from viscovib.torus import IntArray
-
-#: Orders that are chosen: at first, and at most.
-_FIRST, _MOST = 9, 63
 
 
 def pendulum_backbone(
@@ -60,8 +59,8 @@ def pendulum_backbone(
     most = MAX_HARMONICS // multiple
     wanted_order: Any = harmonics
     if auto:
-        most = min(_MOST, most)
-        wanted_order = min(_FIRST, most)
+        most = min(MOST_FREE, most)
+        wanted_order = min(FIRST_FREE, most)
         if leave is not None:
             wanted_order = _highest_left(leave, multiple)
             most = max(most, wanted_order)

@@ -12,6 +12,7 @@ from viscovib.errors import InputError
 from viscovib.expression import expand, spell
 from viscovib.mount import Mount
 from viscovib.oscillators import Oscillator
+from viscovib.parameters import NEARLY_NOTHING
 from viscovib.polynomial_system import PolynomialSystem
 
 #: Where a parameter stands among the numbers of a mount.
@@ -19,8 +20,6 @@ _ENTRIES = {
     "mass": 1, "inertia": 2, "offset": 3, "stiffness_x": 4, "stiffness_phi": 5, "cubic_scale": 10,
     "memory_scale": 11,
 }  # fmt: skip
-#: Stands for 0, where terms would be left out that other values have.
-_NEARLY_NOTHING = 1e-200
 #: In the vector of a polynomial system: numbers before its matrices, and the factor of kernels.
 _HEAD, _MEMORY = 5, 4
 _NAMES = "'memory_scale', 'mass_scale', 'damping_scale', 'stiffness_scale' or 'forces_scale'"
@@ -35,7 +34,7 @@ class Varied(NamedTuple):
 
     def at(self, p: float) -> FloatArray:
         """Numbers of the system at p."""
-        return self.rest + (p or _NEARLY_NOTHING) * self.direction
+        return self.rest + (p or NEARLY_NOTHING) * self.direction
 
 
 def varied(system: Oscillator, name: object, start: float, finish: float) -> Varied:
