@@ -131,4 +131,3 @@ def test_bars_only_on_terminals(tmp_path):
     assert " points [" in _told_by_terminal(command, tmp_path)
     said = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
     assert said.stderr == ""
-    assert "points [" not in _told_by_terminal([*command, "--quiet"], tmp_path)

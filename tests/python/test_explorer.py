@@ -84,6 +84,9 @@ def test_a_link_leads_to_the_same_scene():
     again.follow(query)
     assert again.scene_text() == state.scene_text()
     assert again.now.current().groups["mount"]["damping"] == [0.2, 0.01, 0.01, 0.03]
+    # A number that is back where it was needs no word.
+    again.set_exactly("mount.damping(2)", "0.05")
+    assert again.link() == "?load(2).amplitude=0.05"
     with pytest.raises(vv.InputError, match=r"mount.weight: must be one of mount.mass"):
         again.follow([("mount.weight", "1")])
     with pytest.raises(vv.InputError, match="'x': must be a number"):
