@@ -86,6 +86,7 @@ error, told = small.reduction.largest_error, float(r.reduction_error[0])
         d = np.imag(np.exp(1j * np.outer(t, orders)) @ (e @ u))
         force = np.fft.rfft(cubic * d**3)
         a, b = chain.rayleigh
+        exact = np.zeros_like(u)
         for column, order in enumerate(orders):
             s = 1j * order * nu
             c = 2j / count * force[order]
@@ -96,13 +97,10 @@ error, told = small.reduction.largest_error, float(r.reduction_error[0])
             if order == 1:
                 p = p + size * (np.arange(n) == pushed)
             full = k * (1 + b * s) + np.diag(chain.mass * (s**2 + a * s)) + s * chain.c
-            exact = np.linalg.solve(full, p)
-            # Of the largest motion; the norm of strain energy and this one differ by a little.
-            scale = np.abs(u).max()
-            yield Claim(
-                f"displacements of order {order}", u[:, column], exact, 30 * tolerance * scale,
-                damage=1.0 if order > 1 else 0.1,
-            )  # fmt: skip
+            exact[:, column] = np.linalg.solve(full, p)
+        # Of the largest motion; the norm of strain energy and this one differ by a little.
+        scale = np.abs(u).max()
+        yield Claim("displacements", u, exact, 30 * tolerance * scale, damage=0.1)
 
     return Case(call, judge)
 
