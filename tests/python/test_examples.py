@@ -25,9 +25,7 @@ NAMES = [
     if not (isinstance(getattr(vv, name), type) and issubclass(getattr(vv, name), BaseException))
 ]
 #: Names whose examples are still to be written.
-LACKING = {
-    "BodyModes", "MountForces", "Sag", "plot_energy", "plot_transmissibility",
-    }  # fmt: skip
+LACKING = {"BodyModes", "MountForces", "Sag", "plot_energy", "plot_transmissibility"}
 
 
 @pytest.mark.parametrize("name", NAMES)
