@@ -249,7 +249,7 @@ contains
         w(:, m%variable) = w(:, m%variable) + product
       end associate
     end do
-    call add_laws(self%laws, u, w)
+    if (size(self%laws) > 0) call add_laws(self%laws, u, w)
   end subroutine deflection_remainder
 
   !> product x^power.
@@ -308,7 +308,7 @@ contains
         end do
       end associate
     end do
-    call add_law_slopes(self%laws, u, slopes)
+    if (size(self%laws) > 0) call add_law_slopes(self%laws, u, slopes)
   end subroutine deflection_slopes
 
   subroutine force_slopes(self, u, v, by_u, by_v)
