@@ -425,6 +425,10 @@ class ParametricFit(KernelFit):
                     break
                 before, at = (at, rise), middle + way * away
                 theta, cost = self._held(place, at, theta)
+                if self.at_bound:
+                    # At the ends of what is admissible nothing has a slope: from within, too.
+                    inner = self.model.join(*self.model.split(theta))
+                    theta, cost = min((theta, cost), self._held(place, at, inner), key=_second)
                 rise = max(cost - best, 0.0) / self._variance if self._variance > 0 else math.inf
                 values.append(at)
                 rises.append(rise)
@@ -459,7 +463,7 @@ class ParametricFit(KernelFit):
             rows = measured.slopes(model, x) * factor[:, np.newaxis]
             return np.vstack([rows, weight * model.turned_slopes(x)[place]])
 
-        found = descend(residual, slopes, start, rough=True)
+        found = descend(residual, slopes, start)
         left = residual(found)[:-1]
         return found, float(left @ left)
 
@@ -508,6 +512,10 @@ class ParametricFit(KernelFit):
             "unit": self.model.unit,
             "unknowns": self.theta.tolist(),
         }
+
+
+def _second(pair: tuple[FloatArray, float]) -> float:
+    return pair[1]
 
 
 def _inverse(slopes: FloatArray) -> FloatArray:
