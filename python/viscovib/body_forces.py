@@ -36,6 +36,18 @@ class MountForces:
     force : ndarray, shape (n, n_mounts, 3, n_harmonics)
         Of each mount against its deflection (N), the track of a fluid mount included, that of
         the orders kept.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(
+    ...     name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+    ...     rotational_stiffness=(1e3, 1e3, 1e3),
+    ... )
+    >>> body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+    >>> r = vv.forced_response(body, [1e-3], load=body.load((0, 0, 10)), method="linear")
+    >>> body.mount_forces(r).amplitude("foot").round(6).tolist()  # slowly: the load itself
+    [[0.0, 0.0, 10.0]]
     """
 
     nu: FloatArray

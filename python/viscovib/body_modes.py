@@ -41,6 +41,17 @@ class BodyModes(Result):
         frequency. NaN of a mode at frequency 0.
     names : tuple of str
         Of the coordinates.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(
+    ...     name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+    ...     rotational_stiffness=(1e3, 1e3, 1e3),
+    ... )
+    >>> modes = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot], gravity=None).modes()
+    >>> modes.decoupling.round(1).tolist()
+    [100.0, 100.0, 100.0, 100.0, 100.0, 100.0]
     """
 
     kind: ClassVar[str] = "modes"

@@ -105,6 +105,17 @@ def plot_energy(modes: BodyModes, ax: Axes | None = None) -> Axes:
     Returns
     -------
     Axes
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(
+    ...     name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+    ...     rotational_stiffness=(1e3, 1e3, 1e3),
+    ... )
+    >>> body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+    >>> vv.plot_energy(body.modes()).get_title()
+    'kinetic energy (%)'
     """
     _native.check_instance("modes", modes, BodyModes)
     if ax is None:
@@ -153,6 +164,17 @@ def plot_transmissibility(
     Returns
     -------
     Axes
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(
+    ...     name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+    ...     rotational_stiffness=(1e3, 1e3, 1e3),
+    ... )
+    >>> body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+    >>> vv.plot_transmissibility(body).get_xlabel()
+    'frequency (Hz)'
     """
     _native.check_instance("body", body, Body)
     if ax is None:

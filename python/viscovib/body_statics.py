@@ -36,6 +36,17 @@ class Sag:
         Of each mount on the body along its local axes (N).
     residual : float
         What is left of the weight, relative to it.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(
+    ...     name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+    ...     rotational_stiffness=(1e3, 1e3, 1e3),
+    ... )
+    >>> sag = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot], gravity=10).sag()
+    >>> round(float(1e3 * sag.displacement[2]), 6)  # mm
+    -0.25
     """
 
     displacement: FloatArray
