@@ -21,7 +21,7 @@ module viscovib_condensed_hill
   use viscovib_band_elimination, only: band_determinant
   use viscovib_compliance_band, only: compliance_band, new_band
   use viscovib_condensed_poles, only: condensed_poles, gap, new_poles
-  use viscovib_condensed_rows, only: fill_one
+  use viscovib_condensed_rows, only: fill_one, strength
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
@@ -79,8 +79,8 @@ module viscovib_condensed_hill
     !! and what it is less of hereditary ones, (n_dof, n_dof).
     complex(wp), allocatable, private :: local(:, :, :, :)
     real(wp), allocatable, private :: without(:, :)
-    !> Sizes of J_m, m = 1, ...
-    real(wp), allocatable, private :: sizes(:)
+    !> Norms of J_m, m = 1, ..., and how large a part it is of the largest J, whatever the units.
+    real(wp), allocatable, private :: sizes(:), parts(:)
     complex(wp), allocatable, private :: waves(:)
     real(wp), allocatable, private :: u(:, :), slopes(:, :, :), re(:, :), im(:, :)
   contains
@@ -161,7 +161,7 @@ contains
       self%nearness = nearly_rigid*self%period
     end if
     call self%poles%weigh(largest, self%period, self%stride, self%nearness, self%line, self%ready)
-    if (self%ready) call self%find_orders(system, largest)
+    if (self%ready) call self%find_orders(system)
   end subroutine along
 
   !> J, and the largest it is at any time, part by part.
@@ -174,7 +174,7 @@ contains
     integer :: a, b, j, m, most, q, s
 
     most = (size(self%u, 1) - 1)/2
-    if (allocated(self%local)) deallocate (self%local)
+    if (allocated(self%local)) deallocate (self%local, self%parts)
     allocate (self%local(self%n_dof, self%n_dof, -most:most, size(self%kernel_of_group)), &
               source=(0.0_wp, 0.0_wp))
     largest = abs(self%without)
@@ -203,22 +203,24 @@ contains
       end do
     end do
     self%sizes = [(maxval(sum(abs(sum(self%local(:, :, m, :), 3)), 2)), m=1, most)]
-    self%reach = findloc(self%sizes > silent*maxval(largest), .true., 1, back=.true.)
+    allocate (self%parts(most))
+    do m = 1, most
+      self%parts(m) = maxval(abs(sum(self%local(:, :, m, :), 3))/max(largest, tiny(1.0_wp)))
+    end do
+    self%reach = findloc(self%parts > silent, .true., 1, back=.true.)
   end subroutine find_local
 
   !> How many orders: beyond the poles that matter, and until a disturbance of order 1 at these
   !! reaches no further, Y_k = |H(i k nu)| sum_m |J_m| Y_(k-m).
-  subroutine find_orders(self, system, largest)
+  subroutine find_orders(self, system)
     class(condensed_hill), intent(inout) :: self
     class(structure_type), intent(in) :: system
-    real(wp), intent(in) :: largest(:, :)
-    complex(wp) :: h(1, self%n_dof, self%n_dof)
-    real(wp) :: reached(0:max_unknowns), part, stiff
+    complex(wp) :: h(1, self%n_dof, self%n_dof), s(1)
+    real(wp) :: reached(0:max_unknowns), part
     integer :: b, i, m, n
 
     self%ready = self%poles%fastest <= max_unknowns*self%nu
     if (.not. self%ready) return
-    stiff = maxval(sum(largest, 2))
     b = ceiling(self%poles%fastest/self%nu + 0.5_wp*self%stride)
     if (self%stride == 2 .and. mod(b, 2) == 0) b = b + 1
     reached = 1.0_wp
@@ -234,15 +236,16 @@ contains
           call new_band(self%band, system%rest, radius, self%nearness)
         end if
       end associate
-      call self%band%evaluate([cmplx(0.0_wp, (b + 0.5_wp*self%stride)*self%nu, wp)], h)
-      part = maxval(sum(abs(h(1, :, :)), 2))
+      s = cmplx(0.0_wp, (b + 0.5_wp*self%stride)*self%nu, wp)
+      call self%band%evaluate(s, h)
+      part = strength(system, self%kernel_of_group, self%slopes, s(1), h(1, :, :))
       ! Order b + stride.
       i = i + 1
       reached(i) = 0.0_wp
       do m = 1, self%reach
-        reached(i) = reached(i) + part*self%sizes(m)*reached(max(i - m, 0))
+        reached(i) = reached(i) + part*self%parts(m)*reached(max(i - m, 0))
       end do
-      if (part*stiff <= negligible .and. (maxval(reached(max(i - self%reach + 1, 0):i)) &
+      if (part <= negligible .and. (maxval(reached(max(i - self%reach + 1, 0):i)) &
                                           <= accurate .or. n >= few_unknowns)) exit
       b = b + self%stride
     end do
@@ -438,7 +441,7 @@ contains
 
     moved = 0.0_wp
     do m = 1, self%reach
-      if (self%sizes(m) <= faint*maxval(self%sizes)) cycle
+      if (self%parts(m) <= faint) cycle
       both = 0.0_wp
       call add(s + cmplx(0.0_wp, m*self%period, wp))
       call add(s - cmplx(0.0_wp, m*self%period, wp))
