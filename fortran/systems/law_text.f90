@@ -270,9 +270,11 @@ contains
       if (cursor%fault /= '') return
       if (i == n) exit
       if (peek(cursor) /= ',') call blame(cursor, 'found where , should be')
+      if (cursor%fault /= '') return
       cursor%at = cursor%at + 1
     end do
     if (peek(cursor) /= ')') call blame(cursor, 'found where ) should be')
+    if (cursor%fault /= '') return
     cursor%at = cursor%at + 1
     cursor%depth = cursor%depth - 1
   end subroutine read_inside
