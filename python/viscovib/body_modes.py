@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.results import Number, Panel, Result
@@ -124,9 +125,14 @@ class BodyModes(Result):
             "frequency": self.hz,
             "loss_factor": self.loss_factor,
         }
-        for name in self.names if coordinates is None else coordinates:
+        chosen: Any = self.names if coordinates is None else coordinates
+        if not isinstance(chosen, (list, tuple)):
+            raise InputError(f"coordinates = {_native.shown(chosen)}: must be a list of names")
+        for name in chosen:
             if name not in self.names:
-                raise InputError(f"coordinates: {name!r} must be one of {', '.join(self.names)}")
+                raise InputError(
+                    f"coordinates: {_native.shown(name)} must be one of {', '.join(self.names)}"
+                )
             columns[f"energy_{name}"] = self.energy[self.names.index(name)]
         return Table(["frequency in Hz, energy in percent of the kinetic energy"], columns)
 

@@ -27,6 +27,7 @@ from viscovib.body_plots import (
 from viscovib.errors import InputError
 from viscovib.files import whole_file
 from viscovib.laws import Law
+from viscovib.parameters import FilePath
 from viscovib.style import COLOURS, STYLES
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def report(
     >>> vv.report(vv.Body(mass=10, inertia=(0.1, 0.1, 0.1), mounts=[foot]), "pump.html")
     """
     _native.check_instance("body", body, Body)
-    place = Path(path)
+    place = Path(FilePath("path").check(path))
     if place.suffix.lower() not in (".html", ".pdf"):
         raise InputError(f"path = {str(place)!r}: must end in .html or .pdf")
     frequencies = frequency_range(body) if hz is None else _native.real_array("hz", hz)

@@ -1,6 +1,7 @@
 """Files that are there whole or not at all."""
 
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -8,6 +9,9 @@ from typing import IO
 
 from viscovib.errors import FileError
 from viscovib.parameters import FilePath
+
+#: Threads that write one file do so one after the other, since they share what stands beside it.
+_WRITING: dict[Path, threading.Lock] = {}
 
 
 @contextmanager
@@ -21,14 +25,15 @@ def whole_file(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[str
         raise FileError(f"path = {str(target)!r}: is no path of a file")
     part = target.with_name(target.name + ".part")
     encoding = None if "b" in mode else "utf-8"
-    try:
-        with suppress(FileNotFoundError):
-            part.unlink()
-        with open(part, mode.replace("w", "x"), encoding=encoding) as file:
-            yield file
-        os.replace(part, target)
-    except OSError as error:
-        raise FileError(f"{target}: cannot be written ({error.strerror})") from None
-    finally:
-        with suppress(OSError):
-            part.unlink()
+    with _WRITING.setdefault(target.absolute(), threading.Lock()):
+        try:
+            with suppress(FileNotFoundError):
+                part.unlink()
+            with open(part, mode.replace("w", "x"), encoding=encoding) as file:
+                yield file
+            os.replace(part, target)
+        except OSError as error:
+            raise FileError(f"{target}: cannot be written ({error.strerror})") from None
+        finally:
+            with suppress(OSError):
+                part.unlink()

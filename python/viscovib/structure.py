@@ -488,7 +488,7 @@ class Structure:
             raise InputError(f"coordinates = {_native.shown(coordinates)}: must be a list of names")
         places: Mapping[str, int] = self._places  # type: ignore[attr-defined]
         for name in coordinates:
-            if name not in places:
+            if not isinstance(name, str) or name not in places:
                 raise InputError(
                     f"coordinates: {_native.shown(name)} must be one of the "
                     f"{self.n_coordinates} coordinates {self.dof_names[0]}, ..."

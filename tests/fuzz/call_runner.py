@@ -102,7 +102,9 @@ def _of_python(error: Exception, last: str) -> tuple[str, str]:
     """Whose exception it is: that of the text of the call, or one from inside."""
     frames = traceback.extract_tb(error.__traceback__)
     inside = [frame for frame in frames if _inside(frame.filename)]
-    if not inside:
+    # There Python's own TypeError is told the keyword that was meant.
+    names = [Path(frame.filename).name for frame in inside]
+    if not [name for name in names if name != "errors.py"]:
         # Raised while the arguments were made, or by Python for a call that fits no signature.
         return "refused with a line", f"{type(error).__name__}: {error}"
     if "lambda" in last and frames[-1].filename == "<call>":

@@ -84,7 +84,18 @@ CHAIN = (
 )
 SMALL = f"{CHAIN}.reduce(frequency=0.5, tolerance=1e-4, loads=['x1'])"
 #: Calls that work, each quick.
+FOOT = (
+    "vv.MountPoint(name='foot', position=[0, 0.1, -0.1], stiffness=[1e5, 1e5, 2e5], "
+    "angles=[0, 0.1, 0], damping=[1, 1, 1], law='1e10*d^3', rotational_stiffness=[1e3, 1e3, 1e3])"
+)
+BODY = f"vv.Body(mass=10, inertia=[0.2, 0.2, 0.3], mounts=[{FOOT}], gravity=9.81)"
 SOUND = (
+    FOOT, BODY, f"{BODY}.modes()", f"{BODY}.sag()",
+    "vv.FluidTrack(mass=60, damping=2000, stiffness=4e5)",
+    f"{BODY}.mount_forces(vv.forced_response({BODY}, [20.0], load=[0, 0, 1, 0, 0, 0]))",
+    f"vv.report({BODY}, 'body.html')", f"vv.plot_body({BODY}, mode=1, torque_about='y')",
+    f"{BODY}.random_floor(hz=[1.0, 2.0], density=[1.0, 1.0])",
+    f"{BODY}.engine_orders(speeds=[10.0], orders=[1.0], loads=[[0, 0, 1, 0, 0, 0]])",
     PENDULUM, KERNEL, MOUNT, MEMORY, SYSTEM, RUN, RESPONSE, STEADY, BRANCH, DRIVEN, SCALES,
     ENSEMBLE, SCENE,
     "vv.AbelKernel(amplitude=0.05, alpha=0.3)",
