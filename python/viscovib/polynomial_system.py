@@ -83,6 +83,8 @@ class SpringGroup(NamedTuple):
     kernel: Kernel | None
     #: What is no polynomial, without its linear part, and the equation in which it stands.
     laws: tuple[tuple[int, Law], ...] = ()
+    #: What these laws have of the stiffness; None: nothing.
+    law_slopes: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -448,9 +450,10 @@ def _group(prefix: str, springs: Springs, names: tuple[str, ...]) -> SpringGroup
     stiffness = _square(f"{prefix}stiffness", springs.stiffness, len(names)).copy()
     forces: dict[tuple[int, tuple[int, ...]], float] = {}
     laws = []
+    slopes = np.zeros_like(stiffness)
     for where, on, polynomial in _by_equation(f"{prefix}forces", springs.forces, names):
         if isinstance(polynomial, Law):
-            stiffness[on] += polynomial.slopes_at_rest
+            slopes[on] += polynomial.slopes_at_rest
             laws.append((on, polynomial.remainder))
             continue
         for powers, c in polynomial.items():
@@ -461,10 +464,11 @@ def _group(prefix: str, springs: Springs, names: tuple[str, ...]) -> SpringGroup
                 stiffness[on, powers.index(1)] += c
             elif c != 0:
                 forces[on, powers] = forces.get((on, powers), 0.0) + c
+    stiffness += slopes
     stiffness.setflags(write=False)
     # A kernel of nothing is none.
     kernel = springs.kernel if forces or laws or stiffness.any() else None
-    return SpringGroup(stiffness, forces, kernel, tuple(laws))
+    return SpringGroup(stiffness, forces, kernel, tuple(laws), slopes if laws else None)
 
 
 def _by_equation(

@@ -52,10 +52,13 @@ def varied(system: Oscillator, name: object, start: float, finish: float) -> Var
     return found
 
 
-def _entries(name: str, flat: FloatArray, weights: dict[int, float]) -> Varied:
+def _entries(
+    name: str, flat: FloatArray, weights: dict[int, float], staying: dict[int, float] | None = None
+) -> Varied:
+    """``staying``: what does not vary of an entry."""
     rest, direction = flat.copy(), np.zeros(flat.size)
     for i, weight in weights.items():
-        rest[i], direction[i] = 0.0, weight
+        rest[i], direction[i] = (staying or {}).get(i, 0.0), weight
     return Varied(name, rest, direction)
 
 
@@ -95,20 +98,34 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
         first = {"mass": _HEAD, "damping": _HEAD + n * n}.get(what, 0)
         first = first or _HEAD + 2 * n * n + n + group * (1 + n * n) + 1
         places = {(names[i], names[j]): first + i + n * j for i in range(n) for j in range(n)}
+    own = system.groups[group]
+    staying: dict[int, float] = {}
+    if what == "stiffness" and own.law_slopes is not None:
+        staying = {
+            i: float(own.law_slopes[names.index(on), names.index(by)])
+            for (on, by), i in places.items()
+        }
+    if kind == "_scale" and what == "forces" and own.laws:
+        raise InputError(
+            f"vary = {name!r}: must not scale laws with functions, only polynomials can be scaled"
+        )
     if kind == "_scale":
-        weights = {i: float(flat[i]) for i in places.values() if flat[i]}
+        weights = {i: float(flat[i]) - staying.get(i, 0.0) for i in places.values()}
+        weights = {i: weight for i, weight in weights.items() if weight}
         if not weights:
             raise InputError(f"vary = {name!r}: all of it is 0")
-        return _entries(str(name), flat, weights)
+        return _entries(str(name), flat, weights, staying)
     key = _key(system, str(name), what, form[4])
     if key not in places:
         allowed = ", ".join(f"{on}: {spell(powers, names)}" for on, powers in places)
         raise InputError(f"vary = {name!r}: is not among the forces ({allowed})")
     weights = {places[key]: 1.0}
     mirrored = (key[1], key[0])
-    if what != "forces" and flat[places[mirrored]] == flat[places[key]]:
-        weights[places[mirrored]] = 1.0
-    return _entries(str(name), flat, weights)
+    if what != "forces":
+        there, here = places[mirrored], places[key]
+        if flat[there] - staying.get(there, 0.0) == flat[here] - staying.get(here, 0.0):
+            weights[there] = 1.0
+    return _entries(str(name), flat, weights, staying)
 
 
 def _forces(system: PolynomialSystem, group: int) -> dict[tuple[Any, Any], int]:

@@ -250,3 +250,34 @@ def test_coupling_with_functions():
         )
     with pytest.raises(vv.InputError, match="must have no linear part at rest"):
         vv.Coupling(on={"a": "x1", "b": "x2"}, law={"a": "tanh(a + b)"})
+
+
+@pytest.mark.parametrize("vary", ["stiffness[x1,x1]", "stiffness[x1,x2]", "stiffness_scale"])
+def test_the_stiffness_varies_beside_a_law(vary):
+    """What is linear in a law stays where the stiffness varies: as of a system built so."""
+
+    def system(stiffness):
+        return vv.PolynomialSystem(
+            mass=[1, 1], stiffness=stiffness, damping=0.1 * np.eye(2),
+            forces={"x1": "tanh(2*x1 - x2)", "x2": "sin(x2 - x1) + x2^3"},
+        )  # fmt: skip
+
+    first = np.array([[2.0, -0.5], [-0.5, 1.5]])
+    finish = {"stiffness[x1,x1]": 2.4, "stiffness[x1,x2]": -0.3, "stiffness_scale": 1.2}[vary]
+    last = first * finish
+    if vary != "stiffness_scale":
+        last = first.copy()
+        last[0, 1 if vary.endswith("x2]") else 0] = finish
+        last[1 if vary.endswith("x2]") else 0, 0] = finish
+    start = {"stiffness[x1,x1]": 2.0, "stiffness[x1,x2]": -0.5, "stiffness_scale": 1.0}[vary]
+    load = [0.3, 0.1]
+    branch = vv.trace_response(
+        system(first), nu=1.1, vary=vary, vary_range=(start, finish), load=load
+    )
+    for i, stiffness in ((0, first), (-1, last)):
+        found = vv.forced_response(system(stiffness), [1.1], load=load, method="newton")
+        np.testing.assert_allclose(
+            branch.coefficients[i, :, :3], found.coefficients[0, :, :3], atol=1e-8
+        )
+    with pytest.raises(vv.InputError, match="must not scale laws with functions"):
+        vv.trace_response(system(first), nu=1.1, vary="forces_scale", vary_range=(1, 2), load=load)
