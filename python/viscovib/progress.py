@@ -60,11 +60,11 @@ def counted_pieces(shown: bool) -> Iterator[None]:
     over = threading.Event()
 
     def watch() -> None:
-        from tqdm import tqdm
-
         before = core.pieces_of_work()
         if over.wait(_PATIENCE):
             return
+        from tqdm import tqdm
+
         with tqdm(unit=" points", leave=False) as bar:
             while not over.wait(_LOOK):
                 now = core.pieces_of_work()
