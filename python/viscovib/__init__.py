@@ -9,141 +9,120 @@ from typing import TYPE_CHECKING, Any
 #: The public names of each module. Type checkers and editors read the imports below, which a
 #: test holds against this table.
 _NAMES = {
-    "_backbone": "Backbone BackbonePoint",
-    "_kramers_kronig": "KramersKronig kramers_kronig",
-    "_master_curve": "MasterCurve master_curve",
-    "_plan": "Plan",
-    "_prony_terms": "PronyTerms prony_terms",
-    "_propagate": "Band propagate",
-    "_spectrum": "Spectrum name_frequencies spectrum",
-    "_sweep": "sweep",
-    "amplitude_fit": "AmplitudeFit ProgressiveLaw fit_amplitude fit_progressive jenkins_stiffness",
-    "animation": "animate",
-    "body": "Body",
-    "body_forces": "MountForces",
-    "body_modes": "BodyModes",
-    "body_plots": "plot_body plot_energy plot_transmissibility",
-    "body_report": "report",
-    "body_statics": "Sag",
-    "branch_result": "Branch",
-    "characteristic": "CharacteristicRoots",
-    "cubic_system": "CubicSystem",
-    "curves": "BranchPoint Crossing",
-    "decay": "FreeDecay free_decay",
-    "driven": "DrivenResponse",
-    "driven_branch": "DrivenBranch",
-    "elements": "Coupling Spring",
-    "ensemble": "Ensemble simulate_ensemble",
+    "analyses.backbones": "Backbone BackbonePoint",
+    "analyses.decay": "FreeDecay free_decay",
+    "analyses.driven": "DrivenResponse",
+    "analyses.driven_branch": "DrivenBranch",
+    "analyses.ensemble": "Ensemble simulate_ensemble",
+    "analyses.lines": "Lines amplitudes_at dominant_frequencies",
+    "analyses.multiple_scales": "MultipleScales",
+    "analyses.periodic": "backbone forced_response plan_response trace_response",
+    "analyses.spectral": "Spectrum name_frequencies spectrum",
+    "analyses.transient": "simulate",
+    "bodies.body": "Body",
+    "bodies.forces": "MountForces",
+    "bodies.modes": "BodyModes",
+    "bodies.mount_point": "FluidTrack MountPoint",
+    "bodies.statics": "Sag",
+    "common.past": "Past",
+    "common.periodic_motions": "PeriodicMotions",
+    "common.plan": "Plan",
+    "common.results": "Result",
     "errors": "ConvergenceWarning FileError InputError RangeWarning StabilityWarning SweepError "
     "ViscovibError",
-    "fit_files": "read_fit read_kernel write_kernel",
-    "fit_result": "KernelFit Optimum ParametricFit Profile Sample",
-    "kernel_fit": "fit_kernel",
-    "kernels": "AbelKernel ExponentialSum Kernel PronyKernel RabotnovKernel RzhanitsynKernel "
-    "TabulatedKernel",
-    "lines": "Lines amplitudes_at dominant_frequencies",
-    "load": "fourier_coefficients",
-    "load_table": "LoadTable",
-    "maps": "plot_map",
-    "motion_plots": "plot_sections plot_spectrum plot_trajectory",
-    "mount": "Mount",
-    "mount_point": "FluidTrack MountPoint",
-    "multiple_scales": "MultipleScales",
-    "notebook": "Explorer explore",
-    "past": "Past",
-    "pendulum": "Pendulum",
-    "periodic": "backbone forced_response plan_response trace_response",
-    "periodic_motions": "PeriodicMotions",
-    "plots": "plot_backbone plot_branch plot_response",
-    "polynomial_system": "Monomial PolynomialSystem Springs",
-    "prony_fit": "PronyFit",
-    "response_result": "Peak Response",
-    "results": "Result",
-    "rubber_data": "CreepData ModulusData RelaxationData read_creep read_dma "
+    "explorer.notebook": "Explorer explore",
+    "kernels.relaxation": "AbelKernel ExponentialSum Kernel PronyKernel RabotnovKernel "
+    "RzhanitsynKernel TabulatedKernel",
+    "kernels.sum_kernel": "SumKernel",
+    "kernels.time_temperature": "Arrhenius ShiftLaw ThermalKernel WLF",
+    "plots.animation": "animate",
+    "plots.bodies": "plot_body plot_energy plot_transmissibility",
+    "plots.maps": "plot_map",
+    "plots.motions": "plot_sections plot_spectrum plot_trajectory",
+    "plots.report_pages": "report",
+    "plots.rubber": "plot_cole_cole plot_modulus plot_nomogram plot_van_gurp",
+    "plots.scales": "plot_modulation plot_scales_response",
+    "plots.steady": "plot_backbone plot_branch plot_response",
+    "results.branch": "Branch",
+    "results.curves": "BranchPoint Crossing",
+    "results.response": "Peak Response",
+    "results.scales": "Modulation Resonance ScalesMotion ScalesResponse",
+    "results.trajectory": "Trajectory",
+    "rubber.amplitude_fit": "AmplitudeFit ProgressiveLaw fit_amplitude fit_progressive "
+    "jenkins_stiffness",
+    "rubber.bands": "Band propagate",
+    "rubber.data": "CreepData ModulusData RelaxationData read_creep read_dma "
     "read_dynamic_stiffness read_relaxation",
-    "rubber_plots": "plot_cole_cole plot_modulus plot_nomogram plot_van_gurp",
-    "scales_plots": "plot_modulation plot_scales_response",
-    "scales_results": "Modulation Resonance ScalesMotion ScalesResponse",
-    "scene": "Scene",
-    "scene_job": "SceneResult plan",
-    "scene_run": "run",
-    "shift_fit": "ShiftFit ShiftTable fit_shift_law",
-    "structure": "Structure",
-    "sum_kernel": "SumKernel",
-    "table_result": "TableResult",
-    "time_temperature": "Arrhenius ShiftLaw ThermalKernel WLF",
-    "trajectory": "Trajectory",
-    "transient": "simulate",
+    "rubber.files": "read_fit read_kernel write_kernel",
+    "rubber.fit": "KernelFit Optimum ParametricFit Profile Sample",
+    "rubber.kernel_fit": "fit_kernel",
+    "rubber.kramers_kronig_pair": "KramersKronig kramers_kronig",
+    "rubber.master": "MasterCurve master_curve",
+    "rubber.prony_fit": "PronyFit",
+    "rubber.shift_fit": "ShiftFit ShiftTable fit_shift_law",
+    "rubber.terms": "PronyTerms prony_terms",
+    "scene.job": "SceneResult plan",
+    "scene.scene": "Scene",
+    "scene.table": "TableResult",
+    "sweeps.run_scene": "run",
+    "sweeps.sweeping": "sweep",
+    "systems.characteristic": "CharacteristicRoots",
+    "systems.cubic_system": "CubicSystem",
+    "systems.elements": "Coupling Spring",
+    "systems.load": "fourier_coefficients",
+    "systems.load_table": "LoadTable",
+    "systems.mount": "Mount",
+    "systems.pendulum": "Pendulum",
+    "systems.polynomial_system": "Monomial PolynomialSystem Springs",
+    "systems.structure": "Structure",
 }
 _MODULE = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 if TYPE_CHECKING:
-    from viscovib._backbone import (
+    from viscovib.analyses.backbones import (
         Backbone as Backbone,
         BackbonePoint as BackbonePoint,
     )
-    from viscovib._kramers_kronig import (
-        KramersKronig as KramersKronig,
-        kramers_kronig as kramers_kronig,
+    from viscovib.analyses.decay import (
+        FreeDecay as FreeDecay,
+        free_decay as free_decay,
     )
-    from viscovib._master_curve import (
-        MasterCurve as MasterCurve,
-        master_curve as master_curve,
+    from viscovib.analyses.driven import DrivenResponse as DrivenResponse
+    from viscovib.analyses.driven_branch import DrivenBranch as DrivenBranch
+    from viscovib.analyses.ensemble import (
+        Ensemble as Ensemble,
+        simulate_ensemble as simulate_ensemble,
     )
-    from viscovib._plan import Plan as Plan
-    from viscovib._prony_terms import (
-        PronyTerms as PronyTerms,
-        prony_terms as prony_terms,
+    from viscovib.analyses.lines import (
+        Lines as Lines,
+        amplitudes_at as amplitudes_at,
+        dominant_frequencies as dominant_frequencies,
     )
-    from viscovib._propagate import (
-        Band as Band,
-        propagate as propagate,
+    from viscovib.analyses.multiple_scales import MultipleScales as MultipleScales
+    from viscovib.analyses.periodic import (
+        backbone as backbone,
+        forced_response as forced_response,
+        plan_response as plan_response,
+        trace_response as trace_response,
     )
-    from viscovib._spectrum import (
+    from viscovib.analyses.spectral import (
         Spectrum as Spectrum,
         name_frequencies as name_frequencies,
         spectrum as spectrum,
     )
-    from viscovib._sweep import sweep as sweep
-    from viscovib.amplitude_fit import (
-        AmplitudeFit as AmplitudeFit,
-        ProgressiveLaw as ProgressiveLaw,
-        fit_amplitude as fit_amplitude,
-        fit_progressive as fit_progressive,
-        jenkins_stiffness as jenkins_stiffness,
+    from viscovib.analyses.transient import simulate as simulate
+    from viscovib.bodies.body import Body as Body
+    from viscovib.bodies.forces import MountForces as MountForces
+    from viscovib.bodies.modes import BodyModes as BodyModes
+    from viscovib.bodies.mount_point import (
+        FluidTrack as FluidTrack,
+        MountPoint as MountPoint,
     )
-    from viscovib.animation import animate as animate
-    from viscovib.body import Body as Body
-    from viscovib.body_forces import MountForces as MountForces
-    from viscovib.body_modes import BodyModes as BodyModes
-    from viscovib.body_plots import (
-        plot_body as plot_body,
-        plot_energy as plot_energy,
-        plot_transmissibility as plot_transmissibility,
-    )
-    from viscovib.body_report import report as report
-    from viscovib.body_statics import Sag as Sag
-    from viscovib.branch_result import Branch as Branch
-    from viscovib.characteristic import CharacteristicRoots as CharacteristicRoots
-    from viscovib.cubic_system import CubicSystem as CubicSystem
-    from viscovib.curves import (
-        BranchPoint as BranchPoint,
-        Crossing as Crossing,
-    )
-    from viscovib.decay import (
-        FreeDecay as FreeDecay,
-        free_decay as free_decay,
-    )
-    from viscovib.driven import DrivenResponse as DrivenResponse
-    from viscovib.driven_branch import DrivenBranch as DrivenBranch
-    from viscovib.elements import (
-        Coupling as Coupling,
-        Spring as Spring,
-    )
-    from viscovib.ensemble import (
-        Ensemble as Ensemble,
-        simulate_ensemble as simulate_ensemble,
-    )
+    from viscovib.bodies.statics import Sag as Sag
+    from viscovib.common.past import Past as Past
+    from viscovib.common.periodic_motions import PeriodicMotions as PeriodicMotions
+    from viscovib.common.plan import Plan as Plan
+    from viscovib.common.results import Result as Result
     from viscovib.errors import (
         ConvergenceWarning as ConvergenceWarning,
         FileError as FileError,
@@ -153,20 +132,11 @@ if TYPE_CHECKING:
         SweepError as SweepError,
         ViscovibError as ViscovibError,
     )
-    from viscovib.fit_files import (
-        read_fit as read_fit,
-        read_kernel as read_kernel,
-        write_kernel as write_kernel,
+    from viscovib.explorer.notebook import (
+        Explorer as Explorer,
+        explore as explore,
     )
-    from viscovib.fit_result import (
-        KernelFit as KernelFit,
-        Optimum as Optimum,
-        ParametricFit as ParametricFit,
-        Profile as Profile,
-        Sample as Sample,
-    )
-    from viscovib.kernel_fit import fit_kernel as fit_kernel
-    from viscovib.kernels import (
+    from viscovib.kernels.relaxation import (
         AbelKernel as AbelKernel,
         ExponentialSum as ExponentialSum,
         Kernel as Kernel,
@@ -175,55 +145,69 @@ if TYPE_CHECKING:
         RzhanitsynKernel as RzhanitsynKernel,
         TabulatedKernel as TabulatedKernel,
     )
-    from viscovib.lines import (
-        Lines as Lines,
-        amplitudes_at as amplitudes_at,
-        dominant_frequencies as dominant_frequencies,
+    from viscovib.kernels.sum_kernel import SumKernel as SumKernel
+    from viscovib.kernels.time_temperature import (
+        WLF as WLF,
+        Arrhenius as Arrhenius,
+        ShiftLaw as ShiftLaw,
+        ThermalKernel as ThermalKernel,
     )
-    from viscovib.load import fourier_coefficients as fourier_coefficients
-    from viscovib.load_table import LoadTable as LoadTable
-    from viscovib.maps import plot_map as plot_map
-    from viscovib.motion_plots import (
+    from viscovib.plots.animation import animate as animate
+    from viscovib.plots.bodies import (
+        plot_body as plot_body,
+        plot_energy as plot_energy,
+        plot_transmissibility as plot_transmissibility,
+    )
+    from viscovib.plots.maps import plot_map as plot_map
+    from viscovib.plots.motions import (
         plot_sections as plot_sections,
         plot_spectrum as plot_spectrum,
         plot_trajectory as plot_trajectory,
     )
-    from viscovib.mount import Mount as Mount
-    from viscovib.mount_point import (
-        FluidTrack as FluidTrack,
-        MountPoint as MountPoint,
+    from viscovib.plots.report_pages import report as report
+    from viscovib.plots.rubber import (
+        plot_cole_cole as plot_cole_cole,
+        plot_modulus as plot_modulus,
+        plot_nomogram as plot_nomogram,
+        plot_van_gurp as plot_van_gurp,
     )
-    from viscovib.multiple_scales import MultipleScales as MultipleScales
-    from viscovib.notebook import (
-        Explorer as Explorer,
-        explore as explore,
+    from viscovib.plots.scales import (
+        plot_modulation as plot_modulation,
+        plot_scales_response as plot_scales_response,
     )
-    from viscovib.past import Past as Past
-    from viscovib.pendulum import Pendulum as Pendulum
-    from viscovib.periodic import (
-        backbone as backbone,
-        forced_response as forced_response,
-        plan_response as plan_response,
-        trace_response as trace_response,
-    )
-    from viscovib.periodic_motions import PeriodicMotions as PeriodicMotions
-    from viscovib.plots import (
+    from viscovib.plots.steady import (
         plot_backbone as plot_backbone,
         plot_branch as plot_branch,
         plot_response as plot_response,
     )
-    from viscovib.polynomial_system import (
-        Monomial as Monomial,
-        PolynomialSystem as PolynomialSystem,
-        Springs as Springs,
+    from viscovib.results.branch import Branch as Branch
+    from viscovib.results.curves import (
+        BranchPoint as BranchPoint,
+        Crossing as Crossing,
     )
-    from viscovib.prony_fit import PronyFit as PronyFit
-    from viscovib.response_result import (
+    from viscovib.results.response import (
         Peak as Peak,
         Response as Response,
     )
-    from viscovib.results import Result as Result
-    from viscovib.rubber_data import (
+    from viscovib.results.scales import (
+        Modulation as Modulation,
+        Resonance as Resonance,
+        ScalesMotion as ScalesMotion,
+        ScalesResponse as ScalesResponse,
+    )
+    from viscovib.results.trajectory import Trajectory as Trajectory
+    from viscovib.rubber.amplitude_fit import (
+        AmplitudeFit as AmplitudeFit,
+        ProgressiveLaw as ProgressiveLaw,
+        fit_amplitude as fit_amplitude,
+        fit_progressive as fit_progressive,
+        jenkins_stiffness as jenkins_stiffness,
+    )
+    from viscovib.rubber.bands import (
+        Band as Band,
+        propagate as propagate,
+    )
+    from viscovib.rubber.data import (
         CreepData as CreepData,
         ModulusData as ModulusData,
         RelaxationData as RelaxationData,
@@ -232,44 +216,61 @@ if TYPE_CHECKING:
         read_dynamic_stiffness as read_dynamic_stiffness,
         read_relaxation as read_relaxation,
     )
-    from viscovib.rubber_plots import (
-        plot_cole_cole as plot_cole_cole,
-        plot_modulus as plot_modulus,
-        plot_nomogram as plot_nomogram,
-        plot_van_gurp as plot_van_gurp,
+    from viscovib.rubber.files import (
+        read_fit as read_fit,
+        read_kernel as read_kernel,
+        write_kernel as write_kernel,
     )
-    from viscovib.scales_plots import (
-        plot_modulation as plot_modulation,
-        plot_scales_response as plot_scales_response,
+    from viscovib.rubber.fit import (
+        KernelFit as KernelFit,
+        Optimum as Optimum,
+        ParametricFit as ParametricFit,
+        Profile as Profile,
+        Sample as Sample,
     )
-    from viscovib.scales_results import (
-        Modulation as Modulation,
-        Resonance as Resonance,
-        ScalesMotion as ScalesMotion,
-        ScalesResponse as ScalesResponse,
+    from viscovib.rubber.kernel_fit import fit_kernel as fit_kernel
+    from viscovib.rubber.kramers_kronig_pair import (
+        KramersKronig as KramersKronig,
+        kramers_kronig as kramers_kronig,
     )
-    from viscovib.scene import Scene as Scene
-    from viscovib.scene_job import (
-        SceneResult as SceneResult,
-        plan as plan,
+    from viscovib.rubber.master import (
+        MasterCurve as MasterCurve,
+        master_curve as master_curve,
     )
-    from viscovib.scene_run import run as run
-    from viscovib.shift_fit import (
+    from viscovib.rubber.prony_fit import PronyFit as PronyFit
+    from viscovib.rubber.shift_fit import (
         ShiftFit as ShiftFit,
         ShiftTable as ShiftTable,
         fit_shift_law as fit_shift_law,
     )
-    from viscovib.structure import Structure as Structure
-    from viscovib.sum_kernel import SumKernel as SumKernel
-    from viscovib.table_result import TableResult as TableResult
-    from viscovib.time_temperature import (
-        WLF as WLF,
-        Arrhenius as Arrhenius,
-        ShiftLaw as ShiftLaw,
-        ThermalKernel as ThermalKernel,
+    from viscovib.rubber.terms import (
+        PronyTerms as PronyTerms,
+        prony_terms as prony_terms,
     )
-    from viscovib.trajectory import Trajectory as Trajectory
-    from viscovib.transient import simulate as simulate
+    from viscovib.scene.job import (
+        SceneResult as SceneResult,
+        plan as plan,
+    )
+    from viscovib.scene.scene import Scene as Scene
+    from viscovib.scene.table import TableResult as TableResult
+    from viscovib.sweeps.run_scene import run as run
+    from viscovib.sweeps.sweeping import sweep as sweep
+    from viscovib.systems.characteristic import CharacteristicRoots as CharacteristicRoots
+    from viscovib.systems.cubic_system import CubicSystem as CubicSystem
+    from viscovib.systems.elements import (
+        Coupling as Coupling,
+        Spring as Spring,
+    )
+    from viscovib.systems.load import fourier_coefficients as fourier_coefficients
+    from viscovib.systems.load_table import LoadTable as LoadTable
+    from viscovib.systems.mount import Mount as Mount
+    from viscovib.systems.pendulum import Pendulum as Pendulum
+    from viscovib.systems.polynomial_system import (
+        Monomial as Monomial,
+        PolynomialSystem as PolynomialSystem,
+        Springs as Springs,
+    )
+    from viscovib.systems.structure import Structure as Structure
 
     __version__: str
 
@@ -277,7 +278,7 @@ else:
     __all__ = sorted(_MODULE)
 
     def __getattr__(name: str) -> Any:
-        """Load a public name, or a module that holds some."""
+        """Load a public name, or a folder that holds some."""
         if name == "__version__":
             from importlib.metadata import version
 
@@ -286,7 +287,7 @@ else:
             from viscovib.errors import named_near
 
             value = named_near(import_module(f"viscovib.{_MODULE[name]}"), name)
-        elif name in _NAMES:
+        elif name in {module.partition(".")[0] for module in _NAMES}:
             value = import_module(f"viscovib.{name}")
         else:
             raise AttributeError(f"module 'viscovib' has no attribute {name!r}", name=name)

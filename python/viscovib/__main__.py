@@ -10,7 +10,7 @@ def main(arguments: list[str] | None = None) -> int:
 
         print(f"viscovib {__version__}")
         return 0
-    from viscovib.cli import main as run
+    from viscovib.cli.commands import main as run
 
     return run(arguments)
 

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from viscovib.branch_result import Branch
+from viscovib.analyses.periodic import forced_response, trace_response
 from viscovib.errors import StabilityWarning
-from viscovib.kernels import RzhanitsynKernel
-from viscovib.mount import GEOMETRIES, Mount
-from viscovib.periodic import forced_response, trace_response
-from viscovib.plots import plot_response
-from viscovib.response_result import Peak, Response
-from viscovib.style import COLOURS
+from viscovib.kernels.relaxation import RzhanitsynKernel
+from viscovib.plots.steady import plot_response
+from viscovib.plots.style import COLOURS
+from viscovib.results.branch import Branch
+from viscovib.results.response import Peak, Response
+from viscovib.systems.mount import GEOMETRIES, Mount
 
 AMPLITUDES = (0.078, 0.048, 0.030, 0.020, 0.015)
 #: Below and above: where each coordinate resonates (rad/s).

@@ -60,7 +60,7 @@ def check_failure(done, status, text, folder):
 
 def command(*arguments):
     return subprocess.run(
-        [sys.executable, "-m", "viscovib.cli", *map(str, arguments)],
+        [sys.executable, "-m", "viscovib", *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=120,

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import viscovib as vv
-from viscovib.axes import jumps_of
+from viscovib.plots.axes import jumps_of
 
 SCENES = Path(__file__).parents[2] / "data" / "scenes"
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import viscovib as vv
-from viscovib.cli import main
+from viscovib.cli.commands import main
 
 SCENES = Path(__file__).parents[2] / "data" / "scenes"
 PAPER, BRANCH = SCENES / "mount_paper.nml", SCENES / "mount_branch.nml"
@@ -128,7 +128,7 @@ def test_bars_only_on_terminals(tmp_path):
     # Without patience, so that a bar does not depend on how fast the machine is.
     impatient = (
         "import sys; from viscovib import progress; progress._PATIENCE = 0.0;"
-        "from viscovib.cli import main; sys.exit(main(sys.argv[1:]))"
+        "from viscovib.cli.commands import main; sys.exit(main(sys.argv[1:]))"
     )
     scene = SCENES / "pendulum_branch.nml"
     command = [sys.executable, "-c", impatient, "run", str(scene)]

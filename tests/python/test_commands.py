@@ -15,8 +15,8 @@ import pytest
 import viscovib as vv
 import xarray as xr
 from processes import end_by_interrupt
-from viscovib import bench
-from viscovib.cli import main
+from viscovib.cli import bench
+from viscovib.cli.commands import main
 
 SCENES = Path(__file__).parents[2] / "data" / "scenes"
 PAPER, MAP = SCENES / "mount_paper.nml", SCENES / "mount_map.nml"
@@ -83,7 +83,15 @@ def test_options_of_the_sweep(tmp_path, capsys):
 
 def test_ctrl_c_says_how_to_go_on(start, tmp_path):
     scene = small_map(tmp_path, "&sweep key='mount.stiffness_x', min=8, max=12, count=100000 /\n")
-    command = [sys.executable, "-m", "viscovib.cli", "sweep", str(scene), "--out", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-m",
+        "viscovib",
+        "sweep",
+        str(scene),
+        "--out",
+        str(tmp_path),
+    ]
     child = start([*command, "--quiet"], stderr=subprocess.PIPE, text=True)
     outcomes = tmp_path / "small_sweep.zarr" / "point_outcome" / "c"
     deadline = time.monotonic() + 60

@@ -180,7 +180,7 @@ def test_interrupt_stops_the_threads(monkeypatch):
         time.sleep(0.2)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("viscovib.ensemble.as_completed", interrupted)
+    monkeypatch.setattr("viscovib.analyses.ensemble.as_completed", interrupted)
     # Time of its own, whatever else this machine does: not interrupted it would be days.
     begin = time.process_time()
     with pytest.raises(KeyboardInterrupt):

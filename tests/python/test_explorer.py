@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import viscovib as vv
-from viscovib.cli import main
+from viscovib.cli.commands import main
 from viscovib.explorer.drawn import UNSTABLE, curves_of, motion_of
 from viscovib.explorer.measured import read_measured
 from viscovib.explorer.numbers import numbers
 from viscovib.explorer.state import State
-from viscovib.outlines import drawing_of
+from viscovib.plots.outlines import drawing_of
 
 SCENES = Path(__file__).parents[2] / "data" / "scenes"
 PAPER = SCENES / "mount_paper.nml"

@@ -5,7 +5,7 @@ from fractions import Fraction
 import pytest
 import viscovib as vv
 from hypothesis import given, reject, strategies as st
-from viscovib.expression import expand, spell
+from viscovib.common.expression import expand, spell
 
 NAMES = ("x", "phi", "x_2")
 

@@ -79,7 +79,7 @@ def test_what_is_wrong_is_found(fuzz, monkeypatch, instead, verdict):
 
 def test_a_chunk_that_is_believed_wrongly_is_found(fuzz, monkeypatch):
     """Without seals swapped chunks pass; the checkpoints of the fuzzer see it."""
-    from viscovib.sweep_seal import Seals
+    from viscovib.sweeps.seal import Seals
 
     seeds = [f"{i}" for i in range(40)]
     sound = {fuzz["damage"].checkpoint(seed)["verdict"] for seed in seeds[:6]}

@@ -101,7 +101,7 @@ def test_relaxation_and_ramp(kind):
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_a_ramp_taken_as_a_step_is_told():
     true, late = KERNELS["rzhanitsyn"], np.geomspace(1e-3, 1e3, 50) + 1.0
-    from viscovib.fit_models import ramped
+    from viscovib.rubber.models import ramped
 
     force = MODULUS * ramped(true, late, 1.0)
     with pytest.warns(vv.ConvergenceWarning, match="a ramp taken as a step"):
@@ -119,7 +119,7 @@ def test_creep():
 
 
 def test_creep_by_inversion_in_many_digits():
-    from viscovib.fit_models import Model
+    from viscovib.rubber.models import Model
 
     model = Model(("rzhanitsyn",))
     theta = model.join(1.0, np.array([0.3]), np.array([20.0]), np.array([0.7]))

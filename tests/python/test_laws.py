@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
-from viscovib.laws import Law, read_law
+from viscovib.systems.laws import Law, read_law
 
 SMOOTH = {
     "F0*tanh(d/w)": lambda d: 2 * np.tanh(d / 0.3),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from scipy.sparse import csc_array, random_array, save_npz
-from viscovib.matrix_files import read_matrix, write_matrix
+from viscovib.systems.matrix_files import read_matrix, write_matrix
 
 HARWELL = """\
 A small stiffness                                                       KEY     

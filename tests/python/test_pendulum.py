@@ -174,7 +174,7 @@ def test_a_run_goes_on_bit_for_bit():
 def test_pieces_of_a_long_run_leave_no_trace(monkeypatch):
     body = vv.Pendulum(**P1R)
     whole = vv.simulate(body, 100, dt=0.5, initial=START, save_every=3)
-    monkeypatch.setattr("viscovib.runs.Run.piece", 7)
+    monkeypatch.setattr("viscovib.analyses.runs.Run.piece", 7)
     assert (vv.simulate(body, 100, dt=0.5, initial=START, save_every=3).state == whole.state).all()
 
 
@@ -250,7 +250,7 @@ def test_wanted_times_leave_the_run_alone(monkeypatch):
     plain = vv.simulate(body, 100, dt=0.5, initial=START, keep="last")
     run = vv.simulate(body, 100, dt=0.5, initial=START, times=[*times, 100.0])
     assert (run.state[-1] == plain.state[-1]).all()
-    monkeypatch.setattr("viscovib.runs.Run.piece", 13)
+    monkeypatch.setattr("viscovib.analyses.runs.Run.piece", 13)
     pieces = vv.simulate(body, 100, dt=0.5, initial=START, times=[*times, 100.0])
     assert pieces.state == pytest.approx(run.state, abs=1e-14)
 

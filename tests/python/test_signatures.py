@@ -9,7 +9,7 @@ from dataclasses import replace
 import documented_calls
 import pytest
 import viscovib as vv
-from viscovib.parameters import CURVE_DEFAULTS
+from viscovib.common.parameters import CURVE_DEFAULTS
 
 SHARED = (vv.forced_response, vv.trace_response, vv.backbone)
 FUNCTIONS = (*SHARED, vv.plan_response, vv.simulate, vv.simulate_ensemble)

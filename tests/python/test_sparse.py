@@ -6,10 +6,10 @@ import viscovib as vv
 from models_of_structures import plate
 from scipy.linalg import eigh
 from scipy.sparse import block_diag, coo_array, csc_array, diags_array, kron
-from viscovib.linear_model import LinearModel
-from viscovib.reduction import reduce_model
-from viscovib.sparse_pencil import Pencil, checked_sparse, estimated_fill, factored
-from viscovib.sparse_roots import direct_solution
+from viscovib.systems.linear_model import LinearModel
+from viscovib.systems.reduction import reduce_model
+from viscovib.systems.sparse_pencil import Pencil, checked_sparse, estimated_fill, factored
+from viscovib.systems.sparse_roots import direct_solution
 
 TOP = 2 * np.pi * 400
 
@@ -256,7 +256,7 @@ def test_fill_is_estimated(matrix):
 
 def test_what_does_not_fit_is_refused_at_once(monkeypatch):
     made = plate(20, 20, length=1, width=1, thickness=1, young=1, density=1)
-    monkeypatch.setattr("viscovib.sparse_pencil.free_memory", lambda: 1e6)
+    monkeypatch.setattr("viscovib.systems.sparse_pencil.free_memory", lambda: 1e6)
     with pytest.raises(vv.InputError, match=r"1764 coordinates .* need about .* GB to factor"):
         Pencil(made.mass, made.stiffness, -1.0)
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import viscovib as vv
 from scipy.sparse import csc_array, diags_array
-from viscovib.linear_model import LinearModel
-from viscovib.matrix_files import read_matrix
-from viscovib.sparse_roots import sparse_roots
+from viscovib.systems.linear_model import LinearModel
+from viscovib.systems.matrix_files import read_matrix
+from viscovib.systems.sparse_roots import sparse_roots
 
 DATA = Path(__file__).parents[2] / "data" / "structures"
 

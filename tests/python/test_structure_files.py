@@ -6,7 +6,7 @@ import viscovib as vv
 from models_of_structures import plate
 from scipy.io import mmread
 from scipy.sparse import csc_array, diags_array
-from viscovib.matrix_files import write_matrix
+from viscovib.systems.matrix_files import write_matrix
 
 TOP = 2 * np.pi * 400
 CHAIN = csc_array(diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(6, 6)))

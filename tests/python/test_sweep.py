@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 import xarray as xr
-from viscovib.scene_units import unit_of
+from viscovib.scene.units import unit_of
 
 SCENES = Path(__file__).parents[2] / "data" / "scenes"
 PAPER = SCENES / "mount_paper.nml"

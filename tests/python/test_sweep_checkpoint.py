@@ -14,7 +14,7 @@ import pytest
 import viscovib as vv
 import xarray as xr
 from processes import end_by_interrupt
-from viscovib import fingerprint
+from viscovib.common import fingerprint
 
 PAPER = Path(__file__).parents[2] / "data" / "scenes" / "mount_paper.nml"
 GRID = {"a": np.arange(1.0, 9.0), "b": np.array([0.5, 1.5, 2.5])}

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
-from viscovib.torus import Torus, make_torus
+from viscovib.analyses.torus import Torus, make_torus
 
 # Orders are few here on purpose; test_truncation.py tests the warning.
 pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")

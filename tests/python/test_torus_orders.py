@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import viscovib as vv
-from viscovib.torus import make_torus
+from viscovib.analyses.torus import make_torus
 
 BODY = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.1, "c2": 0.1, "c3": 0.1}
 ONE = vv.Pendulum(**BODY, f0=0.01, m01=0.02, p1=0.74, p2=0.37)

@@ -10,14 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib._native import FloatArray
-from viscovib.axes import jumps_of
+from viscovib.common.results import Panel
 from viscovib.errors import InputError
-from viscovib.outlines import Drawing, drawing_of
-from viscovib.results import Panel
-from viscovib.scales_results import ScalesResponse
-from viscovib.scene import Scene
-from viscovib.sweep_points import quiet
-from viscovib.trajectory import Trajectory
+from viscovib.plots.axes import jumps_of
+from viscovib.plots.outlines import Drawing, drawing_of
+from viscovib.results.scales import ScalesResponse
+from viscovib.results.trajectory import Trajectory
+from viscovib.scene.scene import Scene
+from viscovib.sweeps.points import quiet
 
 #: Frames of one period, and of a whole motion in time.
 _FRAMES, _MOST_FRAMES = 60, 400

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from viscovib.errors import InputError
-from viscovib.scene import Scene, texts
-from viscovib.scene_units import unit_of
+from viscovib.scene.scene import Scene, texts
+from viscovib.scene.units import unit_of
 
 #: Groups whose numbers say what the system is and what loads it.
 _PHYSICS = ("mount", "system", "spring", "force", "kernel", "pendulum", "load")

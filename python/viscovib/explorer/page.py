@@ -27,7 +27,7 @@ from viscovib.explorer.pictures import FREQUENCIES, SCALES, Beside, CurvePicture
 from viscovib.explorer.state import State
 from viscovib.explorer.widgets import HANDLE, NumberRow, Saver, alert, card, flow, player, words
 from viscovib.explorer.words import legend, peaks
-from viscovib.pictures import save_picture
+from viscovib.plots.pictures import save_picture
 
 #: Seconds of computing from which a moving slider is waited for, and how long it has to rest (ms).
 _SLOW, _REST = 0.05, 200

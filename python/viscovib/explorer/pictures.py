@@ -10,8 +10,8 @@ from bokeh.models import ColumnDataSource, Range1d, Span
 from bokeh.plotting import figure
 
 from viscovib._native import FloatArray
-from viscovib.axes import torn
 from viscovib.explorer.drawn import STABLE, UNKNOWN, UNSTABLE, Curve, Motion
+from viscovib.plots.axes import torn
 
 #: Dark and solid, lighter and dashed, grey and dotted: told apart without colour too.
 _LINES: dict[int, tuple[str, dict[str, Any]]] = {

@@ -20,7 +20,7 @@ from viscovib.errors import InputError, ViscovibError
 from viscovib.explorer.page import Page
 from viscovib.explorer.state import State
 from viscovib.explorer.widgets import alert
-from viscovib.scene import Scene
+from viscovib.scene.scene import Scene
 
 _HERE = "127.0.0.1"
 #: The page around it all; scripts and styles come from this server alone.

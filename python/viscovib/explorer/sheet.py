@@ -4,15 +4,15 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from viscovib.axes import logarithmic
+from viscovib.common.files import whole_file
+from viscovib.common.results import Panel
 from viscovib.errors import InputError, ViscovibError
 from viscovib.explorer.numbers import chosen
-from viscovib.files import whole_file
-from viscovib.results import Panel
-from viscovib.scene import Scene
-from viscovib.scene_job import SceneResult, run_one
-from viscovib.style import COLOURS, STYLES, SYMBOLS, bare
-from viscovib.sweep_points import quiet
+from viscovib.plots.axes import logarithmic
+from viscovib.plots.style import COLOURS, STYLES, SYMBOLS, bare
+from viscovib.scene.job import SceneResult, run_one
+from viscovib.scene.scene import Scene
+from viscovib.sweeps.points import quiet
 
 #: Numbers shown at most, and how far each is moved.
 _MOST, _FACTOR = 12, 1.25

@@ -12,10 +12,10 @@ from typing import Any
 
 from viscovib.errors import InputError
 from viscovib.explorer.numbers import Number, chosen
-from viscovib.scene import Scene
-from viscovib.scene_job import SceneResult, run_one
-from viscovib.sweep_points import quiet
-from viscovib.sweep_scene import summary
+from viscovib.scene.job import SceneResult, run_one
+from viscovib.scene.scene import Scene
+from viscovib.sweeps.points import quiet
+from viscovib.sweeps.scenes import summary
 
 #: Significant digits of a number that a slider sets.
 _DIGITS = 6

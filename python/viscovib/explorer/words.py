@@ -6,7 +6,7 @@ import numpy as np
 
 from viscovib.explorer.drawn import STABLE, UNKNOWN, UNSTABLE, Curve
 from viscovib.explorer.state import State
-from viscovib.sweep_scene import summary
+from viscovib.sweeps.scenes import summary
 
 _LINE = (
     "<svg width='30' height='10' aria-hidden='true'><line x1='0' x2='30' y1='5' y2='5' "

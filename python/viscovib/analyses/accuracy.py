@@ -1,0 +1,134 @@
+"""How exact a motion is wanted, whether two runs agree so far, and why they do not."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.common.parameters import RTOL, TIME_TOLERANCE
+from viscovib.errors import InputError
+
+if TYPE_CHECKING:
+    from viscovib.results.trajectory import Trajectory
+
+_EPS = float(np.finfo(float).eps)
+#: A coordinate is compared to this part of the largest at least.
+_SMALLEST = 1e-6
+#: Tops of peaks between kept states are below this part of the largest displacement.
+PEAKS = 2e-3
+#: States that are kept for that at most.
+_MOST_STATES = 100_000
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Errors allowed: ``absolute``, and ``relative`` to the largest value of each column."""
+
+    absolute: float
+    relative: float = 0.0
+
+    @classmethod
+    def checked(
+        cls, tolerance: float | None, rtol: float | None, atol: float | None, default: float | None
+    ) -> "Accuracy | None":
+        """Check the arguments; None: nothing was given and there is no default."""
+        if rtol is None and atol is None:
+            given = default if tolerance is None else TIME_TOLERANCE.check(tolerance)
+            return None if given is None else cls(given)
+        if tolerance is not None:
+            raise InputError("tolerance, rtol and atol: tolerance is atol alone, give one of both")
+        relative = 0.0 if rtol is None else RTOL.check(rtol)
+        absolute = 0.0 if atol is None else _native.number("atol", atol)
+        if absolute < 0 or (rtol is None and absolute == 0):
+            raise InputError(f"atol = {absolute:g}: must be greater than 0, or 0 with an rtol")
+        return cls(absolute, relative)
+
+    @property
+    def solved(self) -> float:
+        """Relative error of what is represented, such as kernels, that goes with it."""
+        return 0.1 * min(filter(None, (self.absolute, self.relative)))
+
+    def allowed(self, states: FloatArray) -> FloatArray:
+        """Largest error allowed in each column of states."""
+        sizes = np.abs(states).max(axis=0, initial=0.0)
+        sizes = np.maximum(sizes, _SMALLEST * sizes.max(initial=0.0))
+        return np.asarray(self.absolute + self.relative * sizes)
+
+    @property
+    def text(self) -> str:
+        """What is allowed, in words."""
+        if self.relative == 0:
+            return f"{self.absolute:g}"
+        return f"{self.absolute:g} and {self.relative:g} of the largest"
+
+    def __str__(self) -> str:
+        """Say it as it was given."""
+        if self.relative == 0:
+            return f"tolerance = {self.absolute:g}"
+        return f"rtol = {self.relative:g}, atol = {self.absolute:g}"
+
+
+def rounding_of(states: FloatArray) -> float:
+    """What rounding alone leaves of states; 0 only if they are all 0."""
+    return 4 * _EPS * float(np.abs(states).max(initial=0.0))
+
+
+def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
+    """Why halving the step leads nowhere, in a few words."""
+    for run in (fine, coarse):
+        if run.outcome != "completed":
+            return (
+                f"the run is {run.outcome!r} at t = {run.t_reached:.6g}, in steps of {run.dt:.3g} "
+                f"(largest value {np.abs(run.state).max():.3g})"
+            )
+    if coarse.state.shape != fine.state.shape:
+        return "the runs do not end together"
+    parts = np.abs(fine.state - coarse.state)
+    allowed = want.allowed(fine.state)
+    worst = int((parts.max(axis=0) / np.maximum(allowed, 1e-300)).argmax())
+    part, size = parts[:, worst], float(np.abs(fine.state[:, worst]).max())
+    if allowed[worst] < 1e-13 * size and part.max() < 1e-6 * size:
+        return (
+            f"the motion is as large as {size:.3g}, of which that is a part of "
+            f"{allowed[worst] / size:.1e}, too near to rounding: give rtol"
+        )
+    bad = np.flatnonzero(part > allowed[worst])
+    first = int(bad[0])
+    t = fine.t
+    if first > 0.05 * t.size and np.median(part[: first // 2 + 1]) < 0.1 * allowed[worst]:
+        grown = part[first:].max() / max(float(part[: first // 2 + 1].max()), 1e-300)
+        until = float(t[first - 1])
+        return (
+            f"two runs agree to t = {until:.6g} and part by a factor {grown:.1e} after it: the "
+            "motion is chaotic or unstable, take a shorter run or a larger tolerance"
+        )
+    return (
+        "the fastest motion is not resolved (it is too stiff for this method): take a larger "
+        "tolerance or a smaller dt"
+    )
+
+
+def parts_for_peaks(run: "Trajectory", most: int = 64) -> int:
+    """How many states a step must have for peaks between them to be low, a power of 2.
+
+    Between states d apart a displacement rises by at most |u''| d^2 / 8 above them.
+    """
+    if run.t.size < 2:
+        return 1
+    if run.t[-1] - run.t[0] < 1e-290:
+        # Rates over so short a time leave the range of numbers; so do peaks between states.
+        return 1
+    d = np.diff(run.t)[:, np.newaxis]
+    size = np.abs(run.state[:, ::2]).max(axis=0)
+    bends = np.abs(np.diff(run.state[:, 1::2], axis=0)) / d
+    # Steps of a quarter period see the curvature smaller than it is: by pi/2^1.5 that of a sine,
+    # by more that of higher orders.
+    rise = 1.6 * bends * d**2 / 8
+    needed = float(np.sqrt((rise / np.where(size > 0, PEAKS * size, math.inf)).max()))
+    parts = 1 << math.ceil(math.log2(max(needed, 1.0)))
+    while parts > 1 and (parts > most or parts * (run.t.size - 1) > _MOST_STATES):
+        parts //= 2
+    return parts

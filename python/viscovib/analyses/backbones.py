@@ -1,0 +1,321 @@
+"""Backbone curves: free periodic motions of systems without losses."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.common.motion_stability import STABILITY_NOTE, stability_columns
+from viscovib.common.parameters import MAX_HARMONICS, MAX_UNKNOWNS, CurveOptions, Interval
+from viscovib.common.periodic_motions import PeriodicMotions
+from viscovib.common.plan import Plan, wanted_places
+from viscovib.common.results import Number, Panel, Result, named, span
+from viscovib.common.tables import Table, listed, listed_units
+from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.results.curves import MAX_SPECIAL, OUTCOMES, largest_panels
+from viscovib.results.structure_view import View
+from viscovib.systems.oscillators import Steady, check_steady
+from viscovib.systems.structure import Structure
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True, eq=False)
+class BackbonePoint:
+    """Where another family of free motions leaves.
+
+    Value of what varies, frequency, X_k there, the last point before it; ``across`` is the
+    direction of the other family in X_k.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(e=0.1, w2=0.53, w3=0.9, alpha=0.5)
+    >>> free = vv.backbone(body, 0, (0.01, 0.2), subharmonic=2)
+    >>> points = free.branch_points  # each may be given as leave=
+    """
+
+    parameter: float
+    nu: float
+    coefficients: ComplexArray
+    before: int
+    across: ComplexArray
+    _direction: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Backbone(PeriodicMotions, Result):
+    """A nonlinear normal mode u = Im sum_k X_k exp(i k nu t) = sum_k a_k cos(k nu t).
+
+    Every motion begins at rest, u'(0) = 0, so that X_k = i a_k.
+
+    Attributes
+    ----------
+    nu : ndarray, shape (n,)
+        Circular frequencies (rad/s), in the order followed.
+    harmonics : ndarray of int, shape (m,)
+        Orders k kept.
+    coefficients : complex ndarray, shape (n, n_dof, m)
+        X_k.
+    truncation : ndarray, shape (n,)
+        Estimated change if all orders were kept: of the motion relative to its size, or of its
+        frequency, whichever is larger; at most 1, which also stands where nothing can be told.
+    mode : int
+        The linear mode it grew from, counted from 0.
+    outcome : str
+        "completed"; "step limit": max_points reached; "fold limit": max_folds reached; "stuck":
+        no smaller step helps;
+        "returned": back at the size it began with, as where modes are in internal resonance and
+        the motion becomes one of a higher mode; "closed": back at the first point; "overflow";
+        "unphysical": no motion oscillates beyond; of a pendulum, it reaches z = -1.
+    plan : Plan
+        What was computed, what was skipped and why.
+    varies : str
+        "amplitude" or "energy".
+    energy : ndarray, shape (n,), or None
+        Of a pendulum: `Pendulum.energy`.
+    folds : ndarray, shape (n_folds,)
+        Values of what varies where it turns back.
+    branch_points : tuple of BackbonePoint
+        Of a pendulum: where other families leave; each may be given to `backbone` as ``leave``.
+    multipliers : complex ndarray, shape (n, 6), or None
+        Of a pendulum: Floquet multipliers over 2 pi/nu, largest first. Two are 1 whatever the
+        motion, but computed only to the root of rounding.
+    stable : ndarray of bool, shape (n,), or None
+        Whether no disturbance grows exponentially: no multiplier beyond 1 + 1e-6.
+    growing : ndarray of int, shape (n,), or None
+        How many multipliers are beyond that; -1: unknown.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.5*x^3")
+    >>> free = vv.backbone(duffing, 0, (0.01, 2))
+    >>> bool(free.nu[-1] > free.nu[0])
+    True
+    """
+
+    nu: FloatArray
+    harmonics: npt.NDArray[np.int32]
+    coefficients: ComplexArray
+    truncation: FloatArray
+    mode: int
+    outcome: str
+    dof_names: tuple[str, ...]
+    dof_units: tuple[str, ...]
+    plan: Plan
+    varies: str = "amplitude"
+    energy: FloatArray | None = None
+    folds: FloatArray = field(default_factory=lambda: np.empty(0))
+    branch_points: tuple[BackbonePoint, ...] = ()
+    multipliers: ComplexArray | None = None
+    stable: npt.NDArray[np.bool_] | None = None
+    growing: npt.NDArray[np.int32] | None = None
+    _tolerance: float = 1e-10
+
+    kind = "backbone"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all of it was followed, and with enough harmonics."""
+        return self.outcome == "completed" and not self._short
+
+    @property
+    def _short(self) -> int:
+        """Number of points with too few harmonics."""
+        return int((self.truncation > self._tolerance).sum())
+
+    @property
+    def _unit(self) -> str:
+        """Unit of frequencies."""
+        return "rad/s" if self.energy is None else ""
+
+    def _headline(self) -> str:
+        points = "" if self.energy is None else f", {len(self.branch_points)} branch points"
+        short = f", {self._short} with too few harmonics" if self._short else ""
+        return f"{self.outcome}, {self.nu.size} points, {self.folds.size} folds{points}{short}"
+
+    def _scope(self) -> list[str]:
+        return [
+            f"mode {self.mode}, nu: {span(self.nu, self._unit)}; "
+            f"{named(self.dof_names, self.dof_units)}; {self.harmonics.size} harmonics"
+        ]
+
+    def _details(self) -> list[str]:
+        lines = [f"fold at {self.varies} = {fold:.10g}" for fold in self.folds]
+        return lines + [
+            f"branch point at {self.varies} = {point.parameter:.10g}"
+            for point in self.branch_points
+        ]
+
+    def numbers(self) -> dict[str, Number]:
+        """Frequencies at its ends, ``nu_first`` and ``nu_last``, ``folds`` and ``outcome``."""
+        return {
+            "nu_first": Number(self.nu[0], self._unit),
+            "nu_last": Number(self.nu[-1], self._unit),
+            "folds": Number(self.folds.size),
+            "outcome": Number(self.outcome),
+        }
+
+    def panels(self) -> list[Panel]:
+        """Amplitudes over frequency, each of the order of which there is most."""
+        return largest_panels(self, self.nu, f"$\\nu$ ({self._unit})" if self._unit else r"$\nu$")
+
+    def _pieces(self) -> tuple[int, str, str]:
+        n = self.nu.size
+        return n, f"{n} points of {self.harmonics.size} harmonics", "point"
+
+    def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
+        return self.nu, self.harmonics, self.coefficients
+
+    def amplitude(self, dof: int | str, harmonic: int = 1) -> FloatArray:
+        """Size of a harmonic of a coordinate, shape (n,)."""
+        return np.abs(self.coefficient(dof, harmonic))
+
+    @property
+    def start(self) -> FloatArray:
+        """u(0), shape (n, n_dof): from there, at rest, the motion is periodic."""
+        return np.asarray(self.coefficients.imag.sum(axis=2))
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over the points."""
+        import xarray as xr
+
+        data: dict[str, Any] = {
+            "nu": ("point", self.nu, {"units": "rad/s"}),
+            "coefficients": (("point", "dof", "harmonic"), self.coefficients),
+            "truncation": ("point", self.truncation),
+        }
+        if self.energy is not None:
+            data["energy"] = ("point", self.energy)
+        if self.multipliers is not None:
+            data["stable"] = ("point", self.stable)
+            data["growing"] = ("point", self.growing)
+            data["multipliers"] = (("point", "multiplier"), self.multipliers)
+        return xr.Dataset(
+            data,
+            coords={
+                "dof": list(self.dof_names),
+                "unit": ("dof", list(self.dof_units)),
+                "harmonic": self.harmonics,
+            },
+            attrs={"outcome": self.outcome, "linear_mode": self.mode, "plan": str(self.plan)},
+        )
+
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
+        folds = f"folds at {self.varies} ={listed(self.folds)}"
+        table = Table([f"backbone {self.outcome}; {folds}"], {"nu": self.nu})
+        if self.branch_points:
+            places = listed(point.parameter for point in self.branch_points)
+            table.notes.append(f"branch points at {self.varies} ={places}")
+        if self.energy is not None:
+            table.columns["energy"] = self.energy
+        note = "nu: circular frequency"
+        if self.growing is not None:
+            note += STABILITY_NOTE
+            table.columns |= stability_columns(self.growing, self.multipliers)
+        units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
+        note += "; truncation: estimated relative error of leaving out higher orders"
+        table.notes.append(f"{note}; u = sum_k a_k cos(k nu t); {units}")
+        table.columns["truncation"] = self.truncation
+        for d, name in names.items():
+            for j, k in enumerate(self.harmonics):
+                table.columns[f"{name}_{k}"] = self.coefficients[:, d, j].imag
+        return table
+
+
+def oscillator_backbone(
+    system: Steady,
+    mode: int,
+    amplitude_range: tuple[float, float] | None,
+    *,
+    dof: str | None,
+    harmonics: int | str,
+    coordinates: Sequence[str] | None,
+    **options: Any,
+) -> Backbone:
+    """`backbone` of a mount, a polynomial system or a structure."""
+    check_steady(system, None)
+    names = system.dof_names
+    j = _native.integer("mode", mode, 0, len(names) - 1)
+    place = 0 if dof is None else names.index(_native.choice("dof", dof, names)) + 1
+    view = None
+    if amplitude_range is None:
+        raise InputError("amplitude_range: must be given for all systems but a pendulum")
+    ends = Interval("amplitude_range", above=0).check(amplitude_range)
+    curve = CurveOptions.checked(options)
+    wanted, points = curve.tolerance, curve.max_points
+    chosen = _native.is_auto(harmonics)
+    highest = 1 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS)
+    if isinstance(system, Structure):
+        # The coordinate whose amplitude counts is one of those condensed.
+        most = place - 1 if place else system._moving_most(j)
+        loaded, row = system._free.watching(most)
+        view = View.of(system, loaded, coordinates)
+        n_dof, place = loaded.condensation.q, row + 1
+        job = (*loaded.job[:5], j, place)
+    else:
+        if coordinates is not None:
+            raise InputError("coordinates: only those of a structure are chosen")
+        n_dof = len(names)
+        job = (system._flat, *system._kernels, j, place)
+    n_kept, text = _native.call(
+        core.oscillator_backbone_plan, *job, (dof or "").encode(), *ends, highest, int(chosen),
+        wanted,
+    )  # fmt: skip
+    room = 100 * MAX_UNKNOWNS**2 // (n_kept * n_dof)
+    if points > room:
+        raise InputError(f"max_points = {points}: must be at most {room} with these unknowns")
+    cancel = np.zeros(1, dtype=np.intc)
+    n, ended, m, kept, nu, truncation, coefficients, n_folds, folds = _native.call_interruptibly(
+        core.oscillator_backbone, cancel, *job, curve.packed(*ends), highest, int(chosen), points,
+        n_kept, n_dof, MAX_SPECIAL, cancel,
+    )  # fmt: skip
+    if n == 0:
+        raise InputError(
+            f"amplitude_range: no solution was found at its beginning {ends[0]:g}, nor on the way "
+            "up to it from rest, where this mode ends before: begin lower"
+        )
+    warn_of_few(truncation[:n], wanted, int(kept[m - 1]))
+    own = np.ascontiguousarray(coefficients[:m, :, :n].T)
+    plan = Plan(text.decode())
+    units = system.dof_units
+    if view is not None:
+        own = view.expand(nu[:n], kept[:m], own)
+        names, units = view.names, view.units
+        plan = Plan(f"computes: {view.loaded.told}\n{text.decode()}")
+    return Backbone(
+        nu=nu[:n].copy(),
+        harmonics=kept[:m].copy(),
+        coefficients=own,
+        truncation=truncation[:n].copy(),
+        mode=j,
+        outcome=OUTCOMES[ended],
+        folds=folds[:n_folds].copy(),
+        dof_names=names,
+        dof_units=units,
+        plan=plan,
+        _tolerance=wanted,
+    )
+
+
+def warn_of_few(truncation: FloatArray, tolerance: float, highest: int) -> None:
+    """Warn the caller of `backbone` where orders are too few."""
+    few = truncation > tolerance
+    if few.any():
+        warnings.warn(
+            f"at {few.sum()} of {few.size} points harmonics up to {highest} do not reach the "
+            f"tolerance {tolerance:.1e}; the worst has an estimated relative error of "
+            f"{truncation.max():.1e}",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )

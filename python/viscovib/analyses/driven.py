@@ -1,0 +1,388 @@
+"""Periodic and quasi-periodic motions of the pendulum under its loads, by harmonic balance."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.analyses.steady import OUTCOMES
+from viscovib.analyses.torus import (
+    FREQUENCIES,
+    IntArray,
+    Torus,
+    bound_of,
+    chosen,
+    complex_coefficients,
+    core_job,
+    kept_by_symmetry,
+    make_torus,
+    moved,
+    order_name,
+    place_of,
+)
+from viscovib.analyses.torus_plan import torus_plan
+from viscovib.common.parameters import DURATION, MAX_DENOMINATOR, STABILITY, SUBHARMONIC, TOLERANCE
+from viscovib.common.plan import Plan, wanted_places
+from viscovib.common.results import Result, span
+from viscovib.common.stability import STILL, warn_of_unknown
+from viscovib.common.tables import Table
+from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.systems.pendulum import Pendulum
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_DOFS = Pendulum.dof_names
+#: Numbers of a result at most: 400 MB.
+_MAX_NUMBERS = 50_000_000
+#: Time over which rates are averaged where none is given.
+_AVERAGED = 3000.0
+_FIRST = {1: 9, 2: 5, 3: 4}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DrivenResponse(Result):
+    """Steady motions q = Im sum_k X_k exp(i k.omega t) of the pendulum, one a row.
+
+    Periodic if there is one base frequency omega, quasi-periodic if there are more; half of the
+    lattice of orders k is kept, X_(-k) = -conj X_k.
+
+    Attributes
+    ----------
+    varies : str or None
+        What varies from row to row: "p1", "p2", "p3", "f0", "m01", "m02", "nu"; None: a single row.
+    parameter : ndarray, shape (n,)
+        Its values (the base frequency if nothing varies).
+    axes : tuple of str
+        Which frequencies the base frequencies are; "nu" one of which several are multiples.
+    base : ndarray, shape (n, n_axes)
+        Base circular frequencies.
+    orders : ndarray of int, shape (m, n_axes)
+        k, the mean first.
+    coefficients : complex ndarray, shape (n, 3, m)
+        X_k of z, phi (rad), psi (rad), the mean of a coordinate being Im X_0; NaN where no
+        solution was found.
+    outcome : ndarray of str, shape (n,)
+        "converged", "stalled", "diverged" (also: out of the physical range z > -1), "singular" or
+        "overflow".
+    iterations : ndarray of int, shape (n,)
+    highest : ndarray of int, shape (n,)
+        Highest order kept, with several base frequencies highest |k1| + |k2| + ... ; 0 where no
+        solution was found.
+    truncation : ndarray, shape (n,)
+        Estimated relative error of leaving out higher orders: what the next two shells of them
+        would change, against the largest of all; NaN where no solution was found.
+    multipliers : complex ndarray, shape (n, 6), or None
+        Floquet multipliers over a period of the base frequency, largest first; None with several
+        base frequencies, or if not asked for. NaN where unknown.
+    growth : ndarray, shape (n, 6), or None
+        Rates at which small disturbances grow (Lyapunov exponents), largest first. NaN where
+        unknown.
+    stable : ndarray of bool, shape (n,), or None
+        Whether all of them decay. False too where no solution was found or the rates are unknown.
+    plan : Plan
+        What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> rows = vv.forced_response(body, p1=[1.0, 1.02], harmonics=5)
+    >>> size = rows.amplitude("z")
+    """
+
+    varies: str | None
+    parameter: FloatArray
+    axes: tuple[str, ...]
+    base: FloatArray
+    orders: IntArray
+    coefficients: ComplexArray
+    outcome: npt.NDArray[np.str_]
+    iterations: IntArray
+    highest: IntArray
+    truncation: FloatArray
+    multipliers: ComplexArray | None
+    growth: FloatArray | None
+    stable: npt.NDArray[np.bool_] | None
+    plan: Plan
+    dof_names: tuple[str, ...] = _DOFS
+    dof_units: tuple[str, ...] = ("1", "rad", "rad")
+
+    kind = "response"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all motions are solved."""
+        return bool(self.converged.all())
+
+    def _headline(self) -> str:
+        return f"{self.converged.sum()} of {self.parameter.size} motions solved"
+
+    def _scope(self) -> list[str]:
+        worst = np.nanmax(self.truncation, initial=0.0)
+        known = "" if self.stable is None else f", {self.stable.sum()} stable"
+        return [
+            f"{self.varies or 'nu'}: {span(self.parameter)}; base frequencies: "
+            f"{', '.join(self.axes)}{known}",
+            f"orders up to {self.highest.max(initial=0)}, estimated error of those left out "
+            f"{worst:.1e}",
+        ]
+
+    @property
+    def nu(self) -> FloatArray:
+        """Base frequencies, shape (n,) if there is one axis."""
+        return self.base[:, 0] if len(self.axes) == 1 else self.base
+
+    @property
+    def harmonics(self) -> IntArray:
+        """Orders, shape (m,) if there is one axis."""
+        return self.orders[:, 0] if len(self.axes) == 1 else self.orders
+
+    @property
+    def converged(self) -> npt.NDArray[np.bool_]:
+        """Where a solution was found, shape (n,)."""
+        return np.asarray(self.outcome == "converged")
+
+    def frequencies(self, i: int = 0) -> FloatArray:
+        """k.omega of all orders in row i, shape (m,); some may be negative."""
+        return np.asarray(self.orders @ self.base[self._row(i)])
+
+    def coefficient(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> ComplexArray:
+        """X_k of one coordinate, shape (n,); for several axes ``harmonic`` is a tuple."""
+        d = _DOFS.index(_native.choice("dof", dof, _DOFS))
+        j = place_of(self.orders, harmonic)
+        kept = self.coefficients[:, d, j]
+        same = bool((self.orders[j] == np.atleast_1d(harmonic)).all())
+        return kept if same else -kept.conj()
+
+    def amplitude(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> FloatArray:
+        """|X_k| of one coordinate, shape (n,)."""
+        return np.abs(self.coefficient(dof, harmonic))
+
+    def state(self, i: int, t: npt.ArrayLike) -> FloatArray:
+        """States (z, z', phi, phi', psi, psi') of row i at times t, shape (..., 6)."""
+        row = self._row(i)
+        times = _native.real_array("t", t)
+        omega = self.frequencies(row)
+        with np.errstate(over="ignore", invalid="ignore"):
+            phases = np.multiply.outer(times, omega)
+        _native.check_range("t", times, phases, "the phase of the motion")
+        waves = np.exp(1j * phases)
+        result = np.empty((*times.shape, 6))
+        result[..., ::2] = (waves @ self.coefficients[row].T).imag
+        result[..., 1::2] = (waves @ (1j * omega * self.coefficients[row]).T).imag
+        return result
+
+    def waveform(self, i: int, n: int = 256) -> tuple[FloatArray, FloatArray]:
+        """One period of row i: times, shape (n,), and coordinates, shape (n, 3)."""
+        if len(self.axes) > 1:
+            raise InputError("waveform: a quasi-periodic motion has no period, see `state`")
+        count = _native.integer("n", n, 1, 10_000_000)
+        t = 2 * np.pi / self.base[self._row(i), 0] * np.arange(count) / count
+        return t, self.state(i, t)[:, ::2]
+
+    def _row(self, i: int) -> int:
+        n = self.parameter.size
+        return _native.integer("i", i, -n, n - 1) % n
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over the rows."""
+        import xarray as xr
+
+        data: dict[str, Any] = {
+            "parameter": ("point", self.parameter),
+            "base": (("point", "axis"), self.base),
+            "orders": (("order", "axis"), self.orders),
+            "coefficients": (("point", "dof", "order"), self.coefficients),
+            "outcome": ("point", self.outcome),
+            "iterations": ("point", self.iterations),
+            "highest": ("point", self.highest),
+            "truncation": ("point", self.truncation),
+        }
+        if self.multipliers is not None:
+            data["multipliers"] = (("point", "multiplier"), self.multipliers)
+        if self.growth is not None:
+            data["growth"] = (("point", "multiplier"), self.growth)
+            data["stable"] = ("point", self.stable)
+        return xr.Dataset(
+            data,
+            coords={"dof": list(_DOFS), "axis": list(self.axes)},
+            attrs={"varies": self.varies or "", "plan": str(self.plan)},
+        )
+
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        varies = self.varies or self.axes[0]
+        table = Table(
+            [
+                f"{varies} varies; q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad); "
+                "nan where no solution was found"
+            ],
+            {varies: self.parameter},
+        )
+        table.columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
+        table.columns |= {"outcome": self.outcome, "iterations": self.iterations}
+        table.columns |= {"highest": self.highest, "truncation": self.truncation}
+        if self.stable is not None:
+            table.columns["stable"] = self.stable
+        names = {d: _DOFS[d] for d in wanted_places(coordinates, _DOFS)}
+        table.add_harmonics(names, map(order_name, self.orders), self.coefficients)
+        return table
+
+
+def pendulum_response(
+    system: Pendulum,
+    *,
+    p1: npt.ArrayLike | None,
+    p2: npt.ArrayLike | None,
+    p3: npt.ArrayLike | None,
+    f0: npt.ArrayLike | None,
+    m01: npt.ArrayLike | None,
+    m02: npt.ArrayLike | None,
+    nu: npt.ArrayLike | None,
+    harmonics: int | str,
+    tolerance: float,
+    stability: bool,
+    duration: float | None,
+    subharmonic: int,
+    max_denominator: int,
+) -> DrivenResponse:
+    """`forced_response` of a pendulum."""
+    pend = system
+    varies, values = chosen(
+        {"p1": p1, "p2": p2, "p3": p3, "f0": f0, "m01": m01, "m02": m02, "nu": nu}
+    )
+    wanted = TOLERANCE.check(tolerance)
+    if not STABILITY.check(stability) and duration is not None:
+        raise InputError(f"duration = {_native.shown(duration)}: goes with stability=True")
+    averaged = DURATION.check(_AVERAGED if duration is None else duration)
+    span = averaged if stability else 0.0
+    multiple = SUBHARMONIC.check(subharmonic)
+    denominator = MAX_DENOMINATOR.check(max_denominator)
+    if varies in FREQUENCIES:
+        # Any value serves to sort the loads: one that moves has an axis of its own.
+        pend = moved(pend, varies, 1.0)
+    torus = make_torus(pend, varies, multiple, denominator)
+    if varies is None:
+        values = torus.base[:1]
+    rows = _native.real_array(varies or "nu", values)
+    if rows.ndim > 1 or not rows.size:
+        raise InputError(f"{varies}: must have 0 or 1 dimension(s) and not be empty, got shape "
+                         f"{rows.shape}")  # fmt: skip
+    rows = rows.reshape(-1)
+    if (varies in FREQUENCIES or varies == "nu") and rows.min() <= 0:
+        raise InputError(f"{varies} = {rows.min():g}: must be greater than 0")
+    share = float(kept_by_symmetry(pend, torus, torus.lattice(3), varies).mean())
+    limit = torus.largest(share, matrix=False)
+    auto = _native.is_auto(harmonics)
+    if auto:
+        wanted_first = max(_FIRST[torus.n_axes], 2 * torus.lowest + 1)
+        first = bound_of(torus, max(torus.lowest, min(wanted_first, limit)), limit)
+        while limit > first and not _fits(rows.size, torus, limit):
+            limit -= 1
+    else:
+        first = limit = bound_of(torus, harmonics, limit)
+    result = _solve(pend, torus, varies, rows, (first, limit), wanted, span)
+    if auto and result.truncation[result.converged].max(initial=0.0) > wanted:
+        worst = int(np.nanargmax(result.truncation))
+        warnings.warn(
+            f"{result.highest[worst]} orders leave an estimated relative error of "
+            f"{result.truncation[worst]:.1e}, more than the tolerance {wanted:.1e}",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
+    lost = ~result.converged
+    if lost.any():
+        warnings.warn(
+            f"{lost.sum()} of {lost.size} motions were not found, at {varies or torus.names[0]} = "
+            f"{rows[lost].min():.6g} to {rows[lost].max():.6g}; they hold NaN",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
+    return result
+
+
+def _fits(points: int, torus: Torus, bound: int) -> bool:
+    """Tell whether all unknowns, most of which may not be needed, fit in some of the memory."""
+    _, n = core.lattice_orders(torus.n_axes, bound, 0)
+    return points * 3 * (2 * int(n) - 1) <= _MAX_NUMBERS // 4
+
+
+def _solve(
+    pend: Pendulum,
+    torus: Torus,
+    varies: str | None,
+    rows: FloatArray,
+    bounds: tuple[int, int],
+    tolerance: float,
+    duration: float,
+) -> DrivenResponse:
+    """Solve with orders to the first bound, or to as many up to the last as the tolerance needs."""
+    _, n = core.lattice_orders(torus.n_axes, bounds[1], 0)
+    n = 3 * (2 * int(n) - 1)
+    check_size(varies or "nu", rows.size, n)
+    # Those that judge the solution come with the others.
+    orders = torus.lattice(bounds[1] + torus.shells)
+    job, unit = core_job(pend, torus, orders, varies)
+    kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
+    cancel = np.zeros(1, dtype=np.intc)
+    (
+        x, codes, iterations, highest, truncation, multipliers_found, growing, rates,
+    ) = _native.call_interruptibly(
+        core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, duration,
+        *bounds, torus.shells, np.zeros(n), cancel,
+    )  # fmt: skip
+    used = np.abs(orders).sum(axis=1) <= max(int(highest.max()), bounds[0])
+    orders, kept = orders[used], kept[used]
+    found = codes == 0
+    coefficients = complex_coefficients(x)[:, :, : len(orders)]
+    coefficients[~found] = np.nan
+    truncation[~found] = np.nan
+    base = np.tile(torus.base, (rows.size, 1))
+    if job[5] == 1:
+        base[:, job[6] - 1] = rows / unit  # type: ignore[operator]
+    multipliers, stable, growth = None, None, None
+    if duration and torus.n_axes == 1:
+        multipliers, stable = multipliers_found.T.copy(), growing == 0
+        multipliers[~found] = np.nan
+        warn_of_unknown(found & (growing < 0))
+        growth = np.log(np.abs(multipliers)) * base / (2 * np.pi)
+    elif duration:
+        growth = np.where(found, rates, np.nan).T
+        stable = growth[:, 0] < -STILL
+    return DrivenResponse(
+        varies=varies,
+        parameter=rows if varies else base[:, 0],
+        axes=torus.names,
+        base=base,
+        orders=orders,
+        coefficients=coefficients,
+        outcome=OUTCOMES[codes],
+        iterations=iterations,
+        highest=highest,
+        truncation=truncation,
+        multipliers=multipliers,
+        stable=stable,
+        growth=growth,
+        plan=torus_plan(
+            f"computes: steady motions at {rows.size} values of {varies or torus.names[0]}"
+            + (", each with the orders it needs" if bounds[0] < bounds[1] else ""),
+            pend, torus, kept, varies,
+            "not asked for" if not duration else "multipliers" if torus.n_axes == 1 else "rates",
+        ),
+    )  # fmt: skip
+
+
+def check_size(name: str, points: int, unknowns_each: int) -> None:
+    """Refuse what would fill the memory."""
+    most = _MAX_NUMBERS // unknowns_each
+    if points > most:
+        raise InputError(f"{name}: {points} points, must be at most {most} with so many orders")

@@ -1,0 +1,547 @@
+"""Many motions at once: side by side in the vector unit, and in several threads."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.analyses.accuracy import Accuracy, rounding_of
+from viscovib.analyses.memoryless import EXPLICIT, checked_state, first_steps
+from viscovib.analyses.runs import hopeless
+from viscovib.common.plan import Plan
+from viscovib.common.progress import progress_bar
+from viscovib.common.results import Result, span
+from viscovib.errors import InputError
+from viscovib.results.trajectory import OUTCOMES
+from viscovib.systems.pendulum import PARAMETERS, Pendulum
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_LANES = 8
+#: Places of "diverged" and "step too large".
+_DIVERGED, _COARSE = OUTCOMES.index("diverged"), OUTCOMES.index("step too large")
+_MAX_STEPS = 10**12
+#: Trajectories a native call takes at most: how often progress shows.
+_MAX_PIECE = 1024
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Ensemble(Result):
+    """Many motions, and what was gathered from them on the way.
+
+    Attributes
+    ----------
+    t_end : ndarray, shape (n,)
+        Time each run was to reach.
+    t_reached : ndarray, shape (n,)
+    state : ndarray, shape (n, 6)
+        Last states (z, z', phi, phi', psi, psi').
+    outcome : ndarray of str, shape (n,)
+        "completed", "diverged", "unphysical" or "step too large", as for a Trajectory; of runs
+        that stop early the last state is that at ``t_reached``.
+    dt : ndarray, shape (n,)
+        The steps.
+    peak, mean, rms : ndarray, shape (n, 6), or None
+        Largest size, mean and root mean square of the states sampled; of a run that stopped,
+        until then (NaN if before any sample).
+    amplitudes : complex ndarray, shape (n, n_lines, 3), or None
+        X of z, phi, psi at each frequency asked for: u = mean + Re(X exp(i omega t)); NaN of
+        a run that stopped.
+    sections : ndarray, shape (n, n_points, 6), or None
+        States at whole periods of a load; NaN after a run has stopped.
+    lyapunov : ndarray, shape (n,), or None
+        Largest Lyapunov exponent (a time average): small errors grow like exp(lyapunov t);
+        NaN of a run that stopped.
+    error : float or None
+        Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto".
+    method : str
+    parameters : mapping
+        What varies, each an array of shape (n,).
+    system : Pendulum
+    plan : Plan
+        What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> many = vv.simulate_ensemble(
+    ...     body,
+    ...     initial=np.zeros((4, 6)),
+    ...     t_end=20.0,
+    ...     parameters={"f0": [0.001, 0.002, 0.003, 0.004]},
+    ... )
+    >>> many.state.shape[0]
+    4
+    """
+
+    t_end: FloatArray
+    t_reached: FloatArray
+    state: FloatArray
+    outcome: npt.NDArray[np.str_]
+    dt: FloatArray
+    peak: FloatArray | None
+    mean: FloatArray | None
+    rms: FloatArray | None
+    amplitudes: ComplexArray | None
+    sections: FloatArray | None
+    lyapunov: FloatArray | None
+    error: float | None
+    method: str
+    parameters: Mapping[str, FloatArray]
+    system: Pendulum
+    plan: Plan
+
+    kind = "ensemble"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all motions were followed to their ends."""
+        return bool((self.outcome == "completed").all())
+
+    def _headline(self) -> str:
+        kinds, counts = np.unique(self.outcome, return_counts=True)
+        ends = ", ".join(f"{n} {kind}" for kind, n in zip(kinds, counts, strict=True))
+        return f"{self.t_end.size} motions: {ends}"
+
+    def _scope(self) -> list[str]:
+        varied = ", ".join(f"{name} {span(v)}" for name, v in self.parameters.items()) or "nothing"
+        error = "" if self.error is None else f", estimated error {self.error:.1e}"
+        return [f"t_end: {span(self.t_end)}; varied: {varied}; {self.method}{error}"]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything that was gathered, over the runs."""
+        import xarray as xr
+
+        names = [f"{d}{dot}" for d in self.system.dof_names for dot in ("", "_dot")]
+        data: dict[str, Any] = {
+            "state": (("run", "quantity"), self.state),
+            "outcome": ("run", self.outcome),
+            "t_reached": ("run", self.t_reached),
+        }
+        for key in ("peak", "mean", "rms"):
+            if (value := getattr(self, key)) is not None:
+                data[key] = (("run", "quantity"), value)
+        if self.amplitudes is not None:
+            data["amplitudes"] = (("run", "line", "dof"), self.amplitudes)
+        if self.sections is not None:
+            data["sections"] = (("run", "point", "quantity"), self.sections)
+        if self.lyapunov is not None:
+            data["lyapunov"] = ("run", self.lyapunov)
+        coordinates: dict[str, Any] = {"quantity": names, "dof": list(self.system.dof_names)}
+        coordinates |= {name: ("run", values) for name, values in self.parameters.items()}
+        return xr.Dataset(
+            data, coords=coordinates, attrs={"method": self.method, "plan": str(self.plan)}
+        )
+
+
+def simulate_ensemble(
+    system: Pendulum,
+    *,
+    initial: npt.ArrayLike,
+    t_end: float | None = None,
+    n_periods: int | None = None,
+    dt: float | str = "auto",
+    parameters: Mapping[str, npt.ArrayLike] | None = None,
+    method: str = "auto",
+    tolerance: float | None = None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    discard: float = 0.0,
+    statistics: bool = False,
+    amplitudes_at: npt.ArrayLike | None = None,
+    sections: int | None = None,
+    lyapunov: bool = False,
+    sample_every: int = 1,
+    n_threads: int | None = None,
+    progress: bool = False,
+) -> Ensemble:
+    """Integrate many motions from t = 0; gather what is asked for without storing them.
+
+    Parameters
+    ----------
+    system : Pendulum
+    initial : array_like, shape (n, 6) or (6,)
+        States at t = 0, or one for all.
+    t_end : float
+        End of the runs.
+    n_periods : int
+        Length of the runs in periods of the load that ``sections`` names, instead of ``t_end``;
+        needed where that load's frequency varies.
+    dt : float or "auto"
+        Step, shortened to fit t_end or the period. "auto": halved until halving changes no last
+        state by more than ``tolerance``.
+    tolerance : float
+        Wanted absolute error of the last states, 1e-13 to 1 (default 1e-8).
+    rtol, atol : float
+        Instead of ``tolerance``: each coordinate and velocity of the last states is wanted within
+        atol + rtol times its largest of all runs (rtol 1e-13 to 1; atol 0 if not given).
+    parameters : mapping of str to array_like, shape (n,)
+        Numbers of the pendulum that vary, by name, e.g. {"p1": values}.
+    method : {"auto", "rk4", "dop8", "verner8", "verner9"}
+        "auto" is "verner9", the fastest from 1e-6 on and free of rounding down to 1e-14.
+    discard : float
+        Nothing is gathered before this time (or this many periods, with ``n_periods``).
+    statistics : bool
+        Gather peak, mean and rms.
+    amplitudes_at : array_like, shape (m,)
+        Circular frequencies at which amplitudes are wanted (projection under a Hann window).
+    sections : {1, 2, 3}
+        Keep the states at each whole period of load 1 (p1), 2 (p2) or 3 (p3).
+    lyapunov : bool
+        Gather the largest Lyapunov exponent, by the variational equation (about three times the
+        work).
+    sample_every : int
+        Steps between the samples of statistics and amplitudes.
+    n_threads : int
+        Default: as many as there are processors. Results do not depend on it, to the last bit.
+    progress : bool
+        Show a progress bar.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> many = vv.simulate_ensemble(
+    ...     body,
+    ...     initial=np.zeros((4, 6)),
+    ...     t_end=20.0,
+    ...     parameters={"f0": [0.001, 0.002, 0.003, 0.004]},
+    ... )
+    """
+    if not isinstance(system, Pendulum):
+        raise InputError(f"system = {_native.shown(system)}: must be a Pendulum")
+    systems, varied, states = _runs(system, initial, parameters)
+    place = EXPLICIT[_explicit(method)]
+    wanted = Accuracy.checked(tolerance, rtol, atol, 1e-8)
+    assert wanted is not None
+    every = _native.integer("sample_every", sample_every, 1, _MAX_STEPS)
+    lines = np.empty(0)
+    if amplitudes_at is not None:
+        lines = _native.real_array("amplitudes_at", amplitudes_at, ndim=1)
+        if np.any(lines <= 0):
+            raise InputError(f"amplitudes_at: must be greater than 0, got {lines.min():g}")
+    _native.flag("progress", progress)
+    length = _Length.checked(systems, t_end, n_periods, discard, sections)
+    cores = os.cpu_count() or 1
+    threads = cores if n_threads is None else _native.integer("n_threads", n_threads, 1, 4096)
+    job = _Job(
+        systems,
+        states,
+        place,
+        length,
+        lines,
+        _native.flag("statistics", statistics),
+        _native.flag("lyapunov", lyapunov),
+        every,
+        threads,
+    )
+    n, error = length.steps(dt, systems), None
+    raw = job.run(n, 1, progress)
+    if _native.is_auto(dt):
+        raw, n, error = _refine(job, raw, n, wanted, progress)
+    h = length.span / n
+    names = np.array(OUTCOMES)
+    return Ensemble(
+        t_end=length.span,
+        t_reached=raw.t_reached,
+        state=raw.state,
+        outcome=names[raw.ended],
+        dt=h,
+        peak=raw.peak,
+        mean=raw.mean,
+        rms=raw.rms,
+        amplitudes=raw.amplitudes,
+        sections=raw.sections,
+        lyapunov=raw.lyapunov,
+        error=error,
+        method=next(name for name, number in EXPLICIT.items() if number == place),
+        parameters=varied,
+        system=system,
+        plan=_plan(job, n, wanted if _native.is_auto(dt) else None, sections is not None),
+    )
+
+
+def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool) -> Plan:
+    n = job.states.shape[0]
+    lines = [f"computes: {n} motions of {n_steps} steps, {_LANES} side by side"]
+    if sought is None:
+        lines.append("skips: estimate of the error (the step is given)")
+    else:
+        lines.append(
+            f"computes: the step, halved until last states change by at most {sought.text}"
+        )
+    lines.append("skips: storing states on the way (an ensemble keeps what is gathered)")
+    for wanted, what in (
+        (job.statistics, "peaks, means and rms"),
+        (job.lines.size > 0, f"amplitudes at {job.lines.size or 'any'} frequencies"),
+        (sections, "sections"),
+        (job.lyapunov, "Lyapunov exponents"),
+    ):
+        lines.append(f"computes: {what}" if wanted else f"skips: {what} (not asked for)")
+    return Plan("\n".join(lines))
+
+
+def _explicit(method: str) -> str:
+    name = _native.choice("method", method, ("auto", *EXPLICIT))
+    return "verner9" if name == "auto" else name
+
+
+def _runs(
+    system: Pendulum, initial: npt.ArrayLike, parameters: Mapping[str, npt.ArrayLike] | None
+) -> tuple[Sequence[Pendulum], dict[str, FloatArray], FloatArray]:
+    varied = {}
+    given = {} if parameters is None else _native.mapping("parameters", parameters)
+    for name, values in given.items():
+        if name not in PARAMETERS:
+            raise InputError(
+                f"parameters: {name!r} is not a number of the pendulum, must be one of "
+                f"{', '.join(PARAMETERS)}"
+            )
+        varied[name] = _native.real_array(f"parameters[{name!r}]", values, ndim=1)
+    states = _native.real_array("initial", initial)
+    if states.ndim not in (1, 2) or states.shape[-1] != 6:
+        raise InputError(f"initial: must have shape (n, 6) or (6,), got {states.shape}")
+    counts = {name: values.size for name, values in varied.items()}
+    if states.ndim == 2:
+        counts["initial"] = states.shape[0]
+    n = max(counts.values(), default=1)
+    if any(count != n for count in counts.values()) or n == 0:
+        sizes = ", ".join(f"{name}: {count}" for name, count in counts.items())
+        raise InputError(f"lengths differ or are 0 ({sizes}): must be the same number of runs")
+    states = checked_state("initial", np.broadcast_to(states, (n, 6)), (n, 6))
+    if not varied:
+        return [system] * n, varied, states
+    systems = []
+    for i in range(n):
+        changes: dict[str, Any] = {name: float(values[i]) for name, values in varied.items()}
+        systems.append(replace(system, **changes))
+    return systems, varied, states
+
+
+@dataclass(frozen=True)
+class _Length:
+    """How long each run is, in time and, where sections are wanted, in periods."""
+
+    span: FloatArray
+    discard: float
+    periods: int | None = None
+    discarded_periods: int = 0
+
+    @classmethod
+    def checked(
+        cls,
+        systems: Sequence[Pendulum],
+        t_end: float | None,
+        n_periods: int | None,
+        discard: float,
+        sections: int | None,
+    ) -> _Length:
+        before = _native.number("discard", discard)
+        if before < 0:
+            raise InputError(f"discard = {before:g}: must not be negative")
+        if (t_end is None) == (n_periods is None):
+            raise InputError("t_end or n_periods: must be given, and only one of them")
+        end = 0.0 if t_end is None else _native.number("t_end", t_end)
+        if t_end is not None and end <= 0:
+            raise InputError(f"t_end = {end:g}: must be greater than 0")
+        if sections is None:
+            if n_periods is not None:
+                raise InputError("n_periods: sections must name the load whose periods are meant")
+            if before >= end:
+                raise InputError(f"discard = {before:g}: must be less than t_end = {end:g}")
+            return cls(np.full(len(systems), end), before)
+        name = f"p{_native.integer('sections', sections, 1, 3)}"
+        frequencies = np.array([getattr(system, name) for system in systems])
+        if np.any(frequencies <= 0):
+            raise InputError(f"sections = {sections}: {name} must be greater than 0")
+        period = 2 * math.pi / frequencies
+        if n_periods is not None:
+            periods = _native.integer("n_periods", n_periods, 1, _MAX_STEPS)
+            skipped = math.ceil(before)
+        else:
+            if np.any(period != period[0]):
+                raise InputError(f"t_end: {name} varies, give n_periods instead")
+            periods = max(1, round(min(end / period[0], 2.0 * _MAX_STEPS)))
+            skipped = math.ceil(min(before / period[0], 2.0 * _MAX_STEPS))
+        if skipped >= periods:
+            raise InputError(f"discard: {skipped} of {periods} periods, leaves none")
+        return cls(periods * period, 0.0, periods, skipped)
+
+    def steps(self, dt: float | str, systems: Sequence[Pendulum]) -> int:
+        """Steps of each run: so many a period, where there are such."""
+        longest = float(self.span.max())
+        if _native.is_auto(dt):
+            n = max(
+                first_steps(system, span)
+                for system, span in {(s, float(t)) for s, t in zip(systems, self.span, strict=True)}
+            )
+        else:
+            step = _native.number("dt", dt)
+            if not 0 < step <= longest:
+                raise InputError(
+                    f"dt = {step:g}: must be greater than 0 and not exceed the run's {longest:g}"
+                )
+            n = math.ceil(min(longest / step, 2.0 * _MAX_STEPS) * (1 - 1e-12))
+        if self.periods is not None:
+            n = self.periods * math.ceil(n / self.periods)
+        return _native.integer("t_end / dt", n, 1, _MAX_STEPS)
+
+    def discarded_steps(self, n: int) -> int:
+        if self.periods is not None:
+            return self.discarded_periods * (n // self.periods)
+        return math.ceil(self.discard / float(self.span[0]) * n * (1 - 1e-12))
+
+
+@dataclass(frozen=True)
+class _Raw:
+    """Results as the core gives them, run first."""
+
+    state: FloatArray
+    ended: npt.NDArray[np.intc]
+    t_reached: FloatArray
+    peak: FloatArray | None
+    mean: FloatArray | None
+    rms: FloatArray | None
+    amplitudes: ComplexArray | None
+    sections: FloatArray | None
+    lyapunov: FloatArray | None
+
+
+class _Job:
+    """Everything about the runs but the step."""
+
+    def __init__(
+        self,
+        systems: Sequence[Pendulum],
+        states: FloatArray,
+        method: int,
+        length: _Length,
+        lines: FloatArray,
+        statistics: bool,
+        lyapunov: bool,
+        every: int,
+        threads: int,
+    ) -> None:
+        self.flat = np.asfortranarray(np.array([system._flat for system in systems]).T)
+        self.states, self.method, self.length = states, method, length
+        self.lines, self.statistics, self.lyapunov = lines, statistics, lyapunov
+        self.every, self.threads = every, threads
+
+    def run(self, n_steps: int, factor: int, progress: bool) -> _Raw:
+        """Make all runs with so many steps; sampling is thinned by ``factor``."""
+        n = self.states.shape[0]
+        share = math.ceil(n / (4 * self.threads) / _LANES) * _LANES
+        piece = min(max(share, _LANES), _MAX_PIECE)
+        cancel = np.zeros(1, dtype=np.intc)
+        pool = ThreadPoolExecutor(self.threads)
+        parts: dict[int, tuple[Any, ...]] = {}
+        try:
+            futures = {
+                pool.submit(self._piece, slice(i, min(i + piece, n)), n_steps, factor, cancel): i
+                for i in range(0, n, piece)
+            }
+            with progress_bar(n, "runs", progress) as bar:
+                for future in as_completed(futures):
+                    parts[futures[future]] = future.result()
+                    bar.update(parts[futures[future]][0].shape[1])
+        finally:
+            # Left early, by Ctrl-C or an error, the threads are told to stop.
+            cancel[0] = 1
+            pool.shutdown(cancel_futures=True)
+        whole = [
+            np.concatenate(pieces, axis=-1)
+            for pieces in zip(*(parts[i] for i in sorted(parts)), strict=True)
+        ]
+        state, ended, reached, peak, mean, rms, amplitudes, sections, lyapunov = whole
+        return _Raw(
+            state=np.ascontiguousarray(state.T),
+            ended=ended,
+            t_reached=reached,
+            peak=peak.T if self.statistics else None,
+            mean=mean.T if self.statistics else None,
+            rms=rms.T if self.statistics else None,
+            amplitudes=amplitudes.T if self.lines.size else None,
+            sections=sections.T if self.length.periods is not None else None,
+            lyapunov=lyapunov if self.lyapunov else None,
+        )
+
+    def _piece(
+        self, part: slice, n_steps: int, factor: int, cancel: npt.NDArray[np.intc]
+    ) -> tuple[Any, ...]:
+        n = part.stop - part.start
+        periods, points = self.length.periods, 0
+        if periods is not None:
+            points = periods - self.length.discarded_periods
+        sections = np.full((6, points, n if points else 0), np.nan, order="F")
+        state, ended, reached, peak, mean, rms, amplitudes, lyapunov = _native.call(
+            core.pendulum_ensemble,
+            self.flat[:, part],
+            self.states[part].T,
+            self.length.span[part] / n_steps,
+            self.method,
+            n_steps,
+            self.length.discarded_steps(n_steps),
+            self.every * factor,
+            0 if periods is None else n_steps // periods,
+            n if self.statistics else 0,
+            n if self.lyapunov else 0,
+            self.lines,
+            cancel,
+            sections,
+        )
+        return state, ended, reached, peak, mean, rms, amplitudes, sections, lyapunov
+
+
+def _refine(
+    job: _Job, coarse: _Raw, n: int, wanted: Accuracy, progress: bool
+) -> tuple[_Raw, int, float]:
+    """Halve the step until the last states stand still."""
+    change, worst, factor = math.inf, 0, 1
+    changes_so_far: list[float] = []
+    while not hopeless(changes_so_far):
+        factor *= 2
+        fine = job.run(n * factor, factor, progress)
+        both = (coarse.ended == 0) & (fine.ended == 0)
+        unlike = (coarse.ended != fine.ended) | (fine.ended == _COARSE)
+        parts = np.abs(fine.state - coarse.state)
+        # Of a state at 1e6 the time is what is known.
+        parts[fine.ended == _DIVERGED] = 0.0
+        moved = np.abs(fine.t_reached - coarse.t_reached)
+        changes = np.maximum(parts.max(axis=1), moved)
+        changes[unlike] = math.inf
+        worst = int(changes.argmax())
+        change = float(changes[worst])
+        alive = fine.state[both]
+        stopped = ~both
+        late = wanted.absolute + wanted.relative * fine.t_reached
+        if (
+            not unlike.any()
+            and (parts[both] <= wanted.allowed(alive)).all()
+            and (moved <= late).all()
+            and (parts[stopped].max(axis=1, initial=0.0) <= late[stopped]).all()
+        ):
+            return fine, n * factor, max(change, rounding_of(alive))
+        changes_so_far.append(change)
+        coarse = fine
+    raise InputError(
+        f"{wanted}: not met with {n * factor} steps (run {worst} still changes by "
+        f"{change:.1e} or fails); that motion may be chaotic: give dt, or take a shorter run or a "
+        "larger tolerance"
+    )

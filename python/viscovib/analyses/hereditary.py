@@ -1,0 +1,450 @@
+"""Motion with memory: what a run of a mount needs, checked, and its steps."""
+
+import copy
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted, again
+from viscovib.common.mesh import Mesh
+from viscovib.common.past import Past
+from viscovib.errors import InputError, StabilityWarning, caller
+from viscovib.kernels.relaxation import PronyKernel
+from viscovib.results.trajectory import Trajectory
+from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.load_table import LoadTable, added
+from viscovib.systems.oscillators import Oscillator, check_oscillator
+from viscovib.systems.polynomial_system import PolynomialSystem
+
+#: Nodes of a step, and steps a fastest period to begin with when the step is to be found.
+NODES = {"gauss2": 2, "gauss3": 3, "gauss4": 4, "gauss6": 6, "gauss8": 8}
+FIRST = {"gauss2": 12, "gauss3": 8, "gauss4": 6, "gauss6": 3, "gauss8": 2}
+#: Ways to keep the past, by their place in the core.
+PASTS = ("exponentials", "direct")
+_BEGUN, _NO_EXPONENTIALS, _STEP_TOO_LARGE, _NO_INTEGRAL = range(4)
+#: Place of "step too large" in the outcomes of runs.
+_COARSE = 4
+#: Steps up to which all of the past is affordable without being asked for.
+_DIRECT_STEPS = 20_000
+#: How far beyond its end a run may go on: kernels as exponentials reach as far.
+_REACH = 100.0
+#: Part of a step for which kernels are fitted where a run stops inside it.
+_FINE = 2.0**-14
+#: Numbers a run needs to go on, to begin with.
+_MEMORY = 1024
+
+
+@dataclass(frozen=True)
+class MountMotion:
+    """A motion of a mount that is wanted: all but its step."""
+
+    mount: Oscillator
+    end: float
+    state: FloatArray
+    method: str
+    frequencies: FloatArray
+    amplitudes: ComplexArray
+    base: ComplexArray
+    breaks: FloatArray
+    pieces: FloatArray
+    held: FloatArray
+    before: FloatArray
+    moved: FloatArray
+    memory: str
+    #: Which coordinates move at all, and the load as given.
+    moves: npt.NDArray[np.int32]
+    series: tuple[npt.NDArray[np.int32], ComplexArray]
+    #: A table of displacements of the base: its times and cubics; one time: none.
+    table: LoadTable | None = None
+    base_breaks: FloatArray = field(default_factory=lambda: np.zeros(1))
+    base_pieces: FloatArray = field(default_factory=lambda: np.zeros((4, 1), order="F"))
+
+    @classmethod
+    def checked(
+        cls,
+        mount: Oscillator,
+        end: float,
+        initial: npt.ArrayLike | None,
+        method: str,
+        load: LoadLike | None,
+        nu: float | None,
+        base: LoadLike | LoadTable | None,
+        force: LoadTable | None,
+        held: npt.ArrayLike | Past | None,
+        memory: str,
+    ) -> "MountMotion":
+        """Check every argument of ``simulate`` that a mount has."""
+        n = len(mount.dof_names)
+        before, moved = history_of(held, n)
+        first = moved[:, 0]
+        if initial is None:
+            state = np.zeros(2 * n)
+            state[::2] = moved[:, -1]
+        else:
+            state = _vector("initial", initial, 2 * n)
+        name = _native.choice("method", method, ("auto", *NODES))
+        name = "gauss8" if name == "auto" else name
+        _native.choice("memory", memory, ("auto", *PASTS))
+        table = base if isinstance(base, LoadTable) else None
+        waved = None if isinstance(base, LoadTable) else base
+        check_oscillator(mount, base)
+        frequencies, amplitudes, waves = _sinusoids(mount, load, nu, waved)
+        breaks, pieces = table_of(force, n)
+        _warn_of_slow_mode(mount)
+        motion = cls(
+            mount, end, state, name, frequencies, amplitudes, waves, breaks, pieces, first, before,
+            moved, memory, np.ones(n, dtype=np.int32), load_series(load, waved, n),
+        )  # fmt: skip
+        driven = (amplitudes != 0).any(axis=1) | (moved != 0).any(axis=1)
+        driven |= pieces.any(axis=(1, 2)) | state.reshape(n, 2).any(axis=1)
+        if table is not None:
+            motion = motion._on_table(table)
+        if table is not None or waves.any():
+            # At rest they move relative to the base.
+            driven |= mount._base_direction != 0
+        return replace(motion, moves=moving(mount, driven))
+
+    def _on_table(self, table: LoadTable) -> "MountMotion":
+        """The same with a base that moves by a table: its acceleration acts on what is relative."""
+        assert self.mount._base_direction is not None
+        base_pieces = table._base_pieces()
+        times = np.asarray(table.times)
+        push = self.mount._mass_matrix @ self.mount._base_direction
+        load = np.zeros((push.size, 4, times.size), order="F")
+        load[:, 2, :-1] = np.outer(-6 * push, base_pieces[0, :-1])
+        load[:, 3, :-1] = np.outer(-2 * push, base_pieces[1, :-1])
+        breaks, pieces = self.breaks, self.pieces
+        if load.any():
+            breaks, pieces = (
+                (times, load) if breaks.size < 2 else added((breaks, pieces), (times, load))
+            )
+        return replace(
+            self, breaks=breaks, pieces=pieces, table=table, base_breaks=times,
+            base_pieces=base_pieces,
+        )  # fmt: skip
+
+    @property
+    def travel(self) -> float:
+        """Largest displacement of the base, or more."""
+        table = 0.0 if self.table is None else float(np.abs(np.asarray(self.table.values)).max())
+        return float(np.abs(self.base).sum()) + table
+
+    def base_at(self, t: float) -> float:
+        """Displacement of the base."""
+        place = float((self.base * np.exp(1j * t * self.frequencies)).imag.sum())
+        if self.table is not None:
+            times = np.asarray(self.table.times)
+            place += float(self.table(np.clip(t, times[0], times[-1])))
+        return place
+
+    def first_steps(self) -> int:
+        """Steps to begin with when the step is to be found."""
+        if isinstance(self.mount, PolynomialSystem):
+            natural = self.mount._fastest()
+        else:
+            natural = float(self.mount.natural_frequencies().max())
+        fastest = max(natural, float(self.frequencies.max()))
+        per_period = FIRST[self.method]
+        wanted = float(self.end) * fastest * per_period / (2 * math.pi)
+        return max(4, math.ceil(min(wanted, 2.0 * MAX_STEPS)))
+
+    @property
+    def remembers(self) -> bool:
+        """Whether some spring has memory."""
+        return bool(self.mount._active_kernels)
+
+    def runs(self, tolerance: float) -> Callable[[float], Run]:
+        """Return what makes a run with a step."""
+        return partial(MountRun, self, tolerance)
+
+
+class MountRun(Run):
+    """A run of a mount, or of whatever has a motion like one."""
+
+    counts = "iterations"
+    #: Reason of a run whose steps are too large, and the outcome it is then.
+    too_large, coarse = _STEP_TOO_LARGE, _COARSE
+
+    def __init__(
+        self, motion: Any, tolerance: float, h: float, state: FloatArray | None = None
+    ) -> None:
+        begin = motion.state if state is None else state
+        super().__init__(motion.mount, motion.method, begin, h, tolerance)
+        self.motion = motion
+        self.resolution = 0.0
+        self.past = "exponentials"
+        #: Shortest step after corners, 0: none follows any; whether the base has some.
+        self.shortest, self.kinks = 0.0, motion.table is not None
+        self.moves: Any = getattr(motion, "moves", None)
+        #: Coordinates that the run it goes on from computed.
+        self.left_out: Any = None
+        if motion.memory == "direct":
+            self._keep_all()
+
+    def on(self, mesh: Mesh) -> Run:
+        """The same run in the steps of a mesh."""
+        self.shortest = mesh.shortest
+        return super().on(mesh)
+
+    def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
+        """Make n steps."""
+        begun = copy.copy(self)
+        run = replace(super().steps(n, want, progress), resolution=self.resolution)
+        least = _FINE * self.h
+        unsure = run.outcome in ("diverged", "step too large") and self.fitted
+        if not unsure or 0 < self.shortest <= least:
+            return run
+        # Where it stops is seen by steps that the exponentials were not fitted for.
+        begun.shortest = least
+        finer = again(begun, 1)
+        return run if finer is None else finer.steps(n, want, progress)
+
+    def adopt(self, earlier: Run) -> None:
+        """Go on from the end of an earlier run, under the loads of this one."""
+        super().adopt(earlier)
+        if not isinstance(earlier, MountRun):
+            return
+        self.memory, self.past, self.piece = earlier.memory, earlier.past, earlier.piece
+        self.shortest, self.kinks = earlier.shortest, earlier.kinks
+        self.left_out = earlier.moves
+        self.resolution = earlier.resolution
+
+    def prepare(self, like: Run, factor: int) -> None:
+        """Remember as much as another run will need."""
+        if isinstance(like, MountRun):
+            self.shortest, self.kinks = like.shortest / factor, like.kinks
+            self.moves = like.moves
+
+    @property
+    def fitted(self) -> bool:
+        """Whether some kernel is a sum of exponentials only for the steps it was fitted for."""
+        return self.past == "exponentials" and any(
+            not isinstance(kernel, PronyKernel) for kernel in self.motion.mount._active_kernels
+        )
+
+    def serves(self) -> bool:
+        """Whether what is remembered serves the steps to come; if not, say what would."""
+        kinks = self.kinks or self.motion.table is not None
+        shortest = self.shortest
+        if self.anew or self.mesh is not None:
+            needed = self.h if self.mesh is None else self.mesh.shortest
+            shortest = min(shortest or needed, needed)
+        same = self.shortest > 0 and kinks == self.kinks
+        same = same and shortest >= self.shortest * (1 - 1e-9)
+        same = same or (shortest == 0 and not kinks)
+        if same:
+            shortest = self.shortest
+        left_out = self.left_out is not None and not np.array_equal(self.left_out, self.moves)
+        self.shortest, self.kinks = shortest, kinks
+        return not ((self.fitted and not same) or left_out)
+
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
+        motion, mount = self.motion, self.motion.mount
+        text: bytes = _native.call(
+            core.hereditary_plan, mount._flat, *mount._kernels, *motion.series, motion.state,
+            motion.held,
+            end, dt, tolerance, tuple(reversed(NODES)).index(self.method) + 1,
+            2 if self.past == "exponentials" else 3, every, int(last),
+        )[0]  # fmt: skip
+        return text
+
+    @property
+    def reach(self) -> float:
+        """Until when the run may go on."""
+        return float(_REACH * self.motion.end)
+
+    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
+        until = self._time_after(self.done + count)
+        if until > _REACH * self.motion.end * (1 + 1e-9):
+            raise InputError(
+                f"t_end = {until:g}: a run made for t_end = "
+                f"{self.motion.end:g} may go on to {_REACH * self.motion.end:g} at most"
+            )
+        n_memory = _MEMORY if self.memory is None else max(self.memory.size, _MEMORY)
+        while True:
+            part, n_kept, reason = self._call(count, every, columns, times, n_memory)
+            if reason == _NO_EXPONENTIALS:
+                self._turn_direct()
+            elif n_kept > n_memory:
+                n_memory = n_kept
+            else:
+                return part
+
+    def _call(
+        self, count: int, every: int, columns: int, times: FloatArray, n_memory: int
+    ) -> tuple[Piece, int, int]:
+        motion, mount = self.motion, self.motion.mount
+        memory = np.zeros(n_memory)
+        if self.memory is not None:
+            memory[: self.memory.size] = self.memory
+        (
+            states,
+            at_times,
+            last,
+            kept,
+            n_kept,
+            made,
+            n_reached,
+            reached,
+            ended,
+            counted,
+            rough,
+            reason,
+        ) = _native.call_either(
+            count > _native.MANY_STEPS,
+            core.mount_simulate,
+            mount._flat,
+            *mount._kernels,
+            motion.frequencies,
+            motion.amplitudes,
+            motion.breaks,
+            motion.pieces,
+            motion.base,
+            motion.base_breaks,
+            motion.base_pieces,
+            *self._mesh_arrays(),
+            NODES[self.method],
+            PASTS.index(self.past) + 1,
+            motion.held,
+            motion.before,
+            motion.moved,
+            self.moves,
+            self.state,
+            self.h,
+            self.shortest,
+            int(self.kinks),
+            self.reach,
+            self.solved,
+            self.done,
+            count,
+            every,
+            2 if self.anew else int(self.memory is not None),
+            memory,
+            times,
+            columns,
+        )
+        self.resolution = float(rough)
+        self._refuse(reason)
+        if reason == _STEP_TOO_LARGE:
+            ended, reached = _COARSE, self.time
+        part = Piece(
+            states, at_times, last, kept[:n_kept], made, n_reached, reached, ended, counted
+        )
+        return part, n_kept, reason
+
+    def _refuse(self, reason: int) -> None:
+        if reason == _NO_INTEGRAL:
+            raise InputError(
+                "held: a kernel has no integral, and what was held for ever would be forgotten "
+                "wholly; must be None"
+            )
+
+    def _keep_all(self) -> None:
+        """All of the past, in shorter pieces since each is set up anew."""
+        self.past, self.piece = "direct", 1000
+
+    def _turn_direct(self) -> None:
+        n = math.ceil(self.motion.end / self.h) if self.mesh is None else self.mesh.count
+        if self.motion.memory == "exponentials":
+            raise InputError(
+                'memory = "exponentials": a kernel is no sum of exponentials (tables of points '
+                'never are); must be "direct" or "auto"'
+            )
+        if n > _DIRECT_STEPS:
+            raise InputError(
+                f'memory = "auto": a kernel is no sum of exponentials, and {n} steps of all the '
+                f'past are more than {_DIRECT_STEPS}; ask for "direct", or fit the kernel by '
+                "sum_of_exponentials"
+            )
+        self._keep_all()
+
+
+def hereditary_run_of(run: Run) -> MountMotion | None:
+    """The motion of a run that is one with memory, or may be."""
+    return run.motion if isinstance(run, MountRun) else None
+
+
+def table_of(force: LoadTable | None, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the times of a table and the cubics between them as the core takes them."""
+    if force is None:
+        return np.zeros(1), np.zeros((n, 4, 1), order="F")
+    if not isinstance(force, LoadTable):
+        raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
+    return np.asarray(force.times), force._pieces(n)
+
+
+def moving(system: Oscillator, driven: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
+    """Return 1 for coordinates driven or coupled to one that is, else 0, shape (n_dof,)."""
+    moves = driven.astype(np.int32)
+    if driven.all():
+        return moves
+    return np.asarray(
+        _native.call(core.moving_coordinates, system._flat, *system._kernels, moves)[0]
+    )
+
+
+def history_of(held: npt.ArrayLike | Past | None, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return times, ascending to 0, and displacements there, shape (n_dof, m)."""
+    if held is None:
+        return np.zeros(1), np.zeros((n, 1), order="F")
+    if not isinstance(held, Past):
+        return np.zeros(1), np.asfortranarray(_vector("held", held, n)[:, np.newaxis])
+    moved = np.asarray(held.displacements)
+    if moved.shape[1] != n:
+        raise InputError(f"held: displacements must have {n} columns, got {moved.shape[1]}")
+    return np.asarray(held.times), np.asfortranarray(moved.T)
+
+
+def _vector(name: str, value: npt.ArrayLike, n: int) -> FloatArray:
+    vector = _native.real_array(name, value)
+    if vector.shape != (n,):
+        raise InputError(f"{name}: must have shape ({n},), got {vector.shape}")
+    return vector
+
+
+def _sinusoids(
+    mount: Oscillator, load: LoadLike | None, nu: float | None, base: LoadLike | None
+) -> tuple[FloatArray, ComplexArray, ComplexArray]:
+    """Return frequencies, amplitudes of the load, shape (n_dof, m), and of the base.
+
+    Of the motion of the base its acceleration acts, on coordinates relative to it.
+    """
+    n = len(mount.dof_names)
+    if load is None and base is None:
+        if nu is not None:
+            raise InputError("nu: must not be given without load or base")
+        nothing = np.zeros((n, 1), dtype=complex, order="F")
+        return np.zeros(1), nothing, nothing[0]
+    orders, series = load_series(load, base, n)
+    frequency = 0.0 if nu is None else _native.number("nu", nu)
+    if frequency < 0 or (frequency == 0 and (orders > 0).any() and series.any()):
+        given = "None" if nu is None else f"{frequency:g}"
+        raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
+    frequencies = np.asarray(orders * frequency, dtype=np.float64)
+    amplitudes = np.array(series[:n], order="F")
+    if mount._base_direction is not None:
+        push = mount._mass_matrix @ mount._base_direction
+        amplitudes += np.outer(push, frequencies**2 * series[n])
+    return frequencies, amplitudes, np.array(series[n])
+
+
+def _warn_of_slow_mode(mount: Oscillator) -> None:
+    """Warn that a run does not settle where a kernel's integral is 1 or more."""
+    scale = 1.0 if isinstance(mount, PolynomialSystem) else mount.memory_scale
+    if all(scale * kernel.integral < 1 for kernel in mount._active_kernels):
+        return
+    real = mount.characteristic_roots().real
+    rate = f"like exp({real[0]:.4g} t)" if real.size else "slowly"
+    warnings.warn(
+        f"a slow mode grows {rate}: a run does not settle on the steady response",
+        StabilityWarning,
+        stacklevel=caller(),
+    )

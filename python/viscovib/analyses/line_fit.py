@@ -1,0 +1,320 @@
+"""Least squares fits of lines, steady or decaying, to a signal."""
+
+import math
+from collections.abc import Callable
+from copy import copy
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray, core
+from viscovib.analyses.signals import windowed
+
+_MAX_ITERATIONS = 40
+#: Lines smaller than this part of the largest are rounding.
+_FLOOR = 1e-12
+#: Bins of every third of which the noise around a line is judged.
+_NEIGHBOURHOOD = 192
+#: While lines are still being found the others need not be known to rounding.
+ROUGH = 1e-6
+#: Least squares worse conditioned than this cannot tell the frequencies apart.
+_MAX_CONDITION = 1e12
+#: A line decays if that lowers the sum of squares by this many variances of the noise near it:
+#: by chance it does so once in 1e7 times (the square of a normal variable).
+_DECAYS = 30.0
+#: Decays by exp(-2 x) over the record that a fit is begun with, and the most it may reach.
+_STARTS = (0.3, 1.0, 3.0, 10.0, 30.0)
+_MOST_DECAY = 150.0
+#: A steady line this near to a peak of what is left, in bins, may be one that decays.
+_NEAR = 6.0
+
+
+class LineFit:
+    """Lines and their least squares fit; frequencies and rates of decay per sample."""
+
+    def __init__(self, samples: FloatArray, omega: FloatArray) -> None:
+        self.samples, self.omega = samples, np.asarray(omega, dtype=float)
+        n = self.omega.size
+        self.decay, self.a, self.b = np.zeros(n), np.zeros(n), np.zeros(n)
+        #: Which lines may decay.
+        self.damped = np.zeros(n, dtype=bool)
+        self.mean = float(samples.mean())
+        self.half = max(0.5 * (samples.size - 1), 1.0)
+        #: Weighted sum of the squares of what was left when it was last asked for.
+        self.total = math.inf
+        #: What rounding leaves of that sum.
+        self.rounding = 0.5 * samples.size * (1e-15 * float(np.abs(samples).max(initial=0.0))) ** 2
+
+    def with_line(self, omega: float) -> "LineFit":
+        """Add a line of amplitude 0."""
+        more = copy(self)
+        more.omega = np.append(self.omega, omega)
+        more.decay, more.a, more.b = (np.append(x, 0.0) for x in (self.decay, self.a, self.b))
+        more.damped = np.append(self.damped, False)
+        return more
+
+    def sums(self, free: bool, damped: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+        """Matrix and right-hand side of a step; leave the weighted sum of squares in ``total``."""
+        places = np.flatnonzero(damped).astype(np.int32) + 1
+        n_free = self.omega.size if free else 0
+        columns = 1 + 2 * self.omega.size + n_free + places.size
+        table = self._table()
+        matrix, right, total = self._apart(
+            lambda: core.fit_sums(self.samples, table, self.mean, n_free, places, columns)
+        )
+        self.total = float(total)
+        return matrix, right
+
+    def solve_amplitudes(self, times: int = 2) -> bool:
+        """Fit mean and amplitudes; the second time to remove what rounding left."""
+        for _ in range(times):
+            change = _solution(*self.sums(False, np.zeros(self.omega.size, dtype=bool)))
+            if change is None:
+                return False
+            self._move_amplitudes(change, 1.0)
+        return True
+
+    def refine(self, enough: float = 1e-14) -> bool:
+        """Gauss-Newton in all parameters, to steps that are small enough.
+
+        A step that leaves more than there was is halved, so that the fit never gets worse.
+        """
+        n = self.omega.size
+        best: LineFit | None = None
+        change: FloatArray | None = None
+        smallest, share, settled = math.inf, 1.0, False
+        for _ in range(_MAX_ITERATIONS):
+            matrix, right = self.sums(True, self.damped)
+            if best is not None and not self.total <= best.total + self.rounding:
+                if share < 1e-3 or settled or change is None:
+                    break
+                share *= 0.25
+                self._restore(best)
+                if not self._step(change, share):
+                    break
+                continue
+            if best is None or self.total < best.total:
+                best = copy(self)
+            if settled:
+                break
+            share, change = 1.0, _solution(matrix, right)
+            if change is None:
+                return False
+            size = float(np.abs(change[1 + 2 * n :]).max(initial=0.0))
+            settled = size <= enough or (size <= 1e-9 and size >= 0.5 * smallest)
+            smallest = min(smallest, size)
+            if not self._step(change, share):
+                return False
+        if best is not None and not self.total <= best.total + self.rounding:
+            self._restore(best)
+        return True
+
+    def let_decay(self, line: int) -> "LineFit | None":
+        """Fit again with a line that may decay or grow; None where that cannot be solved."""
+        best: LineFit | None = None
+        for size in (*_STARTS, *(-x for x in _STARTS)):
+            trial = copy(self)
+            trial.decay = self.decay.copy()
+            trial.decay[line] = size / self.half
+            trial.a, trial.b = self.a.copy(), self.b.copy()
+            if not trial.solve_amplitudes(1):
+                continue
+            trial.sums(False, np.zeros(self.omega.size, dtype=bool))
+            if best is None or trial.total < best.total:
+                best = trial
+        if best is None:
+            return None
+        best.damped = self.damped.copy()
+        best.damped[line] = True
+        return best if best.refine(ROUGH) else None
+
+    def settle_decays(self) -> "LineFit":
+        """Let those lines decay, and only those, that the signal says do."""
+        fit = self
+        for line in fit._decays_seen():
+            trial = fit.let_decay(line)
+            if trial is None or not trial.refine():
+                continue
+            if fit.total - trial.total > _DECAYS * trial.noise(line):
+                fit = trial
+        for line in map(int, np.flatnonzero(fit.damped)):
+            steady = copy(fit)
+            steady.damped, steady.decay = fit.damped.copy(), fit.decay.copy()
+            steady.damped[line], steady.decay[line] = False, 0.0
+            if not (steady.solve_amplitudes() and steady.refine()):
+                continue
+            if steady.total - fit.total <= _DECAYS * fit.noise(line):
+                fit = steady
+        return fit
+
+    def _decays_seen(self) -> list[int]:
+        """Steady lines whose decay, to first order, would lower the sum of squares enough."""
+        steady = np.flatnonzero(~self.damped)
+        if not steady.size:
+            return []
+        matrix, right = self.sums(True, np.ones(self.omega.size, dtype=bool))
+        first = matrix.shape[0] - self.omega.size
+        seen = []
+        known = [*range(first), *(first + np.flatnonzero(self.damped))]
+        for line in steady:
+            with_it = [*known, first + int(line)]
+            change = _solution(matrix[np.ix_(with_it, with_it)], right[with_it])
+            without = _solution(matrix[np.ix_(known, known)], right[known])
+            if change is None or without is None:
+                continue
+            gain = change @ right[with_it] - without @ right[known]
+            if gain > _DECAYS * self.noise(int(line)):
+                seen.append(int(line))
+        return seen
+
+    def noise(self, line: int) -> float:
+        """Variance of a sample of the noise near a line, rounding at least.
+
+        From the powers of the bins around it that no line is in: under a Hann window their mean
+        is 6/n of the variance.
+        """
+        n = self.samples.size
+        amplitudes = self._left()
+        bins = np.arange(amplitudes.size)
+        places = self.omega * n / (2 * math.pi)
+        widths = 3.0 + np.abs(self.decay) * n / (2 * math.pi)
+        free = np.all(np.abs(np.subtract.outer(bins, places)) > widths, axis=1) & (bins > 2)
+        distance = np.abs(bins - places[line])
+        near = np.flatnonzero(free)[np.argsort(distance[free], kind="stable")[:24]]
+        floor = 2 * self.rounding / n
+        if near.size < 4:
+            return max(floor, 2 * self.total / n)
+        return max(floor, n / 6 * float((amplitudes[near] ** 2).mean()))
+
+    def next_line(self, alarm: float) -> float | None:
+        """Frequency of the largest peak that is neither rounding nor noise, None without one."""
+        n = self.samples.size
+        amplitudes = self._left()
+        amplitudes[0] = 0.0
+        for position in self.omega * n / (2 * math.pi):
+            amplitudes[max(0, round(position - 1)) : round(position + 1) + 1] = 0.0
+        above = amplitudes
+        if alarm < 1:
+            above = np.where(_stands_out(amplitudes, alarm), amplitudes, 0.0)
+        k = int(above.argmax())
+        largest = float(np.hypot(self.a, self.b).max(initial=0.0))
+        scale = max(largest, float(np.abs(self.samples).max()))
+        if above[k] <= _FLOOR * scale or above[k] == 0.0:
+            return None
+        # Between the bins of a Hann window the two largest neighbours tell where the peak is.
+        before = amplitudes[k - 1]
+        after = amplitudes[k + 1] if k + 1 < amplitudes.size else 0.0
+        ratio = max(before, after) / amplitudes[k]
+        offset = (2 * ratio - 1) / (ratio + 1) * (1 if after >= before else -1)
+        position = k + max(-0.5, min(0.5, offset))
+        return float(min(max(2 * math.pi * position / n, 0.1 / n), math.pi * (1 - 0.1 / n)))
+
+    def steady_near(self, omega: float) -> int | None:
+        """Line nearest to a frequency, if it is near and steady so far."""
+        if not self.omega.size:
+            return None
+        distance = np.abs(self.omega - omega) * self.samples.size / (2 * math.pi)
+        line = int(distance.argmin())
+        return line if distance[line] <= _NEAR and not self.damped[line] else None
+
+    def _left(self) -> FloatArray:
+        """Amplitude spectrum of what the lines leave, under a Hann window."""
+        left = self._apart(lambda: core.fit_residual(self.samples, self._table(), self.mean))
+        spectra, _ = windowed(left[:, np.newaxis], 2)
+        amplitudes: FloatArray = np.abs(spectra[:, 0])
+        return amplitudes
+
+    def _apart(self, work: Callable[[], Any]) -> Any:
+        """Do what takes long with many samples so that Ctrl-C is heard."""
+        many = self.samples.size * (1 + self.omega.size) > _native.MANY_SAMPLES
+        return _native.apart(work) if many else work()
+
+    def _table(self) -> FloatArray:
+        return np.asfortranarray(np.stack([self.omega, self.decay, self.a, self.b]))
+
+    def _restore(self, other: "LineFit") -> None:
+        self.__dict__.update(copy(other).__dict__)
+
+    def _move_amplitudes(self, change: FloatArray, share: float) -> None:
+        n = self.omega.size
+        self.mean += share * float(change[0])
+        self.a = self.a + share * change[1 : 1 + 2 * n : 2]
+        self.b = self.b + share * change[2 : 2 + 2 * n : 2]
+
+    def _step(self, change: FloatArray, share: float) -> bool:
+        """Move all parameters by part of a change; False where a frequency leaves its range."""
+        n = self.omega.size
+        moved, decays = np.split(change[1 + 2 * n :], [n])
+        self._move_amplitudes(change, share)
+        # No line moves by more than a bin at once, nor changes its decay by more than e^2 pi.
+        largest = float(np.abs(change[1 + 2 * n :]).max(initial=1e-300))
+        damping = share * min(1.0, math.pi / largest)
+        self.omega = self.omega + damping * moved / self.half
+        if decays.size:
+            self._move_decays(damping * decays / self.half)
+        return bool(np.all((self.omega > 0) & (self.omega < math.pi)))
+
+    def _move_decays(self, change: FloatArray) -> None:
+        limit = _MOST_DECAY / self.half
+        before, after = self.decay, self.decay.copy()
+        after[self.damped] = np.clip(before[self.damped] + change, -limit, limit)
+        # The amplitude is that at the first sample, or at the last of a line that grows.
+        turned = np.where((before >= 0) & (after < 0), 1.0, 0.0) - np.where(
+            (before < 0) & (after >= 0), 1.0, 0.0
+        )
+        factor = np.exp(-turned * after * (self.samples.size - 1))
+        self.a, self.b, self.decay = self.a * factor, self.b * factor, after
+
+
+def _solution(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
+    """Change of the parameters, or None if they cannot be told apart."""
+    scale = np.sqrt(np.diag(matrix))
+    if not np.all(scale > 0) or not np.all(np.isfinite(matrix)):
+        return None
+    scaled = matrix / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(scaled)
+    if values[0] * _MAX_CONDITION < values[-1]:
+        return None
+    change: FloatArray = vectors @ ((vectors.T @ (right / scale)) / values) / scale
+    return change
+
+
+def _stands_out(amplitudes: FloatArray, alarm: float) -> npt.NDArray[np.bool_]:
+    """Bins above the noise around them, but for a false alarm in any of all; 0 is no bin.
+
+    Of m independent powers, exponentially distributed with one mean, let M be the j-th smallest.
+    Another exceeds c M with probability prod_i (m - i + 1)/(m - i + 1 + c), i = 1 ... j.
+    """
+    power = amplitudes**2
+    n = power.size
+    n_blocks = max(1, n // _NEIGHBOURHOOD)
+    width = -(-n // n_blocks)
+    padded = np.zeros(n_blocks * width)
+    padded[:n] = power
+    around = np.sort(padded.reshape(n_blocks, width)[:, ::3], axis=1)
+    empty = (around == 0.0).sum(axis=1)
+    # The bin itself and its neighbour in the window may be among them.
+    m = np.maximum(around.shape[1] - empty - 2, 1)
+    j = (m + 1) // 2
+    median = around[np.arange(n_blocks), np.minimum(empty + j - 1, around.shape[1] - 1)]
+    limit = np.empty(n_blocks)
+    for size in np.unique(m):
+        limit[m == size] = _multiple(int(size), alarm / max(n - 1, 1))
+    return np.asarray(power > np.repeat(limit * median, width)[:n])
+
+
+def _multiple(m: int, probability: float) -> float:
+    """Multiple c of the median of m powers that another exceeds with this probability."""
+    waits = m - np.arange((m + 1) // 2)
+    low, high = 0.0, 1.0
+    while -np.log1p(high / waits).sum() > math.log(probability):
+        low, high = high, 2 * high
+    for _ in range(60):
+        c = 0.5 * (low + high)
+        if -np.log1p(c / waits).sum() > math.log(probability):
+            low = c
+        else:
+            high = c
+    return high

@@ -1,0 +1,251 @@
+"""Motion without memory: runs of pendulums and polynomial systems by the methods of ODEs."""
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, TypeGuard
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray, core
+from viscovib.analyses.hereditary import moving, table_of
+from viscovib.analyses.runs import MAX_STEPS, Piece, Run
+from viscovib.common.parameters import MAX_HARMONICS
+from viscovib.common.past import Past
+from viscovib.errors import InputError
+from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.load_table import LoadTable
+from viscovib.systems.mount import Mount
+from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.polynomial_system import PolynomialSystem
+
+#: Explicit methods by their place in the core.
+EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
+#: All methods by their place in the core.
+METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
+    name: place + 4 for name, place in EXPLICIT.items()
+}
+#: Numbers that a run needs to go on; the core uses as many as the method has.
+_MEMORY = 256
+#: Coordinates of a polynomial system that the methods of a pendulum take.
+_MAX_DOF = 6
+
+
+def pendulum_runs(
+    system: Pendulum,
+    end: float,
+    initial: npt.ArrayLike | None,
+    method: str,
+    solved: float,
+) -> tuple[Callable[[float], Run], int]:
+    """Return what makes a run with a step, and the steps to begin with."""
+    if initial is None:
+        raise InputError("initial: must be given (or resume)")
+    state = checked_state("initial", initial, (6,))
+    name = _native.choice("method", method, ("auto", *METHODS))
+    name = "gauss8" if name == "auto" else name
+    return partial(_PendulumRun.of, system, name, state, solved), first_steps(system, end)
+
+
+def checked_state(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Return states with z > -1, of the given shape."""
+    state = _native.real_array(name, value)
+    if state.shape != shape:
+        raise InputError(f"{name}: must have shape {shape}, got {state.shape}")
+    if (state[..., 0] <= -1).any():
+        raise InputError(f"{name} z = {state[..., 0].min():g}: must be greater than -1")
+    return state
+
+
+def first_steps(system: Pendulum, end: float) -> int:
+    """Steps to begin with when the step is to be found: four a fastest linear period."""
+    natural = float(system.natural_frequencies().max())
+    fastest = max(natural, system.p1, system.p2, system.p3)
+    if not math.isfinite(end * fastest):
+        raise InputError(
+            f"t_end = {end:g}: holds more periods of the fastest motion (frequency {fastest:g}) "
+            "than can be counted"
+        )
+    return max(1, math.ceil(min(end * fastest / (0.5 * math.pi), 2.0 * MAX_STEPS)))
+
+
+def goes_as_pendulum(
+    system: Mount | PolynomialSystem,
+    method: str,
+    load: LoadLike | None,
+    base: LoadLike | LoadTable | None,
+    held: npt.ArrayLike | Past | None,
+    memory: str,
+) -> TypeGuard[PolynomialSystem]:
+    """Whether a system needs nothing but what the methods of a pendulum give."""
+    if isinstance(system, Mount) or system._active_kernels or not _native.is_auto(memory):
+        return False
+    highest = max(load, default=0) if isinstance(load, Mapping) else 1
+    return (
+        len(system.dof_names) <= _MAX_DOF
+        and method in ("auto", *METHODS)
+        and all(given is None for given in (base, held))
+        and isinstance(highest, int)
+        and highest <= MAX_HARMONICS
+    )
+
+
+def polynomial_runs(
+    system: PolynomialSystem,
+    end: float,
+    initial: npt.ArrayLike | None,
+    method: str,
+    load: LoadLike | None,
+    nu: float | None,
+    force: LoadTable | None,
+    solved: float,
+) -> tuple[Callable[[float], Run], int]:
+    """Return what makes a run with a step, and the steps to begin with."""
+    n = len(system.dof_names)
+    breaks, pieces = table_of(force, n)
+    state = np.zeros(2 * n) if initial is None else _native.real_array("initial", initial)
+    if state.shape != (2 * n,):
+        raise InputError(f"initial: must have shape ({2 * n},), got {state.shape}")
+    if load is None and nu is not None:
+        raise InputError("nu: must not be given without load")
+    orders, series = load_series(load, None, n)
+    frequency = 0.0 if nu is None else _native.number("nu", nu)
+    if frequency < 0 or (frequency == 0 and (orders > 0).any() and series.any()):
+        given = "None" if nu is None else f"{frequency:g}"
+        raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
+    name = "gauss8" if method == "auto" else method
+    # Steps must see the highest order of the load.
+    highest = frequency * int(orders[series.any(axis=0)].max(initial=0))
+    many = end * max(system._fastest(), highest) / (0.5 * math.pi)
+    steps = max(1, math.ceil(min(many, 2.0 * MAX_STEPS)))
+    driven = (series[:-1] != 0).any(axis=1) | (state.reshape(n, 2) != 0).any(axis=1)
+    moves = moving(system, driven | pieces.any(axis=(1, 2)))
+    job = (system._flat, orders, series, frequency, breaks, pieces, moves, force)
+    return partial(_PolynomialRun.of_job, system, name, state, solved, job), steps
+
+
+class _PolynomialRun(Run):
+    """A run of a polynomial system without memory."""
+
+    counts = "evaluations"
+    system: PolynomialSystem
+
+    def __init__(
+        self,
+        system: PolynomialSystem,
+        method: str,
+        state: FloatArray,
+        h: float,
+        solved: float,
+        job: tuple[Any, ...],
+    ) -> None:
+        super().__init__(system, method, state, h, solved)
+        self.job = job
+
+    @classmethod
+    def of_job(
+        cls,
+        system: PolynomialSystem,
+        method: str,
+        state: FloatArray,
+        solved: float,
+        job: tuple[Any, ...],
+        h: float,
+    ) -> "_PolynomialRun":
+        """The same, the step last."""
+        return cls(system, method, state, h, solved, job)
+
+    def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
+        """Power of load and damping."""
+        _, orders, series, nu, *_, table = self.job
+        v = state[:, 1::2]
+        force = (np.exp(1j * nu * np.outer(t, orders)) @ series[:-1].T).imag
+        if table is not None:
+            given = table(t)
+            force = force + given if given.ndim == 2 else force
+            force[:, 0] += given if given.ndim == 1 else 0.0
+        return np.asarray(np.einsum("ta,ta->t", v, force - v @ self.system._damping.T))
+
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
+        text: bytes = _native.call(
+            core.polynomial_plan, *self.job[:3], self.begin, end, dt, tolerance,
+            METHODS[self.method], every, int(last),
+        )[0]  # fmt: skip
+        return text
+
+    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
+        resume = self.memory is not None and not self.anew
+        return Piece(
+            *_native.call_either(
+                count > _native.MANY_STEPS,
+                core.polynomial_simulate,
+                *self.job[:6],
+                *self._mesh_arrays(),
+                METHODS[self.method],
+                self.job[6],
+                self.state,
+                self.h,
+                self.solved,
+                self.done,
+                count,
+                every,
+                int(resume),
+                self.memory if resume else np.zeros(_MEMORY),
+                times,
+                columns,
+            )
+        )
+
+
+class _PendulumRun(Run):
+    """A run of a pendulum."""
+
+    counts = "evaluations"
+    system: Pendulum
+
+    @classmethod
+    def of(
+        cls, system: Pendulum, method: str, state: FloatArray, solved: float, h: float
+    ) -> "_PendulumRun":
+        """The same, the step last."""
+        return cls(system, method, state, h, solved)
+
+    def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
+        """Power of loads and damping."""
+        return self.system.power(t, state)
+
+    @property
+    def swings(self) -> int:
+        """Whether anything moves phi or psi; else the spring alone is integrated."""
+        return int(self.begin[2:].any() or self.system.m01 != 0 or self.system.m02 != 0)
+
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
+        text: bytes = _native.call(
+            core.pendulum_plan, self.system._flat, self.begin, end, dt, tolerance,
+            METHODS[self.method], every, int(last),
+        )[0]  # fmt: skip
+        return text
+
+    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
+        resume = self.memory is not None and not self.anew
+        return Piece(
+            *_native.call_either(
+                count > _native.MANY_STEPS,
+                core.pendulum_simulate,
+                self.system._flat,
+                METHODS[self.method],
+                self.swings,
+                self.state,
+                self.h,
+                self.solved,
+                self.done,
+                count,
+                every,
+                int(resume),
+                self.memory if resume else np.zeros(_MEMORY),
+                times,
+                columns,
+            )
+        )

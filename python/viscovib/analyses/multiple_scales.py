@@ -1,0 +1,533 @@
+"""The method of multiple scales to third order: modulation equations and what follows."""
+
+from __future__ import annotations
+
+import warnings
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.analyses.scales_terms import FlowTerm, free_frequencies
+from viscovib.common.plan import Plan
+from viscovib.errors import InputError, RangeWarning, caller
+from viscovib.results.scales import (
+    LEAST_FALL,
+    Modulation,
+    Resonance,
+    ScalesMotion,
+    ScalesResponse,
+    falling,
+)
+from viscovib.systems.cubic_system import CubicSystem
+from viscovib.systems.oscillators import Oscillator
+from viscovib.systems.pendulum import Pendulum
+
+#: Room for terms and conditions at first; where there are more the call is repeated.
+_ROOM = 500
+_MAX_FORM = 20_000
+_ORDERINGS = ("general", "weak_coupling")
+#: Points at which the error of a motion is computed; between them it is read off. At least and
+#: at most so many, and one in so many steps: amplitudes are taken as cubic between them.
+_KNOTS, _MOST_KNOTS, _STEPS_A_KNOT = 65, 1025, 5
+#: In place of a tolerance: resonances are chosen by what their terms do.
+_BY_INFLUENCE = -float(np.finfo(float).max)
+#: Of free vibrations: internal resonances within this part are solved for.
+_FREE_BAND = 0.2
+#: The core's growth of modes at rest where nothing is near.
+_NOT_NEAR = -1e300
+#: Amplitudes whose powers stay in the range of numbers.
+_MOST_AMPLITUDE = 1e75
+_OUTCOMES = ("complete", "overflow", "step limit", "cancelled")
+
+
+class MultipleScales:
+    """A system by the method of multiple scales, its nonlinear terms to the third degree.
+
+    Parameters
+    ----------
+    system : Pendulum, Mount, PolynomialSystem or CubicSystem
+    load : float or array_like, shape (n_dof,), optional
+        For a Mount or a PolynomialSystem: amplitude of a harmonic force on the first coordinate, or
+        of the forces on all, times cos(nu t).
+    nu : float, optional
+        For these: circular frequency of the load (rad/s), > 0.
+    tolerance : float, optional
+        By default what counts as resonant is chosen by what each term does, for each value of a
+        response by itself: its coupling, times the amplitudes, over its divisor, modes at rest
+        (their parametric excitation) included; terms go into the modulation equations in this
+        order as long as one frame holds them. Given, frequencies that differ by less than this
+        part of the highest of them count as resonant.
+    ordering : {"general", "weak_coupling"}
+        For a Pendulum: "weak_coupling" counts e as of the size of the amplitudes, as the seed paper
+        does, instead of keeping it in the linear part. Frequencies and shapes are then those of
+        e = 0, e shifts them by terms to e^2 in the modulation equations, and e times cubic, e^2
+        times quadratic, e^3 times linear terms are dropped.
+
+    Attributes
+    ----------
+    frequencies : ndarray, shape (n,)
+        Natural circular frequencies, damping included.
+    decay : ndarray, shape (n,)
+        Amplitudes fall as exp(-decay t); negative: unstable.
+    mode_shapes : ndarray, shape (n_dof, n)
+        Columns, the largest entry 1; complex if there is damping.
+    interaction : ndarray, shape (n, n)
+        gamma: the frequency of mode j is frequencies[j] + sum_k gamma[j, k] b_k^2 where mode k
+        has the real amplitude b_k.
+    nonlinear_decay : ndarray, shape (n, n)
+        The same for the decay.
+
+    Notes
+    -----
+    The expansion is carried to third order, so the error of a motion falls as the fourth power
+    of its amplitude, as long as t stays within a fixed number of times amplitude^-2; loads near
+    a natural frequency count as of third order, others as of first, and damping is exact
+    in the linear part. Nothing else is assumed small (no coupling, no divisor).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> scales = vv.MultipleScales(body)
+    >>> steady = scales.response("p1", np.linspace(1.0, 1.05, 20))
+    """
+
+    dof_names: ClassVar[tuple[str, ...]]
+
+    def __init__(
+        self,
+        system: Pendulum | Oscillator | CubicSystem,
+        *,
+        load: npt.ArrayLike | None = None,
+        nu: float | None = None,
+        tolerance: float | None = None,
+        ordering: str = "general",
+    ) -> None:
+        self.tolerance = None if tolerance is None else _native.number("tolerance", tolerance)
+        if self.tolerance is not None and not 0 <= self.tolerance < 1:
+            raise InputError(f"tolerance = {self.tolerance:g}: must be in [0, 1)")
+        #: As the core takes it.
+        self._tolerance = _BY_INFLUENCE if self.tolerance is None else self.tolerance
+        self.system = system
+        self.ordering = _native.choice("ordering", ordering, _ORDERINGS)
+        if not isinstance(system, Pendulum | Oscillator | CubicSystem):
+            raise InputError(
+                f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a "
+                "PolynomialSystem or a CubicSystem"
+            )
+        if not isinstance(system, Oscillator) and not (load is None and nu is None):
+            raise InputError(
+                "load, nu: are for a Mount or a PolynomialSystem, other systems hold their loads"
+            )
+        if not isinstance(system, Pendulum) and ordering != "general":
+            raise InputError(f"ordering = {ordering!r}: is for a Pendulum, must be 'general'")
+        self._names = system.dof_names
+        nothing = np.zeros(1)
+        kernels: tuple[int, FloatArray, int, FloatArray] = (0, nothing, 0, nothing)
+        flat: FloatArray = nothing
+        if isinstance(system, Pendulum):
+            flat = system._flat
+            packed, length = _native.call(
+                core.pendulum_form, flat, _ORDERINGS.index(ordering) + 1, _MAX_FORM
+            )
+            self._packed: FloatArray = packed[:length].copy()
+            self._load_names = {"p1": (1, 1), "p2": (2, 1), "p3": (3, 1), "f0": (1, 2),
+                                "m01": (2, 2), "m02": (3, 2)}  # fmt: skip
+        elif isinstance(system, Oscillator):
+            flat, kernels = system._flat, system._kernels
+            self._packed = _packed_oscillator(system, load, nu)
+            self._load_names = {"nu": (1, 1), "load": (1, 2)}
+        else:
+            self._packed = system._packed
+            n_loads = int(self._packed[4])
+            self._load_names = {f"p{k + 1}": (k + 1, 1) for k in range(n_loads)}
+            self._load_names |= {f"f{k + 1}": (k + 1, 2) for k in range(n_loads)}
+        #: The system as every flat routine takes it.
+        self._system = (self._packed, flat, *kernels)
+        self._n_dof, self._n = int(self._packed[1]), int(self._packed[3])
+        exponents, shapes, interaction, frame, units, autonomous, terms = self._form(
+            self._tolerance
+        )
+        self.exponents: ComplexArray = exponents
+        self.frequencies: FloatArray = exponents.imag.copy()
+        self.decay: FloatArray = -exponents.real
+        shapes = np.ascontiguousarray(shapes[: self._n_dof])
+        self.mode_shapes = shapes if np.any(shapes.imag) else shapes.real.copy()
+        self.interaction: FloatArray = np.ascontiguousarray(interaction.imag)
+        self.nonlinear_decay: FloatArray = np.ascontiguousarray(-interaction.real)
+        self.frame: FloatArray = frame
+        #: What unlike coordinates are compared in.
+        self._units: FloatArray = units[: self._n_dof].copy()
+        self.autonomous = bool(autonomous)
+        self.terms: tuple[FlowTerm, ...] = terms
+        if (self.decay < -1e-12 * self.frequencies).any():
+            j = int(self.decay.argmin())
+            warnings.warn(
+                f"mode {j + 1} is unstable without load: its amplitude grows at the rate "
+                f"{-self.decay[j]:.6g}",
+                RangeWarning,
+                stacklevel=caller(),
+            )
+
+    def _form(self, tolerance: float) -> tuple[Any, ...]:
+        """Return the modulation equations and what belongs to them, as the core has it."""
+        room = n_terms = _ROOM
+        while n_terms >= room:
+            room = n_terms + 1
+            *found, n_terms, terms, coefficients = _native.call(
+                core.scales_form, *self._system, tolerance, self._n, int(self._packed[0]), room
+            )
+        read = tuple(
+            FlowTerm(int(terms[0, i]) - 1, _factors(terms[1:, i]), complex(coefficients[i]))
+            for i in range(n_terms)
+        )
+        return (*found, read)
+
+    def resonances(self, tolerance: float = 0.05) -> tuple[Resonance, ...]:
+        """List every condition of resonance up to third order, the nearest first.
+
+        Natural frequencies are w1, w2, ..., those of loads that act p1, p2, ...; ``near`` where
+        the divisor is within ``tolerance``.
+        """
+        limit = _native.number("tolerance", tolerance)
+        if not 0 <= limit < 1:
+            raise InputError(f"tolerance = {limit:g}: must be in [0, 1)")
+        # The constant load that stands for e is none of the user's.
+        loads = [load for load, _ in self._load_names.values()]
+        drives = self._drives[: max(loads, default=0)]
+        acting = np.flatnonzero(np.any(self._loads[:, : drives.size] != 0, axis=0))
+        room = n = _ROOM
+        while n >= room:
+            room = n + 1
+            coefficients, orders, divisors, n = core.scales_resonances(
+                self.frequencies, drives[acting], room
+            )
+        names = (*(f"w{j + 1}" for j in range(self._n)), *(f"p{k + 1}" for k in acting))
+        order = np.argsort(divisors[:n], kind="stable")
+        columns = (
+            map(tuple, coefficients[:, order].T.tolist()),
+            orders[order].tolist(),
+            divisors[order].tolist(),
+            (divisors[order] <= limit).tolist(),
+        )
+        return tuple(Resonance(names, *row) for row in zip(*columns, strict=True))
+
+    def modulation(
+        self,
+        t: npt.ArrayLike,
+        initial: npt.ArrayLike | None = None,
+        *,
+        amplitudes: npt.ArrayLike | None = None,
+        accuracy: float = 1e-10,
+    ) -> Modulation:
+        """Amplitudes and phases at times t from a state, by integrating the modulation equations.
+
+        Parameters
+        ----------
+        t : array_like, shape (n,)
+            Times >= 0, ascending.
+        initial : array_like, shape (2 n_dof,)
+            State (q1, q1', q2, q2', ...) at t = 0.
+        amplitudes : array_like, complex, shape (n_modes,)
+            Instead of ``initial``: b_j exp(i phase_j) at t = 0.
+        accuracy : float
+            Error allowed in a step, relative to the largest amplitude, 1e-14 to 1e-2.
+        """
+        return self._run(t, initial, amplitudes, accuracy)[0]
+
+    def motion(
+        self,
+        t: npt.ArrayLike,
+        initial: npt.ArrayLike | None = None,
+        *,
+        amplitudes: npt.ArrayLike | None = None,
+        accuracy: float = 1e-10,
+    ) -> ScalesMotion:
+        """Motion to third order at times t; arguments as for `modulation`."""
+        modulation, state, sizes, _ = self._run(t, initial, amplitudes, accuracy)
+        result = ScalesMotion(
+            t=modulation.t,
+            state=state,
+            modulation=modulation,
+            order_sizes=sizes[:, :3].copy(),
+            _units=self._units / sizes[:, 3:],
+            mode_shapes=self.mode_shapes,
+            dof_names=self._names,
+            _errors=partial(self._motion_errors, modulation),
+            plan=modulation.plan,
+        )
+        ratio = falling(sizes)
+        if ratio.size and ratio.max() > LEAST_FALL:
+            at = int(np.argmax(ratio > LEAST_FALL))
+            warnings.warn(
+                f"at t = {modulation.t[at]:g} the motion leaves the range of the expansion: orders "
+                f"are of sizes {sizes[at, 0]:.3g}, {sizes[at, 1]:.3g}, {sizes[at, 2]:.3g}",
+                RangeWarning,
+                stacklevel=caller(),
+            )
+        return result
+
+    def _motion_errors(self, modulation: Modulation) -> FloatArray:
+        """Estimated error of each coordinate at the times of a motion, shape (n, n_dof)."""
+        t = modulation.t
+        n_knots = min(max(_KNOTS, modulation.steps // _STEPS_A_KNOT), _MOST_KNOTS)
+        knots = np.unique(np.concatenate([[0.0], np.linspace(0, t[-1], n_knots)]))
+        if knots.size == 1:
+            knots = np.array([0.0, 1e-9 / self.frequencies.max()])
+        start = modulation.initial
+        at_knots, _, _, expected = self._run(knots, None, start, 1e-8)
+        cancel = np.zeros(1, dtype=np.intc)
+        (errors,) = _native.call_interruptibly(
+            core.scales_errors, cancel, *self._system, self._tolerance, self._n_dof, at_knots.t,
+            np.asfortranarray(at_knots.complex_amplitudes.T / 2), expected, cancel,
+        )  # fmt: skip
+        return np.column_stack([np.interp(t, at_knots.t, row) for row in errors])
+
+    def response(self, parameter: str, values: npt.ArrayLike) -> ScalesResponse:
+        """All steady motions, stable or not, for values of a load's frequency or amplitude.
+
+        Parameters
+        ----------
+        parameter : str
+            For a Pendulum "p1", "p2", "p3" (frequencies) or "f0", "m01", "m02" (amplitudes); for a
+            Mount "nu" or "load"; for a CubicSystem "p1", "p2", ... or "f1", "f2", ...: the
+            load's largest entry.
+        values : array_like, shape (n,)
+
+        Notes
+        -----
+        The expansion is made anew at each value, whatever the others are. Constant loads are no
+        part of it: it is about the position of rest that they give.
+        """
+        names = tuple(self._load_names)
+        load, vary = self._load_names[_native.choice("parameter", parameter, names)]
+        where = _native.real_array(parameter, values, ndim=1)
+        if not where.size:
+            raise InputError("values: must hold at least one number")
+        if vary == 1 and not where.min() > 0:
+            raise InputError(f"{parameter} = {where.min():g}: must be greater than 0")
+        found = self._steady(load, vary, where, False)
+        n, which, a, frames, eigenvalues, harmonics, sizes, left_out, resting = found[:9]
+        kept = slice(n)
+        self._warn_of_beats(left_out[kept])
+        return ScalesResponse(
+            parameter=parameter,
+            values=where,
+            index=which[kept] - 1,
+            amplitudes=2 * a.T[kept],
+            frequencies=frames.T[kept].copy(),
+            eigenvalues=eigenvalues.T[kept].copy(),
+            harmonics=harmonics.T[kept].copy(),
+            order_sizes=sizes.T[kept, :3].copy(),
+            left_out=left_out[kept].copy(),
+            resting_growth=np.where(resting[kept] > _NOT_NEAR, resting[kept], -np.inf),
+            _units=self._units / sizes.T[kept, 3:],
+            dof_names=self._names,
+            _errors=partial(self._steady_errors, load, vary, where),
+            plan=self._plan(
+                f"computes: steady motions to third order at {where.size} values of {parameter} "
+                f"from {where[0]:g} to {where[-1]:g}, with stability"
+            ),
+        )
+
+    def _steady_errors(
+        self, load: int, vary: int, where: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        n, *_, of_harmonic, of_motion, of_growth = self._steady(load, vary, where, True)
+        return (
+            np.ascontiguousarray(of_harmonic.T[:n]),
+            np.ascontiguousarray(of_motion.T[:n]),
+            of_growth[:n].copy(),
+        )
+
+    def _steady(self, load: int, vary: int, where: FloatArray, errors: bool) -> tuple[Any, ...]:
+        room = 12 * where.size + 100
+        while True:
+            cancel = np.zeros(1, dtype=np.intc)
+            found = _native.call_interruptibly(
+                core.scales_response, cancel, *self._system, self._tolerance, load, vary, where,
+                int(errors), self._n, self._n_dof, room, cancel,
+            )  # fmt: skip
+            if found[0] <= room:
+                return found
+            room = found[0]
+
+    def backbone(self, mode: int, amplitudes: npt.ArrayLike) -> FloatArray:
+        """Frequency of free vibration in one mode (from 0) at real amplitudes.
+
+        The same shape as ``amplitudes``. Where an internal resonance makes a mode move another (as
+        w2 ~ 2 w1 does mode 1), both move together, in several ways: then there is one more axis,
+        over these, frequencies ascending, NaN where there are fewer. A warning says when an
+        amplitude is beyond the range of the expansion. Damping is left out.
+        """
+        j = _native.integer("mode", mode, 0, self._n - 1)
+        b = _native.real_array("amplitudes", amplitudes)
+        if b.size and np.abs(b).max() > _MOST_AMPLITUDE:
+            raise InputError(
+                f"amplitudes: {np.abs(b).max():g} is out of range, must be at most "
+                f"{_MOST_AMPLITUDE:g}"
+            )
+        if b.size:
+            self._warn_beyond(j, float(np.abs(b).max()))
+        wide = _FREE_BAND if self.tolerance is None else self.tolerance
+        terms = [x for x in self._form(wide)[-1] if not any("p" in f for f in x.factors)]
+        return free_frequencies(j, b, terms, self.frequencies, self.interaction)
+
+    def _n_loads(self) -> int:
+        """How many loads act, constant ones not counted."""
+        if isinstance(self.system, Pendulum):
+            return sum(getattr(self.system, name) != 0 for name in ("f0", "m01", "m02"))
+        if isinstance(self.system, CubicSystem):
+            acting = np.any(np.asarray(self.system.load) != 0, axis=0)
+            return int((acting & (np.asarray(self.system.drives) != 0)).sum())
+        return 1
+
+    def _warn_of_beats(self, left_out: FloatArray) -> None:
+        """Say which motions no frame makes stand still, and what follows them."""
+        beats = int((left_out > LEAST_FALL).sum())
+        if not beats or self._n_loads() < 2:
+            return
+        exact = "forced_response" if isinstance(self.system, Pendulum) else "simulate"
+        warnings.warn(
+            f"{beats} of {left_out.size} motions are quasi-periodic: loads near the same mode, or "
+            "modes near a resonance with other loads, beat, and no steady amplitudes describe that "
+            f"(in_range is False); motion(t) follows them in time, and {exact} does exactly",
+            RangeWarning,
+            stacklevel=caller(),
+        )
+
+    def _warn_beyond(self, j: int, amplitude: float) -> None:
+        """Say so where orders do not fall off at this amplitude of mode j."""
+        start = np.zeros(self._n, dtype=complex)
+        start[j] = amplitude
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RangeWarning)
+            sizes = self._run([0.0], None, start, 1e-8)[2]
+        if not sizes.size or falling(sizes).max() > LEAST_FALL:
+            warnings.warn(
+                f"amplitude {amplitude:g} of mode {j} is beyond the range of the expansion: "
+                "orders do not fall off",
+                RangeWarning,
+                stacklevel=caller(),
+            )
+
+    def _plan(self, first: str) -> Plan:
+        """Return a plan that begins with this line."""
+        n_loads, quadratic, cubic = (int(self._packed[i]) for i in (4, 5, 6))
+        lines = [first, f"computes: {len(self.terms)} terms of the modulation equations"]
+        if not quadratic:
+            lines.append("skips: terms of second order (no quadratic terms)")
+        if not cubic:
+            lines.append("skips: cubic terms (there are none)")
+        silent = n_loads - int(np.any(self._loads != 0, axis=0).sum())
+        if silent:
+            lines.append(f"skips: {silent} of {n_loads} loads (amplitude 0)")
+        if not isinstance(self.system, Oscillator) or not self.system._active_kernels:
+            lines.append("skips: kernel transforms (no memory)")
+        return Plan("\n".join(lines))
+
+    @property
+    def _drives(self) -> FloatArray:
+        n_loads = int(self._packed[4])
+        return self._tail(n_loads)[1]
+
+    @property
+    def _loads(self) -> FloatArray:
+        return self._tail(int(self._packed[4]))[0]
+
+    def _tail(self, n_loads: int) -> tuple[FloatArray, FloatArray]:
+        """Loads, shape (n, n_loads), and their frequencies out of the packed numbers."""
+        n = int(self._packed[0])
+        end = self._packed.size - self._n * (2 * n + 1)
+        drives = self._packed[end - n_loads : end]
+        loads = self._packed[end - n_loads * (n + 1) : end - n_loads]
+        return loads.reshape(n, n_loads, order="F"), drives
+
+    def _run(
+        self,
+        t: npt.ArrayLike,
+        initial: npt.ArrayLike | None,
+        amplitudes: npt.ArrayLike | None,
+        accuracy: float,
+    ) -> tuple[Modulation, FloatArray, FloatArray, FloatArray]:
+        times = _native.real_array("t", t, ndim=1)
+        if not times.size or times[0] < 0 or (np.diff(times) < 0).any():
+            raise InputError("t: must be one or more times, not negative and ascending")
+        error = _native.number("accuracy", accuracy)
+        if not 1e-14 <= error <= 1e-2:
+            raise InputError(f"accuracy = {error:g}: must be in [1e-14, 1e-2]")
+        if (initial is None) == (amplitudes is None):
+            raise InputError("initial or amplitudes: must be given, and only one of them")
+        n = self._n
+        start, state = np.zeros(n, complex), np.zeros((n, 2))
+        if amplitudes is not None:
+            start = _native.complex_array("amplitudes", amplitudes, ndim=1) / 2
+            if start.shape != (n,):
+                raise InputError(f"amplitudes: must have shape ({n},), got {start.shape}")
+        else:
+            given = _native.real_array("initial", initial, ndim=1)
+            if given.shape != (2 * n,):
+                raise InputError(f"initial: must have shape ({2 * n},), got {given.shape}")
+            state = np.asfortranarray(given.reshape(n, 2))
+        cancel = np.zeros(1, dtype=np.intc)
+        (
+            a, first, motion, sizes, frame, expected, reached, steps, outcome,
+        ) = _native.call_interruptibly(
+            core.scales_motion, cancel, *self._system, self._tolerance,
+            int(amplitudes is not None), start, state, times, error, 10_000_000, cancel,
+        )  # fmt: skip
+        if outcome:
+            warnings.warn(
+                f"the modulation equations end at t = {times[reached - 1] if reached else 0:g} "
+                f"({_OUTCOMES[outcome]}): amplitudes beyond the range of the expansion",
+                RangeWarning,
+                stacklevel=caller(),
+            )
+        kept = slice(reached)
+        modulation = Modulation(
+            t=times[kept],
+            complex_amplitudes=2 * a.T[kept],
+            frame=frame,
+            initial=2 * first,
+            steps=int(steps),
+            outcome=_OUTCOMES[outcome],
+            plan=self._plan(f"computes: amplitudes in time, {times.size} times to {times[-1]:g}"),
+        )
+        states = np.ascontiguousarray(motion.transpose(2, 0, 1)[kept].reshape(-1, 2 * n))
+        return modulation, states, np.ascontiguousarray(sizes.T[kept]), expected
+
+
+def _packed_oscillator(
+    system: Oscillator, load: npt.ArrayLike | None, nu: float | None
+) -> FloatArray:
+    n_dof = len(system.dof_names)
+    forces = _native.real_array("load", 0.0 if load is None else load)
+    if forces.shape not in ((), (n_dof,)):
+        raise InputError(
+            f"load: must be a number or have shape ({n_dof},), got shape {forces.shape}"
+        )
+    if forces.ndim == 0:
+        forces = np.append(forces, np.zeros(n_dof - 1))
+    frequency = _native.number("nu", 1.0 if nu is None else nu)
+    if frequency <= 0:
+        raise InputError(f"nu = {frequency:g}: must be greater than 0")
+    packed, length = _native.call(
+        core.oscillator_form, system._flat, *system._kernels, forces, frequency, _MAX_FORM
+    )
+    if length > _MAX_FORM:
+        raise InputError("system: has too many terms for multiple scales")
+    return np.asarray(packed[:length].copy())
+
+
+def _factors(row: Any) -> tuple[str, ...]:
+    """Names of the factors of a term: amplitudes, then loads."""
+    amplitudes = [f"a{k}" if k > 0 else f"a{-k}*" for k in map(int, row[:3]) if k]
+    loads = [f"p{k}" if k > 0 else f"p{-k}*" for k in map(int, row[3:]) if k]
+    return (*amplitudes, *loads)

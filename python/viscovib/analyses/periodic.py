@@ -1,0 +1,585 @@
+"""Steady motions of any system: one name and one signature for oscillators and the pendulum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import overload
+
+import numpy.typing as npt
+
+from viscovib._native import check_instance
+from viscovib.analyses.backbones import Backbone, BackbonePoint, oscillator_backbone
+from viscovib.analyses.driven import DrivenResponse, pendulum_response
+from viscovib.analyses.driven_branch import DrivenBranch, trace_pendulum
+from viscovib.analyses.following import trace_mount
+from viscovib.analyses.pendulum_backbone import pendulum_backbone
+from viscovib.analyses.starts import StartLike
+from viscovib.analyses.steady import mount_plan, mount_response
+from viscovib.common.parameters import Taken
+from viscovib.common.plan import Plan
+from viscovib.results.branch import Branch
+from viscovib.results.curves import BranchPoint
+from viscovib.results.response import Response
+from viscovib.systems.load import LoadLike
+from viscovib.systems.mount import Mount
+from viscovib.systems.oscillators import Steady
+from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+
+
+@overload
+def forced_response(
+    system: Steady,
+    nu: npt.ArrayLike,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    method: str = "successive",
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    max_iterations: int = 200,
+    relaxation: float | str = 1.0,
+    stability: bool = False,
+    start: StartLike | None = None,
+    coordinates: Sequence[str] | None = None,
+    progress: bool = False,
+) -> Response: ...
+@overload
+def forced_response(
+    system: Pendulum,
+    nu: npt.ArrayLike | None = None,
+    *,
+    p1: npt.ArrayLike | None = None,
+    p2: npt.ArrayLike | None = None,
+    p3: npt.ArrayLike | None = None,
+    f0: npt.ArrayLike | None = None,
+    m01: npt.ArrayLike | None = None,
+    m02: npt.ArrayLike | None = None,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    stability: bool = False,
+    duration: float | None = None,
+    subharmonic: int = 1,
+    max_denominator: int = 12,
+) -> DrivenResponse: ...
+def forced_response(
+    system: Steady | Pendulum,
+    nu: npt.ArrayLike | None = None,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    p1: npt.ArrayLike | None = None,
+    p2: npt.ArrayLike | None = None,
+    p3: npt.ArrayLike | None = None,
+    f0: npt.ArrayLike | None = None,
+    m01: npt.ArrayLike | None = None,
+    m02: npt.ArrayLike | None = None,
+    method: str = "successive",
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    max_iterations: int = 200,
+    relaxation: float | str = 1.0,
+    stability: bool = False,
+    duration: float | None = None,
+    subharmonic: int = 1,
+    max_denominator: int = 12,
+    start: StartLike | None = None,
+    coordinates: Sequence[str] | None = None,
+    progress: bool = False,
+) -> Response | DrivenResponse:
+    """Steady response of a system to its loads, by harmonic balance.
+
+    An oscillator (a mount or a polynomial system) is given a periodic load, or motion of its base,
+    and its frequencies. A pendulum has its loads in itself. With one load, or loads whose
+    frequencies are ratios of small numbers, its motions are periodic; else quasi-periodic, with all
+    combinations of two or three base frequencies.
+
+    Parameters
+    ----------
+    system : Mount, PolynomialSystem, Structure or Pendulum
+        Loads of a pendulum of amplitude or frequency 0 are no oscillations: the former do not act,
+        the latter are constant.
+    nu : array_like, shape (n,)
+        Circular frequencies of the load (rad/s), each > 0, in any order; an oscillator needs them.
+        Of a pendulum: base frequencies, all loads keeping their ratios to it.
+    load : complex, array_like or mapping
+        Of an oscillator: force on the first coordinate (x, N): P sin(nu t); or a vector over the
+        coordinates (of a mount: force on x, moment on phi); or a Fourier series {order: either},
+        f(t) = Im sum_k P_k exp(i k nu t), whose mean is the imaginary part of P_0.
+        `fourier_coefficients` makes one from samples.
+    base : complex or mapping
+        Of an oscillator: displacement of the supports (of a mount: in x, m), likewise. The response
+        stays absolute. Viscous damping acts on the motion relative to the base.
+    p1, p2, p3, f0, m01, m02 : array_like, shape (n,)
+        Of a pendulum, instead of ``nu``: values of one of them in place of its own. Without any a
+        single motion is computed.
+    method : {"successive", "newton", "linear"}
+        Of an oscillator. "linear": nonlinear terms left out; "successive": successive
+        approximations from the linear response, which converge where the nonlinear force is small
+        against the dynamic stiffness; "newton": Newton's method, which also passes resonances.
+        There each frequency starts from the one before in the order given, as in a slow sweep:
+        where several motions exist, upwards and downwards may give different ones. Where the branch
+        ends, or at the first frequency, the load is raised from nothing. `trace_response` gives all
+        of a branch. A pendulum is solved by Newton's method.
+    harmonics : int or "auto"
+        Highest order kept (1 to 199); with several base frequencies highest |k1| + |k2| + ... .
+        "auto": as many as bring the ``truncation`` of the result below ``tolerance``, or as there
+        is room for: those that each motion needs, which is also fastest; with successive
+        approximations the same for all, or for all of a part of a long list. Orders that
+        symmetry rules out are dropped: even ones and the mean, where the load has none.
+    tolerance : float
+        Wanted relative error of the iteration, 1e-14 to 0.1.
+    max_iterations : int
+        Of an oscillator: iterations a frequency, 1 to 100000.
+    relaxation : float or "auto"
+        Of an oscillator: fraction of each correction that is taken, in (0, 1]; "auto": start with 1
+        and halve, up to four times, where the iteration does not converge.
+    stability : bool
+        Also say whether each motion is stable: by Floquet multipliers, with memory by Hill's
+        determinant (see `Branch`), of quasi-periodic motions by rates of growth. An oscillator
+        needs ``method="newton"``.
+    duration : float
+        Of a pendulum: time over which the rates of a quasi-periodic motion are averaged, 1 to 1e6
+        (default 3000). Rates whose differences are small against 1/duration share their errors.
+    subharmonic : int
+        Of a pendulum: period of the motion in periods of the loads, 1 to 20: 2 finds what period
+        doubling leads to.
+    max_denominator : int
+        Of a pendulum: loads share a base frequency of which they are multiples up to this, 1 to 99;
+        those of ``nu`` or a subharmonic share one if this is so for each pair.
+    start : tuple, mapping or Trajectory
+        Of an oscillator, with ``method="newton"``: a motion near the first one wanted, as for
+        `trace_response`. A frequency at which Newton's method does not reach a motion from it has
+        no solution; the next one is tried from it again.
+    coordinates : sequence of str
+        Of a structure: which of its coordinates the result holds; default all up to 64, else those
+        that elements and loads touch.
+    progress : bool
+        Of an oscillator: show a progress bar.
+
+    Returns
+    -------
+    Response or DrivenResponse
+        The latter of a pendulum.
+
+    Raises
+    ------
+    InputError
+        Naming the argument, its value and what is allowed; also an argument that this kind of
+        system does not have.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If some motions were not found; they hold NaN. If the orders kept do not bring the
+        ``truncation`` below ``tolerance``.
+    StabilityWarning
+        If the stability of motions found is unknown.
+
+    Notes
+    -----
+    Source: seed paper 001, (14)-(19), corrected (see the theory pages). Fixed point
+    D(k nu) X_k = P_k - N_k(X) with the harmonics N_k of the nonlinear force from alias-free samples
+    of a period. Of a pendulum: Newton's method with exact derivatives on -w_k^2 X_k = A_k, the
+    harmonics of the accelerations from samples on the torus of the loads' phases; each row starts
+    from those before, else the loads are raised from nothing. A motion raised from rest keeps the
+    symmetry of system and loads, if there is one. Another motion may be found by `trace_response`.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
+    >>> vv.forced_response(duffing, [0.8, 1.2], load=0.2, method="newton").converged.all()
+    np.True_
+    """
+    given = locals()
+    if isinstance(system, Pendulum):
+        return pendulum_response(**_PENDULUM_RESPONSE.of(given))
+    if not isinstance(system, _STEADY):
+        check_instance("system", system, *_STEADY)
+    return mount_response(**_MOUNT_RESPONSE.of(given))
+
+
+def plan_response(
+    system: Steady,
+    nu: npt.ArrayLike,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    method: str = "successive",
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    max_iterations: int = 200,
+    relaxation: float | str = 1.0,
+    stability: bool = False,
+) -> Plan:
+    """Say what `forced_response` of an oscillator would compute and skip, and why.
+
+    Parameters
+    ----------
+    system : Mount or PolynomialSystem
+    nu, load, base, method, harmonics, tolerance, max_iterations, relaxation, stability
+        As for `forced_response`.
+
+    Returns
+    -------
+    Plan
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> skipped = vv.plan_response(mount, [1.0, 2.0], load=0.1)["skips"]
+    """
+    return mount_plan(**locals())
+
+
+@overload
+def trace_response(
+    system: Steady,
+    nu_range: tuple[float, float] | None = None,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    nu: float | None = None,
+    load_range: tuple[float, float] | None = None,
+    vary: str | None = None,
+    vary_range: tuple[float, float] | None = None,
+    at: npt.ArrayLike = (),
+    start: StartLike | None = None,
+    leave: BranchPoint | None = None,
+    opposite: bool = False,
+    symmetric: bool | None = None,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    max_folds: int = 100000,
+    stability: bool = True,
+    coordinates: Sequence[str] | None = None,
+) -> Branch: ...
+@overload
+def trace_response(
+    system: Pendulum,
+    *,
+    nu: tuple[float, float] | None = None,
+    p1: tuple[float, float] | None = None,
+    p2: tuple[float, float] | None = None,
+    p3: tuple[float, float] | None = None,
+    f0: tuple[float, float] | None = None,
+    m01: tuple[float, float] | None = None,
+    m02: tuple[float, float] | None = None,
+    at: npt.ArrayLike = (),
+    leave: BranchPoint | None = None,
+    opposite: bool = False,
+    symmetric: bool | None = None,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    max_folds: int = 100000,
+    stability: bool = True,
+    duration: float | None = None,
+    subharmonic: int = 1,
+    max_denominator: int = 12,
+) -> DrivenBranch: ...
+def trace_response(
+    system: Steady | Pendulum,
+    nu_range: tuple[float, float] | None = None,
+    *,
+    load: LoadLike | None = None,
+    base: LoadLike | None = None,
+    nu: float | tuple[float, float] | None = None,
+    load_range: tuple[float, float] | None = None,
+    vary: str | None = None,
+    vary_range: tuple[float, float] | None = None,
+    p1: tuple[float, float] | None = None,
+    p2: tuple[float, float] | None = None,
+    p3: tuple[float, float] | None = None,
+    f0: tuple[float, float] | None = None,
+    m01: tuple[float, float] | None = None,
+    m02: tuple[float, float] | None = None,
+    at: npt.ArrayLike = (),
+    start: StartLike | None = None,
+    leave: BranchPoint | None = None,
+    opposite: bool = False,
+    symmetric: bool | None = None,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    max_folds: int = 100000,
+    stability: bool = True,
+    duration: float | None = None,
+    subharmonic: int = 1,
+    max_denominator: int = 12,
+    coordinates: Sequence[str] | None = None,
+) -> Branch | DrivenBranch:
+    """Follow a branch of steady motions through its folds.
+
+    An oscillator is a mount or a polynomial system. One of the ranges says what varies, from where
+    and to where, up or down.
+
+    Parameters
+    ----------
+    system : Mount, PolynomialSystem, Structure or Pendulum
+    nu_range : (float, float)
+        Of an oscillator: frequencies (rad/s) of the load.
+    load, base
+        Of an oscillator: as for `forced_response`.
+    nu : float or (float, float)
+        Of an oscillator with ``load_range`` or ``vary_range``: the frequency that stays. Of a
+        pendulum: from and to for the base frequency of loads whose ratios of frequencies stay.
+    load_range : (float, float)
+        Of an oscillator: factors of the load.
+    vary, vary_range : str, (float, float)
+        Of an oscillator: a parameter of the system and its values. Of a mount "mass", "inertia",
+        "offset", "stiffness_x", "stiffness_phi", "cubic_scale" or "memory_scale". Of a
+        `PolynomialSystem` an entry, "stiffness[x1,x2]" (for one coordinate "stiffness"), also of
+        mass or damping, with its mirror image if that has the same value; a coefficient of the
+        forces, "forces[x1,x1^2*x2]" ("forces[x^3]"); or a factor of the whole, "mass_scale",
+        "damping_scale", "stiffness_scale", "forces_scale", "memory_scale" (of all kernels).
+        "springs[0]." before it means those springs.
+    p1, p2, p3, f0, m01, m02 : (float, float)
+        Of a pendulum: one of its own frequencies or amplitudes of loads.
+    at : array_like
+        Values of what varies at each of which a point shall lie, as often as the branch gets there.
+    start : tuple, mapping or Trajectory
+        Of an oscillator: a motion nearby to begin at, such as on a closed branch that no sweep
+        meets (an isola) or of a period longer than the load's: ``(result, i)``, the i-th motion of
+        a response or branch; ``{k: X_k}`` with a number of each coordinate; or a `Trajectory`,
+        whose last period, 2 pi over the frequency at which the branch begins, is taken. The branch
+        begins at the value of that motion if the range holds it, else at the beginning of the
+        range. Harmonics keep the symmetry of load and forces unless the motion breaks it.
+    leave : BranchPoint
+        Follow the branch that crosses another one here, which was traced with the same harmonics,
+        loads and ``subharmonic``.
+    opposite : bool
+        With ``leave``: the other way.
+    symmetric : bool
+        Keep to motions that share the symmetry of system and loads (of an oscillator that about
+        half a period), where there is one: faster, but blind to branch points where it breaks. None
+        stands for True of an oscillator, False of a pendulum. For period doublings of an oscillator
+        give the load as order 2 and half its frequency.
+    harmonics : int or "auto"
+        Highest order kept, with several base frequencies in all. "auto": as many as bring the
+        ``truncation`` of the motions below ``tolerance``. Of an oscillator those that each point
+        needs, up to 63; to ``leave`` a branch, give it what that was traced with. Of a pendulum 15,
+        6 or 4 at first; the branch is followed again with more until the outermost orders, where
+        they are the largest, are small enough or there is no more room; with ``leave`` those of the
+        branch that is left.
+    tolerance : float
+        Relative size of the last correction, and of what leaving out orders may change, 1e-14 to
+        0.1.
+    max_points : int
+        Points at most, 2 to 100000.
+    max_step : float
+        Largest step as a part of the present point, 1e-4 to 1.
+    max_folds : int
+        Folds behind which the curve ends with "fold limit", 1 to 100000, which is no limit.
+    stability : bool
+        Compute Floquet multipliers; with memory, exponents from Hill's determinant, those that grow
+        counted by the argument principle; with many coordinates that takes longer than the branch
+        itself (0.1 s a point with 20), and beyond 240 unknowns it is not tried.
+    duration : float
+        Of a pendulum, for quasi-periodic motions: compute rates of growth, averaged over this time,
+        1 to 1e6.
+    subharmonic, max_denominator
+        Of a pendulum: as for `forced_response`.
+    coordinates : sequence of str
+        Of a structure: which of its coordinates the result holds; default all up to 64, else those
+        that elements and loads touch. ``result.at(...)`` shows others.
+
+    Returns
+    -------
+    Branch or DrivenBranch
+        The latter of a pendulum.
+
+    Raises
+    ------
+    InputError
+        Naming the argument, its value and what is allowed; also an argument that this kind of
+        system does not have.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If the orders kept leave an estimated error above ``tolerance``, or rounding does.
+
+    Notes
+    -----
+    Newton's method on the equations of harmonic balance with exact derivatives;
+    pseudo-arclength continuation (Keller 1977), steps by the angle between tangents; folds located
+    to rounding of the parameter. Branch points are where the determinant of the bordered
+    derivatives changes its sign. With ``subharmonic=2`` period doublings of a pendulum, such as the
+    parametric resonance of one that swings under f0 alone, are branch points.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
+    >>> vv.trace_response(duffing, (0.3, 3), load=0.3).folds.size
+    2
+    """
+    given = locals()
+    if isinstance(system, Pendulum):
+        return trace_pendulum(**_TRACE_PENDULUM.of(given))
+    if not isinstance(system, _STEADY):
+        check_instance("system", system, *_STEADY)
+    return trace_mount(**_TRACE_MOUNT.of(given))
+
+
+@overload
+def backbone(
+    system: Steady,
+    mode: int,
+    amplitude_range: tuple[float, float],
+    *,
+    dof: str | None = None,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    max_folds: int = 100000,
+    coordinates: Sequence[str] | None = None,
+) -> Backbone: ...
+@overload
+def backbone(
+    system: Pendulum,
+    mode: int,
+    amplitude_range: tuple[float, float] | None = None,
+    *,
+    energy_range: tuple[float, float] | None = None,
+    dof: str | None = None,
+    leave: BackbonePoint | None = None,
+    opposite: bool = False,
+    symmetric: bool = False,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    max_folds: int = 100000,
+    stability: bool | None = None,
+    subharmonic: int = 1,
+) -> Backbone: ...
+def backbone(
+    system: Steady | Pendulum,
+    mode: int,
+    amplitude_range: tuple[float, float] | None = None,
+    *,
+    energy_range: tuple[float, float] | None = None,
+    dof: str | None = None,
+    leave: BackbonePoint | None = None,
+    opposite: bool = False,
+    symmetric: bool = False,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-10,
+    max_points: int = 2000,
+    max_step: float = 0.1,
+    max_folds: int = 100000,
+    stability: bool | None = None,
+    subharmonic: int = 1,
+    coordinates: Sequence[str] | None = None,
+) -> Backbone:
+    """Follow the free motions that grow from a linear mode: frequency against amplitude.
+
+    Damping, loads and memory are left out: springs act as at once, with their full stiffness.
+
+    Parameters
+    ----------
+    system : Mount, PolynomialSystem, Structure or Pendulum
+        Of a pendulum with printed equations the mode of z only: their swings keep no energy, and
+        are not periodic.
+    mode : int
+        The linear mode, counted from 0 by rising frequency; of a pendulum as in
+        `Pendulum.natural_frequencies`.
+    amplitude_range : (float, float)
+        First harmonic of a coordinate from which (small) and to which the curve is followed.
+    energy_range : (float, float)
+        Of a pendulum, instead: energies (`Pendulum.energy`).
+    dof : str, optional
+        The coordinate of ``amplitude_range``; default the one that moves most in the mode, of an
+        oscillator weighed by the root of its inertia.
+    leave : BackbonePoint
+        Of a pendulum: follow the family that crosses another one here, which was traced with the
+        same modes, harmonics and ``subharmonic``.
+    opposite : bool
+        With ``leave``: the other way.
+    symmetric : bool
+        Of a pendulum: keep to motions that are mirrored in phi and psi half a period later (of the
+        mode of z: that do not swing): faster, but blind to branch points where the symmetry breaks.
+    harmonics : int or "auto"
+        Highest order kept of the mode's frequency. "auto": 9 at first; the curve is followed again
+        with more until `Backbone.truncation` is below ``tolerance`` all along it, up to 63; to
+        ``leave`` a curve, as many as that has at first.
+    tolerance : float
+        Relative size of the last correction, and of what leaving out orders may change, 1e-14 to
+        0.1.
+    max_points : int
+        Points at most, 2 to 100000.
+    max_step : float
+        Largest step as a part of the present point, 1e-4 to 1.
+    max_folds : int
+        Folds behind which the curve ends with "fold limit", 1 to 100000, which is no limit.
+    stability : bool
+        Of a pendulum: compute Floquet multipliers, unless this is False.
+    subharmonic : int
+        Of a pendulum: period of the motions in periods of the mode, 1 to 20: 2 finds the swings
+        that the motion in z feeds.
+    coordinates : sequence of str
+        Of a structure: which of its coordinates the result holds, as for `trace_response`.
+
+    Returns
+    -------
+    Backbone
+
+    Raises
+    ------
+    InputError
+        Naming the argument, its value and what is allowed; also an argument that this kind of
+        system does not have.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If the orders kept do not bring `Backbone.truncation` below ``tolerance``.
+
+    Notes
+    -----
+    Without losses the equations keep their form when time runs backwards; motions that begin at
+    rest are even in time, which settles their phase. Harmonic balance for a_k and nu, followed by
+    pseudo-arclength continuation. Where modes interact the curve may turn back in amplitude or
+    energy. Branch points are where the determinant of the bordered derivatives changes its sign.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, forces="x^3")
+    >>> round(vv.backbone(duffing, 0, (0.01, 1)).nu[-1], 3)  # of one harmonic alone: sqrt(7/4)
+    np.float64(1.328)
+    """
+    given = locals()
+    if isinstance(system, Pendulum):
+        return pendulum_backbone(**_PENDULUM_BACKBONE.of(given))
+    if not isinstance(system, _STEADY):
+        check_instance("system", system, *_STEADY)
+    return oscillator_backbone(**_OSCILLATOR_BACKBONE.of(given))
+
+
+_STEADY = (Mount, PolynomialSystem, Structure, Pendulum)
+_OSCILLATOR = "a mount, a polynomial system or a structure"
+_PENDULUM = "a pendulum"
+_MOUNT_RESPONSE = Taken(forced_response, mount_response, _OSCILLATOR)
+_PENDULUM_RESPONSE = Taken(forced_response, pendulum_response, _PENDULUM)
+_TRACE_MOUNT = Taken(trace_response, trace_mount, _OSCILLATOR)
+_TRACE_PENDULUM = Taken(trace_response, trace_pendulum, _PENDULUM)
+_OSCILLATOR_BACKBONE = Taken(backbone, oscillator_backbone, _OSCILLATOR)
+_PENDULUM_BACKBONE = Taken(backbone, pendulum_backbone, _PENDULUM)

@@ -1,0 +1,242 @@
+"""Runs that go on: under the same loads, or under others, which act from there on."""
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.analyses.hereditary import NODES, MountMotion, hereditary_run_of, moving
+from viscovib.analyses.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
+from viscovib.analyses.runs import Run, Wanted, again, with_estimate
+from viscovib.analyses.structure_motion import StructureMotion, structure_motion_of
+from viscovib.common.mesh import Mesh
+from viscovib.errors import InputError
+from viscovib.results.trajectory import Trajectory
+from viscovib.systems.load import LoadLike
+from viscovib.systems.load_table import LoadTable
+from viscovib.systems.mount import Mount
+from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+
+#: Numbers of a pendulum that are its loads.
+_LOADS = ("f0", "m01", "m02", "p1", "p2", "p3")
+#: Part of its travel by which a base may be off where another motion of it begins.
+_OFF = 1e-9
+
+Maker = Callable[[float], Run]
+
+
+def known(
+    make: Maker,
+    breaks: FloatArray | None = None,
+    force: LoadTable | None = None,
+    base: LoadLike | LoadTable | None = None,
+) -> Maker:
+    """Let a run know what made it, where its loads have corners, and what tables its plan names."""
+    words = []
+    for name, table in (("force", force), ("motion of the base", base)):
+        if isinstance(table, LoadTable):
+            times = np.asarray(table.times)
+            span = f"{times.size} times, {times[0]:g} to {times[-1]:g}"
+            words.append(f"computes: {name} by a table of {span}")
+    return _Known(make, np.empty(0) if breaks is None else breaks, tuple(words))
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What makes runs that know it."""
+
+    make: Maker
+    breaks: FloatArray
+    tables: tuple[str, ...]
+
+    def __call__(self, h: float) -> Run:
+        run = self.make(h)
+        run.maker, run.breaks, run.tables = self, self.breaks, self.tables
+        return run
+
+
+def breaks_of(force: LoadTable | None, base: LoadLike | LoadTable | None, n_dof: int) -> FloatArray:
+    """Return the times at which tables have corners, jumps and ends, ascending; none: no tables."""
+    breaks = np.empty(0)
+    if force is not None:
+        breaks = force._breaks(n_dof)
+    if isinstance(base, LoadTable):
+        breaks = np.union1d(breaks, base._breaks(1))
+    return breaks
+
+
+def check_resumed(
+    run: Trajectory, given: Mapping[str, object], choices: Mapping[str, object]
+) -> None:
+    """Refuse by name what a run that goes on has already."""
+    _native.check_instance("resume", run, Trajectory)
+    told = [name for name, value in given.items() if value is not None]
+    told += [name for name, value in choices.items() if not _native.is_auto(value)]
+    if told:
+        raise InputError(
+            f"{', '.join(told)}: as of the run that is resumed, must not be given with resume"
+        )
+    if run.outcome != "completed":
+        raise InputError(f"resume: that run ended {run.outcome!r}, must be 'completed'")
+
+
+def other_loads(
+    system: Pendulum | Mount | PolynomialSystem | Structure,
+    earlier: Trajectory,
+    end: float,
+    load: LoadLike | None,
+    nu: float | None,
+    base: LoadLike | LoadTable | None,
+    force: LoadTable | None,
+    coordinates: Sequence[str] | None = None,
+) -> Maker | None:
+    """Return what makes a run under the loads given, None if none are."""
+    run: Run = earlier._resume
+    given = {"load": load, "nu": nu, "base": base, "force": force}
+    loaded = any(value is not None for value in given.values())
+    if isinstance(system, Structure) or structure_motion_of(run) is not None:
+        if coordinates is not None:
+            raise InputError(
+                "coordinates: as of the run that is resumed, must not be given with resume"
+            )
+        known_system: object = run.system
+        if known_system is not system:
+            raise InputError("system: must be that of the run that is resumed, the same object")
+        return _other_loads_of_structure(run, end, load, nu, base, force, loaded)
+    if isinstance(system, Pendulum):
+        for name, value in given.items():
+            if value is not None:
+                raise InputError(f"{name}: is for a Mount; a Pendulum has its loads in itself")
+        if isinstance(run.system, Pendulum):
+            loads = {name: getattr(run.system, name) for name in _LOADS}
+            if np.array_equal(replace(system, **loads)._flat, run.system._flat):
+                if np.array_equal(system._flat, run.system._flat):
+                    return None
+                make, _ = pendulum_runs(system, end, run.state, run.method, run.solved)
+                return known(make)
+    parts = [(body._flat, *getattr(body, "_kernels", ())) for body in (system, run.system)]
+    if type(system) is not type(run.system) or not all(
+        np.array_equal(one, other) for one, other in zip(*parts, strict=True)
+    ):
+        raise InputError("system: must be that of the run that is resumed, but for its loads")
+    if not loaded:
+        return None
+    assert not isinstance(system, Pendulum)
+    breaks = breaks_of(force, base, len(system.dof_names))
+    before = hereditary_run_of(run)
+    if before is None and goes_as_pendulum(system, run.method, load, base, None, "auto"):
+        make, _ = polynomial_runs(system, end, run.state, run.method, load, nu, force, run.solved)
+        return known(make, breaks, force, base)
+    if run.method not in NODES:
+        raise InputError(
+            f"resume: by method {run.method!r} no base moves and no load has such orders, must be "
+            f"one of {', '.join(NODES)}"
+        )
+    past = "auto" if before is None else before.memory
+    reach = end if before is None else before.end
+    motion = MountMotion.checked(
+        system, reach, run.state, run.method, load, nu, base, force, None, past
+    )
+    _check_base(motion, before, run.time)
+    if before is not None:
+        moves = moving(system, (motion.moves | before.moves).astype(bool))
+        motion = replace(
+            motion, held=before.held, before=before.before, moved=before.moved, moves=moves
+        )
+    return known(motion.runs(run.solved), breaks, force, base)
+
+
+def _other_loads_of_structure(
+    run: Run,
+    end: float,
+    load: LoadLike | None,
+    nu: float | None,
+    base: LoadLike | LoadTable | None,
+    force: LoadTable | None,
+    loaded: bool,
+) -> Maker | None:
+    """The same of a structure, whose modes the run knows."""
+    if not loaded:
+        return None
+    before = structure_motion_of(run)
+    assert before is not None
+    system = before.mount
+    names = [system.dof_names[i] for i in before.places] if isinstance(system, Structure) else None
+    motion = StructureMotion.checked(
+        system, max(end, before.end), None, run.method, load, nu, base, force, None,
+        before.memory, names,
+    )  # fmt: skip
+    _check_base(motion, before, run.time)
+    motion = replace(
+        motion, held=before.held, before=before.before, moved=before.moved, start=before.start,
+        speed=before.speed,
+    )  # fmt: skip
+    breaks = breaks_of(force, base, len(system.dof_names))
+    return known(motion.runs(run.solved), breaks, force, base)
+
+
+def _check_base(motion: Any, before: Any, now: float) -> None:
+    """Refuse a base that is not where it was."""
+    place = 0.0 if before is None else before.base_at(now)
+    most = max(motion.travel, 0.0 if before is None else before.travel)
+    if abs(motion.base_at(now) - place) > _OFF * most:
+        raise InputError(
+            f"base: is at {motion.base_at(now):.9g} at t = {now:g}, must go on from {place:.9g}, "
+            "where it was"
+        )
+
+
+def go_on(
+    earlier: Trajectory,
+    end: float,
+    want: Wanted,
+    progress: bool,
+    other: Maker | None,
+    estimated: bool,
+) -> Trajectory:
+    """Continue a run to ``end``, under other loads if they are given."""
+    run: Run = copy.copy(earlier._resume)
+    if other is not None:
+        before, run = run, other(run.h)
+        run.adopt(before)
+    n, kept = _ahead(run, end, want)
+    if not run.serves():
+        prepared = again(run, 1)
+        assert prepared is not None
+        run = prepared
+    begun = copy.copy(run)
+    result = run.steps(n, kept, progress)
+    if not estimated:
+        return result
+    finer = again(begun, 2)
+    fine = None if finer is None else finer.steps(2 * n, kept.finer(2), progress)
+    return with_estimate(result, fine, "by a run in half steps from the first start on")
+
+
+def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:
+    """Return the steps to ``end``, and what is kept of them; the run gets their mesh."""
+    now = run.time
+    if run.mesh is None and not run.breaks.size:
+        n = round((end - now) / run.h)
+        if n < 1 or abs(now + n * run.h - end) > 1e-9 * max(abs(end), run.h):
+            raise InputError(
+                f"t_end = {end:g}: must be a whole number of steps {run.h:g} after {now:g}"
+            )
+        return n, want
+    if not end > now:
+        raise InputError(f"t_end = {end:g}: must be greater than {now:g}, where the run ended")
+    done = run.done
+    if run.mesh is None:
+        run.mesh = Mesh(run.h, run.breaks, np.array([now]), np.array([done], dtype=np.int64))
+    elif run.anew:
+        run.mesh = replace(run.mesh, breaks=run.breaks)
+    run.mesh = mesh = run.mesh.extended(end)
+    if want.times is None and want.keep != "last":
+        want = want.at(mesh.times(np.arange(done, mesh.count + 1, want.every)))
+    return mesh.count - done, want

@@ -1,0 +1,401 @@
+"""Runs in equal steps: what is kept of them, how they go on, how their step is found."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.analyses.accuracy import Accuracy, parts_for_peaks, reason, rounding_of
+from viscovib.common.mesh import Mesh
+from viscovib.common.plan import Plan
+from viscovib.common.progress import Bar, progress_bar
+from viscovib.errors import InputError
+from viscovib.results.trajectory import OUTCOMES, Trajectory
+from viscovib.systems.oscillators import Oscillator
+from viscovib.systems.pendulum import Pendulum
+
+MAX_STEPS = 10**12
+#: Numbers that a run keeps at most: 1 GiB.
+_MAX_KEPT = 2**27
+#: Steps of a first run whose step is to be found.
+MAX_FIRST_STEPS = 10**9
+ROUNDING = 1e-15
+#: Steps before a stop that two runs must differ by: a first step with memory ends as the second
+#: of half its length does, and what follows a step that fails is found by steps of its own.
+_FEW = 4
+#: Halvings of the step before a tolerance is given up.
+_MIN_HALVINGS, _MAX_HALVINGS = 5, 12
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is kept of a run."""
+
+    every: int = 1
+    keep: str = "all"
+    tail: float = 0.0
+    times: FloatArray | None = None
+    #: What was asked for, where ``times`` stand for it.
+    asked: Wanted | None = None
+
+    @classmethod
+    def checked(
+        cls, times: npt.ArrayLike | None, save_every: int, keep: str, tail: float | None
+    ) -> Wanted:
+        """Check the arguments of ``simulate``."""
+        every = _native.integer("save_every", save_every, 1, MAX_STEPS)
+        _native.choice("keep", keep, ("all", "tail", "last"))
+        if (keep == "tail") != (tail is not None):
+            raise InputError('tail: must be given with keep = "tail", and only then')
+        length = 0.0 if tail is None else _native.number("tail", tail)
+        if tail is not None and length <= 0:
+            raise InputError(f"tail = {length:g}: must be greater than 0")
+        if times is None:
+            return cls(every, keep, length)
+        if keep != "all" or every != 1:
+            raise InputError("times: cannot be given together with save_every or keep")
+        wanted = _native.real_array("times", times, ndim=1)
+        if not wanted.size:
+            raise InputError("times: must not be empty")
+        if np.any(np.diff(wanted) <= 0):
+            raise InputError("times: must be strictly ascending")
+        return cls(times=wanted)
+
+    def finer(self, factor: int) -> Wanted:
+        """The same states of a run with so many times the steps."""
+        return replace(self, every=self.every * factor)
+
+    def at(self, times: FloatArray) -> Wanted:
+        """The same, of states at these times, where steps are not equal."""
+        if self.keep == "tail":
+            times = times[times >= times[-1] - self.tail * (1 + 1e-12)]
+        return Wanted(times=times, asked=self.asked or self)
+
+
+def hopeless(changes: list[float]) -> bool:
+    """Whether halving the step once more is vain: two halvings gain less than a digit.
+
+    So it is with chaotic motion, and below the level of rounding. A large first step may need a
+    few halvings before the order of a method shows.
+    """
+    n = len(changes)
+    return n >= _MAX_HALVINGS or (n >= _MIN_HALVINGS and changes[-1] > 0.1 * changes[-3])
+
+
+def difference(coarse: Trajectory, fine: Trajectory) -> float:
+    """Largest difference of the states of two runs, and of the times at which they stop."""
+    n, m = coarse.t.size, fine.t.size
+    if coarse.outcome == "completed" == fine.outcome and n == m:
+        return float(np.abs(fine.state - coarse.state).max())
+    if coarse.outcome != fine.outcome or coarse.outcome == "step too large" or abs(n - m) > 1:
+        return math.inf
+    n = min(n, m)
+    if fine.outcome == "diverged" and n and fine.t[n - 1] >= fine.t_reached:
+        n -= 1  # where a coordinate passes its bound it changes faster than any time is known
+    moved = abs(fine.t_reached - coarse.t_reached)
+    return max(moved, float(np.abs(fine.state[:n] - coarse.state[:n]).max(initial=0.0)))
+
+
+def with_estimate(run: Trajectory, fine: Trajectory | None, how: str) -> Trajectory:
+    """The run with the error that another tells, in steps half as long; None: it stopped."""
+    change = math.inf if fine is None else difference(run, fine)
+    error = max(change, rounding_of(run.state))
+    return replace(run, error=error, _planned=partial(_plan_with_estimate, run, how))
+
+
+def _plan_with_estimate(run: Trajectory, how: str) -> Plan:
+    words = "estimate of the error"
+    return run.plan.instead(words, f"computes: {words}, {how}")
+
+
+def _allowed_at_stop(run: Trajectory, want: Accuracy) -> float:
+    """Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away."""
+    size = max(1.0, float(np.abs(run.state).max(initial=0.0)))
+    return want.absolute * size + want.relative * max(size, run.t_reached)
+
+
+def by_tolerance(
+    make: Callable[[int, int], Trajectory], n: int, want: Accuracy, *, dense: bool = False
+) -> Trajectory:
+    """Halve the step until the states kept change by no more than is allowed.
+
+    ``make(factor, parts)`` makes a run in steps shorter by the factor from n of them; it keeps the
+    states of the first, and of so many parts of its steps. ``dense``: keep so many states that
+    peaks between them are low, by a run in steps as short, which are as exact as the others; not
+    where all of the past costs more with every step.
+    """
+    first = make(1, 1)
+    factor, coarse = 1, first
+    changes: list[float] = []
+    while not hopeless(changes):
+        factor *= 2
+        fine = make(factor, 1)
+        change = difference(coarse, fine)
+        if "completed" == coarse.outcome == fine.outcome:
+            if agree(coarse, fine, want):
+                direct = getattr(fine._resume, "past", None) == "direct"
+                parts = parts_for_peaks(fine) if dense and not direct else 1
+                if parts > 1:
+                    fine = make(max(factor, parts), parts)
+                error = max(change, rounding_of(fine.state))
+                return replace(fine, error=error, _planned=partial(_plan_of, first, want))
+        elif change <= _allowed_at_stop(fine, want) and not 0 < fine.stats["steps"] < _FEW:
+            error = max(change, rounding_of(fine.state))
+            return replace(fine, error=error, _planned=partial(_plan_of, first, want))
+        changes.append(change)
+        before, coarse = coarse, fine
+    raise InputError(
+        f"{want}: not met with {n * factor} steps (states still change by {changes[-1]:.1e}): "
+        f"{reason(before, coarse, want)}"
+    )
+
+
+def _plan_of(first: Trajectory, want: Accuracy) -> Plan:
+    plan = first._planned(want.absolute or want.relative)
+    if want.relative == 0:
+        return plan
+    step = "computes: the step, halved until the states kept change by no more than "
+    lines = str(plan).splitlines()
+    return Plan("\n".join(step + want.text if s.startswith(step) else s for s in lines))
+
+
+def agree(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> bool:
+    """Whether two runs differ by no more than is allowed."""
+    if coarse.state.shape != fine.state.shape:
+        return False
+    parts = np.abs(fine.state - coarse.state).max(axis=0)
+    return bool((parts <= want.allowed(fine.state)).all())
+
+
+class Piece(NamedTuple):
+    """What a native call returns of the steps it made."""
+
+    #: States a column each, and at the wanted times; the last one; all that going on needs.
+    states: FloatArray
+    at_times: FloatArray
+    last: FloatArray
+    memory: FloatArray
+    #: Whole steps, wanted times reached, and the time of the last state.
+    made: int
+    n_reached: int
+    reached: float
+    ended: int
+    counted: int
+
+
+class Run(ABC):
+    """A run that can go on: the native state and how far it has come."""
+
+    #: What the native calls count.
+    counts: ClassVar[str]
+    #: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
+    piece: int = 200_000
+
+    def __init__(
+        self,
+        system: Pendulum | Oscillator,
+        method: str,
+        state: FloatArray,
+        h: float,
+        solved: float,
+    ) -> None:
+        self.system, self.method, self.state, self.h = system, method, state, h
+        self.solved = solved
+        self.begin = state
+        self.done = 0
+        self.reached = 0.0
+        self.memory: FloatArray | None = None
+        #: Where steps end, if they are not equal.
+        self.mesh: Mesh | None = None
+        #: What tables of loads are called in the plan.
+        self.tables: tuple[str, ...] = ()
+        #: What made the run, and where its loads have corners.
+        self.maker: Callable[[float], Run] | None = None
+        self.breaks: FloatArray = np.empty(0)
+        #: Whether other loads act from now on than before; what made the earlier parts, and
+        #: how many steps were done at the end of each.
+        self.anew = False
+        self.parts: tuple[tuple[Callable[[float], Run], int], ...] = ()
+
+    def on(self, mesh: Mesh) -> Run:
+        """The same run in the steps of a mesh."""
+        self.mesh, self.h = mesh, mesh.h
+        return self
+
+    def adopt(self, earlier: Run) -> None:
+        """Go on from the end of an earlier run, under the loads of this one."""
+        assert earlier.maker is not None
+        self.state, self.done, self.reached = earlier.state, earlier.done, earlier.reached
+        self.h, self.mesh = earlier.h, earlier.mesh
+        self.anew = True
+        self.parts = (*earlier.parts, (earlier.maker, earlier.done))
+
+    def prepare(self, like: Run, factor: int) -> None:
+        """Remember as much as another run will need, in steps shorter by the factor."""
+        self.piece = like.piece
+
+    def serves(self) -> bool:
+        """Whether what is remembered serves the steps to come."""
+        return True
+
+    def _mesh_arrays(self) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+        """Return ends of pieces and the steps made by each, one at 0 for equal steps."""
+        if self.mesh is None:
+            return np.zeros(1), np.zeros(1, dtype=np.int64)
+        return self.mesh.ends, self.mesh.made_by
+
+    @abstractmethod
+    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
+        """Make ``count`` steps from the present state."""
+
+    @abstractmethod
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
+        """Return the core's words about a run to ``end`` in steps dt, 0 if they are sought."""
+
+    def plan(self, want: Wanted, end: float, sought: float | None = None) -> Plan:
+        """Say what a run to ``end`` computes; ``sought``: the tolerance by which its step was."""
+        dt = self.h if sought is None else 0.0
+        want = want.asked or want
+        every, last = min(want.every, np.iinfo(np.int32).max), want.keep == "last"
+        plan = Plan(self._plan(end, dt, sought or self.solved, every, last).decode())
+        if self.tables:
+            lines = [s for s in str(plan).splitlines() if s != "skips: the load (there is none)"]
+            plan = Plan("\n".join([*lines, *self.tables]))
+        if want.times is not None:
+            return plan.and_also(
+                [f"skips: storing states but at {want.times.size} times (not asked for)"]
+            )
+        if want.keep == "tail":
+            return plan.and_also(
+                [f"skips: storing states before the last {want.tail:g} (not asked for)"]
+            )
+        return plan
+
+    @property
+    def time(self) -> float:
+        """How far the run has come."""
+        return self._time_after(self.done)
+
+    def _time_after(self, steps: int) -> float:
+        return steps * self.h if self.mesh is None else self.mesh.time(steps)
+
+    def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
+        """Make n steps."""
+        if want.times is not None:
+            self._check_times(want.times, n)
+        start, first = self.done, self.state
+        # What is not kept is passed over in larger pieces.
+        skipped = 0
+        if want.keep == "tail":
+            skipped = max(0, n - math.ceil(min(want.tail / self.h, n))) // want.every * want.every
+        if want.times is None and want.keep != "last":
+            n_kept, most = (n - skipped) // want.every, _MAX_KEPT // max(first.size, 1)
+            if n_kept > most:
+                raise InputError(
+                    f"t_end: would keep {n_kept} states, must be at most {most}: see save_every, "
+                    'keep = "tail" or keep = "last"'
+                )
+        counts = {self.counts: 0}
+        states: list[FloatArray] = []
+        ended = 0
+        with progress_bar(n, "steps", progress) as bar:
+            if skipped:
+                ended = self._advance(skipped, replace(want, keep="last"), states, counts, bar)
+                start, first = self.done, self.state
+                if ended:
+                    # What was wanted lies beyond the stop: the state there is all there is.
+                    want = replace(want, keep="last")
+            if not ended:
+                ended = self._advance(n - skipped, want, states, counts, bar)
+        if want.times is not None:
+            kept = np.concatenate(states)
+            t = want.times[: kept.shape[0]]
+        elif want.keep == "last":
+            kept, t = self.state[np.newaxis], np.array([self.reached])
+        else:
+            kept = np.concatenate([first[np.newaxis], *states])
+            t = np.multiply(start + want.every * np.arange(kept.shape[0]), self.h, dtype=float)
+        return Trajectory(
+            t=t,
+            state=kept,
+            outcome=OUTCOMES[ended],
+            t_reached=self.reached,
+            dt=self.h,
+            method=self.method,
+            error=None,
+            stats={"steps": self.done, **counts},
+            system=self.system,
+            _resume=self,
+            _planned=partial(self.plan, want, self._time_after(start + n)),
+        )
+
+    def _advance(
+        self,
+        n: int,
+        want: Wanted,
+        states: list[FloatArray],
+        counts: dict[str, int],
+        bar: Bar,
+    ) -> int:
+        """Make n steps in pieces; return how they ended."""
+        piece = max(self.piece // want.every, 1) * want.every
+        left, ended = n, 0
+        while left and not ended:
+            count = min(piece, left)
+            stored = want.keep != "last" and want.times is None
+            columns = count // want.every if stored else 0
+            times = np.empty(0)
+            if want.times is not None:
+                now, until = self.time, self._time_after(self.done + count)
+                if left == count:
+                    until = math.inf
+                times = want.times[(want.times >= now) & (want.times < until)]
+            part = self._native_steps(count, want.every, columns, times)
+            self.memory, self.state, ended = part.memory, part.last, part.ended
+            self.anew = False
+            self.done += part.made
+            self.reached = part.reached if ended else self.time
+            counts[self.counts] += part.counted
+            if want.times is not None:
+                states.append(part.at_times.T[: part.n_reached])
+            else:
+                states.append(part.states.T[: min(columns, part.made // want.every)])
+            left -= count
+            bar.update(part.made)
+        return int(ended)
+
+    def _check_times(self, times: FloatArray, n: int) -> None:
+        end = self._time_after(self.done + n)
+        if times[0] < self.time or times[-1] > end * (1 + 1e-15):
+            raise InputError(
+                f"times: must be between the start {self.time:g} and the end {end:g} of the run"
+            )
+
+
+def again(run: Run, factor: int) -> Run | None:
+    """The same run from its first start, in steps shorter by a factor; None: it stopped before.
+
+    It remembers what its steps to come will need.
+    """
+    assert run.maker is not None
+    latest: Run | None = None
+    for maker, done in (*run.parts, (run.maker, run.done)):
+        part = maker(run.h / factor)
+        if latest is not None:
+            part.adopt(latest)
+        part.prepare(run, factor)
+        part.mesh = None if run.mesh is None else run.mesh.finer(factor)
+        latest = part
+        n = done * factor - part.done
+        if n and part.steps(n, Wanted(keep="last"), False).outcome != "completed":
+            return None
+    return latest

@@ -1,0 +1,106 @@
+"""Signals that spectra are taken of: samples in equal steps, or a coordinate of a trajectory."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.errors import InputError
+from viscovib.results.trajectory import Trajectory
+
+#: Steps between the states of a trajectory may differ by this part, which is rounding of times.
+_UNEVEN = 1e-9
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Samples in equal steps: shape (n,) or (n, m), their step, the time of the first, names."""
+
+    samples: FloatArray
+    step: float
+    start: float
+    names: tuple[str, ...] | None
+
+
+def read_signal(
+    signal: "npt.ArrayLike | Trajectory",
+    dt: float | None,
+    *,
+    start: float | None = None,
+    coordinates: str | tuple[str, ...] | None = None,
+    most: int,
+) -> Signal:
+    """Check a signal; of a trajectory take the coordinates named and the spacing of its states.
+
+    ``most``: dimensions allowed, 2 for several signals.
+    """
+    if isinstance(signal, Trajectory):
+        return _of_trajectory(signal, dt, start, coordinates, most)
+    if coordinates is not None:
+        raise InputError("coordinate: only a Trajectory has coordinates; got an array as signal")
+    if dt is None:
+        raise InputError("dt: must be given with an array: the time between samples")
+    samples = _native.real_array("signal", signal)
+    if not 1 <= samples.ndim <= most or samples.shape[0] == 0:
+        shapes = "(n,)" if most == 1 else "(n,) or (n, m)"
+        raise InputError(f"signal: must have shape {shapes} with n >= 1, got {samples.shape}")
+    if samples.size and float(np.abs(samples).max()) > 1e150:
+        raise InputError("signal: values beyond 1e150 leave the range of numbers")
+    step = _native.number("dt", dt)
+    if not 1e-300 <= step <= 1e300:
+        raise InputError(f"dt = {step:g}: must be greater than 0, and within 1e-300 to 1e300")
+    return Signal(samples, step, 0.0 if start is None else _native.number("start", start), None)
+
+
+def _of_trajectory(
+    run: Trajectory,
+    dt: float | None,
+    start: float | None,
+    coordinates: str | tuple[str, ...] | None,
+    most: int,
+) -> Signal:
+    if dt is not None or start is not None:
+        raise InputError("dt, start: must not be given with a Trajectory, which has its own times")
+    names: tuple[str, ...]
+    if coordinates is None and most == 1 and len(run.dof_names) == 1:
+        coordinates = run.dof_names[0]
+    if isinstance(coordinates, str):
+        columns, names = run.coordinate(coordinates), (coordinates,)
+    elif most == 1:
+        raise InputError(
+            f"coordinate = {_native.shown(coordinates)}: must be a name, such as "
+            f"{run.dof_names[0]!r}, of the coordinate of the Trajectory that is wanted"
+        )
+    else:
+        names = run.dof_names if coordinates is None else tuple(coordinates)
+        if not names:
+            raise InputError("coordinates: must name at least one coordinate")
+        columns = np.stack([run.coordinate(name) for name in names], axis=1)
+    if run.t.size < 2:
+        raise InputError(f"signal: {run.t.size} states kept, must be at least 2")
+    step = float(run.t[-1] - run.t[0]) / (run.t.size - 1)
+    even = run.t[0] + step * np.arange(run.t.size)
+    if float(np.abs(run.t - even).max()) > _UNEVEN * max(step, abs(float(run.t[-1])) * 1e-6):
+        spacing = np.diff(run.t)
+        raise InputError(
+            f"signal: the states of this Trajectory are {spacing.min():g} to {spacing.max():g} "
+            "apart: must be in equal steps; run with dt= a number"
+        )
+    if not math.isfinite(float(np.abs(columns).max())) or float(np.abs(columns).max()) > 1e150:
+        raise InputError("signal: values beyond 1e150 leave the range of numbers")
+    return Signal(columns, step, float(run.t[0]), names)
+
+
+def windowed(columns: FloatArray, window: int) -> tuple[ComplexArray, float]:
+    """One-sided spectra of signals, a column each, and the noise bandwidth of the window."""
+
+    def work() -> tuple[ComplexArray, float]:
+        found: tuple[ComplexArray, float] = core.windowed_spectrum(
+            np.asfortranarray(columns), window, n_spectrum=columns.shape[0] // 2 + 1
+        )
+        return found
+
+    return _native.apart(work) if columns.size > _native.MANY_SAMPLES else work()

@@ -1,0 +1,474 @@
+"""Motion of structures in time: their modes step by step exactly, their elements collocated."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
+from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted
+from viscovib.common.past import Past
+from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.results.trajectory import Trajectory
+from viscovib.systems.condensed import LoadedStructure
+from viscovib.systems.load import LoadLike
+from viscovib.systems.load_table import LoadTable, added
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+from viscovib.systems.structure_loads import (
+    Condensed,
+    check_forces,
+    damped,
+    table_columns,
+    warn_of_creeping,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Coordinates of polynomial systems that are not.
+_MOST_WHOLE = 64
+#: Part of a start that may be in no mode without a word.
+_LEFT_OUT = 1e-6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StructureTrajectory(Trajectory):
+    """A `Trajectory` of a structure: chosen coordinates, and the deflections of its elements.
+
+    Attributes
+    ----------
+    deflections, rates : ndarray, shape (n, q)
+        Deflections of the elements, as `Structure.deflections` names them, relative to the base,
+        and their rates. Further attributes are those of `Trajectory`; ``state`` holds the
+        coordinates that `dof_names` lists.
+    """
+
+    deflections: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    rates: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    _names: tuple[str, ...] = ()
+    _units: tuple[str, ...] = ()
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """Names of the coordinates kept."""
+        return self._names
+
+    @property
+    def dof_units(self) -> tuple[str, ...]:
+        """Their units."""
+        return self._units
+
+    def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
+        """Coordinates and velocities over t, and ``deflections`` and ``rates`` of the elements."""
+        data = super().to_dataset(physical=physical)
+        names = [f"y{i + 1}" for i in range(self.deflections.shape[1])]
+        if isinstance(self.system, Structure):
+            names = list(self.system.deflections)
+        return data.assign(
+            deflections=(("t", "element"), self.deflections), rates=(("t", "element"), self.rates)
+        ).assign_coords(element=names)
+
+
+@dataclass(frozen=True)
+class StructureMotion:
+    """A motion of a structure that is wanted: all but its step."""
+
+    mount: Condensed
+    end: float
+    method: str
+    loaded: LoadedStructure
+    #: Places of the coordinates kept.
+    places: npt.NDArray[np.intp]
+    #: Coordinates and velocities of the body at the start, shape (n,).
+    start: FloatArray
+    speed: FloatArray
+    frequencies: FloatArray
+    held: FloatArray
+    before: FloatArray
+    moved: FloatArray
+    memory: str
+    #: Directions of the columns of tables, shape (n, k), their times and cubics; one time: none.
+    patterns: FloatArray
+    breaks: FloatArray
+    pieces: FloatArray
+    table: LoadTable | None = None
+    base_breaks: FloatArray = field(default_factory=lambda: np.zeros(1))
+    base_pieces: FloatArray = field(default_factory=lambda: np.zeros((4, 1), order="F"))
+
+    @classmethod
+    def checked(
+        cls,
+        structure: Condensed,
+        end: float,
+        initial: npt.ArrayLike | None,
+        method: str,
+        load: LoadLike | None,
+        nu: float | None,
+        base: LoadLike | LoadTable | None,
+        force: LoadTable | None,
+        held: npt.ArrayLike | Past | None,
+        memory: str,
+        coordinates: Sequence[str] | None,
+    ) -> StructureMotion:
+        """Check every argument of ``simulate`` that a structure has."""
+        n = len(structure.dof_names)
+        table = base if isinstance(base, LoadTable) else None
+        waved = None if isinstance(base, LoadTable) else base
+        if (table is not None or waved is not None) and structure._base_direction is None:
+            raise InputError("base: this system has no base_direction, its base is fixed")
+        name = _native.choice("method", method, ("auto", *NODES))
+        _native.choice("memory", memory, ("auto", *PASTS))
+        before, moved = history_of(held, n)
+        state = np.zeros(2 * n)
+        state[::2] = moved[:, -1]
+        if initial is not None:
+            state = _native.real_array("initial", initial)
+            if state.shape != (2 * n,):
+                raise InputError(f"initial: must have shape ({2 * n},), got {state.shape}")
+        frequency = 0.0 if nu is None else _native.number("nu", nu)
+        if load is None and waved is None and nu is not None:
+            raise InputError("nu: must not be given without load or base")
+        loaded = structure._loaded(load, waved)
+        if loaded.condensation.rest.losses.any():
+            raise InputError(
+                "loss_factor: has no meaning in time, must be 0 for a motion in time (take a "
+                "kernel, or modal_damping)"
+            )
+        if frequency < 0 or (frequency == 0 and (loaded.orders > 0).any()):
+            given = "None" if nu is None else f"{frequency:g}"
+            raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
+        patterns, breaks, pieces = table_columns(force, structure)
+        directions = loaded.condensation.laws.directions
+        check_forces(structure, loaded, patterns)
+        warn_of_creeping(structure)
+        motion = cls(
+            structure, end, "gauss8" if name == "auto" else name, loaded,
+            structure._wanted(coordinates, loaded), state[::2].copy(), state[1::2].copy(),
+            loaded.orders * frequency, directions.T @ moved[:, 0], before,
+            np.asfortranarray(directions.T @ moved), memory, patterns, breaks, pieces,
+        )  # fmt: skip
+        motion = motion if table is None else motion._on_table(table)
+        motion._warn_of_left_out()
+        return motion
+
+    def _on_table(self, table: LoadTable) -> StructureMotion:
+        """The same with a base that moves by a table: its acceleration acts on what is relative."""
+        base_pieces = table._base_pieces()
+        times = np.asarray(table.times)
+        load = np.zeros((1, 4, times.size), order="F")
+        load[0, 2, :-1] = -6 * base_pieces[0, :-1]
+        load[0, 3, :-1] = -2 * base_pieces[1, :-1]
+        patterns, breaks, pieces = self.patterns, self.breaks, self.pieces
+        if load.any():
+            push = self.loaded._inertia[:, np.newaxis]
+            if breaks.size < 2:
+                patterns, breaks, pieces = push, times, load
+            else:
+                k = pieces.shape[0]
+                wide = np.concatenate([pieces, np.zeros((1, 4, breaks.size))])
+                breaks, pieces = added(
+                    (breaks, wide), (times, np.concatenate([np.zeros((k, 4, times.size)), load]))
+                )
+                patterns = np.concatenate([patterns, push], axis=1)
+        return replace(
+            self, patterns=patterns, breaks=breaks, pieces=pieces, table=table, base_breaks=times,
+            base_pieces=base_pieces,
+        )  # fmt: skip
+
+    @property
+    def travel(self) -> float:
+        """Largest displacement of the base, or more."""
+        table = 0.0 if self.table is None else float(np.abs(np.asarray(self.table.values)).max())
+        return float(np.abs(self.loaded.base).sum()) + table
+
+    def base_at(self, t: float) -> float:
+        """Displacement of the base."""
+        return self.base_state(t)[0]
+
+    def base_state(self, t: float) -> tuple[float, float]:
+        """Displacement and velocity of the base, after a corner."""
+        wave = self.loaded.base * np.exp(1j * t * self.frequencies)
+        place = float(wave.imag.sum())
+        speed = float((self.frequencies * wave.real).sum())
+        if self.table is not None:
+            times, cubics = self.base_breaks, self.base_pieces
+            if t < times[0]:
+                return place + float(cubics[3, 0]), speed
+            i = int(np.searchsorted(times, t, side="right")) - 1
+            a, x = cubics[:, i], t - times[i]
+            place += float(((a[0] * x + a[1]) * x + a[2]) * x + a[3])
+            speed += float((3 * a[0] * x + 2 * a[1]) * x + a[2])
+        return place, speed
+
+    @cached_property
+    def modal(self) -> dict[str, Any]:
+        """What the core takes of the structure, its load and its start, all by modes."""
+        c = self.loaded.condensation
+        rest, inertia = c.rest, self.loaded._inertia
+        mass: Any = self.mount.mass
+        place, speed = self.base_state(0.0) if self.moves_base else (0.0, 0.0)
+        start, rates = self.start, self.speed
+        b = self.mount._base_direction
+        if b is not None:
+            start, rates = start - place * b, rates - speed * b
+        shown = np.concatenate([rest.shapes[self.places].T, c.seen], axis=1)
+        direction = np.zeros(shown.shape[1])
+        if b is not None:
+            direction[: self.places.size] = b[self.places]
+        # Loads as they are, and the inertia of what is relative to a base that moves.
+        forces = np.zeros((self.start.size, max(self.frequencies.size, 1)), complex)
+        if self.frequencies.size:
+            forces = self.loaded.forces + np.outer(inertia, self.frequencies**2 * self.loaded.base)
+        given = {
+            "elements": np.concatenate(
+                [np.asarray(part, dtype=float) for part in c.law_vector(np.zeros(c.q))]
+            ),
+            "squares": rest.squares, "rates": rest.rates, "seen": c.seen, "pushed": c.seen,
+            "patterns": rest.shapes.T @ self.patterns,
+            "frequencies": self.frequencies if self.frequencies.size else np.zeros(1),
+            "waves": rest.shapes.T @ forces,
+            "base_waves": self.loaded.base if self.frequencies.size else np.zeros(1, complex),
+            "shown": shown, "direction": direction, "inner": rest.shapes.T @ inertia,
+            "start": rest.shapes.T @ (mass @ start), "start_rates": rest.shapes.T @ (mass @ rates),
+        }  # fmt: skip
+        if not rest.squares.size:
+            # One that does not move.
+            given |= {
+                name: np.zeros((1, *np.shape(given[name])[1:]), np.asarray(given[name]).dtype)
+                for name in (
+                    "squares", "rates", "seen", "pushed", "patterns", "waves", "shown", "inner",
+                    "start", "start_rates",
+                )
+            }  # fmt: skip
+        given |= self._others(forces, start, rates)
+        return {name: np.asfortranarray(value) for name, value in given.items()}
+
+    def _others(
+        self, forces: ComplexArray, start: FloatArray, rates: FloatArray
+    ) -> dict[str, ComplexArray]:
+        """The same of what has no real modes: of conjugate poles one, which counts twice.
+
+        The state (u, u') is sum_l (left_l, pole_l left_l) z_l with
+        z_l = right_l . ((pole_l M + C) u + M u').
+        """
+        c = self.loaded.condensation
+        rest, q = c.rest, c.q
+        kept = np.flatnonzero(rest.poles.imag >= 0)
+        if not kept.size:
+            none = np.zeros((1, max(self.frequencies.size, 1)), complex)
+            return {
+                "poles": none[0, :1], "left": np.zeros((1, q), complex),
+                "right": np.zeros((1, q + self.patterns.shape[1]), complex), "sine": none,
+                "cosine": none, "by_base": np.zeros((1, 2), complex),
+                "shown_left": np.zeros((1, self.places.size + q), complex),
+                "start_others": none[0, :1],
+            }  # fmt: skip
+        poles, right = rest.poles[kept], rest.right[:, kept]
+        twice = np.where(poles.imag > 0, 2.0, 1.0)
+        left = rest.left[:, kept] * twice
+        mass: Any = self.mount.mass
+
+        def state(u: FloatArray, v: FloatArray) -> ComplexArray:
+            resisted = damped(self.mount, u)
+            pushed: Any = poles * (right.T @ (mass @ u)) + right.T @ (resisted + mass @ v)
+            return np.asarray(pushed)
+
+        b = self.mount._base_direction
+        moved = np.zeros((kept.size, 2), complex)
+        if b is not None:
+            zero = np.zeros_like(b)
+            moved = np.stack([state(b, zero), state(zero, b)], axis=1)
+        seen = c.left[kept] * twice[:, np.newaxis]
+        return {
+            "poles": poles, "left": seen,
+            "right": np.concatenate([c.right[kept], right.T @ self.patterns], axis=1),
+            "sine": right.T @ forces.real, "cosine": right.T @ forces.imag, "by_base": moved,
+            "shown_left": np.concatenate([left[self.places].T, seen], axis=1),
+            "start_others": state(start, rates),
+        }  # fmt: skip
+
+    def _warn_of_left_out(self) -> None:
+        """Warn of a start that the modes in use do not hold."""
+        place, speed = self.base_state(0.0) if self.moves_base else (0.0, 0.0)
+        if not (self.start.any() or self.speed.any() or place or speed):
+            return
+        rest, modal = self.loaded.condensation.rest, self.modal
+        for name, column, given in (
+            ("displacements", "start", self.start), ("velocities", "start_rates", self.speed),
+        ):  # fmt: skip
+            held, size = np.zeros(given.size), np.abs(given)
+            if rest.squares.size:
+                held += rest.shapes @ modal[column]
+                size += np.abs(rest.shapes) @ np.abs(modal[column])
+            if rest.poles.size:
+                kept = rest.poles.imag >= 0
+                twice = np.where(rest.poles[kept].imag > 0, 2.0, 1.0)
+                z = modal["start_others"] * (1.0 if column == "start" else modal["poles"])
+                held += (rest.left[:, kept] @ (twice * z)).real
+                size += np.abs(rest.left[:, kept]) @ np.abs(twice * z)
+            b = self.mount._base_direction
+            if b is not None:
+                held += b * (place if column == "start" else speed)
+            left = float(np.abs(given - held).max())
+            if left > _LEFT_OUT * float(size.max()):
+                warnings.warn(
+                    f"initial: {left:.2g} of the {name} is in no mode of this structure (modes "
+                    "left out, or coordinates without mass), and is left out",
+                    ConvergenceWarning,
+                    stacklevel=caller(),
+                )
+
+    @property
+    def moves_base(self) -> bool:
+        """Whether the base moves."""
+        return self.table is not None or bool(self.loaded.base.any())
+
+    @property
+    def first_kept(self) -> FloatArray:
+        """What is kept of the start: coordinates as they were given, deflections of the body."""
+        directions = self.loaded.condensation.laws.directions
+        place, speed = self.base_state(0.0) if self.moves_base else (0.0, 0.0)
+        b = 0.0 if self.mount._base_direction is None else self.mount._base_direction
+        u, v = self.start - place * b, self.speed - speed * b
+        return np.stack(
+            [
+                np.concatenate([self.start[self.places], directions.T @ u]),
+                np.concatenate([self.speed[self.places], directions.T @ v]),
+            ],
+            axis=1,
+        ).ravel()
+
+    def first_steps(self) -> int:
+        """Steps to begin with when the step is to be found.
+
+        The modes need none: two a period of the loads, and of the frequency at which what is seen
+        of the modes is as stiff as it is heavy.
+        """
+        modal = self.modal
+        squares = np.concatenate([np.abs(modal["squares"]), np.abs(modal["poles"]) ** 2])
+        seen = np.concatenate([modal["shown"] ** 2, np.abs(modal["shown_left"]) ** 2])
+        bends = np.divide(1, squares, out=np.zeros_like(squares), where=squares > 0)
+        soft = float((seen.T @ bends).max(initial=0.0))
+        heavy = float(seen.sum(axis=0).max(initial=0.0))
+        natural = math.sqrt(heavy / soft) if soft > 0 else 0.0
+        fastest = max(natural, float(self.frequencies.max(initial=0.0)))
+        wanted = float(self.end) * fastest * FIRST[self.method] / (2 * math.pi)
+        return max(4, math.ceil(min(wanted, 2.0 * MAX_STEPS)))
+
+    @property
+    def remembers(self) -> bool:
+        """Whether some element has memory."""
+        return bool(self.mount._active_kernels)
+
+    def runs(self, tolerance: float) -> Callable[[float], Run]:
+        """Return what makes a run with a step."""
+        return partial(StructureRun, self, tolerance)
+
+
+class StructureRun(MountRun):
+    """A run of a structure."""
+
+    motion: StructureMotion
+
+    def __init__(self, motion: StructureMotion, tolerance: float, h: float) -> None:
+        super().__init__(motion, tolerance, h, motion.first_kept)
+        #: Jump of the base, and of its velocity, where other loads begin.
+        self.kick = np.zeros(2)
+
+    def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
+        """Make n steps."""
+        run = super().steps(n, want, progress)
+        if isinstance(run, StructureTrajectory):
+            return run
+        structure, places = self.motion.mount, self.motion.places
+        own = 2 * places.size
+        given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
+        state = given.pop("state")
+        return StructureTrajectory(
+            **given, state=np.ascontiguousarray(state[:, :own]),
+            deflections=np.ascontiguousarray(state[:, own::2]),
+            rates=np.ascontiguousarray(state[:, own + 1 :: 2]),
+            _names=tuple(structure.dof_names[i] for i in places),
+            _units=tuple(structure.dof_units[i] for i in places),
+        )  # fmt: skip
+
+    def adopt(self, earlier: Run) -> None:
+        """Go on from the end of an earlier run, under the loads of this one."""
+        super().adopt(earlier)
+        assert isinstance(earlier, StructureRun)
+        old = np.array(earlier.motion.base_state(self.time))
+        self.kick = old - np.array(self.motion.base_state(self.time))
+
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
+        motion = self.motion
+        q = motion.loaded.condensation.q
+        moving = bool(motion.start.any() or motion.speed.any() or motion.before.size > 1)
+        text: bytes = _native.call(
+            core.hereditary_plan, *motion.loaded.job, np.full(2 * q, float(moving)), motion.held,
+            end, dt, tolerance, tuple(reversed(NODES)).index(self.method) + 1,
+            2 if self.past == "exponentials" else 3, every, int(last),
+        )[0]  # fmt: skip
+        lines = text.decode().splitlines()
+        nodes = NODES[self.method]
+        lines[0] = (
+            f"computes: motion to t = {end:g} by {self.method}, forces of elements at {nodes} "
+            "nodes a step, modes exactly"
+        )
+        lines.insert(1, f"computes: {motion.loaded.told}")
+        return "\n".join(lines).encode()
+
+    def _call(
+        self, count: int, every: int, columns: int, times: FloatArray, n_memory: int
+    ) -> tuple[Piece, int, int]:
+        motion = self.motion
+        memory = np.zeros(n_memory)
+        if self.memory is not None:
+            memory[: self.memory.size] = self.memory
+        given = motion.modal | {
+            "breaks": motion.breaks, "pieces": motion.pieces,
+            "base_breaks": motion.base_breaks, "base_pieces": motion.base_pieces,
+            "s": NODES[self.method], "past": PASTS.index(self.past) + 1, "held": motion.held,
+            "before": motion.before, "moved": motion.moved, "kick": self.kick, "h": self.h,
+            "shortest": self.shortest, "kinks": int(self.kinks), "t_end": self.reach,
+            "tolerance": self.solved, "first": self.done, "n_steps": count, "save_every": every,
+            "resume": 2 if self.anew else int(self.memory is not None), "memory": memory,
+            "times": times, "n_states": columns,
+        }  # fmt: skip
+        given["ends"], given["made_by"] = self._mesh_arrays()
+        (
+            states, at_times, last, kept, n_kept, made, n_reached, reached, ended, counted, rough,
+            reason,
+        ) = _native.call_either(
+            count > _native.MANY_STEPS, partial(core.structure_simulate, **given)
+        )  # fmt: skip
+        self.resolution = float(rough)
+        self._refuse(reason)
+        if reason == self.too_large:
+            ended, reached = self.coarse, self.time
+            last = self.state
+        part = Piece(
+            states, at_times, last, kept[:n_kept], made, n_reached, reached, ended, counted
+        )
+        return part, n_kept, reason
+
+
+def goes_condensed(system: object) -> TypeGuard[Condensed]:
+    """Whether the motion of a system is computed of few deflections and of modes."""
+    if isinstance(system, PolynomialSystem):
+        return len(system.dof_names) > _MOST_WHOLE
+    return isinstance(system, Structure)
+
+
+def structure_motion_of(run: Run) -> StructureMotion | None:
+    """The motion of a run that is one of a structure."""
+    return run.motion if isinstance(run, StructureRun) else None

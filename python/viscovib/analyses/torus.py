@@ -1,0 +1,205 @@
+"""Base frequencies and lattices of orders of a pendulum under several loads."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.errors import InputError
+from viscovib.systems.pendulum import Pendulum
+
+FREQUENCIES = ("p1", "p2", "p3")
+AMPLITUDES = ("f0", "m01", "m02")
+#: What may vary, in the order of the core, from 1.
+_VARIES = (*FREQUENCIES, *AMPLITUDES, "nu")
+
+IntArray = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Torus:
+    """The angles of a motion, and how those of the loads follow from them.
+
+    ``names`` of the axes and their frequencies ``base``, shape (n_axes,); ``drive_orders``, shape
+    (3, n_axes): load j turns by drive_orders[j] times the angles. ``varying``: which axis (from 1)
+    a frequency that varies moves, and its multiple that the frequency is.
+    """
+
+    names: tuple[str, ...]
+    base: FloatArray
+    drive_orders: IntArray
+    varying: tuple[int, int]
+
+    @property
+    def n_axes(self) -> int:
+        """Number of base frequencies."""
+        return len(self.names)
+
+    def lattice(self, bound: int) -> IntArray:
+        """Half of the orders with |k1| + |k2| + ... <= bound, 0 first, shape (n, n_axes)."""
+        _, n = core.lattice_orders(self.n_axes, bound, 0)
+        return np.ascontiguousarray(core.lattice_orders(self.n_axes, bound, n)[0].T)
+
+    def largest(self, share: float = 1.0, *, matrix: bool = True) -> int:
+        """Largest bound for which a share of the unknowns is not too many, for a matrix of them."""
+        return int(core.lattice_bound(self.n_axes, share, int(matrix)))
+
+    @property
+    def lowest(self) -> int:
+        """Lowest bound of a lattice that holds all loads."""
+        return int(self._bounds()[0])
+
+    @property
+    def usual(self) -> int:
+        """Bound of the lattice that a branch has by default."""
+        return int(self._bounds()[1])
+
+    def _bounds(self) -> tuple[int, int]:
+        lowest, usual = core.lattice_default(np.asfortranarray(self.drive_orders.T))
+        return lowest, usual
+
+    @property
+    def shells(self) -> int:
+        """How many shells beyond a bound judge it: loads may leave out all but multiples."""
+        return 2 * math.gcd(*self.drive_orders.ravel().tolist()) if self.n_axes == 1 else 2
+
+
+def moved(pend: Pendulum, name: str, value: float) -> Pendulum:
+    """The same pendulum with another frequency of a load."""
+    changes: dict[str, Any] = {name: value}
+    return replace(pend, **changes)
+
+
+def chosen(given: Mapping[str, object]) -> tuple[str | None, object]:
+    """Return the one keyword that varies and its value; (None, None) if none does."""
+    named = [name for name, value in given.items() if value is not None]
+    if len(named) > 1:
+        raise InputError(f"{named[0]}, {named[1]}: only one of them may vary")
+    return (named[0], given[named[0]]) if named else (None, None)
+
+
+def make_torus(pend: Pendulum, varies: str | None, subharmonic: int, max_denominator: int) -> Torus:
+    """Sort the loads that act by frequency: commensurate ones share an axis.
+
+    A frequency that varies keeps an axis of its own; "nu" moves all of them together.
+    """
+    sizes = [getattr(pend, name) for name in AMPLITUDES]
+    n_axes, base, drive_orders, named, axis, multiple = _native.call(
+        core.sort_torus, [getattr(pend, name) for name in FREQUENCIES], sizes, _code(varies),
+        subharmonic, max_denominator,
+    )  # fmt: skip
+    return Torus(
+        names=tuple("nu" if j == 0 else FREQUENCIES[j - 1] for j in named[:n_axes].tolist()),
+        base=base[:n_axes].copy(),
+        drive_orders=np.ascontiguousarray(drive_orders[:n_axes].T),
+        varying=(axis, multiple),
+    )
+
+
+def _code(varies: str | None) -> int:
+    """Name what varies as the core does."""
+    return 0 if varies is None else _VARIES.index(varies) + 1
+
+
+def core_job(
+    pend: Pendulum, torus: Torus, orders: IntArray, varies: str | None
+) -> tuple[tuple[object, ...], float]:
+    """Arguments of the core up to what varies, and units of the latter in the parameter."""
+    flat = pend._flat.copy()
+    amplitude = flat[7:10].copy()
+    flat[7:10] = 1
+    kind, which, unit = 1, 1, 1.0
+    if varies in FREQUENCIES:
+        which, unit = torus.varying[0], float(torus.varying[1])
+    elif varies in AMPLITUDES:
+        kind, which = 2, AMPLITUDES.index(varies) + 1
+    return (
+        flat,
+        np.asfortranarray(orders.T),
+        np.asfortranarray(torus.drive_orders.T),
+        torus.base,
+        amplitude,
+        kind,
+        which,
+    ), unit
+
+
+def kept_by_symmetry(
+    pend: Pendulum, torus: Torus, orders: IntArray, varies: str | None
+) -> IntArray:
+    """1 where an order of a coordinate is an unknown of the motion raised from rest.
+
+    Shape (n_orders, 3): half of them where system and loads are symmetric.
+    """
+    sizes = [getattr(pend, name) for name in AMPLITUDES]
+    kept: IntArray = core.lattice_kept(
+        np.asfortranarray(torus.drive_orders.T), np.asfortranarray(orders.T), sizes, _code(varies)
+    )
+    return kept
+
+
+def bound_of(torus: Torus, harmonics: object, largest: int) -> int:
+    """Check a highest order: the loads must fit in."""
+    if torus.lowest > largest:
+        raise InputError(
+            f"max_denominator: the loads are up to {torus.lowest} times their base frequencies, "
+            f"must be at most {largest}"
+        )
+    return _native.integer("harmonics", harmonics, torus.lowest, largest)
+
+
+def complex_coefficients(x: FloatArray) -> ComplexArray:
+    """X_k from unknowns, shape (n_unknowns, n) to (n, 3, n_orders); the mean as 1j mean."""
+    parts = x.T.reshape(x.shape[1], 3, x.shape[0] // 3)
+    result = np.zeros((*parts.shape[:2], (parts.shape[2] + 1) // 2), dtype=complex)
+    # Part by part: a product with 1j has zeros with a sign.
+    result[:, :, 0].imag = parts[:, :, 0]
+    result[:, :, 1:].real = parts[:, :, 1::2]
+    result[:, :, 1:].imag = parts[:, :, 2::2]
+    return result
+
+
+def unknowns_of(coefficients: ComplexArray) -> FloatArray:
+    """Unknowns of one motion from X_k, shape (3, n_orders)."""
+    x = np.empty((3, 2 * coefficients.shape[1] - 1))
+    x[:, 0] = coefficients[:, 0].imag
+    x[:, 1::2] = coefficients[:, 1:].real
+    x[:, 2::2] = coefficients[:, 1:].imag
+    return x.ravel()
+
+
+def place_of(orders: IntArray, harmonic: object) -> int:
+    """Index of an order, or of its negative, which has the same amplitude."""
+    wanted = np.atleast_1d(np.asarray(harmonic))
+    if wanted.dtype.kind not in "iu" or wanted.shape != orders.shape[1:]:
+        raise InputError(
+            f"harmonic = {_native.shown(harmonic)}: "
+            f"must be {'an integer' if orders.shape[1] == 1 else ''}"
+            f"{f'{orders.shape[1]} integers' if orders.shape[1] > 1 else ''}"
+        )
+    for sign in (1, -1):
+        where = np.flatnonzero((orders == sign * wanted).all(axis=1))
+        if where.size:
+            return int(where[0])
+    highest = int(np.abs(orders).sum(axis=1).max())
+    raise InputError(
+        f"harmonic = {_native.shown(harmonic)}: must be one of those kept, up to {highest} in all"
+    )
+
+
+def order_name(order: npt.NDArray[np.int32]) -> str:
+    """Name of an order in column heads: "3" or "1,-2"."""
+    return ",".join(str(int(k)) for k in order)
+
+
+def tail(coefficients: ComplexArray, orders: IntArray) -> FloatArray:
+    """Largest of the two outermost shells of orders against the largest of all, shape (n,)."""
+    shell = np.abs(orders).sum(axis=1)
+    sizes = np.abs(coefficients)
+    largest = np.maximum(sizes.max(axis=(1, 2)), 1e-300)
+    return np.asarray(sizes[:, :, shell >= shell.max() - 1].max(axis=(1, 2)) / largest)

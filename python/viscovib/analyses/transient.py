@@ -1,0 +1,298 @@
+"""Motion in time: fixed-step integration of every system."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.analyses.accuracy import Accuracy
+from viscovib.analyses.hereditary import MountMotion
+from viscovib.analyses.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
+from viscovib.analyses.resume import breaks_of, check_resumed, go_on, known, other_loads
+from viscovib.analyses.runs import (
+    MAX_FIRST_STEPS,
+    MAX_STEPS,
+    ROUNDING,
+    Wanted,
+    by_tolerance,
+    with_estimate,
+)
+from viscovib.analyses.structure_motion import StructureMotion, goes_condensed
+from viscovib.common.mesh import Mesh
+from viscovib.common.past import Past
+from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.results.trajectory import Trajectory
+from viscovib.systems.load import LoadLike
+from viscovib.systems.load_table import LoadTable
+from viscovib.systems.mount import Mount
+from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+
+#: Above this last coefficient of a step, relative to the motion, a run warns.
+_ROUGH = 1e-2
+
+
+def simulate(
+    system: Pendulum | Mount | PolynomialSystem | Structure,
+    t_end: float,
+    *,
+    dt: float | str = "auto",
+    initial: npt.ArrayLike | None = None,
+    resume: Trajectory | None = None,
+    method: str = "auto",
+    tolerance: float | None = None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    load: LoadLike | None = None,
+    nu: float | None = None,
+    base: LoadLike | LoadTable | None = None,
+    force: LoadTable | None = None,
+    held: npt.ArrayLike | Past | None = None,
+    memory: str = "auto",
+    times: npt.ArrayLike | None = None,
+    save_every: int = 1,
+    keep: str = "all",
+    tail: float | None = None,
+    coordinates: Sequence[str] | None = None,
+    estimate_error: bool = False,
+    progress: bool = False,
+) -> Trajectory:
+    """Integrate a motion from t = 0, or on from an earlier one, to t_end in equal steps.
+
+    Parameters
+    ----------
+    system : Pendulum, Mount, PolynomialSystem or Structure
+    t_end : float
+        End of the run, after its start.
+    dt : float or "auto"
+        Step, shortened so that a whole number of steps reaches t_end. "auto": halved from about
+        a quarter of the fastest linear period until halving changes the kept states by no more
+        than ``tolerance``. So many states are kept then (up to 100 000, and unless all of the past
+        is kept) that no peak between them is higher by more than 1/500 of the largest displacement.
+    initial : array_like, shape (2 n_dof,)
+        State at t = 0, (z, z', phi, phi', psi, psi') or (x, x', phi, phi'). Others without one
+        starts at rest, or where it was ``held``.
+    resume : Trajectory
+        Continue this run instead, with its system, step, method and past. Without a load it is
+        as if the run had never stopped, bit for bit where all steps are equal (not under tables).
+        A kernel that is fitted by exponentials is so for the first ``t_end``: there the two agree
+        to the tolerance only. If any of ``load``,
+        ``base`` and ``force`` is given, these act from there on instead of all that acted
+        before, time running on (``load=0``: none); a pendulum may have other loads. Where a
+        fitted kernel must resolve the jump, the past is computed once more.
+    method : str
+        Of a pendulum: "gauss8", "gauss16", "gauss2", "gauss3": Gauss-Legendre collocation of
+        that many nodes (order twice as high), symplectic; "rk4"; "dop8": Dormand and Prince,
+        order 8; "verner8", "verner9": Verner's efficient methods of order 8 and 9. "auto" is
+        "gauss8", the fastest for one trajectory at every accuracy.
+        Of a mount: "gauss2", "gauss3", "gauss4", "gauss6" or "gauss8", the accelerations being
+        collocated and what is remembered a polynomial through the nodes and both ends; "auto"
+        is "gauss8".
+    tolerance : float
+        Wanted absolute error of the kept states, 1e-13 to 1. With ``dt="auto"`` (default 1e-10)
+        the step is found by it. With ``dt`` given it only says how far the equations of a
+        step are solved, and how well kernels are represented (default: to rounding).
+        A polynomial system without memory, of at most 6 coordinates and under nothing but a
+        ``force`` and a ``load`` of orders up to 199, has the methods of a pendulum; else those of
+        a mount.
+    rtol, atol : float
+        With ``dt="auto"``, instead of ``tolerance``: each coordinate and velocity is wanted within
+        atol + rtol times its largest value of the run (rtol 1e-13 to 1; atol 0 if not given).
+    load, nu, base
+        Not of a pendulum: periodic load, its frequency and motion of the base, as for
+        ``forced_response``; a constant force F is ``load={0: 1j * F}``. ``base`` may be a
+        `LoadTable` instead, displacements in time: the springs' memory sees them too. States are
+        those of the body, not relative to the base; without ``initial`` it is at rest at 0.
+    force : LoadTable
+        Not of a pendulum: any load in time, besides the periodic one. Steps end on its corners
+        and ends; with ``dt`` given, states are kept at equal times all the same.
+    held : array_like, shape (n_dof,), or Past
+        Of a mount: displacement relative to the base held for all t < 0, or any motion before
+        it, which its springs remember; None: at rest.
+    memory : {"auto", "exponentials", "direct"}
+        Of a mount with kernels: "exponentials": each kernel as a sum of exponentials, at a cost
+        that does not grow with time; "direct": all of the past at every step, exact for any
+        kernel, at a cost that grows with the square of the time. "auto": exponentials where the
+        kernels are such sums, else direct.
+    times : array_like, shape (n,)
+        Keep the states at these ascending times instead: of a pendulum each by a step of its own
+        from the step before it, of a mount by the polynomial of the step.
+    save_every : int
+        Keep every so many-th step.
+    keep : {"all", "tail", "last"}
+        "tail": what lies in the last ``tail`` units of time; "last": only the last state. Nothing
+        else is stored.
+    tail : float
+        Length of the part that ``keep="tail"`` keeps.
+    coordinates : sequence of str, optional
+        Of a structure: the coordinates kept; None: all of up to 64, else those that loads and
+        elements act on, 64 at most. Deflections of the elements are kept besides.
+    estimate_error : bool
+        With ``dt`` given, run once more in half steps, from the first start on, and report the
+        largest difference of the states kept.
+    progress : bool
+        Show a progress bar.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If the given steps do not resolve a motion with memory (``Trajectory.resolution``).
+    StabilityWarning
+        If a mount's kernel has an integral of 1 or more: free motion creeps away, and a run from
+        rest does not settle on the steady response.
+
+    Notes
+    -----
+    Phases of the loads are carried in two doubles, so that long runs lose no digits; the state
+    with compensated summation. With memory, a first step that is not from rest without load is
+    made of panels that double their length from 1e-13 of it on, since the start is singular.
+
+    Of a structure the modes of its linear rest go from step to step exactly, under periodic loads
+    and tables too; the step only has to resolve the forces of its elements, polynomials through
+    the nodes of a step. A step costs as many operations as there are modes, times its nodes. Its
+    methods are those of a mount. A polynomial system of more than 64 coordinates goes the same way.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> run = vv.simulate(mount, 20, load=0.1, nu=1.5)
+    >>> longer = vv.simulate(mount, 40, resume=run)  # goes on where it ended
+    """
+    if not isinstance(system, Pendulum | Mount | PolynomialSystem | Structure):
+        raise InputError(
+            f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a PolynomialSystem or "
+            "a Structure"
+        )
+    if coordinates is not None and not isinstance(system, Structure):
+        raise InputError("coordinates: is for a Structure; of other systems all are kept")
+    end = _native.number("t_end", t_end)
+    _native.flag("progress", progress)
+    at_first = 1
+    want = Wanted.checked(times, save_every, keep, tail)
+    auto = _native.is_auto(dt)
+    accuracy = Accuracy.checked(tolerance, rtol, atol, 1e-10 if auto else None)
+    if not auto and (rtol is not None or atol is not None):
+        raise InputError('rtol, atol: are for dt = "auto", must not be given with dt')
+    # The step alone decides the error: its equations are solved to rounding, which costs little.
+    wanted = None if auto or accuracy is None else accuracy.absolute
+    solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
+    estimated = _native.flag("estimate_error", estimate_error)
+    if resume is not None:
+        if initial is not None:
+            raise InputError("initial and resume are both given: must be one of them")
+        check_resumed(
+            resume,
+            {"held": held, "tolerance": tolerance, "rtol": rtol, "atol": atol},
+            {"dt": dt, "method": method, "memory": memory},
+        )
+        other = other_loads(system, resume, end, load, nu, base, force, coordinates)
+        return go_on(resume, end, want, progress, other, estimated)
+    if end <= 0:
+        raise InputError(f"t_end = {end:g}: must be greater than 0")
+    if isinstance(system, Pendulum):
+        given = {"load": load, "nu": nu, "base": base, "force": force, "held": held}
+        for argument, value in given.items():
+            if value is not None:
+                raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
+        _native.choice("memory", memory, ("auto",))
+        make, n = pendulum_runs(system, end, initial, method, solved)
+    elif isinstance(system, Structure) or goes_condensed(system):
+        shape = StructureMotion.checked(
+            system, end, initial, method, load, nu, base, force, held, memory, coordinates
+        )
+        make = shape.runs(ROUNDING if accuracy is None or not shape.remembers else accuracy.solved)
+        n, at_first = shape.first_steps(), 2 if shape.remembers else 1
+    elif goes_as_pendulum(system, method, load, base, held, memory):
+        make, n = polynomial_runs(system, end, initial, method, load, nu, force, solved)
+    else:
+        motion = MountMotion.checked(
+            system, end, initial, method, load, nu, base, force, held, memory
+        )
+        far = ROUNDING if accuracy is None else accuracy.solved
+        make = motion.runs(far if motion.remembers or not auto else ROUNDING)
+        n, at_first = motion.first_steps(), 2 if motion.remembers else 1
+    breaks = breaks_of(force, base, len(system.dof_names))
+    make = known(make, breaks, force, base)
+
+    def run(factor: int, parts: int) -> Trajectory:
+        if mesh is not None:
+            finer, kept = mesh.finer(factor), on_mesh
+            if parts > 1:
+                kept = want.at(mesh.all_times(parts))
+            return make(finer.h).on(finer).steps(finer.count, kept, progress)
+        steps, kept = n * factor, want
+        if factor > 1:
+            kept = want.finer(factor // parts)
+        return make(end / steps).steps(steps, kept, progress)
+
+    if auto:
+        assert accuracy is not None
+        if n > MAX_FIRST_STEPS:
+            raise InputError(
+                f"t_end = {end:g}: takes {n:.1e} steps of the fastest motion or load, must be at "
+                f"most {MAX_FIRST_STEPS:g}: take a shorter run, slower loads or softer springs, or "
+                "give dt"
+            )
+        n = want.every * math.ceil(n / want.every)
+        mesh, on_mesh = _mesh(breaks, end, end / n, at_first, want)
+        free = want.every == 1 and want.keep == "all" and want.times is None
+        return by_tolerance(run, n, accuracy, dense=free)
+    step = _native.number("dt", dt)
+    if not 0 < step <= end:
+        raise InputError(f"dt = {step:g}: must be greater than 0 and not exceed t_end = {end:g}")
+    if end / step > MAX_STEPS:
+        raise InputError(f"dt = {step:g}: t_end / dt must be at most {MAX_STEPS:g}")
+    n = math.ceil(end / step * (1 - 1e-12))
+    mesh, on_mesh = _mesh(breaks, end, end / n, at_first, want, equal=n)
+    result = run(1, 1)
+    if result.resolution is not None and result.resolution > _ROUGH:
+        warnings.warn(
+            f"dt = {step:g}: steps do not resolve the motion (resolution "
+            f"{result.resolution:.1e}, should be below {_ROUGH:g})",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
+    if estimated:
+        return with_estimate(result, run(2, 1), "by a run in half steps")
+    return result
+
+
+def _mesh(
+    breaks: FloatArray,
+    end: float,
+    h: float,
+    at_first: int,
+    want: Wanted,
+    equal: int | None = None,
+) -> tuple[Mesh | None, Wanted]:
+    """Return where steps end, None if they are equal, and what is kept of them.
+
+    ``equal``: states are kept after so many equal steps, whatever the loads are.
+    """
+    if not breaks.size:
+        return None, want
+    mesh = Mesh.until(end, h, breaks, at_first=at_first)
+    if mesh.count > MAX_STEPS:
+        raise InputError(
+            f"force, base: takes {mesh.count:.1e} steps, must be at most {MAX_STEPS:g}"
+        )
+    if want.times is not None or want.keep == "last":
+        return mesh, want
+    times = mesh.all_times() if equal is None else np.multiply(np.arange(equal + 1), h, dtype=float)
+    times[-1] = end
+    return mesh, want.at(times[:: want.every])

@@ -1,0 +1,1 @@
+"""A rigid body in space on its mounts."""

@@ -1,0 +1,621 @@
+"""A rigid body in space on its mounts: six coordinates, any number of mounts at any place."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.bodies.forces import MountForces, mount_forces
+from viscovib.bodies.modes import BodyModes, find_modes
+from viscovib.bodies.mount_point import MountPoint, crossing
+from viscovib.bodies.springs import MountSprings, mount_springs, spring_groups
+from viscovib.bodies.statics import Sag, find_sag, geometric_stiffness
+from viscovib.errors import InputError, StabilityWarning, caller
+from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.polynomial_system import PolynomialSystem
+
+NAMES = ("x", "y", "z", "rx", "ry", "rz")
+_UNITS = ("m", "m", "m", "rad", "rad", "rad")
+_GEOMETRIES = ("small",)
+#: Mounts farther away than so many radii of gyration look like millimetres given as metres.
+_FAR = 50.0
+#: Part of a principal moment of inertia that is rounding.
+_ROUNDING = 1e-9
+
+
+class Body(PolynomialSystem):
+    """A rigid body on mounts, each of them rubber with its own memory and force law.
+
+    The coordinates are the displacement x, y, z (m) of the centre of mass and the rotation
+    rx, ry, rz (rad) about it, both small. With the point p of a mount and its rotation R (local
+    to body axes) its deflections are d = R^T (u + theta x p), and
+
+        M u'' + sum_j e_j {(1 - R_j*) [k_j d_j + g_j(d_j)] + c_j d_j'} = load(t),  d_j = e_j . u,
+
+    over all directions j of all mounts: a `PolynomialSystem`, on which every method works. The
+    floor is at rest, or moves along ``base_direction``; responses are absolute then too.
+
+    Parameters
+    ----------
+    mass : float
+        Of the body (kg).
+    inertia : array_like, shape (3, 3) or (3,)
+        Tensor of inertia about the centre of mass in body axes (kg m^2), with the signs of a
+        tensor (J_xy = -sum m x y), or its diagonal.
+    mounts : sequence of MountPoint
+    center : array_like, shape (3,), optional
+        Centre of mass (m), in the axes in which the mounts' positions are given.
+    gravity : float or array_like, shape (3,), optional
+        Acceleration (m/s^2), a number along -z. The body then sags: mounts carry
+        k_j (1 - integral of R_j) in the end, coordinates count from the loaded position, laws
+        are those about it, and the preload adds its geometric stiffness, which remembers nothing.
+        None: no gravity, mounts without preload.
+    geometry : str, optional
+        "small": rotations are small, the mounts are nonlinear.
+    base_direction : str or array_like, shape (6,), optional
+        How the floor moves: "x", ..., "rz" (about the centre of mass), or a mix.
+
+    Warns
+    -----
+    StabilityWarning
+        If a kernel's integral is not between 0 and 1, if the loaded position is unstable, or if
+        positions look like millimetres.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> from viscovib.units import hz
+    >>> feet = [
+    ...     vv.MountPoint(name=f"foot{i}", position=(x, y, -0.1), stiffness=(2e5, 2e5, 4e5))
+    ...     for i, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)])
+    ... ]
+    >>> pump = vv.Body(mass=80, inertia=(2.0, 3.0, 3.5), mounts=feet)
+    >>> [round(float(f), 2) for f in pump.modes().hz]
+    [14.71, 15.39, 22.51, 27.43, 30.8, 36.05]
+    """
+
+    def __init__(
+        self,
+        *,
+        mass: float,
+        inertia: npt.ArrayLike,
+        mounts: Sequence[MountPoint],
+        center: npt.ArrayLike = (0.0, 0.0, 0.0),
+        gravity: float | npt.ArrayLike | None = None,
+        geometry: str = "small",
+        base_direction: str | npt.ArrayLike | None = None,
+    ) -> None:
+        own = object.__setattr__
+        own(self, "body_mass", _native.number("mass", mass))
+        if not self.body_mass > 0:
+            raise InputError(f"mass = {self.body_mass:g}: must be greater than 0")
+        own(self, "inertia", _inertia(inertia))
+        own(self, "mounts", _mounts(mounts))
+        own(self, "center", _vector("center", center))
+        own(self, "geometry", _native.choice("geometry", geometry, _GEOMETRIES))
+        own(self, "gravity", _gravity(gravity))
+        self._warn_of_units()
+        springs = mount_springs(self.mounts, self.center)
+        matrix = springs.mass_of_tracks
+        matrix[:3, :3] = self.body_mass * np.eye(3)
+        matrix[3:6, 3:6] = self.inertia
+        n = matrix.shape[0]
+        preload = np.zeros((n, n))
+        sag = None
+        if self.gravity is not None:
+            weight = np.zeros(n)
+            weight[:3] = self.body_mass * self.gravity
+            sag = find_sag(springs, weight)
+            springs = springs.about(springs.rows @ sag.displacement)
+            preload = geometric_stiffness(self.mounts, self.center, sag.forces, n)
+        own(self, "_sag", sag)
+        own(self, "_mount_springs", springs)
+        direction = None if base_direction is None else _direction(base_direction, n)
+        names = (*NAMES, *(f"{mount.name}_y" for mount in self.mounts if mount.track))
+        first, *others = spring_groups(springs, preload, names)
+        super().__init__(
+            mass=matrix,
+            stiffness=first.stiffness,
+            forces=first.forces,
+            damping=springs.damping_matrix,
+            springs=others,
+            names=names,
+            units=(*_UNITS, *("m" for _ in names[6:])),
+            base_direction=direction,
+        )
+        self._warn_of_instability()
+
+    body_mass: float
+    inertia: FloatArray
+    mounts: tuple[MountPoint, ...]
+    center: FloatArray
+    gravity: FloatArray | None
+    geometry: str
+    _sag: Sag | None
+    _mount_springs: MountSprings
+
+    def __repr__(self) -> str:
+        """Say what it is in a few lines."""
+        lines = [f"<Body: {self.body_mass:g} kg on {len(self.mounts)} mounts"]
+        for mount in self.mounts:
+            place = " ".join(f"{p:g}" for p in np.asarray(mount.position))
+            stiffness = " ".join(f"{k:g}" for k in np.asarray(mount.stiffness))
+            lines.append(f"  {mount.name}: at {place} m, {stiffness} N/m")
+        return "\n".join(lines) + ">"
+
+    def modes(self) -> BodyModes:
+        """Modes about the position at rest without memory, with their kinetic energies.
+
+        Returns
+        -------
+        BodyModes
+            Frequencies (Hz), shapes, kinetic energy of each coordinate (percent), decoupling.
+
+        Raises
+        ------
+        InputError
+            If the position at rest is unstable.
+        """
+        return find_modes(self)
+
+    def sag(self) -> Sag:
+        """Where the body rests under gravity, and what each mount carries.
+
+        Raises
+        ------
+        InputError
+            If the body was made without ``gravity``.
+        """
+        if self._sag is None:
+            raise InputError("gravity: is None, the body has no weight: give gravity=9.81")
+        return self._sag
+
+    def torque_roll_axis(self, about: str | npt.ArrayLike = "x") -> FloatArray:
+        """Axis about which a free body turns under a torque, through the centre of mass.
+
+        It is the direction of J^-1 t (Harris, Shock and Vibration Handbook). A body whose
+        mounts let it roll about this axis answers a torque with one mode only.
+
+        Parameters
+        ----------
+        about : "x", "y", "z" or array_like, shape (3,)
+            Axis of the torque, that of the crankshaft.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+            A unit vector in body axes.
+        """
+        axis = np.linalg.solve(self.inertia, _axis("about", about))
+        return np.asarray(axis / np.linalg.norm(axis))
+
+    def roll_share(self, about: str | npt.ArrayLike = "x") -> FloatArray:
+        """How much of each mode is rolling about the torque-roll axis (percent), shape (6,).
+
+        (phi^T M r)^2/(r^T M r) of modes of unit modal mass, r the roll about that axis. The shares
+        of all modes add up to 100: of an ideal suspension one is 100, the others 0.
+        """
+        roll = np.zeros(len(self.dof_names))
+        roll[3:6] = self.torque_roll_axis(about)
+        push = self._mass_matrix @ roll
+        return np.asarray(100 * (self.modes().shapes.T @ push) ** 2 / (roll @ push))
+
+    def centers(self) -> tuple[FloatArray, FloatArray]:
+        """Centre of stiffness and centre of compliance (m), in the axes of the positions.
+
+        In space no single elastic centre exists. About the first the coupling block of the
+        stiffness matrix is symmetric, about the second that of its inverse (Loncaric 1987);
+        they agree where a true elastic centre exists.
+
+        Raises
+        ------
+        InputError
+            If the stiffness leaves such a point undetermined.
+        """
+        stiffness = self._stiffness_at_rest[:6, :6]
+        places = []
+        for what, matrix, sign, corner in (
+            ("stiffness", stiffness, -1.0, slice(0, 3)),
+            ("compliance", _inverse(stiffness), 1.0, slice(3, 6)),
+        ):
+            block = matrix[corner, corner]
+            off = matrix[:3, 3:]
+            odd = off - off.T
+            twist = np.array([odd[2, 1], odd[0, 2], odd[1, 0]])
+            system = np.trace(block) * np.eye(3) - block
+            if np.linalg.cond(system) > 1e12:
+                raise InputError(f"mounts: leave the centre of {what} undetermined")
+            places.append(self.center + np.linalg.solve(system, sign * twist))
+        return places[0], places[1]
+
+    def load(
+        self,
+        force: npt.ArrayLike = (0.0, 0.0, 0.0),
+        torque: npt.ArrayLike = (0.0, 0.0, 0.0),
+        at: npt.ArrayLike | None = None,
+    ) -> ComplexArray:
+        """A force (N) at a point (m; None: the centre of mass) and a torque (N m) as a load.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            For ``load=`` of `forced_response`, `trace_response` and `simulate`.
+        """
+        pushed = _complex_vector("force", force)
+        arm = np.zeros(3) if at is None else _vector("at", at) - self.center
+        total = np.zeros(len(self.dof_names), dtype=complex)
+        total[:3] = pushed
+        total[3:6] = _complex_vector("torque", torque) + crossing(arm) @ pushed
+        return total
+
+    def unbalance(
+        self,
+        nu: float,
+        mass_eccentricity: float,
+        at: npt.ArrayLike | None = None,
+        axis: str | npt.ArrayLike = "x",
+    ) -> ComplexArray:
+        """The load of a rotating unbalance m e nu^2 at one speed nu (rad/s).
+
+        The force turns about ``axis`` through the point ``at`` (m) by the right-hand rule; at
+        t = 0 it points along the second of two axes across, y for "x".
+
+        Parameters
+        ----------
+        nu : float
+            Speed (rad/s).
+        mass_eccentricity : float
+            m e (kg m).
+        """
+        speed = _native.number("nu", nu)
+        size = _native.number("mass_eccentricity", mass_eccentricity) * speed**2
+        along = _axis("axis", axis)
+        # Some vector across, then the third of the right-handed three.
+        second = np.roll(np.eye(3)[np.abs(along).argmax()], 1)
+        second -= along * (along @ second)
+        second /= np.linalg.norm(second)
+        third = np.cross(along, second)
+        # Im[(i p + q) exp(i nu t)] = p cos nu t + q sin nu t.
+        return self.load(force=size * (1j * second + third), at=at)
+
+    def motion_of(self, result: Any, point: npt.ArrayLike) -> ComplexArray:
+        """Displacement of a point of the body in a response or along a branch.
+
+        Parameters
+        ----------
+        result : Response or Branch
+            Of this body.
+        point : array_like, shape (3,)
+            Where (m), in the axes of the mounts' positions.
+
+        Returns
+        -------
+        ndarray, shape (n_nu, 3, n_harmonics)
+            Coefficients (m) like ``result.coefficients``; times -(k nu)^2 they are the
+            acceleration. Where the floor moves they are absolute too.
+        """
+        arm = _vector("point", point) - self.center
+        rows = np.hstack([np.eye(3), -crossing(arm)])
+        return np.asarray(np.einsum("ad,ndk->nak", rows, self._coefficients(result)[:, :6]))
+
+    def mount_forces(self, result: Any, *, base: LoadLike | None = None) -> MountForces:
+        """Deflection, force and lost power of every mount in a response or along a branch.
+
+        Parameters
+        ----------
+        result : Response or Branch
+            Of this body.
+        base : complex or mapping, optional
+            Motion of the floor as given to `forced_response`; to be given if the body has a
+            ``base_direction`` (0 where the floor was at rest).
+
+        Returns
+        -------
+        MountForces
+            Without what the mounts carry at rest.
+        """
+        relative = self._coefficients(result)
+        if self.base_direction is None:
+            if base is not None:
+                raise InputError("base: this body has no base_direction, its floor is fixed")
+            return mount_forces(self.mounts, self._mount_springs, result, relative)
+        if base is None:
+            raise InputError(
+                "base: the floor of this body may move, give the motion that the result was "
+                "computed for (0: none)"
+            )
+        orders, series = load_series(None, base, len(self.dof_names))
+        moved = {int(k): y for k, y in zip(orders, series[-1], strict=True)}
+        if any(moved.values()) and getattr(result, "varies", "nu") == "load_factor":
+            raise InputError("result: the motion of the floor must not vary along it")
+        floor = np.array([moved.get(int(k), 0.0) for k in np.asarray(result.harmonics)])
+        direction = np.asarray(self.base_direction)
+        return mount_forces(
+            self.mounts, self._mount_springs, result, relative - np.outer(direction, floor)
+        )
+
+    def base_transmissibility(
+        self,
+        nu: npt.ArrayLike,
+        axis: str | npt.ArrayLike = "z",
+        point: npt.ArrayLike | None = None,
+        *,
+        relative: bool = False,
+    ) -> ComplexArray:
+        """Displacement of a point of the body over that of the floor, linear.
+
+        Parameters
+        ----------
+        nu : array_like
+            Circular frequencies (rad/s).
+        axis : "x", "y", "z" or array_like, shape (3,)
+            Direction in which the floor moves.
+        point : array_like, shape (3,), optional
+            Where on the body (m); None: the centre of mass.
+        relative : bool
+            Relative to the floor.
+
+        Returns
+        -------
+        ndarray, shape (*nu.shape, 3)
+            Along x, y and z; ``20*log10(abs(...))`` are decibels.
+        """
+        frequencies = _native.real_array("nu", nu)
+        along = _axis("axis", axis)
+        direction = np.zeros(len(self.dof_names))
+        direction[:3] = along
+        push = frequencies[..., None] ** 2 * (self._mass_matrix @ direction)
+        moved = self._solved(frequencies, push)
+        arm = np.zeros(3) if point is None else _vector("point", point) - self.center
+        answer = moved[..., :6] @ np.hstack([np.eye(3), -crossing(arm)]).T
+        return np.asarray(answer if _native.flag("relative", relative) else answer + along)
+
+    def force_transmissibility(
+        self,
+        nu: npt.ArrayLike,
+        axis: str | npt.ArrayLike = "z",
+        at: npt.ArrayLike | None = None,
+    ) -> ComplexArray:
+        """Sum of the forces on the floor over a force on the body, linear.
+
+        Parameters
+        ----------
+        nu : array_like
+            Circular frequencies (rad/s).
+        axis : "x", "y", "z" or array_like, shape (3,)
+            Direction of the force.
+        at : array_like, shape (3,), optional
+            Where it acts (m); None: at the centre of mass.
+
+        Returns
+        -------
+        ndarray, shape (*nu.shape, 3)
+            Along x, y and z.
+        """
+        frequencies = _native.real_array("nu", nu)
+        push = np.broadcast_to(
+            self.load(_axis("axis", axis), at=at), (*frequencies.shape, 0 + len(self.dof_names))
+        )
+        moved = self._solved(frequencies, push)
+        # What does not accelerate the body goes to the floor.
+        inertia = -(frequencies[..., None] ** 2) * self.body_mass * moved[..., :3]
+        return np.asarray(push[..., :3] - inertia)
+
+    def random_floor(
+        self,
+        hz: npt.ArrayLike,
+        density: npt.ArrayLike,
+        axis: str | npt.ArrayLike = "z",
+        point: npt.ArrayLike | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Acceleration of a point of the body on a floor that shakes at random, linear.
+
+        S_body = |H|^2 S_floor, and the mean square is the integral of S over the frequencies.
+
+        Parameters
+        ----------
+        hz : array_like, shape (n,)
+            Frequencies (Hz), ascending.
+        density : array_like, shape (n,)
+            One-sided spectral density of the floor's acceleration ((m/s^2)^2/Hz).
+        axis, point
+            As of `base_transmissibility`.
+
+        Returns
+        -------
+        density : ndarray, shape (n, 3)
+            Spectral densities of the acceleration along x, y and z ((m/s^2)^2/Hz).
+        rms : ndarray, shape (3,)
+            Root mean squares over these frequencies (m/s^2), by the trapezoidal rule.
+        """
+        frequencies = _native.real_array("hz", hz)
+        given = _native.real_array("density", density)
+        if frequencies.ndim != 1 or frequencies.size < 2 or (np.diff(frequencies) <= 0).any():
+            raise InputError("hz: must be ascending, two or more")
+        if given.shape != frequencies.shape or (given < 0).any():
+            raise InputError(f"density: must have shape {frequencies.shape}, none negative")
+        answer = self.base_transmissibility(2 * math.pi * frequencies, axis, point)
+        densities = np.abs(answer) ** 2 * given[:, np.newaxis]
+        mean = (densities[1:] + densities[:-1]) / 2 * np.diff(frequencies)[:, np.newaxis]
+        return densities, np.sqrt(mean.sum(axis=0))
+
+    def engine_orders(
+        self, speeds: npt.ArrayLike, orders: npt.ArrayLike, loads: npt.ArrayLike
+    ) -> ComplexArray:
+        """Answer to loads whose frequencies are multiples of a speed, linear.
+
+        Parameters
+        ----------
+        speeds : array_like, shape (n,)
+            Of the crankshaft (rad/s).
+        orders : array_like, shape (m,)
+            Multiples of the speed: 0.5, 1, 2, ...
+        loads : array_like, shape (m, n_dof) or (n, m, n_dof)
+            Amplitudes (see `load`), at all speeds or at each.
+
+        Returns
+        -------
+        ndarray, shape (n, m, n_dof)
+            Coefficients of u = Im sum_j X_j exp(i order_j speed t).
+        """
+        turning = _native.real_array("speeds", speeds, ndim=1)
+        multiples = _native.real_array("orders", orders, ndim=1)
+        if (turning <= 0).any() or (multiples <= 0).any():
+            raise InputError("speeds, orders: must be greater than 0")
+        given = _native.complex_array("loads", loads)
+        shape = (turning.size, multiples.size, len(self.dof_names))
+        if given.shape not in (shape[1:], shape):
+            raise InputError(f"loads: must have shape {shape[1:]} or {shape}, got {given.shape}")
+        return self._solved(np.outer(turning, multiples), np.broadcast_to(given, shape))
+
+    def scatter(
+        self, n: int, spread: float = 0.15, *, seed: int = 0
+    ) -> tuple[FloatArray, FloatArray]:
+        """Modes of n bodies whose mounts' stiffnesses scatter: how robust a suspension is.
+
+        Every local stiffness of every mount is multiplied by a random factor of its own, uniform
+        in [1 - spread, 1 + spread].
+
+        Returns
+        -------
+        hz : ndarray, shape (n, 6)
+            Natural frequencies (Hz), ascending.
+        decoupling : ndarray, shape (n, 6)
+            The largest kinetic energy share of a coordinate in each mode (percent).
+        """
+        count = _native.integer("n", n, 1, 10_000_000)
+        part = _native.number("spread", spread)
+        if not 0 <= part < 1:
+            raise InputError(f"spread = {part:g}: must be in [0, 1)")
+        rows, stiffness = self._mount_springs.rows, self._mount_springs.stiffness
+        factors = np.random.default_rng(seed).uniform(1 - part, 1 + part, (count, stiffness.size))
+        rest = self._stiffness_at_rest - (rows.T * stiffness) @ rows
+        lower = np.linalg.inv(np.linalg.cholesky(self._mass_matrix))
+        scaled = rows @ lower.T
+        matrices = np.einsum("ja,nj,jb->nab", scaled, factors * stiffness, scaled, optimize=True)
+        squares, vectors = np.linalg.eigh(matrices + lower @ rest @ lower.T)
+        shapes = np.einsum("ba,nbr->nar", lower, vectors)
+        energy = 100 * shapes * np.einsum("ab,nbr->nar", self._mass_matrix, shapes)
+        return np.sqrt(np.maximum(squares, 0)) / (2 * math.pi), energy.max(axis=1)
+
+    def _solved(self, nu: FloatArray, push: npt.NDArray[Any]) -> ComplexArray:
+        found = np.linalg.solve(self.dynamic_stiffness(nu), push[..., None])[..., 0]
+        return np.asarray(found)
+
+    def _coefficients(self, result: Any) -> ComplexArray:
+        found = getattr(result, "coefficients", None)
+        if found is None or tuple(getattr(result, "dof_names", ())) != self.dof_names:
+            raise InputError(
+                f"result = {_native.shown(type(result).__name__)}: must be a Response or Branch of "
+                "this body"
+            )
+        return np.asarray(found)
+
+    def _warn_of_units(self) -> None:
+        radius = math.sqrt(np.trace(self.inertia) / 2 / self.body_mass)
+        for mount in self.mounts:
+            away = float(np.linalg.norm(np.asarray(mount.position) - self.center))
+            if away > _FAR * radius:
+                warnings.warn(
+                    f"{mount.name}: is {away:g} m from the centre of mass of a body whose radius "
+                    f"of gyration is {radius:.3g} m: positions are in m, those in mm are to be "
+                    "multiplied by units.mm",
+                    StabilityWarning,
+                    stacklevel=caller(),
+                )
+                return
+
+    def _warn_of_instability(self) -> None:
+        squares = np.linalg.eigvalsh(self._stiffness_at_rest)
+        if squares[0] < -1e-12 * np.abs(squares).max():
+            warnings.warn(
+                "the position at rest is unstable: the preload turns the body over",
+                StabilityWarning,
+                stacklevel=caller(),
+            )
+
+
+def _inertia(value: npt.ArrayLike) -> FloatArray:
+    given = _native.real_array("inertia", value)
+    tensor = np.diag(given) if given.shape == (3,) else given.copy()
+    if tensor.shape != (3, 3):
+        raise InputError(f"inertia: must have shape (3,) or (3, 3), got {given.shape}")
+    if np.abs(tensor - tensor.T).max() > 1e-9 * np.abs(tensor).max():
+        raise InputError("inertia: must be symmetric")
+    moments = np.linalg.eigvalsh(tensor)
+    told = ", ".join(f"{moment:.6g}" for moment in moments)
+    if not moments[0] > 0:
+        raise InputError(f"inertia: has the principal moments {told}, must be greater than 0")
+    if moments[2] > (moments[0] + moments[1]) * (1 + _ROUNDING):
+        raise InputError(
+            f"inertia: has the principal moments {told}; no body has one that is larger than the "
+            "sum of the other two"
+        )
+    return np.asarray(tensor)
+
+
+def _mounts(value: Any) -> tuple[MountPoint, ...]:
+    mounts = tuple(_native.several("mounts", value, MountPoint))
+    names = [mount.name for mount in mounts]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"mounts: the name {name!r} stands twice, names must differ")
+    return mounts
+
+
+def _gravity(value: Any) -> FloatArray | None:
+    if value is None:
+        return None
+    if np.ndim(value) == 0:
+        return np.array([0.0, 0.0, -_native.number("gravity", value)])
+    return _vector("gravity", value)
+
+
+def _vector(name: str, value: npt.ArrayLike) -> FloatArray:
+    vector = _native.real_array(name, value).copy()
+    if vector.shape != (3,):
+        raise InputError(f"{name}: must have shape (3,), got {vector.shape}")
+    return np.asarray(vector)
+
+
+def _complex_vector(name: str, value: npt.ArrayLike) -> ComplexArray:
+    vector = _native.complex_array(name, value)
+    if vector.shape != (3,):
+        raise InputError(f"{name}: must have shape (3,), got {vector.shape}")
+    return np.asarray(vector)
+
+
+def _axis(name: str, value: str | npt.ArrayLike) -> FloatArray:
+    """Return a unit vector."""
+    if isinstance(value, str):
+        return np.asarray(np.eye(3)["xyz".index(_native.choice(name, value, ("x", "y", "z")))])
+    vector = _vector(name, value)
+    length = float(np.linalg.norm(vector))
+    if not length > 0:
+        raise InputError(f"{name} = 0 0 0: must have a direction")
+    return np.asarray(vector / length)
+
+
+def _direction(value: str | npt.ArrayLike, n: int) -> FloatArray:
+    direction = np.zeros(n)
+    if isinstance(value, str):
+        direction[NAMES.index(_native.choice("base_direction", value, NAMES))] = 1.0
+        return direction
+    given = _native.real_array("base_direction", value)
+    if given.shape != (6,):
+        raise InputError(f"base_direction: must be one of {NAMES} or have shape (6,)")
+    direction[:6] = given
+    return direction
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    if np.linalg.cond(matrix) > 1e14:
+        raise InputError("mounts: leave the body free to move, there is no centre of compliance")
+    return np.asarray(np.linalg.inv(matrix))

@@ -1,0 +1,132 @@
+"""What the mounts of a body do in a periodic motion: deflections, forces, lost power."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.bodies.mount_point import MountPoint
+from viscovib.bodies.springs import MountSprings
+from viscovib.errors import InputError
+from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.laws import Law
+
+#: Samples an order, and at least, of what is no polynomial.
+_FINE, _FINEST = 32, 512
+
+
+@dataclass(frozen=True, eq=False)
+class MountForces:
+    """Deflections and forces of mounts along their local axes, as Fourier coefficients.
+
+    Attributes
+    ----------
+    nu : ndarray, shape (n,)
+        Circular frequencies (rad/s).
+    harmonics : ndarray, shape (n_harmonics,)
+        Orders k.
+    names : tuple of str
+        Of the mounts.
+    deflection : ndarray, shape (n, n_mounts, 3, n_harmonics)
+        d = Im sum_k D_k exp(i k nu t) (m).
+    force : ndarray, shape (n, n_mounts, 3, n_harmonics)
+        Of each mount against its deflection (N), the track of a fluid mount included, that of
+        the orders kept.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(
+    ...     name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+    ...     rotational_stiffness=(1e3, 1e3, 1e3),
+    ... )
+    >>> body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+    >>> r = vv.forced_response(body, [1e-3], load=body.load((0, 0, 10)), method="linear")
+    >>> body.mount_forces(r).amplitude("foot").round(6).tolist()  # slowly: the load itself
+    [[0.0, 0.0, 10.0]]
+    """
+
+    nu: FloatArray
+    harmonics: FloatArray
+    names: tuple[str, ...]
+    deflection: ComplexArray
+    force: ComplexArray
+
+    @property
+    def lost_power(self) -> FloatArray:
+        """Mean power lost in each direction of each mount (W), shape (n, n_mounts, 3)."""
+        rate = 1j * self.nu[:, None, None, None] * self.harmonics * self.deflection
+        return np.asarray(0.5 * (self.force * rate.conj()).real.sum(axis=-1))
+
+    def amplitude(self, name: str, harmonic: int = 1) -> FloatArray:
+        """Force amplitudes of one mount along its local axes (N), shape (n, 3)."""
+        if name not in self.names:
+            raise InputError(f"name = {name!r}: must be one of {', '.join(self.names)}")
+        place = np.flatnonzero(self.harmonics == harmonic)
+        force = self.force[:, self.names.index(name)]
+        return np.asarray(np.abs(force[..., place].sum(axis=-1)))
+
+
+def mount_forces(
+    mounts: Sequence[MountPoint], springs: MountSprings, result: Any, relative: ComplexArray
+) -> MountForces:
+    """Return f_k = [1 - R(k nu)] [k d + g(d)]_k + i k nu c d_k of every spring.
+
+    g(d) is sampled so finely that no order of the polynomial folds back onto those kept; it is left
+    out of a linear response, as it was there.
+    """
+    nu = np.asarray(result.nu, dtype=float)
+    orders = np.asarray(result.harmonics)
+    deflection = np.einsum("jd,ndk->njk", springs.rows, relative)
+    elastic = springs.stiffness[:, None] * deflection
+    for j, law in enumerate(springs.laws):
+        if law and getattr(result, "method", "newton") != "linear":
+            elastic[:, j] += _of_law(law, orders, deflection[:, j])
+    force = elastic.copy()
+    for kernel in {kernel for kernel in springs.kernels if kernel is not None}:
+        lost = _retained(kernel, nu, orders)
+        these = [j for j, one in enumerate(springs.kernels) if one is kernel]
+        force[:, these] = lost[:, None, :] * elastic[:, these]
+    at = 1j * nu[:, None, None] * orders
+    force += at * springs.damping[:, None] * deflection
+    places = np.array(springs.first)[:, None] + np.arange(3)
+    d, f = deflection[:, places], force[:, places]
+    # The track of a mount stands behind its other springs.
+    ends = [*springs.first[1:], len(springs.laws)]
+    for i, (mount, end) in enumerate(zip(mounts, ends, strict=True)):
+        if mount.track is not None:
+            f[:, i, mount.track.axis] += force[:, end - 1]
+    return MountForces(nu, orders, tuple(mount.name for mount in mounts), d, f)
+
+
+def _retained(kernel: Kernel, nu: FloatArray, orders: FloatArray) -> ComplexArray:
+    """Return 1 - R(k nu), shape (n, n_harmonics)."""
+    at = nu[:, None] * orders
+    kept = np.ones(at.shape, dtype=complex)
+    usable = np.isfinite(at)
+    if not np.isfinite(kernel.integral):
+        usable &= at != 0
+    kept[usable] = 1 - np.asarray(kernel.transform(at[usable]))
+    return kept
+
+
+def _of_law(law: dict[int, float] | Law, orders: FloatArray, d: ComplexArray) -> ComplexArray:
+    """Return the orders kept of a law of d = Im sum_k D_k exp(i k theta)."""
+    highest = int(orders.max())
+    if isinstance(law, Law):
+        samples = max(_FINE * highest, _FINEST)
+    else:
+        samples = (max(law) + 1) * highest + 2
+    theta = 2 * np.pi * np.arange(samples) / samples
+    waves = np.exp(1j * np.outer(orders, theta))
+    motion = (d @ waves).imag
+    if isinstance(law, Law):
+        force: Any = law(motion.reshape(-1, 1))[0].reshape(motion.shape)
+    else:
+        force = sum(c * motion**power for power, c in law.items())
+    weights = np.where(orders == 0, 1j, 2j) / samples
+    return np.asarray((force @ waves.conj().T) * weights)

@@ -1,0 +1,160 @@
+"""Modes of a body on mounts, as engineers read them: Hz, kinetic energies, decoupling."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.common.results import Number, Panel, Result
+from viscovib.common.tables import Table
+from viscovib.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Part of the highest frequency squared that counts as a mode that nothing holds.
+_RIGID = 1e-12
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BodyModes(Result):
+    """Modes of a body about its position at rest, without memory and damping.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (n,)
+        Circular natural frequencies (rad/s), ascending; 0 of a mode that nothing holds.
+    shapes : ndarray, shape (n, n)
+        A column each, of unit modal mass.
+    energy : ndarray, shape (n, n)
+        Kinetic energy of each coordinate (row) in each mode (column), percent:
+        100 phi_i sum_j M_ij phi_j. Columns add up to 100. Products of inertia count with their
+        coordinate, so that a share may be negative.
+    loss_factor : ndarray, shape (n,)
+        Im/Re of phi^T D(i omega) phi: what kernels and dampers lose of the mode at its own
+        frequency. NaN of a mode at frequency 0.
+    names : tuple of str
+        Of the coordinates.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(
+    ...     name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+    ...     rotational_stiffness=(1e3, 1e3, 1e3),
+    ... )
+    >>> modes = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot], gravity=None).modes()
+    >>> modes.decoupling.round(1).tolist()
+    [100.0, 100.0, 100.0, 100.0, 100.0, 100.0]
+    """
+
+    kind: ClassVar[str] = "modes"
+
+    omega: FloatArray
+    shapes: FloatArray
+    energy: FloatArray
+    loss_factor: FloatArray
+    names: tuple[str, ...]
+
+    @property
+    def hz(self) -> FloatArray:
+        """Natural frequencies (Hz)."""
+        return self.omega / (2 * math.pi)
+
+    @property
+    def decoupling(self) -> FloatArray:
+        """The largest share of a coordinate in each mode (percent)."""
+        return np.asarray(self.energy.max(axis=0))
+
+    def _headline(self) -> str:
+        rigid = int(np.sum(self.omega == 0))
+        told = f", of {rigid} nothing holds the body" if rigid else ""
+        return f"{self.omega.size} modes from {self.hz[0]:.6g} to {self.hz[-1]:.6g} Hz{told}"
+
+    def _scope(self) -> list[str]:
+        head = "mode        Hz    loss" + "".join(f"{name:>9}" for name in self.names)
+        lines = [f"kinetic energy of each coordinate in percent\n  {head}"]
+        for r, hz in enumerate(self.hz):
+            shares = "".join(f"{share:9.2f}" for share in self.energy[:, r])
+            lines.append(f"{r + 1:4d}{hz:10.4f}{self.loss_factor[r]:8.4f}{shares}")
+        return lines
+
+    def numbers(self) -> dict[str, Number]:
+        """Frequencies and decoupling, for sweeps."""
+        found = {f"f{r + 1}": Number(float(f), "Hz") for r, f in enumerate(self.hz)}
+        shares = {
+            f"decoupling{r + 1}": Number(float(p), "%") for r, p in enumerate(self.decoupling)
+        }
+        return found | shares
+
+    def panels(self) -> list[Panel]:
+        """Shares of each coordinate over the modes."""
+        modes = np.arange(1.0, self.omega.size + 1)
+        return [
+            Panel(modes, self.energy[i], "mode", name, "%") for i, name in enumerate(self.names)
+        ]
+
+    def plot(self, *args: Any, **options: Any) -> Any:
+        """Draw the table of energies by `plot_energy`; return axes."""
+        return import_module("viscovib.plots.bodies").plot_energy(self, *args, **options)
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset."""
+        import xarray as xr
+
+        return xr.Dataset(
+            {
+                "frequency": ("mode", self.hz, {"units": "Hz"}),
+                "loss_factor": ("mode", self.loss_factor, {"units": "1"}),
+                "energy": (("coordinate", "mode"), self.energy, {"units": "%"}),
+                "shape": (("coordinate", "mode"), self.shapes),
+            },
+            coords={"mode": np.arange(1, self.omega.size + 1), "coordinate": list(self.names)},
+        )
+
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        columns: dict[str, Any] = {
+            "mode": np.arange(1, self.omega.size + 1),
+            "frequency": self.hz,
+            "loss_factor": self.loss_factor,
+        }
+        chosen: Any = self.names if coordinates is None else coordinates
+        if not isinstance(chosen, (list, tuple)):
+            raise InputError(f"coordinates = {_native.shown(chosen)}: must be a list of names")
+        for name in chosen:
+            if name not in self.names:
+                raise InputError(
+                    f"coordinates: {_native.shown(name)} must be one of {', '.join(self.names)}"
+                )
+            columns[f"energy_{name}"] = self.energy[self.names.index(name)]
+        return Table(["frequency in Hz, energy in percent of the kinetic energy"], columns)
+
+
+def find_modes(body: Any) -> BodyModes:
+    """Solve K phi = omega^2 M phi, phi^T M phi = 1."""
+    from scipy.linalg import eigh
+
+    mass = body._mass_matrix
+    squares, shapes = eigh(body._stiffness_at_rest, mass)
+    largest = np.abs(squares).max()
+    if squares[0] < -_RIGID * largest:
+        raise InputError(
+            "mounts: the position at rest is unstable, a mode grows like "
+            f"exp({math.sqrt(-squares[0]):.6g} t)"
+        )
+    omega = np.sqrt(np.where(squares > _RIGID * largest, squares, 0.0))
+    energy = 100 * shapes * (mass @ shapes)
+    loss = np.full(omega.size, np.nan)
+    held = omega > 0
+    if held.any():
+        dynamic = body.dynamic_stiffness(omega[held])
+        modal = np.einsum("ar,rab,br->r", shapes[:, held], dynamic, shapes[:, held])
+        loss[held] = modal.imag / (modal.real + omega[held] ** 2)
+    return BodyModes(omega, shapes, energy, loss, body.dof_names)

@@ -1,0 +1,252 @@
+"""A mount of a body in space: where it is, how it is turned, and what its three directions do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.errors import InputError
+from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.laws import Law, read_law
+
+#: How far axes may be from a rotation.
+_ROTATION = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FluidTrack:
+    """The inertia track of a fluid mount, as a column of fluid behind a rubber chamber.
+
+    The chamber bulges with stiffness K, and the fluid in the track has the mass M and the viscous
+    damping C, all as felt by the mount. They stand in series, parallel to the rubber:
+
+        k*(nu) = k + i nu c + K Z/(K + Z),   Z = -nu^2 M + i nu C.
+
+    The track becomes a coordinate y of its own, M y'' + C y' + K (y - d) = 0, d the deflection of
+    the mount along its axis; its force on the mount is K (d - y).
+
+    Parameters
+    ----------
+    mass : float
+        M (kg), greater than 0.
+    damping : float
+        C (N s/m).
+    stiffness : float
+        K (N/m), greater than 0.
+    axis : int
+        The local axis of the mount along which it acts: 0, 1 or 2.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> track = vv.FluidTrack(mass=62.8, damping=2666, stiffness=436950)
+    """
+
+    mass: float
+    damping: float
+    stiffness: float
+    axis: int = 2
+
+    def __post_init__(self) -> None:
+        for name in ("mass", "damping", "stiffness"):
+            value = _native.number(name, getattr(self, name))
+            if value < 0 or (value == 0 and name != "damping"):
+                least = "not be negative" if name == "damping" else "be greater than 0"
+                raise InputError(f"{name} = {value:g}: must {least}")
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "axis", _native.integer("axis", self.axis, 0, 2))
+
+    def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
+        """K Z/(K + Z) at circular frequencies nu (rad/s), any shape (N/m)."""
+        frequencies = _native.real_array("nu", nu)
+        z = -(frequencies**2) * self.mass + 1j * frequencies * self.damping
+        return np.asarray(self.stiffness * z / (self.stiffness + z))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MountPoint:
+    """A mount between a body and the floor: three springs along its own axes.
+
+    Along each local axis j it gives f_j = (1 - R_j*) [k_j d_j + g_j(d_j)] + c_j d_j', with d the
+    displacement of its point of the body relative to the floor.
+
+    Parameters
+    ----------
+    name : str
+        Letters, digits and _.
+    position : array_like, shape (3,)
+        Where it is fixed to the body (m), in the axes of the body.
+    stiffness : array_like, shape (3,)
+        k_j along the local axes (N/m), not negative.
+    angles : array_like, shape (3,), optional
+        How the local axes are turned out of those of the body (rad): about x, then y, then z,
+        R = Rz Ry Rx from local to body axes.
+    axes : array_like, shape (3, 3), optional
+        The same as a matrix, a column for each local axis, instead of ``angles``.
+    damping : float or array_like, shape (3,), optional
+        c_j (N s/m).
+    kernel : Kernel or sequence of 3 Kernel or None, optional
+        Memory of all three directions, or of each.
+    law : str or sequence of 3 str or None, optional
+        Nonlinear forces g_j(d): polynomials such as ``"1e10*d^3"``, whose linear term adds to k_j,
+        or with functions as of `Spring`, such as a snubber ``"1e6*max(d - 0.004, 0)"``.
+    rotational_stiffness : array_like, shape (3,), optional
+        About the local axes (N m/rad), on the rotation of the body, with the same memory.
+    track : FluidTrack, optional
+        The inertia track of a fluid mount.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> from viscovib.units import degree, mm, newton_per_mm
+    >>> left = vv.MountPoint(
+    ...     name="left",
+    ...     position=[p * mm for p in (-66.4, 463.1, 156.1)],
+    ...     stiffness=[k * newton_per_mm for k in (350, 370, 453)],
+    ...     angles=(0, 0, 90 * degree),
+    ...     law=(None, None, "1e10*d^3"),
+    ... )
+    """
+
+    name: str
+    position: npt.ArrayLike
+    stiffness: npt.ArrayLike
+    angles: npt.ArrayLike = (0.0, 0.0, 0.0)
+    axes: npt.ArrayLike | None = None
+    damping: npt.ArrayLike = 0.0
+    kernel: Kernel | Sequence[Kernel | None] | None = None
+    law: str | Sequence[str | None] | None = None
+    rotational_stiffness: npt.ArrayLike = (0.0, 0.0, 0.0)
+    track: FluidTrack | None = None
+
+    #: Local axes in the body's, a column each, shape (3, 3).
+    rotation: FloatArray = field(init=False, repr=False)
+    #: Of each local direction.
+    kernels: tuple[Kernel | None, ...] = field(init=False, repr=False)
+    #: Of each local direction: coefficients of d^2, d^3, ... by their powers, or another law.
+    laws: tuple[dict[int, float] | Law, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        fits = isinstance(self.name, str) and self.name.isascii() and self.name.isidentifier()
+        if not fits or len(self.name) > 14:
+            raise InputError(
+                f"name = {_native.shown(self.name)}: must be letters, digits and _, not begin with "
+                "a digit, and have at most 14 characters"
+            )
+        self._set("position", self._vector("position", self.position))
+        self._set("rotation", self._rotation())
+        stiffness = self._vector("stiffness", self.stiffness, positive=True)
+        damping = _native.real_array("damping", self.damping)
+        self._set("damping", self._vector("damping", damping * np.ones(3), positive=True))
+        turning = self._vector("rotational_stiffness", self.rotational_stiffness, positive=True)
+        self._set("rotational_stiffness", turning)
+        self._set("kernels", self._each("kernel", self.kernel, Kernel))
+        laws: list[dict[int, float] | Law] = []
+        for j, text in enumerate(self._each("law", self.law, str)):
+            where = f"{self.name}: law[{j}]"
+            terms = {} if text is None else read_law(where, text, ("d",), {})
+            if isinstance(terms, Law):
+                at_rest = float(terms(np.zeros((1, 1)))[0][0])
+                if at_rest != 0:
+                    raise InputError(f"{where} = {text!r}: is {at_rest:g} at d = 0, must be 0")
+                laws.append(terms)
+                continue
+            if terms.get((0,)):
+                raise InputError(f"{where}: has the constant {terms[0,]:g}, must be 0 at d = 0")
+            stiffness[j] += terms.get((1,), 0.0)
+            laws.append({p: c for (p,), c in terms.items() if p > 1})
+        self._set("laws", tuple(laws))
+        stiffness.setflags(write=False)
+        self._set("stiffness", stiffness)
+        if self.track is not None:
+            _native.check_instance(f"{self.name}: track", self.track, FluidTrack)
+        if not (stiffness.any() or any(laws) or turning.any() or self.track):
+            raise InputError(f"{self.name}: stiffness = 0 0 0: must not be 0 in every direction")
+
+    def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
+        """Linear stiffness along the local axes, shape nu.shape + (3,) (N/m).
+
+        (1 - R_j(nu)) k_j + i nu c_j, the track of a fluid mount included; ``nu`` in rad/s.
+        """
+        frequencies = _native.real_array("nu", nu)
+        total = np.empty((*frequencies.shape, 3), dtype=complex)
+        for j, kernel in enumerate(self.kernels):
+            kept = 1.0 if kernel is None else 1 - np.asarray(kernel.transform(frequencies))
+            total[..., j] = kept * self._tangents[j]
+            total[..., j] += 1j * frequencies * np.asarray(self.damping)[j]
+        if self.track is not None:
+            total[..., self.track.axis] += self.track.dynamic_stiffness(frequencies)
+        return total
+
+    @property
+    def static_stiffness(self) -> FloatArray:
+        """Linear stiffness along the local axes when all relaxation is over, shape (3,) (N/m)."""
+        lost = [0.0 if kernel is None else kernel.integral for kernel in self.kernels]
+        kept = 1 - np.array(lost)
+        return np.asarray(kept * self._tangents)
+
+    @property
+    def _tangents(self) -> FloatArray:
+        """Stiffness at rest along the local axes, that of laws with functions included."""
+        slopes = [
+            float(law.slopes_at_rest[0]) if isinstance(law, Law) else 0.0 for law in self.laws
+        ]
+        return np.asarray(np.asarray(self.stiffness) + np.array(slopes))
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def _vector(self, name: str, value: Any, *, positive: bool = False) -> FloatArray:
+        vector = _native.real_array(f"{self.name}: {name}", value).copy()
+        if vector.shape != (3,):
+            raise InputError(f"{self.name}: {name}: must have shape (3,), got {vector.shape}")
+        if positive and (vector < 0).any():
+            raise InputError(f"{self.name}: {name} = {vector.min():g}: must not be negative")
+        return np.asarray(vector)
+
+    def _rotation(self) -> FloatArray:
+        if self.axes is None:
+            return rotation_of(self._vector("angles", self.angles))
+        axes = _native.real_array(f"{self.name}: axes", self.axes).copy()
+        if axes.shape != (3, 3):
+            raise InputError(f"{self.name}: axes: must have shape (3, 3), got {axes.shape}")
+        off = np.abs(axes.T @ axes - np.eye(3)).max()
+        if off > _ROTATION or np.linalg.det(axes) < 0:
+            raise InputError(
+                f"{self.name}: axes: must be a rotation (columns of unit length, at right angles, "
+                f"right-handed); axes^T axes is off the unit matrix by {off:.3g}"
+            )
+        return np.asarray(axes)
+
+    def _each(self, name: str, value: Any, kind: type) -> tuple[Any, ...]:
+        """Return one a direction of what may be given once for all."""
+        if value is None or isinstance(value, kind):
+            return (value,) * 3
+        allowed = f"a {kind.__name__}, None or three of them"
+        if not isinstance(value, (list, tuple)) or len(value) != 3:
+            raise InputError(f"{self.name}: {name} = {_native.shown(value)}: must be {allowed}")
+        for one in value:
+            if not (one is None or isinstance(one, kind)):
+                raise InputError(f"{self.name}: {name} = {_native.shown(one)}: must be {allowed}")
+        return tuple(value)
+
+
+def rotation_of(angles: FloatArray) -> FloatArray:
+    """Return Rz Ry Rx of angles about x, y and z (rad), shape (3, 3)."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return np.asarray(about_z @ about_y @ about_x)
+
+
+def crossing(p: npt.ArrayLike) -> FloatArray:
+    """Return the matrix [p] of the vector product, [p] v = p x v."""
+    x, y, z = np.asarray(p, dtype=float)
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

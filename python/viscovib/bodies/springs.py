@@ -1,0 +1,155 @@
+"""The springs of a body's mounts as rows: what each deflects, and what it then does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
+from math import comb, factorial, prod
+
+import numpy as np
+
+from viscovib._native import FloatArray
+from viscovib.bodies.mount_point import MountPoint, crossing
+from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.laws import Law
+from viscovib.systems.polynomial_system import Monomial, Springs
+
+
+@dataclass(frozen=True)
+class MountSprings:
+    """All springs of all mounts, a row each: d_j = rows[j] . u."""
+
+    #: Shape (n_springs, n_dof).
+    rows: FloatArray
+    #: k_j and c_j, shape (n_springs,).
+    stiffness: FloatArray
+    damping: FloatArray
+    kernels: tuple[Kernel | None, ...]
+    #: Coefficients of d^2, d^3, ... by their powers, or another law.
+    laws: tuple[dict[int, float] | Law, ...]
+    #: Place of the first of the three directions of each mount.
+    first: tuple[int, ...]
+    #: Mass and damping of the tracks' own coordinates, shape (n_dof, n_dof).
+    mass_of_tracks: FloatArray
+    damping_of_tracks: FloatArray
+
+    @property
+    def damping_matrix(self) -> FloatArray:
+        """C, shape (n_dof, n_dof)."""
+        return np.asarray((self.rows.T * self.damping) @ self.rows + self.damping_of_tracks)
+
+    def about(self, deflections: FloatArray) -> MountSprings:
+        """Return the same springs about deflected positions: k d + g(d) as a series there."""
+        stiffness = self.stiffness.copy()
+        laws: list[dict[int, float] | Law] = []
+        for j, (law, at) in enumerate(zip(self.laws, deflections.tolist(), strict=True)):
+            if isinstance(law, Law):
+                laws.append(law.about("d", at))
+                continue
+            series: dict[int, float] = {}
+            for power, c in law.items():
+                for p in range(1, power + 1):
+                    series[p] = series.get(p, 0.0) + comb(power, p) * c * at ** (power - p)
+            stiffness[j] += series.pop(1, 0.0)
+            laws.append({p: c for p, c in series.items() if c})
+        return replace(self, stiffness=stiffness, laws=tuple(laws))
+
+
+def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSprings:
+    """Return three rows a mount, three more where it holds rotations, one more for its track."""
+    n = 6 + sum(mount.track is not None for mount in mounts)
+    rows: list[FloatArray] = []
+    stiffness: list[float] = []
+    damping: list[float] = []
+    kernels: list[Kernel | None] = []
+    laws: list[dict[int, float] | Law] = []
+    first: list[int] = []
+    mass_of_tracks, damping_of_tracks = np.zeros((n, n)), np.zeros((n, n))
+    own = 6
+    for mount in mounts:
+        turned = mount.rotation.T
+        local = turned @ np.hstack([np.eye(3), -crossing(np.asarray(mount.position) - center)])
+        first.append(len(rows))
+        for j in range(3):
+            rows.append(np.concatenate([local[j], np.zeros(n - 6)]))
+            stiffness.append(float(np.asarray(mount.stiffness)[j]))
+            damping.append(float(np.asarray(mount.damping)[j]))
+            kernels.append(mount.kernels[j])
+            laws.append(mount.laws[j])
+        for j, k in enumerate(np.asarray(mount.rotational_stiffness)):
+            if k:
+                rows.append(np.concatenate([np.zeros(3), turned[j], np.zeros(n - 6)]))
+                stiffness.append(float(k))
+                damping.append(0.0)
+                kernels.append(mount.kernels[j])
+                laws.append({})
+        if mount.track is not None:
+            row = np.concatenate([local[mount.track.axis], np.zeros(n - 6)])
+            row[own] = -1.0
+            rows.append(row)
+            stiffness.append(mount.track.stiffness)
+            damping.append(0.0)
+            kernels.append(None)
+            laws.append({})
+            mass_of_tracks[own, own] = mount.track.mass
+            damping_of_tracks[own, own] = mount.track.damping
+            own += 1
+    return MountSprings(
+        np.array(rows), np.array(stiffness), np.array(damping), tuple(kernels), tuple(laws),
+        tuple(first), mass_of_tracks, damping_of_tracks,
+    )  # fmt: skip
+
+
+def spring_groups(
+    springs: MountSprings, preload: FloatArray, names: Sequence[str]
+) -> list[Springs]:
+    """Return springs by kernel, the first without memory, which the preload joins."""
+    kernels: list[Kernel | None] = [None]
+    for kernel in springs.kernels:
+        if kernel not in kernels:
+            kernels.append(kernel)
+    groups = []
+    for kernel in kernels:
+        these = [j for j, one in enumerate(springs.kernels) if one is kernel or one == kernel]
+        rows, k = springs.rows[these], springs.stiffness[these]
+        matrix = (rows.T * k) @ rows + (preload if kernel is None else 0.0)
+        terms: dict[tuple[int, tuple[int, ...]], float] = {}
+        others = []
+        for j in these:
+            law = springs.laws[j]
+            if isinstance(law, Law):
+                others += [
+                    Springs(forces=texts, kernel=kernel)
+                    for texts in _in_coordinates(law, springs.rows[j], names)
+                ]
+                continue
+            for power, c in law.items():
+                _add_power(terms, springs.rows[j], power, c)
+        forces = [
+            Monomial(coefficient=c, powers=powers, on=on) for (on, powers), c in terms.items()
+        ]
+        groups += [Springs(stiffness=matrix, forces=forces or None, kernel=kernel), *others]
+    return groups
+
+
+def _in_coordinates(law: Law, row: FloatArray, names: Sequence[str]) -> list[dict[str, str]]:
+    """Return e g(e . u) as texts by equation."""
+    weights = {name: float(w) for name, w in zip(names, row, strict=True) if w}
+    deflection = " + ".join(f"({w!r})*{name}" for name, w in weights.items())
+    text = law.with_argument("d", deflection)
+    return [{name: f"({w!r})*({text})" for name, w in weights.items()}]
+
+
+def _add_power(
+    terms: dict[tuple[int, tuple[int, ...]], float], row: FloatArray, power: int, c: float
+) -> None:
+    """Add e c (e . u)^power, written out in products of the coordinates."""
+    places = np.flatnonzero(row)
+    for chosen in combinations_with_replacement(places.tolist(), power):
+        powers = tuple(chosen.count(i) for i in range(row.size))
+        ways = factorial(power) // prod(map(factorial, powers))
+        value = c * ways * prod(float(row[i]) for i in chosen)
+        for on in places.tolist():
+            key = (on, powers)
+            terms[key] = terms.get(key, 0.0) + value * float(row[on])

@@ -1,0 +1,303 @@
+"""The command ``viscovib``: run, plan, plot, sweep, explore and time scenes."""
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from viscovib import __version__
+from viscovib.cli import bench, explore_command, sweep_command
+from viscovib.cli.sweep_command import run_sweep
+from viscovib.cli.words import SHELLS, as_json, script
+from viscovib.common.limits import StoppedError, limit_memory, limited_seconds
+from viscovib.common.progress import counted_pieces
+from viscovib.common.results import Result
+from viscovib.errors import (
+    ConvergenceWarning,
+    FileError,
+    InputError,
+    StabilityWarning,
+    ViscovibError,
+)
+from viscovib.plots.pictures import save_picture
+from viscovib.results.trajectory import Trajectory
+from viscovib.scene.job import SceneResult, plan
+from viscovib.scene.scene import Scene
+from viscovib.sweeps.run_scene import run
+from viscovib.systems.pendulum import Pendulum
+
+_EXAMPLES = """examples:
+  viscovib run mount.nml                    table and picture in out/
+  viscovib run scenes/*.nml --json          a line of JSON for each scene
+  viscovib plan mount.nml                   what would be computed
+  viscovib explore mount.nml                sliders in the browser
+  viscovib sweep mount.nml --over mount.stiffness_x=6:14:33
+"""
+_STATUS = (
+    "exit status: 0 done; 1 some points have no solution, or a bound was reached; 2 bad input;\n"
+    "3 a file cannot be read or written. Of several scenes each is tried; the largest counts."
+)
+_UNSOLVED, _BAD_INPUT, _BAD_FILE, _INTERRUPTED = 1, 2, 3, 130
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; the exit status is that of the standalone driver."""
+    options = _parser().parse_args(arguments)
+    warnings.showwarning = _show_warning
+    warnings.simplefilter("always", StabilityWarning)
+    warnings.simplefilter("ignore", ConvergenceWarning)
+    memory = 0.0
+    try:
+        memory = limit_memory(options.max_memory)
+        return int(options.action(options))
+    except StoppedError as stopped:
+        print(f"viscovib: stopped: {stopped}", file=sys.stderr)
+        return _UNSOLVED
+    except MemoryError:
+        print(
+            f"viscovib: stopped: more than {memory:.3g} GB of memory are needed (--max-memory)",
+            file=sys.stderr,
+        )
+        return _UNSOLVED
+    except FileError as error:
+        print(f"viscovib: {error}", file=sys.stderr)
+        return _BAD_FILE
+    except ViscovibError as error:
+        print(f"viscovib: {error}", file=sys.stderr)
+        return _BAD_INPUT
+    except KeyboardInterrupt:
+        print("viscovib: interrupted", file=sys.stderr)
+        return _INTERRUPTED
+
+
+def _examples(name: str) -> list[str]:
+    """Return lines that show a subcommand."""
+    return {
+        "run": ["viscovib run mount.nml", "viscovib run scenes/*.nml --out tables --quiet",
+                "viscovib run mount.nml --json | jq .numbers.peak_x.value"],
+        "plan": ["viscovib plan mount.nml", "viscovib plan scenes/*.nml --json"],
+        "plot": ["viscovib plot mount.nml --out pictures"],
+        "sweep": ["viscovib sweep map.nml",
+                  "viscovib sweep mount.nml --over mount.mass=1:2:11 --over load.amplitude=1,2"],
+        "explore": ["viscovib explore mount.nml", "viscovib explore mount.nml --keys mount.mass",
+                    "viscovib explore mount.nml --port 5006 --no-browser"],
+        "bench": ["viscovib bench mount.nml", "viscovib bench scenes/*.nml --json"],
+        "completion": ["source <(viscovib completion bash)", "source <(viscovib completion zsh)",
+                       "viscovib completion fish > ~/.config/fish/completions/viscovib.fish"],
+    }[name]  # fmt: skip
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="viscovib",
+        description="Compute vibrations that scenes (*.nml) describe.",
+        epilog=_EXAMPLES + "\n" + _STATUS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"viscovib {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="command")
+    extras = {
+        "sweep": sweep_command.add_options,
+        "explore": explore_command.add_options,
+        "bench": bench.add_options,
+    }
+    for name, action, text in _COMMANDS:
+        command = commands.add_parser(
+            name,
+            help=text,
+            description=f"{text[0].upper()}{text[1:]}.",
+            epilog="examples:\n" + "\n".join(f"  {line}" for line in _examples(name)),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        command.set_defaults(action=action, max_memory=None, json=False)
+        if name == "completion":
+            command.add_argument("shell", choices=SHELLS, help="whose completion")
+            continue
+        if name == "explore":
+            command.add_argument("scene", type=Path, help="scene file (*.nml)")
+        else:
+            command.add_argument("scenes", type=Path, nargs="+", metavar="scene",
+                                 help="scene files (*.nml)")  # fmt: skip
+            command.add_argument(
+                "--json", action="store_true", help="print a line of JSON a scene instead of words"
+            )
+        command.add_argument(
+            "--allow-paths", action="store_true",
+            help="files that the scene names may be anywhere, not only in its folder or below",
+        )  # fmt: skip
+        command.add_argument(
+            "--max-seconds", type=float, metavar="S",
+            help="end after so many seconds with what is done, exit status 1",
+        )  # fmt: skip
+        command.add_argument(
+            "--max-memory", type=float, metavar="GB",
+            help="end, exit status 1, where more memory is needed (3/4 of the machine's)",
+        )  # fmt: skip
+        if name not in ("plan", "bench"):
+            command.add_argument("--out", type=Path, default=Path("out"), help="folder (out)")
+            command.add_argument("--quiet", action="store_true", help="only warnings and errors")
+        if name in extras:
+            extras[name](command)
+    return parser
+
+
+def _each(one: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
+    """Return an action that goes through all scenes of a call; the largest status counts."""
+
+    def action(options: argparse.Namespace) -> int:
+        scenes: list[Path] = options.scenes
+        for i, scene in enumerate(scenes):
+            for other in scenes[:i]:
+                if hasattr(options, "out") and other.stem == scene.stem:
+                    raise InputError(
+                        f"{scene}: its tables would have the names of those of {other}: "
+                        "give each its own call"
+                    )
+        worst = 0
+        for scene in scenes:
+            options.scene = scene
+            if len(scenes) == 1 and not options.json:
+                return one(options)
+            try:
+                worst = max(worst, one(options))
+            except ViscovibError as error:
+                status = _BAD_FILE if isinstance(error, FileError) else _BAD_INPUT
+                worst = max(worst, status)
+                print(f"viscovib: {error}", file=sys.stderr)
+                if options.json:
+                    _print_json(options, status, error=str(error))
+        return worst
+
+    return action
+
+
+def _print_json(options: argparse.Namespace, status: int, **found: Any) -> None:
+    """Print a line for a scene: what came of it."""
+    print(as_json({"scene": str(options.scene), "status": status, **found}))
+
+
+def _run(options: argparse.Namespace) -> int:
+    scene = Scene.read(options.scene, allow_paths=options.allow_paths)
+    if scene.groups["sweep"]:
+        return run_sweep(options)
+    result = _compute(options, scene)
+    assert isinstance(result.value, Result)
+    table = options.out / f"{options.scene.stem}_{result.kind}.csv"
+    tables = [table]
+    result.to_csv(table)
+    for i in range(1, len(result.switched) + 1):
+        tables.append(options.out / f"{options.scene.stem}_{result.kind}_{i}.csv")
+        result.to_csv(tables[-1], i)
+    wanting = "spectrum" in scene.groups and result.spectrum is None
+    if result.spectrum is not None:
+        tables.append(options.out / f"{options.scene.stem}_spectrum.csv")
+        result.spectrum_to_csv(tables[-1])
+    pictures = _picture(options, result)
+    status = 0 if result.value.complete and not wanting else _UNSOLVED
+    if options.json:
+        _print_json(options, status, **_told(result), tables=tables, pictures=pictures)
+    elif not options.quiet:
+        print(f"{table}: " + result.value.summary().replace("\n", "\n  "))
+    return status
+
+
+def _told(result: SceneResult) -> dict[str, Any]:
+    """Return what is told of a result in JSON."""
+    assert isinstance(result.value, Result)
+    try:
+        numbers = {
+            name: {"value": number.value, "unit": number.unit}
+            for name, number in result.value.numbers().items()
+        }
+    except InputError:
+        # Of this kind no few numbers tell.
+        numbers = {}
+    return {
+        "kind": result.kind,
+        "complete": bool(result.value.complete),
+        "summary": result.value.summary(),
+        "numbers": numbers,
+    }
+
+
+def _plan(options: argparse.Namespace) -> int:
+    planned = plan(Scene.read(options.scene, allow_paths=options.allow_paths))
+    if options.json:
+        _print_json(options, 0, computes=planned.computes, skips=dict(planned.skips))
+        return 0
+    if len(options.scenes) > 1:
+        print(f"{options.scene}:")
+    print(planned)
+    return 0
+
+
+def _plot(options: argparse.Namespace) -> int:
+    scene = Scene.read(options.scene, allow_paths=options.allow_paths)
+    if scene.groups["sweep"]:
+        return run_sweep(options)
+    pictures = _picture(options, _compute(options, scene))
+    if options.json:
+        _print_json(options, 0, pictures=pictures)
+    return 0
+
+
+def _complete(options: argparse.Namespace) -> int:
+    print(script(options.shell, _parser()), end="")
+    return 0
+
+
+#: Subcommands: name, what does it, what it does.
+_COMMANDS: tuple[tuple[str, Callable[[argparse.Namespace], int], str], ...] = (
+    ("run", _each(_run), "compute scenes; write their tables and pictures"),
+    ("plan", _each(_plan), "say what scenes would compute and what is skipped, and why"),
+    ("plot", _each(_plot), "compute scenes and write only their pictures"),
+    ("sweep", _each(run_sweep), "compute a scene at every point of a grid; stopped, it goes on"),
+    (
+        "explore",
+        explore_command.run_explore,
+        "open a scene in the browser, a slider for each number",
+    ),
+    ("bench", _each(bench.run_bench), "time scenes on this machine, their errors beside it"),
+    ("completion", _complete, "print what completes this command in a shell"),
+)
+
+
+def _compute(options: argparse.Namespace, scene: Scene) -> SceneResult:
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f"{options.out}: cannot be made a folder ({error.strerror})") from None
+    with limited_seconds(options.max_seconds, partial=True):
+        shown = sys.stderr.isatty() and not options.quiet and not options.json
+        with counted_pieces(shown):
+            return run(scene, progress=shown)
+
+
+def _picture(options: argparse.Namespace, result: SceneResult) -> list[Path]:
+    assert isinstance(result.value, Result)
+    pictures: list[Result] = [result.value]
+    bases = None
+    if isinstance(result.value, Trajectory) and isinstance(result.value.system, Pendulum):
+        body = result.value.system
+        loads = {"p1": (body.f0, body.p1), "p2": (body.m01, body.p2), "p3": (body.m02, body.p3)}
+        bases = {name: p for name, (size, p) in loads.items() if size and p} or None
+    if result.spectrum is not None:
+        pictures.append(result.spectrum)
+    paths = []
+    for shown in pictures:
+        path = options.out / f"{options.scene.stem}_{shown.kind}.png"
+        save_picture(shown, path, bases=bases, others=result.switched, title=result.scene.title)
+        paths.append(path)
+        if not options.quiet and not options.json:
+            print(path)
+    return paths
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    print(f"warning: {message}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

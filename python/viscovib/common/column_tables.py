@@ -1,0 +1,272 @@
+"""Tables of measurements: columns found by their names, with their units.
+
+A table has a line of names and either a line of units below it ("Hz, MPa, MPa, C") or the unit in
+each name ("f [Hz]", "E' (MPa)"). Columns are separated by semicolons, tabs or commas; numbers have
+a decimal point or, unless commas separate columns, a decimal comma.
+"""
+
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.common.parameters import FilePath
+from viscovib.errors import FileError, InputError
+
+_SPREADSHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
+#: Larger files are refused before they are read (bytes).
+_LARGEST = 256 * 2**20
+#: Factors to the units of the library, by the spelling that `_unit` makes of a unit.
+_PRESSURE = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "n/mm2": 1e6, "n/m2": 1.0}
+UNITS: dict[str, Mapping[str, float]] = {
+    "frequency": {
+        "hz": 2 * math.pi, "1/s": 2 * math.pi, "khz": 2e3 * math.pi, "mhz": 2e6 * math.pi,
+        "rad/s": 1.0, "1/min": 2 * math.pi / 60, "rpm": 2 * math.pi / 60,
+    },
+    "time": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "modulus": _PRESSURE,
+    "compliance": {f"1/{name}": 1 / size for name, size in _PRESSURE.items() if "/" not in name},
+    "stiffness": {
+        "n/m": 1.0, "n/mm": 1e3, "kn/m": 1e3, "kn/mm": 1e6, "mn/m": 1e6, "nm/rad": 1.0,
+    },
+    "ratio": {"-": 1.0, "1": 1.0, "%": 0.01, "": 1.0},
+    "angle": {"rad": 1.0, "deg": math.pi / 180, "grad": math.pi / 180},
+    "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6},
+    "decades": {"-": 1.0, "1": 1.0, "": 1.0},
+    "label": {"-": 1.0, "1": 1.0, "": 1.0},
+    "temperature": {"c": 1.0, "degc": 1.0, "k": 1.0, "degf": 1.0, "f": 1.0},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Column:
+    """What a column holds: a role, the kind of its unit, the names by which it is known."""
+
+    role: str
+    kind: str
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns by role in the units of the library, and where each row stands in the file."""
+
+    path: str
+    columns: Mapping[str, FloatArray]
+    #: Name of each column as the file spells it.
+    named: Mapping[str, str]
+    lines: tuple[int, ...]
+
+    def __contains__(self, role: str) -> bool:
+        return role in self.columns
+
+    def __getitem__(self, role: str) -> FloatArray:
+        return self.columns[role]
+
+    def get(self, role: str) -> FloatArray | None:
+        """Return a column, or None."""
+        return self.columns.get(role)
+
+    def where(self, row: int, role: str) -> str:
+        """Say where a value stands."""
+        return f"{self.path}:{self.lines[row]}: column {self.named[role]!r}"
+
+
+def read_columns(
+    path: str | os.PathLike[str], wanted: Sequence[Column], given: Mapping[str, str] | None = None
+) -> Table:
+    """Read the columns that a file has of those wanted.
+
+    Parameters
+    ----------
+    path : path
+        A text file, or a spreadsheet where pandas is installed.
+    wanted : sequence of Column
+    given : mapping, optional
+        Names of columns, {role: name in the file}, where they are not the usual ones.
+
+    Raises
+    ------
+    InputError
+        ``file:line: column 'name': what is wrong``: a cell that is no finite number, a column
+        without a unit or with one that is not known, two columns of one role.
+    FileError
+        If the file cannot be read.
+    """
+    name = FilePath("path").check(path)
+    rows = _cells(name)
+    if not rows:
+        raise InputError(f"{name}: is empty, must have a line of names, units and rows of numbers")
+    first, names = rows[0]
+    if all(_is_number(cell) for cell in names):
+        raise InputError(f"{name}:{first}: is a row of numbers, must be a line of names of columns")
+    body = rows[1:]
+    units = [""] * len(names)
+    if body and not any(_is_number(cell) for cell in body[0][1]):
+        units = [*body[0][1], *units][: len(names)]
+        body = body[1:]
+    if not body:
+        raise InputError(f"{name}: has no row of numbers")
+    places = _places(name, first, names, units, wanted, given or {})
+    columns, spelt = {}, {}
+    for column, place in places.items():
+        spelt[column.role] = names[place].strip()
+        unit = units[place].strip() or _unit_within(names[place])
+        values = [_cell(name, line, spelt[column.role], row, place) for line, row in body]
+        where = f"{name}:{first}: column {spelt[column.role]!r}"
+        columns[column.role] = _in_units(where, np.array(values), column.kind, unit)
+    return Table(name, columns, spelt, tuple(line for line, _ in body))
+
+
+def _places(
+    name: str,
+    first: int,
+    names: Sequence[str],
+    units: Sequence[str],
+    wanted: Sequence[Column],
+    given: Mapping[str, str],
+) -> dict[Column, int]:
+    """Places of the columns that are there; of one name, as t and T, the unit tells which."""
+    plain = [_plain(one) for one in names]
+    roles = [column.role for column in wanted]
+    for role in given:
+        _native.choice("columns", role, tuple(roles))
+    places: dict[Column, int] = {}
+    for column in wanted:
+        if column.role in given:
+            stripped = [one.strip() for one in names]
+            if given[column.role] not in stripped:
+                raise InputError(
+                    f"{name}:{first}: no column {given[column.role]!r}, must be one of "
+                    f"{', '.join(map(repr, stripped))}"
+                )
+            places[column] = stripped.index(given[column.role])
+            continue
+        found = [i for i, one in enumerate(plain) if one in column.names]
+        if len(found) > 1 or "t" in column.names:
+            fits = [
+                i for i in found if _unit(units[i] or _unit_within(names[i])) in UNITS[column.kind]
+            ]
+            found = fits if len(found) > 1 else [i for i in found if fits or plain[i] != "t"]
+        if len(found) > 1:
+            both = " and ".join(repr(names[i].strip()) for i in found)
+            raise InputError(
+                f"{name}:{first}: columns {both} both hold {column.role}: say which by "
+                f"columns={{{column.role!r}: ...}}"
+            )
+        if found:
+            places[column] = found[0]
+    return places
+
+
+def _cells(name: str) -> list[tuple[int, list[str]]]:
+    """Rows that are not empty, with their line numbers."""
+    if name.lower().endswith(_SPREADSHEETS):
+        return _spreadsheet(name)
+    try:
+        if os.path.getsize(name) > _LARGEST:
+            raise FileError(f"{name}: has more than {_LARGEST // 2**20} MB, must be a table")
+        with open(name, "rb") as file:
+            raw = file.read()
+    except (OSError, ValueError) as error:
+        raise FileError(f"{name}: cannot be read ({error})") from None
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    lines = [
+        (i, line)
+        for i, line in enumerate(text.splitlines(), start=1)
+        if line.strip(" \t,;") and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        return []
+    header = lines[0][1]
+    mark = next((mark for mark in ";\t," if mark in header), None)
+    return [(i, line.split(mark) if mark else line.split()) for i, line in lines]
+
+
+def _spreadsheet(name: str) -> list[tuple[int, list[str]]]:
+    try:
+        import pandas
+    except ImportError:
+        raise FileError(f"{name}: spreadsheets need pandas, or save it as CSV") from None
+    try:
+        sheet = pandas.read_excel(name, header=None, dtype=object)
+    except Exception as error:
+        # Whatever a reader of spreadsheets says of a file that is none.
+        told = f"{error}".splitlines() or [""]
+        raise FileError(f"{name}: cannot be read as a spreadsheet ({told[0]})") from None
+    rows = []
+    for i, row in enumerate(sheet.itertuples(index=False), start=1):
+        cells = ["" if cell is None or cell != cell else str(cell) for cell in row]
+        if any(cells):
+            rows.append((i, cells))
+    return rows
+
+
+def _cell(name: str, line: int, column: str, row: Sequence[str], place: int) -> float:
+    text = row[place].strip() if place < len(row) else ""
+    if _is_number(text):
+        value = float(text.replace(",", "."))
+        if math.isfinite(value):
+            return value
+    what = f"{_native.shown(text)} is" if text else "is empty,"
+    raise InputError(f"{name}:{line}: column {column!r}: {what} not a finite number")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.strip().replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _plain(name: str) -> str:
+    """A name without its unit, case, blanks and punctuation that writers vary."""
+    text = re.sub(r"\[[^\]]*\]|\([^)]*\)", " ", name).lower()
+    text = text.replace("’", "'").replace("′", "'").replace("″", "''").replace('"', "''")  # noqa: RUF001
+    return re.sub(r"[\s_\-.]+", "", text)
+
+
+def _unit_within(name: str) -> str:
+    found = re.search(r"\[([^\]]*)\]|\(([^)]*)\)", name)
+    return "" if found is None else (found[1] or found[2] or "")
+
+
+def _unit(text: str) -> str:
+    unit = text.strip().strip("[]()").strip().lower().replace("²", "2").replace("^", "")
+    unit = unit.replace("°", "deg").replace("µ", "u").replace("μ", "u").replace("·", "")
+    unit = re.sub(r"\s+", "", unit)
+    if unit in ("degc", "deg.c", "celsius", "degreesc"):
+        return "c"
+    unit = re.sub(r"^(k|m|g)?pa-1$", r"1/\1pa", unit)
+    return {"degrees": "deg", "degree": "deg", "s-1": "1/s", "radians": "rad", "degk": "k"}.get(
+        unit, unit
+    )
+
+
+def _in_units(where: str, values: FloatArray, kind: str, text: str) -> FloatArray:
+    unit, known = _unit(text), UNITS[kind]
+    if unit not in known:
+        allowed = ", ".join(one for one in known if one)
+        what = f"unit {text.strip()!r} is not known" if unit else "has no unit"
+        raise InputError(f"{where}: {what}, must be one of {allowed}")
+    # The same letters mean mega and milli.
+    if kind == "frequency" and text.strip().startswith("mH"):
+        return values * 2e-3 * math.pi
+    if kind == "modulus" and text.strip().startswith("mP"):
+        raise InputError(f"{where}: unit {text.strip()!r} is millipascal; write MPa")
+    if kind == "stiffness" and text.strip().startswith("mN/"):
+        return values * 1e-3
+    if kind == "temperature":
+        if unit == "k":
+            return values - 273.15
+        return (values - 32) / 1.8 if unit in ("f", "degf") else values
+    return np.asarray(values * known[unit])

@@ -1,0 +1,205 @@
+"""What all results have in common: they are printed, compared, pickled, drawn and saved."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+import io
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from viscovib._native import FloatArray
+from viscovib.common.files import whole_file
+from viscovib.common.tables import Table
+from viscovib.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+class Number(NamedTuple):
+    """One of the few numbers that tell of a result, and its unit ("" if it has none)."""
+
+    value: Any
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A curve that tells of a result: one coordinate over frequency, parameter or time."""
+
+    x: FloatArray
+    y: FloatArray
+    x_label: str
+    #: The coordinate, its unit and, of an amplitude, its order.
+    name: str
+    unit: str
+    order: int | None = None
+    #: Whether it is drawn over a logarithmic axis.
+    log: bool = False
+
+
+class Result:
+    """Base of all results, which are values: frozen, compared field by field, pickled, copied.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> response = vv.forced_response(mount, [1.0, 2.0], load=0.1)
+    >>> isinstance(response, vv.Result)
+    True
+    >>> words = response.summary()
+    """
+
+    #: As in the names of tables: "response", "branch", "backbone", "transient", ...
+    kind: ClassVar[str]
+    #: Whether all of it was found, to the accuracy asked for.
+    complete: bool = True
+
+    def _headline(self) -> str:
+        """Return how it ended, how much was found and what is wrong with it, in one line."""
+        raise NotImplementedError
+
+    def _scope(self) -> list[str]:
+        """Return what it is about: ranges, coordinates, accuracy."""
+        return []
+
+    def _details(self) -> list[str]:
+        """Return what is worth knowing of it, a line each, if need be after more computing."""
+        return self._scope()
+
+    def summary(self) -> str:
+        """Say in a few lines what was found and how sure it is."""
+        return "\n".join([self._headline(), *self._details()])
+
+    def numbers(self) -> dict[str, Number]:
+        """Return a few numbers, of one shape whatever the parameters: what a sweep keeps."""
+        raise InputError(f"numbers: must be those of a response, branch or motion, not {self.kind}")
+
+    def panels(self) -> list[Panel]:
+        """Return one curve a coordinate, for pictures that compare results."""
+        raise InputError(f"panels: must be those of a response, branch or motion, not {self.kind}")
+
+    def _pieces(self) -> tuple[int, str, str]:
+        """Return how many pieces it took, that in words, and the word for one."""
+        raise InputError("bench: this scene gave nothing that can be timed")
+
+    def plot(self, *args: Any, **options: Any) -> Any:
+        """Draw it by the function for results of this kind (`plot_response`, ...); return axes."""
+        return _pictures().plot(self, *args, **options)
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset."""
+        raise NotImplementedError
+
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        """Return its table, of the coordinates wanted or of all."""
+        raise InputError(f"to_csv: no table of {self.kind} is known, use to_dataset")
+
+    def to_csv(
+        self, path: str | os.PathLike[str], *, coordinates: Sequence[str] | None = None
+    ) -> None:
+        """Write the table that the standalone driver writes.
+
+        ``coordinates``: names of those wanted; all by default.
+        """
+        self._table(coordinates).write(path, str(getattr(self, "plan", "")))
+
+    def to_netcdf(self, path: str | Path) -> None:
+        """Write `to_dataset` into a netCDF file (version 3, by SciPy).
+
+        That format has no complex numbers: each array of them becomes two, NAME_re and NAME_im.
+        """
+        import xarray as xr
+
+        data = self.to_dataset()
+        parts: dict[str, xr.DataArray] = {}
+        for name, array in data.data_vars.items():
+            if np.iscomplexobj(array):
+                parts |= {f"{name}_re": array.real, f"{name}_im": array.imag}
+            else:
+                parts[f"{name}"] = array.astype("int8") if array.dtype == bool else array
+        content = xr.Dataset(parts, coords=data.coords, attrs=data.attrs).to_netcdf(engine="scipy")
+        with whole_file(path, "wb") as file:
+            file.write(bytes(content))  # type: ignore[arg-type]
+
+    def __repr__(self) -> str:
+        """Say what it is in a few lines."""
+        return f"<{type(self).__name__}: " + "\n  ".join([self._headline(), *self._scope()]) + ">"
+
+    def _repr_html_(self) -> str:
+        """Return the same with a small picture, for notebooks."""
+        text = f"<pre>{html.escape(repr(self))}</pre>"
+        try:
+            picture = io.StringIO()
+            _pictures().save_picture(self, picture, small=True)
+        except InputError:
+            # What has no picture is told in words.
+            return text
+        return f"{text}{picture.getvalue()[picture.getvalue().index('<svg') :]}"
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all that was found is the same, NaN equal to NaN."""
+        if type(self) is not type(other):
+            return NotImplemented
+        return all(
+            _same(getattr(self, name), getattr(other, name)) for name in _public_fields(self)
+        )
+
+    def __hash__(self) -> int:
+        """Of what equal results share."""
+        return hash(repr(self))
+
+
+def span(values: FloatArray, unit: str = "") -> str:
+    """Return the ends of a range in words, with their unit."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return "nowhere"
+    low, high = finite.min(), finite.max()
+    ends = f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
+    return f"{ends} {unit}".rstrip()
+
+
+def named(names: tuple[str, ...], units: tuple[str, ...]) -> str:
+    """Return coordinates with their units in words, of many only the first."""
+    pairs = [f"{n} ({u})" if u != "1" else n for n, u in zip(names, units, strict=True)]
+    more = [f"{len(pairs) - 6} more"] if len(pairs) > 6 else []
+    return ", ".join([*pairs[:6], *more])
+
+
+def _public_fields(value: Any) -> list[str]:
+    return [field.name for field in dataclasses.fields(value) if not field.name.startswith("_")]
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        numbers = one.dtype.kind in "fc" and other.dtype.kind in "fc"
+        return np.array_equal(one, other, equal_nan=numbers)
+    if isinstance(one, (tuple, list)) and isinstance(other, (tuple, list)):
+        return len(one) == len(other) and all(map(_same, one, other))
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
+    if type(one) is type(other) and dataclasses.is_dataclass(one) and not isinstance(one, Result):
+        return all(_same(getattr(one, n), getattr(other, n)) for n in _public_fields(one))
+    same = one == other
+    return bool(same) or (one != one and other != other)
+
+
+def _pictures() -> Any:
+    """Return the module of pictures, which knows all results and is loaded when first drawn."""
+    return import_module("viscovib.plots.pictures")

@@ -1,0 +1,65 @@
+"""Tables: what a result writes, byte for byte as the standalone driver writes it."""
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from viscovib._native import ComplexArray
+from viscovib.common.files import whole_file
+
+
+@dataclass
+class Table:
+    """Notes for the top, and columns by their names: arrays of numbers, flags or words."""
+
+    notes: list[str] = field(default_factory=list)
+    columns: dict[str, Any] = field(default_factory=dict)
+
+    def add_complex(self, name: str, values: ComplexArray) -> None:
+        """Add two columns, NAME_re and NAME_im."""
+        self.columns[f"{name}_re"] = values.real
+        self.columns[f"{name}_im"] = values.imag
+
+    def add_harmonics(
+        self, names: Mapping[int, str], orders: Iterable[str], coefficients: ComplexArray
+    ) -> None:
+        """Add X_k of the coordinates whose places and names are given."""
+        labels = list(orders)
+        for d, name in names.items():
+            for j, order in enumerate(labels):
+                self.add_complex(f"{name}_{order}", coefficients[:, d, j])
+
+    def write(self, path: str | os.PathLike[str], plan: str, heading: str = "") -> None:
+        """Write the file, whole or not at all.
+
+        ``heading``: what stands behind the version, the scene and its title.
+        """
+        lines = [f"viscovib {version('viscovib')}{heading}", *plan.splitlines(), *self.notes]
+        names = [f'"{name}"' if "," in name else name for name in self.columns]
+        columns = [cells(values) for values in self.columns.values()]
+        with whole_file(path) as file:
+            file.writelines(f"# {line}\n" for one in lines for line in one.splitlines())
+            file.write(",".join(names) + "\n")
+            file.writelines(",".join(row) + "\n" for row in zip(*columns, strict=True))
+
+
+def cells(values: Any) -> list[str]:
+    """Return numbers with 17 digits, which read back to the same; other things as they are."""
+    array = np.asarray(values)
+    if array.dtype.kind == "f":
+        return [f"{value:.16e}" for value in array.tolist()]
+    return [str(value) for value in (array.astype(int) if array.dtype == bool else array).tolist()]
+
+
+def listed(values: Iterable[float]) -> str:
+    """Return numbers in a line, each after a space."""
+    return "".join(f" {value:.16e}" for value in values)
+
+
+def listed_units(names: Sequence[str], units: Sequence[str]) -> str:
+    """Return "x in m, phi in rad"."""
+    return ", ".join(f"{name} in {unit}" for name, unit in zip(names, units, strict=True))

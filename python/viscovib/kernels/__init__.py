@@ -1,0 +1,1 @@
+"""Relaxation kernels: what a material remembers."""

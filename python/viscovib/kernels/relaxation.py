@@ -1,0 +1,562 @@
+"""Relaxation kernels: how a viscoelastic spring forgets.
+
+A spring of stiffness c with memory has c (1 - R*) in its place, where
+(R*g)(t) = integral_0^t R(t-s) g(s) ds. Every kernel gives its transforms
+
+    R_c(mu) - i R_s(mu) = integral_0^inf R(t) exp(-i mu t) dt
+
+in closed form, to the last digits.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.common.parameters import TOLERANCE, Number
+from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning, caller
+
+
+class Kernel(ABC):
+    """A relaxation kernel R(t) (1/s).
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> isinstance(rubber, vv.Kernel)
+    True
+    """
+
+    _kind: ClassVar[int]
+
+    @cached_property
+    @abstractmethod
+    def _data(self) -> FloatArray:
+        """Parameters in the flat order of the core."""
+
+    @cached_property
+    def integral(self) -> float:
+        """Integral of R over [0, inf): what a spring loses in the end (inf if there is none).
+
+        At 1 or more the relaxed stiffness is not positive.
+        """
+        return float(_native.call(core.kernel_integral, self._kind, self._data)[0])
+
+    def __call__(self, t: npt.ArrayLike) -> FloatArray:
+        """R(t) (1/s) at times t > 0 (s), any shape."""
+        times = _positive_times(t)
+        (values,) = _native.in_parts(
+            core.kernel_value, (self._kind, self._data), 200 * self._seconds, times.ravel()
+        )
+        _native.check_range("t", times, values, "R(t)")
+        result: FloatArray = _same_shape(values, times)
+        return result
+
+    def transform(self, mu: npt.ArrayLike) -> ComplexArray:
+        """R_c - i R_s at circular frequencies mu (rad/s), any shape; dimensionless."""
+        frequencies = _native.real_array("mu", mu)
+        if not np.isfinite(self.integral) and (frequencies == 0).any():
+            raise InputError("mu = 0: this kernel has no integral, mu must not be 0")
+        values = self._in_units(core.kernel_transform, "mu", frequencies)
+        result: ComplexArray = _same_shape(values, frequencies)
+        return result
+
+    def cosine(self, mu: npt.ArrayLike) -> FloatArray:
+        """R_c, the integral of R(t) cos(mu t)."""
+        return np.array(self.transform(mu).real)[()]
+
+    def sine(self, mu: npt.ArrayLike) -> FloatArray:
+        """R_s, the integral of R(t) sin(mu t)."""
+        return np.array(-self.transform(mu).imag)[()]
+
+    def laplace(self, s: npt.ArrayLike) -> ComplexArray:
+        """Laplace transform at complex s (1/s), any shape, continued off its branch cut.
+
+        A pole, or the end of the cut, is an `InputError`.
+        """
+        points = _native.complex_array("s", s)
+        values = self._in_units(core.kernel_laplace, "s", points)
+        result: ComplexArray = _same_shape(values, points)
+        return result
+
+    def relaxation(self, t: npt.ArrayLike) -> FloatArray:
+        """1 - integral of R from 0 to t: stress of a unit stiffness after a unit step of strain.
+
+        Times t > 0 (s), any shape; dimensionless.
+        """
+        times = _positive_times(t)
+        total = self._in_units(core.kernel_accumulated, "t", times, -1)
+        result: FloatArray = _same_shape(1 - total, times)
+        return result
+
+    @cached_property
+    def _seconds(self) -> float:
+        """What a value of the transform takes at most (s)."""
+        return 2e-8 + 5e-9 * self._data.size
+
+    @property
+    def _relaxing(self) -> float:
+        """What a value of the relaxation takes at most (s)."""
+        return 2e-6 + 3 * self._seconds
+
+    @abstractmethod
+    def _scaled(self, unit: float) -> FloatArray:
+        """Parameters with times in units of ``unit`` (s): those of unit R(unit t)."""
+
+    def _in_units(
+        self,
+        routine: Callable[..., tuple[Any, ...]],
+        name: str,
+        points: npt.NDArray[Any],
+        power: int = 1,
+    ) -> npt.NDArray[Any]:
+        """Call a routine whose values have no unit; where they are not finite, in other units.
+
+        Powers of points far out leave the range of numbers in seconds. Points have the unit
+        s^-power.
+        """
+        flat = points.ravel()
+        seconds = self._seconds if power > 0 else self._relaxing
+        (values,) = _native.in_parts(routine, (self._kind, self._data), seconds, flat)
+        if _native.all_finite(values):
+            return np.asarray(values)
+        sizes = np.maximum(np.abs(flat.real), np.abs(flat.imag))
+        for far, factor in ((sizes > 1 / _SMALL, _SMALL**2), (sizes < _SMALL, _SMALL**-2)):
+            far &= (sizes != 0) & ~np.isfinite(values)
+            if far.any():
+                with np.errstate(over="ignore", invalid="ignore"):
+                    data = self._scaled(factor**power)
+                if np.isfinite(data).all():
+                    (values[far],) = _native.in_parts(
+                        routine, (self._kind, data), seconds, flat[far] * factor
+                    )
+        what = "the transform" if power > 0 else "the relaxation"
+        _native.check_range(name, points, values, what)
+        return np.asarray(values)
+
+    def sum_of_exponentials(
+        self, *, tolerance: float = 1e-10, t_min: float, t_max: float
+    ) -> ExponentialSum:
+        """R(t) as a short sum of exponentials with positive weights on [t_min, t_max].
+
+        The trapezoidal rule over the logarithm of the rates (Beylkin and Monzon, 2010), its slow
+        end replaced by a Gauss rule; of a table the closest sum with positive weights.
+
+        Parameters
+        ----------
+        tolerance : float
+            Wanted relative error, 1e-14 to 0.1.
+        t_min, t_max : float
+            t_min < t_max (s), both 1e-100 to 1e100.
+
+        Returns
+        -------
+        ExponentialSum
+            A PronyKernel that knows its measured ``error``.
+
+        Warns
+        -----
+        ConvergenceWarning
+            If ``error`` is larger than ``tolerance``, as it may be of a table.
+        """
+        wanted = TOLERANCE.check(tolerance)
+        first, last = _T_MIN.check(t_min), _T_MAX.check(t_max)
+        if not 0 < first < last:
+            raise InputError(f"t_min = {first:g}, t_max = {last:g}: must be 0 < t_min < t_max")
+        asked = wanted
+        for _ in range(_TRIES):
+            found = self._measured_sum(asked, first, last)
+            short = found.error / max(wanted, _SUM_ROUNDING)
+            # A table is met as well as can be at once.
+            if short <= 1 or isinstance(self, TabulatedKernel):
+                break
+            asked = max(0.3 * asked / short, _LEAST_TOLERANCE)
+        if short > 1:
+            warnings.warn(
+                f"the sum of exponentials meets {found.error:.1e}, not the tolerance {wanted:.1e}",
+                ConvergenceWarning,
+                stacklevel=caller(),
+            )
+        return found
+
+    def _measured_sum(self, tolerance: float, first: float, last: float) -> ExponentialSum:
+        """Return a sum, and by how much it differs from the kernel at many times."""
+        weights, rates = self._exponentials(tolerance, first, last)
+        if weights.size > _MOST_TERMS:
+            raise InputError(
+                f"t_min = {first:g}, t_max = {last:g}: a sum to {tolerance:g} takes more than "
+                f"{_MOST_TERMS} terms, must be nearer to each other"
+            )
+        times = np.geomspace(first, last, max(200, 12 * weights.size))
+        exact = self(times)
+        parts = np.array_split(times, -(-times.size * weights.size // _AT_A_TIME))
+        close = np.concatenate([np.exp(-np.outer(part, rates)) @ weights for part in parts])
+        scale = np.abs(exact) if (exact != 0).all() else np.abs(exact).max()
+        error = float((np.abs(close - exact) / scale).max()) if np.any(exact) else 0.0
+        return ExponentialSum(weights=weights, rates=rates, t_min=first, t_max=last, error=error)
+
+    def _exponentials(
+        self, tolerance: float, first: float, last: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Weights and rates of the core."""
+        room = 512
+        while True:
+            n, weights, rates = _native.call_interruptibly(
+                core.kernel_exponentials, None, self._kind, self._data, tolerance, first, last, room
+            )
+            if n == 0:
+                raise InputError(
+                    f"alpha: this kernel is too close to a single rate for a sum of exponentials "
+                    f"to {tolerance:g}; must be further from 1, or 1"
+                )
+            if n <= room:
+                return weights[:n], rates[:n]
+            room = n
+
+    def _check(self) -> None:
+        """Let the core judge the parameters."""
+        _ = self.integral
+
+
+def _positive_times(t: npt.ArrayLike) -> FloatArray:
+    times = _native.real_array("t", t)
+    if times.size and times.min() <= 0:
+        raise InputError(f"t = {times.min()}: must be greater than 0")
+    return times
+
+
+def _same_shape(values: npt.NDArray[Any], like: npt.NDArray[Any]) -> Any:
+    return values.reshape(like.shape)[()]
+
+
+#: Times between which a sum of exponentials may stand for a kernel, terms of it, and
+#: exponentials taken at once.
+_T_MIN, _T_MAX = Number("t_min", 1e-100, 1e100), Number("t_max", 1e-100, 1e100)
+_MOST_TERMS, _AT_A_TIME = 4000, 2**22
+#: How often a sum is sought that meets a tolerance, how small a tolerance the core is asked for,
+#: and what rounding leaves of sums.
+_TRIES, _LEAST_TOLERANCE, _SUM_ROUNDING = 4, 1e-15, 1e-14
+#: Points below it and above its inverse may be taken in other units.
+_SMALL = 1e-100
+#: A table that lacks more than this part of its integral is told; as in the core.
+_UNSEEN = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class RzhanitsynKernel(Kernel):
+    """Koltunov-Rzhanitsyn kernel R(t) = A exp(-beta t) t^(alpha-1).
+
+    Parameters
+    ----------
+    amplitude : float
+        A >= 0 (1/s^alpha).
+    alpha : float
+        Exponent of the weak singularity, in (0, 1].
+    beta : float
+        Rate of the exponential (1/s), >= 0; without it the kernel has no integral.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> round(rubber.integral, 4)
+    0.6161
+    >>> loss = rubber.sine(1.5) / (1 - rubber.cosine(1.5))  # loss factor at 1.5 rad/s
+    """
+
+    amplitude: float
+    alpha: float
+    beta: float
+    _kind: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        _numbers(self, "amplitude", "alpha", "beta")
+        self._check()
+
+    @cached_property
+    def _data(self) -> FloatArray:
+        return np.array([self.amplitude, self.alpha, self.beta])
+
+    def _scaled(self, unit: float) -> FloatArray:
+        return np.array([self.amplitude * unit**self.alpha, self.alpha, self.beta * unit])
+
+    @property
+    def limit_amplitude(self) -> float:
+        """The A at which the integral reaches 1: beta^alpha / Gamma(alpha)."""
+        unit = RzhanitsynKernel(amplitude=1.0, alpha=self.alpha, beta=self.beta)
+        return 1.0 / unit.integral
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbelKernel(Kernel):
+    """Abel (power law) kernel R(t) = A t^(alpha-1), 0 < alpha <= 1; it has no integral.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> kernel = vv.AbelKernel(amplitude=0.03, alpha=0.2)
+    >>> kernel.integral
+    inf
+    >>> transform = kernel.transform([1.0, 2.0])  # R_c - i R_s
+    """
+
+    amplitude: float
+    alpha: float
+    _kind: ClassVar[int] = 3
+
+    def __post_init__(self) -> None:
+        _numbers(self, "amplitude", "alpha")
+        self._check()
+
+    @cached_property
+    def _data(self) -> FloatArray:
+        return np.array([self.amplitude, self.alpha])
+
+    def _scaled(self, unit: float) -> FloatArray:
+        return np.array([self.amplitude * unit**self.alpha, self.alpha])
+
+
+@dataclass(frozen=True, kw_only=True)
+class RabotnovKernel(Kernel):
+    """Rabotnov's fractional-exponential kernel.
+
+    R(t) = A t^(alpha-1) E_{alpha,alpha}(-beta t^alpha) with the Mittag-Leffler function E;
+    transform A / ((i mu)^alpha + beta), integral A / beta.
+
+    Parameters
+    ----------
+    amplitude : float
+        A >= 0 (1/s^alpha).
+    alpha : float
+        Fractional order, in (0, 1].
+    beta : float
+        beta >= 0 (1/s^alpha).
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> kernel = vv.RabotnovKernel(amplitude=0.1, alpha=0.5, beta=0.4)
+    >>> round(kernel.integral, 12)
+    0.25
+    """
+
+    amplitude: float
+    alpha: float
+    beta: float
+    _kind: ClassVar[int] = 4
+
+    def __post_init__(self) -> None:
+        _numbers(self, "amplitude", "alpha", "beta")
+        self._check()
+
+    @cached_property
+    def _data(self) -> FloatArray:
+        return np.array([self.amplitude, self.alpha, self.beta])
+
+    def _scaled(self, unit: float) -> FloatArray:
+        both = np.array([self.amplitude, self.beta]) * unit**self.alpha
+        return np.array([both[0], self.alpha, both[1]])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PronyKernel(Kernel):
+    """Sum of exponentials (generalised Maxwell) R(t) = sum_j w_j exp(-r_j t).
+
+    Parameters
+    ----------
+    weights : array_like, shape (n,)
+        w_j >= 0 (1/s).
+    rates : array_like, shape (n,)
+        r_j >= 0 (1/s).
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> kernel = vv.PronyKernel(weights=[0.1, 0.2], rates=[0.5, 4])
+    >>> round(kernel.integral, 12)
+    0.25
+    >>> round(float(kernel(1e-9)), 6)
+    0.3
+    """
+
+    weights: npt.ArrayLike
+    rates: npt.ArrayLike
+    _kind: ClassVar[int] = 2
+
+    def __post_init__(self) -> None:
+        _vectors(self, "weights", "rates")
+        self._check()
+
+    @cached_property
+    def _data(self) -> FloatArray:
+        return np.concatenate([np.asarray(self.weights), np.asarray(self.rates)])
+
+    def _scaled(self, unit: float) -> FloatArray:
+        return self._data * unit
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExponentialSum(PronyKernel):
+    """A sum of exponentials that stands for another kernel between two times.
+
+    Attributes
+    ----------
+    t_min, t_max : float
+        The times (s).
+    error : float
+        Measured largest relative error there; relative to the largest value if the kernel
+        vanishes somewhere.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> fit = rubber.sum_of_exponentials(tolerance=1e-8, t_min=1e-3, t_max=100)
+    >>> fit.weights.shape == fit.rates.shape
+    True
+    """
+
+    t_min: float
+    t_max: float
+    error: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TabulatedKernel(Kernel):
+    """A measured kernel R(t_i), with an exact transform of its interpolant.
+
+    Parameters
+    ----------
+    times : array_like, shape (n,)
+        t_i >= 0 (s), strictly increasing, n >= 2.
+    values : array_like, shape (n,)
+        R(t_i) (1/s).
+    interpolation : {"linear", "exponential"}
+        "linear": straight between points, constant before the first, 0 after the last.
+        "exponential": log-linear between points (all values > 0), the first and last rates
+        continued outside.
+
+    Warns
+    -----
+    StabilityWarning
+        If values are negative or increase with time, as those of no relaxing material do; if
+        the first points rise towards t = 0 like a power of t, so that more than 1 % of the integral
+        lies before the first time, where the table knows nothing: give earlier times, or a kernel
+        with that singularity, such as `RzhanitsynKernel`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> t = np.geomspace(1e-3, 50, 40)
+    >>> kernel = vv.TabulatedKernel(times=t, values=0.1 * np.exp(-t))
+    >>> cosine = kernel.cosine(2.0)
+    """
+
+    times: npt.ArrayLike
+    values: npt.ArrayLike
+    interpolation: str = "linear"
+    _kind: ClassVar[int] = 5
+    _codes: ClassVar[tuple[str, ...]] = ("linear", "exponential")
+
+    def __post_init__(self) -> None:
+        _vectors(self, "times", "values")
+        _native.choice("interpolation", self.interpolation, self._codes)
+        self._check()
+        self._warn_of_what_no_material_does()
+
+    @cached_property
+    def _data(self) -> FloatArray:
+        code = float(self._codes.index(self.interpolation))
+        return np.concatenate([[code], np.asarray(self.times), np.asarray(self.values)])
+
+    @cached_property
+    def _seconds(self) -> float:
+        return 1e-7 * self._data.size
+
+    @property
+    def _relaxing(self) -> float:
+        return 2e-6
+
+    def _scaled(self, unit: float) -> FloatArray:
+        times, values = np.split(self._data[1:], 2)
+        return np.concatenate([self._data[:1], times / unit, values * unit])
+
+    def _warn_of_what_no_material_does(self) -> None:
+        times, values = np.asarray(self.times), np.asarray(self.values)
+        if (values < 0).any():
+            i = int(values.argmin())
+            meaning = "the spring would stiffen under a held deflection"
+            text = f"R({times[i]:g}) = {values[i]:g} < 0: {meaning}, which no relaxation does"
+        elif (np.diff(values) > 0).any():
+            i = int((np.diff(values) > 0).argmax())
+            meaning = "relaxation would speed up with time"
+            text = f"R increases between t = {times[i]:g} and {times[i + 1]:g}: {meaning}"
+        else:
+            self._warn_of_what_is_not_seen(times)
+            return
+        warnings.warn(text, StabilityWarning, stacklevel=caller())
+
+    def _warn_of_what_is_not_seen(self, times: FloatArray) -> None:
+        (unseen,) = _native.call(core.kernel_unseen, self._kind, self._data)
+        if unseen > _UNSEEN * abs(self.integral):
+            text = (
+                f"the first values rise towards t = 0 like a power of t: an integral of about "
+                f"{unseen:.3g} lies before times[0] = {times[0]:g}, which the table does not hold; "
+                f"the integral of the table is {self.integral:.3g}"
+            )
+            warnings.warn(text, StabilityWarning, stacklevel=caller())
+
+    def _exponentials(
+        self, tolerance: float, first: float, last: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Least squares with weights >= 0 over a grid of rates, then over the rates too."""
+        from scipy.optimize import least_squares, nnls
+
+        times = np.geomspace(first, last, 400)
+        values = self(times)
+        scale = np.where(values != 0, np.abs(values), np.abs(values).max() or 1.0)
+        n = math.ceil(1.5 * math.log(last / first)) + 6
+        rates = np.geomspace(0.1 / last, 10 / first, n)
+        target = values / scale
+        weights, _ = nnls(np.exp(-np.outer(times, rates)) / scale[:, None], target, maxiter=100 * n)
+        used = weights > 1e-12 * weights.max()
+        if not used.any():
+            raise InputError("values: no sum of decaying exponentials comes near this table")
+
+        def misfit(logarithms: FloatArray) -> FloatArray:
+            w, r = np.exp(logarithms.reshape(2, -1))
+            return np.asarray((np.exp(-np.outer(times, r)) @ w) / scale - target)
+
+        start = np.log(np.concatenate([weights[used], rates[used]]))
+        best = least_squares(misfit, start, xtol=tolerance, ftol=tolerance, max_nfev=100)
+        weights, rates = np.exp(best.x.reshape(2, -1))
+        return weights, rates
+
+
+def _numbers(kernel: Kernel, *names: str) -> None:
+    for name in names:
+        object.__setattr__(kernel, name, _native.number(name, getattr(kernel, name)))
+
+
+def _vectors(kernel: Kernel, first: str, second: str) -> None:
+    for name in (first, second):
+        array = _native.real_array(name, getattr(kernel, name), ndim=1).copy()
+        array.setflags(write=False)
+        object.__setattr__(kernel, name, array)
+    sizes = [getattr(kernel, name).size for name in (first, second)]
+    if sizes[0] != sizes[1]:
+        raise InputError(f"{first} and {second} have {sizes[0]} and {sizes[1]} numbers: must match")
+    if sizes[0] == 0:
+        raise InputError(f"{first}: must not be empty")

@@ -1,0 +1,132 @@
+"""How curves are shown: rad/s or Hz; amplitudes, decibels or phases; gaps at jumps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.parameters import Number, Word
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_X, _Y = Word("x", ("rad/s", "hz")), Word("y", ("linear", "log", "db", "phase"))
+_REFERENCE = Number("reference", above=0)
+#: A jump is a step so many times as long as those beside it, and such a part of the largest motion.
+_LONGER, _PART = 3.5, 0.1
+#: Below so much of the largest a coordinate does not move.
+_STILL = 1e-12
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the arguments x, y and reference of a picture ask for."""
+
+    x: str
+    y: str
+    reference: float
+
+    @classmethod
+    def checked(cls, x: object, y: object, reference: object = 1.0) -> Shown:
+        """Return them, or refuse what they cannot be."""
+        return cls(_X.check(x), _Y.check(y), _REFERENCE.check(reference))
+
+    def places(self, values: FloatArray, circular: bool) -> FloatArray:
+        """Return what varies as it is shown; ``circular``: it is a frequency in rad/s."""
+        return values / (2 * math.pi) if circular and self.x == "hz" else values
+
+    def x_label(self, label: str, circular: bool) -> str:
+        """Return the label of the axis."""
+        if not circular or self.x != "hz":
+            return label
+        label = label.replace("circular frequency", "frequency").replace("(rad/s)", "(Hz)")
+        # What is meant by nu is circular.
+        label = " ".join(label.replace(r"$\nu$", "").replace(r"$\omega$", "").split())
+        return "frequency (Hz)" if label == "(Hz)" else label
+
+    def sizes(self, values: ComplexArray | FloatArray) -> FloatArray:
+        """Return complex amplitudes as they are shown."""
+        if self.y == "phase":
+            return np.asarray(np.degrees(np.angle(values)))
+        size = np.abs(values)
+        if self.y != "db":
+            return np.asarray(size)
+        with np.errstate(divide="ignore"):
+            level = 20 * np.log10(size / self.reference)
+        return np.asarray(np.where(np.isfinite(level), level, np.nan))
+
+    def y_label(self, symbol: str, unit: str) -> str:
+        """Return the label of the other axis, of a harmonic of a coordinate."""
+        unit = "" if unit in ("1", "L") else unit
+        if self.y == "phase":
+            return f"phase of ${symbol}$ (degrees)"
+        if self.y == "db":
+            return f"$|{symbol}|$ (dB re {self.reference:g}{f' {unit}' if unit else ''})"
+        return f"amplitude $|{symbol}|$" + (f" ({unit})" if unit else "")
+
+    def finish(self, axis: Axes) -> None:
+        """Give an axis its scale and its ticks."""
+        if self.y == "log" and any(
+            np.nanmax(np.asarray(line.get_ydata()), initial=0.0) > 0 for line in axis.lines
+        ):
+            logarithmic(axis)
+        elif self.y == "phase":
+            axis.set_yticks(range(-180, 181, 90))
+
+
+def logarithmic(axis: Axes) -> None:
+    """Give an axis a logarithmic scale whose labels have room.
+
+    Between powers of ten only 2 and 5 are named, and that only where there are few powers.
+    """
+    from matplotlib.ticker import FuncFormatter
+
+    axis.set_yscale("log")
+
+    def between(value: float, _: object) -> str:
+        low, high = axis.get_ylim()
+        if not 0 < low < high or math.log10(high / low) > 1.5:
+            return ""
+        digit = value / 10.0 ** math.floor(math.log10(value) + 1e-9)
+        return f"{value:g}" if round(digit, 6) in (2, 5) else ""
+
+    axis.yaxis.set_minor_formatter(FuncFormatter(between))
+
+
+def torn(jumps: npt.NDArray[np.bool_], *columns: FloatArray) -> list[FloatArray]:
+    """Return columns with a row of NaN where a jump is, so that no line crosses it."""
+    after = np.flatnonzero(jumps) + 1
+    return [np.insert(column.astype(float), after, np.nan) for column in columns]
+
+
+def jumps_of(coefficients: ComplexArray) -> npt.NDArray[np.bool_]:
+    """Return between which motions of a row the curve jumps to another branch, shape (n - 1,).
+
+    A step is a jump if it is much longer than both steps beside it, measured in the complex
+    harmonics, in which a steep flank turns but does not break: across a pole a step is three times
+    as long as those beside it. What is sampled too coarsely to tell is left whole.
+    """
+    flat = coefficients.reshape(len(coefficients), -1)
+    sizes = np.abs(flat).max(axis=1, initial=0.0)
+    steps = np.abs(np.diff(flat, axis=0)).max(axis=1, initial=0.0)
+    found = np.zeros(steps.shape, dtype=bool)
+    if steps.size < 3 or not np.isfinite(sizes).any():
+        return found
+    beside = np.maximum(steps[:-2], steps[2:])
+    inner = steps[1:-1]
+    with np.errstate(invalid="ignore"):
+        found[1:-1] = (inner > _LONGER * beside) & (inner > _PART * np.nanmax(sizes))
+    return found
+
+
+def moving(names: tuple[str, ...], values: npt.NDArray[Any]) -> tuple[str, ...]:
+    """Return the names of coordinates that move, all if none does; ``values``: (n, n_dof, ...)."""
+    flat = np.abs(values).reshape(*values.shape[:2], -1).max(axis=2, initial=0.0)
+    sizes = np.where(np.isfinite(flat), flat, 0.0).max(axis=0, initial=0.0)
+    kept = [n for n, s in zip(names, sizes, strict=True) if s > _STILL * sizes.max(initial=0.0)]
+    return tuple(kept) if kept else tuple(names)

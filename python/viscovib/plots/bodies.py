@@ -1,0 +1,254 @@
+"""Pictures of a body on its mounts: in space, its modes, their energies, transmissibility."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.bodies.body import Body
+from viscovib.bodies.modes import BodyModes
+from viscovib.errors import InputError
+from viscovib.plots.style import COLOURS, STYLES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: Edges of a box by its corners, which are numbered by the bits of x, y, z.
+_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
+#: How far a mode moves the picture, of its size.
+_SWING = 0.25
+
+
+def plot_body(
+    body: Body,
+    ax: Axes | None = None,
+    *,
+    mode: int | None = None,
+    torque_about: str | npt.ArrayLike | None = None,
+) -> Axes:
+    """Draw a body and its mounts in space, at rest and in a mode.
+
+    The body is drawn as the box of equal mass and inertia, mounts by their three axes, each as
+    long as its stiffness.
+
+    Parameters
+    ----------
+    body : Body
+    ax : Axes, optional
+        Three-dimensional axes; None makes a figure.
+    mode : int, optional
+        A mode to draw over it, from 1; its largest displacement is a quarter of the picture.
+    torque_about : "x", "y", "z" or array_like, shape (3,), optional
+        Draw the torque-roll axis of a torque about this axis.
+
+    Returns
+    -------
+    Axes
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(name="foot", position=(0.1, 0, -0.1), stiffness=(1e5, 1e5, 2e5))
+    >>> vv.plot_body(vv.Body(mass=10, inertia=(0.1, 0.1, 0.1), mounts=[foot])).get_title()
+    ''
+    """
+    _native.check_instance("body", body, Body)
+    if ax is None:
+        from matplotlib import pyplot as plt
+
+        ax = plt.figure(figsize=(6, 5), layout="constrained").add_subplot(projection="3d")
+    if not hasattr(ax, "get_zlim"):
+        raise InputError("ax: must be three-dimensional, add_subplot(projection='3d')")
+    axis: Any = ax
+    points = np.array([np.asarray(mount.position) for mount in body.mounts])
+    corners = _box(body) + body.center
+    size = float(np.ptp(np.vstack([points, corners]), axis=0).max())
+    _draw_box(axis, corners, COLOURS[0], "-")
+    axis.plot(*body.center[:, None], marker="o", color=COLOURS[0], linestyle="none")
+    _draw_mounts(axis, body, size)
+    if mode is not None:
+        modes = body.modes()
+        number = _native.integer("mode", mode, 1, modes.omega.size)
+        shape = modes.shapes[:6, number - 1]
+        moved = _moved(corners, body.center, shape)
+        swing = _SWING * size / max(np.abs(moved - corners).max(), 1e-300)
+        _draw_box(axis, _moved(corners, body.center, swing * shape), COLOURS[2], (0, (4, 1.5)))
+        told = f"mode {number}: {modes.hz[number - 1]:.4g} Hz"
+        axis.set_title(f"{told}, {modes.decoupling[number - 1]:.0f} % {_main(modes, number)}")
+    if torque_about is not None:
+        along = 0.6 * size * body.torque_roll_axis(torque_about)
+        ends = np.array([body.center - along, body.center + along])
+        axis.plot(*ends.T, color=COLOURS[1], linestyle=(0, (1, 1)), linewidth=2)
+        axis.text(*ends[1], "torque-roll axis", color=COLOURS[1])
+    axis.set_xlabel("x (m)")
+    axis.set_ylabel("y (m)")
+    axis.set_zlabel("z (m)")
+    axis.set_aspect("equal")
+    axis.locator_params(nbins=5)
+    return ax
+
+
+def plot_energy(modes: BodyModes, ax: Axes | None = None) -> Axes:
+    """Draw kinetic energies of modes as a table of shades with numbers.
+
+    Parameters
+    ----------
+    modes : BodyModes
+    ax : Axes, optional
+        Where to draw; None makes a figure.
+
+    Returns
+    -------
+    Axes
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(
+    ...     name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+    ...     rotational_stiffness=(1e3, 1e3, 1e3),
+    ... )
+    >>> body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+    >>> vv.plot_energy(body.modes()).get_title()
+    'kinetic energy (%)'
+    """
+    _native.check_instance("modes", modes, BodyModes)
+    if ax is None:
+        from matplotlib import pyplot as plt
+
+        _, ax = plt.subplots(figsize=(6, 3.6), layout="constrained")
+    assert ax is not None
+    # One colour from white to dark: greyscale prints keep the order.
+    ax.imshow(modes.energy, cmap="Blues", vmin=0, vmax=115, aspect="auto")
+    for i, row in enumerate(modes.energy):
+        for r, share in enumerate(row):
+            ax.text(
+                r, i, f"{share:.0f}" if abs(share) >= 0.5 else "", ha="center", va="center",
+                color="white" if share > 70 else "black",
+            )  # fmt: skip
+    ax.set_xticks(range(modes.omega.size), [f"{hz:.4g}" for hz in modes.hz])
+    ax.set_yticks(range(len(modes.names)), list(modes.names))
+    ax.set_xlabel("natural frequency (Hz)")
+    ax.set_title("kinetic energy (%)", fontsize="medium")
+    ax.tick_params(length=0)
+    return ax
+
+
+def plot_transmissibility(
+    body: Body,
+    ax: Axes | None = None,
+    *,
+    hz: npt.ArrayLike | None = None,
+    axis: str = "z",
+    point: npt.ArrayLike | None = None,
+) -> Axes:
+    """Draw how much of a motion of the floor reaches the body, in dB over Hz.
+
+    Parameters
+    ----------
+    body : Body
+    ax : Axes, optional
+        Where to draw; None makes a figure.
+    hz : array_like, optional
+        Frequencies (Hz); by default from a third of the lowest mode to four times the highest.
+    axis : "x", "y" or "z"
+        Direction in which the floor moves.
+    point : array_like, shape (3,), optional
+        Where on the body (m); None: the centre of mass.
+
+    Returns
+    -------
+    Axes
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(
+    ...     name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+    ...     rotational_stiffness=(1e3, 1e3, 1e3),
+    ... )
+    >>> body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+    >>> vv.plot_transmissibility(body).get_xlabel()
+    'frequency (Hz)'
+    """
+    _native.check_instance("body", body, Body)
+    if ax is None:
+        from matplotlib import pyplot as plt
+
+        _, ax = plt.subplots(figsize=(6, 3.6), layout="constrained")
+    assert ax is not None
+    frequencies = frequency_range(body) if hz is None else _native.real_array("hz", hz)
+    answer = body.base_transmissibility(2 * math.pi * frequencies, axis, point)
+    with np.errstate(divide="ignore"):
+        decibels = 20 * np.log10(np.abs(answer))
+    for i, name in enumerate("xyz"):
+        # What is rounding of the largest is no motion.
+        if np.abs(answer[:, i]).max() > 1e-9 * np.abs(answer).max():
+            ax.plot(
+                frequencies, decibels[:, i], color=COLOURS[i], linestyle=STYLES[i],
+                label=f"{name} of the body",
+            )  # fmt: skip
+    ax.axhline(0, color="0.6", linewidth=0.8)
+    ax.set_xscale("log")
+    ax.set_xlim(frequencies[0], frequencies[-1])
+    ax.set_xlabel("frequency (Hz)")
+    ax.set_ylabel(f"transmissibility from {axis} of the floor (dB)")
+    ax.legend(frameon=False)
+    plain_hertz(ax)
+    return ax
+
+
+def frequency_range(body: Body) -> FloatArray:
+    """Return 800 frequencies (Hz) from a third of the lowest mode to four times the highest."""
+    omega = body.modes().omega
+    held = omega[omega > 0] / (2 * math.pi)
+    if not held.size:
+        raise InputError("hz: nothing holds the body, say at which frequencies")
+    return np.geomspace(held[0] / 3, 4 * held[-1], 800)
+
+
+def plain_hertz(ax: Axes) -> None:
+    """Label a logarithmic axis of frequencies by plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _box(body: Body) -> FloatArray:
+    """Corners of the box of equal mass and inertia about its centre, shape (8, 3)."""
+    moments, axes = np.linalg.eigh(body.inertia)
+    squares = 6 / body.body_mass * (moments.sum() - 2 * moments)
+    half = np.sqrt(np.maximum(squares, 0)) / 2
+    signs = np.array([[(c >> i & 1) * 2 - 1 for i in range(3)] for c in range(8)])
+    return np.asarray((signs * half) @ axes.T)
+
+
+def _moved(points: FloatArray, center: FloatArray, shape: FloatArray) -> FloatArray:
+    return np.asarray(points + shape[:3] + np.cross(shape[3:6], points - center))
+
+
+def _draw_box(axis: Any, corners: FloatArray, colour: str, style: Any) -> None:
+    for a, b in _EDGES:
+        axis.plot(*corners[[a, b]].T, color=colour, linestyle=style, linewidth=1)
+
+
+def _draw_mounts(axis: Any, body: Body, size: float) -> None:
+    largest = max(float(np.max(np.asarray(mount.stiffness))) for mount in body.mounts) or 1.0
+    for mount in body.mounts:
+        at = np.asarray(mount.position)
+        for j in range(3):
+            reach = 0.15 * size * float(np.asarray(mount.stiffness)[j]) / largest
+            ends = at + np.outer([-reach, reach], mount.rotation[:, j])
+            axis.plot(*ends.T, color=COLOURS[3], linewidth=3, solid_capstyle="butt")
+        axis.text(*np.add(at, (0, 0, 0.06 * size)), mount.name)
+
+
+def _main(modes: BodyModes, number: int) -> str:
+    return modes.names[int(modes.energy[:, number - 1].argmax())]

@@ -1,0 +1,306 @@
+"""A report on a body and its mounts that an engineer hands on: one HTML page or PDF file."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import math
+import os
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib.bodies.body import Body
+from viscovib.common.files import whole_file
+from viscovib.common.parameters import FilePath
+from viscovib.errors import InputError
+from viscovib.plots.bodies import (
+    frequency_range,
+    plain_hertz,
+    plot_body,
+    plot_energy,
+    plot_transmissibility,
+)
+from viscovib.plots.style import COLOURS, STYLES
+from viscovib.systems.laws import Law
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em }
+table { border-collapse: collapse; margin: 0.5em 0 1.5em }
+caption { text-align: left; font-weight: 600; padding: 0.3em 0 }
+th, td { border-bottom: 1px solid #ccc; padding: 0.2em 0.7em; text-align: right }
+th:first-child, td:first-child { text-align: left }
+img { max-width: 100% }
+"""
+
+#: A table: its caption, names of columns, and rows.
+_Table = tuple[str, list[str], list[list[str]]]
+
+
+def report(
+    body: Body,
+    path: str | os.PathLike[str],
+    *,
+    title: str = "A body on its mounts",
+    load: npt.ArrayLike | None = None,
+    hz: npt.ArrayLike | None = None,
+    axis: str = "z",
+    torque_about: str | npt.ArrayLike | None = None,
+) -> None:
+    """Write data, modes, energies, sag, transmissibility and mount forces as a page.
+
+    Parameters
+    ----------
+    body : Body
+    path : str or path
+        A file that ends in ``.html`` (one file, pictures inside) or ``.pdf``.
+    title : str
+    load : array_like, shape (n,), optional
+        Amplitudes of a harmonic load (`Body.load`), for the forces at the mounts, linear; None:
+        1 N along ``axis``.
+    hz : array_like, optional
+        Frequencies (Hz); by default from a third of the lowest mode to four times the highest.
+    axis : "x", "y" or "z"
+        Direction in which the floor moves, for the transmissibility.
+    torque_about : "x", "y", "z" or array_like, shape (3,), optional
+        Axis of the torque, for the torque-roll axis.
+
+    Raises
+    ------
+    InputError
+        If the file has another ending, or the position at rest is unstable.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(
+    ...     name="foot", position=(0, 0, -0.1), stiffness=(1e5, 1e5, 2e5),
+    ...     rotational_stiffness=(1e3, 1e3, 1e3),
+    ... )
+    >>> vv.report(vv.Body(mass=10, inertia=(0.1, 0.1, 0.1), mounts=[foot]), "pump.html")
+    """
+    _native.check_instance("body", body, Body)
+    place = Path(FilePath("path").check(path))
+    if place.suffix.lower() not in (".html", ".pdf"):
+        raise InputError(f"path = {str(place)!r}: must end in .html or .pdf")
+    frequencies = frequency_range(body) if hz is None else _native.real_array("hz", hz)
+    push = body.load(np.eye(3)["xyz".index(_native.choice("axis", axis, ("x", "y", "z")))])
+    if load is not None:
+        push = _native.complex_array("load", load)
+        if push.shape != (len(body.dof_names),):
+            raise InputError(f"load: must have shape ({len(body.dof_names)},), got {push.shape}")
+    tables = _tables(body, torque_about)
+    pictures: list[tuple[str, Callable[[Any], object], bool]] = [
+        ("The body", lambda ax: plot_body(body, ax, torque_about=torque_about), True),
+        ("Kinetic energies", lambda ax: plot_energy(body.modes(), ax), False),
+        (
+            "Transmissibility",
+            lambda ax: plot_transmissibility(body, ax, hz=frequencies, axis=axis),
+            False,
+        ),
+        ("Mount forces", lambda ax: _plot_forces(body, ax, frequencies, push), False),
+    ]
+    foot = f"viscovib {version('viscovib')}. SI units; angles in rad."
+    if place.suffix.lower() == ".html":
+        _write_html(place, title, tables, pictures, foot)
+    else:
+        _write_pdf(place, title, tables, pictures, foot)
+
+
+def _tables(body: Body, torque_about: str | npt.ArrayLike | None) -> list[_Table]:
+    inertia = body.inertia
+    data = [
+        ["mass", f"{body.body_mass:.6g} kg"],
+        ["moments of inertia xx, yy, zz", _row(np.diag(inertia)) + " kg m²"],
+        [
+            "products of inertia xy, xz, yz (as a tensor)",
+            _row(inertia[[0, 0, 1], [1, 2, 2]]) + " kg m²",
+        ],
+        ["centre of mass", _row(body.center) + " m"],
+    ]
+    try:
+        stiff, soft = body.centers()
+        data.append(["centre of stiffness", _row(stiff) + " m"])
+        data.append(["centre of compliance", _row(soft) + " m"])
+    except InputError as error:
+        data.append(["centres of stiffness and compliance", str(error)])
+    if torque_about is not None:
+        data.append(["torque-roll axis", _row(body.torque_roll_axis(torque_about))])
+    mounts = [
+        [
+            mount.name, _row(np.asarray(mount.position)), _row(np.rad2deg(_angles(mount.rotation))),
+            _row(np.asarray(mount.stiffness)), _row(np.asarray(mount.damping)),
+            ", ".join(dict.fromkeys(_kernel(kernel) for kernel in mount.kernels)),
+            _law(mount.laws),
+        ]
+        for mount in body.mounts
+    ]  # fmt: skip
+    tables: list[_Table] = [
+        ("Body", ["", ""], data),
+        (
+            "Mounts",
+            ["name", "position (m)", "angles (degrees)", "stiffness (N/m)", "damping (N s/m)",
+             "memory", "law"],
+            mounts,
+        ),
+    ]  # fmt: skip
+    if body.gravity is not None:
+        sag = body.sag()
+        rows = [
+            [mount.name, _row(1e3 * d), _row(f)]
+            for mount, d, f in zip(body.mounts, sag.deflections, sag.forces, strict=True)
+        ]
+        moved = (
+            f"Sag: {_row(1e3 * sag.displacement[:3])} mm, "
+            f"{_row(np.rad2deg(sag.displacement[3:6]))} degrees"
+        )
+        tables.append((moved, ["mount", "deflection (mm)", "force on the body (N)"], rows))
+    modes = body.modes()
+    shares = (
+        [] if torque_about is None else [f"{share:.1f}" for share in body.roll_share(torque_about)]
+    )
+    rows = [
+        [
+            f"{r + 1}", f"{modes.hz[r]:.4f}", f"{modes.loss_factor[r]:.4f}",
+            *(f"{share:.2f}" for share in modes.energy[:, r]), f"{modes.decoupling[r]:.1f}",
+            *shares[r : r + 1],
+        ]
+        for r in range(modes.omega.size)
+    ]  # fmt: skip
+    head = ["mode", "Hz", "loss factor", *(f"{name} (%)" for name in modes.names), "decoupling (%)"]
+    tables.append(("Modes and kinetic energies", head + ["roll (%)"] * bool(shares), rows))
+    return tables
+
+
+def _row(values: npt.ArrayLike) -> str:
+    return ", ".join(f"{value:.6g}" for value in np.asarray(values) + 0.0)
+
+
+def _angles(rotation: npt.NDArray[np.float64]) -> list[float]:
+    """Return angles about x, y and z of Rz Ry Rx (rad)."""
+    return [
+        math.atan2(rotation[2, 1], rotation[2, 2]),
+        -math.asin(max(-1.0, min(1.0, float(rotation[2, 0])))),
+        math.atan2(rotation[1, 0], rotation[0, 0]),
+    ]
+
+
+def _kernel(kernel: object) -> str:
+    return "none" if kernel is None else type(kernel).__name__.removesuffix("Kernel")
+
+
+def _law(laws: tuple[dict[int, float] | Law, ...]) -> str:
+    texts = [
+        f"{axis}: "
+        + (
+            law.text
+            if isinstance(law, Law)
+            else " + ".join(f"{c:.4g} d^{p}" for p, c in law.items())
+        )
+        for axis, law in zip("123", laws, strict=True)
+        if law
+    ]
+    return "; ".join(texts) or "linear"
+
+
+def _plot_forces(body: Body, ax: Axes, hz: npt.NDArray[np.float64], load: Any) -> None:
+    """Draw the size of the force at each mount, linear."""
+    from viscovib.analyses.periodic import forced_response
+
+    result = forced_response(body, 2 * math.pi * hz, load=load, method="linear")
+    forces = body.mount_forces(result)
+    for i, name in enumerate(forces.names):
+        size = np.linalg.norm(np.abs(forces.force[:, i, :, 0]), axis=1)
+        ax.plot(
+            hz, size, color=COLOURS[i % len(COLOURS)], linestyle=STYLES[i % len(STYLES)],
+            label=name,
+        )  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlim(hz[0], hz[-1])
+    ax.set_xlabel("frequency (Hz)")
+    ax.set_ylabel("force at the mount, first order (N)")
+    ax.legend(frameon=False)
+    plain_hertz(ax)
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _write_html(
+    path: Path, title: str, tables: list[_Table], pictures: list[Any], foot: str
+) -> None:
+    parts = [f"<h1>{html.escape(title)}</h1>"]
+    for caption, head, rows in tables:
+        cells = "".join(f"<th>{html.escape(cell)}</th>" for cell in head)
+        lines = [f"<tr>{cells}</tr>"] if any(head) else []
+        for row in rows:
+            lines.append("<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in row) + "</tr>")
+        body = "".join(lines)
+        parts.append(f"<table><caption>{html.escape(caption)}</caption>{body}</table>")
+    for caption, draw, in_space in pictures:
+        figure = _figure(7.5, 5.5 if in_space else 4)
+        draw(figure.add_subplot(projection="3d" if in_space else None))
+        data = io.BytesIO()
+        figure.savefig(data, format="png", dpi=110)
+        text = base64.b64encode(data.getvalue()).decode()
+        parts.append(f"<h2>{caption}</h2><img alt='{caption}' src='data:image/png;base64,{text}'>")
+    page = (
+        "<!doctype html><html lang='en'><meta charset='utf-8'>"
+        f"<title>{html.escape(title)}</title><style>{_STYLE}</style>{''.join(parts)}"
+        f"<p>{html.escape(foot)}</p></html>\n"
+    )
+    with whole_file(path, "w") as file:
+        file.write(page)
+
+
+def _write_pdf(
+    path: Path, title: str, tables: list[_Table], pictures: list[Any], foot: str
+) -> None:
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    with whole_file(path, "wb") as file, PdfPages(file) as pages:
+        pages.savefig(_page_of_tables(title, tables, foot))
+        second = _figure(8.27, 11.69)
+        heights = [2.0 if in_space else 1.0 for _, _, in_space in pictures]
+        grid = second.add_gridspec(len(pictures), 1, height_ratios=heights)
+        for place, (caption, draw, in_space) in enumerate(pictures):
+            axis = second.add_subplot(grid[place], projection="3d" if in_space else None)
+            draw(axis)
+            axis.set_title(caption, fontsize=9)
+        pages.savefig(second)
+
+
+def _page_of_tables(title: str, tables: list[_Table], foot: str) -> Figure:
+    page = _figure(8.27, 11.69)
+    page.suptitle(title)
+    heights = [len(rows) + 2.5 for _, _, rows in tables]
+    axes = page.subplots(len(tables) + 1, 1, height_ratios=[*heights, max(40 - sum(heights), 0.1)])
+    axes[-1].axis("off")
+    for axis, (caption, head, rows) in zip(axes, tables, strict=False):
+        axis.axis("off")
+        axis.set_title(caption, loc="left", fontsize=9)
+        lines = [head, *rows] if any(head) else rows
+        widths = [max(len(line[c]) for line in lines) + 2 for c in range(len(head))]
+        full = max(sum(widths), 80)
+        table = axis.table(lines, colWidths=[w / full for w in widths], loc="upper left")
+        table.auto_set_font_size(False)
+        table.set_fontsize(7 if full < 120 else 5.5)
+        table.scale(1, 1.1)
+        for cell in table.get_celld().values():
+            cell.set_linewidth(0.3)
+    page.supxlabel(foot, fontsize=7)
+    return page

@@ -1,0 +1,214 @@
+"""Branches of periodic solutions, as they are found by continuation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.common.motion_stability import STABILITY_NOTE, codes_of, stability_columns
+from viscovib.common.periodic_motions import PeriodicMotions
+from viscovib.common.plan import Plan, wanted_places
+from viscovib.common.tables import Table, listed_units
+from viscovib.errors import InputError
+from viscovib.results.curves import BranchPoint, Crossing, Curve, branch_notes
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Branch(PeriodicMotions, Curve):
+    """A branch of periodic solutions u = Im sum_k X_k exp(i k nu t), in the order followed.
+
+    Attributes
+    ----------
+    nu : ndarray, shape (n,)
+        Circular frequencies (rad/s).
+    load_factor : ndarray, shape (n,)
+        Factor of the load given.
+    harmonics : ndarray of int, shape (m,)
+        Orders k kept.
+    coefficients : complex ndarray, shape (n, n_dof, m)
+        X_k.
+    stable : ndarray of bool, shape (n,), or None
+        None: unknown (too stiff for the Floquet solver) or not asked for. If it is unknown of some
+        motions only, the array holds objects, True, False and None.
+    growing : ndarray of int, shape (n,), or None
+        How many disturbances grow; -1: unknown.
+    multipliers : complex ndarray, shape (n, 2 n_dof), or None
+        Floquet multipliers, largest first, NaN where unknown; with memory exp(2 pi exponents/nu).
+    exponents : complex ndarray, shape (n, m), or None
+        Exponents lambda (1/s) of disturbances exp(lambda t) times a periodic function, largest real
+        part first, modulo i nu (of motions symmetric about half a period: 2 i nu; there Im lambda =
+        nu at a breaking of the symmetry). With memory those that grow are complete, or all of a
+        motion's are NaN; of those that decay some may lack; NaN behind the last.
+    slowest : ndarray of bool, shape (n,), or None
+        True: no disturbance decays more slowly than the first multiplier says. False: some may. The
+        search may have failed, or memory itself fades more slowly: right of the rate at which it
+        does, exponents are counted; further left no multiplier says how disturbances decay. Memory
+        of a Rabotnov kernel fades like a power of time, more slowly than any exponential.
+    folds : ndarray, shape (n_folds,)
+        Where the branch turns back: values of what varies (nu, or the load factor).
+    fold_coefficients : complex ndarray, shape (n_folds, n_dof, m)
+    branch_points : tuple of BranchPoint
+        Where others branch off: each may be given to `trace_response` as ``leave``.
+    crossings : tuple of Crossing
+        Changes of stability, located to 1e-8 or better of what varies.
+    stops : ndarray of int
+        Which points lie at the values asked for.
+    outcome : str
+        "completed"; "returned": back at the beginning, another branch leads on; "step limit":
+        max_points reached; "fold limit": max_folds reached; "stuck": no smaller step helps;
+        "overflow"; "closed": back at the first point; "unphysical": at the end of the values that
+        make a system.
+    error : ndarray, shape (n,)
+        Estimated error of each point as a solution of its equations, relative to its size: what the
+        last correction and rounding leave. At very light damping that is rounding divided by the
+        damping, and may exceed ``tolerance``.
+    varies : str
+        "nu", "load_factor" or a parameter of the system.
+    parameter : ndarray, shape (n,)
+        Its values.
+    highest : ndarray of int, shape (n,)
+        Highest order kept at each point.
+    truncation : ndarray, shape (n,)
+        Estimated relative change of the motion if all orders were kept.
+    plan : Plan
+        What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> branch = vv.trace_response(mount, (0.5, 6), load=0.5)
+    >>> branch.outcome
+    'completed'
+    >>> len(branch.folds)
+    2
+    """
+
+    nu: FloatArray
+    load_factor: FloatArray
+    harmonics: npt.NDArray[np.int32]
+    coefficients: ComplexArray
+    stable: npt.NDArray[Any] | None
+    growing: npt.NDArray[np.int32] | None
+    multipliers: ComplexArray | None
+    exponents: ComplexArray | None
+    slowest: npt.NDArray[np.bool_] | None
+    folds: FloatArray
+    fold_coefficients: ComplexArray
+    branch_points: tuple[BranchPoint, ...]
+    crossings: tuple[Crossing, ...]
+    stops: npt.NDArray[np.intp]
+    outcome: str
+    iterations: npt.NDArray[np.int32]
+    error: FloatArray
+    varies: str
+    parameter: FloatArray
+    highest: npt.NDArray[np.int32]
+    truncation: FloatArray
+    dof_names: tuple[str, ...]
+    dof_units: tuple[str, ...]
+    plan: Plan
+    #: System, load and what varies as the core takes them, and the relative error wanted.
+    _job: tuple[Any, ...] = field(repr=False)
+    _tolerance: float = field(repr=False)
+
+    @property
+    def label(self) -> str:
+        """What varies, for the axis of a picture."""
+        if self.varies == "nu":
+            return r"circular frequency of the load $\nu$ (rad/s)"
+        name = "factor of the load" if self.varies == "load_factor" else self.varies
+        return f"{name}, at frequency {self.nu[0]:g} rad/s"
+
+    @property
+    def _orders(self) -> npt.NDArray[np.int32]:
+        return self.harmonics
+
+    def _lacking(self) -> str:
+        short = int((self.truncation > self._tolerance).sum())
+        return f", {short} with too few harmonics" if short else ""
+
+    def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
+        return self.nu, self.harmonics, self.coefficients
+
+    def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
+        d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
+        where = np.flatnonzero(self.harmonics == harmonic) if np.isscalar(harmonic) else np.empty(0)
+        if not where.size:
+            kept = ", ".join(map(str, self.harmonics))
+            raise InputError(
+                f"harmonic = {_native.shown(harmonic)}: must be one of those kept ({kept})"
+            )
+        return d, int(where[0])
+
+    def _summit(
+        self, i: int, d: int, j: int, low: float, high: float
+    ) -> tuple[float, float] | None:
+        kept = np.flatnonzero(self.harmonics <= self.highest[i])
+        if j >= kept.size:
+            return None
+        cancel = np.zeros(1, dtype=np.intc)
+        at, size, found = _native.call_interruptibly(
+            core.mount_peak, cancel, *self._job, self.harmonics[kept], 1, self._tolerance,
+            self.parameter[i : i + 1], np.asfortranarray(self.coefficients[i : i + 1][..., kept].T),
+            d + 1, j + 1, low, high, 1, cancel,
+        )  # fmt: skip
+        return (at, size) if found else None
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over the points."""
+        import xarray as xr
+
+        data: dict[str, Any] = {
+            "nu": ("point", self.nu, {"units": "rad/s"}),
+            "load_factor": ("point", self.load_factor),
+            "coefficients": (("point", "dof", "harmonic"), self.coefficients),
+            "highest": ("point", self.highest),
+            "truncation": ("point", self.truncation),
+            "error": ("point", self.error),
+        }
+        if self.stable is not None and self.multipliers is not None:
+            whole = self.stable.dtype == bool
+            data["stable"] = ("point", self.stable if whole else codes_of(self.stable))
+            data["growing"] = ("point", self.growing)
+            data["exponents"] = (("point", "multiplier"), self.exponents)
+            data["multipliers"] = (("point", "multiplier"), self.multipliers)
+            data["slowest"] = ("point", self.slowest)
+        return xr.Dataset(
+            data,
+            coords={"dof": list(self.dof_names), "harmonic": self.harmonics},
+            attrs={"outcome": self.outcome, "folds": self.folds, "plan": str(self.plan)},
+        )
+
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
+        table = Table(branch_notes(self), {self.varies: self.parameter})
+        note = "nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)"
+        if self.growing is not None:
+            note += STABILITY_NOTE
+            table.columns |= stability_columns(self.growing, self.multipliers)
+        units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
+        table.notes.append(
+            f"{note}; highest: order kept; truncation: estimated relative error of leaving out "
+            f"higher orders; error: of the last correction and rounding; {units}"
+        )
+        table.columns |= {"highest": self.highest, "truncation": self.truncation}
+        table.columns["error"] = self.error
+        table.add_harmonics(names, map(str, self.harmonics), self.coefficients)
+        return table

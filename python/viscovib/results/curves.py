@@ -1,0 +1,289 @@
+"""What branches of either system share: their points, changes of stability, where others leave."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.parameters import CURVE_OUTCOMES
+from viscovib.common.results import Number, Panel, Result, named, span
+from viscovib.common.tables import listed
+from viscovib.errors import InputError, StabilityWarning, caller
+from viscovib.results.response import Peak, band_of, lowest_order, peaks
+
+OUTCOMES = CURVE_OUTCOMES
+#: Folds, branch points and changes of stability that a branch keeps.
+MAX_SPECIAL = 200
+#: What may be crossed, in the order of the core.
+CROSSINGS = ("fold", "branch point", "symmetry breaking", "period doubling", "Neimark-Sacker")
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Where stability changes along a branch: between two of its points.
+
+    ``kind`` is "fold", "branch point" (a multiplier 1 where the branch does not turn back),
+    "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is the index of the last
+    point before it. ``parameter`` and ``coefficients`` (shape (n_dof, m), not for the pendulum):
+    where, and the motion there; None where that was not found.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> branch = vv.trace_response(mount, (0.5, 6), load=0.5)
+    >>> sorted({crossing.kind for crossing in branch.crossings})
+    ['fold']
+    """
+
+    kind: str
+    before: int
+    parameter: float | None = None
+    coefficients: ComplexArray | None = field(default=None, compare=False, repr=False)
+
+    def __str__(self) -> str:
+        """Say what changes where, with points counted from 1."""
+        place = "" if self.parameter is None else f" at {self.parameter:.15g}"
+        return f"stability changes after point {self.before + 1}: {self.kind}{place}"
+
+
+@dataclass(frozen=True, eq=False)
+class BranchPoint:
+    """Where another branch leaves: value of what varies, X_k there, last point before.
+
+    ``across`` is the direction of the other branch in X_k, found where the derivatives are
+    singular; the other branch leads off both ways.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> parametric = vv.PolynomialSystem(
+    ...     mass=[1, 1],
+    ...     stiffness=[[1, 0], [0, 0.25]],
+    ...     damping=[0.05, 0.02],
+    ...     forces={"x1": "0.5*x2^2", "x2": "x1*x2"},
+    ... )
+    >>> branch = vv.trace_response(parametric, (0.8, 1.2), load={1: [0.1, 0]})
+    >>> points = branch.branch_points  # each may be given as leave=
+    """
+
+    parameter: float
+    coefficients: ComplexArray
+    before: int
+    across: ComplexArray
+    #: The same as unknowns of the core, and direction with that of the parameter.
+    _unknowns: FloatArray
+    _direction: FloatArray
+
+    def departure(self, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
+        """Point and direction for a branch of ``n`` unknowns."""
+        _native.integer("n", n, 1, 2**31 - 1)
+        if self._unknowns.size != n:
+            raise InputError(
+                f"leave: has {self._unknowns.size} unknowns, must have as many as asked for now "
+                f"({n}): use the same harmonics, loads and symmetry"
+            )
+        if not self._direction.any():
+            raise InputError("leave: the direction of the other branch was not found")
+        return self._unknowns, (-1 if opposite else 1) * self._direction
+
+
+class Curve(Result):
+    """What branches of either system share: amplitudes along them and their peaks."""
+
+    kind = "branch"
+
+    coefficients: ComplexArray
+    dof_names: tuple[str, ...]
+    dof_units: tuple[str, ...]
+    stable: npt.NDArray[Any] | None
+    folds: FloatArray
+    fold_coefficients: ComplexArray
+    branch_points: tuple[BranchPoint, ...]
+    outcome: str
+    varies: str
+    #: What varies along the branch.
+    parameter: FloatArray
+
+    @property
+    def label(self) -> str:
+        """What varies, for the axis of a picture."""
+        raise NotImplementedError
+
+    def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
+        raise NotImplementedError
+
+    @property
+    def _orders(self) -> npt.NDArray[Any]:
+        """Orders kept."""
+        raise NotImplementedError
+
+    def _lacking(self) -> str:
+        """Return words about harmonics that lack, if some do."""
+        raise NotImplementedError
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all of the branch was followed, with enough harmonics."""
+        return self.outcome == "completed" and not self._lacking()
+
+    def _headline(self) -> str:
+        return (
+            f"{self.outcome}, {self.parameter.size} points, {self.folds.size} folds, "
+            f"{len(self.branch_points)} branch points{self._lacking()}"
+        )
+
+    def _scope(self) -> list[str]:
+        unit = "rad/s" if self.varies == "nu" and "m" in self.dof_units else ""
+        known = "" if self.stable is None else f", stable at {np.sum(self.stable == True)} points"  # noqa: E712
+        return [
+            f"{self.varies}: {span(self.parameter, unit)}; {named(self.dof_names, self.dof_units)}",
+            f"{len(self._orders)} harmonics{known}",
+        ]
+
+    def _details(self) -> list[str]:
+        lines = [f"fold at {self.varies} = {fold:.10g}" for fold in self.folds]
+        return lines + [
+            f"branch point at {self.varies} = {point.parameter:.10g}"
+            for point in self.branch_points
+        ]
+
+    def numbers(self) -> dict[str, Number]:
+        """Largest amplitudes ``peak_x``, where they are, ``nu_peak_x``, ``folds``, ``outcome``."""
+        found = peaks(self, "rad/s" if "m" in self.dof_units else "")
+        return found | {"folds": Number(self.folds.size), "outcome": Number(self.outcome)}
+
+    def panels(self) -> list[Panel]:
+        """Amplitudes of the lowest harmonic along the branch."""
+        order = lowest_order(self._orders)
+        return [
+            Panel(self.parameter, self.amplitude(name, order), self.label, name, unit, order)
+            for name, unit in zip(self.dof_names, self.dof_units, strict=True)
+        ]
+
+    def _pieces(self) -> tuple[int, str, str]:
+        n = self.parameter.size
+        return n, f"{n} points of {len(self._orders)} harmonics", "point"
+
+    def amplitude(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> FloatArray:
+        """Size of a harmonic of a coordinate, shape (n,)."""
+        d, j = self._place(dof, harmonic)
+        return np.abs(self.coefficients[:, d, j])
+
+    def peak(
+        self,
+        dof: str,
+        harmonic: int | tuple[int, ...] = 1,
+        *,
+        band: tuple[float, float] | None = None,
+    ) -> Peak:
+        """Largest amplitude, overhanging parts included, solved for between the points.
+
+        ``band`` limits the search to values of `parameter`. Not `enclosed` at an end of the
+        branch or of the band.
+        """
+        amplitude = self.amplitude(dof, harmonic)
+        low, high = (-np.inf, np.inf) if band is None else band_of(band)
+        inside = (self.parameter >= low) & (self.parameter <= high)
+        if not inside.any():
+            raise InputError(f"band = {band}: holds no point of the branch")
+        i = int(np.where(inside, amplitude, -np.inf).argmax())
+        ends = max(low, self.parameter.min()), min(high, self.parameter.max())
+        place = float(self.parameter[i]), float(amplitude[i])
+        summit = self._summit(i, *self._place(dof, harmonic), *ends) if ends[0] < ends[1] else None
+        if summit is None or summit[1] < place[1] * (1 - 1e-9):
+            return Peak(*place, False)
+        return Peak(*summit, True)
+
+    def _summit(
+        self, i: int, d: int, j: int, low: float, high: float
+    ) -> tuple[float, float] | None:
+        """Where the branch leads up to from its i-th point, if that is within bounds."""
+        raise NotImplementedError
+
+
+def branch_notes(branch: Any) -> list[str]:
+    """Lines of a table: how the branch ended, where it turns back and where stability changes."""
+    at = branch.varies
+    return [
+        f"branch {branch.outcome}; folds at {at} ={listed(branch.folds)}",
+        *(
+            f"stability changes after point {crossing.before + 1}: {crossing.kind}"
+            + (
+                f" at {at} ={listed([crossing.parameter])}"
+                if crossing.parameter is not None
+                else ""
+            )
+            for crossing in branch.crossings
+        ),
+    ]
+
+
+def largest_order(coefficients: ComplexArray, harmonics: npt.NDArray[Any], d: int) -> int:
+    """Place of the order, other than the mean, that a coordinate has most of."""
+    first = int(not np.any(harmonics[0]))
+    return first + int(np.abs(coefficients[:, d, first:]).max(axis=0).argmax())
+
+
+def largest_panels(curve: Any, x: FloatArray, x_label: str) -> list[Panel]:
+    """Amplitudes along a curve, each of the order of which there is most.
+
+    The lowest may be idle where the motion has a longer period than the loads.
+    """
+    found = []
+    for d, (name, unit) in enumerate(zip(curve.dof_names, curve.dof_units, strict=True)):
+        order = int(curve.harmonics[largest_order(curve.coefficients, curve.harmonics, d)])
+        found.append(Panel(x, curve.amplitude(name, order), x_label, name, unit, order))
+    return found
+
+
+def located_crossings(
+    found: tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32], FloatArray],
+    motions: ComplexArray,
+) -> tuple[Crossing, ...]:
+    """Changes of stability: their number, kinds, points before (from 1) and places, NaN if none.
+
+    ``motions``: X_k there, shape (at least as many as are given, n_dof, m).
+    """
+    n, kinds, before, where = found
+    if n > MAX_SPECIAL:
+        warnings.warn(
+            f"stability changes {n} times: the first {MAX_SPECIAL} changes are given",
+            StabilityWarning,
+            stacklevel=caller(),
+        )
+    return tuple(
+        Crossing(CROSSINGS[kinds[i] - 1], int(before[i]) - 1)
+        if np.isnan(where[i])
+        else Crossing(CROSSINGS[kinds[i] - 1], int(before[i]) - 1, float(where[i]), motions[i])
+        for i in range(min(n, len(motions)))
+    )
+
+
+def check_departure(leave: object) -> None:
+    """Refuse what is no branch point."""
+    if not isinstance(leave, BranchPoint):
+        raise InputError(f"leave = {_native.shown(leave)}: must be one of a branch's branch_points")
+
+
+def range_of(name: str, value: object) -> tuple[float, float]:
+    """From and to, two different numbers."""
+    ends = _native.real_array(name, value)
+    if ends.shape != (2,):
+        raise InputError(f"{name}: must be two numbers, from and to, got shape {ends.shape}")
+    if ends[0] == ends[1]:
+        raise InputError(f"{name} = ({ends[0]:g}, {ends[1]:g}): must be two different numbers")
+    return float(ends[0]), float(ends[1])

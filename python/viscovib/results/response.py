@@ -1,0 +1,385 @@
+"""Steady forced responses: amplitudes of every harmonic over a band of frequencies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.common.motion_stability import codes_of
+from viscovib.common.periodic_motions import PeriodicMotions
+from viscovib.common.plan import Plan, wanted_places
+from viscovib.common.results import Number, Panel, Result, named, span
+from viscovib.common.tables import Table
+from viscovib.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Multiplications up to which a peak is looked for between all frequencies.
+_MAX_SEARCH = 3e9
+
+
+class Peak(NamedTuple):
+    """Largest amplitude in a band.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> response = vv.forced_response(mount, np.linspace(0.5, 12, 100), load=0.1)
+    >>> nu, amplitude, enclosed = response.peak("x")
+    >>> enclosed
+    True
+    """
+
+    nu: float
+    amplitude: float
+    #: False if no summit of the branch is larger: the largest of the motions, which stands at the
+    #: edge of the band, beside a point that was not found, or where the branch was left.
+    enclosed: bool
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Response(PeriodicMotions, Result):
+    """Steady response u(t) = Im sum_k X_k exp(i k nu t).
+
+    Attributes
+    ----------
+    nu : ndarray, shape (n,)
+        Circular frequencies of the load (rad/s).
+    harmonics : ndarray of int, shape (m,)
+        Orders k kept, at any frequency.
+    coefficients : ndarray, complex, shape (n, n_dof, m)
+        X_k (m, rad); NaN where no solution was found, 0 for orders not kept at this frequency.
+    outcome : ndarray of str, shape (n,)
+        "converged", "stalled", "diverged", "singular" (undamped resonance) or "overflow"
+        (parameters so extreme that the solution leaves the range of numbers).
+    iterations : ndarray of int, shape (n,)
+        Iterations made.
+    rate : ndarray, shape (n,)
+        Factor by which the last corrections shrank in an iteration.
+    highest : ndarray of int, shape (n,)
+        Highest order kept at each frequency; 0 where no solution was found.
+    truncation : ndarray, shape (n,)
+        Estimated relative error of leaving out higher orders; 0 for a linear response, which
+        lacks none: the largest change of any order, by the residual of those left out and what
+        they do to those kept, in the norm of ``tolerance``.
+    method : str
+        The method that ran.
+    plan : Plan
+        What was computed, what was skipped and why.
+    stable : ndarray of bool, shape (n,), or None
+        Whether each motion is stable; None: not asked for. Where that is unknown, or no solution
+        was found, the array holds objects: True, False and None.
+    multipliers, exponents : complex ndarray, shape (n, m), or None
+        As in `Branch`; NaN where unknown.
+    slowest : ndarray of bool, shape (n,), or None
+        As in `Branch`: whether the first multiplier is the largest for certain.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> response = vv.forced_response(mount, np.linspace(0.5, 12, 100), load=0.1)
+    >>> peak = response.peak("x")
+    >>> solved = response.converged  # elsewhere its numbers are NaN
+    """
+
+    nu: FloatArray
+    harmonics: npt.NDArray[np.int32]
+    coefficients: ComplexArray
+    outcome: npt.NDArray[np.str_]
+    iterations: npt.NDArray[np.int32]
+    rate: FloatArray
+    highest: npt.NDArray[np.int32]
+    truncation: FloatArray
+    method: str
+    plan: Plan
+    dof_names: tuple[str, ...]
+    dof_units: tuple[str, ...]
+    #: The run, which can be run again.
+    _work: Any = field(repr=False)
+    #: System and load as the core takes them, and the relative error wanted.
+    _job: tuple[Any, ...] = field(repr=False)
+    _tolerance: float = field(repr=False)
+    stable: npt.NDArray[Any] | None = None
+    multipliers: ComplexArray | None = None
+    exponents: ComplexArray | None = None
+    slowest: npt.NDArray[np.bool_] | None = None
+
+    kind = "response"
+
+    @property
+    def converged(self) -> npt.NDArray[np.bool_]:
+        """Where a solution was found, shape (n,)."""
+        return np.asarray(self.outcome == "converged")
+
+    @cached_property
+    def corrections(self) -> FloatArray:
+        """Relative size of each correction, shape (n, iterations); NaN past the last.
+
+        Not kept in the first run: the job is run again when this is first asked for. Newton's
+        method keeps none, shape (n, 0).
+        """
+        return np.asarray(self._work.corrections(int(self.iterations.max(initial=0))))
+
+    def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
+        return self.nu, self.harmonics, self.coefficients
+
+    def amplitude(self, dof: int | str, harmonic: int = 1) -> FloatArray:
+        """|X_k| of one coordinate, shape (n,)."""
+        return np.abs(self.coefficient(dof, harmonic))
+
+    def peak(
+        self, dof: int | str, harmonic: int = 1, *, band: tuple[float, float] | None = None
+    ) -> Peak:
+        """Largest amplitude in a band of nu (default: all), solved for.
+
+        Between motions whose slopes tell of a summit, the branch of one is followed to it: the
+        amplitude holds to the tolerance, on coarse grids too. A jump is no summit, and motions
+        beyond it belong to another branch: if the largest amplitude stands there, it is that of a
+        motion found, and not ``enclosed``.
+        """
+        inside = self.converged
+        if band is not None:
+            low, high = band_of(band)
+            inside = inside & (self.nu >= low) & (self.nu <= high)
+        if not inside.any():
+            raise InputError(f"band = {band}: holds no frequency with a solution")
+        amplitude = self.amplitude(dof, harmonic)
+        places = np.flatnonzero(inside)
+        _, first = np.unique(self.nu[places], return_index=True)
+        places = places[first]
+        summit = None
+        if places.size > 1:
+            j = int(np.flatnonzero(self.harmonics == harmonic)[0])
+            summit = self._summit(places, self._dof(dof), j)
+        i = int(np.where(inside, amplitude, -1.0).argmax())
+        if summit is None or summit[1] < amplitude[i]:
+            return Peak(float(self.nu[i]), float(amplitude[i]), enclosed=False)
+        return Peak(*summit, enclosed=True)
+
+    def _summit(self, places: npt.NDArray[np.intp], d: int, j: int) -> tuple[float, float] | None:
+        """Largest summit between motions at ascending frequencies, if there is one."""
+        if self.method == "linear":
+            return _linear_summit(self, places, d, j)
+        highest = int(self.highest[places].max())
+        kept = np.flatnonzero(self.harmonics <= highest)
+        if j >= kept.size:
+            return None
+        unknowns = 2 * kept.size * len(self.dof_names)
+        cancel = np.zeros(1, dtype=np.intc)
+        at, size, found = _native.call_interruptibly(
+            core.mount_peak, cancel, *self._job, 1, np.zeros(len(self._job[0])), self.nu[places[0]],
+            self.harmonics[kept], 0, self._tolerance, self.nu[places],
+            np.asfortranarray(self.coefficients[places][:, :, kept].T), d + 1, j + 1, 0.0, 0.0,
+            int(places.size * unknowns**3 < _MAX_SEARCH), cancel,
+        )  # fmt: skip
+        return (at, size) if found else None
+
+    def _linear_sizes(self, d: int, j: int, nu: FloatArray) -> FloatArray:
+        """Amplitudes of a linear response at other frequencies."""
+        return np.abs(self._linear_motions(nu)[:, d, j])
+
+    def _linear_motions(self, nu: FloatArray) -> ComplexArray:
+        """X_k of the coordinates that the core computes, shape (n, n_dof, m)."""
+        n_dof = self._job[-1].shape[0] - 1
+        room = np.empty(nu.size * n_dof * self.harmonics.size, dtype=complex)
+        _native.call(
+            core.mount_response, *self._job, nu, 1, 0, self._tolerance, 1, 1.0, 0, 0,
+            np.zeros(1), room, np.zeros(1, dtype=np.intc),
+        )  # fmt: skip
+        return room.reshape(nu.size, n_dof, self.harmonics.size)
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all frequencies are solved, with enough harmonics."""
+        return bool(self.converged.all()) and not self._short
+
+    @property
+    def _short(self) -> int:
+        """How many motions lack harmonics."""
+        return int((self.truncation > self._tolerance).sum())
+
+    def _headline(self) -> str:
+        short = f", {self._short} with too few harmonics" if self._short else ""
+        return f"{self.converged.sum()} of {self.nu.size} frequencies solved{short}"
+
+    def _scope(self) -> list[str]:
+        worst = np.nanmax(self.truncation, initial=0.0)
+        return [
+            f"nu: {span(self.nu, 'rad/s')}; {named(self.dof_names, self.dof_units)}",
+            f"method {self.method}, orders up to {self.highest.max(initial=0)}, estimated error "
+            f"of those left out {worst:.1e}",
+        ]
+
+    def _details(self) -> list[str]:
+        lines = []
+        for name, unit in zip(self.dof_names, self.dof_units, strict=True):
+            if 1 not in self.harmonics or not self.converged.any():
+                break
+            peak = self.peak(name)
+            lines.append(f"largest |{name}_1| = {peak.amplitude:.6g} {unit} at nu = {peak.nu:.6g}")
+            if not peak.enclosed:
+                lines[-1] += " (of the motions found; no summit)"
+        return lines
+
+    def numbers(self) -> dict[str, Number]:
+        """Largest amplitudes ``peak_x``, where they are, ``nu_peak_x``, and the part unsolved."""
+        return peaks(self) | {"unsolved": Number(1 - self.converged.mean())}
+
+    def panels(self) -> list[Panel]:
+        """Amplitudes of the lowest harmonic over nu."""
+        order = lowest_order(self.harmonics)
+        return [
+            Panel(self.nu, self.amplitude(name, order), r"$\nu$ (rad/s)", name, unit, order, True)
+            for name, unit in zip(self.dof_names, self.dof_units, strict=True)
+        ]
+
+    def _pieces(self) -> tuple[int, str, str]:
+        n = self.nu.size
+        return n, f"{n} points of {self.harmonics.size} harmonics", "point"
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset with units."""
+        import xarray as xr
+
+        dims = ("nu", "dof", "harmonic")
+        return xr.Dataset(
+            {
+                "coefficients": (dims, self.coefficients, {"long_name": "X_k, m or rad"}),
+                "amplitude": (dims, np.abs(self.coefficients), {"long_name": "|X_k|, m or rad"}),
+                "outcome": ("nu", self.outcome),
+                "iterations": ("nu", self.iterations),
+                "rate": ("nu", self.rate),
+                "highest": ("nu", self.highest, {"long_name": "highest order kept"}),
+                "truncation": ("nu", self.truncation),
+            },
+            coords={
+                "nu": ("nu", self.nu, {"units": "rad/s", "long_name": "circular frequency"}),
+                "dof": ("dof", list(self.dof_names)),
+                "unit": ("dof", list(self.dof_units)),
+                "harmonic": ("harmonic", self.harmonics),
+            },
+            attrs={"method": self.method, "plan": str(self.plan)},
+        ).assign(self._judged())
+
+    def _judged(self) -> dict[str, Any]:
+        """Stability for a Dataset; stable is 1, 0 or, where that is unknown, -1."""
+        if self.stable is None:
+            return {}
+        return {
+            "stable": ("nu", codes_of(self.stable)),
+            "multipliers": (("nu", "multiplier"), self.multipliers),
+            "exponents": (("nu", "multiplier"), self.exponents),
+            "slowest": ("nu", self.slowest),
+        }
+
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
+        about = "".join(
+            f"{name}_k_re, {name}_k_im: X_k of {name} ({self.dof_units[d]}); "
+            for d, name in names.items()
+        )
+        table = Table(
+            [
+                "nu: circular frequency of the load (rad/s); rate: factor between the last "
+                "corrections; highest: order kept; truncation: estimated relative error of leaving "
+                "out higher orders; u = Im sum_k X_k exp(i k nu t),",
+                f"{about}nan where no solution was found",
+            ],
+            {
+                "nu": self.nu,
+                "outcome": self.outcome,
+                "iterations": self.iterations,
+                "rate": self.rate,
+                "highest": self.highest,
+                "truncation": self.truncation,
+            },
+        )
+        if self.stable is not None:
+            table.notes.append("stable: 1: stable, 0: not, -1: unknown")
+            table.columns["stable"] = codes_of(self.stable)
+        table.add_harmonics(names, map(str, self.harmonics), self.coefficients)
+        return table
+
+
+def lowest_order(harmonics: npt.NDArray[Any]) -> int:
+    """Return the lowest order beside the mean."""
+    if harmonics.ndim > 1:
+        raise InputError("quasi-periodic motions have no single harmonic to draw")
+    orders = harmonics[harmonics > 0]
+    if not orders.size:
+        raise InputError("response: holds a mean only, which has no amplitude curve")
+    return int(orders[0])
+
+
+def peaks(value: Any, at: str = "rad/s") -> dict[str, Number]:
+    """Largest amplitudes of the lowest harmonic and where they are, of a response or branch."""
+    found: dict[str, Number] = {}
+    orders = value.harmonics[value.harmonics > 0] if value.harmonics.ndim == 1 else np.empty(0)
+    for name, unit in zip(value.dof_names, value.dof_units, strict=True):
+        place, size = np.nan, np.nan
+        if orders.size and np.isfinite(value.amplitude(name, int(orders[0]))).any():
+            place, size = value.peak(name, int(orders[0]))[:2]
+        found |= {f"peak_{name}": Number(size, unit), f"nu_peak_{name}": Number(place, at)}
+    return found
+
+
+def band_of(band: object) -> tuple[float, float]:
+    """From and to of a band."""
+    try:
+        low, high = map(float, band)  # type: ignore[call-overload]
+    except (TypeError, ValueError):
+        raise InputError(f"band = {_native.shown(band)}: must be two numbers") from None
+    return low, high
+
+
+def _linear_summit(
+    response: Response, places: npt.NDArray[np.intp], d: int, j: int
+) -> tuple[float, float] | None:
+    """Of a linear response: each frequency is solved for, so that intervals shrink to a summit."""
+    sizes = partial(response._linear_sizes, d, j)
+    nu = response.nu[places]
+    # Slopes at both ends of each interval tell whether it holds a summit.
+    h = 1e-6 * np.diff(nu)
+    from_left = sizes(nu[:-1] + h) > sizes(nu[:-1])
+    from_right = sizes(nu[1:] - h) > sizes(nu[1:])
+    held = np.flatnonzero(from_left & from_right)
+    if not held.size:
+        return None
+    low, high = nu[held], nu[held + 1]
+    for _ in range(60):
+        inner = np.linspace(low, high, 9)
+        top = np.nan_to_num(sizes(inner.ravel()).reshape(inner.shape), nan=np.inf).argmax(axis=0)
+        low = np.take_along_axis(inner, np.maximum(top - 1, 0)[np.newaxis], 0)[0]
+        high = np.take_along_axis(inner, np.minimum(top + 1, 8)[np.newaxis], 0)[0]
+        if (high - low <= 1e-9 * high).all():
+            break
+    middle = 0.5 * (low + high)
+    found = sizes(middle)
+    best = int(np.nanargmax(found))
+    return float(middle[best]), float(found[best])

@@ -1,0 +1,468 @@
+"""Results of the method of multiple scales."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.plan import Plan, wanted_places
+from viscovib.common.results import Result, span
+from viscovib.common.tables import Table
+from viscovib.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Growth below this part of the frequency counts as none.
+_NEUTRAL = 1e-9
+#: In range, each order is at most this part of the one before, the error of the first.
+LEAST_FALL = 0.3
+
+
+def falling(sizes: FloatArray) -> FloatArray:
+    """Part of each order in the one before, from rows of the sizes of three orders."""
+    first = np.maximum(sizes[:, 0], np.finfo(float).tiny)
+    return np.asarray(np.maximum(sizes[:, 1] / first, np.sqrt(sizes[:, 2] / first)))
+
+
+class Resonance(NamedTuple):
+    """A condition of resonance: sum of multiples x frequencies near 0.
+
+    ``order`` is the order of the expansion in which it is felt; ``divisor`` is the sum over the
+    highest frequency in it, ``near`` whether that is within the tolerance asked for.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> near = vv.MultipleScales(body).resonances(tolerance=0.1)
+    >>> words = [str(one) for one in near]
+    """
+
+    names: tuple[str, ...]
+    multiples: tuple[int, ...]
+    order: int
+    divisor: float
+    near: bool
+
+    @property
+    def coefficients(self) -> dict[str, int]:
+        """Multiples that are not 0, by the frequency's name."""
+        return {name: c for name, c in zip(self.names, self.multiples, strict=True) if c}
+
+    @property
+    def label(self) -> str:
+        """The condition as in "w1 ~ 2 w2"; on the left what is alone, or has a load."""
+        sides: list[list[str]] = [[], []]
+        for name, c in self.coefficients.items():
+            sides[int(c < 0)].append(name if abs(c) == 1 else f"{abs(c)} {name}")
+        lone = [len(side) == 1 and " " not in side[0] for side in sides]
+        loaded = [any("p" in word for word in side) for side in sides]
+        if (lone[1], loaded[1]) > (lone[0], loaded[0]):
+            sides.reverse()
+        return " ~ ".join(" + ".join(side) for side in sides)
+
+    def __str__(self) -> str:
+        """Label, order and divisor."""
+        near = ", near" if self.near else ""
+        return f"{self.label}: order {self.order}, divisor {self.divisor:.4g}{near}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Modulation(Result):
+    """Amplitudes in time, q = Re sum_j r_j A_j(t) exp(i frame_j t) + higher orders.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+    complex_amplitudes : ndarray, shape (n, n_modes)
+        A_j.
+    frame : ndarray, shape (n_modes,)
+        Frequencies at which the frame of each amplitude turns.
+    initial : complex ndarray, shape (n_modes,)
+        Amplitudes at t = 0.
+    steps : int
+        Steps of the integration.
+    outcome : str
+        "complete", "overflow" (beyond all range), "step limit" or "cancelled".
+    plan : Plan
+        What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> scales = vv.MultipleScales(body)
+    >>> slow = scales.modulation(np.linspace(0, 100, 50), [0.05, 0, 0.1, 0, 0, 0])
+    """
+
+    t: FloatArray
+    complex_amplitudes: ComplexArray
+    frame: FloatArray
+    initial: ComplexArray
+    steps: int
+    outcome: str
+    plan: Plan
+
+    kind = "modulation"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether the last time was reached."""
+        return self.outcome == "complete"
+
+    def _headline(self) -> str:
+        return f"{self.outcome}, {self.t.size} times, {self.steps} steps"
+
+    def _scope(self) -> list[str]:
+        return [f"t: {span(self.t)}; {self.frame.size} modes"]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Amplitudes and phases as an xarray Dataset over t."""
+        import xarray as xr
+
+        dims = ("t", "mode")
+        return xr.Dataset(
+            {"amplitude": (dims, self.amplitude), "phase": (dims, self.phase, {"units": "rad"})},
+            coords={"t": self.t},
+            attrs={"outcome": self.outcome, "plan": str(self.plan)},
+        )
+
+    @property
+    def amplitude(self) -> FloatArray:
+        """Real amplitudes b_j, shape (n, n_modes)."""
+        return np.abs(self.complex_amplitudes)
+
+    @property
+    def phase(self) -> FloatArray:
+        """Phases relative to the frame (rad), continuous in time, shape (n, n_modes)."""
+        return np.asarray(np.unwrap(np.angle(self.complex_amplitudes), axis=0))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScalesMotion(Result):
+    """A motion to third order.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+    state : ndarray, shape (n, 2 n_dof)
+        (q1, q1', q2, q2', ...).
+    modulation : Modulation
+    order_sizes : ndarray, shape (n, 3)
+        What the terms of first, second and third order can add up to, each in the coordinate
+        where that is most, coordinates compared in units of their own (from the modes' masses)
+        and given in that of the first order.
+    mode_shapes : ndarray, shape (n_dof, n_modes)
+        As of `MultipleScales`.
+    plan : Plan
+        What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> motion = vv.MultipleScales(body).motion(
+    ...     np.linspace(0, 50, 100), [0.05, 0, 0.1, 0, 0, 0]
+    ... )
+    """
+
+    t: FloatArray
+    state: FloatArray
+    modulation: Modulation
+    order_sizes: FloatArray
+    mode_shapes: npt.NDArray[Any]
+    dof_names: tuple[str, ...]
+    plan: Plan
+    _errors: Callable[[], FloatArray] = field(repr=False)
+    #: Units of the coordinates over that of the sizes, shape (n, n_dof).
+    _units: FloatArray = field(repr=False)
+
+    kind = "motion"
+
+    def _headline(self) -> str:
+        return f"{self.t.size} states by multiple scales, {self.in_range.sum()} of them in range"
+
+    def _scope(self) -> list[str]:
+        error = float(self.error_estimate.max(initial=0.0))
+        return [f"t: {span(self.t)}; {', '.join(self.dof_names)}; estimated error {error:.1e}"]
+
+    @cached_property
+    def coordinate_errors(self) -> FloatArray:
+        """Estimated error of each coordinate, shape (n, n_dof).
+
+        What the motion leaves over in the full equations drives a correction, whose size this is;
+        computed when first asked for.
+        """
+        return self._errors()
+
+    @property
+    def error_estimate(self) -> FloatArray:
+        """The same of the coordinate where it is largest, shape (n,)."""
+        return np.asarray(self.coordinate_errors.max(axis=1))
+
+    @property
+    def in_range(self) -> npt.NDArray[np.bool_]:
+        """Whether orders fall off and the error is small against the motion so far, shape (n,)."""
+        largest = np.maximum.accumulate(self.order_sizes[:, 0])
+        fall = falling(self.order_sizes) <= LEAST_FALL
+        error = (self.coordinate_errors / self._units).max(axis=1)
+        return np.asarray(fall & (error <= LEAST_FALL * largest))
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over t."""
+        import xarray as xr
+
+        names = [text for name in self.dof_names for text in (name, f"{name}'")]
+        return xr.Dataset(
+            {
+                "state": (("t", "component"), self.state),
+                "amplitude": (("t", "mode"), self.modulation.amplitude),
+                "order_sizes": (("t", "order"), self.order_sizes),
+                "error_estimate": ("t", self.error_estimate),
+                "in_range": ("t", self.in_range),
+            },
+            coords={"t": self.t, "component": names, "order": [1, 2, 3]},
+            attrs={"plan": str(self.plan)},
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScalesResponse(Result):
+    """Steady motions, one a point; several may belong to one value.
+
+    Attributes
+    ----------
+    parameter : str
+        What was varied.
+    values : ndarray, shape (n_values,)
+    index : ndarray of int, shape (n,)
+        Which value a point belongs to; of one value the smaller motions come first.
+    amplitudes : complex ndarray, shape (n, n_modes)
+        A_j; mode j moves as Re A_j exp(i frequencies_j t).
+    frequencies : ndarray, shape (n, n_modes)
+    eigenvalues : complex ndarray, shape (n, 2 n_modes)
+        Of the modulation equations.
+    harmonics : complex ndarray, shape (n, n_dof)
+        Harmonic of the varied load's frequency in each coordinate, u = Re X exp(i p t), terms of
+        third order included.
+    order_sizes : ndarray, shape (n, 3)
+        What the terms of each order can add up to; as of `ScalesMotion`.
+    left_out : ndarray, shape (n,)
+        Largest influence of a term near resonance that is not in the modulation equations: its
+        coupling times the amplitudes over its divisor. Below 0.05 as a rule; more where its
+        frequency has no place beside the others (the motion is then quasi-periodic).
+    resting_growth : ndarray, shape (n,)
+        Growth of modes at rest by what is not in the modulation equations: terms of fourth order
+        (as at 3 p ~ 2 w1), and under large motions those whose frequency is farther from the mode
+        than half of its own. -inf where there is no such condition.
+    plan : Plan
+        What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> steady = vv.MultipleScales(body).response("p1", np.linspace(1.0, 1.05, 20))
+    >>> sizes = steady.amplitude("z")[steady.in_range]
+    """
+
+    parameter: str
+    values: FloatArray
+    index: npt.NDArray[np.int32]
+    amplitudes: ComplexArray
+    frequencies: FloatArray
+    eigenvalues: ComplexArray
+    harmonics: ComplexArray
+    order_sizes: FloatArray
+    left_out: FloatArray
+    resting_growth: FloatArray
+    dof_names: tuple[str, ...]
+    plan: Plan
+    _errors: Callable[[], tuple[FloatArray, FloatArray, FloatArray]] = field(repr=False)
+    #: As of `ScalesMotion`.
+    _units: FloatArray = field(repr=False)
+
+    kind = "multiple_scales"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether every value has a steady motion."""
+        return bool(np.unique(self.index).size == self.values.size)
+
+    def _headline(self) -> str:
+        return (
+            f"{self.index.size} steady motions at {self.values.size} values, "
+            f"{self.stable.sum()} of them stable"
+        )
+
+    def _scope(self) -> list[str]:
+        return [f"{self.parameter}: {span(self.values)}; {', '.join(self.dof_names)}"]
+
+    def _details(self) -> list[str]:
+        outside = int((~self.in_range).sum())
+        unsure = int((~self.decided & self.in_range).sum())
+        lines = [f"{outside} of them outside the range of the expansion"] if outside else []
+        if unsure:
+            lines.append(f"stability of {unsure} others is not decided by this expansion")
+        return lines
+
+    @cached_property
+    def _all_errors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return self._errors()
+
+    @property
+    def harmonic_errors(self) -> FloatArray:
+        """Estimated error |change of X| of ``harmonics``, shape (n, n_dof).
+
+        What the motion leaves over in the full equations drives a correction, whose size this is;
+        computed when first asked for.
+        """
+        return self._all_errors[0]
+
+    @property
+    def motion_errors(self) -> FloatArray:
+        """The same summed over all frequencies of the motion, shape (n, n_dof)."""
+        return self._all_errors[1]
+
+    @property
+    def growth_error(self) -> FloatArray:
+        """Estimated error of the largest growth by which ``stable`` is told, shape (n,).
+
+        Terms of fourth order and above, which are left out, move a motion by its ``motion_errors``
+        e, and eigenvalues by 8 max|eigenvalue| e over the motion's size.
+        """
+        return self._all_errors[2]
+
+    @property
+    def decided(self) -> npt.NDArray[np.bool_]:
+        """Whether ``stable`` is sure: the growth is larger than its estimated error, shape (n,).
+
+        Where it is not, Floquet multipliers decide: ``trace_response(...).stable``.
+        """
+        return np.asarray(np.abs(self._growth) > self.growth_error)
+
+    @property
+    def error_estimate(self) -> FloatArray:
+        """``harmonic_errors`` of the coordinate where it is largest, shape (n,)."""
+        return np.asarray(self.harmonic_errors.max(axis=1))
+
+    @property
+    def in_range(self) -> npt.NDArray[np.bool_]:
+        """Whether orders fall off and the error is small against the motion, shape (n,)."""
+        error = (self.motion_errors / self._units).max(axis=1)
+        return np.asarray(
+            (falling(self.order_sizes) <= LEAST_FALL)
+            & (self.left_out <= LEAST_FALL)
+            & (error <= LEAST_FALL * self.order_sizes[:, 0])
+        )
+
+    @property
+    def at(self) -> FloatArray:
+        """The value each point belongs to, shape (n,)."""
+        return self.values[self.index]
+
+    @property
+    def stable(self) -> npt.NDArray[np.bool_]:
+        """Nothing grows, by eigenvalues or by what is of fourth order, shape (n,).
+
+        ``decided`` says where the orders left out could change that.
+        """
+        return np.asarray(self._growth <= _NEUTRAL * self.frequencies.max(axis=1))
+
+    @property
+    def _growth(self) -> FloatArray:
+        return np.asarray(np.maximum(self.eigenvalues.real.max(axis=1), self.resting_growth))
+
+    def amplitude(self, dof: str) -> FloatArray:
+        """Size of the first harmonic of a coordinate, shape (n,)."""
+        d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
+        return np.abs(self.harmonics[:, d])
+
+    def routh_hurwitz(self, point: int) -> FloatArray:
+        """First column of Routh's table of the characteristic polynomial at a point.
+
+        All of one sign: stable. Shape (2 n_modes + 1,); NaN after a zero, where the table ends.
+        """
+        i = _native.integer("point", point, 0, self.index.size - 1)
+        scale = float(np.abs(self.eigenvalues[i]).max()) or 1.0
+        polynomial = np.poly(self.eigenvalues[i] / scale).real
+        width = polynomial.size // 2 + 1
+        rows = np.zeros((2, width))
+        rows[0, : polynomial[::2].size] = polynomial[::2]
+        rows[1, : polynomial[1::2].size] = polynomial[1::2]
+        column = np.full(polynomial.size, np.nan)
+        column[0] = rows[0, 0]
+        for k in range(1, polynomial.size):
+            column[k] = rows[1, 0]
+            if abs(rows[1, 0]) < 1e-14:
+                break
+            below = rows[0] - rows[0, 0] / rows[1, 0] * rows[1]
+            rows = np.array([rows[1], np.append(below[1:], 0.0)])
+        return column
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over the points."""
+        import xarray as xr
+
+        return xr.Dataset(
+            {
+                self.parameter: ("point", self.at),
+                "amplitudes": (("point", "mode"), self.amplitudes),
+                "eigenvalues": (("point", "eigenvalue"), self.eigenvalues),
+                "harmonics": (("point", "dof"), self.harmonics),
+                "stable": ("point", self.stable),
+                "growth_error": ("point", self.growth_error),
+                "error_estimate": ("point", self.error_estimate),
+                "in_range": ("point", self.in_range),
+            },
+            coords={"dof": list(self.dof_names)},
+            attrs={"plan": str(self.plan)},
+        )
+
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        table = Table(
+            [
+                "steady motions by multiple scales to third order",
+                "first harmonic of u = Re X exp(i p t) under the load f cos(p t); amplitudes of "
+                "the modes; largest growth and its estimated error; sizes of the three "
+                "orders; estimated error of X, of the coordinate where it is largest",
+            ],
+            {self.parameter: self.at, "stable": self.stable},
+        )
+        for d in wanted_places(coordinates, self.dof_names):
+            table.add_complex(self.dof_names[d], self.harmonics[:, d])
+        for j in range(self.amplitudes.shape[1]):
+            own = self.amplitudes[:, j]
+            table.columns[f"mode_{j + 1}"] = np.hypot(own.real, own.imag)
+        table.columns["growth"] = self._growth
+        table.columns["growth_error"] = self.growth_error
+        for k in range(3):
+            table.columns[f"order_{k + 1}"] = self.order_sizes[:, k]
+        table.columns["error_estimate"] = self.error_estimate
+        return table
+
+    def nearest(self, value: float) -> npt.NDArray[np.intp]:
+        """Points that belong to the value nearest to ``value``."""
+        wanted = _native.number("value", value)
+        if not self.index.size:
+            raise InputError(f"value = {wanted:g}: the response has no points")
+        return np.flatnonzero(self.index == np.abs(self.values - wanted).argmin())

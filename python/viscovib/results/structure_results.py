@@ -1,0 +1,237 @@
+"""Responses and branches of structures: coordinates are computed when they are asked for."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.results.branch import Branch
+from viscovib.results.response import Response
+from viscovib.results.structure_view import View
+from viscovib.systems.condensed import LoadedStructure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StructureResponse(Response):
+    """A `Response` of a structure: ``coefficients`` of its coordinates, computed at first use."""
+
+    #: Harmonics of the condensed coordinates, relative to the base, shape (n, q, m).
+    _condensed: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
+    _view: View | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        self.__dict__.pop("coefficients", None)
+
+    @cached_property  # type: ignore[misc]
+    def coefficients(self) -> ComplexArray:
+        """X_k of the coordinates held."""
+        view = _known(self._view)
+        return view.expand(self.nu, self.harmonics, self._condensed)
+
+    @cached_property
+    def deflections(self) -> ComplexArray:
+        """Harmonics of the condensed coordinates, relative to the base, shape (n, q, m)."""
+        return self._condensed.copy()
+
+    @cached_property
+    def reduction_error(self) -> FloatArray:
+        """Estimated relative error of each motion by what a reduction left out, shape (n,).
+
+        By residuals of the full equations; harmonics above the frequency that the structure was
+        reduced for count as wrong. 0 for a structure that is not reduced.
+        """
+        return _left_out(self)
+
+    def check(self, points: int = 5) -> FloatArray:
+        """Errors of some motions against the full equations, solved directly, shape (points,).
+
+        Each harmonic of what acts on the linear rest (loads, elements, inertia of the base) is
+        applied to the full matrices, with a factorization of its own: |u - found|/|u| in the
+        largest coordinate, all harmonics together. Motions are taken at even distances.
+        """
+        return _checked(self, points)
+
+    def at(self, coordinates: Sequence[str]) -> Self:
+        """The same motions in other coordinates of the structure."""
+        view = _known(self._view).at(coordinates)
+        given = {**self.__dict__, "coefficients": self._condensed, "_view": view}
+        given |= {"dof_names": view.names, "dof_units": view.units}
+        found: Self = _again(self, given)
+        return found
+
+    def _linear_sizes(self, d: int, j: int, nu: FloatArray) -> FloatArray:
+        view = _known(self._view)
+        own = self._linear_motions(nu) - view.loaded.base_motion(self.harmonics)
+        return np.abs(view.at([view.names[d]]).expand(nu, self.harmonics, own)[:, 0, j])
+
+    def _summit(self, places: Any, d: int, j: int) -> tuple[float, float] | None:
+        kept = np.flatnonzero(self.harmonics <= int(self.highest[places].max()))
+        if self.method == "linear":
+            return super()._summit(places, d, j)
+        if j >= kept.size:
+            return None
+        watched, motions, row = _watched(self, d, places, kept)
+        cancel = np.zeros(1, dtype=np.intc)
+        at, size, found = _native.call_interruptibly(
+            core.mount_peak, cancel, *watched.job, 1, np.zeros(watched.job[0].size),
+            self.nu[places[0]], self.harmonics[kept], 0, self._tolerance, self.nu[places],
+            np.asfortranarray(motions.T), row + 1, j + 1, 0.0, 0.0, 1, cancel,
+        )  # fmt: skip
+        return (at, size) if found else None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StructureBranch(Branch):
+    """A `Branch` of a structure: ``coefficients`` of its coordinates, computed at first use."""
+
+    _condensed: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
+    _condensed_folds: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
+    _view: View | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        self.__dict__.pop("coefficients", None)
+        self.__dict__.pop("fold_coefficients", None)
+
+    @cached_property  # type: ignore[misc]
+    def coefficients(self) -> ComplexArray:  # type: ignore[override]
+        """X_k of the coordinates held."""
+        view = _known(self._view)
+        return view.expand(self.nu, self.harmonics, self._condensed, self.load_factor)
+
+    @cached_property  # type: ignore[misc]
+    def fold_coefficients(self) -> ComplexArray:  # type: ignore[override]
+        """X_k at the folds."""
+        by_nu = self.varies == "nu"
+        same = np.ones(self.folds.size)
+        nu = self.folds if by_nu else self.nu[0] * same
+        factors = same if by_nu else self.folds
+        return _known(self._view).expand(nu, self.harmonics, self._condensed_folds, factors)
+
+    @cached_property
+    def deflections(self) -> ComplexArray:
+        """Harmonics of the condensed coordinates, relative to the base, shape (n, q, m)."""
+        return self._condensed.copy()
+
+    @cached_property
+    def reduction_error(self) -> FloatArray:
+        """Estimated relative error of each motion by what a reduction left out, shape (n,).
+
+        By residuals of the full equations; harmonics above the frequency that the structure was
+        reduced for count as wrong. 0 for a structure that is not reduced.
+        """
+        return _left_out(self)
+
+    def check(self, points: int = 5) -> FloatArray:
+        """Errors of some motions against the full equations, solved directly, shape (points,).
+
+        Each harmonic of what acts on the linear rest (loads, elements, inertia of the base) is
+        applied to the full matrices, with a factorization of its own: |u - found|/|u| in the
+        largest coordinate, all harmonics together. Motions are taken at even distances.
+        """
+        return _checked(self, points)
+
+    def at(self, coordinates: Sequence[str]) -> Self:
+        """The same motions in other coordinates of the structure."""
+        view = _known(self._view).at(coordinates)
+        given = {**self.__dict__, "coefficients": self._condensed, "_view": view}
+        given |= {"fold_coefficients": self._condensed_folds}
+        given |= {"dof_names": view.names, "dof_units": view.units}
+        found: Self = _again(self, given)
+        return found
+
+    def _summit(
+        self, i: int, d: int, j: int, low: float, high: float
+    ) -> tuple[float, float] | None:
+        kept = np.flatnonzero(self.harmonics <= self.highest[i])
+        if j >= kept.size:
+            return None
+        places = np.array([i])
+        factor = float(self.load_factor[i])
+        watched, motions, row = _watched(self, d, places, kept, factor)
+        parameter, _, nu = self._job[-3:]
+        cancel = np.zeros(1, dtype=np.intc)
+        at, size, found = _native.call_interruptibly(
+            core.mount_peak, cancel, *watched.job, parameter, np.zeros(watched.job[0].size), nu,
+            self.harmonics[kept], 1, self._tolerance, self.parameter[places],
+            np.asfortranarray(motions.T), row + 1, j + 1, low, high, 1, cancel,
+        )  # fmt: skip
+        return (at, size) if found else None
+
+
+def _checked(result: StructureResponse | StructureBranch, points: int) -> FloatArray:
+    from viscovib.systems.reduced import direct_motion
+
+    view = _known(result._view)
+    loaded = view.loaded
+    if loaded.condensation.reduced is None:
+        raise InputError("check: this structure is not reduced, its motions are those of all of it")
+    solved = np.flatnonzero(np.isfinite(result._condensed).all(axis=(1, 2)))
+    count = _native.integer("points", points, 1, max(solved.size, 1))
+    taken = solved[np.unique(np.linspace(0, solved.size - 1, count).round().astype(int))]
+    load = result.load_factor if isinstance(result, StructureBranch) else np.ones(result.nu.size)
+    everywhere = np.arange(loaded.forces.shape[0])
+    errors = np.zeros(taken.size)
+    for place, i in enumerate(taken):
+        at = slice(i, i + 1)
+        given = result.nu[at], result.harmonics, result._condensed[at]
+        found = loaded.expand(*given, everywhere, load[at])[0]
+        exact = direct_motion(loaded, *given, load[at])
+        errors[place] = np.abs(found - exact).max() / np.abs(exact).max()
+    return errors
+
+
+def _left_out(result: StructureResponse | StructureBranch) -> FloatArray:
+    reduced = _known(result._view).loaded.condensation.reduced
+    if reduced is None:
+        return np.zeros(result.nu.size)
+    return np.asarray(reduced.left_out(result.nu, result.harmonics, result._condensed))
+
+
+def warn_of_reduction(result: StructureResponse | StructureBranch) -> None:
+    """Warn of motions that a reduced structure does not give to its tolerance."""
+    reduced = _known(result._view).loaded.condensation.reduced
+    if reduced is None:
+        return
+    errors = np.nan_to_num(result.reduction_error)
+    lost = errors > 10 * reduced.tolerance
+    if lost.any():
+        worst = int(errors.argmax())
+        warnings.warn(
+            f"{lost.sum()} of {errors.size} motions have harmonics above {reduced.top:.6g} rad/s, "
+            "for which the structure was not reduced; worst at nu = "
+            f"{result.nu[worst]:.6g}, with an estimated relative error of {errors[worst]:.1e}",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
+
+
+def _known(view: View | None) -> View:
+    if view is None:
+        raise InputError("this result lost its structure")
+    return view
+
+
+def _again(result: Any, given: dict[str, Any]) -> Any:
+    names = result.__dataclass_fields__
+    return type(result)(**{name: given[name] for name in names if name in given})
+
+
+def _watched(
+    result: StructureResponse | StructureBranch, d: int, places: Any, kept: Any, factor: float = 1.0
+) -> tuple[LoadedStructure, ComplexArray, int]:
+    """A structure with one of its coordinates among those condensed, and motions in these."""
+    view = _known(result._view)
+    watched, row = view.loaded.watching(int(view.places[d]))
+    moved = factor * view.loaded.base_motion(result.harmonics[kept])
+    own = result._condensed[places][:, :, kept] + moved
+    if row == own.shape[1]:
+        own = np.concatenate([own, result.coefficients[places][:, d : d + 1, kept]], axis=1)
+    return watched, own, row

@@ -1,0 +1,60 @@
+"""Which coordinates of a condensed structure a result shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.errors import InputError
+from viscovib.systems.condensed import LoadedStructure
+
+
+@dataclass(frozen=True)
+class View:
+    """A condensed structure under its load, and which of its coordinates a result holds."""
+
+    loaded: LoadedStructure
+    places: Any
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    #: Names and units of all coordinates.
+    all_names: tuple[str, ...] = field(repr=False)
+    all_units: tuple[str, ...] = field(repr=False)
+
+    @classmethod
+    def of(cls, system: Any, loaded: LoadedStructure, coordinates: Sequence[str] | None) -> View:
+        """Of the coordinates wanted, or those that a structure shows by itself."""
+        places = system._wanted(coordinates, loaded)
+        names, units = system.dof_names, system.dof_units
+        return cls(
+            loaded, places, tuple(names[i] for i in places), tuple(units[i] for i in places),
+            names, units,
+        )  # fmt: skip
+
+    def at(self, coordinates: Sequence[str]) -> View:
+        """The same motions in other coordinates."""
+        if isinstance(coordinates, str) or not isinstance(coordinates, Sequence) or not coordinates:
+            raise InputError(f"coordinates = {_native.shown(coordinates)}: must be a list of names")
+        index = {name: i for i, name in enumerate(self.all_names)}
+        for name in coordinates:
+            if name not in index:
+                raise InputError(
+                    f"coordinates: {_native.shown(name)} must be one of the {len(index)} "
+                    f"coordinates {self.all_names[0]}, ..."
+                )
+        places = np.array([index[name] for name in coordinates])
+        return replace(
+            self, places=places, names=tuple(coordinates),
+            units=tuple(self.all_units[i] for i in places),
+        )  # fmt: skip
+
+    def expand(
+        self, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray | None = None
+    ) -> ComplexArray:
+        """X_k of the coordinates, shape (n, n_dof, m), from those condensed (n, q, m)."""
+        return self.loaded.expand(nu, orders, y, self.places, factors)

@@ -1,0 +1,247 @@
+"""A motion in time, however it was integrated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.common.parameters import Flag
+from viscovib.common.plan import Plan, wanted_places
+from viscovib.common.results import Number, Panel, Result, named, span
+from viscovib.common.tables import Table, listed_units
+from viscovib.errors import InputError
+from viscovib.systems.mount import Mount
+from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.polynomial_system import PolynomialSystem
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Result):
+    """A motion in time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times of the states kept.
+    state : ndarray, shape (n, 2 n_dof)
+        Each coordinate and its velocity: (z, z', phi, phi', psi, psi') of a pendulum, (x, x', phi,
+        phi') of a mount.
+    outcome : str
+        "completed"; "diverged": a coordinate passed 1e6 (of a system that uses the mount's
+        integrator: it escapes to infinity, or leaves the range of numbers); "unphysical": z = -1,
+        the spring passes through the pivot; "step too large": the motion goes on, but
+        the given steps do not follow it. Runs that end so hold the states before.
+    t_reached : float
+        Time that was reached: where a motion diverges or becomes unphysical it is found inside
+        the step, to rounding. ``keep="last"`` keeps the state there.
+    dt : float
+        The step.
+    method : str
+    error : float or None
+        Estimated largest error of the states kept and of ``t_reached``, if asked for or ``dt``
+        was "auto"; not of a last state at 1e6, which changes faster than any time is known.
+    resolution : float or None
+        Of motion with memory: the last coefficient in Legendre polynomials of a displacement on
+        a step, the largest of all steps, relative to the largest displacement. At 1e-2 and more
+        steps do not resolve the motion.
+    stats : dict
+        "steps"; of a pendulum "evaluations" (of all lanes at once), of systems with memory
+        "iterations".
+    system : Pendulum, Mount or PolynomialSystem
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> mount = vv.Mount(
+    ...     mass=1,
+    ...     inertia=0.1,
+    ...     offset=0.5,
+    ...     stiffness_x=10,
+    ...     stiffness_phi=2,
+    ...     damping=[[0.2, -0.1], [-0.1, 0.09]],
+    ... )
+    >>> run = vv.simulate(mount, 20, load=0.1, nu=1.5)
+    >>> x = run.coordinate("x")
+    >>> run.outcome
+    'completed'
+    """
+
+    t: FloatArray
+    state: FloatArray
+    outcome: str
+    t_reached: float
+    dt: float
+    method: str
+    error: float | None
+    stats: dict[str, int]
+    system: Pendulum | Mount | PolynomialSystem
+    _resume: Any = field(repr=False)
+    _planned: Callable[..., Plan] = field(repr=False)
+    resolution: float | None = None
+
+    kind = "transient"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether the motion was followed to the end."""
+        return self.outcome == "completed"
+
+    def _headline(self) -> str:
+        return f"{self.outcome} at t = {self.t_reached:g}, {self.t.size} states"
+
+    def _scope(self) -> list[str]:
+        return [
+            f"t: {span(self.t, self.system.time_unit)}; "
+            f"{named(self.dof_names, self.dof_units)}; {self.method}",
+            *self._details(),
+        ]
+
+    def _details(self) -> list[str]:
+        if self.error is None:
+            return []
+        return [f"step {self.dt:.6g}, estimated error {self.error:.1e}"]
+
+    def numbers(self) -> dict[str, Number]:
+        """Return ``max_x`` and ``rms_x``, ... over the second half, and ``outcome``."""
+        late = self.t >= 0.5 * self.t_reached
+        found: dict[str, Number] = {}
+        columns = self.state[late, ::2].T
+        for name, unit, column in zip(self.dof_names, self.dof_units, columns, strict=True):
+            largest = float(np.abs(column).max()) if column.size else math.nan
+            found[f"max_{name}"] = Number(largest, unit)
+            found[f"rms_{name}"] = Number(_rms(self.t[late], column), unit)
+        return found | {"outcome": Number(self.outcome)}
+
+    def panels(self) -> list[Panel]:
+        """Coordinates over time."""
+        label = "$t$ (s)" if self.system.time_unit == "s" else r"$\tau$"
+        return [
+            Panel(self.t, self.state[:, 2 * d], label, name, unit)
+            for d, (name, unit) in enumerate(zip(self.dof_names, self.dof_units, strict=True))
+        ]
+
+    def _pieces(self) -> tuple[int, str, str]:
+        n = self.stats["steps"]
+        return n, f"{n} steps", f"step of {self.method}"
+
+    @cached_property
+    def plan(self) -> Plan:
+        """What was computed, what was skipped and why."""
+        return self._planned()
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self.system.dof_names
+
+    @property
+    def dof_units(self) -> tuple[str, ...]:
+        """Their units."""
+        return self.system.dof_units
+
+    @property
+    def rate_units(self) -> tuple[str, ...]:
+        """Units of their velocities."""
+        if self.dof_units == self.system.dof_units:
+            return self.system.rate_units
+        return tuple(f"{unit}/s" for unit in self.dof_units)
+
+    def coordinate(self, name: str) -> FloatArray:
+        """A coordinate by name, "phi", or its velocity, "phi_dot", shape (n,)."""
+        names = tuple(f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot"))
+        return self.state[:, names.index(_native.choice("name", name, names))]
+
+    def energy_defect(self) -> FloatArray:
+        """Energy at each time less that at the first and the work done since, shape (n,).
+
+        Work of the loads less dissipation, by a spline through the power at the states kept: the
+        defect shows the error of the motion once these are close enough for the spline. It is
+        that of the exact equations; `cubic` and `printed` ones do not keep this balance. Of
+        pendulums and of polynomial systems without memory whose forces have a potential: a spring
+        with memory has no energy that its state tells.
+        """
+        from scipy.interpolate import CubicSpline
+
+        power = getattr(self._resume, "power", None)
+        if isinstance(self.system, Mount) or power is None:
+            raise InputError(
+                "trajectory: the balance of energy is for pendulums only, and for polynomial "
+                "systems without memory"
+            )
+        energy = self.system.energy(self.state)
+        if self.t.size < 4:
+            raise InputError(f"trajectory: {self.t.size} states kept, must be at least 4")
+        work = CubicSpline(self.t, power(self.t, self.state)).antiderivative()
+        return np.asarray(energy - energy[0] - (work(self.t) - work(self.t[0])))
+
+    def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
+        """Coordinates and velocities as an xarray Dataset over t.
+
+        With ``physical=True`` in s, m and rad: of a mount they are, of a pendulum if it was built
+        from physical units; z is then the extension beyond static.
+        """
+        import xarray as xr
+
+        Flag("physical").check(physical)
+        time, length = 1.0, 1.0
+        system = self.system
+        time_unit, units, rates = system.time_unit, self.dof_units, self.rate_units
+        if physical and isinstance(system, Pendulum):
+            if system.scales is None:
+                raise InputError(
+                    "physical = True: this pendulum was not built by Pendulum.from_physical"
+                )
+            time, length = system.scales.time, system.scales.length
+            time_unit, units, rates = "s", ("m", "rad", "rad"), ("m/s", "rad/s", "rad/s")
+        variables = {}
+        for d, name in enumerate(self.dof_names):
+            size = length if d == 0 else 1.0
+            at, dot = self.state[:, 2 * d] * size, self.state[:, 2 * d + 1] * (size / time)
+            variables[name] = ("t", at, {"units": units[d]})
+            variables[f"{name}_dot"] = ("t", dot, {"units": rates[d]})
+        attributes = {
+            "outcome": self.outcome,
+            "dt": self.dt * time,
+            "method": self.method,
+            "plan": str(self.plan),
+        }
+        if self.error is not None:
+            attributes["error"] = self.error
+        coordinates = {"t": ("t", self.t * time, {"units": time_unit})}
+        return xr.Dataset(variables, coords=coordinates, attrs=attributes)
+
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        table = Table([f"method {self.method}, step {self.dt:.16e}, {self.outcome}"], {"t": self.t})
+        wanted = wanted_places(coordinates, self.dof_names)
+        names = [self.dof_names[d] for d in wanted]
+        units = listed_units(names, [self.dof_units[d] for d in wanted])
+        what = "units" if self.system.time_unit == "s" else "dimensionless"
+        table.notes.append(f"{what}: t in {self.system.time_unit}, {units}")
+        for d in wanted:
+            table.columns[self.dof_names[d]] = self.state[:, 2 * d]
+            table.columns[f"{self.dof_names[d]}_dot"] = self.state[:, 2 * d + 1]
+        return table
+
+
+def given_plan(plan: Plan) -> Plan:
+    """Return the plan itself: a function that pickles."""
+    return plan
+
+
+def _rms(t: FloatArray, values: FloatArray) -> float:
+    """Root mean square over time, whatever the spacing of the states; NaN without any."""
+    if t.size < 2:
+        return float(np.abs(values[0])) if t.size else math.nan
+    return math.sqrt(np.trapezoid(values**2, t) / (t[-1] - t[0]))

@@ -1,0 +1,1 @@
+"""Measured rubber: its data, and the kernels that fit them."""

@@ -1,0 +1,341 @@
+"""Beyond the linear: stiffness that falls with amplitude, static curves that harden.
+
+A filled rubber holds a deflection of amplitude X by its kernel and, beside it, by Jenkins elements:
+springs k that slip at k x_s. Their first harmonic is, with u = x_s/X < 1 and cos t = 1 - 2 u,
+K' = (k/pi) (t - sin(2 t)/2) and K'' = (k/pi) sin(t)^2, and k where X <= x_s (Caughey, J. Appl.
+Mech. 27, 1960); several make up an Iwan model (Iwan, J. Appl. Mech. 33, 1966). A kernel's part does
+not know the amplitude, a Jenkins element's not the frequency.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import combinations, islice
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.parameters import Flag, Whole
+from viscovib.errors import InputError
+from viscovib.kernels.relaxation import Kernel
+from viscovib.rubber.data import ModulusData
+from viscovib.rubber.kernel_fit import fit_kernel
+from viscovib.rubber.measured import Measured, descend
+from viscovib.rubber.models import PARTS, Model
+
+_ELEMENTS, _DEGREE, _ODD = Whole("elements", 1, 6), Whole("degree", 1, 9), Flag("odd")
+#: Two amplitudes are one if they differ by less.
+_SAME = 1e-3
+#: Places of slips that are tried, and how often the best is brought on to its end.
+_STARTS, _POLISHED = 16, 3
+
+
+def jenkins_stiffness(amplitude: npt.ArrayLike, *, stiffness: float, slip: float) -> ComplexArray:
+    """First harmonic of force over deflection of a Jenkins element.
+
+    Parameters
+    ----------
+    amplitude : array_like
+        X > 0 (m), any shape.
+    stiffness : float
+        k (N/m), > 0.
+    slip : float
+        Deflection at which it slips, x_s (m), > 0.
+
+    Returns
+    -------
+    ndarray of complex, as amplitude
+        K' + i K'' (N/m).
+
+    Examples
+    --------
+    >>> vv.jenkins_stiffness([0.5e-3, 2e-3], stiffness=1e5, slip=1e-3).round(0)
+    array([100000.    +0.j,  50000.+31831.j])
+    """
+    x = _native.real_array("amplitude", amplitude)
+    k, s = _native.number("stiffness", stiffness), _native.number("slip", slip)
+    if x.size and x.min() <= 0:
+        raise InputError(f"amplitude = {x.min():g}: must be greater than 0")
+    for name, value in (("stiffness", k), ("slip", s)):
+        if value <= 0:
+            raise InputError(f"{name} = {value:g}: must be greater than 0")
+    return _jenkins(x, k, s)[()]
+
+
+def _jenkins(x: FloatArray, k: float, s: float) -> ComplexArray:
+    angle = np.arccos(1 - 2 * np.minimum(s / x, 1.0))
+    parts = angle - np.sin(2 * angle) / 2 + 1j * np.sin(angle) ** 2
+    return np.asarray(k / math.pi * parts)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AmplitudeFit:
+    """A kernel and Jenkins elements beside it, fitted by `fit_amplitude`.
+
+    Attributes
+    ----------
+    kernel : Kernel
+    modulus : float
+        Instantaneous stiffness of the kernel's part (N/m).
+    stiffness, slip : ndarray, shape (n,)
+        Of the elements: k (N/m) and x_s (m), ascending; they slip at forces k x_s.
+    residual : (float, float)
+        Relative rms residuals of K' and K''.
+    interval : dict
+        95 % intervals, linearised over logarithms: "stiffness_1", "slip_1", ...
+
+    Examples
+    --------
+    >>> slip = vv.jenkins_stiffness([1e-4, 1e-3], stiffness=1e5, slip=5e-4)
+    >>> bool(abs(slip[0].imag) < 1e-6 and slip[1].real < 1e5)
+    True
+    """
+
+    kernel: Kernel
+    modulus: float
+    stiffness: FloatArray
+    slip: FloatArray
+    residual: tuple[float, float]
+    interval: dict[str, tuple[float, float]]
+
+    def predict(self, frequencies: npt.ArrayLike, amplitude: npt.ArrayLike) -> ComplexArray:
+        """K' + i K'' (N/m) at circular frequencies (rad/s) and amplitudes (m), of one shape."""
+        nu = _native.real_array("frequencies", frequencies)
+        x = _native.real_array("amplitude", amplitude)
+        total = self.modulus * (1 - self.kernel.transform(nu)) + np.zeros(x.shape)
+        for k, s in zip(self.stiffness.tolist(), self.slip.tolist(), strict=True):
+            total = total + jenkins_stiffness(x, stiffness=k, slip=s)
+        return np.asarray(total)
+
+
+def fit_amplitude(data: ModulusData, *, kind: str = "rabotnov", elements: int = 1) -> AmplitudeFit:
+    """Fit a kernel and Jenkins elements beside it to a stiffness at several amplitudes.
+
+    Parameters
+    ----------
+    data : ModulusData
+        With amplitudes, two or more; a set each.
+    kind : {"rabotnov", "rzhanitsyn", "abel"}
+        Of the kernel.
+    elements : int
+        1 to 6 Jenkins elements; several are an Iwan model.
+
+    Returns
+    -------
+    AmplitudeFit
+        Elements with these numbers stand for it in systems that have such forces; the kernel's part
+        alone is what `fit_kernel` gives for large amplitudes.
+
+    Examples
+    --------
+    >>> nu, x = np.tile(np.geomspace(1, 1e3, 12), 4), np.repeat([1e-4, 3e-4, 1e-3, 3e-3], 12)
+    >>> rubber = vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3)
+    >>> k = 2e5 * (1 - rubber.transform(nu)) + vv.jenkins_stiffness(x, stiffness=1e5, slip=2e-4)
+    >>> data = vv.ModulusData(
+    ...     frequencies=nu, storage=k.real, loss=k.imag, amplitude=x, quantity="K"
+    ... )
+    >>> fit = vv.fit_amplitude(data)
+    >>> float(fit.stiffness[0].round(3)), float(fit.slip[0].round(9)), round(fit.modulus, 3)
+    (100000.0, 0.0002, 200000.0)
+    """
+    _native.check_instance("data", data, ModulusData)
+    _native.choice("kind", kind, PARTS)
+    count = _ELEMENTS.check(elements)
+    if data.amplitude is None:
+        raise InputError("data: has no amplitudes, must have them")
+    x = np.asarray(data.amplitude)
+    levels = np.unique(np.round(np.log(x) / _SAME)) * _SAME
+    if levels.size < 2:
+        raise InputError(f"data: has one amplitude alone, {x[0]:g} m, must have two or more")
+    nu = np.asarray(data.frequencies)
+    measured = Measured.of(ModulusData(
+        frequencies=nu, storage=data.storage, loss=data.loss, set=data.set, quantity=data.quantity
+    ), (1.0, 1.0))  # fmt: skip
+    model = Model((kind,), unit=math.exp(-float(np.mean(measured.log_rates))))
+    if 2 * nu.size < model.size + 2 * count:
+        raise InputError(
+            f"data: {2 * nu.size} numbers do not determine {model.size + 2 * count} parameters"
+        )
+    first = np.log(x) >= levels[-1] - _SAME
+    start = _kernel_start(data, first, kind, model)
+    drop = np.asarray(data.storage)[np.log(x) <= levels[0] + _SAME].max()
+    guess = max(float(drop - np.asarray(data.storage)[first].max()), 0.05 * float(drop)) / count
+    grid = np.linspace(levels[0], levels[-1], count + 5)[1:-1]
+    starts = [
+        np.concatenate([start, np.full(count, math.log(guess)), places])
+        for places in islice(combinations(grid, count), _STARTS)
+    ]
+
+    def said(t: FloatArray) -> FloatArray:
+        value, _ = model.modulus_at(measured.along, t[: model.size])
+        for k, s in zip(t[model.size : model.size + count], t[model.size + count :], strict=True):
+            value = value + _jenkins(x, math.exp(min(k, 300)), math.exp(min(max(s, -300), 300)))
+        return np.concatenate([value.real, value.imag])
+
+    size = np.tile(np.abs(data.modulus), 2)
+
+    def residual(t: FloatArray) -> FloatArray:
+        return np.asarray((said(t) - measured.target) / size)
+
+    def slopes(t: FloatArray) -> FloatArray:
+        found = np.empty((measured.target.size, t.size))
+        for j in range(t.size):
+            step = np.zeros(t.size)
+            step[j] = 1e-6 * max(1.0, abs(t[j]))
+            found[:, j] = (residual(t + step) - residual(t - step)) / (2 * step[j])
+        return found
+
+    ends = [descend(residual, slopes, one, rough=True) for one in starts]
+    theta = min(ends, key=lambda end: float(residual(end) @ residual(end)))
+    for _ in range(_POLISHED):
+        theta = descend(residual, slopes, theta)
+    return _amplitude_result(model, theta, count, residual(theta), slopes(theta))
+
+
+def _kernel_start(
+    data: ModulusData, rows: npt.NDArray[np.bool_], kind: str, model: Model
+) -> FloatArray:
+    """Unknowns of the kernel by the rows of the largest amplitude."""
+    import warnings
+
+    from viscovib.rubber.fit import ParametricFit
+
+    order = np.argsort(np.asarray(data.frequencies)[rows])
+    part = ModulusData(
+        frequencies=np.asarray(data.frequencies)[rows][order],
+        storage=np.asarray(data.storage)[rows][order],
+        loss=np.asarray(data.loss)[rows][order],
+    )
+    with warnings.catch_warnings():
+        # What the first guess lacks is no matter.
+        warnings.simplefilter("ignore")
+        fit = fit_kernel(part, kind=kind, weights="data")
+    assert isinstance(fit, ParametricFit)
+    modulus, alpha, tau, p = fit.model.split(fit.theta)
+    if kind == "abel":
+        p = p * (fit.model.unit / model.unit) ** alpha
+        tau = np.array([model.unit])
+    return model.join(modulus, alpha, tau, p)
+
+
+def _amplitude_result(
+    model: Model, theta: FloatArray, count: int, left: FloatArray, slopes: FloatArray
+) -> AmplitudeFit:
+    from scipy.special import stdtrit
+
+    order = np.argsort(theta[model.size + count :])
+    k = theta[model.size : model.size + count][order]
+    s = theta[model.size + count :][order]
+    free = max(left.size - theta.size, 1)
+    errors = np.sqrt(
+        np.maximum(np.diag(np.linalg.pinv(slopes.T @ slopes)), 0) * float(left @ left) / free
+    )
+    reach = float(stdtrit(free, 0.975))
+    interval = {}
+    for name, values, spread in (
+        ("stiffness", k, errors[model.size : model.size + count][order]),
+        ("slip", s, errors[model.size + count :][order]),
+    ):
+        for i in range(count):
+            ends = np.exp(np.clip(values[i] + np.array([-1, 1]) * reach * spread[i], -700, 700))
+            interval[f"{name}_{i + 1}"] = (float(ends[0]), float(ends[1]))
+    half = left.size // 2
+    return AmplitudeFit(
+        kernel=model.kernel(theta[: model.size]),
+        modulus=model.split(theta[: model.size])[0],
+        stiffness=np.exp(k),
+        slip=np.exp(s),
+        residual=(
+            float(np.sqrt(np.mean(left[:half] ** 2))),
+            float(np.sqrt(np.mean(left[half:] ** 2))),
+        ),
+        interval=interval,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProgressiveLaw:
+    """A static curve as a polynomial, fitted by `fit_progressive`.
+
+    Attributes
+    ----------
+    stiffness : float
+        Linear part k (N/m).
+    law : str
+        The rest as a text that springs take, "k3*d^3"; its numbers are ``parameters``.
+    parameters : dict of str to float
+    residual : float
+        Root mean square over the largest force.
+
+    Examples
+    --------
+    >>> d = np.linspace(-5e-3, 5e-3, 21)
+    >>> found = vv.fit_progressive(d, 1e5 * d + 4e9 * d**3)
+    >>> spring = vv.Spring(
+    ...     on="x", stiffness=found.stiffness, law=found.law, parameters=found.parameters
+    ... )
+    """
+
+    stiffness: float
+    law: str
+    parameters: dict[str, float]
+    residual: float
+
+
+def fit_progressive(
+    deflection: npt.ArrayLike, force: npt.ArrayLike, *, degree: int = 3, odd: bool = True
+) -> ProgressiveLaw:
+    """Fit k d + k2 d^2 + ... to a static curve, whose slope must stay positive.
+
+    Parameters
+    ----------
+    deflection : array_like, shape (n,)
+        d (m).
+    force : array_like, shape (n,)
+        N.
+    degree : int
+        1 to 9.
+    odd : bool
+        Odd powers only: as stiff to both sides.
+
+    Raises
+    ------
+    InputError
+        If the curve falls somewhere within the deflections: no static law is stable there.
+
+    Examples
+    --------
+    >>> d = np.linspace(0, 5e-3, 11)
+    >>> found = vv.fit_progressive(d, 1e5 * d + 4e9 * d**3)
+    >>> found.law, round(found.stiffness, 3), round(found.parameters["k3"], 0)
+    ('k3*d^3', 100000.0, 4000000000.0)
+    """
+    d = _native.real_array("deflection", deflection, ndim=1)
+    f = _native.real_array("force", force, ndim=1)
+    top, only = _DEGREE.check(degree), _ODD.check(odd)
+    powers = [p for p in range(1, top + 1) if p % 2 or not only]
+    if d.size != f.size or d.size < len(powers) or not np.any(d):
+        raise InputError(
+            f"deflection and force have {d.size} and {f.size} numbers: must match, be at least "
+            f"{len(powers)} and not all 0"
+        )
+    size = float(np.abs(d).max())
+    rows = (d / size)[:, np.newaxis] ** np.array(powers)
+    found, *_ = np.linalg.lstsq(rows, f, rcond=None)
+    fine = np.linspace(min(d.min(), 0.0), max(d.max(), 0.0), 400) / size
+    slope = sum(c * p * fine ** (p - 1) for c, p in zip(found, powers, strict=True))
+    if np.min(slope) <= 0:
+        at = size * float(fine[int(np.argmin(slope))])
+        raise InputError(
+            f"degree = {top}: the fitted force falls at a deflection of {at:g} m, must rise "
+            "all the way: take another degree"
+        )
+    scaled = {p: float(c / size**p) for c, p in zip(found, powers, strict=True)}
+    left = rows @ found - f
+    return ProgressiveLaw(
+        stiffness=scaled[1],
+        law=" + ".join(f"k{p}*d^{p}" for p in powers[1:]) or "0*d",
+        parameters={f"k{p}": scaled[p] for p in powers[1:]},
+        residual=float(np.sqrt(np.mean(left**2)) / max(np.abs(f).max(), 1e-300)),
+    )

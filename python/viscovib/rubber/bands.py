@@ -1,0 +1,162 @@
+"""What the uncertainty of a fit leaves of an answer."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.common.parameters import Number, Whole
+from viscovib.errors import InputError
+from viscovib.rubber.fit import KernelFit, Sample
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_SAMPLES, _SEED, _LEVEL = (
+    Whole("samples", 2, 10**6),
+    Whole("seed", 0, 2**31),
+    Number("level", 0.01, 0.9999),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Band:
+    """Answers for kernels as likely as the data make them.
+
+    Attributes
+    ----------
+    nominal : ndarray, shape (...)
+        The answer of the fit itself.
+    low, median, high : ndarray, shape (...)
+        Quantiles of the answers at each entry; of samples without an answer (NaN) nothing is taken.
+    answers : ndarray, shape (n, ...)
+    missing : ndarray of int, shape (...)
+        Samples that had no answer.
+    level : float
+
+    Examples
+    --------
+    >>> nu = np.geomspace(1e-2, 1e4, 40)
+    >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal((2, 40))
+    >>> stiff = 2e6 * (1 - vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3).transform(nu))
+    >>> data = vv.ModulusData(
+    ...     frequencies=nu, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+    ... )
+    >>> band = vv.propagate(vv.fit_kernel(data), lambda s: abs(s.kernel.transform(nu)), samples=50)
+    >>> band.nominal.shape, band.answers.shape, bool((band.low < band.high).all())
+    ((40,), (50, 40), True)
+    """
+
+    nominal: FloatArray
+    low: FloatArray
+    median: FloatArray
+    high: FloatArray
+    answers: FloatArray
+    missing: npt.NDArray[np.intp]
+    level: float
+
+    def __repr__(self) -> str:
+        with np.errstate(all="ignore"):
+            width = float(np.nanmax((self.high - self.low) / np.abs(self.median)))
+        return (
+            f"Band({self.answers.shape[0]} answers of shape {self.nominal.shape}, "
+            f"{100 * self.level:g} %, at most {100 * width:.2g} % wide, "
+            f"{self.missing.sum()} missing)"
+        )
+
+    def plot(self, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: str = "") -> "Axes":
+        """Draw the band and the nominal answer over x, shape (n,)."""
+        # By name, since that module knows this one.
+        return import_module("viscovib.plots.rubber").plot_band(self, x, ax, label=label)  # type: ignore[no-any-return]
+
+
+def propagate(
+    fit: KernelFit,
+    function: Callable[[Sample], Any],
+    *,
+    samples: int = 1000,
+    seed: int = 0,
+    level: float = 0.95,
+) -> Band:
+    """Carry the uncertainty of a fit through a function.
+
+    Parameters
+    ----------
+    fit : KernelFit
+    function : callable
+        Takes a `Sample` with ``kernel`` and ``modulus`` and returns a number or an array, of one
+        shape for all; NaN where there is no answer.
+    samples : int
+        How many kernels are drawn.
+    seed : int
+        Of the draws: the same seed gives the same band.
+    level : float
+        Part of the answers within the band.
+
+    Returns
+    -------
+    Band
+
+    Examples
+    --------
+    >>> nu = np.geomspace(1e-2, 1e4, 40)
+    >>> noise = 1 + 0.02 * np.random.default_rng(1).standard_normal((2, 40))
+    >>> stiff = 2e6 * (1 - vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3).transform(nu))
+    >>> data = vv.ModulusData(
+    ...     frequencies=nu, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+    ... )
+    >>> fit = vv.fit_kernel(data)
+    >>> relaxed = vv.propagate(fit, lambda s: s.modulus * s.kernel.relaxation(10.0), samples=200)
+    >>> bool(relaxed.low < relaxed.nominal < relaxed.high)
+    True
+    """
+    _native.check_instance("fit", fit, KernelFit)
+    if not callable(function):
+        raise InputError(f"function = {_native.shown(function)}: must be callable")
+    count, start, part = _SAMPLES.check(samples), _SEED.check(seed), _LEVEL.check(level)
+    nominal = _answer(function, Sample(fit.kernel, fit.modulus), None)
+    found = np.empty((count, *nominal.shape))
+    for i, sample in enumerate(fit.samples(count, seed=start)):
+        found[i] = _answer(function, sample, nominal.shape)
+    known = np.isfinite(found)
+    ends = [0.5 - part / 2, 0.5, 0.5 + part / 2]
+    if known.all():
+        low, median, high = np.quantile(found, ends, axis=0)
+    else:
+        flat = np.where(known, found, np.nan).reshape(count, -1)
+        quantiles = [
+            np.quantile(column[~np.isnan(column)], ends)
+            if np.isfinite(column).any()
+            else [np.nan] * 3
+            for column in flat.T
+        ]
+        low, median, high = np.array(quantiles).T.reshape(3, *nominal.shape)
+    return Band(
+        nominal=nominal,
+        low=np.asarray(low),
+        median=np.asarray(median),
+        high=np.asarray(high),
+        answers=found,
+        missing=np.asarray((~known).sum(axis=0)),
+        level=part,
+    )
+
+
+def _answer(
+    function: Callable[[Sample], Any], sample: Sample, shape: tuple[int, ...] | None
+) -> FloatArray:
+    given = function(sample)
+    try:
+        answer = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"function: gave {_native.shown(given)}, must give real numbers of one shape"
+        ) from None
+    if shape is not None and answer.shape != shape:
+        raise InputError(f"function: gave shape {answer.shape}, before {shape}: must be one shape")
+    return answer

@@ -1,0 +1,330 @@
+"""Kernels fitted to measurements, with their uncertainty."""
+
+import math
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.common.parameters import Flag, Number
+from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.kernels.time_temperature import ShiftLaw
+from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
+from viscovib.rubber.fit import KernelFit, Optimum, ParametricFit
+from viscovib.rubber.master import MasterCurve
+from viscovib.rubber.measured import Measured, descend
+from viscovib.rubber.models import PARTS, Model, start_shapes
+from viscovib.rubber.prony_fit import fit_prony
+
+_WEIGHTS = ("model", "data")
+_ALPHAS = (0.12, 0.3, 0.5, 0.7, 0.9)
+#: Times of the grid of starts; starts that are followed of one part and of several.
+_TIMES, _STARTS, _MORE_STARTS = 14, 4, 8
+#: Relative residuals below which they are noise, so that the model may weigh itself.
+_NOISE = 0.15
+#: Passes of weights by the model, and what two passes may differ by.
+_PASSES, _SETTLED = 12, 1e-10
+#: An instantaneous modulus so far beyond the largest one measured is told.
+_BEYOND = 1.6
+_ALLOW, _SHARE = Flag("allow_creep"), Number("storage_weight", lowest=0)
+_LOSS_SHARE, _MODULUS = Number("loss_weight", lowest=0), Number("modulus", above=0)
+
+
+def fit_kernel(
+    data: ModulusData | RelaxationData | CreepData | MasterCurve,
+    *,
+    kind: str | Sequence[str] = "rabotnov",
+    modulus: float | None = None,
+    storage_weight: float = 1.0,
+    loss_weight: float = 1.0,
+    weights: str = "model",
+    allow_creep: bool = False,
+    shift: ShiftLaw | None = None,
+    terms: str | int = "auto",
+    smooth: str | float = 0.0,
+) -> KernelFit:
+    """Fit a kernel and the instantaneous modulus to measurements.
+
+    The sum of squares of relative residuals, of storage and loss alike, is smallest; several starts
+    are found and followed, and the best end is kept.
+
+    Parameters
+    ----------
+    data : ModulusData, RelaxationData, CreepData or MasterCurve
+        One temperature, or a master curve, whose kernel then has a temperature.
+    kind : {"rabotnov", "rzhanitsyn", "abel", "fractional_zener", "prony"} or sequence of these
+        Several are summed, ["rabotnov", "rabotnov"] being two spring-pots in parallel. A fractional
+        Zener element (a spring, and beside it a spring and a spring-pot in a row) is a Rabotnov
+        kernel.
+    modulus : float, optional
+        M_0 where it is known (Pa, N/m); otherwise it is fitted too.
+    storage_weight, loss_weight : float
+        Factors of the residuals of each part.
+    weights : {"model", "data"}
+        What residuals are relative to. By the model, which larger residuals than 15 % refuse, noise
+        does not bias the modulus; by the data it does.
+    allow_creep : bool
+        Allow an integral of 1 or more, of which nothing is left in the end.
+    shift : ShiftLaw, optional
+        How the kernel follows temperature; of a master curve its own factors if none is given.
+    terms : {"auto"} or int
+        Of prony kernels: terms a decade of the spectrum; "auto" takes that with the smallest
+        information criterion (Schwarz).
+    smooth : {"L-curve"} or float
+        Of prony kernels: weight of the second differences of the spectrum beside the residuals.
+
+    Returns
+    -------
+    KernelFit
+
+    Warns
+    -----
+    ConvergenceWarning
+        For parameters that the data do not constrain, which are NaN in ``parameters``; for an
+        instantaneous modulus far beyond the data.
+
+    Examples
+    --------
+    >>> nu = np.geomspace(1e-2, 1e4, 40)
+    >>> true = vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3)
+    >>> stiff = 2e6 * (1 - true.transform(nu))
+    >>> data = vv.ModulusData(frequencies=nu, storage=stiff.real, loss=stiff.imag)
+    >>> fit = vv.fit_kernel(data, kind="rabotnov")
+    >>> round(fit.modulus), round(fit.kernel.amplitude, 6), round(fit.kernel.alpha, 6)
+    (2000000, 2.0, 0.5)
+    """
+    _native.check_instance("data", data, ModulusData, RelaxationData, CreepData, MasterCurve)
+    law = shift
+    if isinstance(data, MasterCurve):
+        law = data.shift if shift is None else shift
+        data = data.data
+    if law is not None:
+        _native.check_instance("shift", law, ShiftLaw)
+    shares = _SHARE.check(storage_weight), _LOSS_SHARE.check(loss_weight)
+    if not any(shares):
+        raise InputError("storage_weight, loss_weight: must not both be 0")
+    _native.choice("weights", weights, _WEIGHTS)
+    given = None if modulus is None else _MODULUS.check(modulus)
+    measured = Measured.of(data, shares)
+    if given is not None and given < measured.largest:
+        raise InputError(
+            f"modulus = {given:g}: is below the largest one measured, {measured.largest:g}; must "
+            "be at least that"
+        )
+    kinds = _kinds(kind)
+    if kinds == ("prony",):
+        return fit_prony(data, measured, given, terms, smooth, weights, law)
+    allow = _ALLOW.check(allow_creep)
+    unit = math.exp(-float(np.mean(measured.log_rates)))
+    model = Model(kinds, allow, given, unit)
+    if measured.count < model.size:
+        raise InputError(
+            f"data: {measured.count} numbers do not determine {model.size} parameters, must be more"
+        )
+    ends = _search(model, measured)
+    return _result(model, measured, ends, weights, law, str(kind))
+
+
+def _kinds(kind: str | Sequence[str]) -> tuple[str, ...]:
+    allowed = (*PARTS, "fractional_zener", "prony")
+    several = [kind] if isinstance(kind, str) else kind
+    if not isinstance(several, (list, tuple)) or not several:
+        raise InputError(f"kind = {_native.shown(kind)}: must be a kind of kernel, or several")
+    found = tuple(_native.choice("kind", one, allowed) for one in several)
+    if "prony" in found and len(found) > 1:
+        raise InputError("kind: prony holds any sum already, must stand alone")
+    if len(found) > 3:
+        raise InputError(f"kind: {len(found)} parts, must be at most 3")
+    # An order that does not matter is made one.
+    return tuple("rabotnov" if one == "fractional_zener" else one for one in found)
+
+
+def _search(model: Model, measured: Measured) -> list[tuple[float, FloatArray]]:
+    """Ends of all starts, the best first: sums of squares with weights by the data, unknowns."""
+    factor = measured.scale(model, np.zeros(0), "data")
+
+    def residual(x: FloatArray) -> FloatArray:
+        return (measured.predicted(model, x) - measured.target) * factor
+
+    def slopes(x: FloatArray) -> FloatArray:
+        return measured.slopes(model, x) * factor[:, np.newaxis]
+
+    ends: list[tuple[float, FloatArray]] = []
+    for start in _starts(model, measured, factor):
+        theta = descend(residual, slopes, start, rough=True)
+        with np.errstate(all="ignore"):
+            left = residual(theta)
+            cost = float(left @ left)
+        if math.isfinite(cost):
+            ends.append((cost, theta))
+    if not ends:
+        raise InputError("data: no start leads anywhere, must be those of a relaxing material")
+    ends.sort(key=lambda end: end[0])
+    theta = descend(residual, slopes, ends[0][1])
+    left = residual(theta)
+    return [(float(left @ left), theta), *ends[1:]]
+
+
+def _starts(model: Model, measured: Measured, factor: FloatArray) -> list[FloatArray]:
+    """The best places of a coarse grid over alphas and times, the linear unknowns solved for."""
+    low, high = measured.log_rates.min(), measured.log_rates.max()
+    taus = np.exp(-np.linspace(low - 2, high + 2, _TIMES))
+    columns, places = [], []
+    for part in dict.fromkeys(model.parts):
+        times = np.array([model.unit]) if part == "abel" else taus
+        shapes = _shapes(part, times, measured)
+        for i, alpha in enumerate(_ALPHAS):
+            for j, tau in enumerate(times.tolist()):
+                columns.append(shapes[i, j])
+                places.append((part, alpha, tau))
+    n = measured.log_rates.size
+    whole = np.concatenate([np.ones(n), np.zeros(measured.target.size - n)])
+    columns_scaled = np.array(columns) * factor
+    first, target = whole * factor, _as_modulus(measured) * factor
+    combined = _combinations(model, places)
+    a = np.stack(
+        [np.broadcast_to(first, (len(combined), first.size))]
+        + [columns_scaled[[c[k] for c in combined]] for k in range(len(model.parts))],
+        axis=1,
+    )
+    if model.modulus:
+        target = target - model.modulus * first
+        a = a[:, 1:]
+    normal, right = a @ a.transpose(0, 2, 1), a @ target
+    size = np.sqrt(np.einsum("ijj->ij", normal))
+    size[size == 0] = 1.0
+    unit = normal / (size[:, :, np.newaxis] * size[:, np.newaxis, :])
+    unit += 1e-9 * np.eye(unit.shape[1])
+    x = np.linalg.solve(unit, (right / size)[:, :, np.newaxis])[:, :, 0] / size
+    if model.modulus:
+        x = np.column_stack([np.full(x.shape[0], model.modulus), x])
+    x[:, 0] = np.maximum(x[:, 0], 1.02 * measured.largest if not model.modulus else 0)
+    share = np.clip(-x[:, 1:] / x[:, :1], 1e-3, 0.98)
+    if not model.free and "abel" not in model.parts:
+        share *= np.minimum(1, 0.98 / share.sum(axis=1))[:, np.newaxis]
+    parts = np.stack([columns_scaled[[c[k] for c in combined]] for k in range(len(model.parts))], 1)
+    said = x[:, :1] * (first - np.einsum("ck,ckn->cn", share, parts))
+    cost = ((said - _as_modulus(measured) * factor) ** 2).sum(axis=1)
+    most = _STARTS if len(model.parts) == 1 else _MORE_STARTS
+    chosen: list[int] = []
+    for i in np.argsort(cost).tolist():
+        # Neighbours on the grid lead to one end.
+        if all(_far(places, combined[i], combined[k]) for k in chosen):
+            chosen.append(i)
+        if len(chosen) == most:
+            break
+    return [
+        model.join(
+            float(x[i, 0]),
+            np.array([places[c][1] for c in combined[i]]),
+            np.array([places[c][2] for c in combined[i]]),
+            share[i],
+        )
+        for i in chosen
+    ]
+
+
+def _far(places: list[tuple[str, float, float]], one: Any, other: Any) -> bool:
+    apart = 0.0
+    for a, b in zip(one, other, strict=True):
+        apart += abs(places[a][1] - places[b][1]) / 0.25
+        apart += abs(math.log(places[a][2] / places[b][2])) / 4
+    return apart > 1
+
+
+def _combinations(model: Model, places: list[tuple[str, float, float]]) -> list[tuple[int, ...]]:
+    """Which place each part takes; of equal parts the slower first."""
+    of = [[i for i, place in enumerate(places) if place[0] == part] for part in model.parts]
+    if len(of) > 2:
+        of = [one[::3] for one in of]
+    found: list[tuple[int, ...]] = [()]
+    for k, own in enumerate(of):
+        found = [
+            (*before, i)
+            for before in found
+            for i in own
+            if not (k and model.parts[k] == model.parts[k - 1])
+            or places[i][2] < places[before[-1]][2]
+        ]
+    return found
+
+
+def _as_modulus(measured: Measured) -> FloatArray:
+    return 1 / measured.target if isinstance(measured.data, CreepData) else measured.target
+
+
+def _shapes(part: str, taus: FloatArray, measured: Measured) -> FloatArray:
+    """Parts of a modulus for p = 1, as a model says them, shape (alphas, taus, n)."""
+    if isinstance(measured.data, ModulusData):
+        h = start_shapes(part, _ALPHAS, taus, measured.along)
+        return np.concatenate([h.real, h.imag], axis=2)
+    # A modulus at t is nearly the storage at 1/t.
+    return start_shapes(part, _ALPHAS, taus, measured.along).real
+
+
+def _settle(model: Model, measured: Measured, theta: FloatArray) -> tuple[FloatArray, str]:
+    """Weights by the model: frozen, fitted, taken anew, until they stay.
+
+    Their equations sum (m - d) dm/m^2 = 0 have no bias by noise that is relative to m.
+    """
+    for _ in range(_PASSES):
+        factor = measured.scale(model, theta, "model")
+        found = descend(
+            lambda x, f=factor: (measured.predicted(model, x) - measured.target) * f,  # type: ignore[misc]
+            lambda x, f=factor: measured.slopes(model, x) * f[:, np.newaxis],  # type: ignore[misc]
+            theta,
+        )
+        moved = float(np.abs(found - theta).max())
+        theta = found
+        if moved < _SETTLED:
+            break
+    return theta, "model"
+
+
+def _result(
+    model: Model,
+    measured: Measured,
+    ends: list[tuple[float, FloatArray]],
+    weights: str,
+    law: ShiftLaw | None,
+    kind: str,
+) -> KernelFit:
+    theta, used = ends[0][1], "data"
+    residual = (measured.predicted(model, theta) - measured.target) * measured.scale(
+        model, theta, "data"
+    )
+    if weights == "model" and np.sqrt(np.mean(residual**2)) < _NOISE:
+        theta, used = _settle(model, measured, theta)
+    optima: list[Optimum] = []
+    for cost, end in ends:
+        if not any(abs(cost - other.cost) <= 1e-3 * cost + 1e-10 for other in optima):
+            values = dict(zip(model.names, model.parameters(end).tolist(), strict=True))
+            optima.append(Optimum(cost=cost, parameters=values))
+    fit = ParametricFit(
+        model=model, measured=measured, theta=theta, weights=used, shift=law, kind=kind,
+        optima=tuple(optima),
+    )  # fmt: skip
+    if fit.unconstrained:
+        told = "; ".join(
+            f"{name}: {low:.3g} to {high:.3g}"
+            for name, (low, high) in fit.interval.items()
+            if name in fit.unconstrained
+        )
+        warnings.warn(
+            f"the data do not constrain {', '.join(fit.unconstrained)} (95 %: {told})",
+            ConvergenceWarning,
+            stacklevel=3,
+        )
+    if model.modulus is None and fit.modulus > _BEYOND * measured.largest:
+        ramp = isinstance(measured.data, RelaxationData) and not measured.data.ramp
+        warnings.warn(
+            f"the instantaneous modulus {fit.modulus:.4g} lies beyond the largest one measured, "
+            f"{measured.largest:.4g}: it is what the kernel continues to"
+            + ("; a ramp taken as a step gives such a modulus, see ramp=" if ramp else ""),
+            ConvergenceWarning,
+            stacklevel=3,
+        )
+    return fit

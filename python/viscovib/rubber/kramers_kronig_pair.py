@@ -1,0 +1,203 @@
+"""Whether storage and loss belong together.
+
+Of a passive relaxing material both are given by one spectrum that is not negative
+(`prony_spectrum`); storage then fixes the loss but for what lies outside the frequencies measured.
+Three fits of such spectra tell: to storage alone, to loss alone, to both with equal weights of
+their relative errors.
+"""
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+from viscovib.rubber.data import ModulusData
+from viscovib.rubber.prony_spectrum import dynamic_design, grid_of_times, nonnegative, rms
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: Terms a decade, and decades beyond the data.
+_PER_DECADE, _BEYOND = 2.0, 1.0
+#: A fit to both parts may be worse than to each by this factor, and this much more.
+_FACTOR, _SLACK = 1.5, 0.03
+#: The spectrum from storage alone is as smooth as leaves storage this much worse.
+_ROUGHER, _LEAST = 1.2, 5e-4
+#: Loss that is further from the one that belongs to the storage is told.
+_TELLING = 1.25
+#: What storage tells of the loss at the ends of a range is not judged (decades).
+_END = 0.3
+_FEWEST = 5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KramersKronig:
+    """What `kramers_kronig` found.
+
+    Attributes
+    ----------
+    consistent : bool
+        Whether one material may have both parts, as far as their scatter tells.
+    together : tuple of float
+        Relative rms residuals (storage, loss) of the spectrum closest to both, equal weights.
+    storage_alone, loss_alone : float
+        Relative rms residual of the spectrum closest to one part: its own scatter.
+    frequencies : ndarray, shape (n,)
+        Circular frequencies (rad/s), ascending.
+    expected_loss : ndarray, shape (n,)
+        Loss of a smooth spectrum that fits the storage.
+    ratio : ndarray, shape (n,)
+        Measured loss over the expected.
+    wrong : tuple of (float, float, float, float)
+        Ranges where the ratio leaves [0.8, 1.25]: from, to (rad/s), smallest and largest ratio.
+
+    Examples
+    --------
+    >>> found = vv.read_dma("data/rubber/pyvisco_freq_user_master.csv").kramers_kronig()
+    >>> found.consistent, f"{100 * found.together[0]:.1f} %, {100 * found.together[1]:.1f} %"
+    (False, '20.3 %, 13.3 %')
+    >>> low, high, least, most = found.wrong[0]
+    >>> bool(high < 2 * np.pi and most > 10)
+    True
+    """
+
+    consistent: bool
+    together: tuple[float, float]
+    storage_alone: float
+    loss_alone: float
+    frequencies: FloatArray
+    expected_loss: FloatArray
+    ratio: FloatArray
+    wrong: tuple[tuple[float, float, float, float], ...]
+
+    def __repr__(self) -> str:
+        return f"KramersKronig({self.summary()})"
+
+    def summary(self) -> str:
+        """Say in words, with numbers and where."""
+        both = (
+            f"the closest spectrum leaves {100 * self.together[0]:.2g} % of the storage and "
+            f"{100 * self.together[1]:.2g} % of the loss; storage alone "
+            f"{100 * self.storage_alone:.2g} %, loss alone {100 * self.loss_alone:.2g} %"
+        )
+        if self.consistent:
+            return f"storage and loss belong together: {both}"
+        places = [
+            f"from {_hertz(low)} to {_hertz(high)} the loss is {least:.2g} to {most:.2g} times "
+            "what belongs to the storage"
+            for low, high, least, most in self.wrong
+        ]
+        return "; ".join([f"storage and loss contradict each other: {both}", *places])
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw measured loss over the loss that belongs to the storage."""
+        # By name, since that module knows this one.
+        return import_module("viscovib.plots.rubber").plot_ratio(self, ax)  # type: ignore[no-any-return]
+
+
+def kramers_kronig(data: ModulusData) -> KramersKronig:
+    """Check storage against loss.
+
+    Parameters
+    ----------
+    data : ModulusData
+        One set, or a master curve: at least 5 frequencies.
+
+    Returns
+    -------
+    KramersKronig
+
+    Notes
+    -----
+    Two errors leave no trace here: frequencies in Hz taken as rad/s, and a constant added to the
+    storage.
+
+    Examples
+    --------
+    >>> nu = np.geomspace(1e-2, 1e4, 40)
+    >>> stiff = 2e6 * (1 - vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3).transform(nu))
+    >>> good = vv.ModulusData(frequencies=nu, storage=stiff.real, loss=stiff.imag)
+    >>> vv.kramers_kronig(good).consistent
+    True
+    >>> bad = vv.ModulusData(frequencies=nu, storage=stiff.real, loss=2 * stiff.imag)
+    >>> found = vv.kramers_kronig(bad)
+    >>> found.consistent, bool(1.9 < np.median(found.ratio) < 2.1)
+    (False, True)
+    """
+    _native.check_instance("data", data, ModulusData)
+    sets = data.sets()
+    if len(sets) > 1:
+        raise InputError(
+            f"data: has {len(sets)} sets, must have one: take data.sets()[i], or a master curve"
+        )
+    one = sets[0]
+    nu = np.asarray(one.frequencies)
+    storage, loss = np.asarray(one.storage), np.asarray(one.loss)
+    if nu.size < _FEWEST:
+        raise InputError(f"data: has {nu.size} frequencies, must be at least {_FEWEST}")
+    if (loss <= 0).any():
+        i = int(np.argmin(loss))
+        raise InputError(f"loss = {loss[i]:g} at {nu[i]:g} rad/s: must be greater than 0 here")
+    tau = grid_of_times(1 / nu[-1], 1 / nu[0], _PER_DECADE, _BEYOND)
+    a, b = dynamic_design(nu, tau)
+    a, b = a / storage[:, np.newaxis], b / loss[:, np.newaxis]
+    ones = np.ones(nu.size)
+    both = nonnegative(np.vstack([a, b]), np.ones(2 * nu.size))
+    alone = rms(a @ nonnegative(a, ones) - 1)
+    of_loss = rms(b @ nonnegative(b, ones) - 1)
+    expected = b @ _smooth_spectrum(a, alone, storage) * loss
+    together = rms(a @ both - 1), rms(b @ both - 1)
+    consistent = all(
+        joint <= _FACTOR * own + _SLACK
+        for joint, own in zip(together, (alone, of_loss), strict=True)
+    )
+    ratio = loss / np.maximum(expected, np.finfo(float).tiny)
+    return KramersKronig(
+        consistent=consistent,
+        together=together,
+        storage_alone=alone,
+        loss_alone=of_loss,
+        frequencies=nu,
+        expected_loss=expected,
+        ratio=ratio,
+        wrong=() if consistent else _ranges(nu, ratio),
+    )
+
+
+def _smooth_spectrum(rows: FloatArray, best: float, storage: FloatArray) -> FloatArray:
+    """The smoothest spectrum that fits the storage hardly worse than the best."""
+    target = np.ones(rows.shape[0])
+    size = np.full(rows.shape[1] - 1, float(np.median(storage)))
+    allowed = _ROUGHER * best + _LEAST
+    found = nonnegative(rows, target)
+    for weight in np.geomspace(1e-3, 1e2, 16):
+        smoother = nonnegative(rows, target, float(weight), size)
+        if rms(rows @ smoother - 1) > allowed:
+            break
+        found = smoother
+    return found
+
+
+def _ranges(nu: FloatArray, ratio: FloatArray) -> tuple[tuple[float, float, float, float], ...]:
+    decades = np.log10(nu)
+    judged = (decades > decades[0] + _END) & (decades < decades[-1] - _END)
+    off = judged & ((ratio > _TELLING) | (ratio < 1 / _TELLING))
+    side = np.where(off, np.sign(np.log(ratio)), 0)
+    found = []
+    first = 0
+    for i in range(1, nu.size + 1):
+        if i < nu.size and side[i] == side[first]:
+            continue
+        if side[first] and i - first > 1:
+            part = ratio[first:i]
+            found.append((float(nu[first]), float(nu[i - 1]), float(part.min()), float(part.max())))
+        first = i
+    return tuple(found)
+
+
+def _hertz(nu: float) -> str:
+    return f"{nu / (2 * np.pi):.3g} Hz"

@@ -1,0 +1,115 @@
+"""What a kernel is fitted to, and how a least-squares problem is brought to its end."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.errors import InputError
+from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
+from viscovib.rubber.models import Model
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What is to be met: targets, and what a model says of them."""
+
+    data: ModulusData | RelaxationData | CreepData
+    #: Logarithms of frequencies, or of inverse times.
+    log_rates: FloatArray
+    #: Numbers measured (storage then loss), and the weight of each relative residual.
+    target: FloatArray
+    shares: FloatArray
+
+    @classmethod
+    def of(
+        cls, data: ModulusData | RelaxationData | CreepData, shares: tuple[float, float]
+    ) -> "Measured":
+        """Targets of data, and the weights of storage and loss."""
+        if isinstance(data, ModulusData):
+            n = np.asarray(data.frequencies).size
+            target = np.concatenate([np.asarray(data.storage), np.asarray(data.loss)])
+            weights = np.repeat(np.array(shares), n)
+            if shares[1] and (target[n:] <= 0).any():
+                i = int(np.argmin(target[n:]))
+                raise InputError(
+                    f"loss[{i}] = {target[n + i]:g}: must be greater than 0, or loss_weight 0"
+                )
+            return cls(data, np.log(np.asarray(data.frequencies)), target, weights)
+        values = data.modulus if isinstance(data, RelaxationData) else data.compliance
+        target = np.asarray(values)
+        return cls(data, -np.log(np.asarray(data.times)), target, np.ones(target.size))
+
+    @property
+    def along(self) -> ComplexArray:
+        """Logarithms of i w."""
+        return np.asarray(self.log_rates + 0.5j * np.pi, dtype=np.complex128)
+
+    @property
+    def count(self) -> int:
+        """Numbers that count."""
+        return int((self.shares > 0).sum())
+
+    @property
+    def largest(self) -> float:
+        """The largest modulus."""
+        if isinstance(self.data, CreepData):
+            return float(1 / self.target.min())
+        return float(self.target[: self.log_rates.size].max())
+
+    def predicted(self, model: Model, theta: FloatArray) -> FloatArray:
+        """What a model says."""
+        if isinstance(self.data, ModulusData):
+            value, _ = model.modulus_at(self.along, theta)
+            return np.concatenate([value.real, value.imag])
+        times = np.asarray(self.data.times)
+        if isinstance(self.data, RelaxationData):
+            return model.relaxation(times, self.data.ramp, theta)
+        return model.compliance(times, theta)
+
+    def slopes(self, model: Model, theta: FloatArray) -> FloatArray:
+        """Derivatives of `predicted`, shape (n, size)."""
+        if isinstance(self.data, ModulusData):
+            _, slopes = model.modulus_at(self.along, theta)
+            return np.concatenate([slopes.real, slopes.imag], axis=1).T
+        found = np.empty((self.target.size, theta.size))
+        for j in range(theta.size):
+            h = 1e-5 * max(1.0, abs(theta[j]))
+            step = np.zeros(theta.size)
+            step[j] = h
+            found[:, j] = self.predicted(model, theta + step) - self.predicted(model, theta - step)
+            found[:, j] /= 2 * h
+        return found
+
+    def scale(self, model: Model, theta: FloatArray, weights: str) -> FloatArray:
+        """What residuals are relative to, over the weights."""
+        size = self.predicted(model, theta) if weights == "model" else self.target
+        return np.where(self.shares > 0, self.shares / np.maximum(np.abs(size), 1e-300), 0.0)
+
+
+def descend(
+    residual: Callable[[FloatArray], FloatArray],
+    slopes: Callable[[FloatArray], FloatArray],
+    start: FloatArray,
+    *,
+    rough: bool = False,
+) -> FloatArray:
+    """Levenberg and Marquardt's method (SciPy, MINPACK), to rounding or roughly."""
+    from scipy.optimize import least_squares
+
+    with np.errstate(all="ignore"):
+        try:
+            found = least_squares(
+                lambda x: np.nan_to_num(residual(x), nan=1e6, posinf=1e6, neginf=-1e6),
+                start,
+                jac=lambda x: np.nan_to_num(slopes(x), nan=0.0, posinf=0.0, neginf=0.0),
+                method="lm",
+                xtol=1e-6 if rough else 1e-13,
+                ftol=1e-8 if rough else 1e-14,
+                gtol=1e-15,
+                max_nfev=200,
+            )
+        except (ValueError, np.linalg.LinAlgError, InputError):
+            return start
+    return np.asarray(found.x)

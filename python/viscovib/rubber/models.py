@@ -1,0 +1,268 @@
+"""Moduli in few parameters: what kernels say of storage and loss, relaxation and creep.
+
+A model is M*(w) = M_0 (1 - sum_k p_k H_k(i w)), p_k parts of the integral, shapes H_k(0) = 1:
+
+    rabotnov     H = 1/(1 + (s tau)^alpha)   A = p tau^-alpha, beta = tau^-alpha (fractional Zener)
+    rzhanitsyn   H = (1 + s tau)^-alpha      A = p tau^-alpha/Gamma(alpha), beta = 1/tau
+    abel         H = (s tau)^-alpha          A = p tau^-alpha/Gamma(alpha), tau a given time
+
+Unknowns are the logarithms of M_0 and of each tau, the logit of each (alpha - 0.01)/0.99, and w,
+p_k = (1 - 1e-6) exp(w_k)/(1 + sum exp(w)), so that all that is sought keeps 0.01 < alpha < 1,
+p_k > 0 and sum p_k < 1: a positive modulus is left in the end. Where an integral of 1 or more is
+allowed, and of abel kernels, p_k = exp(w_k).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.kernels.relaxation import AbelKernel, Kernel, RabotnovKernel, RzhanitsynKernel
+from viscovib.kernels.sum_kernel import SumKernel
+
+PARTS = ("rzhanitsyn", "rabotnov", "abel")
+#: Nodes and exponent of the graded rule over a ramp, and nodes of the contour of creep.
+_RAMP_NODES, _GRADED, _CONTOUR = 24, 8, 32
+#: The smallest alpha sought: below it a kernel is a logarithm of time over all measurements.
+LEAST_ALPHA = 0.01
+#: Logarithms sought reach so far to both sides.
+_FARTHEST = 200.0
+#: The largest integral sought, unless 1 and more are allowed.
+MOST_INTEGRAL = 1 - 1e-6
+
+
+@dataclass(frozen=True)
+class Model:
+    """Parts of a kernel, whether their integral may be 1 or more, a given M_0 if there is one."""
+
+    parts: tuple[str, ...]
+    free: bool = False
+    modulus: float | None = None
+    #: Time that abel kernels are referred to (s).
+    unit: float = 1.0
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of parameters as users know them."""
+        each: list[str] = []
+        for i, part in enumerate(self.parts):
+            number = f"_{i + 1}" if len(self.parts) > 1 else ""
+            own = ["amplitude", "alpha"] if part == "abel" else ["amplitude", "alpha", "beta"]
+            each += [one + number for one in own]
+        return (*(() if self.modulus else ("modulus",)), *each)
+
+    @cached_property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return len(self.names)
+
+    @cached_property
+    def _places(self) -> tuple[list[int], list[int], list[int]]:
+        """Places of the logits of alpha, of ln tau (-1: given), and of w."""
+        at = 0 if self.modulus else 1
+        alphas, taus = [], []
+        for part in self.parts:
+            alphas.append(at)
+            taus.append(-1 if part == "abel" else at + 1)
+            at += 1 if part == "abel" else 2
+        return alphas, taus, list(range(at, at + len(self.parts)))
+
+    def split(self, theta: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        """M_0, alphas, taus, parts of the integral."""
+        alphas, taus, ws = self._places
+        modulus = self.modulus or _power(theta[0])
+        logits = np.clip(theta[alphas], -_FARTHEST, _FARTHEST)
+        alpha = LEAST_ALPHA + (1 - LEAST_ALPHA) / (1 + np.exp(-logits))
+        tau = np.array([self.unit if i < 0 else _power(theta[i]) for i in taus])
+        return modulus, alpha, tau, self._integrals(theta[ws])
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the integral stays below 1."""
+        return not self.free and "abel" not in self.parts
+
+    def _integrals(self, w: FloatArray) -> FloatArray:
+        w = np.clip(w, -_FARTHEST, _FARTHEST)
+        if not self.bounded:
+            return np.exp(w)
+        top = max(float(w.max()), 0.0)
+        powers = np.exp(w - top)
+        return np.asarray(MOST_INTEGRAL * powers / (math.exp(-top) + powers.sum()))
+
+    def join(self, modulus: float, alpha: FloatArray, tau: FloatArray, p: FloatArray) -> FloatArray:
+        """Unknowns from what they stand for, moved inside their range."""
+        alphas, taus, ws = self._places
+        theta = np.zeros(self.size)
+        if not self.modulus:
+            theta[0] = math.log(modulus)
+        alpha = np.clip(alpha, LEAST_ALPHA + 1e-3, 1 - 1e-3)
+        theta[alphas] = np.log((alpha - LEAST_ALPHA) / (1 - alpha))
+        for i, at in enumerate(taus):
+            if at >= 0:
+                theta[at] = math.log(tau[i])
+        p = np.maximum(p, 1e-6)
+        if self.bounded:
+            p = p * min(1.0, 0.999 / p.sum())
+            theta[ws] = np.log(p / (MOST_INTEGRAL - p.sum()))
+        else:
+            theta[ws] = np.log(p)
+        return theta
+
+    def kernel(self, theta: FloatArray) -> Kernel:
+        """The kernel, in seconds."""
+        _, alpha, tau, p = self.split(theta)
+        made: list[Kernel] = []
+        for part, a, t, share in zip(
+            self.parts, alpha.tolist(), tau.tolist(), p.tolist(), strict=True
+        ):
+            slow = t**-a
+            if part == "rabotnov":
+                made.append(RabotnovKernel(amplitude=share * slow, alpha=a, beta=slow))
+            elif part == "rzhanitsyn":
+                amplitude = share * slow / math.gamma(a)
+                made.append(RzhanitsynKernel(amplitude=amplitude, alpha=a, beta=1 / t))
+            else:
+                made.append(AbelKernel(amplitude=share * slow / math.gamma(a), alpha=a))
+        return made[0] if len(made) == 1 else SumKernel(parts=made)
+
+    def parameters(self, theta: FloatArray) -> FloatArray:
+        """Values of `names`."""
+        modulus, alpha, tau, p = self.split(theta)
+        found = [] if self.modulus else [modulus]
+        for part, a, t, share in zip(
+            self.parts, alpha.tolist(), tau.tolist(), p.tolist(), strict=True
+        ):
+            slow = t**-a
+            if part == "rabotnov":
+                found += [share * slow, a, slow]
+            else:
+                found += [share * slow / math.gamma(a), a]
+                found += [1 / t] if part == "rzhanitsyn" else []
+        return np.array(found)
+
+    def turned(self, theta: FloatArray) -> FloatArray:
+        """Parameters over lines without ends: logarithms, logits of alphas."""
+        values = self.parameters(theta)
+        return np.array(
+            [
+                _logit(v) if name.startswith("alpha") else math.log(max(v, 1e-300))
+                for name, v in zip(self.names, values.tolist(), strict=True)
+            ]
+        )
+
+    def back(self, name: str, value: float) -> float:
+        """A parameter from where `turned` takes it."""
+        with np.errstate(over="ignore"):
+            power = float(np.exp(value))
+        if name.startswith("alpha"):
+            return float(LEAST_ALPHA + (1 - LEAST_ALPHA) / (1 + np.exp(-value)))
+        return power
+
+    def turned_slopes(self, theta: FloatArray) -> FloatArray:
+        """Derivatives of `turned` by the unknowns, shape (size, size), by central differences."""
+        slopes = np.empty((self.size, self.size))
+        for j in range(self.size):
+            h = 1e-5 * max(1.0, abs(theta[j]))
+            step = np.zeros(self.size)
+            step[j] = h
+            slopes[:, j] = (self.turned(theta + step) - self.turned(theta - step)) / (2 * h)
+        return slopes
+
+    def modulus_at(
+        self, log_s: ComplexArray, theta: FloatArray
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """M and its derivatives by the unknowns at s = exp(log_s): shapes (n,) and (size, n)."""
+        modulus, alpha, tau, p = self.split(theta)
+        alphas, taus, ws = self._places
+        slopes = np.zeros((self.size, log_s.size), dtype=complex)
+        shapes = np.empty((len(self.parts), log_s.size), dtype=complex)
+        for k, part in enumerate(self.parts):
+            a = alpha[k]
+            log_z = log_s + math.log(tau[k])
+            if part == "rabotnov":
+                power = np.exp(a * log_z)
+                h = 1 / (1 + power)
+                common = -power * h * h
+                by_alpha, by_tau = common * log_z, a * common
+            elif part == "rzhanitsyn":
+                z = np.exp(log_z)
+                log_one = np.log(1 + z)
+                h = np.exp(-a * log_one)
+                by_alpha, by_tau = -log_one * h, -a * z / (1 + z) * h
+            else:
+                h = np.exp(-a * log_z)
+                by_alpha, by_tau = -log_z * h, -a * h
+            shapes[k] = h
+            scale = -modulus * p[k]
+            slopes[alphas[k]] = scale * (a - LEAST_ALPHA) * (1 - a) / (1 - LEAST_ALPHA) * by_alpha
+            if taus[k] >= 0:
+                slopes[taus[k]] = scale * by_tau
+        total = p @ shapes
+        for k, at in enumerate(ws):
+            rest = total / MOST_INTEGRAL if self.bounded else 0
+            slopes[at] = -modulus * p[k] * (shapes[k] - rest)
+        value = modulus * (1 - total)
+        if not self.modulus:
+            slopes[0] = value
+        return np.asarray(value), np.asarray(slopes)
+
+    def relaxation(self, times: FloatArray, ramp: float, theta: FloatArray) -> FloatArray:
+        """M(t) after a ramp: the mean of M_0 relaxation over the ages of its parts."""
+        kernel, modulus = self.kernel(theta), self.split(theta)[0]
+        return modulus * ramped(kernel, times, ramp)
+
+    def compliance(self, times: FloatArray, theta: FloatArray) -> FloatArray:
+        """Creep after a step: the inverse transform of 1/(s M(s))."""
+        return inverse_laplace(
+            lambda log_s: 1 / (np.exp(log_s) * self.modulus_at(log_s, theta)[0]), times
+        )
+
+
+def _power(x: float) -> float:
+    """exp(x), of what is too far the end of what is sought."""
+    return math.exp(min(max(x, -_FARTHEST), _FARTHEST))
+
+
+def _logit(alpha: float) -> float:
+    return math.log(max(alpha - LEAST_ALPHA, 1e-300) / max(1 - alpha, 1e-300))
+
+
+def ramped(kernel: Kernel, times: FloatArray, ramp: float) -> FloatArray:
+    """Relaxation after a ramp of strain: its mean over [t - ramp, t], t >= ramp."""
+    if ramp == 0:
+        return kernel.relaxation(times)
+    x, w = np.polynomial.legendre.leggauss(_RAMP_NODES)
+    u = (1 + x) / 2
+    # Graded towards the youngest part, whose relaxation begins like a power of its age.
+    ages = np.maximum(times - ramp, 0)[:, np.newaxis] + ramp * u**_GRADED
+    weights = w / 2 * _GRADED * u ** (_GRADED - 1)
+    return np.asarray(kernel.relaxation(ages) @ weights)
+
+
+def inverse_laplace(transform: "object", times: FloatArray) -> FloatArray:
+    """Values in time on a modified Talbot contour (Weideman, SIAM J. Numer. Anal. 44, 2006)."""
+    assert callable(transform)
+    theta = (2 * np.arange(1, _CONTOUR // 2 + 1) - 1) * np.pi / _CONTOUR
+    angle = 0.6407 * theta
+    zeta = _CONTOUR * (0.5017 * theta / np.tan(angle) - 0.6122 + 0.2645j * theta)
+    slope = _CONTOUR * (0.5017 / np.tan(angle) - 0.5017 * angle / np.sin(angle) ** 2 + 0.2645j)
+    log_s = np.log(zeta)[np.newaxis, :] - np.log(times)[:, np.newaxis]
+    values = transform(log_s.ravel()).reshape(log_s.shape)
+    total = (np.exp(zeta) * slope * values).imag.sum(axis=1)
+    return np.asarray(2 / _CONTOUR * total / times)
+
+
+def start_shapes(
+    part: str, alphas: Sequence[float], taus: FloatArray, log_s: ComplexArray
+) -> ComplexArray:
+    """H on a grid, shape (alphas, taus, n)."""
+    log_z = log_s + np.log(taus)[:, np.newaxis]
+    a = np.asarray(alphas)[:, np.newaxis, np.newaxis]
+    if part == "rabotnov":
+        return np.asarray(1 / (1 + np.exp(a * log_z)))
+    if part == "rzhanitsyn":
+        return np.asarray(np.exp(-a * np.log(1 + np.exp(log_z))))
+    return np.asarray(np.exp(-a * log_z))

@@ -1,0 +1,290 @@
+"""Prony series fitted to measurements: weights that are not negative on a grid of times."""
+
+import math
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from viscovib._native import FloatArray
+from viscovib.common.parameters import Number, Whole
+from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.kernels.relaxation import Kernel, PronyKernel
+from viscovib.kernels.time_temperature import ShiftLaw
+from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
+from viscovib.rubber.fit import _COUNT, _SEED, KernelFit, Optimum, Sample
+from viscovib.rubber.measured import Measured
+from viscovib.rubber.prony_spectrum import (
+    dynamic_design,
+    grid_of_times,
+    nonnegative,
+    relaxing_design,
+    rms,
+)
+
+_TERMS, _SMOOTH = Whole("terms", 1, 2000), Number("smooth", lowest=0)
+#: Terms a decade that "auto" tries, weights of an L-curve, passes of weights by the model.
+_DENSITIES = (0.5, 1.0, 2.0, 4.0)
+_L_CURVE = np.geomspace(1e-4, 1e2, 25)
+_PASSES, _NOISE = 4, 0.15
+#: The part of the smallest modulus that is left in the end at least, so that the integral is < 1.
+_LEAST = 1e-6
+#: Weight of a modulus that is given; samples for intervals, and their seed.
+_GIVEN, _SAMPLES = 1e4, 200
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PronyFit(KernelFit):
+    """A Prony series; see `KernelFit`.
+
+    Its uncertainty is that of refits to data drawn around the fit with the scatter of the residuals
+    (parametric bootstrap), since weights at 0 have no normal distribution.
+
+    Attributes
+    ----------
+    times, moduli : ndarray, shape (n,)
+        tau_j (s), descending, and M_j (Pa, N/m) of the terms that are not 0.
+    relaxed : float
+        M_e, what is left in the end.
+
+    Examples
+    --------
+    >>> nu = np.geomspace(1e-2, 1e4, 40)
+    >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal((2, 40))
+    >>> stiff = 2e6 * (1 - vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3).transform(nu))
+    >>> data = vv.ModulusData(
+    ...     frequencies=nu, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+    ... )
+    >>> fit = vv.fit_kernel(data, kind="prony", terms=10)
+    >>> bool(abs(fit.modulus - fit.relaxed - fit.moduli.sum()) < 1), bool((fit.moduli > 0).all())
+    (True, True)
+    """
+
+    measured: Measured
+    grid: FloatArray
+    found: FloatArray
+    weights: str
+    smooth: float
+    given: float | None
+    shift: ShiftLaw | None
+    kind: str = "prony"
+    optima: tuple[Optimum, ...] = ()
+
+    @property
+    def modulus(self) -> float:
+        """Instantaneous modulus."""
+        return float(self.found.sum())
+
+    @property
+    def relaxed(self) -> float:
+        """What is left in the end."""
+        return float(self.found[0])
+
+    @property
+    def times(self) -> FloatArray:
+        """Relaxation times of the terms (s)."""
+        return np.asarray(self.grid[self.found[1:] > 0][::-1])
+
+    @property
+    def moduli(self) -> FloatArray:
+        """Modulus of each term."""
+        return np.asarray(self.found[1:][self.found[1:] > 0][::-1])
+
+    @cached_property
+    def bare_kernel(self) -> Kernel:
+        """The kernel at the reference temperature, without a shift law."""
+        return self._kernel(self.found)
+
+    def _kernel(self, found: FloatArray) -> Kernel:
+        on = found[1:] > 0
+        if not on.any():
+            return PronyKernel(weights=[0.0], rates=[1.0])
+        rates = 1 / self.grid[on]
+        return PronyKernel(weights=found[1:][on] * rates / found.sum(), rates=rates)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return ("modulus", "relaxed")
+
+    @cached_property
+    def _spread(self) -> FloatArray:
+        """Moduli and relaxed moduli of refits, shape (n, 2)."""
+        refits = self._refits(_SAMPLES, 0)
+        return np.array([(found.sum(), found[0]) for found in refits])
+
+    @cached_property
+    def interval(self) -> dict[str, tuple[float, float]]:
+        """95 % interval of each parameter."""
+        low, high = np.quantile(self._spread, [0.025, 0.975], axis=0)
+        return {k: (float(low[i]), float(high[i])) for i, k in enumerate(self.names)}
+
+    @cached_property
+    def unconstrained(self) -> tuple[str, ...]:
+        """What the data do not constrain."""
+        return tuple(k for k, (low, high) in self.interval.items() if not high < 5 * low)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Parameters, NaN where not constrained."""
+        values = {"modulus": self.modulus, "relaxed": self.relaxed}
+        return {k: math.nan if k in self.unconstrained else v for k, v in values.items()}
+
+    def _refits(self, n: int, seed: int) -> Iterator[FloatArray]:
+        rng = np.random.default_rng(seed)
+        said = self._predicted()
+        size = said if self.weights == "model" else self.measured.target
+        relative = (said - self.measured.target) / size
+        m = self.measured.log_rates.size
+        free = max(1 - np.count_nonzero(self.found) / max(self.measured.count, 1), 0.1)
+        scatter = np.repeat(
+            [rms(relative[:m]), rms(relative[m:])], [m, relative.size - m]
+        ) / math.sqrt(free)
+        for _ in range(n):
+            drawn = said + size * scatter * rng.standard_normal(said.size)
+            yield _solve(self.measured, self.grid, size, drawn, self.smooth, self.given)
+
+    def samples(self, n: int, *, seed: int = 0) -> Iterator[Sample]:
+        """Kernels as likely as the data make them, n of them: refits to data drawn anew."""
+        for found in self._refits(_COUNT.check(n), _SEED.check(seed)):
+            yield Sample(self._thermal(self._kernel(found)), float(found.sum()))
+
+    def _predicted(self) -> FloatArray:
+        return _design(self.measured, self.grid) @ self.found
+
+    def _saved(self) -> dict[str, Any]:
+        return {
+            "grid": self.grid.tolist(),
+            "found": self.found.tolist(),
+            "smooth": self.smooth,
+            "given_modulus": self.given,
+        }
+
+
+def fit_prony(
+    data: ModulusData | RelaxationData | CreepData,
+    measured: Measured,
+    given: float | None,
+    terms: str | int,
+    smooth: str | float,
+    weights: str,
+    law: ShiftLaw | None,
+) -> PronyFit:
+    """Fit a Prony series; see `fit_kernel`."""
+    if isinstance(data, CreepData):
+        raise InputError(
+            "kind = 'prony': creep has no linear fit, must be rabotnov or another kind"
+        )
+    low, high = -measured.log_rates.max(), -measured.log_rates.min()
+    if terms == "auto":
+        grids = [grid_of_times(math.exp(low), math.exp(high), density) for density in _DENSITIES]
+    else:
+        grids = [np.geomspace(math.exp(low), math.exp(high), _TERMS.check(terms))]
+    chosen = _SMOOTH.check(0.0 if smooth == "L-curve" else smooth)
+    # A criterion takes what is left for noise; where it is not, the closest fit is asked for.
+    densest = _weighed(measured, grids[-1], chosen, given, weights)
+    if densest[1] == "data" and weights == "model":
+        grids = grids[-1:]
+    best: tuple[float, FloatArray, FloatArray, str] | None = None
+    for grid in grids:
+        found, used = _weighed(measured, grid, chosen, given, weights)
+        score = _criterion(measured, grid, found)
+        if best is None or score < best[0]:
+            best = (score, grid, found, used)
+    assert best is not None
+    _, grid, found, used = best
+    if smooth == "L-curve":
+        chosen = _corner(measured, grid, given)
+        found, used = _weighed(measured, grid, chosen, given, weights)
+    fit = PronyFit(
+        measured=measured,
+        grid=grid,
+        found=found,
+        weights=used,
+        smooth=chosen,
+        given=given,
+        shift=law,
+    )
+    if isinstance(data, ModulusData) and not (measured.shares[: measured.log_rates.size] > 0).any():
+        warnings.warn(
+            "storage_weight = 0: loss alone does not constrain the relaxed modulus, nor with it "
+            "the instantaneous one",
+            ConvergenceWarning,
+            stacklevel=3,
+        )
+    return fit
+
+
+def _design(measured: Measured, grid: FloatArray) -> FloatArray:
+    data = measured.data
+    if isinstance(data, ModulusData):
+        return np.vstack(dynamic_design(np.exp(measured.log_rates), grid))
+    assert isinstance(data, RelaxationData)
+    return relaxing_design(np.asarray(data.times), grid, data.ramp)
+
+
+def _solve(
+    measured: Measured,
+    grid: FloatArray,
+    size: FloatArray,
+    target: FloatArray,
+    smooth: float,
+    given: float | None,
+) -> FloatArray:
+    """M_e and M_j, M_e at least a little."""
+    factor = np.where(measured.shares > 0, measured.shares / size, 0.0)
+    counted = factor > 0
+    rows = (_design(measured, grid) * factor[:, np.newaxis])[counted]
+    least = _LEAST * float(measured.target[: measured.log_rates.size].min())
+    right = (target * factor)[counted] - least * rows[:, 0]
+    if given is not None:
+        rows = np.vstack([rows, np.full(rows.shape[1], _GIVEN / given)])
+        right = np.append(right, _GIVEN * (1 - least / given))
+    typical = float(np.median(measured.target[: measured.log_rates.size]))
+    found = nonnegative(rows, right, smooth, np.full(grid.size, typical))
+    found[0] += least
+    return found
+
+
+def _weighed(
+    measured: Measured, grid: FloatArray, smooth: float, given: float | None, weights: str
+) -> tuple[FloatArray, str]:
+    """Weights by the data first; by the model, where what is left is noise."""
+    found = _solve(measured, grid, measured.target, measured.target, smooth, given)
+    said = _design(measured, grid) @ found
+    relative = (said / measured.target - 1) * (measured.shares > 0)
+    if weights != "model" or rms(relative) > _NOISE or (said <= 0).any():
+        return found, "data"
+    for _ in range(_PASSES):
+        found = _solve(measured, grid, said, measured.target, smooth, given)
+        before, said = said, np.maximum(_design(measured, grid) @ found, 1e-300)
+        if np.abs(said / before - 1).max() < 1e-6:
+            break
+    return found, "model"
+
+
+def _criterion(measured: Measured, grid: FloatArray, found: FloatArray) -> float:
+    """Schwarz's: n ln(sum r^2/n) + k ln n."""
+    relative = (_design(measured, grid) @ found / measured.target - 1) * measured.shares
+    n = max(measured.count, 1)
+    total = max(float(relative @ relative), 1e-28 * n)
+    return n * math.log(total / n) + np.count_nonzero(found) * math.log(n)
+
+
+def _corner(measured: Measured, grid: FloatArray, given: float | None) -> float:
+    """Weight at the corner of the L-curve: largest curvature of log bends over log residuals."""
+    points = []
+    typical = float(np.median(measured.target[: measured.log_rates.size]))
+    for weight in _L_CURVE:
+        found = _solve(measured, grid, measured.target, measured.target, float(weight), given)
+        relative = (_design(measured, grid) @ found / measured.target - 1) * measured.shares
+        bends = np.diff(found[1:], 2) / typical
+        points.append((math.log(rms(relative) + 1e-15), math.log(rms(bends) + 1e-15)))
+    x, y = np.array(points).T
+    dx, dy = np.gradient(x), np.gradient(y)
+    bend = dx * np.gradient(dy) - dy * np.gradient(dx)
+    curvature = bend / np.maximum((dx**2 + dy**2) ** 1.5, 1e-12)
+    return float(_L_CURVE[int(np.argmax(curvature[1:-1])) + 1])

@@ -1,0 +1,237 @@
+"""Prony terms for programs of finite elements."""
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.files import whole_file
+from viscovib.common.parameters import Number
+from viscovib.errors import InputError
+from viscovib.kernels.relaxation import Kernel, PronyKernel
+from viscovib.rubber.fit import KernelFit
+from viscovib.rubber.prony_spectrum import dynamic_design, grid_of_times, nonnegative
+
+_TOLERANCE = Number("tolerance", 1e-8, 0.5)
+_T_MIN, _T_MAX = Number("t_min", 1e-100, 1e100), Number("t_max", 1e-100, 1e100)
+_MODULUS = Number("modulus", above=0)
+#: Terms a decade that are tried, frequencies a decade at which the error is measured.
+_DENSITIES = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+_MEASURED = 24
+_LS_DYNA_MOST = 18
+_PROGRAMS = ("abaqus", "ansys", "ls-dyna")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PronyTerms:
+    """A modulus as M_e + sum_j M_j exp(-t/tau_j), and how close it is.
+
+    Attributes
+    ----------
+    relaxed : float
+        M_e (Pa).
+    moduli, times : ndarray, shape (n,)
+        M_j (Pa) and tau_j (s), ascending.
+    t_min, t_max : float
+        The times between which it stands for the kernel (s); frequencies are their inverses.
+    error : float
+        Largest relative error |M_terms - M|/|M| at frequencies 1/t_max to 1/t_min (rad/s).
+
+    Examples
+    --------
+    >>> rubber = vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3)
+    >>> terms = vv.prony_terms(rubber, modulus=2e6, t_min=1e-3, t_max=10, tolerance=0.05)
+    >>> bool(abs(terms.modulus - terms.relaxed - terms.moduli.sum()) < 1e-6)
+    True
+    >>> terms.text("ansys").splitlines()[4]
+    'TB,PRONY,1,1,...,SHEAR'
+    """
+
+    relaxed: float
+    moduli: FloatArray
+    times: FloatArray
+    t_min: float
+    t_max: float
+    error: float
+
+    @property
+    def modulus(self) -> float:
+        """M_0 of these terms (Pa); faster relaxation of the kernel is over already."""
+        return self.relaxed + float(self.moduli.sum())
+
+    @property
+    def kernel(self) -> PronyKernel:
+        """The terms as a kernel, with ``modulus`` before it."""
+        return PronyKernel(weights=self.moduli / self.times / self.modulus, rates=1 / self.times)
+
+    def text(self, program: str, *, poisson: float = 0.49, density: float = 1000.0) -> str:
+        """Input of "abaqus", "ansys" or "ls-dyna" (units Pa, s, kg/m^3).
+
+        Terms are those of shear; the bulk is elastic. Young's modulus of ``poisson`` close to 0.5
+        relaxes as the shear modulus does.
+        """
+        _native.choice("program", program, _PROGRAMS)
+        nu = Number("poisson", 0, 0.4999).check(poisson)
+        rho = Number("density", above=0).check(density)
+        told = (
+            f"{self.times.size} Prony terms by viscovib: error of the modulus {self.error:.2g} "
+            f"from {1 / self.t_max / (2 * np.pi):.3g} to {1 / self.t_min / (2 * np.pi):.3g} Hz"
+        )
+        return {"abaqus": self._abaqus, "ansys": self._ansys, "ls-dyna": self._ls_dyna}[program](
+            told, nu, rho
+        )
+
+    def write(
+        self,
+        path: str | os.PathLike[str],
+        program: str,
+        *,
+        poisson: float = 0.49,
+        density: float = 1000.0,
+    ) -> None:
+        """Write `text` to a file."""
+        text = self.text(program, poisson=poisson, density=density)
+        with whole_file(path) as file:
+            file.write(text)
+
+    def _abaqus(self, told: str, nu: float, rho: float) -> str:
+        lines = [
+            f"** {told}",
+            "*MATERIAL, NAME=RUBBER",
+            "*DENSITY",
+            f"{rho:.9g}",
+            "*ELASTIC, MODULI=INSTANTANEOUS",
+            f"{self.modulus:.9e}, {nu:.6g}",
+            "*VISCOELASTIC, TIME=PRONY",
+        ]
+        shares = self.moduli / self.modulus
+        rows = zip(shares, self.times, strict=True)
+        return "\n".join([*lines, *(f"{g:.9e}, 0.0, {tau:.9e}" for g, tau in rows)]) + "\n"
+
+    def _ansys(self, told: str, nu: float, rho: float) -> str:
+        lines = [
+            f"! {told}",
+            f"MP,EX,1,{self.modulus:.9e}",
+            f"MP,PRXY,1,{nu:.6g}",
+            f"MP,DENS,1,{rho:.9g}",
+            f"TB,PRONY,1,1,{self.times.size},SHEAR",
+        ]
+        pairs = np.column_stack([self.moduli / self.modulus, self.times]).ravel()
+        for first in range(0, pairs.size, 6):
+            values = ",".join(f"{value:.9e}" for value in pairs[first : first + 6])
+            lines.append(f"TBDATA,{first + 1},{values}")
+        return "\n".join(lines) + "\n"
+
+    def _ls_dyna(self, told: str, nu: float, rho: float) -> str:
+        if self.times.size > _LS_DYNA_MOST - 1:
+            raise InputError(
+                f"terms: {self.times.size}, must be at most {_LS_DYNA_MOST - 1} for "
+                "*MAT_GENERAL_VISCOELASTIC: raise tolerance, or narrow t_min to t_max"
+            )
+        shear = self.modulus / (2 * (1 + nu))
+        bulk = self.modulus / (3 * (1 - 2 * nu))
+        lines = [
+            f"$ {told}",
+            "*MAT_GENERAL_VISCOELASTIC",
+            f"{1:>10d}{rho:>10.4g}{bulk:>10.4g}{0:>10d}{0:>10d}{0:>10d}{0:>10d}{0:>10d}",
+            f"{0:>10d}" * 6,
+        ]
+        g = np.concatenate([[self.relaxed], self.moduli]) * shear / self.modulus
+        decay = np.concatenate([[0.0], 1 / self.times])
+        lines += [f"{a:>10.4g}{b:>10.4g}" for a, b in zip(g, decay, strict=True)]
+        return "\n".join([*lines, "*END", ""])
+
+
+def prony_terms(
+    source: KernelFit | Kernel,
+    *,
+    t_min: float,
+    t_max: float,
+    tolerance: float = 0.01,
+    modulus: float | None = None,
+) -> PronyTerms:
+    """Fewest Prony terms that stand for a modulus over a range, for other programs.
+
+    Parameters
+    ----------
+    source : KernelFit or Kernel
+    t_min, t_max : float
+        Times (s): the inverses of the highest and lowest circular frequencies of interest.
+    tolerance : float
+        Largest relative error of the complex modulus there.
+    modulus : float, optional
+        M_0 (Pa) of a kernel; a fit has its own.
+
+    Returns
+    -------
+    PronyTerms
+        With positive moduli; ``error`` says what was reached.
+
+    Raises
+    ------
+    InputError
+        If no density of terms up to 8 a decade meets the tolerance.
+
+    Examples
+    --------
+    >>> rubber = vv.RabotnovKernel(amplitude=2, alpha=0.5, beta=3)
+    >>> terms = vv.prony_terms(rubber, modulus=2e6, t_min=1e-4, t_max=1e2, tolerance=0.01)
+    >>> terms.error < 0.01, 6 <= terms.times.size <= 16
+    (True, True)
+    >>> print(terms.text("abaqus").splitlines()[4])
+    *ELASTIC, MODULI=INSTANTANEOUS
+    """
+    _native.check_instance("source", source, KernelFit, Kernel)
+    first, last = _T_MIN.check(t_min), _T_MAX.check(t_max)
+    if not first < last:
+        raise InputError(f"t_min = {first:g}, t_max = {last:g}: must be t_min < t_max")
+    wanted = _TOLERANCE.check(tolerance)
+    if isinstance(source, KernelFit):
+        if modulus is not None:
+            raise InputError("modulus: a fit has its own, must not be given")
+        kernel, whole = source.kernel, source.modulus
+    else:
+        if modulus is None:
+            raise InputError("modulus: must be given with a kernel")
+        kernel, whole = source, _MODULUS.check(modulus)
+    n = int(np.ceil(_MEASURED * np.log10(last / first))) + 2
+    nu = np.geomspace(1 / last, 1 / first, n)
+    true = whole * (1 - kernel.transform(nu))
+    if not true.real.min() > 0:
+        raise InputError(
+            f"t_max = {last:g}: the storage modulus is {true.real.min():.3g} within the range, "
+            "must be positive: the integral of the kernel passes 1 there"
+        )
+    best = np.inf
+    for density in _DENSITIES:
+        for beyond in (0.3, 0.8, 1.5):
+            tau = grid_of_times(first, last, density, beyond)
+            found, error = _terms(nu, true, tau)
+            best = min(best, error)
+            if error <= wanted:
+                on = found[1:] > 0
+                return PronyTerms(
+                    relaxed=float(found[0]),
+                    moduli=found[1:][on],
+                    times=tau[on],
+                    t_min=first,
+                    t_max=last,
+                    error=error,
+                )
+    raise InputError(
+        f"tolerance = {wanted:g}: the closest terms leave {best:.2g}, must be at least that"
+    )
+
+
+def _terms(nu: FloatArray, true: ComplexArray, tau: FloatArray) -> tuple[FloatArray, float]:
+    storage, loss = dynamic_design(nu, tau)
+    size = np.abs(true)
+    rows = np.vstack([storage, loss]) / np.concatenate([size, size])[:, np.newaxis]
+    target = np.concatenate([true.real, true.imag]) / np.concatenate([size, size])
+    found = nonnegative(rows, target)
+    if found[0] <= 0:
+        found[0] = 1e-9 * float(size.min())
+    left = rows @ found - target
+    return found, float(np.hypot(left[: nu.size], left[nu.size :]).max())

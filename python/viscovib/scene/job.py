@@ -1,0 +1,209 @@
+"""Doing what a scene asks for, at one point."""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from viscovib import _native
+from viscovib._native import core
+from viscovib.analyses.backbones import Backbone
+from viscovib.analyses.driven_branch import DrivenBranch
+from viscovib.analyses.periodic import forced_response, trace_response
+from viscovib.analyses.spectral import Spectrum, spectrum
+from viscovib.analyses.transient import simulate
+from viscovib.common.plan import Plan, wanted_places
+from viscovib.common.results import Result
+from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.results.branch import Branch
+from viscovib.results.response import Response
+from viscovib.results.scales import ScalesResponse
+from viscovib.results.trajectory import Trajectory, given_plan
+from viscovib.scene.scene import Scene, read_text, texts
+from viscovib.scene.table import TableResult, run_table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Groups of a scene that ask for nothing.
+_SUBJECTS = (
+    "scene", "mount", "system", "pendulum", "kernel", "spring", "force", "load", "sweep",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class SceneResult:
+    """What a scene gave.
+
+    Response or branch of a mount; motion of a pendulum and its spectra, or a branch of its motions
+    and those that leave it, ``switched``; free motions (of a pendulum with families that leave
+    them) or steady motions of either; a table of a sweep.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> result = vv.run("data/scenes/mount_paper.nml")
+    >>> result.kind
+    'response'
+    >>> result.to_csv("table.csv")
+    """
+
+    scene: Scene
+    value: (
+        Response | Branch | DrivenBranch | Backbone | Trajectory | ScalesResponse | TableResult
+        | xr.Dataset
+    )  # fmt: skip
+    spectrum: Spectrum | None = None
+    switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """As in the names of tables: "response", "branch", "transient", ..."""
+        if not isinstance(self.value, Result):
+            return "sweep"
+        return self.value.kind
+
+    @property
+    def plan(self) -> Plan:
+        """What was computed, what was skipped and why."""
+        return plan(self.scene)
+
+    def to_csv(self, path: str | os.PathLike[str], which: int = 0) -> None:
+        """Write the table, of the coordinates that the scene wants: that of the standalone driver.
+
+        ``which``: 0 the result itself, 1, 2, ... those that leave it, as in ``switched``.
+        """
+        place = _native.integer("which", which, 0, len(self.switched))
+        value = self.switched[place - 1] if place else self.value
+        if not isinstance(value, Result):
+            raise InputError("to_csv: is for single results, a sweep has points")
+        self._write(value, path)
+
+    def spectrum_to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the table of the spectrum."""
+        if self.spectrum is None:
+            raise InputError("spectrum_to_csv: this scene gave no spectrum")
+        self._write(self.spectrum, path)
+
+    def _write(self, value: Result, path: str | os.PathLike[str]) -> None:
+        wanted = self.scene.groups[value.kind].get("coordinates")
+        title = self.scene.groups.get("scene", {}).get("title", "")
+        table = value._table(None if wanted is None else texts(wanted))
+        table.write(path, str(self.plan), f", scene {self.scene.path}\n{title}".rstrip())
+
+    @property
+    def response(self) -> Response:
+        """The response of a mount."""
+        if not isinstance(self.value, Response):
+            raise InputError("response: this scene gave something else, see value")
+        return self.value
+
+    @property
+    def branch(self) -> Branch | DrivenBranch:
+        """The branch."""
+        if not isinstance(self.value, (Branch, DrivenBranch)):
+            raise InputError("branch: this scene gave something else, see value")
+        return self.value
+
+    @property
+    def backbone(self) -> Backbone:
+        """The free motions of a mode."""
+        if not isinstance(self.value, Backbone):
+            raise InputError("backbone: this scene gave something else, see value")
+        return self.value
+
+    @property
+    def sweep(self) -> xr.Dataset:
+        """A few numbers at every point of a grid (`viscovib.sweeps.scenes.summary`)."""
+        if isinstance(self.value, Result):
+            raise InputError("sweep: this scene gave something else, see value")
+        return self.value
+
+    @property
+    def steady(self) -> ScalesResponse:
+        """The steady motions by multiple scales."""
+        if not isinstance(self.value, ScalesResponse):
+            raise InputError("steady: this scene gave something else, see value")
+        return self.value
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion of a pendulum."""
+        if not isinstance(self.value, Trajectory):
+            raise InputError("trajectory: this scene gave something else, see value")
+        return self.value
+
+
+def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
+    """Compute what a scene without &sweep asks for."""
+    planned = plan(scene)
+    if "multiple_scales" in scene.groups:
+        return SceneResult(scene, replace(scene._steady(), plan=planned))
+    if "transient" in scene.groups:
+        found = simulate(**scene._motion(), progress=progress)
+        run = replace(found, _planned=partial(given_plan, planned))
+        return SceneResult(scene, run, _spectrum(scene, run))
+    if "backbone" in scene.groups:
+        free, families = scene._backbones()
+        told = tuple(replace(family, plan=planned) for family in families)
+        return SceneResult(scene, replace(free, plan=planned), switched=told)
+    if "branch" in scene.groups and scene.is_pendulum:
+        first, others = scene._driven()
+        return SceneResult(scene, first, switched=others)
+    if "branch" in scene.groups:
+        return SceneResult(scene, replace(trace_response(**scene._branch()), plan=planned))
+    if "response" not in scene.groups:
+        kind = next(name for name in scene.groups if name not in _SUBJECTS)
+        return SceneResult(scene, run_table(scene, kind, planned))
+    response = forced_response(**scene._job(), progress=progress)
+    return SceneResult(scene, replace(response, plan=planned))
+
+
+def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
+    """Spectra of the coordinates, where the scene wants them."""
+    group = scene.groups.get("spectrum")
+    if group is None:
+        return None
+    kept = run.t >= group["discard"] * (1 - 1e-12)
+    if kept.sum() < 2:
+        warnings.warn(
+            f"no spectrum: {kept.sum()} states from discard = {group['discard']:g} on, must be at "
+            "least 2",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
+        return None
+    step = float(run.t[min(1, run.t.size - 1)])
+    wanted = wanted_places(texts(group["coordinates"]), run.dof_names)
+    found = spectrum(
+        run.state[kept][:, [2 * d for d in wanted]],
+        step,
+        window=group["window"],
+        names=tuple(run.dof_names[d] for d in wanted),
+    )
+    return replace(found, plan=run.plan)
+
+
+def plan(scene: Scene | str | os.PathLike[str]) -> Plan:
+    """Say what a scene will compute and what is skipped, with the reasons.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> skipped = vv.plan("data/scenes/mount_paper.nml")["skips"]
+    """
+    read = scene if isinstance(scene, Scene) else Scene.read(scene)
+    if read.groups["sweep"]:
+        return _plan_sweep(read)
+    return Plan(read_text(core.scene_plan, f"{read.path}".encode(), read.canonical.encode()))
+
+
+def _plan_sweep(scene: Scene) -> Plan:
+    grid = scene.sweep_grid()
+    axes = [f"{name} ({v.size} values {v[0]:g} to {v[-1]:g})" for name, v in grid.items()]
+    points = math.prod(v.size for v in grid.values())
+    return Plan(f"sweeps: {' x '.join(axes)} = {points} points, each:\n{plan(scene.override({}))}")

@@ -1,0 +1,426 @@
+"""Scenes: a system, its load and the wanted results as one namelist file.
+
+The file is read and checked by the same compiled reader as the standalone driver uses; it hands
+back the scene with every default written out, which is what Python sees.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray, core
+from viscovib.analyses.backbones import Backbone
+from viscovib.analyses.driven_branch import DrivenBranch
+from viscovib.analyses.multiple_scales import MultipleScales
+from viscovib.analyses.periodic import backbone, trace_response
+from viscovib.common.parameters import CURVE_DEFAULTS, FilePath
+from viscovib.errors import InputError
+from viscovib.kernels.relaxation import (
+    AbelKernel,
+    Kernel,
+    PronyKernel,
+    RabotnovKernel,
+    RzhanitsynKernel,
+    TabulatedKernel,
+)
+from viscovib.results.scales import ScalesResponse
+from viscovib.scene.keys import groups_of, namelist_text, with_key
+from viscovib.systems.mount import Mount
+from viscovib.systems.oscillators import Oscillator
+from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.polynomial_system import Monomial, PolynomialSystem, Springs
+
+_KERNELS: dict[str, type[Kernel]] = {
+    "rzhanitsyn": RzhanitsynKernel,
+    "abel": AbelKernel,
+    "prony": PronyKernel,
+    "rabotnov": RabotnovKernel,
+    "tabulated": TabulatedKernel,
+}
+#: Groups that a scene may have any number of.
+_REPEATABLE = ("kernel", "load", "spring", "force", "sweep")
+_LISTS = ("weights", "rates", "times", "values")
+
+#: Keys of a pendulum's &branch that `trace_response` has under the same names.
+_DRIVEN = (
+    "harmonics", *CURVE_DEFAULTS, "subharmonic", "max_denominator",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene as it was understood.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    title : str
+    groups : mapping
+        Every group with every default: {"mount": {...}, "kernel": [...], "load": [...], ...} or
+        {"pendulum": {...}, "transient": {...}, ...}.
+    canonical : str
+        The same as namelist text.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> scene = vv.Scene.read("data/scenes/mount_paper.nml")
+    >>> heavier = scene.override({"mount.mass": 1.5})
+    """
+
+    path: Path
+    title: str
+    groups: Mapping[str, Any]
+    canonical: str
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], *, allow_paths: bool = False) -> Scene:
+        """Read and check a scene file.
+
+        Files that it names, such as the table of a kernel, must be in its folder or below it,
+        links followed; ``allow_paths`` lifts this, for scenes of one's own.
+
+        Raises
+        ------
+        InputError
+            One line ``file:line: what is wrong, what is allowed``.
+        FileError
+            If the file cannot be read.
+        """
+        text = _canonical(path, _native.flag("allow_paths", allow_paths))
+        groups: dict[str, Any] = {name: [] for name in _REPEATABLE}
+        for name, group in groups_of(text):
+            if name in _REPEATABLE:
+                groups[name].append(group)
+            else:
+                groups[name] = group
+        return cls(
+            path=Path(path),
+            title=groups.get("scene", {}).get("title", ""),
+            groups=groups,
+            canonical=text,
+        )
+
+    def override(self, values: Mapping[str, Any]) -> Scene:
+        """Return the scene with keys changed, checked as a file is.
+
+        Keys are named as ``{"mount.stiffness_x": 12}``; one of several groups of a name
+        ``"load(2).amplitude"``, one entry of a list ``"transient.initial(3)"``, counted from 1.
+        Groups &sweep are left out.
+        """
+        _native.mapping("values", values)
+        groups: Mapping[str, Any] = {**self.groups, "sweep": []}
+        for key, value in values.items():
+            groups = with_key(groups, key, value)
+        changes = ", ".join(f"{key} = {value}" for key, value in values.items())
+        name = f"{self.path} with {changes}" if changes else f"{self.path}"
+        try:
+            text = _canonical_text(name, namelist_text(groups))
+        except InputError as error:
+            # A line of the text made here would mislead.
+            raise InputError(re.sub(r"^:\d+: ", ": ", f"{error}".removeprefix(name))[2:]) from None
+        return replace(self, groups=groups, canonical=text)
+
+    @property
+    def is_pendulum(self) -> bool:
+        """Whether the system is a pendulum."""
+        return "pendulum" in self.groups
+
+    def pendulum(self) -> Pendulum:
+        """Build the pendulum."""
+        return Pendulum(**self._group("pendulum"))
+
+    def oscillator(self) -> Oscillator:
+        """Build the mount or the polynomial system."""
+        return self.polynomial_system() if "system" in self.groups else self.mount()
+
+    def polynomial_system(self) -> PolynomialSystem:
+        """Build the polynomial system."""
+        given = self._group("system")
+        names = texts(given["coordinates"])
+        direction = np.atleast_1d(given["base_direction"])
+        kernels: list[Kernel | None] = [None, *(_kernel(group) for group in self.groups["kernel"])]
+        springs = [
+            Springs(
+                stiffness=_matrix(group["stiffness"], len(names)), kernel=kernels[group["kernel"]]
+            )
+            for group in [given, *self.groups["spring"]]
+        ]
+        for group in self.groups["force"]:
+            if "coefficient" not in group:
+                # The core writes polynomials as monomials: this is another law, or nothing.
+                if group["law"] != "0":
+                    springs.append(
+                        Springs(
+                            forces={group.get("on", names[0]): group["law"].lower()},
+                            kernel=kernels[group["kernel"]],
+                        )
+                    )
+                continue
+            monomial = Monomial(
+                coefficient=group["coefficient"],
+                powers=[int(p) for p in np.atleast_1d(group["powers"])],
+                on=group["on"],
+            )
+            springs.append(Springs(forces=[monomial], kernel=kernels[group["kernel"]]))
+        return PolynomialSystem(
+            mass=_matrix(given["mass"], len(names)),
+            damping=_matrix(given["damping"], len(names)),
+            springs=springs,
+            names=names,
+            units=texts(given["units"]),
+            base_direction=direction if direction.any() else None,
+        )
+
+    def mount(self) -> Mount:
+        """Build the mount."""
+        given = dict(self._group("mount"))
+        given["damping"] = np.reshape(given["damping"], (2, 2))
+        kernels: dict[str, Kernel] = {}
+        for group in self.groups["kernel"]:
+            kernels[group["acts_on"]] = _kernel(group)
+        if "both" in kernels:
+            return Mount(**given, kernel=kernels["both"])
+        return Mount(**given, kernel=kernels.get("x"), kernel_phi=kernels.get("phi", False))
+
+    def loads(self) -> dict[str, dict[int, Any]]:
+        """Fourier series of force and base motion, as `forced_response` takes them."""
+        force: dict[int, Any] = {}
+        base: dict[int, Any] = {}
+        names = self._names()
+        for group in self.groups["load"]:
+            order, phase = group["order"], group.get("phase", 0.0)
+            term = group["amplitude"] * complex(math.cos(phase), math.sin(phase))
+            if order == 0:
+                term = 1j * group["amplitude"]
+            if group["kind"] == "base":
+                base[order] = base.get(order, 0.0) + term
+            else:
+                where = np.array([group["on"] == name for name in names])
+                force[order] = force.get(order, 0.0) + where * term
+        return {"load": force, "base": base}
+
+    def nu(self) -> FloatArray:
+        """Circular frequencies of the response (rad/s)."""
+        group = self._group("response")
+        if "nu" in group:
+            return np.atleast_1d(np.asarray(group["nu"], dtype=float))
+        return np.asarray(
+            core.frequency_grid(
+                group["nu_min"],
+                group["nu_max"],
+                int(group["nu_spacing"] == "log"),
+                group["nu_count"],
+            )
+        )
+
+    def sweep_grid(self) -> dict[str, FloatArray]:
+        """Values of each parameter that a &sweep group names."""
+        grid = {}
+        for group in self.groups["sweep"]:
+            if "values" in group:
+                values = np.atleast_1d(np.asarray(group["values"], dtype=float))
+            else:
+                log = int(group["spacing"] == "log")
+                values = core.frequency_grid(group["min"], group["max"], log, group["count"])
+            grid[group["key"].lower()] = np.asarray(values)
+        if not grid:
+            raise InputError(f"{self.path}: has no &sweep group, and no grid is given")
+        return grid
+
+    def _names(self) -> tuple[str, ...]:
+        if "system" in self.groups:
+            return texts(self.groups["system"]["coordinates"])
+        return ("z", "phi", "psi") if self.is_pendulum else ("x", "phi")
+
+    def _group(self, name: str) -> Mapping[str, Any]:
+        if name not in self.groups:
+            raise InputError(f"{self.path}: has no &{name} group")
+        group: Mapping[str, Any] = self.groups[name]
+        return group
+
+    def _motion(self) -> dict[str, Any]:
+        group = self._group("transient")
+        more: dict[str, Any] = {}
+        if self._has_memory:
+            series = {name: terms or None for name, terms in self.loads().items()}
+            more = {**series, "memory": group["memory"], "held": np.atleast_1d(group["held"])}
+        elif "nu" in group:
+            more = {"load": self.loads()["load"]}
+        if "nu" in group:
+            more["nu"] = group["nu"]
+        accuracy = {name: group[name] or None for name in ("rtol", "atol")}
+        if not any(accuracy.values()):
+            accuracy = {"tolerance": group["tolerance"] or None}
+        return {
+            "system": self.pendulum() if self.is_pendulum else self.oscillator(),
+            **more,
+            "t_end": group["t_end"],
+            "initial": np.atleast_1d(group["initial"]),
+            "dt": group["dt"] or "auto",
+            **accuracy,
+            "method": group["method"],
+            "save_every": group["save_every"],
+            "keep": group["keep"],
+        }
+
+    @property
+    def _has_memory(self) -> bool:
+        """Whether the motion wanted is that of a system which may remember."""
+        return "held" in self._group("transient")
+
+    def _steady(self) -> ScalesResponse:
+        group = self._group("multiple_scales")
+        values = core.frequency_grid(group["from"], group["to"], 0, group["count"])
+        if self.is_pendulum:
+            system = MultipleScales(
+                self.pendulum(), tolerance=_band(group), ordering=group["ordering"]
+            )
+        else:
+            system = MultipleScales(
+                self.oscillator(),
+                load=np.real(self.loads()["load"][1]),
+                nu=group.get("nu"),
+                tolerance=_band(group),
+            )
+        return system.response(group["parameter"], values)
+
+    def _driven(self) -> tuple[DrivenBranch, tuple[DrivenBranch, ...]]:
+        """Compute the branch of a pendulum, and those that leave it."""
+        group = self._group("branch")
+        same = {
+            "system": self.pendulum(),
+            group["parameter"]: (group["from"], group["to"]),
+            "stability": group["stability"] == "yes",
+            "symmetric": group["symmetry"] == "kept",
+            **{key: group[key] for key in _DRIVEN},
+        }
+        first = trace_response(**same)
+        return first, tuple(
+            trace_response(**same, leave=leave, opposite=opposite)
+            for leave, opposite in self._departures("branch", first.branch_points)
+        )
+
+    def _backbones(self) -> tuple[Backbone, tuple[Backbone, ...]]:
+        """Compute the free motions of a mode, and the families that leave them."""
+        group = self._group("backbone")
+        ends = (group["from"], group["to"])
+        same = {
+            **{key: group[key] for key in ("mode", "harmonics")},
+            **{key: group[key] for key in (*CURVE_DEFAULTS, "dof") if key in group},
+        }
+        if not self.is_pendulum:
+            return backbone(self.oscillator(), amplitude_range=ends, **same), ()
+        same |= {
+            "system": self.pendulum(),
+            f"{group['parameter']}_range": ends,
+            "stability": group["stability"] == "yes",
+            "symmetric": group["symmetry"] == "kept",
+            "subharmonic": group["subharmonic"],
+        }
+        first = backbone(**same)
+        return first, tuple(
+            backbone(**same, leave=leave, opposite=opposite)
+            for leave, opposite in self._departures("backbone", first.branch_points)
+        )
+
+    def _departures(self, name: str, points: Sequence[Any]) -> Iterator[tuple[Any, bool]]:
+        """Branch points that a group wants to be left, and whether the other way."""
+        for number in np.atleast_1d(self._group(name).get("switch", [])).tolist():
+            if abs(number) > len(points):
+                raise InputError(
+                    f"{self.path}: switch = {number}: the {name} has {len(points)} branch points"
+                )
+            yield points[abs(number) - 1], number < 0
+
+    def _branch(self) -> dict[str, Any]:
+        group = self._group("branch")
+        where: dict[str, Any] = {}
+        if group["vary"] == "nu":
+            where["nu_range"] = (group["nu_from"], group["nu_to"])
+        else:
+            where["nu"], ends = group["nu"], (group["from"], group["to"])
+            if group["vary"] == "load_factor":
+                where["load_range"] = ends
+            else:
+                where |= {"vary": group["vary"], "vary_range": ends}
+        return {
+            "system": self.oscillator(),
+            **where,
+            **self.loads(),
+            **{key: group[key] for key in ("harmonics", *CURVE_DEFAULTS)},
+            "stability": group["stability"] == "yes",
+        }
+
+    def _job(self) -> dict[str, Any]:
+        group = self._group("response")
+        relaxation = group["relaxation"]
+        return {
+            "system": self.oscillator(),
+            "nu": self.nu(),
+            **self.loads(),
+            **{key: group[key] for key in ("method", "harmonics", "tolerance", "max_iterations")},
+            "relaxation": relaxation if relaxation > 0 else "auto",
+            "stability": group["stability"] == "yes",
+        }
+
+
+def _band(group: Mapping[str, Any]) -> float | None:
+    """Return the band of resonances in a group, None where the core chooses by influence.
+
+    The core writes the lowest number there is for a band that is not given.
+    """
+    return None if group["tolerance"] < 0 else float(group["tolerance"])
+
+
+def _canonical(path: str | os.PathLike[str], allow_paths: bool) -> str:
+    encoded = os.fsencode(FilePath("path").check(path))
+    return read_text(core.scene_canonical, encoded, int(allow_paths))
+
+
+def _canonical_text(name: str, text: str) -> str:
+    return read_text(core.scene_canonical_of_text, name.encode(), text.encode())
+
+
+def read_text(routine: Callable[..., tuple[Any, ...]], *given: bytes | int) -> str:
+    """Call a routine of the core that returns a text of any length."""
+    room = 1 << 16
+    while True:
+        text, length = _native.call(routine, *given, room)
+        if length <= room:
+            return bytes(text.tobytes()[:length]).decode()
+        room = int(length)
+
+
+def texts(value: str | list[str]) -> tuple[str, ...]:
+    """Return the texts that a key has, one or several."""
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+def _matrix(value: Any, n: int) -> FloatArray:
+    """Return n numbers as a diagonal matrix, n^2 row by row."""
+    values = np.atleast_1d(np.asarray(value, dtype=float))
+    return np.diag(values) if values.size == n else values.reshape(n, n)
+
+
+def _kernel(group: Mapping[str, Any]) -> Kernel:
+    given = {key: value for key, value in group.items() if key not in ("kind", "acts_on")}
+    for key in _LISTS:
+        if key in given:
+            given[key] = np.atleast_1d(given[key])
+    if group["kind"] == "fitted":
+        # Its module needs others that a scene without it does not load.
+        fitted: Kernel = import_module("viscovib.rubber.scene_kernel").fitted_kernel(given)
+        return fitted
+    return _KERNELS[group["kind"]](**given)

@@ -1,0 +1,115 @@
+"""Results that are a table: of analyses that have no class of their own."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import core
+from viscovib.common.plan import Plan
+from viscovib.common.results import Number, Panel, Result
+from viscovib.common.tables import Table
+from viscovib.scene.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TableResult(Result):
+    """What a scene gave, as columns.
+
+    Attributes
+    ----------
+    kind : str
+        Name of the group that asked for it, such as "modes".
+    columns : dict
+        Arrays by their names, shape (n,), the first one what the others are drawn over.
+    notes : tuple of str
+        What the columns are, with units.
+    plan : Plan
+        What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import viscovib as vv
+    >>> mount = "&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 /"
+    >>> size = Path("modes.nml").write_text(f"{mount} &modes /")
+    >>> vv.run("modes.nml").kind
+    'modes'
+    """
+
+    kind: str  # type: ignore[misc]
+    columns: dict[str, npt.NDArray[np.float64]]
+    notes: tuple[str, ...]
+    plan: Plan
+    complete: bool
+    _told: str = field(repr=False, default="")
+
+    def _headline(self) -> str:
+        return self._told
+
+    def _scope(self) -> list[str]:
+        return list(self.notes)
+
+    def numbers(self) -> dict[str, Number]:
+        """Every column, in its first row."""
+        return {name: Number(values[0]) for name, values in self.columns.items()}
+
+    def panels(self) -> list[Panel]:
+        """Each column over the first."""
+        (first, x), *others = self.columns.items()
+        return [Panel(x, values, first, name, "1") for name, values in others]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Columns as an xarray Dataset over the rows."""
+        import xarray as xr
+
+        return xr.Dataset(
+            {name: ("row", values) for name, values in self.columns.items()},
+            attrs={"notes": "\n".join(self.notes), "plan": str(self.plan)},
+        )
+
+    def _table(self, coordinates: object) -> Table:
+        return Table(list(self.notes), dict(self.columns))
+
+
+def run_table(scene: Scene, kind: str, plan: Plan) -> TableResult:
+    """Let the core do what a scene asks for, as the standalone driver does, and read its table."""
+    with TemporaryDirectory(prefix="viscovib") as folder:
+        text, length, complete = _native.call(
+            core.scene_run,
+            f"{scene.path}".encode(),
+            scene.canonical.encode(),
+            folder.encode(),
+            4096,
+        )
+        path = Path(folder) / f"{scene.path.stem}_{kind}.csv"
+        lines = path.read_text(encoding="utf-8").splitlines()
+    notes = [line.removeprefix("# ") for line in lines if line.startswith("#")]
+    title = scene.groups.get("scene", {}).get("title", "")
+    told = {f"viscovib {version('viscovib')}, scene {scene.path}", title, *str(plan).splitlines()}
+    names, *rows = csv.reader(line for line in lines if not line.startswith("#"))
+    values = map(_numbers, zip(*rows, strict=True))
+    return TableResult(
+        kind=kind,
+        columns=dict(zip(names, values, strict=True)),
+        notes=tuple(note for note in notes if note not in told),
+        plan=plan,
+        complete=bool(complete),
+        _told=bytes(text.tobytes()[:length]).decode(),
+    )
+
+
+def _numbers(cells: tuple[str, ...]) -> npt.NDArray[np.float64]:
+    whole = all(cell.lstrip("-").isdigit() for cell in cells)
+    return np.array(list(map(int, cells)) if whole else list(map(float, cells)))

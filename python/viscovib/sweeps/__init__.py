@@ -1,0 +1,1 @@
+"""Many runs of a scene or a function, with checkpoints."""

@@ -1,0 +1,28 @@
+"""`viscovib.run`: a scene, at one point or at every point of a grid."""
+
+from __future__ import annotations
+
+import os
+
+from viscovib.common.parameters import Flag
+from viscovib.scene.job import SceneResult, run_one
+from viscovib.scene.scene import Scene
+from viscovib.sweeps.sweeping import sweep
+
+_PROGRESS = Flag("progress")
+
+
+def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
+    """Compute what a scene asks for; with &sweep groups, at every point of their grid.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> result = vv.run("data/scenes/mount_paper.nml")
+    >>> peak = result.response.peak("x")
+    """
+    _PROGRESS.check(progress)
+    read = scene if isinstance(scene, Scene) else Scene.read(scene)
+    if read.groups["sweep"]:
+        return SceneResult(read, sweep(read, progress=progress, extract="summary"))
+    return run_one(read, progress=progress)

@@ -1,0 +1,407 @@
+"""Where the results of a sweep are kept: in memory, or chunk by chunk on disk.
+
+On disk it is a Zarr group (format 3): one file a chunk and variable, put in place whole by a
+rename, compressed, with a CRC-32C at its end. NetCDF was the alternative: a single file that a
+kill may leave unreadable, without complex numbers. A chunk counts as finished if its outcomes,
+written last, and all its variables are there and fit its seal (`viscovib.sweeps.seal`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib.errors import FileError, InputError, ViscovibError
+from viscovib.sweeps.points import (
+    BLANK,
+    COMPLETED,
+    ERROR,
+    OUTCOME,
+    OUTCOMES,
+    TYPES,
+    Chunks,
+    Computed,
+    Grid,
+    Template,
+    Variable,
+    box_shape,
+)
+from viscovib.sweeps.seal import Copies, Seals
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_T = TypeVar("_T")
+_ABOUT = "viscovib_sweep"
+#: Seconds that a write under way is given after Ctrl-C.
+_PATIENCE = 0.5
+_FLAGS = {"flag_values": list(range(len(OUTCOMES))), "flag_meanings": " ".join(OUTCOMES)}
+
+
+class Store(Protocol):
+    """Keeps chunks."""
+
+    chunks: Chunks
+    template: Template | None
+
+    def define(self, template: Template) -> None:
+        """Make room for the variables."""
+
+    def write(self, i: int, part: Computed) -> None:
+        """Keep the i-th chunk."""
+
+    def dataset(self) -> xr.Dataset:
+        """Everything that is there, with outcomes as numbers."""
+
+
+class MemoryStore:
+    """Arrays in memory."""
+
+    def __init__(self, grid: Grid, chunks: Chunks) -> None:
+        self.grid, self.chunks = grid, chunks
+        self.template: Template | None = None
+        self._outcome = np.zeros(grid.shape, dtype=np.int8)
+        self._errors: dict[tuple[int, ...], str] = {}
+        self._arrays: dict[str, npt.NDArray[Any]] = {}
+
+    def define(self, template: Template) -> None:
+        """Make room for the variables."""
+        self.template = template
+        for name, item in template.variables.items():
+            shape = (*self.grid.shape, *item.shape)
+            self._arrays[name] = np.full(shape, BLANK[item.kind], dtype=TYPES[item.kind])
+
+    def write(self, i: int, part: Computed) -> None:
+        """Keep the i-th chunk."""
+        box = self.chunks.box(i)
+        shape = box_shape(box)
+        for name, values in part.arrays.items():
+            self._arrays[name][box] = values.reshape(*shape, *values.shape[1:])
+        self._outcome[box] = part.outcome.reshape(shape)
+        for k in np.flatnonzero(part.outcome != COMPLETED):
+            place = np.unravel_index(k, shape)
+            key = tuple(int(p) + cut.start for p, cut in zip(place, box, strict=True))
+            self._errors[key] = part.errors[k]
+
+    def dataset(self) -> xr.Dataset:
+        """Everything."""
+        import xarray as xr
+
+        errors = np.full(self.grid.shape, "", dtype=object)
+        for key, text in self._errors.items():
+            errors[key] = text
+        names = self.grid.names
+        data: dict[str, Any] = {OUTCOME: (names, self._outcome), ERROR: (names, errors)}
+        coords: dict[str, Any] = {
+            name: (name, values, _units(self.grid, name))
+            for name, values in self.grid.values.items()
+        }
+        if self.template is not None:
+            for name, item in self.template.variables.items():
+                data[name] = ((*names, *item.dims), self._arrays[name], item.attrs)
+            coords |= self.template.coords
+        return xr.Dataset(data, coords=coords)
+
+
+def is_begun(path: str | os.PathLike[str]) -> bool:
+    """Whether a folder holds a Zarr group, or could be made to: its metadata may be lost."""
+    return (Path(path) / "zarr.json").exists() or Copies(Path(path)).begun
+
+
+class DiskStore:
+    """A Zarr group; made anew, or opened if it holds the same sweep."""
+
+    def __init__(
+        self, path: str | os.PathLike[str], grid: Grid, chunks: Chunks, identity: dict[str, Any]
+    ) -> None:
+        self.path, self.grid, self.template = Path(path), grid, None
+        self._arrays: dict[str, Any] = {}
+        self._thread = ThreadPoolExecutor(1)
+        zarr, self._lock = _zarr(), -1
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._lock = _locked(self.path)
+            copies, self._seals = Copies(self.path), Seals(self.path, identity, grid.shape)
+            if is_begun(self.path):
+                copies.restore()
+                copies.check()
+                self._group = zarr.open_group(self.path, mode="r+", use_consolidated=False)
+                about = self._opened(identity)
+                if about.get("variables") is not None:
+                    copies.check_coordinates([*self.grid.names, *about.get("coords", ())])
+                self.chunks = Chunks(grid.shape, tuple(about["chunk"]))
+                if about.get("variables") is not None:
+                    self.template = self._read_template(about)
+            else:
+                if any(self.path.iterdir()):
+                    raise InputError(f"checkpoint = {self.path}: exists and is no checkpoint")
+                self.chunks = chunks
+                about = {"identity": identity, "chunk": list(chunks.chunk), "variables": None}
+                # Not overwriting: that would make another folder, which the lock does not hold.
+                self._group = zarr.create_group(
+                    self.path, zarr_format=3, attributes={_ABOUT: about}
+                )
+            if not all(name in self._group for name in (OUTCOME, ERROR, *grid.names)):
+                self._begin()
+        except BaseException as error:
+            self.close()
+            if isinstance(error, ViscovibError) or not isinstance(error, Exception):
+                raise
+            raise self._unusable(error) from None
+
+    def _unusable(self, error: Exception) -> FileError:
+        """What to say of files that cannot be read."""
+        why = " ".join(f"{getattr(error, 'strerror', None) or error}".split())[:200]
+        return FileError(f"checkpoint = {self.path}: cannot be used ({why})")
+
+    def _opened(self, identity: dict[str, Any]) -> dict[str, Any]:
+        about = self._group.attrs.get(_ABOUT)
+        if not isinstance(about, dict) or "identity" not in about:
+            raise InputError(f"checkpoint = {self.path}: is not the checkpoint of a sweep")
+        if why := _difference(about["identity"], json.loads(json.dumps(identity))):
+            raise InputError(
+                f"checkpoint = {self.path}: holds another sweep ({why}); must be the same, or "
+                "another path"
+            )
+        return about
+
+    def _begin(self) -> None:
+        names = self.grid.names
+        for name, values in self.grid.values.items():
+            self._coordinate(name, (name,), values, _units(self.grid, name))
+        chunk = self.chunks.chunk
+        self._array(OUTCOME, self.grid.shape, chunk, np.dtype(np.int8), names, 0, _FLAGS)
+        self._array(ERROR, self.grid.shape, chunk, str, names, "", {})
+        Copies(self.path).save(dict(self._group.attrs), names)
+
+    def define(self, template: Template) -> None:
+        """Make the arrays of the variables."""
+        self._apart(self._define, template)
+
+    def write(self, i: int, part: Computed) -> None:
+        """Keep the i-th chunk: its outcomes last, so that they stand for all of it."""
+        self._apart(self._write, i, part)
+
+    def _apart(self, action: Callable[..., _T], *given: Any) -> _T:
+        """Do something with the files in a thread, which Ctrl-C does not break off midway."""
+        work = self._thread.submit(action, *given)
+        try:
+            return work.result()
+        except KeyboardInterrupt:
+            wait([work], timeout=_PATIENCE)
+            raise
+
+    def _define(self, template: Template) -> None:
+        for name, item in template.variables.items():
+            kind = str if item.kind == "U" else TYPES[item.kind]
+            shape, extent = (*self.grid.shape, *item.shape), tuple(max(n, 1) for n in item.shape)
+            self._array(
+                name, shape, (*self.chunks.chunk, *extent), kind, (*self.grid.names, *item.dims),
+                BLANK[item.kind], item.attrs,
+            )  # fmt: skip
+        for name, (dims, values, attrs) in template.coords.items():
+            self._coordinate(name, dims, values, attrs)
+        about = dict(self._group.attrs[_ABOUT])
+        about["variables"] = {n: item.kind for n, item in template.variables.items()}
+        about["coords"] = list(template.coords)
+        self._group.attrs[_ABOUT] = about
+        Copies(self.path).save(dict(self._group.attrs), [*self.grid.names, *template.coords])
+        self.template = template
+
+    def _read_template(self, about: dict[str, Any]) -> Template:
+        n = len(self.grid.names)
+        variables, coords = {}, {}
+        for name, kind in about["variables"].items():
+            array = self._group[name]
+            dims, attrs = array.metadata.dimension_names[n:], dict(array.attrs)
+            variables[name] = Variable(tuple(dims), array.shape[n:], kind, attrs)
+        for name in about["coords"]:
+            array = self._group[name]
+            coords[name] = (array.metadata.dimension_names, array[...], dict(array.attrs))
+        return Template(variables, coords)
+
+    def _array(
+        self,
+        name: str,
+        shape: tuple[int, ...],
+        chunk: tuple[int, ...],
+        kind: Any,
+        dims: tuple[str, ...],
+        fill: Any,
+        attrs: dict[str, Any],
+    ) -> Any:
+        from zarr.codecs import Crc32cCodec, ZstdCodec
+
+        return self._group.create_array(
+            name,
+            shape=shape,
+            chunks=chunk,
+            dtype=kind,
+            fill_value=fill,
+            dimension_names=dims,
+            attributes=attrs,
+            compressors=[ZstdCodec(level=1), Crc32cCodec()],
+            overwrite=True,
+        )
+
+    def _coordinate(
+        self, name: str, dims: tuple[str, ...], values: Any, attrs: dict[str, Any]
+    ) -> None:
+        array = np.asarray(values)
+        kind = str if array.dtype.kind in "UTO" else array.dtype
+        fill = "" if kind is str else np.zeros((), dtype=array.dtype)[()]
+        extent = tuple(max(n, 1) for n in array.shape)
+        self._array(name, array.shape, extent, kind, dims, fill, attrs)[...] = array
+
+    def finished(self, failures_count: bool) -> npt.NDArray[np.bool_]:
+        """Which chunks are there, whole and sound; with failed points only if these count."""
+        n = len(self.chunks)
+        done = np.zeros(n, dtype=bool)
+        for i in range(n):
+            with suppress(Exception):
+                done[i] = self._apart(self._sound, i, failures_count)
+        return done
+
+    def _open(self, name: str) -> Any:
+        """Return an array, opened once."""
+        if name not in self._arrays:
+            # A chunk of blanks is a file as well: else it could not be told from one missing.
+            with _zarr().config.set({"array.write_empty_chunks": True}):
+                self._arrays[name] = self._group[name]
+        return self._arrays[name]
+
+    def _sound(self, i: int, failures_count: bool) -> bool:
+        box = self.chunks.box(i)
+        place = self._place(i)
+        if not self._file(OUTCOME, place).exists():
+            return False
+        # Reading raises where a checksum is wrong.
+        outcome = self._open(OUTCOME)[box]
+        if not (outcome == COMPLETED).all() and not (failures_count and (outcome != 0).all()):
+            return False
+        if self.template is None and (outcome == COMPLETED).any():
+            return False
+        return self._seals.fits(place, outcome, self._files(place))
+
+    def _place(self, i: int) -> tuple[int, ...]:
+        """Place of a chunk among chunks."""
+        box = self.chunks.box(i)
+        return tuple(cut.start // c for cut, c in zip(box, self.chunks.chunk, strict=True))
+
+    def _files(self, place: tuple[int, ...]) -> list[Path]:
+        """Files of a chunk, but that of its outcomes."""
+        files = [self._file(ERROR, place)]
+        for name, item in (self.template.variables if self.template else {}).items():
+            files.append(self._file(name, (*place, *(0 for _ in item.shape))))
+        return files
+
+    def _file(self, name: str, place: tuple[int, ...]) -> Path:
+        return self.path.joinpath(name, "c", *map(str, place))
+
+    def _write(self, i: int, part: Computed) -> None:
+        box = self.chunks.box(i)
+        shape = box_shape(box)
+        errors = np.array(part.errors, dtype=TYPES["U"])
+        try:
+            for name, values in part.arrays.items():
+                if values.size:
+                    self._open(name)[box] = values.reshape(*shape, *values.shape[1:])
+            self._open(ERROR)[box] = errors.reshape(shape)
+            place, outcome = self._place(i), part.outcome.reshape(shape)
+            if not part.arrays:
+                # Points that failed have no values: what stands there is of another chunk.
+                for file in self._files(place)[1:]:
+                    file.unlink(missing_ok=True)
+            self._seals.write(place, outcome, self._files(place))
+            self._open(OUTCOME)[box] = part.outcome.reshape(shape)
+        except OSError as error:
+            why = error.strerror or error
+            raise FileError(f"checkpoint = {self.path}: cannot be written ({why})") from None
+
+    def dataset(self) -> xr.Dataset:
+        """Everything, read from disk where it is used."""
+        import xarray as xr
+
+        try:
+            with warnings.catch_warnings():
+                # Zarr says that consolidated metadata are young in format 3.
+                warnings.simplefilter("ignore")
+                _zarr().consolidate_metadata(self._group.store)
+            data: xr.Dataset = xr.open_zarr(
+                self.path, chunks=None, consolidated=False, mask_and_scale=False
+            )
+        except Exception as error:
+            raise self._unusable(error) from None
+        data.attrs.pop(_ABOUT, None)
+        wanted, coords = [OUTCOME, ERROR], []
+        if self.template is not None:
+            wanted += self.template.variables
+            coords = list(self.template.coords)
+        return data.set_coords(coords)[wanted]
+
+    def close(self) -> None:
+        """Let others use the checkpoint."""
+        self._thread.shutdown(wait=False)
+        if self._lock >= 0:
+            os.close(self._lock)
+        self._lock = -1
+
+
+def _units(grid: Grid, name: str) -> dict[str, str]:
+    return {"units": grid.units[name]} if name in grid.units else {}
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ImportError:
+        raise InputError(
+            "checkpoint: needs the package zarr: pip install 'viscovib[sweep]'"
+        ) from None
+    return zarr
+
+
+def _locked(path: Path) -> int:
+    """Keep other processes away; the system lets go of it when this one ends, however it ends."""
+    folder = os.open(path, os.O_RDONLY)
+    try:
+        import fcntl
+
+        fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except ImportError:
+        pass
+    except OSError:
+        os.close(folder)
+        raise InputError(
+            f"checkpoint = {path}: is being written by another sweep, must be left to it"
+        ) from None
+    return folder
+
+
+def _difference(old: Any, new: Any, name: str = "") -> str:
+    """Name the first thing in which two identities differ; empty if they do not."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in {**old, **new}:
+            place = f"{name} {key}".strip()
+            if key not in new:
+                return f"{place}: is gone"
+            if key not in old:
+                return f"{place}: is new"
+            if why := _difference(old[key], new[key], place):
+                return why
+        if list(old) != list(new):
+            return f"{name}: are in another order"
+        return ""
+    if old == new:
+        return ""
+    digests = isinstance(old, str) and isinstance(new, str) and len(old) == len(new) == 24
+    return f"{name}: differs" if digests else f"{name}: was {old}, is {new}"

@@ -1,0 +1,179 @@
+"""Who computes the pieces of a sweep: threads of this process, or the workers of a Dask cluster."""
+
+import pickle
+import threading
+import warnings
+from functools import lru_cache
+from queue import SimpleQueue
+from typing import Any, Protocol
+
+from viscovib import _native
+from viscovib.errors import InputError, ViscovibError
+from viscovib.sweeps.points import Array, Computed, Task, Template, compute, quiet
+
+
+class Workers(Protocol):
+    """Takes pieces, gives them back in the order in which they are done."""
+
+    #: Pieces under way or waiting at a time.
+    capacity: int
+
+    def submit(self, i: int, columns: dict[str, Array], template: Template | None) -> None:
+        """Take the i-th piece."""
+
+    def next(self) -> tuple[int, Computed]:
+        """Wait for a piece."""
+
+    def close(self) -> None:
+        """Give up what is under way, without waiting for it."""
+
+
+class Threads:
+    """Threads of this process; the core computes without Python's lock.
+
+    They are daemons: neither Ctrl-C nor the end of the program waits for a point under way.
+    """
+
+    def __init__(self, task: Task, n: int) -> None:
+        self.capacity = 2 * n
+        self._task = task
+        self._work: SimpleQueue[tuple[int, dict[str, Array], Template | None] | None] = (
+            SimpleQueue()
+        )
+        self._done: SimpleQueue[tuple[int, Computed | BaseException]] = SimpleQueue()
+        self._stop = threading.Event()
+        self._threads = [threading.Thread(target=self._loop, daemon=True) for _ in range(n)]
+        for thread in self._threads:
+            thread.start()
+
+    def submit(self, i: int, columns: dict[str, Array], template: Template | None) -> None:
+        """Take the i-th piece."""
+        self._work.put((i, columns, template))
+
+    def next(self) -> tuple[int, Computed]:
+        """Wait for a piece."""
+        i, done = self._done.get()
+        if isinstance(done, BaseException):
+            raise done
+        return i, done
+
+    def close(self) -> None:
+        """Tell the threads to stop after the point they are at."""
+        self._stop.set()
+        for _ in self._threads:
+            self._work.put(None)
+
+    def _loop(self) -> None:
+        while (work := self._work.get()) is not None and not self._stop.is_set():
+            i, columns, template = work
+            try:
+                part = compute(self._task, columns, template, self._stop.is_set, True)
+                self._done.put((i, part))
+            except BaseException as error:
+                self._done.put((i, error))
+
+
+class DaskWorkers:
+    """Workers of a Dask cluster.
+
+    Dask moves a piece whose worker died to another worker, a few times; what it then gives up is
+    tried again, on its own.
+    """
+
+    def __init__(self, task: Task, client: Any, retries: int) -> None:
+        for name in ("submit", "nthreads", "scheduler_info"):
+            if not hasattr(client, name):
+                raise InputError(
+                    f"client = {_native.shown(client)}: must be a dask.distributed.Client"
+                )
+        if getattr(client, "asynchronous", False):
+            raise InputError("client: is asynchronous, must be an ordinary one")
+        if client.status != "running":
+            raise InputError(f"client: is {client.status}, must be running")
+        self._task, self._client, self._retries = _pickled(task), client, retries
+        self.capacity = max(2 * sum(client.nthreads().values()), 8)
+        self._done: SimpleQueue[Any] = SimpleQueue()
+        #: Pieces whose worker died: tried again alone, lest one takes others down with it.
+        self._suspects: list[tuple[int, dict[str, Array], Template | None, int]] = []
+        self._pieces: dict[str, tuple[int, dict[str, Array], Template | None, int, Any]] = {}
+
+    def submit(self, i: int, columns: dict[str, Array], template: Template | None) -> None:
+        """Take the i-th piece."""
+        self._submit(i, columns, template, 0)
+
+    def _submit(
+        self, i: int, columns: dict[str, Array], template: Template | None, tries: int
+    ) -> None:
+        try:
+            future = self._client.submit(_remote, self._task, columns, template, pure=False)
+        except Exception as error:
+            raise ViscovibError(f"client: {type(error).__name__}: {error}") from error
+        self._pieces[future.key] = (i, columns, template, tries, future)
+        future.add_done_callback(self._done.put)
+
+    def next(self) -> tuple[int, Computed]:
+        """Wait for a piece."""
+        while True:
+            if not self._pieces and self._suspects:
+                self._submit(*self._suspects.pop())
+            future = self._done.get()
+            i, columns, template, tries, _ = self._pieces.pop(future.key)
+            why: BaseException | None = None
+            if future.status == "finished":
+                try:
+                    part: Computed = future.result()
+                    return i, part
+                except Exception as error:
+                    why = error
+            elif future.status == "error":
+                why = future.exception()
+            if isinstance(why, _LoadError):
+                raise InputError(f"client: its workers cannot load the function ({why})") from None
+            reason = type(why).__name__ if why is not None else future.status
+            if self._client.status != "running":
+                raise ViscovibError(f"client: is {self._client.status}, its cluster was lost")
+            if tries >= self._retries:
+                n = next(iter(columns.values())).size
+                lost = f"the worker was lost at each of {tries + 1} attempts ({reason})"
+                return i, Computed.none(n, lost)
+            self._suspects.append((i, columns, template, tries + 1))
+
+    def close(self) -> None:
+        """Give up what is under way."""
+        for *_, future in self._pieces.values():
+            future.release()
+
+
+class _LoadError(Exception):
+    """The function does not come to life in a worker."""
+
+
+def _pickled(task: Task) -> bytes:
+    """Return the task as bytes, made once.
+
+    Left to Dask, a function that a worker cannot import would stop the worker's connection, and
+    with it the whole computation, without a word.
+    """
+    import cloudpickle
+
+    try:
+        data: bytes = cloudpickle.dumps(task)
+    except Exception as error:
+        raise InputError(f"client: the function cannot be sent to its workers ({error})") from None
+    return data
+
+
+@lru_cache(maxsize=4)
+def _loaded(data: bytes) -> Task:
+    try:
+        task: Task = pickle.loads(data)
+    except Exception as error:
+        raise _LoadError(f"{type(error).__name__}: {error}") from None
+    return task
+
+
+def _remote(data: bytes, columns: dict[str, Array], template: Template | None) -> Computed:
+    task = _loaded(data)
+    with warnings.catch_warnings():
+        quiet()
+        return compute(task, columns, template)

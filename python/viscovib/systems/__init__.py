@@ -1,0 +1,1 @@
+"""What moves: mounts, pendulums, polynomial systems and structures, their laws and loads."""

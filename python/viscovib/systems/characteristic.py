@@ -1,0 +1,243 @@
+"""Free motion with memory: roots of the characteristic equation det D(s) = 0."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.kernels.relaxation import Kernel, RzhanitsynKernel
+
+# Memory is brought in by steps of 1/24 or less: a step that moves a root by more than 8 % may have
+# landed on another root, and is taken in four.
+_STEP, _LEAST_STEP, _FAR = 1 / 24, 1e-7, 0.08
+# Paths from 0 to 1 along which memory is brought in, t + bend t (1 - t): where two roots meet on
+# the real one, the others lead round that place.
+_BENDS = (0.0, 0.4j, -0.4j)
+_NEWTON = 60
+
+
+@dataclass(frozen=True, eq=False)
+class CharacteristicRoots:
+    """Free linear motion is a sum of exp(s t).
+
+    Attributes
+    ----------
+    oscillatory : complex ndarray, shape (n,)
+        Roots s with positive imaginary part (1/s), by rising frequency; their conjugates are
+        roots too.
+    real : ndarray, shape (m,)
+        Real roots, largest first: without memory all; of Koltunov-Rzhanitsyn kernels those right
+        of the cut at -beta, of other kernels the positive ones.
+    n_unstable : int
+        Roots with positive real part, conjugates counted, by the argument principle.
+    complete : bool
+        Whether the roots listed account for all unstable ones.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> mount = vv.Mount(
+    ...     mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=rubber
+    ... )
+    >>> roots = mount.characteristic_roots()
+    >>> roots.complete
+    True
+    """
+
+    oscillatory: ComplexArray
+    real: FloatArray
+    n_unstable: int
+    complete: bool
+
+    @property
+    def growth_rate(self) -> float:
+        """Largest real part of the roots listed (1/s): free motion grows if it is positive."""
+        return float(max([*self.oscillatory.real, *self.real], default=-np.inf))
+
+    @property
+    def logarithmic_decrement(self) -> FloatArray:
+        """-2 pi Re s/Im s of the oscillatory roots."""
+        result: FloatArray = -2 * np.pi * self.oscillatory.real / self.oscillatory.imag
+        return result
+
+
+#: Linear springs, each with its stiffness and its kernel.
+SpringsLike = Sequence[tuple[FloatArray, Kernel | None]]
+
+
+def characteristic_roots(
+    mass: FloatArray, damping: FloatArray, springs: SpringsLike, memory_scale: float = 1.0
+) -> CharacteristicRoots:
+    """Roots of det[s^2 M + s C + sum_j K_j (1 - R_j(s))] = 0, R_j(s) the kernels' transforms."""
+    system = _System(mass, damping, springs, memory_scale)
+    oscillatory = system.oscillatory()
+    real = system.real()
+    n_unstable = system.count_unstable()
+    found = 2 * int((oscillatory.real > 0).sum()) + int((real > 0).sum())
+    return CharacteristicRoots(oscillatory, real, n_unstable, found == n_unstable)
+
+
+class _System:
+    """The characteristic matrix D(s)."""
+
+    def __init__(
+        self, mass: FloatArray, damping: FloatArray, springs: SpringsLike, memory_scale: float
+    ) -> None:
+        self.mass, self.damping = mass, damping
+        self.springs, self.memory_scale = springs, memory_scale
+        self.stiffness = np.sum([spring for spring, _ in springs], axis=0)
+        self.scale = 1 / np.sqrt(np.diag(self.mass))
+        # Frequencies to scale by, positive also where rest is unstable.
+        squares = np.linalg.eigvals(np.linalg.solve(self.mass, self.stiffness))
+        present = np.sqrt(np.abs(squares))
+        present = present[present > 1e-7 * present.max()]
+        self.slowest = float(present.min()) if present.size else 1.0
+        rates = np.abs(np.linalg.eigvals(np.linalg.solve(self.mass, self.damping)))
+        self.fastest = float(max(present.max(initial=0.0), rates.max())) or 1.0
+
+    @property
+    def n(self) -> int:
+        return int(self.mass.shape[0])
+
+    def matrix(self, s: Any, memory: complex = 1.0) -> npt.NDArray[Any]:
+        """D(s), shape s.shape + (n, n)."""
+        at = np.asarray(s)[..., np.newaxis, np.newaxis]
+        total: npt.NDArray[Any] = at**2 * self.mass + at * self.damping
+        for spring, kernel in self.springs:
+            kept: Any = 1.0
+            if kernel is not None:
+                scale = memory * self.memory_scale
+                kept = 1.0 - scale * np.asarray(kernel.laplace(s))[..., np.newaxis, np.newaxis]
+            total = total + kept * spring
+        return total
+
+    def _determinant(self, s: Any, memory: complex, size: Any) -> Any:
+        m = self.matrix(s, memory)
+        if self.n == 2:
+            return m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] * m[..., 1, 0]
+        # Scaled, so that the product over many coordinates stays in range.
+        scale = np.outer(self.scale, self.scale) / np.asarray(size)[..., np.newaxis, np.newaxis]
+        return np.linalg.det(m * scale)
+
+    @property
+    def remembers(self) -> bool:
+        return self.memory_scale != 0 and any(kernel is not None for _, kernel in self.springs)
+
+    def without_memory(self) -> ComplexArray:
+        """Eigenvalues of the damped linear system, those on an axis put there."""
+        zero, one = np.zeros_like(self.mass), np.eye(self.n)
+        inverse = np.linalg.inv(self.mass)
+        companion = np.block([[zero, one], [-inverse @ self.stiffness, -inverse @ self.damping]])
+        roots = np.linalg.eigvals(companion).astype(complex)
+        roots[np.abs(roots) < 1e-7 * self.fastest] = 0.0
+        roots.real[np.abs(roots.real) < 1e-13 * np.abs(roots)] = 0.0
+        return roots
+
+    def oscillatory(self) -> ComplexArray:
+        """From the roots without memory, memory brought in step by step."""
+        starts = self.without_memory()
+        starts = starts[starts.imag > 1e-12 * np.abs(starts)]
+        if not self.remembers:
+            return starts[np.argsort(starts.imag)]
+        roots: list[complex] = []
+        for start in starts:
+            for bend in _BENDS:
+                s = self._with_memory(complex(start), bend)
+                s = complex(s.real, abs(s.imag))
+                if s.imag > 1e-9 * abs(s) and not any(abs(s - r) < 1e-9 * abs(s) for r in roots):
+                    roots.append(s)
+                    break
+        return np.array(sorted(roots, key=lambda s: s.imag), dtype=complex)
+
+    def _with_memory(self, s: complex, bend: complex) -> complex:
+        """The root that s, one without memory, becomes with all of it."""
+        s, t, step = self._polish(s, 0.0), 0.0, _STEP
+        while t < 1 and cmath.isfinite(s):
+            wanted = min(t + step, 1.0)
+            moved = self._polish(s, wanted + bend * wanted * (1 - wanted))
+            if step > _LEAST_STEP and not abs(moved - s) <= _FAR * abs(s):
+                step /= 4
+                continue
+            s, t, step = moved, wanted, min(2 * step, _STEP)
+        return s
+
+    def _polish(self, s: complex, memory: complex) -> complex:
+        """Newton's method, the derivative by a difference of the analytic function.
+
+        NaN where it leaves the range of numbers: such a root is not listed, and the count of the
+        argument principle tells that it is not.
+        """
+        size = abs(s) ** 2
+        for _ in range(_NEWTON):
+            h = 1e-6 * abs(s)
+            above = self._determinant(s + h, memory, size)
+            slope = (above - self._determinant(s - h, memory, size)) / (2 * h)
+            if slope == 0:
+                break
+            step = complex(self._determinant(s, memory, size) / slope)
+            s -= step
+            if not cmath.isfinite(s):
+                return complex(math.nan, math.nan)
+            if abs(step) <= 4e-16 * abs(s):
+                break
+        return s
+
+    def real(self) -> FloatArray:
+        """Zeros of the eigenvalues of D along the real axis, where it is symmetric as a rule."""
+        from scipy.optimize import brentq
+
+        if not self.remembers:
+            roots = self.without_memory()
+            return np.sort(roots.real[roots.imag == 0])[::-1]
+        cut = min(
+            kernel.beta if isinstance(kernel, RzhanitsynKernel) else 0.0
+            for _, kernel in self.springs
+            if kernel is not None
+        )
+        right = np.geomspace(1e-12, 1e3, 1200) * self.fastest
+        left = -cut * (1 - np.geomspace(1e-10, 1, 600, endpoint=False)) if cut > 0 else right[:0]
+        grid = np.unique(np.concatenate([left, right]))
+        scale = np.outer(self.scale, self.scale)
+        symmetric = all(np.array_equal(m, m.T) for m in (self.damping, self.stiffness))
+
+        def eigenvalue(s: float | FloatArray, j: int | slice) -> Any:
+            m = np.real(self.matrix(s)) * scale
+            if symmetric:
+                return np.linalg.eigvalsh(m)[..., j]
+            sign, size = np.linalg.slogdet(m)
+            return (sign * np.exp(np.clip(size, -600, 600)))[..., np.newaxis][..., j]
+
+        values = eigenvalue(grid, slice(None))
+        found = []
+        for j in range(values.shape[1]):
+            for i in np.flatnonzero(values[1:, j] * values[:-1, j] < 0):
+                root = brentq(
+                    eigenvalue, grid[i], grid[i + 1], (j,), xtol=1e-300, rtol=1e-14, maxiter=2000
+                )
+                found.append(float(root))
+        return np.array(sorted(found, reverse=True))
+
+    def count_unstable(self) -> int:
+        """Roots right of the imaginary axis by the turns of det D(i omega): Nyquist."""
+        if not self.remembers:
+            return int((self.without_memory().real > 0).sum())
+        # A quarter of a small circle first: a kernel may be singular at 0.
+        circle = 1e-14 * self.slowest * np.exp(0.5j * np.pi * np.linspace(0, 1, 64))
+        along = 1j * np.geomspace(1e-14 * self.slowest, 1e8 * self.fastest, 60_000)
+        s = np.concatenate([circle, along])
+        parts = np.array_split(s, max(1, self.n**2 // 16))
+        sizes = (np.abs(part) ** 2 + self.slowest**2 for part in parts)
+        determinants = [
+            self._determinant(part, 1.0, size) for part, size in zip(parts, sizes, strict=True)
+        ]
+        turned = np.unwrap(np.angle(np.concatenate(determinants)))
+        # At infinity det D is s^2n det M, which turns by n pi from the real axis to the imaginary.
+        return round(float(self.n - (turned[-1] - turned[0]) / np.pi))

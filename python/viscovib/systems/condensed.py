@@ -1,0 +1,438 @@
+"""A structure condensed to the deflections of its elements, and back to all its coordinates."""
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.errors import InputError
+from viscovib.systems.element_laws import Laws
+from viscovib.systems.structure_rest import Rest, Static, static_form
+
+#: Kernel kind in x by which the core knows that the vector holds a condensed structure.
+STRUCTURE_IN_VECTOR = -3
+#: What part of a mean load may be left that nothing holds: rounding.
+_UNHELD = 1e-9
+#: What part of a rigid body's motion is no deflection: rounding.
+_UNSEEN = 1e-10
+#: Numbers of one part of an expansion to all coordinates.
+_AT_ONCE = 2_000_000
+
+
+class Condensation:
+    """H(s) = Q^T D(s)^-1 Q of a linear rest at the coordinates of laws."""
+
+    def __init__(self, rest: Rest, laws: Laws, reduced: Any = None) -> None:
+        # ``reduced``: the reduction that made the rest (`systems.reduced.ReducedRest`), or None.
+        # The core looks at the first modes one by one.
+        order = np.argsort(np.abs(rest.squares), kind="stable")
+        if (np.diff(order) < 0).any():
+            rest = rest._replace(
+                squares=rest.squares[order], rates=rest.rates[order], losses=rest.losses[order],
+                shapes=rest.shapes[:, order],
+            )  # fmt: skip
+        self.rest, self.laws, self.reduced = rest, laws, reduced
+        q = laws.directions
+        self.seen = rest.shapes.T @ q
+        self.left = rest.left.T @ q
+        self.right = rest.right.T @ q
+        self.flexible, self.flexible_rate = np.zeros_like(q), np.zeros_like(q)
+        if rest.flexibility is not None:
+            self.flexible, self.flexible_rate = rest.flexibility(q)
+
+    @property
+    def q(self) -> int:
+        """Coordinates left."""
+        return int(self.laws.directions.shape[1])
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """Inertia of each coordinate alone: what H tends to is 1/(weight s^2)."""
+        inverse = (self.seen**2).sum(axis=0)
+        # left right^T pole sums to Q^T M^-1 Q, as s^2 H does far out.
+        inverse = inverse + np.einsum("lq,lq,l->q", self.left, self.right, self.rest.poles).real
+        return np.asarray(1 / np.where(inverse > 0, inverse, 1.0))
+
+    @cached_property
+    def _elastic(self) -> FloatArray:
+        """H(0) without rigid bodies."""
+        rest, rigid = self.rest, self._rigid
+        bend = np.where(rigid, 0.0, 1 / np.where(rigid, 1.0, rest.squares))
+        total = (self.seen * bend[:, np.newaxis]).T @ self.seen
+        moving = ~self._still
+        total = (
+            total
+            - np.einsum(
+                "lq,lp,l->qp", self.left[moving], self.right[moving], 1 / rest.poles[moving]
+            ).real
+        )
+        return np.asarray(total + self.laws.directions.T @ self.flexible)
+
+    @property
+    def _rigid(self) -> Any:
+        return self.rest.squares == 0
+
+    def static(self, modes: ComplexArray, poles: ComplexArray, flexible: ComplexArray) -> Static:
+        """Order 0 under a push on real modes (m,), complex ones (p,), and flexible deflections."""
+        rest, rigid, still = self.rest, self._rigid, self._still
+        deflection = flexible + (self.seen[~rigid].T / rest.squares[~rigid]) @ modes[~rigid]
+        deflection = deflection - self.left[~still].T @ (poles[~still] / rest.poles[~still])
+        # Of a pole at 0 the shapes are real but for a common factor of both.
+        q, bodies = self.laws.directions.T, rest.shapes[:, rigid]
+        seen = np.hstack([_seen(q, bodies), _seen(q, (rest.left[:, still] / self._turn).real)])
+        pushed = np.hstack([_seen(q, bodies), _seen(q, (rest.right[:, still] * self._turn).real)])
+        pushes = np.concatenate([modes[rigid], poles[still] * self._turn])
+        return static_form(self._elastic, deflection, seen, pushed, pushes)
+
+    @property
+    def _still(self) -> Any:
+        """Complex modes that are rigid bodies held by dampers."""
+        return self.rest.poles == 0
+
+    @property
+    def _turn(self) -> ComplexArray:
+        """Factors that make the shapes of these real."""
+        left = self.rest.left[:, self._still]
+        largest = np.take_along_axis(left, np.abs(left).argmax(axis=0)[np.newaxis], axis=0)[0]
+        return np.asarray(largest / np.abs(largest))
+
+    @cached_property
+    def rest_vector(self) -> list[Any]:
+        """The rest in numbers, as `viscovib_structure_vector` takes it."""
+        rest, q = self.rest, self.q
+        nothing = np.zeros(rest.squares.size, complex), np.zeros(rest.poles.size, complex)
+        return [
+            rest.squares, rest.rates, rest.losses * rest.squares, self.seen.ravel(order="F"),
+            self.seen.ravel(order="F"), _pairs(rest.poles), _pairs(self.left), _pairs(self.right),
+            (self.laws.directions.T @ self.flexible).ravel(order="F"),
+            (self.laws.directions.T @ self.flexible_rate).ravel(order="F"),
+            self.static(*nothing, np.zeros(q, complex)).stiffness.ravel(order="F"),
+        ]  # fmt: skip
+
+    def law_vector(self, direction: FloatArray) -> list[Any]:
+        """The laws in numbers, as a polynomial system of the coordinates left.
+
+        ``direction``: how these move with the base, shape (q,).
+        """
+        laws, q = self.laws, self.q
+        kernels = [kernel for kernel in laws.kernels if kernel is not None]
+        springs: list[Any] = []
+        monomials: list[Any] = []
+        for kernel, stiffness, forces in zip(
+            laws.kernels, laws.stiffness, laws.forces, strict=True
+        ):
+            place = 0 if kernel is None else kernels.index(kernel) + 1
+            springs += [[place], stiffness.ravel(order="F")]
+            for (on, powers), c in forces.items():
+                monomials.append([c, on + 1, place, *powers])
+        data: list[Any] = []
+        for kernel in kernels:
+            data += [[kernel._kind, kernel._data.size], kernel._data]
+        return [
+            [q, len(laws.kernels), len(monomials), len(kernels), 1.0],
+            np.diag(self.weights).ravel(), np.zeros(q * q), direction, *springs, *monomials, *data,
+            *self._program_vector,
+        ]  # fmt: skip
+
+    @property
+    def _program_vector(self) -> list[Any]:
+        """Laws that are no polynomials, nothing without any."""
+        programs = self.laws.programs
+        parts: list[Any] = [[len(programs)]] if programs else []
+        for kernel, reads, targets, law in programs:
+            parts.append(law.numbers(reads, targets, kernel))
+        return parts
+
+
+def _seen(directions: FloatArray, bodies: FloatArray) -> FloatArray:
+    """What coordinates see of rigid bodies, without what is rounding of 0."""
+    seen = directions @ bodies
+    seen[np.abs(seen) <= _UNSEEN * (np.abs(directions) @ np.abs(bodies))] = 0.0
+    return np.asarray(seen)
+
+
+def _pairs(values: ComplexArray) -> FloatArray:
+    """Real and imaginary parts by turns, column by column."""
+    return np.ascontiguousarray(values.ravel(order="F")).view(float)
+
+
+class LoadedStructure:
+    """A condensation under a load, as the core takes it, and its motions in all coordinates.
+
+    Parameters
+    ----------
+    condensation : Condensation
+    orders : ndarray of int, shape (m,)
+        Harmonics of the load.
+    forces : complex ndarray, shape (n, m)
+        On all coordinates.
+    base : complex ndarray, shape (m,)
+        Displacement of the base.
+    inertia : ndarray, shape (n,)
+        M b, b being the direction in which the base moves.
+    direction : ndarray, shape (n,), or None
+        b.
+    """
+
+    def __init__(
+        self,
+        condensation: Condensation,
+        orders: Any,
+        forces: ComplexArray,
+        base: ComplexArray,
+        inertia: FloatArray,
+        direction: FloatArray | None,
+    ) -> None:
+        self.condensation, self.orders = condensation, orders
+        self.base, self.direction = base, direction
+        self.pushes = [_push(condensation, forces[:, j]) for j in range(orders.size)]
+        self.base_push = _push(condensation, inertia.astype(complex))
+        self.forces, self._inertia = forces, inertia
+
+    @classmethod
+    def of(
+        cls,
+        condensation: Condensation,
+        orders: Any,
+        series: ComplexArray,
+        inertia: FloatArray,
+        direction: FloatArray | None,
+    ) -> "LoadedStructure":
+        """From forces and the motion of the base, shape (n + 1, m); harmonics of 0 are dropped."""
+        kept = np.flatnonzero(series.any(axis=0))
+        forces = series[:-1, kept]
+        return cls(condensation, orders[kept], forces, series[-1, kept], inertia, direction)
+
+    @property
+    def told(self) -> str:
+        """What was condensed, for a plan."""
+        c = self.condensation
+        n = c.laws.directions.shape[0]
+        kinds = [f"{c.rest.squares.size} real modes"] if c.rest.squares.size else []
+        kinds += [f"{c.rest.poles.size // 2} pairs of complex modes"] if c.rest.poles.size else []
+        rigid, below = int((c.rest.squares == 0).sum()), int((c.rest.squares < 0).sum())
+        more = f", {rigid} of rigid bodies" if rigid else ""
+        more += f", {below} that grow without the elements" if below else ""
+        if c.reduced is not None:
+            more += c.reduced.told
+        return (
+            f"{n} coordinates condensed to {c.q} deflection{'s' if c.q > 1 else ''} by "
+            f"{' and '.join(kinds)}{more}"
+        )
+
+    @cached_property
+    def job(self) -> tuple[Any, ...]:
+        """System and load as the flat routines take them."""
+        c = self.condensation
+        parts: list[Any] = [
+            [c.q, c.rest.squares.size, c.rest.poles.size, self.orders.size],
+            *c.rest_vector,
+        ]
+        for j, order in enumerate(self.orders):
+            push = self.pushes[j]
+            at_rest = np.zeros(c.q, complex)
+            if order == 0:
+                static = c.static(push.modes, push.poles, push.flexible)
+                at_rest = static.load
+                if static.unheld > _UNHELD:
+                    raise InputError(
+                        "load[0]: its mean pushes a rigid body that no element holds: there is no "
+                        "position of rest"
+                    )
+            moved = self.base_push.times(self.base[j])
+            parts += [[order], *push.numbers, *moved.numbers, _pairs(at_rest)]
+        parts += c.law_vector(self._base_deflections)
+        flat = np.concatenate([np.asarray(part, dtype=float) for part in parts])
+        # The core takes loads from the vector; these tell which orders there are, and where the
+        # base is.
+        orders = self.orders if self.orders.size else np.ones(1, dtype=np.int32)
+        series = np.zeros((c.q + 1, orders.size), dtype=complex, order="F")
+        series[:-1, : self.orders.size] = np.where(self.orders == 0, 1j, 1)
+        series[-1, : self.orders.size] = self.base
+        nothing = np.zeros(1)
+        return flat, STRUCTURE_IN_VECTOR, nothing, 0, nothing, orders, series
+
+    @property
+    def _base_deflections(self) -> FloatArray:
+        """How the coordinates of the condensation move with the base, shape (q,)."""
+        if self.direction is None:
+            return np.zeros(self.condensation.q)
+        return np.asarray(self.condensation.laws.directions.T @ self.direction)
+
+    def base_motion(self, orders: Any) -> ComplexArray:
+        """Harmonics of the coordinates of the condensation that follow the base, shape (q, m)."""
+        moved = np.zeros((self.condensation.q, orders.size), dtype=complex)
+        for order, base in zip(self.orders, self.base, strict=True):
+            moved[:, orders == order] += (self._base_deflections * base)[:, np.newaxis]
+        return moved
+
+    def watching(self, place: int) -> tuple["LoadedStructure", int]:
+        """The same with a coordinate of the structure among those left, and where it is."""
+        c = self.condensation
+        one = np.zeros(c.laws.directions.shape[0])
+        one[place] = 1.0
+        for row, direction in enumerate(c.laws.directions.T):
+            if (direction == one).all():
+                return self, row
+        more = Condensation(c.rest, c.laws.watching(one), c.reduced)
+        return LoadedStructure(
+            more, self.orders, self.forces, self.base, self._inertia, self.direction
+        ), c.q
+
+    def expand(
+        self,
+        nu: FloatArray,
+        orders: Any,
+        y: ComplexArray,
+        places: Any,
+        factors: FloatArray | None = None,
+    ) -> ComplexArray:
+        """Harmonics of coordinates, shape (n, len(places), m): U_k = D_k^-1 (P_k - Q G_k).
+
+        ``y``: harmonics (n, q, m) of the coordinates of the condensation, relative to the base;
+        ``factors``: of the load at each motion.
+        """
+        factors = np.ones(nu.size) if factors is None else factors
+        if not nu.size:
+            return np.empty((0, len(places), orders.size), dtype=complex)
+        c, rest = self.condensation, self.condensation.rest
+        u = np.empty((nu.size, len(places), orders.size), dtype=complex)
+        shapes, left = rest.shapes[places].T, rest.left[places].T
+        flexible, flexible_rate = c.flexible[places], c.flexible_rate[places]
+        size = max(1, _AT_ONCE // max(rest.squares.size + rest.poles.size, 1))
+        for k, order in enumerate(orders):
+            j = np.flatnonzero(self.orders == order)
+            if order == 0:
+                u[:, :, k] = self._at_rest(y[:, :, k], j, places, factors)
+            else:
+                for first in range(0, nu.size, size):
+                    part = slice(first, first + size)
+                    s = 1j * order * nu[part]
+                    modes, poles, g = self._forced(s, y[part, :, k], j, factors[part])
+                    u[part, :, k] = modes @ shapes + poles @ left
+                    if rest.flexibility is not None:
+                        u[part, :, k] += g @ flexible.T + (s[:, np.newaxis] * g) @ flexible_rate.T
+                        u[part, :, k] += self._flexible_load(s, j, places, factors[part])
+            if j.size and self.direction is not None:
+                u[:, :, k] += np.outer(factors, self.direction[places] * self.base[j[0]])
+        return u
+
+    def reaction(
+        self, nu: FloatArray, order: int, y: ComplexArray, factors: FloatArray
+    ) -> ComplexArray:
+        """Forces of the elements on the linear rest in one order, shape (n, q).
+
+        ``y``: the coordinates of the condensation in this order, shape (n, q).
+        """
+        j = np.flatnonzero(self.orders == order)
+        if order:
+            s = np.asarray(1j * order * nu)
+            return np.asarray(self._forced(s, y, j, factors)[2])
+        static = self._static(j)
+        return np.asarray(y @ static.stiffness.T - factors[:, np.newaxis] * static.load)
+
+    def _static(self, j: Any) -> Static:
+        c = self.condensation
+        nothing = np.zeros(c.rest.squares.size, complex), np.zeros(c.rest.poles.size, complex)
+        zero = np.zeros(c.q, complex)
+        push = self.pushes[j[0]] if j.size else _Push(*nothing, zero, zero)
+        return c.static(push.modes, push.poles, push.flexible)
+
+    def _forced(
+        self, s: ComplexArray, y: ComplexArray, j: Any, factors: FloatArray
+    ) -> tuple[Any, Any, Any]:
+        """Amplitudes of real and complex modes, and forces of the elements on the rest."""
+        c, rest = self.condensation, self.condensation.rest
+        at = s[:, np.newaxis]
+        apart = rest.squares * (1 + 1j * rest.losses) + rest.rates * at + at**2
+        # In a resonance without damping what is left of the difference is rounding.
+        t = 1 / np.where(apart == 0, np.finfo(float).eps * np.abs(rest.squares), apart)
+        w = 1 / (at - rest.poles)
+        modes = np.zeros((s.size, rest.squares.size), dtype=complex)
+        poles = np.zeros((s.size, rest.poles.size), dtype=complex)
+        free = np.zeros_like(y)
+        if j.size:
+            push, moved = self.pushes[j[0]], self.base_push.times(self.base[j[0]])
+            modes += push.modes - at**2 * moved.modes
+            poles += push.poles - at**2 * moved.poles
+            free += push.flexible + at * push.flexible_rate
+            free -= at**2 * (moved.flexible + at * moved.flexible_rate)
+            for part in (modes, poles, free):
+                part *= factors[:, np.newaxis]
+        free += (modes * t) @ c.seen + (poles * w) @ c.left
+        h = np.einsum("nm,mq,mp->nqp", t, c.seen, c.seen, optimize=True)
+        h = h + np.einsum("nm,mq,mp->nqp", w, c.left, c.right, optimize=True)
+        h = h + c.laws.directions.T @ c.flexible
+        h = h + s[:, np.newaxis, np.newaxis] * (c.laws.directions.T @ c.flexible_rate)
+        # Forces h of the elements on the rest: y = free + H h.
+        g = np.linalg.solve(h, (y - free)[:, :, np.newaxis])[:, :, 0]
+        return (modes + g @ c.seen.T) * t, (poles + g @ c.right.T) * w, g
+
+    def _flexible_load(
+        self, s: ComplexArray, j: Any, places: Any, factors: FloatArray
+    ) -> ComplexArray:
+        """What the modes left out add under the load itself."""
+        if not j.size or self.condensation.rest.flexibility is None:
+            return np.zeros((s.size, len(places)), dtype=complex)
+        at = s[:, np.newaxis]
+        loads = np.stack([self.forces[:, j[0]], self._inertia * self.base[j[0]]], axis=1)
+        real, real_rate = self.condensation.rest.flexibility(np.ascontiguousarray(loads.real))
+        imag, imag_rate = self.condensation.rest.flexibility(np.ascontiguousarray(loads.imag))
+        bend, rate = (real + 1j * imag)[places], (real_rate + 1j * imag_rate)[places]
+        force, base = bend[:, 0] + at * rate[:, 0], bend[:, 1] + at * rate[:, 1]
+        return np.asarray((force - at**2 * base) * factors[:, np.newaxis])
+
+    def _at_rest(self, y: ComplexArray, j: Any, places: Any, factors: FloatArray) -> ComplexArray:
+        """Order 0 of coordinates."""
+        c, rest, rigid = self.condensation, self.condensation.rest, self.condensation._rigid
+        nothing = np.zeros(rest.squares.size, complex), np.zeros(rest.poles.size, complex)
+        zero = np.zeros(c.q, complex)
+        push = self.pushes[j[0]] if j.size else _Push(*nothing, zero, zero)
+        static = self._static(j)
+        scale = factors[:, np.newaxis]
+        h = y @ static.stiffness.T - scale * static.load
+        modes = (scale * push.modes + h @ c.seen.T)[:, ~rigid] / rest.squares[~rigid]
+        u = modes @ rest.shapes[places][:, ~rigid].T
+        bodies = y @ static.rigid.T + scale * static.rigid_load
+        still = c._still
+        left = rest.left[places].T
+        bodily = np.vstack([rest.shapes[places][:, rigid].T, (left[still].T / c._turn).T])
+        u = u + bodies @ bodily
+        poles = (scale * push.poles + h @ c.right.T)[:, ~still] / rest.poles[~still]
+        u = u - poles @ left[~still]
+        if rest.flexibility is not None:
+            u = u + h @ c.flexible[places].T
+            u = u + self._flexible_load(np.zeros(factors.size, dtype=complex), j, places, factors)
+        return np.asarray(u)
+
+
+class _Push(NamedTuple):
+    """One harmonic of forces as real modes (m,), complex modes (p,) and the flexibility feel it."""
+
+    modes: ComplexArray
+    poles: ComplexArray
+    flexible: ComplexArray
+    flexible_rate: ComplexArray
+
+    def times(self, factor: complex) -> "_Push":
+        return _Push(*(factor * part for part in self))
+
+    @property
+    def numbers(self) -> list[FloatArray]:
+        return [_pairs(part) for part in self]
+
+
+def _push(c: Condensation, force: ComplexArray) -> _Push:
+    acted = np.flatnonzero(force)
+    parts = force[acted].view(float).reshape(-1, 2)
+
+    def onto(columns: FloatArray) -> ComplexArray:
+        # Real numbers, though the forces are complex: no copy of the modes.
+        return np.ascontiguousarray(columns[acted].T @ parts).view(complex)[:, 0]
+
+    # The flexibility is symmetric.
+    return _Push(
+        onto(c.rest.shapes), c.rest.right[acted].T @ force[acted], onto(c.flexible),
+        onto(c.flexible_rate),
+    )  # fmt: skip

@@ -1,0 +1,294 @@
+"""Local elements of a structure: springs and dampers along a direction, with laws and memory."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.common.expression import MAX_DEGREE
+from viscovib.errors import InputError
+from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.laws import Law, read_law
+
+#: What a direction may be: a coordinate, two of them for their difference, weights, or a vector.
+On = "str | int | tuple[str, str] | Mapping[str, float] | npt.ArrayLike"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spring:
+    """A spring or damper on the deflection d = e . u of a structure: (1 - R*) [k d + f(d)] + c d'.
+
+    Its force acts along the direction in which it reads the deflection, e [...], against it.
+
+    Parameters
+    ----------
+    on : str, int, tuple of two str, mapping or array_like
+        The direction e: a coordinate; two of them, ("x3", "x7"), for the difference u_3 - u_7;
+        {name: weight}; or a vector of all weights.
+    stiffness : float
+        k (N/m), of any sign.
+    damping : float
+        c (N s/m), viscous, without memory.
+    law : str, optional
+        f of the deflection d, as a polynomial such as "k3*d^3" (degree up to 15) or with functions,
+        such as "F0*tanh(d/0.01)", "k*max(d - gap, 0)" or "where(d > 0, k1*d, k2*d)": sin, cos, tan,
+        asin, acos, atan, atan2, sinh, cosh, tanh, asinh, acosh, atanh, exp, log, sqrt, abs, sign,
+        heaviside, pow, min, max, where, comparisons and pi. What is linear at d = 0 adds to k.
+    parameters : mapping of str to float, optional
+        Numbers that the law names.
+    kernel : Kernel, optional
+        Relaxation kernel R of stiffness and law; None: no memory.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> vv.Spring(on={"x3": 1, "x7": -1}, law="k3*d^3", parameters={"k3": 2.0}).degree
+    3
+    """
+
+    on: Any
+    stiffness: float = 0.0
+    damping: float = 0.0
+    law: str | None = None
+    parameters: Mapping[str, float] | None = None
+    kernel: Kernel | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "damping"):
+            object.__setattr__(self, name, _native.number(name, getattr(self, name)))
+        if not (self.kernel is None or isinstance(self.kernel, Kernel)):
+            raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
+        terms, program = _law_terms(self.law, self.parameters)
+        object.__setattr__(self, "_terms", terms)
+        object.__setattr__(self, "_program", program)
+
+    @property
+    def degree(self) -> int:
+        """Highest power of the deflection in its force; 0 if it is no polynomial."""
+        if self._program is not None:  # type: ignore[attr-defined]
+            return 0
+        return max(self._powers, default=0)
+
+    @property
+    def _powers(self) -> dict[int, float]:
+        """Coefficients by power of d, the stiffness among them."""
+        terms: dict[int, float] = dict(self._terms)  # type: ignore[attr-defined]
+        terms[1] = terms.get(1, 0.0) + self.stiffness
+        return {power: c for power, c in sorted(terms.items()) if c != 0}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Coupling:
+    """Forces between several deflections of a structure: g_a = (1 - R*) f_a(d_1, d_2, ...).
+
+    Each acts along the direction of its deflection d_a = e_a . u, against it, and may depend on all
+    of them: springs in series with large rotations, follower forces, a law that reads one place and
+    acts on another.
+
+    Parameters
+    ----------
+    on : mapping of str to direction
+        Deflections by the names that the law has for them; directions as of `Spring`.
+    law : mapping of str to str
+        f_a by deflection, polynomials of degree 2 to 15 or with functions as of `Spring`; one that
+        has none is only read. What is linear belongs to the stiffness of the structure.
+    parameters : mapping of str to float, optional
+        Numbers that the law names.
+    kernel : Kernel, optional
+        Relaxation kernel R of these forces.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> bent = vv.Coupling(on={"a": "x3", "b": ("x3", "x7")},
+    ...                    law={"a": "k*a*b^2", "b": "k*a^2*b"}, parameters={"k": 0.5})
+    >>> sorted(bent.on)
+    ['a', 'b']
+    """
+
+    on: Mapping[str, Any]
+    law: Mapping[str, str]
+    parameters: Mapping[str, float] | None = None
+    kernel: Kernel | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.on, Mapping) or not self.on:
+            raise InputError(
+                f"on = {_native.shown(self.on)}: must be a mapping of names to directions, such as "
+                "{'a': 'x3'}"
+            )
+        if not (self.kernel is None or isinstance(self.kernel, Kernel)):
+            raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
+        values = _parameter_values(self.parameters, tuple(self.on))
+        if not isinstance(self.law, Mapping) or not self.law:
+            raise InputError(f"law = {_native.shown(self.law)}: must be a mapping to texts")
+        names = tuple(self.on)
+        forces: dict[tuple[int, tuple[int, ...]], float] = {}
+        programs: list[tuple[int, Law]] = []
+        for name, text in self.law.items():
+            where = f"law[{name!r}]"
+            if name not in names:
+                raise InputError(f"{where}: must be one of the deflections {', '.join(names)}")
+            if not isinstance(text, str):
+                raise InputError(f"{where} = {_native.shown(text)}: must be a text")
+            found = read_law(where, text, names, values)
+            if isinstance(found, Law):
+                if found.slopes_at_rest.any():
+                    raise InputError(
+                        f"{where} = {text!r}: must have no linear part at rest (what is linear "
+                        "belongs to the stiffness of the structure)"
+                    )
+                programs.append((names.index(name), found))
+                continue
+            for powers, c in found.items():
+                if not 2 <= sum(powers) <= MAX_DEGREE:
+                    raise InputError(
+                        f"{where}: has a term of degree {sum(powers)}, must be 2 to {MAX_DEGREE} "
+                        "(what is linear belongs to the stiffness of the structure)"
+                    )
+                forces[names.index(name), powers] = c
+        object.__setattr__(self, "_forces", forces)
+        object.__setattr__(self, "_programs", tuple(programs))
+
+
+class CouplingTerms(NamedTuple):
+    """A coupling as the condensation takes it: directions, forces by equation and powers."""
+
+    directions: tuple[FloatArray, ...]
+    forces: dict[tuple[int, tuple[int, ...]], float]
+    kernel: Kernel | None
+    #: What is no polynomial, by deflection on which it acts.
+    programs: tuple[tuple[int, Law], ...] = ()
+
+
+class ElementTerms(NamedTuple):
+    """An element as the condensation takes it: direction e, shape (n,), and coefficients."""
+
+    direction: FloatArray
+    powers: dict[int, float]
+    damping: float
+    kernel: Kernel | None
+    #: What is left of a law that is no polynomial without its linear part.
+    law: Law | None = None
+
+    @property
+    def active(self) -> bool:
+        """Whether it is more than elastic."""
+        bent = self.law is not None or max(self.powers, default=1) > 1
+        return self.kernel is not None or bent
+
+
+def element_terms(
+    elements: Sequence[Any], names: Sequence[str], places: Mapping[str, int]
+) -> tuple[ElementTerms, ...]:
+    """Return all elements of a structure with these coordinates."""
+    if isinstance(elements, Spring) or not isinstance(elements, (list, tuple)):
+        raise InputError(
+            f"elements = {_native.shown(elements)}: must be a list of Spring, such as "
+            "[Spring(on='x1', law='d^3')]"
+        )
+    found = []
+    for i, element in enumerate(elements):
+        if isinstance(element, Coupling):
+            # Alone, its directions are only places at which the structure is looked at.
+            coupled = coupling_terms([element], names, places, i)[0]
+            found += [ElementTerms(e, {}, 0.0, None) for e in coupled.directions]
+            continue
+        if not isinstance(element, Spring):
+            raise InputError(
+                f"elements[{i}] = {_native.shown(element)}: must be a Spring or a Coupling"
+            )
+        e = direction_of(f"elements[{i}].on", element.on, len(names), places)
+        program = element._program  # type: ignore[attr-defined]
+        found.append(ElementTerms(e, element._powers, element.damping, element.kernel, program))
+    return tuple(found)
+
+
+def coupling_terms(
+    elements: Sequence[Any], names: Sequence[str], places: Mapping[str, int], first: int = 0
+) -> tuple[CouplingTerms, ...]:
+    """Return the couplings among elements."""
+    found = []
+    for i, element in enumerate(elements, first):
+        if isinstance(element, Coupling):
+            directions = tuple(
+                direction_of(f"elements[{i}].on[{name!r}]", on, len(names), places)
+                for name, on in element.on.items()
+            )
+            forces: dict[tuple[int, tuple[int, ...]], float] = element._forces  # type: ignore[attr-defined]
+            programs: tuple[tuple[int, Law], ...] = element._programs  # type: ignore[attr-defined]
+            found.append(CouplingTerms(directions, forces, element.kernel, programs))
+    return tuple(found)
+
+
+def direction_of(where: str, on: Any, n: int, places: Mapping[str, int]) -> FloatArray:
+    """Return the weights of all coordinates."""
+    e = np.zeros(n)
+    if isinstance(on, (str, int, np.integer)) and not isinstance(on, bool):
+        e[_place(where, on, n, places)] = 1.0
+    elif isinstance(on, Mapping):
+        for name, weight in on.items():
+            e[_place(where, name, n, places)] += _native.number(f"{where}[{name!r}]", weight)
+    elif isinstance(on, (tuple, list)) and on and all(isinstance(one, str) for one in on):
+        if len(on) != 2:
+            raise InputError(f"{where} = {_native.shown(on)}: must be two names, for a difference")
+        e[_place(where, on[0], n, places)] += 1.0
+        e[_place(where, on[1], n, places)] -= 1.0
+    else:
+        e = _native.real_array(where, on).copy()
+        if e.shape != (n,):
+            raise InputError(f"{where}: must have shape ({n},), got {e.shape}")
+    if not e.any():
+        raise InputError(f"{where} = {_native.shown(on)}: is no direction, all its weights are 0")
+    return e
+
+
+def _place(where: str, name: Any, n: int, places: Mapping[str, int]) -> int:
+    if isinstance(name, str):
+        if name in places:
+            return places[name]
+        some = ", ".join(list(places)[:4]) + (", ..." if n > 4 else "")
+        raise InputError(f"{where} = {name!r}: must be one of the {n} coordinates {some}")
+    if isinstance(name, (int, np.integer)) and not isinstance(name, bool) and 0 <= name < n:
+        return int(name)
+    raise InputError(f"{where} = {_native.shown(name)}: must be a coordinate, 0 to {n - 1}")
+
+
+def _law_terms(law: Any, parameters: Any) -> tuple[dict[int, float], Law | None]:
+    """Coefficients of the powers of d in a law, and what is left of one that is no polynomial."""
+    if law is None:
+        if parameters:
+            raise InputError("parameters: must not be given without a law")
+        return {}, None
+    if not isinstance(law, str):
+        raise InputError(f"law = {_native.shown(law)}: must be a text such as 'k3*d^3'")
+    found = read_law("law", law, ("d",), _parameter_values(parameters, ("d",)))
+    if isinstance(found, Law):
+        slope = float(found.slopes_at_rest[0])
+        return ({1: slope} if slope else {}), found.remainder
+    terms = {power: c for (power,), c in found.items()}
+    if terms.get(0, 0.0) != 0:
+        raise InputError(f"law: has the constant {terms[0]:g}, which belongs to the load")
+    terms.pop(0, None)
+    if max(terms, default=0) > MAX_DEGREE:
+        raise InputError(f"law: has degree {max(terms)}, must be at most {MAX_DEGREE}")
+    return terms, None
+
+
+def _parameter_values(parameters: Any, taken: Sequence[str]) -> dict[str, float]:
+    """Numbers of a law by name."""
+    if parameters is None:
+        return {}
+    if not isinstance(parameters, Mapping):
+        raise InputError(f"parameters = {_native.shown(parameters)}: must be a mapping to numbers")
+    values = {}
+    for name, value in parameters.items():
+        if not isinstance(name, str) or not name.isidentifier() or name in taken:
+            raise InputError(
+                f"parameters: {_native.shown(name)} must be a name, other than {', '.join(taken)}"
+            )
+        values[name] = _native.number(f"parameters[{name!r}]", value)
+    return values

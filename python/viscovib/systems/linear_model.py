@@ -1,0 +1,108 @@
+"""Linear models in matrices: D(s) = sum_i c_i(s) A_i, with memory and every kind of damping."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.sparse_pencil import Modes
+
+
+class LinearModel(NamedTuple):
+    """K, M, C and hereditary stiffnesses of a linear model, dense or sparse.
+
+    D(s) = M s^2 + C s + (K + sum_j K_j) (1 + b s + i eta) + a s M - sum_j K_j R_j(s) + C_r s.
+
+    Attributes
+    ----------
+    mass, stiffness : array or sparse array, shape (n, n)
+    damping : array or sparse array, or None
+        C.
+    rayleigh : (float, float)
+        a and b: a M + b K is added to C.
+    ratio : float or sequence of float
+        Of critical damping, of every mode that the reduction finds; the last of a sequence holds
+        for all modes above. Beyond them C_r is b K, b = 2 ratio/omega of the last one: a ratio
+        of modes that nobody computes has no meaning.
+    loss : float
+        eta, loss factor of K: for periodic motions, s = i omega, omega > 0.
+    layers : sequence of (array, Kernel)
+        K_j with their kernels. ``stiffness`` does not hold them.
+    """
+
+    mass: Any
+    stiffness: Any
+    damping: Any = None
+    rayleigh: tuple[float, float] = (0.0, 0.0)
+    ratio: float | Sequence[float] = 0.0
+    loss: float = 0.0
+    layers: Sequence[tuple[Any, Kernel]] = ()
+
+    @property
+    def at_rest(self) -> Any:
+        """K with the layers before they relax: what acts at once."""
+        total = self.stiffness
+        for layer, _ in self.layers:
+            total = total + layer
+        return total
+
+    @property
+    def matrices(self) -> list[Any]:
+        """A_i: M, K, C if there is one, and the layers."""
+        damping = [] if self.damping is None else [self.damping]
+        return [self.mass, self.stiffness, *damping, *(layer for layer, _ in self.layers)]
+
+    def coefficients(self, s: ComplexArray) -> ComplexArray:
+        """Values c_i(s), shape (number of matrices,) + s.shape, without modal ratios."""
+        s = np.asarray(s, dtype=complex)
+        a, b = self.rayleigh
+        damped = b * s + 1j * self.loss * np.sign(s.imag)
+        total = [s**2 + a * s, 1 + damped]
+        if self.damping is not None:
+            total.append(s)
+        total += [1 + damped - np.asarray(kernel.laplace(s)) for _, kernel in self.layers]
+        return np.asarray(total)
+
+    def ratios(self, count: int) -> FloatArray:
+        """Ratios of ``count`` modes."""
+        given = np.atleast_1d(np.asarray(self.ratio, dtype=float))
+        return np.concatenate([given[:count], np.full(max(0, count - given.size), given[-1])])
+
+
+class ModalDampingMatrix:
+    """C + b K + M Phi (2 zeta omega - b omega^2) Phi' M, b = 2 zeta/omega of the highest mode.
+
+    The full matrix with the ratios given in the modes Phi.
+    """
+
+    def __init__(self, model: LinearModel, modes: Modes) -> None:
+        self._model = model
+        rates, self._slope = modal_rates(model, modes.squares)
+        self._rates = rates - self._slope * modes.squares
+        self._weighted = np.asarray(model.mass @ modes.shapes)
+
+    @property
+    def T(self) -> "ModalDampingMatrix":  # noqa: N802
+        """Its transpose, itself."""
+        return self
+
+    def __matmul__(self, vectors: FloatArray) -> FloatArray:
+        model = self._model
+        seen = self._rates[:, np.newaxis] * (self._weighted.T @ vectors)
+        total = self._slope * (model.at_rest @ vectors) + self._weighted @ seen
+        return np.asarray(total if model.damping is None else total + model.damping @ vectors)
+
+
+def modal_rates(model: LinearModel, squares: FloatArray) -> tuple[FloatArray, float]:
+    """2 zeta omega of modes, and b of what lies above them."""
+    omega, ratios = np.sqrt(np.abs(squares)), model.ratios(squares.size)
+    return 2 * ratios * omega, float(2 * ratios[-1] / omega.max())
+
+
+def with_ratios(model: LinearModel, modes: Modes) -> LinearModel:
+    """Return a model whose damping holds the modal ratios."""
+    if not np.any(model.ratio):
+        return model
+    return model._replace(damping=ModalDampingMatrix(model, modes), ratio=0.0)

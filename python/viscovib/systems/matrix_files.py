@@ -1,0 +1,170 @@
+"""Matrices in files: Matrix Market, Harwell-Boeing and NumPy's .npz."""
+
+import os
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.io import mminfo, mmread, mmwrite
+from scipy.sparse import coo_array, csc_array, load_npz, save_npz
+
+from viscovib.common.files import whole_file
+from viscovib.common.parameters import FilePath
+from viscovib.errors import FileError, InputError
+
+#: Fewest characters that an entry of a text file takes: a digit and what ends it.
+_LEAST = 2
+#: Endings of names, and what they stand for.
+MATRIX_MARKET, HARWELL_BOEING = (".mtx", ".mm"), (".rb", ".hb", ".rsa", ".rua", ".psa")
+_ENDINGS = f"{', '.join((*MATRIX_MARKET, *HARWELL_BOEING))} or .npz"
+#: Fortran's edit descriptors of numbers: repetitions, letter, width.
+_FORMAT = re.compile(r"\(\s*(?:\d+P\s*,?\s*)?(\d*)([IEDFG])(\d+)(?:\.\d+)?(?:E\d+)?\s*\)", re.I)
+
+
+def read_matrix(name: str, path: str | os.PathLike[str]) -> Any:
+    """Return the real matrix in a file as a csc_array.
+
+    By the ending of the name: Matrix Market (.mtx, .mm), Harwell-Boeing (.rb, .hb, .rsa, .rua),
+    or what `scipy.sparse.save_npz` wrote (.npz).
+    """
+    file = Path(FilePath(name).check(path))
+    ending = file.suffix.lower()
+    if ending not in (*MATRIX_MARKET, *HARWELL_BOEING, ".npz"):
+        raise InputError(f"{name} = {str(path)!r}: must end in {_ENDINGS}")
+    try:
+        size = file.stat().st_size
+        if not file.is_file():
+            raise FileError(f"{name}: {file} is no file")
+        if size == 0:
+            raise FileError(f"{name}: {file} is empty")
+        if ending in MATRIX_MARKET:
+            matrix = _matrix_market(name, file, size)
+        elif ending == ".npz":
+            matrix = _npz(name, file)
+        else:
+            matrix = _harwell_boeing(name, file)
+    except OSError as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(f"{name}: {file} cannot be read ({error.strerror})") from None
+    except MemoryError:
+        raise InputError(f"{name}: {file} holds more than fits into memory") from None
+    return csc_array(matrix)
+
+
+def write_matrix(path: str | os.PathLike[str], matrix: Any, comment: str = "") -> None:
+    """Write a matrix in all its digits: Matrix Market (.mtx) or .npz, by the name.
+
+    ``comment``: of a Matrix Market file.
+    """
+    file = Path(FilePath("path").check(path))
+    ending = file.suffix.lower()
+    if ending not in (*MATRIX_MARKET, ".npz"):
+        raise InputError(f"path = {str(path)!r}: must end in .mtx or .npz")
+    with whole_file(file, "wb") as target:
+        if ending == ".npz":
+            save_npz(target, csc_array(matrix))
+        else:
+            mmwrite(target, coo_array(matrix), comment=comment, precision=17)
+
+
+def _matrix_market(name: str, file: Path, size: int) -> Any:
+    try:
+        rows, columns, entries, form, kind, symmetry = mminfo(file)
+        if kind == "complex" or symmetry == "hermitian":
+            raise InputError(f"{name}: {file} holds complex numbers, must be real")
+        if kind == "pattern":
+            raise InputError(f"{name}: {file} holds a pattern without values, must be real")
+        if rows != columns:
+            raise InputError(f"{name}: {file} is {rows} x {columns}, must be square")
+        if form == "array":
+            entries = rows * columns if symmetry == "general" else rows * (rows - 1) // 2
+        if _LEAST * entries > size:
+            raise FileError(f"{name}: {file} is cut short: it says {entries} entries")
+        matrix = mmread(file, spmatrix=False)
+    except (ValueError, OverflowError) as error:
+        if isinstance(error, InputError):
+            raise
+        why = _first_line(error)
+        if "runcated" in why:
+            raise FileError(f"{name}: {file} is cut short") from None
+        raise FileError(f"{name}: {file} is no Matrix Market file ({why})") from None
+    return matrix
+
+
+def _npz(name: str, file: Path) -> Any:
+    try:
+        with open(file, "rb") as opened:
+            return load_npz(opened)
+    except (ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError) as error:
+        why = "it holds no sparse matrix" if isinstance(error, KeyError) else _first_line(error)
+        raise FileError(f"{name}: {file} cannot be read ({why})") from None
+
+
+def _harwell_boeing(name: str, file: Path) -> Any:
+    """Read an assembled real matrix (Duff, Grimes and Lewis 1989), symmetric or not."""
+    lines = file.read_text(encoding="latin-1").splitlines()
+    try:
+        counts = [int(part) for part in _fields(lines[1], 14, 4)]
+        kind = lines[2][:3].upper()
+        rows, columns, entries = (int(part) for part in _fields(lines[2][14:], 14, 3))
+        formats = [_FORMAT.fullmatch(part) for part in _split_formats(lines[3])]
+    except (ValueError, IndexError):
+        raise FileError(f"{name}: {file} is no Harwell-Boeing file") from None
+    if len(kind) != 3 or kind[0] not in "RCPI" or None in formats or len(formats) != 3:
+        raise FileError(f"{name}: {file} is no Harwell-Boeing file")
+    if kind[0] != "R" or kind[1] not in "SUR" or kind[2] != "A":
+        raise InputError(
+            f"{name}: {file} is of type {kind}, must be real and assembled (RSA or RUA)"
+        )
+    if rows != columns:
+        raise InputError(f"{name}: {file} is {rows} x {columns}, must be square")
+    # A line more of the header says what right-hand sides follow the matrix.
+    start = 4 + (int(lines[1][56:70].strip() or 0) > 0)
+    found = []
+    for length, form, expected in zip(
+        counts[1:4], formats, (columns + 1, entries, entries), strict=True
+    ):
+        assert form is not None
+        values = _numbers(lines[start : start + length], int(form[3]))
+        start += length
+        if len(values) < expected:
+            raise FileError(f"{name}: {file} is cut short")
+        found.append(values[:expected])
+    try:
+        pointers, places = (np.array([int(v) for v in part]) - 1 for part in found[:2])
+        entered = np.array([float(v.upper().replace("D", "E")) for v in found[2]])
+    except ValueError as error:
+        raise FileError(f"{name}: {file} holds what is no number ({_first_line(error)})") from None
+    sound = pointers[0] == 0 and pointers[-1] == entries and (np.diff(pointers) >= 0).all()
+    if not sound or places.min(initial=0) < 0 or places.max(initial=0) >= rows:
+        raise FileError(f"{name}: {file} has entries outside the matrix")
+    matrix = csc_array((entered, places, pointers), shape=(rows, columns))
+    if kind[1] == "S":
+        matrix = matrix + matrix.T
+        matrix.setdiag(matrix.diagonal() / 2)
+    return matrix
+
+
+def _fields(line: str, width: int, count: int) -> list[str]:
+    return [line[i * width : (i + 1) * width] for i in range(count)]
+
+
+def _split_formats(line: str) -> list[str]:
+    return [part.strip() for part in (line[:16], line[16:32], line[32:52])]
+
+
+def _numbers(lines: list[str], width: int) -> list[str]:
+    """Fields of fixed width: they may touch each other."""
+    found = []
+    for line in lines:
+        line = line.rstrip()
+        parts = [line[i : i + width].strip() for i in range(0, len(line), width)]
+        found += [part for part in parts if part]
+    return found
+
+
+def _first_line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:120]

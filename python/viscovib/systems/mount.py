@@ -1,0 +1,229 @@
+"""The mount: a rigid body on viscoelastic supports, coordinates x (m) and phi (rad)."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.errors import InputError, StabilityWarning, caller
+from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
+
+GEOMETRIES = ("exact", "cubic", "printed")
+_AS_X = -1
+_NO_KERNEL = 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mount:
+    """A rigid body on a spring in x, attached at distance ``offset``, and one in phi.
+
+    Parameters
+    ----------
+    mass, inertia : float
+        m > 0 (kg) and I > 0 about the mass centre (kg m^2).
+    offset : float
+        l (m), from the mass centre to the supports: the spring in x deflects by
+        x - l sin(phi).
+    stiffness_x, stiffness_phi : float
+        c_x > 0 (N/m) and c_phi > 0 (N m).
+    kernel : Kernel, optional
+        Relaxation kernel of the spring in x; None: no memory.
+    kernel_phi : Kernel or False, optional
+        Relaxation kernel of the spring in phi; None: as ``kernel``; False: no memory.
+    damping : array_like, shape (2, 2), optional
+        Viscous damping matrix C in M u'' + C u' + ...; None: no damping.
+    geometry : {"cubic", "exact", "printed"}
+        "exact": full sine and cosine, memory on the deflection; "cubic": potential expanded to
+        fourth order, memory on every term; "printed": as cubic with the signs and factors that
+        seed paper 001 prints.
+    cubic_scale, memory_scale : float
+        epsilon and epsilon_1 of the paper: factors of the cubic terms and of every kernel;
+        0 removes the terms and their cost.
+
+    Warns
+    -----
+    StabilityWarning
+        If the integral of a kernel (times ``memory_scale``) is not between 0 and 1.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> mount = vv.Mount(
+    ...     mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=rubber
+    ... )
+    >>> frequencies = mount.natural_frequencies()  # rad/s, without memory
+    """
+
+    mass: float
+    inertia: float
+    offset: float
+    stiffness_x: float
+    stiffness_phi: float
+    kernel: Kernel | None = None
+    kernel_phi: Kernel | bool | None = None
+    damping: npt.ArrayLike | None = None
+    geometry: str = "cubic"
+    cubic_scale: float = 1.0
+    memory_scale: float = 1.0
+
+    dof_names: ClassVar[tuple[str, ...]] = ("x", "phi")
+    dof_units: ClassVar[tuple[str, ...]] = ("m", "rad")
+    rate_units: ClassVar[tuple[str, ...]] = ("m/s", "rad/s")
+    time_unit: ClassVar[str] = "s"
+
+    def __post_init__(self) -> None:
+        for name in (
+            "mass",
+            "inertia",
+            "offset",
+            "stiffness_x",
+            "stiffness_phi",
+            "cubic_scale",
+            "memory_scale",
+        ):
+            object.__setattr__(self, name, _native.number(name, getattr(self, name)))
+        _native.choice("geometry", self.geometry, GEOMETRIES)
+        damping = np.zeros((2, 2)) if self.damping is None else self.damping
+        matrix = _native.real_array("damping", damping, ndim=2).copy()
+        if matrix.shape != (2, 2):
+            raise InputError(f"damping: must have shape (2, 2), got {matrix.shape}")
+        matrix.setflags(write=False)
+        object.__setattr__(self, "damping", matrix)
+        if not (self.kernel is None or isinstance(self.kernel, Kernel)):
+            raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
+        if not (
+            self.kernel_phi is None
+            or self.kernel_phi is False
+            or isinstance(self.kernel_phi, Kernel)
+        ):
+            raise InputError(
+                f"kernel_phi = {_native.shown(self.kernel_phi)}: must be a Kernel, None or False"
+            )
+        self.natural_frequencies()
+        warn_of_creep(self.memory_scale * kernel.integral for kernel in self._active_kernels)
+
+    def natural_frequencies(self) -> FloatArray:
+        """Undamped natural circular frequencies without memory (rad/s), ascending, shape (2,)."""
+        return np.asarray(_native.call(core.mount_modes, self._flat)[0])
+
+    def mode_shapes(self) -> FloatArray:
+        """Mode shapes as columns (1, a_2j), shape (2, 2); unit vectors if offset is 0."""
+        return np.ascontiguousarray(_native.call(core.mount_modes, self._flat)[1])
+
+    def characteristic_roots(self) -> CharacteristicRoots:
+        """Roots of det[s^2 M + s C + sum_j K_j (1 - R_j(s))] = 0: decay and pitch of free motion.
+
+        Without memory the pairs of the damped linear system; with memory also the slow real roots,
+        positive where a kernel's integral exceeds 1.
+        """
+        return characteristic_roots(
+            np.diag([self.mass, self.inertia]),
+            np.asarray(self.damping, dtype=float),
+            self._springs,
+            self.memory_scale,
+        )
+
+    def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
+        """D(nu), shape nu.shape + (2, 2), for u = Im(X exp(i nu t)).
+
+        K_x (1 - R_x(nu)) + K_phi (1 - R_phi(nu)) + i nu C - nu^2 M.
+        """
+        frequencies = check_dynamic_frequencies(nu, self._active_kernels)
+        seconds = 1e-6 + sum(kernel._seconds for kernel in self._active_kernels)
+        (stiffness,) = _native.in_parts(
+            core.mount_dynamic_stiffness, (self._flat, *self._kernels), seconds, frequencies.ravel()
+        )
+        found = np.ascontiguousarray(np.moveaxis(stiffness, 2, 0)).reshape(*frequencies.shape, 2, 2)
+        _native.check_range("nu", frequencies, found, "the dynamic stiffness")
+        return found
+
+    @property
+    def _flat(self) -> FloatArray:
+        return np.array(
+            [
+                self.mass,
+                self.inertia,
+                self.offset,
+                self.stiffness_x,
+                self.stiffness_phi,
+                *np.asarray(self.damping).ravel(order="F"),
+                self.cubic_scale,
+                self.memory_scale,
+                GEOMETRIES.index(self.geometry) + 1,
+            ]
+        )
+
+    @property
+    def _kernels(self) -> tuple[int, FloatArray, int, FloatArray]:
+        nothing = np.zeros(1)
+        in_x = self.kernel
+        kind_x, data_x = (in_x._kind, in_x._data) if in_x else (_NO_KERNEL, nothing)
+        if isinstance(self.kernel_phi, Kernel):
+            return kind_x, data_x, self.kernel_phi._kind, self.kernel_phi._data
+        return kind_x, data_x, _AS_X if self.kernel_phi is None else _NO_KERNEL, nothing
+
+    @property
+    def _active_kernels(self) -> tuple[Kernel, ...]:
+        if self.memory_scale == 0:
+            return ()
+        return tuple(k for k in (self.kernel, self.kernel_phi) if isinstance(k, Kernel))
+
+    @property
+    def _mass_matrix(self) -> FloatArray:
+        return np.diag([self.mass, self.inertia])
+
+    @property
+    def _base_direction(self) -> FloatArray:
+        return np.array([1.0, 0.0])
+
+    @property
+    def _springs(self) -> tuple[tuple[FloatArray, Kernel | None], ...]:
+        """Linear springs and their kernels, for the characteristic equation."""
+        c_x, c_phi, arm = self.stiffness_x, self.stiffness_phi, self.offset
+        in_phi = self.kernel if self.kernel_phi is None else self.kernel_phi
+        return (
+            (np.array([[c_x, -c_x * arm], [-c_x * arm, c_x * arm**2]]), self.kernel),
+            (np.diag([0.0, c_phi]), in_phi if isinstance(in_phi, Kernel) else None),
+        )
+
+
+def check_dynamic_frequencies(nu: npt.ArrayLike, kernels: Sequence[Kernel]) -> FloatArray:
+    """Return frequencies at which all kernels have a transform."""
+    frequencies = _native.real_array("nu", nu)
+    for kernel in kernels:
+        if frequencies.size and (frequencies == 0).any() and math.isinf(kernel.integral):
+            raise InputError("nu = 0: a kernel has no integral, nu must not be 0")
+    return frequencies
+
+
+def warn_of_creep(integrals: Iterable[float]) -> None:
+    """Warn of kernels (their integrals, scale included) that no relaxation has."""
+    for total in integrals:
+        if total >= 1:
+            warnings.warn(creep_message(total), StabilityWarning, stacklevel=caller())
+        elif total < 0:
+            warnings.warn(
+                f"kernel integral = {total:.6g} < 0: the spring stiffens with time, which no "
+                "relaxation does",
+                StabilityWarning,
+                stacklevel=caller(),
+            )
+
+
+def creep_message(total: float) -> str:
+    """Say what a kernel whose integral is 1 or more means."""
+    return (
+        f"kernel integral = {total:.6g} >= 1: the relaxed stiffness is not positive, and free "
+        "motion creeps away slowly; the forced response to a load without a "
+        "mean is unaffected"
+    )

@@ -1,0 +1,64 @@
+"""The systems that responses and branches are computed of."""
+
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+from viscovib import _native
+from viscovib.errors import InputError
+from viscovib.systems.condensed import LoadedStructure
+from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.load_table import LoadTable
+from viscovib.systems.mount import Mount
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+
+Oscillator: TypeAlias = Mount | PolynomialSystem
+#: Those of which steady motions are computed.
+Steady: TypeAlias = Oscillator | Structure
+
+
+def check_oscillator(system: Any, base: "LoadLike | LoadTable | None") -> None:
+    """Refuse what is no such system, or a motion of a base that it lacks."""
+    if not isinstance(system, (Mount, PolynomialSystem)):
+        raise InputError(f"system = {_native.shown(system)}: must be a Mount or a PolynomialSystem")
+    _check_base(system, base)
+
+
+def check_steady(system: Any, base: "LoadLike | None") -> None:
+    """The same, of systems whose steady motions are wanted."""
+    if not isinstance(system, (Mount, PolynomialSystem, Structure)):
+        raise InputError(
+            f"system = {_native.shown(system)}: must be a Mount, a PolynomialSystem or a Structure"
+        )
+    _check_base(system, base)
+
+
+def _check_base(system: Steady, base: "LoadLike | LoadTable | None") -> None:
+    moves = base is not None and not (isinstance(base, Mapping) and not base)
+    if moves and system._base_direction is None:
+        raise InputError("base: this system has no base_direction, its base is fixed")
+
+
+def oscillator_job(
+    system: Steady,
+    load: LoadLike | None,
+    base: LoadLike | None,
+    flat: Any = None,
+    *,
+    whole: bool = False,
+) -> tuple[tuple[Any, ...], LoadedStructure | None]:
+    """Return system and load as the core takes them, and the structure if it is condensed.
+
+    ``flat``: instead of the system's own numbers; ``whole``: do not condense a polynomial system.
+    """
+    condensed: Structure | PolynomialSystem | None = None
+    if isinstance(system, Structure):
+        condensed = system
+    elif isinstance(system, PolynomialSystem) and not whole and flat is None:
+        condensed = system if system._condensation is not None else None
+    if condensed is not None:
+        loaded = condensed._loaded(load, base)
+        return loaded.job, loaded
+    assert not isinstance(system, Structure)
+    own = system._flat if flat is None else flat
+    return (own, *system._kernels, *load_series(load, base, len(system.dof_names))), None

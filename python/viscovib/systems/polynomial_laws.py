@@ -1,0 +1,71 @@
+"""Polynomial systems whose forces act in few of their coordinates, condensed to these."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+from viscovib.systems.condensed import Condensation
+from viscovib.systems.element_laws import LawPlace, Laws, kernel_place
+from viscovib.systems.structure_rest import dense_rest
+
+#: Coordinates from which on a system is condensed, if half of them or fewer have forces or memory:
+#: below, the whole equations take no longer.
+_SMALLEST = 8
+
+
+def condensed_laws(groups: Sequence[Any], n: int) -> Laws | None:
+    """Forces and memory in the coordinates that have them; None: in too many to condense.
+
+    ``groups``: springs with their stiffness (n, n), forces {(on, powers): c}, laws and kernel.
+    """
+    touched = np.zeros(n, dtype=bool)
+    for group in groups:
+        for on, powers in group.forces:
+            touched[on] = True
+            touched[np.flatnonzero(powers)] = True
+        for on, law in group.laws:
+            touched[[on, *law.places]] = True
+        if group.kernel is not None:
+            touched |= group.stiffness.any(axis=0) | group.stiffness.any(axis=1)
+    places = np.flatnonzero(touched)
+    if n < _SMALLEST or not 0 < 2 * places.size <= n:
+        return None
+    kernels, stiffness, forces, programs = [], [], [], []
+    index = {int(place): i for i, place in enumerate(places)}
+    for group in groups:
+        own = group.stiffness[np.ix_(places, places)]
+        # What is elastic belongs to the rest.
+        kernels.append(group.kernel)
+        stiffness.append(own if group.kernel is not None else np.zeros_like(own))
+        forces.append(
+            {
+                (index[on], tuple(powers[place] for place in places)): c
+                for (on, powers), c in group.forces.items()
+            }
+        )
+        reads = np.eye(n)[:, places]
+        for on, law in group.laws:
+            place = kernel_place(kernels, group.kernel)
+            programs.append(LawPlace(place, reads, {index[on]: 1.0}, law))
+    found = tuple(kernels), tuple(stiffness), tuple(forces), tuple(programs)
+    return Laws(np.eye(n)[:, places], *found)
+
+
+def condensation_of(
+    mass: FloatArray, damping: FloatArray, groups: Sequence[Any]
+) -> Condensation | None:
+    """Return the condensed system, or None where that has no use or no modes."""
+    laws = condensed_laws(groups, mass.shape[0])
+    if laws is None:
+        return None
+    stiffness = np.asarray(sum(group.stiffness for group in groups))
+    try:
+        return Condensation(dense_rest(mass, damping, stiffness), laws)
+    except InputError:
+        # Defective modes: no sum over modes gives the compliance.
+        return None

@@ -1,0 +1,536 @@
+"""A system of n degrees of freedom with polynomial forces and memory, given by the user."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.common.expression import MAX_DEGREE, Polynomial, spell
+from viscovib.errors import InputError
+from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
+from viscovib.systems.condensed import Condensation, LoadedStructure
+from viscovib.systems.laws import Law, read_law
+from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.mount import check_dynamic_frequencies, warn_of_creep
+
+#: What ``forces`` may be: text (one coordinate), {coordinate: text}, or monomials.
+ForcesLike = "str | Mapping[str, str] | Sequence[Monomial]"
+
+#: In dense matrices; and where forces or memory act in more than half of them.
+_MAX_COORDINATES, _MAX_WHOLE = 2000, 64
+#: Kernel kind in x by which the core knows that the vector holds all kernels.
+_KERNELS_IN_VECTOR = -2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Monomial:
+    """One force: coefficient * product of coordinates to their powers.
+
+    Parameters
+    ----------
+    coefficient : float
+        Positive where it opposes the motion, as a stiffness does.
+    powers : mapping of coordinate to power, or one power a coordinate
+        {"x1": 2, "x2": 1} or (2, 1): u_1^2 u_2.
+    on : str or int
+        The equation it stands in, by coordinate.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> cubic = vv.Monomial(coefficient=0.5, powers=[3], on="x")
+    >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=[cubic])
+    """
+
+    coefficient: float
+    powers: Mapping[str, int] | Sequence[int]
+    on: str | int = 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Springs:
+    """Springs that share a kernel: linear stiffness and polynomial forces.
+
+    Arguments are those of `PolynomialSystem`.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> block = vv.PolynomialSystem(
+    ...     mass=1, springs=[vv.Springs(stiffness=4, kernel=rubber)]
+    ... )
+    """
+
+    stiffness: npt.ArrayLike | None = None
+    forces: str | Mapping[str, str] | Sequence[Monomial] | None = None
+    kernel: Kernel | None = None
+
+
+class SpringGroup(NamedTuple):
+    """Springs as they were understood: K, f by equation and powers, and the kernel."""
+
+    stiffness: FloatArray
+    forces: dict[tuple[int, tuple[int, ...]], float]
+    kernel: Kernel | None
+    #: What is no polynomial, without its linear part, and the equation in which it stands.
+    laws: tuple[tuple[int, Law], ...] = ()
+    #: What these laws have of the stiffness; None: nothing.
+    law_slopes: FloatArray | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolynomialSystem:
+    """M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u)] = load(t), f_g polynomials.
+
+    All forces stand on the left, as stiffness does: a hardening spring has positive
+    coefficients. Linear terms in ``forces`` add to the stiffness.
+
+    Parameters
+    ----------
+    mass : array_like
+        M, symmetric and positive definite: a number (one coordinate), n numbers (a diagonal
+        matrix) or shape (n, n); n up to 64, or to 2000 where forces and kernels act in half of
+        the coordinates or fewer, and in at most 64.
+    stiffness : array_like, optional
+        K: a number, n numbers or shape (n, n); None: zero. It need not be positive, nor
+        symmetric (follower forces).
+    forces : str, mapping or sequence of Monomial, optional
+        Nonlinear forces f(u). For one coordinate a text such as ``"0.5*x^3"``; else
+        ``{"x1": "2*(x1 - x2)^3", "x2": "2*(x2 - x1)^3"}``, by equation. Expressions have +, -,
+        *, /, ^ and whole powers, degree up to 15. Texts with functions, such as ``"tanh(x)"`` or
+        ``"max(x1 - x2 - 0.1, 0)"``, are forces too (functions and derivatives as of `Spring`).
+        Or `Monomial` s, for programs.
+    kernel : Kernel, optional
+        Relaxation kernel of this stiffness and these forces; None: no memory.
+    damping : array_like, optional
+        C, viscous damping: as stiffness.
+    springs : sequence of Springs, optional
+        Further groups, each with a kernel of its own.
+    names : sequence of str, optional
+        Names of the coordinates; default "x", or "x1", "x2", ...
+    units : sequence of str, optional
+        Their units; default "m".
+    base_direction : array_like, shape (n,), optional
+        How the coordinates move with the base without deforming a spring, such as ones for a
+        chain of masses; None: the base is fixed.
+
+    Warns
+    -----
+    StabilityWarning
+        If the integral of a kernel is not between 0 and 1.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> chain = vv.PolynomialSystem(
+    ...     mass=[1, 1],
+    ...     stiffness=[[2, -1], [-1, 2]],
+    ...     damping=[0.1, 0.1],
+    ...     forces={"x1": "x1^3"},
+    ... )
+    >>> chain.dof_names
+    ('x1', 'x2')
+    """
+
+    mass: npt.ArrayLike
+    stiffness: npt.ArrayLike | None = None
+    forces: str | Mapping[str, str] | Sequence[Monomial] | None = None
+    kernel: Kernel | None = None
+    damping: npt.ArrayLike | None = None
+    springs: Sequence[Springs] = ()
+    names: Sequence[str] | None = None
+    units: Sequence[str] | None = None
+    base_direction: npt.ArrayLike | None = None
+
+    time_unit: ClassVar[str] = "s"
+    dof_names: tuple[str, ...] = field(init=False, repr=False)
+    dof_units: tuple[str, ...] = field(init=False, repr=False)
+    #: All groups, the first of this system's own stiffness, forces and kernel.
+    groups: tuple[SpringGroup, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        mass = _square("mass", self.mass, None)
+        n = mass.shape[0]
+        if not 1 <= n <= _MAX_COORDINATES:
+            raise InputError(f"mass: {n} coordinates, must be 1 to {_MAX_COORDINATES}")
+        self._set("mass", mass)
+        names = ("x",) if n == 1 else tuple(f"x{d + 1}" for d in range(n))
+        self._set("dof_names", _words("names", names if self.names is None else self.names, n))
+        for name in self.dof_names:
+            fits = name.isascii() and name.isidentifier() and len(name) <= 16
+            if not fits or name == "t" or name.endswith("_dot"):
+                raise InputError(
+                    f"names: {name!r} must be letters, digits and _, not begin with a digit, have "
+                    "at most 16 characters, and not be t or end in _dot"
+                )
+        if len(set(self.dof_names)) < n:
+            raise InputError(f"names = {', '.join(self.dof_names)}: must differ")
+        units = ("m",) * n if self.units is None else self.units
+        self._set("dof_units", _words("units", units, n))
+        self._set("damping", _square("damping", self.damping, n))
+        if not isinstance(self.springs, (list, tuple)):
+            raise InputError("springs: must be a sequence of Springs, such as [Springs(...)]")
+        own = Springs(stiffness=self.stiffness, forces=self.forces, kernel=self.kernel)
+        groups = [_group("", own, self.dof_names)]
+        for i, springs in enumerate(self.springs):
+            if not isinstance(springs, Springs):
+                raise InputError(f"springs[{i}] = {_native.shown(springs)}: must be Springs")
+            groups.append(_group(f"springs[{i}].", springs, self.dof_names))
+        self._set("stiffness", groups[0].stiffness)
+        self._set("groups", tuple(groups))
+        if self.base_direction is not None:
+            direction = _native.real_array("base_direction", self.base_direction).copy()
+            if direction.shape != (n,):
+                raise InputError(f"base_direction: must have shape ({n},), got {direction.shape}")
+            direction.setflags(write=False)
+            self._set("base_direction", direction)
+        if n <= _MAX_WHOLE:
+            _native.call(core.polynomial_check, self._flat)
+        else:
+            self._check_large()
+        warn_of_creep([kernel.integral for kernel in self._active_kernels])
+
+    def _check_large(self) -> None:
+        """Of more coordinates than the core takes: those with forces or memory must be few."""
+        n = len(self.dof_names)
+        symmetric = np.abs(self._mass_matrix - self._mass_matrix.T).max()
+        try:
+            np.linalg.cholesky(self._mass_matrix)
+        except np.linalg.LinAlgError:
+            symmetric = np.inf
+        if symmetric > 1e-12 * np.abs(self._mass_matrix).max():
+            raise InputError("mass: must be symmetric and positive definite")
+        condensed = self._condensation
+        if condensed is None or condensed.q > _MAX_WHOLE:
+            raise InputError(
+                f"mass: {n} coordinates, must be 1 to {_MAX_WHOLE} unless forces or memory act in "
+                f"half of them or fewer, and in at most {_MAX_WHOLE}"
+            )
+        laws = np.concatenate(
+            [np.ravel(part) for part in condensed.law_vector(np.zeros(condensed.q))]
+        )
+        _native.call(core.polynomial_check, laws)
+
+    @cached_property
+    def _condensation(self) -> Condensation | None:
+        """The system in the coordinates that have forces or memory; None: these are too many."""
+        from viscovib.systems.polynomial_laws import condensation_of
+
+        return condensation_of(self._mass_matrix, self._damping, self.groups)
+
+    def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
+        """The condensed system under a load."""
+        assert self._condensation is not None
+        n = len(self.dof_names)
+        orders, series = load_series(load, base, n)
+        direction = self._base_direction
+        inertia = np.zeros(n) if direction is None else self._mass_matrix @ direction
+        return LoadedStructure.of(self._condensation, orders, series, inertia, direction)
+
+    def _wanted(self, coordinates: Sequence[str] | None, _: LoadedStructure) -> Any:
+        """Places of the coordinates that results hold: all."""
+        if coordinates is not None:
+            raise InputError("coordinates: only those of a structure are chosen")
+        return np.arange(len(self.dof_names))
+
+    @property
+    def rate_units(self) -> tuple[str, ...]:
+        """Units of the velocities."""
+        return tuple(f"{unit}/s" for unit in self.dof_units)
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def natural_frequencies(self) -> FloatArray:
+        """Undamped natural circular frequencies about rest without memory (rad/s), ascending."""
+        return self._modes[0].copy()
+
+    def mode_shapes(self) -> FloatArray:
+        """Mode shapes as columns, shape (n, n), the largest entry of each 1."""
+        return self._modes[1].copy()
+
+    def characteristic_roots(self) -> CharacteristicRoots:
+        """Roots of det[s^2 M + s C + sum_g K_g (1 - R_g(s))] = 0: decay and pitch about rest."""
+        return characteristic_roots(self._mass_matrix, self._damping, self._springs)
+
+    def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
+        """D(nu), shape nu.shape + (n, n), for u = Im(X exp(i nu t)).
+
+        sum_g K_g (1 - R_g(nu)) + i nu C - nu^2 M.
+        """
+        frequencies = check_dynamic_frequencies(nu, self._active_kernels)
+        at = frequencies[..., np.newaxis, np.newaxis]
+        with np.errstate(over="ignore", invalid="ignore"):
+            total: Any = 1j * at * self._damping - at**2 * self._mass_matrix
+        for group in self.groups:
+            kept: Any = 1.0
+            if group.kernel is not None:
+                kept = 1 - np.asarray(group.kernel.transform(frequencies))
+                kept = kept[..., np.newaxis, np.newaxis]
+            total = total + kept * group.stiffness
+        found = np.asarray(total, dtype=complex)
+        _native.check_range("nu", frequencies, found, "the dynamic stiffness")
+        return found
+
+    def _fastest(self) -> float:
+        """Upper bound of the rates of the linear system without memory (1/s), as in the core."""
+        inverse = np.linalg.inv(self._mass_matrix)
+        stiffness = np.abs(inverse @ self._stiffness_at_rest).sum(axis=1).max()
+        return float(np.sqrt(stiffness) + np.abs(inverse @ self._damping).sum(axis=1).max())
+
+    def energy(self, state: npt.ArrayLike) -> FloatArray:
+        """Kinetic and potential energy at states (u_1, u_1', u_2, ...), shape (..., 2 n).
+
+        The forces, all without memory, must have a potential: d f_a/d u_b = d f_b/d u_a.
+        """
+        n = len(self.dof_names)
+        states = _native.real_array("state", state)
+        if states.shape[-1:] != (2 * n,):
+            raise InputError(f"state: must have shape (..., {2 * n}), got {states.shape}")
+        u, v = states[..., ::2], states[..., 1::2]
+        stiffness, forces = self._conservative
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = 0.5 * np.einsum("...a,ab,...b", v, self._mass_matrix, v)
+            total += 0.5 * np.einsum("...a,ab,...b", u, stiffness, u)
+            # Euler: a potential of degree d + 1 has u . f = (d + 1) V.
+            for (on, powers), c in forces.items():
+                shape = np.prod(u ** np.array(powers), axis=-1)
+                total += c / (sum(powers) + 1) * u[..., on] * shape
+        _native.check_states(states, np.asarray(total), "the energy")
+        return np.asarray(total)
+
+    @property
+    def _mass_matrix(self) -> FloatArray:
+        return np.asarray(self.mass, dtype=float)
+
+    @property
+    def _damping(self) -> FloatArray:
+        return np.asarray(self.damping, dtype=float)
+
+    @cached_property
+    def _modes(self) -> tuple[FloatArray, FloatArray]:
+        from scipy.linalg import eig, eigh
+
+        stiffness = self._stiffness_at_rest
+        if np.allclose(stiffness, stiffness.T, rtol=1e-12, atol=0):
+            squares, shapes = eigh(stiffness, self._mass_matrix)
+        else:
+            squares, shapes = eig(stiffness, self._mass_matrix)
+            if np.abs(squares.imag).max() > 1e-9 * np.abs(squares).max():
+                raise InputError("stiffness: has complex eigenvalues, rest flutters: no modes")
+            order = np.argsort(squares.real)
+            squares, shapes = squares.real[order], shapes.real[:, order]
+        if squares[0] < -1e-12 * np.abs(squares).max():
+            raise InputError(
+                f"stiffness: has an eigenvalue {squares[0]:.6g} < 0, rest is unstable and has no "
+                "natural frequency there (see characteristic_roots)"
+            )
+        largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[np.newaxis], axis=0)
+        return np.sqrt(np.maximum(squares, 0)), np.asarray(shapes / largest)
+
+    @cached_property
+    def _stiffness_at_rest(self) -> FloatArray:
+        return np.asarray(sum(group.stiffness for group in self.groups))
+
+    @cached_property
+    def _conservative(self) -> tuple[FloatArray, dict[tuple[int, tuple[int, ...]], float]]:
+        """Stiffness and forces of all groups, if they have a potential."""
+        if self._active_kernels:
+            raise InputError("kernel: energy is not defined with memory")
+        if any(group.laws for group in self.groups):
+            raise InputError("forces: are no polynomials, their potential is not known")
+        stiffness = self._stiffness_at_rest
+        if not np.allclose(stiffness, stiffness.T, rtol=1e-12, atol=0):
+            raise InputError("stiffness: must be symmetric for forces to have a potential")
+        forces: dict[tuple[int, tuple[int, ...]], float] = {}
+        for group in self.groups:
+            for key, c in group.forces.items():
+                forces[key] = forces.get(key, 0.0) + c
+        for (on, powers), c in forces.items():
+            for b, p in enumerate(powers):
+                if b == on or not p:
+                    continue
+                # c p u^(powers - e_b) must be what f_b has by u_on.
+                other = list(powers)
+                other[b] -= 1
+                other[on] += 1
+                expected = forces.get((b, tuple(other)), 0.0) * other[on]
+                if abs(expected - c * p) > 1e-12 * abs(c * p):
+                    raise InputError(
+                        f"forces: {spell(powers, self.dof_names)} on {self.dof_names[on]} has no "
+                        f"potential: {self.dof_names[b]} lacks its counterpart"
+                    )
+        return stiffness, forces
+
+    @cached_property
+    def _flat(self) -> FloatArray:
+        """The vector that the core takes."""
+        n = len(self.dof_names)
+        kernels = list(self._active_kernels)
+        springs: list[Any] = []
+        monomials: list[Any] = []
+        laws: list[Any] = []
+        for group in self.groups:
+            place = 0 if group.kernel is None else kernels.index(group.kernel) + 1
+            springs += [[place], group.stiffness.ravel(order="F")]
+            for (on, powers), c in group.forces.items():
+                monomials.append([c, on + 1, place, *powers])
+            laws += [law.numbers(np.eye(n), {on: 1.0}, place) for on, law in group.laws]
+        direction = np.zeros(n) if self.base_direction is None else self.base_direction
+        data: list[Any] = []
+        for kernel in kernels:
+            data += [[kernel._kind, kernel._data.size], kernel._data]
+        parts: list[Any] = [
+            [n, len(self.groups), len(monomials), len(kernels), 1.0],
+            self._mass_matrix.ravel(order="F"), self._damping.ravel(order="F"),
+            direction, *springs, *monomials, *data, *([[len(laws)]] if laws else []), *laws,
+        ]  # fmt: skip
+        return np.concatenate([np.asarray(part, dtype=float) for part in parts])
+
+    @property
+    def _kernels(self) -> tuple[int, FloatArray, int, FloatArray]:
+        nothing = np.zeros(1)
+        return _KERNELS_IN_VECTOR, nothing, 0, nothing
+
+    @cached_property
+    def _active_kernels(self) -> tuple[Kernel, ...]:
+        kernels: list[Kernel] = []
+        for group in self.groups:
+            if group.kernel is not None and group.kernel not in kernels:
+                kernels.append(group.kernel)
+        return tuple(kernels)
+
+    @property
+    def _base_direction(self) -> FloatArray | None:
+        return None if self.base_direction is None else np.asarray(self.base_direction)
+
+    @property
+    def _springs(self) -> tuple[tuple[FloatArray, Kernel | None], ...]:
+        """Linear springs and their kernels, for the characteristic equation."""
+        return tuple((group.stiffness, group.kernel) for group in self.groups)
+
+
+def _square(name: str, value: npt.ArrayLike | None, n: int | None) -> FloatArray:
+    """Return a number, a diagonal or a matrix as a matrix that does not change."""
+    if value is None:
+        return np.zeros((n or 0, n or 0))
+    given = _native.real_array(name, value)
+    matrix = np.diag(np.atleast_1d(given)) if given.ndim < 2 else given.copy()
+    size = matrix.shape[0] if n is None else n
+    if matrix.shape != (size, size):
+        wanted = "a number, n numbers or (n, n)" if n is None else f"({n},) or ({n}, {n})"
+        raise InputError(f"{name}: must have shape {wanted}, got {given.shape}")
+    matrix.setflags(write=False)
+    return np.asarray(matrix)
+
+
+def _words(name: str, value: Any, n: int) -> tuple[str, ...]:
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise InputError(f"{name} = {_native.shown(value)}: must be a sequence of {n} texts")
+    words = tuple(value) if len(value) == n else ()
+    if len(words) != n or not all(isinstance(word, str) for word in words):
+        raise InputError(f"{name} = {_native.shown(value)}: must be {n} texts, one a coordinate")
+    return words
+
+
+def _group(prefix: str, springs: Springs, names: tuple[str, ...]) -> SpringGroup:
+    if not (springs.kernel is None or isinstance(springs.kernel, Kernel)):
+        raise InputError(
+            f"{prefix}kernel = {_native.shown(springs.kernel)}: must be a Kernel or None"
+        )
+    stiffness = _square(f"{prefix}stiffness", springs.stiffness, len(names)).copy()
+    forces: dict[tuple[int, tuple[int, ...]], float] = {}
+    laws = []
+    slopes = np.zeros_like(stiffness)
+    for where, on, polynomial in _by_equation(f"{prefix}forces", springs.forces, names):
+        if isinstance(polynomial, Law):
+            slopes[on] += polynomial.slopes_at_rest
+            laws.append((on, polynomial.remainder))
+            continue
+        for powers, c in polynomial.items():
+            degree = sum(powers)
+            if degree == 0:
+                raise InputError(f"{where}: has the constant {c:g}, which belongs to the load")
+            if degree == 1:
+                stiffness[on, powers.index(1)] += c
+            elif c != 0:
+                forces[on, powers] = forces.get((on, powers), 0.0) + c
+    stiffness += slopes
+    stiffness.setflags(write=False)
+    # A kernel of nothing is none.
+    kernel = springs.kernel if forces or laws or stiffness.any() else None
+    return SpringGroup(stiffness, forces, kernel, tuple(laws), slopes if laws else None)
+
+
+def _by_equation(
+    where: str, forces: Any, names: tuple[str, ...]
+) -> list[tuple[str, int, Polynomial | Law]]:
+    """Polynomials or other laws, each with its equation and what an error calls it."""
+    if forces is None:
+        return []
+    if isinstance(forces, str):
+        if len(names) > 1:
+            raise InputError(
+                f"{where} = {_native.shown(forces)}: must say on which equation, such as "
+                f"{{{names[0]!r}: {forces!r}}}"
+            )
+        forces = {names[0]: forces}
+    if isinstance(forces, Mapping):
+        result: list[tuple[str, int, Polynomial | Law]] = []
+        for key, text in forces.items():
+            place = f"{where}[{key!r}]"
+            if not isinstance(text, str):
+                raise InputError(
+                    f"{place} = {_native.shown(text)}: must be a text such as '2*{names[0]}^3'"
+                )
+            result.append((place, _equation(place, key, names), read_law(place, text, names, {})))
+        return result
+    if not isinstance(forces, Sequence):
+        raise InputError(
+            f"{where} = {_native.shown(forces)}: must be a text, a mapping or Monomials"
+        )
+    result = []
+    for i, monomial in enumerate(forces):
+        place = f"{where}[{i}]"
+        if not isinstance(monomial, Monomial):
+            raise InputError(f"{place} = {_native.shown(monomial)}: must be a Monomial")
+        c = _native.number(f"{place}.coefficient", monomial.coefficient)
+        powers = _powers(f"{place}.powers", monomial.powers, names)
+        result.append((place, _equation(f"{place}.on", monomial.on, names), {powers: c}))
+    return result
+
+
+def _equation(where: str, on: Any, names: tuple[str, ...]) -> int:
+    if isinstance(on, str) and on in names:
+        return names.index(on)
+    if isinstance(on, (int, np.integer)) and not isinstance(on, bool) and 0 <= on < len(names):
+        return int(on)
+    listed = ", ".join(f"{name!r} ({i})" for i, name in enumerate(names))
+    raise InputError(f"{where}: equation {on!r} must be one of {listed}")
+
+
+def _powers(where: str, powers: Any, names: tuple[str, ...]) -> tuple[int, ...]:
+    if isinstance(powers, Mapping):
+        unknown = [name for name in powers if name not in names]
+        if unknown:
+            raise InputError(f"{where}: unknown coordinate {unknown[0]!r}, must be one of {names}")
+        powers = [powers.get(name, 0) for name in names]
+    if isinstance(powers, str) or not isinstance(powers, (Sequence, np.ndarray)):
+        raise InputError(
+            f"{where} = {_native.shown(powers)}: must be one power a coordinate, or a mapping"
+        )
+    if len(powers) != len(names):
+        raise InputError(f"{where}: has {len(powers)} powers, must be {len(names)}")
+    result = tuple(_native.integer(where, p, 0, MAX_DEGREE) for p in powers)
+    if sum(result) > MAX_DEGREE:
+        raise InputError(f"{where}: degree {sum(result)}, must be at most {MAX_DEGREE}")
+    return result

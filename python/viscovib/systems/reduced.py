@@ -1,0 +1,172 @@
+"""Reduced structures: the linear rest of a sparse model as few modes, and what that leaves out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.errors import InputError
+from viscovib.systems.linear_model import LinearModel
+from viscovib.systems.reduction import Reduction, reduce_model
+from viscovib.systems.sparse_pencil import is_symmetric
+from viscovib.systems.structure_rest import ModalDamping, Rest, dense_rest
+
+#: Frequency of what has no mass but is damped, in units of the highest wanted: it follows at once,
+#: up to the square of this, inverted.
+_AT_ONCE = 1e6
+#: A load is one of those that a reduction was made for if no more of it is left than this.
+_FOREIGN = 1e-9
+
+
+@dataclass(frozen=True)
+class ReducedRest:
+    """A linear rest with the reduction it comes from.
+
+    Attributes
+    ----------
+    rest : Rest
+    reduction : Reduction
+    model : LinearModel
+        The full equations.
+    loads : ndarray, shape (n, r)
+        Directions it was made for, orthonormal.
+    top : float
+        Highest frequency it was made for (rad/s).
+    tolerance : float
+        The error it was made for.
+    """
+
+    rest: Rest
+    reduction: Reduction
+    model: LinearModel
+    loads: FloatArray
+    top: float
+    tolerance: float
+
+    @property
+    def told(self) -> str:
+        """What a plan says of it."""
+        found = self.reduction
+        more = found.squares.size - found.n_modes
+        return (
+            f" ({found.n_modes} of the structure, {more} static corrections), error up to "
+            f"{self.top:.6g} rad/s {found.largest_error:.1e}"
+        )
+
+    def left_out(self, nu: FloatArray, orders: Any, y: ComplexArray) -> FloatArray:
+        """Relative errors of motions, shape (n,), by harmonics (n, q, m) of the deflections."""
+        sizes = np.square(np.abs(y)).max(axis=1)
+        errors = self.error(np.outer(nu, orders))
+        total = sizes.sum(axis=1)
+        lost = (sizes * errors**2).sum(axis=1)
+        return np.asarray(np.sqrt(lost / np.where(total > 0, total, 1.0)))
+
+    def error(self, frequency: FloatArray) -> FloatArray:
+        """Relative error of displacements at frequencies (rad/s); all of them above the band."""
+        reduction = self.reduction
+        omega = np.abs(frequency)
+        inside = np.interp(omega, reduction.at, reduction.error)
+        return np.where(omega <= self.top * (1 + 1e-9), inside, 1.0)
+
+    def check_loads(self, loads: ComplexArray) -> None:
+        """Refuse loads whose static correction the reduction lacks."""
+        parts = np.concatenate([loads.real, loads.imag], axis=1)
+        left = parts - self.loads @ (self.loads.T @ parts)
+        foreign = np.abs(left) > _FOREIGN * np.abs(parts).max(initial=0.0)
+        if foreign.any():
+            i = int(np.flatnonzero(foreign.any(axis=1))[0])
+            raise InputError(
+                f"load: acts on coordinate {i} in a direction that the reduction was not made "
+                "for, must be among the loads of reduce(..., loads=[...])"
+            )
+
+
+def reduced_rest(
+    model: LinearModel,
+    loads: FloatArray,
+    *,
+    frequency: float,
+    tolerance: float,
+    lowest: float,
+    most: int,
+    boundary: Sequence[int] | None,
+) -> ReducedRest:
+    """Reduce the linear rest for these loads."""
+    if not is_symmetric(model.stiffness):
+        raise InputError(
+            "stiffness: must be symmetric to be reduced (follower forces need dense matrices)"
+        )
+    used = loads[:, loads.any(axis=0)]
+    found = reduce_model(
+        model, used, frequency=frequency, tolerance=tolerance, lowest=lowest, most=most,
+        boundary=boundary,
+    )  # fmt: skip
+    return ReducedRest(
+        _rest(model, found, frequency), found, model, _orthonormal(used), frequency, tolerance
+    )
+
+
+def _orthonormal(vectors: FloatArray) -> FloatArray:
+    left, sizes, _ = np.linalg.svd(vectors / np.abs(vectors).max(axis=0), full_matrices=False)
+    return np.asarray(left[:, sizes > 1e-12 * sizes[0]])
+
+
+def _rest(model: LinearModel, found: Reduction, top: float) -> Rest:
+    squares, rates, shapes = found.squares, found.rates, found.shapes
+    none = np.zeros((shapes.shape[0], 0), dtype=complex)
+    left, right, poles = none, none, np.zeros(0, dtype=complex)
+    if model.damping is not None:
+        modal = ModalDamping(loss=model.loss) if model.loss else None
+        damping = np.diag(rates) + found.matrices[0]
+        small = dense_rest(np.eye(squares.size), damping, np.diag(squares), modal)
+        squares, rates, poles = small.squares, small.rates, small.poles
+        left, right = shapes @ small.left, shapes @ small.right
+        shapes = shapes @ small.shapes
+    static, slow = found.static, model.rayleigh[1]
+    flexibility = None
+    if static.shape[1] and (slow or model.loss):
+        square = (_AT_ONCE * top) ** 2
+        squares = np.append(squares, np.full(static.shape[1], square))
+        rates = np.append(rates, np.full(static.shape[1], slow * square))
+        shapes = np.concatenate([shapes, static * np.sqrt(square)], axis=1)
+    elif static.shape[1]:
+
+        def flexibility(forces: FloatArray) -> tuple[FloatArray, FloatArray]:
+            return static @ (static.T @ forces), np.zeros_like(forces)
+
+    losses = np.full(squares.size, model.loss)
+    return Rest(squares, rates, losses, shapes, poles, left, right, flexibility)
+
+
+def direct_motion(
+    loaded: Any, nu: FloatArray, orders: Any, y: ComplexArray, factor: FloatArray
+) -> ComplexArray:
+    """Harmonics of one motion in all coordinates, shape (n, m), by the full equations.
+
+    ``loaded``: a `LoadedStructure`.
+
+    ``y``: harmonics (1, q, m) of the deflections found, which say what the elements do.
+    """
+    from viscovib.systems.sparse_roots import direct_solution
+
+    c = loaded.condensation
+    if c.reduced is None:
+        raise InputError("check: this structure is not reduced")
+    model = c.reduced.model
+    n = loaded.forces.shape[0]
+    found = np.zeros((n, orders.size), dtype=complex)
+    for k, order in enumerate(orders):
+        j = np.flatnonzero(loaded.orders == order)
+        pushed = c.laws.directions @ loaded.reaction(nu, order, y[:, :, k], factor)[0]
+        s = 1j * order * nu[0]
+        if j.size:
+            pushed = pushed + factor[0] * loaded.forces[:, j[0]]
+            pushed = pushed - s**2 * factor[0] * loaded.base[j[0]] * loaded._inertia
+        if not pushed.any():
+            continue
+        found[:, k] = direct_solution(model, s, pushed)
+        if j.size and loaded.direction is not None:
+            found[:, k] += loaded.direction * loaded.base[j[0]] * factor[0]
+    return found

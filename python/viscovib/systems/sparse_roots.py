@@ -1,0 +1,234 @@
+"""Characteristic roots of sparse models with memory, by Newton's method on the full matrices.
+
+D(s) x = 0, x_k = 1, D(s) = sum_i c_i(s) A_i as in `reduction`. Newton's method for both together
+(Mehrmann and Voss 2004, section 3), x_k the largest entry of x:
+
+    [ D(s)  D'(s) x ] [dx]     [ D(s) x ]
+    [ e_k'     0    ] [ds] = - [    0   ]                                                       (1)
+
+This matrix stays regular at a simple root, where D(s) does not. Of fine meshes D(s) x is the
+small difference of large numbers: it is formed in extended precision.
+
+Where it begins decides which root is found. Memory makes a structure softer the slower it moves:
+Re D(i omega) + omega^2 M rises with omega, so each mode j has one frequency at which it is the
+j-th mode of the stiffness that acts there, omega_j(K(omega)) = omega. These start the search.
+"""
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.sparse import block_array, csc_array
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.characteristic import CharacteristicRoots
+from viscovib.systems.linear_model import LinearModel
+from viscovib.systems.sparse_pencil import Pencil, check_memory, factored
+from viscovib.systems.structure_matrices import linear_model, matrix_of
+
+#: Steps of Newton's method, and of the search for a frequency to begin at.
+_NEWTON, _BEGINNING = 30, 40
+#: Newton's method has ended once a step is below this part of s, or steps below the second do not
+#: become smaller any more.
+_CONVERGED, _ROUNDING = 1e-13, 1e-10
+#: A frequency to begin at is known well enough within this part.
+_CLOSE = 1e-3
+
+
+def sparse_roots(model: LinearModel, count: int) -> tuple[ComplexArray, ComplexArray]:
+    """Return the first oscillatory roots s (1/s), Im s > 0, and their shapes, shape (n, count).
+
+    In the order of the modes they belong to; NaN where Newton's method does not converge. Rigid
+    and negative modes have no oscillatory root and are left out.
+    """
+    n = model.mass.shape[0]
+    if np.any(model.ratio):
+        raise InputError("damping: modal ratios have no matrix; use the roots of the modes")
+    roots = np.full(count, np.nan, dtype=complex)
+    shapes = np.full((n, count), np.nan, dtype=complex)
+    skipped = None
+    omega = 0.0
+    for j in range(count):
+        if skipped is None:
+            at_once = _modes_at(model, np.inf, count)
+            skipped = int((at_once[0] <= 0).sum())
+        omega, shape = _beginning(model, j + skipped, max(omega, 0.0))
+        if not omega:
+            break
+        s, found, converged = _newton(model, omega, shape)
+        twice = np.abs(roots[:j] - s) < 1e-9 * abs(s)
+        same = twice & (_likeness(shapes[:, :j], found) > 1 - 1e-6)
+        if converged and not same.any() and s.imag > 0:
+            roots[j], shapes[:, j] = s, found
+    if np.isnan(roots).any():
+        warnings.warn(
+            f"{int(np.isnan(roots).sum())} of {count} characteristic roots were not found (NaN)",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
+    return roots, shapes
+
+
+def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRoots:
+    """`Structure.characteristic_roots`."""
+    n = structure.n_coordinates
+    wanted = _native.integer("count", count, 1, min(200, n))
+    if not isinstance(layers, (list, tuple)):
+        raise InputError(f"layers = {_native.shown(layers)}: must be a list of (matrix, kernel)")
+    model = linear_model(
+        structure.mass, structure.damping, structure.stiffness, structure._uncoupled,
+        structure._all_elements, remembering=True,
+    )  # fmt: skip
+    more = []
+    for i, layer in enumerate(layers):
+        if not (isinstance(layer, (list, tuple)) and len(layer) == 2):
+            raise InputError(f"layers[{i}] = {_native.shown(layer)}: must be (matrix, kernel)")
+        _native.check_instance(f"layers[{i}][1]", layer[1], Kernel)
+        more.append((matrix_of(f"layers[{i}][0]", layer[0], n, sparse=True), layer[1]))
+    roots, _ = sparse_roots(model._replace(layers=[*model.layers, *more]), wanted)
+    growing = 2 * int((roots.real > 0).sum())
+    return CharacteristicRoots(roots, np.zeros(0), growing, False)
+
+
+def _beginning(model: LinearModel, j: int, lowest: float) -> tuple[float, FloatArray]:
+    """Frequency at which mode j is a mode of the stiffness that acts there, and its shape."""
+    omega = np.inf
+    shape = np.zeros(0)
+    for _ in range(_BEGINNING):
+        squares, shapes = _modes_at(model, omega, j + 1)
+        shape = shapes[:, j]
+        if squares[j] <= 0:
+            return 0.0, shape
+        new = float(np.sqrt(squares[j]))
+        if abs(new - omega) <= _CLOSE * new or not model.layers:
+            return new, shape
+        omega = new
+    return float(omega), shape
+
+
+def _modes_at(model: LinearModel, omega: float, count: int) -> tuple[FloatArray, FloatArray]:
+    """The lowest modes of Re K(omega); of infinite frequency those before anything relaxes."""
+    stiffness = model.stiffness
+    for layer, kernel in model.layers:
+        kept = 1.0 if np.isinf(omega) else float(1 - kernel.cosine(omega))
+        stiffness = stiffness + kept * layer
+    scale = abs(stiffness).max() / abs(model.mass).max()
+    pencil = Pencil(model.mass, csc_array(stiffness), -1e-12 * scale)
+    modes = pencil.lowest_count(count)
+    return modes.squares, modes.shapes
+
+
+def _newton(
+    model: LinearModel, omega: float, shape: FloatArray
+) -> tuple[complex, ComplexArray, bool]:
+    """Newton's method (1) from a mode."""
+    x = shape.astype(np.clongdouble)
+    s = _rayleigh(model, 1j * omega, shape)
+    k = int(np.argmax(np.abs(shape)))
+    x = x / x[k]
+    n = x.size
+    row = csc_array(([1.0], ([0], [k])), shape=(1, n))
+    smallest = np.inf
+    for _ in range(_NEWTON):
+        values, slopes = _coefficients(model, s)
+        column = _product(model, slopes, x).astype(complex)
+        right = np.append(-_product(model, values, x), 0).astype(complex)
+        # In units of the matrix, or pivots would be chosen for their units.
+        size = np.abs(column).max()
+        bordered = block_array(
+            [[combined(model, values), csc_array(column[:, np.newaxis])], [size * row, None]],
+            format="csc",
+        )
+        try:
+            step = solved(bordered, right)
+        except RuntimeError:
+            return s, x.astype(complex), False
+        if not np.isfinite(step).all():
+            return s, x.astype(complex), False
+        s, x = complex(s + step[n]), x + step[:n]
+        moved = abs(step[n]) / abs(s)
+        # Either done, or as near as rounding of the values allows.
+        if moved <= _CONVERGED or (moved <= _ROUNDING and moved >= 0.5 * smallest):
+            return s, x.astype(complex), True
+        smallest = min(smallest, moved)
+    return s, x.astype(complex), False
+
+
+def _product(model: LinearModel, values: ComplexArray, x: Any) -> Any:
+    """D x in extended precision."""
+    total = np.zeros(x.size, dtype=np.clongdouble)
+    for value, matrix in zip(values, model.matrices, strict=True):
+        total += np.clongdouble(value) * (matrix.astype(np.longdouble) @ x)
+    return total
+
+
+def _rayleigh(model: LinearModel, s: complex, x: FloatArray) -> complex:
+    """Root of x' D(s) x = 0 near s: the best for this shape."""
+    weights = np.array([x @ (matrix @ x) for matrix in model.matrices])
+    start = s
+    for _ in range(_NEWTON):
+        values, slopes = _coefficients(model, s)
+        step = (values @ weights) / (slopes @ weights)
+        s = s - step
+        if abs(step) < 1e-6 * abs(s):
+            break
+    near = np.isfinite(s) and 0.2 * abs(start) < abs(s) < 5 * abs(start) and s.imag > 0
+    return s if near else start
+
+
+def _coefficients(model: LinearModel, s: complex) -> tuple[ComplexArray, ComplexArray]:
+    """c_i(s) and their slopes, by a central difference: these only steer Newton's method."""
+    h = 1e-5 * abs(s)
+    at = model.coefficients(np.array([s, s + h, s - h]))
+    return at[:, 0], np.asarray((at[:, 1] - at[:, 2]) / (2 * h))
+
+
+def combined(model: LinearModel, values: ComplexArray) -> csc_array:
+    """D(s) by the values c_i(s)."""
+    total = values[0] * model.mass
+    for value, matrix in zip(values[1:], model.matrices[1:], strict=True):
+        total = total + value * matrix
+    return total
+
+
+def solved(
+    matrix: csc_array, right: ComplexArray, product: Callable[[Any], Any] | None = None
+) -> ComplexArray:
+    """Solution of a sparse complex system by a factorization of its own.
+
+    With corrections by its residual in extended precision: fine meshes are so stiff that rounding
+    is seen without them, even that of the sum which makes the matrix. ``product``: of this sum and
+    a vector, without that rounding.
+    """
+    check_memory(matrix)
+    wide = matrix.astype(np.clongdouble)
+    times = product or (lambda x: wide @ x)
+    rows = abs(matrix).sum(axis=1)
+    for symmetric in (True, False):
+        factors = factored(matrix, symmetric=symmetric)
+        if factors is None:
+            continue
+        found = factors.solve(right).astype(np.clongdouble)
+        for _ in range(2):
+            left = right - times(found)
+            found = found + factors.solve(left.astype(complex))
+        left = np.abs(right - times(found)).astype(float)
+        scale = rows * float(np.abs(found).max()) + np.abs(right)
+        if np.isfinite(left).all() and (left <= 1e-10 * scale).all():
+            return np.asarray(found.astype(complex))
+    raise RuntimeError("singular")
+
+
+def direct_solution(model: LinearModel, s: complex, right: ComplexArray) -> ComplexArray:
+    """D(s)^-1 right, by the full matrices."""
+    values = model.coefficients(np.array([s]))[:, 0]
+    return solved(combined(model, values), right, lambda x: _product(model, values, x))
+
+
+def _likeness(shapes: ComplexArray, shape: ComplexArray) -> FloatArray:
+    sizes = np.linalg.norm(shapes, axis=0) * np.linalg.norm(shape)
+    return np.asarray(np.abs(shapes.conj().T @ shape) / sizes)

@@ -1,0 +1,498 @@
+"""A structure of any number of coordinates with local elements, condensed to what is nonlinear."""
+
+import os
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.condensed import Condensation, LoadedStructure
+from viscovib.systems.element_laws import element_laws
+from viscovib.systems.elements import (
+    Coupling,
+    ElementTerms,
+    coupling_terms,
+    direction_of,
+    element_terms,
+)
+from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.mount import warn_of_creep
+from viscovib.systems.polynomial_system import _words
+from viscovib.systems.structure_matrices import (
+    check_mass,
+    dense_of,
+    is_sparse,
+    linear_model,
+    matrix_of,
+    told,
+    with_elements,
+)
+from viscovib.systems.structure_rest import ModalDamping, Rest, dense_rest
+
+if TYPE_CHECKING:
+    from viscovib.systems.characteristic import CharacteristicRoots
+    from viscovib.systems.reduced import ReducedRest
+
+#: Coordinates up to which all are given where none are chosen, and up to which modes are computed
+#: of dense matrices, and of sparse ones as if they were dense.
+_ALL_GIVEN, _MAX_DENSE, _SMALL = 64, 5000, 1000
+#: Coordinates at most.
+_MOST = 1_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Structure:
+    """M u'' + C u' + K u + sum_j e_j (1 - R_j*) [k_j d_j + f_j(d_j)] = load(t), d_j = e_j . u.
+
+    Linear almost everywhere: only the deflections d_j of elements that are nonlinear or remember
+    are unknowns, everything else is eliminated exactly,
+
+    Y_k + H(i k nu) G_k(Y) = Y0_k,  H(s) = E^T (K + s C + s^2 M)^-1 E,  Y0_k = E^T D(i k nu)^-1 P_k.
+
+    Parameters
+    ----------
+    mass : array_like or scipy.sparse array
+        M, symmetric and positive: n numbers (a diagonal matrix) or shape (n, n). Coordinates
+        without mass (rows of 0) follow the others at once.
+    stiffness : array_like or scipy.sparse array
+        K, as mass; it need be neither positive (rigid bodies) nor symmetric (follower forces).
+        Of more than 1000 coordinates in sparse matrices `reduce` makes a model of few modes.
+    damping : array_like or scipy.sparse array, optional
+        C, as stiffness; it need not be symmetric (gyroscopic forces).
+    modal_damping : float or array_like, shape (n,)
+        Damping ratio of every mode, or of each, in the order of their frequencies.
+    rayleigh : tuple of two float
+        Damping a M + b K by its factors a (1/s) and b (s).
+    loss_factor : float
+        K (1 + i loss_factor sign(nu)), for harmonic methods only: in time it has no meaning.
+        Modal damping, Rayleigh's and this one are of the structure with the linear parts of its
+        elements.
+    elements : sequence of Spring and Coupling
+        Local elements. Their linear stiffness and damping add to K and C.
+    names, units : sequence of str, optional
+        Of the coordinates; default "x1", "x2", ..., and "m".
+    base_direction : array_like, shape (n,), optional
+        How the coordinates move with the base without deforming a spring; None: it is fixed.
+
+    Examples
+    --------
+    >>> import numpy as np, viscovib as vv
+    >>> n = 50
+    >>> k = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    >>> chain = vv.Structure(mass=np.ones(n), stiffness=k, modal_damping=0.01,
+    ...                      elements=[vv.Spring(on="x50", law="0.5*d^3")])
+    >>> chain.deflections
+    ('x50',)
+    >>> load = np.zeros(n); load[0] = 0.001
+    >>> r = vv.forced_response(chain, [0.06], load=load, method="newton")
+    >>> r.dof_names == tuple(f"x{i + 1}" for i in range(n)), r.complete
+    (True, True)
+
+    Warns
+    -----
+    StabilityWarning
+        If the integral of a kernel is not between 0 and 1.
+    """
+
+    mass: npt.ArrayLike
+    stiffness: npt.ArrayLike
+    damping: npt.ArrayLike | None = None
+    modal_damping: npt.ArrayLike | None = None
+    rayleigh: tuple[float, float] | None = None
+    loss_factor: float = 0.0
+    elements: Sequence[Any] = ()
+    names: Sequence[str] | None = None
+    units: Sequence[str] | None = None
+    base_direction: npt.ArrayLike | None = None
+
+    time_unit: ClassVar[str] = "s"
+    #: Names of all coordinates and their units.
+    dof_names: tuple[str, ...] = field(init=False, repr=False)
+    dof_units: tuple[str, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        sparse = any(is_sparse(m) for m in (self.mass, self.stiffness, self.damping))
+        mass = matrix_of("mass", self.mass, None, sparse)
+        n = mass.shape[0]
+        most = _MOST if sparse else _MAX_DENSE
+        if not 1 <= n <= most:
+            form = "sparse" if sparse else "dense"
+            raise InputError(f"mass: {n} coordinates, must be 1 to {most} in {form} matrices")
+        self._set("mass", mass)
+        self._set("stiffness", matrix_of("stiffness", self.stiffness, n, sparse))
+        self._set("damping", matrix_of("damping", self.damping, n, sparse))
+        check_mass(mass)
+        self._set("_modal", self._modal_damping(n))
+        names = tuple(f"x{d + 1}" for d in range(n)) if self.names is None else self.names
+        self._set("dof_names", _words("names", names, n))
+        self._set("_places", {name: d for d, name in enumerate(self.dof_names)})
+        if len(self._places) < n:  # type: ignore[attr-defined]
+            raise InputError("names: must differ")
+        units = ("m",) * n if self.units is None else self.units
+        self._set("dof_units", _words("units", units, n))
+        if self.base_direction is not None:
+            direction = _native.real_array("base_direction", self.base_direction).copy()
+            if direction.shape != (n,):
+                raise InputError(f"base_direction: must have shape ({n},), got {direction.shape}")
+            direction.setflags(write=False)
+            self._set("base_direction", direction)
+        found = element_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
+        self._set("_elements", found)
+        warn_of_creep([kernel.integral for kernel in self._active_kernels])
+
+    def __repr__(self) -> str:
+        return told(self)
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def _modal_damping(self, n: int) -> ModalDamping | None:
+        ratio: float | FloatArray = 0.0
+        if self.modal_damping is not None:
+            ratios = _native.real_array("modal_damping", self.modal_damping)
+            if ratios.shape not in ((), (n,)):
+                raise InputError(f"modal_damping: must be one number or {n}, got {ratios.shape}")
+            ratio = float(ratios) if ratios.ndim == 0 else ratios.copy()
+        by_mass, by_stiffness = 0.0, 0.0
+        if self.rayleigh is not None:
+            factors = _native.real_array("rayleigh", self.rayleigh)
+            if factors.shape != (2,):
+                raise InputError("rayleigh: must be two factors, of mass and of stiffness")
+            by_mass, by_stiffness = map(float, factors)
+        loss = _native.number("loss_factor", self.loss_factor)
+        damping = ModalDamping(ratio, loss, by_mass, by_stiffness)
+        given = np.any(ratio) or loss or by_mass or by_stiffness
+        return damping if given else None
+
+    @property
+    def n_coordinates(self) -> int:
+        """Number n of coordinates."""
+        return len(self.dof_names)
+
+    @property
+    def rate_units(self) -> tuple[str, ...]:
+        """Units of the velocities."""
+        return tuple(f"{unit}/s" for unit in self.dof_units)
+
+    @property
+    def deflections(self) -> tuple[str, ...]:
+        """The unknowns of the condensed equations: coordinates, or combinations of them."""
+        found = []
+        for column in self._condensation.laws.directions.T:
+            places = np.flatnonzero(column)
+            terms = [f"{column[i]:+.6g}*{self.dof_names[i]}" for i in places[:4]]
+            simple = places.size == 1 and column[places[0]] == 1
+            more = "+..." if places.size > 4 else ""
+            found.append(self.dof_names[places[0]] if simple else "".join(terms) + more)
+        return tuple(found)
+
+    @property
+    def _all_elements(self) -> tuple[ElementTerms, ...]:
+        return self._elements  # type: ignore[attr-defined,no-any-return]
+
+    @cached_property
+    def _active_kernels(self) -> tuple[Kernel, ...]:
+        kernels: list[Kernel] = []
+        for element in self._all_elements:
+            does = bool(element.powers) or element.law is not None
+            if element.kernel is not None and does and element.kernel not in kernels:
+                kernels.append(element.kernel)
+        for one in self.elements:
+            if isinstance(one, Coupling) and one.kernel is not None and one.kernel not in kernels:
+                kernels.append(one.kernel)
+        return tuple(kernels)
+
+    @cached_property
+    def _rest(self) -> Rest:
+        """The linear rest with the linear parts of the elements, without memory."""
+        n = self.n_coordinates
+        if is_sparse(self.mass) and n > _SMALL:
+            raise InputError(
+                f"mass: {n} coordinates in sparse matrices, more than {_SMALL}: reduce them first, "
+                "such as structure.reduce(frequency=3000, loads=['x1'])"
+            )
+        stiffness, damping = with_elements(self.stiffness, self.damping, self._all_elements)
+        return dense_rest(dense_of(self.mass), damping, stiffness, self._uncoupled)
+
+    @cached_property
+    def _condensation(self) -> Condensation:
+        couplings = coupling_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
+        laws = element_laws(self._all_elements, self.n_coordinates, couplings)
+        return Condensation(self._rest, laws, self._reduced)
+
+    @property
+    def _inertia(self) -> FloatArray:
+        """M b, b being the direction in which the base moves."""
+        mass: Any = self.mass
+        return np.asarray(mass @ self._base_direction, dtype=float)
+
+    @property
+    def _uncoupled(self) -> ModalDamping | None:
+        return self._modal  # type: ignore[attr-defined,no-any-return]
+
+    @property
+    def _reduced(self) -> "ReducedRest | None":
+        return self.__dict__.get("_reduction")
+
+    def reduce(
+        self,
+        *,
+        frequency: float,
+        tolerance: float = 1e-6,
+        loads: Sequence[Any] = (),
+        lowest: float = 0.0,
+        method: str = "modes",
+        max_modes: int = 1000,
+    ) -> Self:
+        """Return the same structure, its linear rest reduced to few modes by one factorization.
+
+        Modes up to 1.5 times the highest frequency, and static corrections of every order that
+        the loads and elements need: as many as the tolerance asks for (`systems.reduction`).
+
+        Parameters
+        ----------
+        frequency : float
+            Highest circular frequency (rad/s) at which displacements are wanted, harmonics
+            included.
+        tolerance : float
+            Largest error of displacements, in the norm of strain energy, relative to them, under
+            every load and element alone; estimated from residuals of the full equations at 50
+            frequencies.
+        loads : sequence
+            Directions in which loads will act, each as ``on`` of a `Spring`: a coordinate, a
+            mapping {name: weight}, a vector. Those of elements and of the base are known.
+        lowest : float
+            Lowest circular frequency (rad/s); above 0 for a structure that is free to move.
+        method : str
+            "modes", or "craig-bampton": modes with the coordinates of elements and loads held,
+            and the shapes that these deflect statically.
+        max_modes : int
+            How many modes and corrections there may be.
+
+        Returns
+        -------
+        Structure
+            With ``reduction``, which says how good it is.
+
+        Raises
+        ------
+        InputError
+            If the tolerance cannot be reached, the factorization would not fit into memory, or a
+            load acts elsewhere later on.
+
+        Examples
+        --------
+        >>> import numpy as np, scipy.sparse as sp, viscovib as vv
+        >>> k = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(4000, 4000))
+        >>> chain = vv.Structure(mass=sp.eye_array(4000), stiffness=k, modal_damping=0.01,
+        ...                      elements=[vv.Spring(on="x4000", law="0.5*d^3")])
+        >>> small = chain.reduce(frequency=0.02, loads=["x1"])
+        >>> small.reduction.largest_error < 1e-6, small.reduction.squares.size < 100
+        (True, True)
+        """
+        from viscovib.systems.reduced import reduced_rest
+
+        n = self.n_coordinates
+        top = _native.number("frequency", frequency)
+        low = _native.number("lowest", lowest)
+        if not 1e-50 <= top <= 1e50:
+            raise InputError(f"frequency = {top:g}: must be 1e-50 to 1e50")
+        if not 0 <= low < top:
+            raise InputError(f"lowest = {low:g}: must be at least 0 and below frequency = {top:g}")
+        wanted = _native.number("tolerance", tolerance)
+        if not 1e-12 <= wanted <= 0.1:
+            raise InputError(f"tolerance = {wanted:g}: must be 1e-12 to 0.1")
+        _native.choice("method", method, ("modes", "craig-bampton"))
+        most = _native.integer("max_modes", max_modes, 1, 100_000)
+        if isinstance(loads, (str, Mapping)) or not isinstance(loads, Sequence):
+            raise InputError(f"loads = {_native.shown(loads)}: must be a list of directions")
+        places = self._places  # type: ignore[attr-defined]
+        pushed = [direction_of(f"loads[{i}]", on, n, places) for i, on in enumerate(loads)]
+        pushed += [element.direction for element in self._all_elements]
+        if self._base_direction is not None:
+            pushed.append(self._inertia)
+        if not pushed:
+            raise InputError("loads: must not be empty for a structure without elements")
+        directions = np.array(pushed).T
+        model = linear_model(
+            self.mass, self.damping, self.stiffness, self._uncoupled, self._all_elements
+        )  # fmt: skip
+        boundary = None
+        if method == "craig-bampton":
+            boundary = np.flatnonzero(directions.any(axis=1)).tolist()
+            if len(boundary) > most:
+                raise InputError(
+                    f"method = 'craig-bampton': loads and elements act on {len(boundary)} "
+                    f"coordinates, must be on at most max_modes = {most}"
+                )
+        found = reduced_rest(
+            model, directions, frequency=top, tolerance=wanted, lowest=low, most=most,
+            boundary=boundary,
+        )  # fmt: skip
+        result = copy(self)
+        for name in ("_condensation", "_reduction", "_rest"):
+            result.__dict__.pop(name, None)
+        result.__dict__["_reduction"] = found
+        result.__dict__["_rest"] = found.rest
+        return result
+
+    @classmethod
+    def read(
+        cls,
+        mass: "str | os.PathLike[str]",
+        stiffness: "str | os.PathLike[str] | None" = None,
+        damping: "str | os.PathLike[str] | None" = None,
+        **options: Any,
+    ) -> Self:
+        """Return a structure from files of its matrices, or from one of all (`write`).
+
+        Parameters
+        ----------
+        mass, stiffness, damping : path
+            Matrix Market (.mtx, .mm), Harwell-Boeing (.rb, .hb, .rsa, .rua) or what
+            `scipy.sparse.save_npz` wrote (.npz), each real and square. ``mass`` alone: a .npz
+            that `write` made.
+        **options
+            All else that a structure takes, such as ``elements``, ``names`` and ``rayleigh``.
+
+        Raises
+        ------
+        FileError, InputError
+            A file is missing, cut short, complex, of another type or size: one line that names
+            it.
+
+        Examples
+        --------
+        >>> import numpy as np, tempfile, pathlib, viscovib as vv
+        >>> where = pathlib.Path(tempfile.mkdtemp())
+        >>> vv.Structure(mass=[1.0, 2.0], stiffness=np.eye(2)).write(where / "two.npz")
+        >>> again = vv.Structure.read(where / "two.npz", elements=[vv.Spring(on="x1", law="d^3")])
+        >>> again.dof_names, again.deflections
+        (('x1', 'x2'), ('x1',))
+        """
+        from viscovib.systems.structure_files import read_structure
+
+        return cls(**read_structure(mass, stiffness, damping, options))
+
+    def write(
+        self, path: "str | os.PathLike[str]", *, coordinates: Sequence[str] | None = None
+    ) -> None:
+        """Write the matrices, without the elements: laws and kernels are given when it is read.
+
+        Parameters
+        ----------
+        path : path
+            NAME.npz: the whole model with its damping, names, units and base, for `read`.
+            NAME.mtx: Matrix Market files NAME_mass.mtx, NAME_stiffness.mtx and NAME_damping.mtx.
+            Of a reduced structure these are of its modes, with NAME_shapes.mtx: a row for each of
+            some coordinates; an element or load along e acts on the modes along shapes' e.
+        coordinates : sequence of str, optional
+            Rows of NAME_shapes.mtx; None: where elements and loads act.
+        """
+        from viscovib.systems.structure_files import write_structure
+
+        write_structure(self, path, coordinates)
+
+    @property
+    def reduction(self) -> Any:
+        """How good a reduced structure is (`systems.reduction.Reduction`); None of a whole one."""
+        return None if self._reduced is None else self._reduced.reduction
+
+    def characteristic_roots(
+        self, count: int = 6, *, layers: Sequence[tuple[Any, Kernel]] = ()
+    ) -> "CharacteristicRoots":
+        """The first roots of det[M s^2 + C s + K + sum_j k_j e_j e_j' (1 - R_j(s))] = 0.
+
+        By Newton's method on the full matrices, dense or sparse; each root begins at a mode of the
+        stiffness that acts at its frequency. Only oscillatory roots are looked for: of the result
+        ``real`` is empty, ``n_unstable`` counts those found and ``complete`` is False.
+
+        Parameters
+        ----------
+        count : int
+            How many, by rising frequency of the modes they belong to.
+        layers : sequence of (array, Kernel)
+            Stiffness matrices beside K that relax as a whole, as of a layer of rubber. Motions of
+            such structures are not computed: for them memory belongs to elements.
+        """
+        from viscovib.systems.sparse_roots import structure_roots
+
+        return structure_roots(self, count, layers)
+
+    @property
+    def _base_direction(self) -> FloatArray | None:
+        return None if self.base_direction is None else np.asarray(self.base_direction)
+
+    def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
+        n = self.n_coordinates
+        orders, series = load_series(load, base, n, self._places)  # type: ignore[attr-defined]
+        inertia = np.zeros(n)
+        if self._base_direction is not None:
+            inertia = self._inertia
+        if self._reduced is not None:
+            self._reduced.check_loads(np.column_stack([series[:-1], inertia]))
+        return LoadedStructure.of(self._condensation, orders, series, inertia, self._base_direction)
+
+    @cached_property
+    def _free(self) -> LoadedStructure:
+        """The structure without damping, memory and loads."""
+        rest = self._rest
+        if rest.poles.size:
+            if self._reduced is not None:
+                raise InputError("backbone: a reduced structure needs damping that is modal")
+            stiffness, damping = with_elements(self.stiffness, self.damping, self._all_elements)
+            rest = dense_rest(dense_of(self.mass), 0 * damping, stiffness)
+            if rest.poles.size:
+                raise InputError("stiffness: must be symmetric for free motions without losses")
+        nothing = np.zeros(rest.squares.size)
+        undamped = Condensation(
+            rest._replace(rates=nothing, losses=nothing), self._condensation.laws, self._reduced
+        )
+        none = np.zeros((self.n_coordinates, 0), dtype=complex)
+        return LoadedStructure(
+            undamped, np.zeros(0, dtype=np.int32), none, np.zeros(0, dtype=complex),
+            np.zeros(self.n_coordinates), None,
+        )  # fmt: skip
+
+    def _moving_most(self, mode: int) -> int:
+        """The coordinate that moves most in a mode, weighed by the root of its inertia."""
+        free = self._free.condensation.rest
+        if mode >= free.squares.size:
+            raise InputError(f"mode = {mode}: must be 0 to {free.squares.size - 1}")
+        mass: Any = self.mass
+        moved = np.abs(free.shapes[:, mode]) * np.sqrt(np.abs(mass.diagonal()))
+        return int(np.flatnonzero(moved >= (1 - 1e-9) * moved.max())[0])
+
+    def _wanted(self, coordinates: Any, loaded: LoadedStructure) -> npt.NDArray[np.intp]:
+        """Places of the coordinates that results hold."""
+        if coordinates is None:
+            if self.n_coordinates <= _ALL_GIVEN:
+                return np.arange(self.n_coordinates)
+            touched = loaded.forces.any(axis=1)
+            for element in self._all_elements:
+                touched |= element.direction != 0
+            return np.flatnonzero(touched)[:_ALL_GIVEN]
+        return self._chosen(coordinates)
+
+    def _chosen(self, coordinates: Any) -> npt.NDArray[np.intp]:
+        """Places of coordinates by their names."""
+        if isinstance(coordinates, str) or not isinstance(coordinates, Sequence):
+            raise InputError(f"coordinates = {_native.shown(coordinates)}: must be a list of names")
+        places: Mapping[str, int] = self._places  # type: ignore[attr-defined]
+        for name in coordinates:
+            if not isinstance(name, str) or name not in places:
+                raise InputError(
+                    f"coordinates: {_native.shown(name)} must be one of the "
+                    f"{self.n_coordinates} coordinates {self.dof_names[0]}, ..."
+                )
+        if not coordinates:
+            raise InputError("coordinates: must not be empty")
+        return np.array([places[name] for name in coordinates])

@@ -1,0 +1,160 @@
+"""Structures in files: matrices with their damping and names, and reduced models for the driver."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from viscovib.common.files import whole_file
+from viscovib.common.parameters import FilePath
+from viscovib.errors import FileError, InputError
+from viscovib.systems.matrix_files import read_matrix, write_matrix
+from viscovib.systems.structure_matrices import is_sparse
+
+#: What a file says it holds.
+_FORM = "viscovib structure 1"
+_MATRICES = ("mass", "stiffness", "damping")
+
+
+def read_structure(mass: Any, stiffness: Any, damping: Any, options: dict[str, Any]) -> Any:
+    """Return the arguments of a `Structure` from one file of all, or from one for each matrix."""
+    if stiffness is None:
+        if damping is not None:
+            raise InputError("damping: must not be given without a file of the stiffness")
+        return _whole(Path(FilePath("mass").check(mass))) | options
+    given = {"mass": mass, "stiffness": stiffness}
+    if damping is not None:
+        given["damping"] = damping
+    matrices: dict[str, Any] = {}
+    for name, path in given.items():
+        matrices[name] = read_matrix(name, path)
+        n, own = matrices["mass"].shape[0], matrices[name].shape[0]
+        if own != n:
+            raise InputError(f"{name}: {path} has {own} rows, must have {n} as mass has")
+    return matrices | options
+
+
+def _whole(file: Path) -> dict[str, Any]:
+    from scipy.sparse import csc_array
+
+    if file.suffix.lower() != ".npz":
+        raise InputError(
+            f"mass = {str(file)!r}: must end in .npz to hold a whole structure; give a file of "
+            "the stiffness too"
+        )
+    try:
+        with open(file, "rb") as opened, np.load(opened, allow_pickle=False) as held:
+            parts = {name: held[name] for name in held.files}
+    except OSError as error:
+        why = error.strerror or "it is no .npz file"
+        raise FileError(f"mass: {file} cannot be read ({why})") from None
+    except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
+        why = " ".join(str(error).split())[:120]
+        raise FileError(f"mass: {file} cannot be read ({why})") from None
+    if str(parts.pop("form", "")) != _FORM:
+        raise FileError(f"mass: {file} holds no structure; was it written by Structure.write?")
+    found: dict[str, Any] = {}
+    for name in _MATRICES:
+        if f"{name}.data" in parts:
+            data, places, starts = (parts.pop(f"{name}.{k}") for k in ("data", "indices", "indptr"))
+            n = starts.size - 1
+            found[name] = csc_array((data, places, starts), shape=(n, n))
+    for name, value in parts.items():
+        found[name] = value.tolist() if value.dtype.kind == "U" or value.ndim == 0 else value
+    return found
+
+
+def write_structure(
+    structure: Any, path: str | os.PathLike[str], coordinates: Sequence[str] | None
+) -> None:
+    """Write a structure: see `Structure.write`."""
+    file = Path(FilePath("path").check(path))
+    ending = file.suffix.lower()
+    if ending not in (".npz", ".mtx"):
+        raise InputError(f"path = {str(path)!r}: must end in .npz or .mtx")
+    if coordinates is not None and (structure._reduced is None or ending == ".npz"):
+        raise InputError("coordinates: only a reduced structure in .mtx has some of them")
+    if ending == ".npz":
+        _write_whole(structure, file)
+        return
+    parts = {name: getattr(structure, name) for name in _MATRICES}
+    if structure._reduced is not None:
+        parts = _reduced_parts(structure, coordinates)
+    elif structure._uncoupled is not None:
+        raise InputError(
+            f"path = {str(path)!r}: modal damping, Rayleigh and loss factors have no matrix: must "
+            "end in .npz"
+        )
+    for name, matrix in parts.items():
+        named = isinstance(matrix, Named)
+        write_matrix(
+            file.with_name(f"{file.stem}_{name}.mtx"), matrix.array if named else matrix,
+            "rows: " + " ".join(matrix.names) if named else "",
+        )  # fmt: skip
+
+
+def _write_whole(structure: Any, file: Path) -> None:
+    parts: dict[str, Any] = {"form": np.array(_FORM)}
+    for name in _MATRICES:
+        matrix = getattr(structure, name)
+        if is_sparse(matrix):
+            parts |= {f"{name}.{k}": getattr(matrix, k) for k in ("data", "indices", "indptr")}
+        else:
+            parts[name] = matrix
+    for name in ("modal_damping", "rayleigh", "base_direction"):
+        value = getattr(structure, name)
+        if value is not None:
+            parts[name] = np.asarray(value, dtype=float)
+    parts["loss_factor"] = np.array(float(structure.loss_factor))
+    parts["names"], parts["units"] = np.array(structure.dof_names), np.array(structure.dof_units)
+    with whole_file(file, "wb") as target:
+        np.savez_compressed(target, **parts)  # type: ignore[arg-type]
+
+
+def _reduced_parts(structure: Any, coordinates: Sequence[str] | None) -> dict[str, Any]:
+    """Matrices in the reduced coordinates without the elements, and shapes of some coordinates."""
+    reduced = structure._reduced
+    found = reduced.reduction
+    if found.static.shape[1]:
+        raise InputError("path: loads on coordinates without mass have no modes: must end in .npz")
+    shapes = found.shapes
+    stiffness = np.diag(found.squares)
+    damping = np.diag(found.rates)
+    if reduced.model.damping is not None:
+        damping = damping + found.matrices[0]
+    touched = np.zeros(structure.n_coordinates, dtype=bool)
+    for element in structure._all_elements:
+        e = shapes.T @ element.direction
+        stiffness = stiffness - element.powers.get(1, 0.0) * np.outer(e, e)
+        damping = damping - element.damping * np.outer(e, e)
+        touched |= element.direction != 0
+    if coordinates is None:
+        touched |= np.abs(reduced.loads).max(axis=1) > 1e-12
+        places = np.flatnonzero(touched)
+    else:
+        places = structure._chosen(coordinates)
+    # Rounding would make them look coupled, and entries cost room.
+    kept = [_cleaned(matrix) for matrix in (stiffness, damping)]
+    names = [structure.dof_names[i] for i in places]
+    return {
+        "mass": np.eye(found.squares.size), "stiffness": kept[0], "damping": kept[1],
+        "shapes": Named(shapes[places], names),
+    }  # fmt: skip
+
+
+def _cleaned(matrix: Any) -> Any:
+    matrix = 0.5 * (matrix + matrix.T)
+    size = np.sqrt(np.abs(np.outer(matrix.diagonal(), matrix.diagonal())))
+    return np.where(np.abs(matrix) > 1e-15 * size, matrix, 0.0)
+
+
+class Named(NamedTuple):
+    """An array whose rows have names, told in a comment of the file."""
+
+    array: Any
+    names: list[str]

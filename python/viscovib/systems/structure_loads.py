@@ -1,0 +1,90 @@
+"""What acts on a structure in time, by its columns and directions, and what it has no answer to."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError, StabilityWarning, caller
+from viscovib.systems.condensed import LoadedStructure
+from viscovib.systems.elements import direction_of
+from viscovib.systems.load_table import LoadTable
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+
+#: What is condensed.
+Condensed: TypeAlias = Structure | PolynomialSystem
+#: Part of the largest column of a table by which combinations of columns are rounding.
+_ROUNDING = 1e-15
+
+
+def damped(structure: Condensed, u: FloatArray) -> FloatArray:
+    """C u, with the dampers among the elements."""
+    matrix: Any = structure.damping
+    total = np.asarray(matrix @ u)
+    for element in getattr(structure, "_all_elements", ()):
+        if element.damping:
+            total = total + element.damping * element.direction * (element.direction @ u)
+    return total
+
+
+def check_forces(structure: Condensed, loaded: LoadedStructure, patterns: FloatArray) -> None:
+    """Refuse forces to which the rest has no answer in time."""
+    reduced = getattr(structure, "_reduced", None)
+    if reduced is not None:
+        reduced.check_loads(patterns.astype(complex))
+    if loaded.condensation.rest.flexibility is None:
+        return
+    forces = [loaded.condensation.laws.directions, loaded.forces.real, loaded.forces.imag, patterns]
+    moved, _ = loaded.condensation.rest.flexibility(np.concatenate(forces, axis=1))
+    if moved.any():
+        i = int(np.flatnonzero(moved.any(axis=1))[0])
+        raise InputError(
+            f"elements, load: a force acts on a coordinate without mass ({structure.dof_names[i]} "
+            "follows at once), must have mass there for a motion in time"
+        )
+
+
+def table_columns(
+    force: LoadTable | None, structure: Condensed
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Directions of the columns of a table, its times and cubics as the core takes them."""
+    n = len(structure.dof_names)
+    if force is None:
+        return np.zeros((n, 1)), np.zeros(1), np.zeros((1, 4, 1), order="F")
+    if not isinstance(force, LoadTable):
+        raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
+    times = np.asarray(force.times)
+    values = np.asarray(force.values)
+    if values.ndim == 1:
+        on = 0 if force.on is None else force.on
+        e = direction_of("force.on", on, n, {name: d for d, name in enumerate(structure.dof_names)})
+        return e[:, np.newaxis], times, force._cubics(values[:, np.newaxis])
+    pieces = force._pieces(n)
+    used = np.flatnonzero(pieces.any(axis=(1, 2)))
+    patterns = np.zeros((n, max(used.size, 1)))
+    patterns[used, np.arange(used.size)] = 1.0
+    pieces = pieces[used] if used.size else np.zeros((1, 4, times.size))
+    if used.size > 8:
+        # Few motions of many coordinates: their combinations.
+        flat = pieces.reshape(used.size, -1)
+        left, sizes, right = np.linalg.svd(flat, full_matrices=False)
+        rank = int((sizes > _ROUNDING * sizes[0]).sum())
+        patterns = patterns @ (left[:, :rank] * sizes[:rank])
+        pieces = right[:rank].reshape(rank, 4, times.size)
+    return patterns, times, np.asfortranarray(pieces)
+
+
+def warn_of_creeping(structure: Condensed) -> None:
+    """Warn of kernels under which free motion may not come to rest."""
+    if any(kernel.integral >= 1 for kernel in structure._active_kernels):
+        warnings.warn(
+            "the integral of a kernel is 1 or more: free motion may creep away, and a run does "
+            "not settle on the steady response",
+            StabilityWarning,
+            stacklevel=caller(),
+        )

@@ -1,0 +1,157 @@
+"""Matrices of a structure, dense or sparse, and what its elements add to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+from viscovib.systems.elements import ElementTerms
+from viscovib.systems.polynomial_system import _square
+from viscovib.systems.structure_rest import ModalDamping
+
+if TYPE_CHECKING:
+    from viscovib.systems.linear_model import LinearModel
+
+#: Coordinates that an element may act on in sparse matrices.
+_MANY = 2000
+
+
+def is_sparse(matrix: Any) -> bool:
+    """Whether a matrix is one of scipy.sparse, which need not be loaded for this."""
+    return hasattr(matrix, "tocsc")
+
+
+def matrix_of(name: str, value: Any, n: int | None, sparse: bool) -> Any:
+    """Return a matrix of a structure: a csc_array if ``sparse``, else a dense one."""
+    if not sparse:
+        return _square(name, value, n)
+    from scipy.sparse import csc_array, diags_array
+
+    from viscovib.systems.sparse_pencil import checked_sparse
+
+    if is_sparse(value):
+        return checked_sparse(name, value, n)
+    if value is None:
+        return csc_array((n, n))
+    given = _native.real_array(name, value)
+    if given.ndim < 2:
+        return checked_sparse(name, diags_array(np.atleast_1d(given)), n)
+    return checked_sparse(name, _square(name, given, n), n)
+
+
+def told(structure: Any) -> str:
+    """A structure in a line."""
+    form = "sparse" if is_sparse(structure.mass) else "dense"
+    count = len(structure.elements)
+    text = f"{structure.n_coordinates} coordinates in {form} matrices, {count} elements"
+    found = structure.reduction
+    if found is not None:
+        text += (
+            f", reduced to {found.n_modes} modes and {found.squares.size - found.n_modes} "
+            f"corrections with an error of {found.largest_error:.1e}"
+        )
+    return f"<Structure: {text}>"
+
+
+def dense_of(matrix: Any) -> FloatArray:
+    """Return a matrix as a dense one."""
+    return np.asarray(matrix.toarray() if is_sparse(matrix) else matrix, dtype=float)
+
+
+def check_mass(mass: Any) -> None:
+    """Refuse a mass that is not symmetric or negative; rows of 0 are coordinates without mass."""
+    if is_sparse(mass):
+        from viscovib.systems.sparse_pencil import check_mass as check_sparse_mass
+
+        check_sparse_mass(mass)
+        return
+    asymmetry = np.abs(mass - mass.T).max()
+    massive = mass.any(axis=1)
+    if not massive.any():
+        raise InputError("mass: must not be 0 everywhere")
+    try:
+        np.linalg.cholesky(mass[np.ix_(massive, massive)])
+    except np.linalg.LinAlgError:
+        asymmetry = np.inf
+    if asymmetry > 1e-12 * np.abs(mass).max():
+        raise InputError(
+            "mass: must be symmetric and positive definite, but for coordinates without mass"
+        )
+
+
+def with_elements(
+    stiffness: Any, damping: Any, elements: Sequence[ElementTerms]
+) -> tuple[FloatArray, FloatArray]:
+    """Return K and C, dense, with the linear parts of all elements."""
+    total, damped = dense_of(stiffness).copy(), dense_of(damping).copy()
+    for element in elements:
+        k, c = element.powers.get(1, 0.0), element.damping
+        if k or c:
+            places = np.flatnonzero(element.direction)
+            e = element.direction[places]
+            total[np.ix_(places, places)] += k * np.outer(e, e)
+            damped[np.ix_(places, places)] += c * np.outer(e, e)
+    return total, damped
+
+
+def linear_model(
+    mass: Any,
+    damping: Any,
+    stiffness: Any,
+    modal: ModalDamping | None,
+    elements: Sequence[ElementTerms],
+    *,
+    remembering: bool = False,
+) -> LinearModel:
+    """Return sparse K and C with the linear parts of elements, and M.
+
+    ``remembering``: what has a kernel relaxes.
+    """
+    from viscovib.systems.linear_model import LinearModel
+    from viscovib.systems.sparse_pencil import checked_sparse
+
+    n = mass.shape[0]
+    layers: list[ElementTerms] = []
+    elastic: list[tuple[float, FloatArray]] = []
+    for e in elements:
+        k = e.powers.get(1, 0.0)
+        if remembering and e.kernel is not None and k:
+            layers.append(e)
+        else:
+            elastic.append((k, e.direction))
+    total = checked_sparse("damping", damping)
+    total = total + _of_elements(n, [(e.damping, e.direction) for e in elements])
+    modal = ModalDamping() if modal is None else modal
+    return LinearModel(
+        checked_sparse("mass", mass),
+        checked_sparse("stiffness", stiffness) + _of_elements(n, elastic),
+        damping=total if total.nnz else None,
+        rayleigh=(modal.by_mass, modal.by_stiffness),
+        ratio=modal.ratio,  # type: ignore[arg-type]
+        loss=modal.loss,  # type: ignore[arg-type]
+        layers=[(_of_elements(n, [(e.powers[1], e.direction)]), e.kernel) for e in layers],  # type: ignore[misc]
+    )
+
+
+def _of_elements(n: int, parts: list[tuple[float, FloatArray]]) -> Any:
+    """Sum of factor e e' over directions e."""
+    from scipy.sparse import csc_array
+
+    total = csc_array((n, n))
+    for factor, direction in parts:
+        if not factor:
+            continue
+        places = np.flatnonzero(direction)
+        if places.size > _MANY:
+            raise InputError(
+                f"elements: one acts on {places.size} coordinates at once, must be on at most "
+                f"{_MANY} of sparse matrices"
+            )
+        e = csc_array(direction[:, np.newaxis])
+        total = total + factor * (e @ e.T)
+    return csc_array(total)

@@ -1,0 +1,158 @@
+"""Numbers of a system that may vary along a branch, by name."""
+
+import re
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray, core
+from viscovib.common.expression import expand, spell
+from viscovib.common.parameters import NEARLY_NOTHING
+from viscovib.errors import InputError
+from viscovib.systems.mount import Mount
+from viscovib.systems.oscillators import Oscillator
+from viscovib.systems.polynomial_system import PolynomialSystem
+
+#: Where a parameter stands among the numbers of a mount.
+_ENTRIES = {
+    "mass": 1, "inertia": 2, "offset": 3, "stiffness_x": 4, "stiffness_phi": 5, "cubic_scale": 10,
+    "memory_scale": 11,
+}  # fmt: skip
+#: In the vector of a polynomial system: numbers before its matrices, and the factor of kernels.
+_HEAD, _MEMORY = 5, 4
+_NAMES = "'memory_scale', 'mass_scale', 'damping_scale', 'stiffness_scale' or 'forces_scale'"
+
+
+class Varied(NamedTuple):
+    """The numbers of a system are ``rest + p direction``."""
+
+    name: str
+    rest: FloatArray
+    direction: FloatArray
+
+    def at(self, p: float) -> FloatArray:
+        """Numbers of the system at p."""
+        return self.rest + (p or NEARLY_NOTHING) * self.direction
+
+
+def varied(system: Oscillator, name: object, start: float, finish: float) -> Varied:
+    """Which numbers of a system a name means; both ends must make a system."""
+    if isinstance(system, Mount):
+        key = _native.choice("vary", name, tuple(_ENTRIES))
+        for value in (finish, start):
+            changes: dict[str, Any] = {key: value}
+            replace(system, **changes)
+        return _entries(key, system._flat, {_ENTRIES[key] - 1: 1.0})
+    assert isinstance(system, PolynomialSystem)
+    found = _of_polynomial(system, name)
+    for value in (finish, start):
+        _native.call(core.polynomial_check, found.rest + value * found.direction)
+    return found
+
+
+def _entries(
+    name: str, flat: FloatArray, weights: dict[int, float], staying: dict[int, float] | None = None
+) -> Varied:
+    """``staying``: what does not vary of an entry."""
+    rest, direction = flat.copy(), np.zeros(flat.size)
+    for i, weight in weights.items():
+        rest[i], direction[i] = (staying or {}).get(i, 0.0), weight
+    return Varied(name, rest, direction)
+
+
+def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
+    form = None
+    if isinstance(name, str):
+        form = re.fullmatch(
+            r"(?:springs\[(\d+)\]\.)?(mass|damping|stiffness|forces|memory)(_scale|\[(.*)\])?",
+            name.replace(" ", ""),
+        )
+    names, n = system.dof_names, len(system.dof_names)
+    entry = "'stiffness'" if n == 1 else f"'stiffness[{names[0]},{names[1]}]'"
+    force = "'forces[x^3]'" if n == 1 else f"'forces[{names[0]},{names[1]}^3]'"
+    if form is None:
+        raise InputError(
+            f"vary = {_native.shown(name)}: must be {_NAMES}, an entry such as {entry} of mass, "
+            f"damping or stiffness, or a coefficient such as {force}; with 'springs[0].' before "
+            "it, of those springs"
+        )
+    group = 0 if form[1] is None else int(form[1]) + 1
+    what, kind = form[2], form[3] or ""
+    if group >= len(system.groups) or (group and what not in ("stiffness", "forces")):
+        raise InputError(
+            f"vary = {name!r}: the system has {len(system.groups) - 1} springs, whose stiffness "
+            "and forces may vary"
+        )
+    flat = system._flat
+    if what == "memory":
+        if kind != "_scale":
+            raise InputError(f"vary = {name!r}: must be 'memory_scale'")
+        if not system._active_kernels:
+            raise InputError("vary = 'memory_scale': the system has no kernel")
+        return _entries(str(name), flat, {_MEMORY: 1.0})
+    if what == "forces":
+        places = _forces(system, group)
+    else:
+        first = {"mass": _HEAD, "damping": _HEAD + n * n}.get(what, 0)
+        first = first or _HEAD + 2 * n * n + n + group * (1 + n * n) + 1
+        places = {(names[i], names[j]): first + i + n * j for i in range(n) for j in range(n)}
+    own = system.groups[group]
+    staying: dict[int, float] = {}
+    if what == "stiffness" and own.law_slopes is not None:
+        staying = {
+            i: float(own.law_slopes[names.index(on), names.index(by)])
+            for (on, by), i in places.items()
+        }
+    if kind == "_scale" and what == "forces" and own.laws:
+        raise InputError(
+            f"vary = {name!r}: must not scale laws with functions, only polynomials can be scaled"
+        )
+    if kind == "_scale":
+        weights = {i: float(flat[i]) - staying.get(i, 0.0) for i in places.values()}
+        weights = {i: weight for i, weight in weights.items() if weight}
+        if not weights:
+            raise InputError(f"vary = {name!r}: all of it is 0")
+        return _entries(str(name), flat, weights, staying)
+    key = _key(system, str(name), what, form[4])
+    if key not in places:
+        allowed = ", ".join(f"{on}: {spell(powers, names)}" for on, powers in places)
+        raise InputError(f"vary = {name!r}: is not among the forces ({allowed})")
+    weights = {places[key]: 1.0}
+    mirrored = (key[1], key[0])
+    if what != "forces":
+        there, here = places[mirrored], places[key]
+        if flat[there] - staying.get(there, 0.0) == flat[here] - staying.get(here, 0.0):
+            weights[there] = 1.0
+    return _entries(str(name), flat, weights, staying)
+
+
+def _forces(system: PolynomialSystem, group: int) -> dict[tuple[Any, Any], int]:
+    """Where coefficients of a group stand, by equation and powers."""
+    n = len(system.dof_names)
+    first = _HEAD + 2 * n * n + n + len(system.groups) * (1 + n * n)
+    first += sum(len(g.forces) for g in system.groups[:group]) * (3 + n)
+    return {
+        (system.dof_names[on], powers): first + k * (3 + n)
+        for k, (on, powers) in enumerate(system.groups[group].forces)
+    }
+
+
+def _key(system: PolynomialSystem, name: str, what: str, inside: str | None) -> tuple[Any, Any]:
+    """Equation and coordinate or powers, from what stands in brackets."""
+    names = system.dof_names
+    parts = inside.split(",") if inside else []
+    if len(names) == 1 and len(parts) == (what == "forces"):
+        parts = [names[0], *(parts or names)]
+    wanted = "an equation and a monomial" if what == "forces" else "two coordinates"
+    if len(parts) != 2:
+        raise InputError(f"vary = {name!r}: must have {wanted} in brackets")
+    for part in parts[: 1 if what == "forces" else 2]:
+        _native.choice(f"vary = {name!r}: coordinate", part, names)
+    if what != "forces":
+        return parts[0], parts[1]
+    terms = expand("vary", parts[1], names)
+    if len(terms) != 1 or next(iter(terms.values())) != 1:
+        raise InputError(f"vary = {name!r}: {parts[1]} must be one monomial, as x^2*y")
+    return parts[0], next(iter(terms))
