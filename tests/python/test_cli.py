@@ -127,7 +127,7 @@ def _told_by_terminal(command, cwd):
 def test_bars_only_on_terminals(tmp_path):
     # Without patience, so that a bar does not depend on how fast the machine is.
     impatient = (
-        "import sys; from viscovib import progress; progress._PATIENCE = 0.0;"
+        "import sys; from viscovib.common import progress; progress._PATIENCE = 0.0;"
         "from viscovib.cli.commands import main; sys.exit(main(sys.argv[1:]))"
     )
     scene = SCENES / "pendulum_branch.nml"
