@@ -32,8 +32,9 @@ _NAMES = {
     "ViscovibError",
     "explorer.notebook": "Explorer explore",
     "kernels.relaxation": "AbelKernel ExponentialSum Kernel PronyKernel RabotnovKernel "
-    "RzhanitsynKernel TabulatedKernel",
+    "RzhanitsynKernel",
     "kernels.sum_kernel": "SumKernel",
+    "kernels.tabulated": "TabulatedKernel",
     "kernels.time_temperature": "Arrhenius ShiftLaw ThermalKernel WLF",
     "plots.animation": "animate",
     "plots.bodies": "plot_body plot_energy plot_transmissibility",
@@ -51,14 +52,15 @@ _NAMES = {
     "rubber.amplitude_fit": "AmplitudeFit ProgressiveLaw fit_amplitude fit_progressive "
     "jenkins_stiffness",
     "rubber.bands": "Band propagate",
-    "rubber.data": "CreepData ModulusData RelaxationData read_creep read_dma "
-    "read_dynamic_stiffness read_relaxation",
+    "rubber.data": "CreepData ModulusData RelaxationData",
     "rubber.files": "read_fit read_kernel write_kernel",
-    "rubber.fit": "KernelFit Optimum ParametricFit Profile Sample",
+    "rubber.fit": "KernelFit Optimum Profile Sample",
     "rubber.kernel_fit": "fit_kernel",
     "rubber.kramers_kronig_pair": "KramersKronig kramers_kronig",
     "rubber.master": "MasterCurve master_curve",
+    "rubber.parametric_fit": "ParametricFit",
     "rubber.prony_fit": "PronyFit",
+    "rubber.reading": "read_creep read_dma read_dynamic_stiffness read_relaxation",
     "rubber.shift_fit": "ShiftFit ShiftTable fit_shift_law",
     "rubber.terms": "PronyTerms prony_terms",
     "scene.job": "SceneResult plan",
@@ -73,7 +75,8 @@ _NAMES = {
     "systems.load_table": "LoadTable",
     "systems.mount": "Mount",
     "systems.pendulum": "Pendulum",
-    "systems.polynomial_system": "Monomial PolynomialSystem Springs",
+    "systems.polynomial_system": "PolynomialSystem",
+    "systems.spring_groups": "Monomial Springs",
     "systems.structure": "Structure",
 }
 _MODULE = {name: module for module, names in _NAMES.items() for name in names.split()}
@@ -143,9 +146,9 @@ if TYPE_CHECKING:
         PronyKernel as PronyKernel,
         RabotnovKernel as RabotnovKernel,
         RzhanitsynKernel as RzhanitsynKernel,
-        TabulatedKernel as TabulatedKernel,
     )
     from viscovib.kernels.sum_kernel import SumKernel as SumKernel
+    from viscovib.kernels.tabulated import TabulatedKernel as TabulatedKernel
     from viscovib.kernels.time_temperature import (
         WLF as WLF,
         Arrhenius as Arrhenius,
@@ -211,10 +214,6 @@ if TYPE_CHECKING:
         CreepData as CreepData,
         ModulusData as ModulusData,
         RelaxationData as RelaxationData,
-        read_creep as read_creep,
-        read_dma as read_dma,
-        read_dynamic_stiffness as read_dynamic_stiffness,
-        read_relaxation as read_relaxation,
     )
     from viscovib.rubber.files import (
         read_fit as read_fit,
@@ -224,7 +223,6 @@ if TYPE_CHECKING:
     from viscovib.rubber.fit import (
         KernelFit as KernelFit,
         Optimum as Optimum,
-        ParametricFit as ParametricFit,
         Profile as Profile,
         Sample as Sample,
     )
@@ -237,7 +235,14 @@ if TYPE_CHECKING:
         MasterCurve as MasterCurve,
         master_curve as master_curve,
     )
+    from viscovib.rubber.parametric_fit import ParametricFit as ParametricFit
     from viscovib.rubber.prony_fit import PronyFit as PronyFit
+    from viscovib.rubber.reading import (
+        read_creep as read_creep,
+        read_dma as read_dma,
+        read_dynamic_stiffness as read_dynamic_stiffness,
+        read_relaxation as read_relaxation,
+    )
     from viscovib.rubber.shift_fit import (
         ShiftFit as ShiftFit,
         ShiftTable as ShiftTable,
@@ -265,9 +270,9 @@ if TYPE_CHECKING:
     from viscovib.systems.load_table import LoadTable as LoadTable
     from viscovib.systems.mount import Mount as Mount
     from viscovib.systems.pendulum import Pendulum as Pendulum
-    from viscovib.systems.polynomial_system import (
+    from viscovib.systems.polynomial_system import PolynomialSystem as PolynomialSystem
+    from viscovib.systems.spring_groups import (
         Monomial as Monomial,
-        PolynomialSystem as PolynomialSystem,
         Springs as Springs,
     )
     from viscovib.systems.structure import Structure as Structure

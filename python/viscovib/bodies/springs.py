@@ -13,7 +13,7 @@ from viscovib._native import FloatArray
 from viscovib.bodies.mount_point import MountPoint, crossing
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.laws import Law
-from viscovib.systems.polynomial_system import Monomial, Springs
+from viscovib.systems.spring_groups import Monomial, Springs
 
 
 @dataclass(frozen=True)

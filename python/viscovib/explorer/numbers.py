@@ -1,7 +1,7 @@
 """Numbers of a scene that a slider can move: their keys, units and ranges."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,18 +56,21 @@ def numbers(scene: Scene) -> dict[str, Number]:
     """Every number of a scene by its key: those of the system and its loads first."""
     found: dict[str, Number] = {}
     for name in (*_PHYSICS, *scene.groups):
-        group = scene.groups.get(name)
-        if not group or name in ("scene", "sweep"):
-            continue
-        several = group if isinstance(group, list) else [group]
-        for i, one in enumerate(several):
-            place = f"{name}({i + 1})" if len(several) > 1 else name
-            title = f"{name} {i + 1}" if len(several) > 1 else name
-            for key, value in one.items():
-                if (name in _PHYSICS and key not in _NAMES) or key in _RANGES:
-                    for number in _of_key(scene, place, title, key, value):
-                        found.setdefault(number.key, number)
+        if name not in ("scene", "sweep"):
+            for number in _of_group(scene, name):
+                found.setdefault(number.key, number)
     return found
+
+
+def _of_group(scene: Scene, name: str) -> Iterator[Number]:
+    group = scene.groups.get(name) or []
+    several = group if isinstance(group, list) else [group]
+    for i, one in enumerate(several):
+        place = f"{name}({i + 1})" if len(several) > 1 else name
+        title = f"{name} {i + 1}" if len(several) > 1 else name
+        for key, value in one.items():
+            if (name in _PHYSICS and key not in _NAMES) or key in _RANGES:
+                yield from _of_key(scene, place, title, key, value)
 
 
 def chosen(scene: Scene, keys: Sequence[str] | None) -> dict[str, Number]:

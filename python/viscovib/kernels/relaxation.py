@@ -10,7 +10,6 @@ in closed form, to the last digits.
 
 from __future__ import annotations
 
-import math
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -24,7 +23,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.common.parameters import TOLERANCE, Number
-from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning, caller
+from viscovib.errors import ConvergenceWarning, InputError, caller
 
 
 class Kernel(ABC):
@@ -39,6 +38,8 @@ class Kernel(ABC):
     """
 
     _kind: ClassVar[int]
+    #: Whether a sum of exponentials comes as near as is asked for.
+    _meets: ClassVar[bool] = True
 
     @cached_property
     @abstractmethod
@@ -178,8 +179,7 @@ class Kernel(ABC):
         for _ in range(_TRIES):
             found = self._measured_sum(asked, first, last)
             short = found.error / max(wanted, _SUM_ROUNDING)
-            # A table is met as well as can be at once.
-            if short <= 1 or isinstance(self, TabulatedKernel):
+            if short <= 1 or not self._meets:
                 break
             asked = max(0.3 * asked / short, _LEAST_TOLERANCE)
         if short > 1:
@@ -249,8 +249,6 @@ _MOST_TERMS, _AT_A_TIME = 4000, 2**22
 _TRIES, _LEAST_TOLERANCE, _SUM_ROUNDING = 4, 1e-15, 1e-14
 #: Points below it and above its inverse may be taken in other units.
 _SMALL = 1e-100
-#: A table that lacks more than this part of its integral is told; as in the core.
-_UNSEEN = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -430,119 +428,6 @@ class ExponentialSum(PronyKernel):
     t_min: float
     t_max: float
     error: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TabulatedKernel(Kernel):
-    """A measured kernel R(t_i), with an exact transform of its interpolant.
-
-    Parameters
-    ----------
-    times : array_like, shape (n,)
-        t_i >= 0 (s), strictly increasing, n >= 2.
-    values : array_like, shape (n,)
-        R(t_i) (1/s).
-    interpolation : {"linear", "exponential"}
-        "linear": straight between points, constant before the first, 0 after the last.
-        "exponential": log-linear between points (all values > 0), the first and last rates
-        continued outside.
-
-    Warns
-    -----
-    StabilityWarning
-        If values are negative or increase with time, as those of no relaxing material do; if
-        the first points rise towards t = 0 like a power of t, so that more than 1 % of the integral
-        lies before the first time, where the table knows nothing: give earlier times, or a kernel
-        with that singularity, such as `RzhanitsynKernel`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import viscovib as vv
-    >>> t = np.geomspace(1e-3, 50, 40)
-    >>> kernel = vv.TabulatedKernel(times=t, values=0.1 * np.exp(-t))
-    >>> cosine = kernel.cosine(2.0)
-    """
-
-    times: npt.ArrayLike
-    values: npt.ArrayLike
-    interpolation: str = "linear"
-    _kind: ClassVar[int] = 5
-    _codes: ClassVar[tuple[str, ...]] = ("linear", "exponential")
-
-    def __post_init__(self) -> None:
-        _vectors(self, "times", "values")
-        _native.choice("interpolation", self.interpolation, self._codes)
-        self._check()
-        self._warn_of_what_no_material_does()
-
-    @cached_property
-    def _data(self) -> FloatArray:
-        code = float(self._codes.index(self.interpolation))
-        return np.concatenate([[code], np.asarray(self.times), np.asarray(self.values)])
-
-    @cached_property
-    def _seconds(self) -> float:
-        return 1e-7 * self._data.size
-
-    @property
-    def _relaxing(self) -> float:
-        return 2e-6
-
-    def _scaled(self, unit: float) -> FloatArray:
-        times, values = np.split(self._data[1:], 2)
-        return np.concatenate([self._data[:1], times / unit, values * unit])
-
-    def _warn_of_what_no_material_does(self) -> None:
-        times, values = np.asarray(self.times), np.asarray(self.values)
-        if (values < 0).any():
-            i = int(values.argmin())
-            meaning = "the spring would stiffen under a held deflection"
-            text = f"R({times[i]:g}) = {values[i]:g} < 0: {meaning}, which no relaxation does"
-        elif (np.diff(values) > 0).any():
-            i = int((np.diff(values) > 0).argmax())
-            meaning = "relaxation would speed up with time"
-            text = f"R increases between t = {times[i]:g} and {times[i + 1]:g}: {meaning}"
-        else:
-            self._warn_of_what_is_not_seen(times)
-            return
-        warnings.warn(text, StabilityWarning, stacklevel=caller())
-
-    def _warn_of_what_is_not_seen(self, times: FloatArray) -> None:
-        (unseen,) = _native.call(core.kernel_unseen, self._kind, self._data)
-        if unseen > _UNSEEN * abs(self.integral):
-            text = (
-                f"the first values rise towards t = 0 like a power of t: an integral of about "
-                f"{unseen:.3g} lies before times[0] = {times[0]:g}, which the table does not hold; "
-                f"the integral of the table is {self.integral:.3g}"
-            )
-            warnings.warn(text, StabilityWarning, stacklevel=caller())
-
-    def _exponentials(
-        self, tolerance: float, first: float, last: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Least squares with weights >= 0 over a grid of rates, then over the rates too."""
-        from scipy.optimize import least_squares, nnls
-
-        times = np.geomspace(first, last, 400)
-        values = self(times)
-        scale = np.where(values != 0, np.abs(values), np.abs(values).max() or 1.0)
-        n = math.ceil(1.5 * math.log(last / first)) + 6
-        rates = np.geomspace(0.1 / last, 10 / first, n)
-        target = values / scale
-        weights, _ = nnls(np.exp(-np.outer(times, rates)) / scale[:, None], target, maxiter=100 * n)
-        used = weights > 1e-12 * weights.max()
-        if not used.any():
-            raise InputError("values: no sum of decaying exponentials comes near this table")
-
-        def misfit(logarithms: FloatArray) -> FloatArray:
-            w, r = np.exp(logarithms.reshape(2, -1))
-            return np.asarray((np.exp(-np.outer(times, r)) @ w) / scale - target)
-
-        start = np.log(np.concatenate([weights[used], rates[used]]))
-        best = least_squares(misfit, start, xtol=tolerance, ftol=tolerance, max_nfev=100)
-        weights, rates = np.exp(best.x.reshape(2, -1))
-        return weights, rates
 
 
 def _numbers(kernel: Kernel, *names: str) -> None:

@@ -199,7 +199,7 @@ def _kernel_start(
     """Unknowns of the kernel by the rows of the largest amplitude."""
     import warnings
 
-    from viscovib.rubber.fit import ParametricFit
+    from viscovib.rubber.parametric_fit import ParametricFit
 
     order = np.argsort(np.asarray(data.frequencies)[rows])
     part = ModulusData(

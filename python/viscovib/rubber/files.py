@@ -18,14 +18,15 @@ from viscovib.kernels.relaxation import (
     PronyKernel,
     RabotnovKernel,
     RzhanitsynKernel,
-    TabulatedKernel,
 )
 from viscovib.kernels.sum_kernel import SumKernel
+from viscovib.kernels.tabulated import TabulatedKernel
 from viscovib.kernels.time_temperature import WLF, Arrhenius, ShiftLaw, ThermalKernel
 from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
-from viscovib.rubber.fit import KernelFit, Optimum, ParametricFit
+from viscovib.rubber.fit import KernelFit, Optimum
 from viscovib.rubber.measured import Measured
 from viscovib.rubber.models import PARTS, Model
+from viscovib.rubber.parametric_fit import ParametricFit
 from viscovib.rubber.prony_fit import PronyFit
 from viscovib.rubber.shift_fit import ShiftTable
 

@@ -13,10 +13,11 @@ from viscovib.common.parameters import Flag, Number
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.kernels.time_temperature import ShiftLaw
 from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
-from viscovib.rubber.fit import KernelFit, Optimum, ParametricFit
+from viscovib.rubber.fit import KernelFit, Optimum
 from viscovib.rubber.master import MasterCurve
 from viscovib.rubber.measured import Measured, descend
 from viscovib.rubber.models import PARTS, Model, start_shapes
+from viscovib.rubber.parametric_fit import ParametricFit
 from viscovib.rubber.prony_fit import fit_prony
 
 _WEIGHTS = ("model", "data")

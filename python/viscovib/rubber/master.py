@@ -21,6 +21,7 @@ from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.kernels.time_temperature import KELVIN, ShiftLaw
 from viscovib.rubber.data import ModulusData, RelaxationData
 from viscovib.rubber.shift_fit import ShiftFit, ShiftTable, fit_shift_law
+from viscovib.rubber.superposition import KNOTS, Curves, flatness, neighbours, scatter_of, superpose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
 _BY = ("storage", "loss", "both")
 _VERTICAL = ("none", "density", "free")
-#: Decades between knots of the spline, its penalty, and steps at most.
-_KNOTS, _PENALTY, _STEPS = 0.5, 3e-4, 60
 #: Other distances of knots: what factors owe to this choice belongs to their uncertainty.
 _OTHER_KNOTS = (0.8,)
 #: A set that others overlap by less (decades) is told; so are given factors that superpose this
@@ -108,16 +107,6 @@ class MasterCurve:
         return import_module("viscovib.plots.rubber").plot_master(self, ax, law=law)  # type: ignore[no-any-return]
 
 
-@dataclass(frozen=True)
-class _Curves:
-    """Rows of all sets: abscissa, ordinates (a row a quantity), number of the set."""
-
-    x: FloatArray
-    y: FloatArray
-    owner: npt.NDArray[np.intp]
-    temperatures: FloatArray
-
-
 def master_curve(
     data: ModulusData | RelaxationData,
     *,
@@ -181,18 +170,14 @@ def master_curve(
     b = np.ones(len(sets))
     if vertical == "density":
         b = (curves.temperatures + KELVIN) / (at + KELVIN)
-    flat = _Curves(
-        curves.x, curves.y - np.log10(b)[curves.owner], curves.owner, curves.temperatures
-    )
+    flat = Curves(curves.x, curves.y - np.log10(b)[curves.owner], curves.owner, curves.temperatures)
     known = flat
     if by != "storage" and isinstance(data, ModulusData):
         # Storage alone rises all the way, so that its levels tell a first shift.
         first = _curves(sets, "storage")
-        known = _Curves(
-            first.x, first.y - np.log10(b)[first.owner], first.owner, first.temperatures
-        )
-    ties = _neighbours(known)
-    decades, covariance, lift = _superpose(flat, ties, vertical == "free", _KNOTS)
+        known = Curves(first.x, first.y - np.log10(b)[first.owner], first.owner, first.temperatures)
+    ties = neighbours(known)
+    decades, covariance, lift = superpose(flat, ties, vertical == "free", KNOTS)
     turn = _to_reference(curves.temperatures, at)
     own = turn @ decades
     # The lift of the reference is 1 as well.
@@ -200,10 +185,10 @@ def master_curve(
     spread = np.sqrt(np.maximum(np.diag(turn @ covariance @ turn.T), 0))
     if factors is None:
         others = [
-            turn @ _superpose(flat, ties, vertical == "free", knots)[0] for knots in _OTHER_KNOTS
+            turn @ superpose(flat, ties, vertical == "free", knots)[0] for knots in _OTHER_KNOTS
         ]
         spread = np.hypot(spread, np.ptp([own, *others], axis=0) / 2)
-        spread = np.hypot(spread, _flatness(flat, ties, turn, _scatter(flat, own)))
+        spread = np.hypot(spread, flatness(flat, ties, turn, scatter_of(flat, own)))
     if factors is not None:
         given = _given(factors, curves.temperatures)
         _compare(flat, given, own)
@@ -225,7 +210,7 @@ def master_curve(
         uncertainty=spread,
         vertical=b,
         overlap=overlap,
-        scatter=_scatter(flat, own),
+        scatter=scatter_of(flat, own),
         loss_scatter=_loss_scatter(sets, own, b),
         data=merged,
     )
@@ -255,7 +240,7 @@ def _checked_sets(
     return sets
 
 
-def _curves(sets: "Sequence[ModulusData | RelaxationData]", by: str) -> _Curves:
+def _curves(sets: "Sequence[ModulusData | RelaxationData]", by: str) -> Curves:
     x, y, owner = [], [], []
     for i, one in enumerate(sets):
         if isinstance(one, ModulusData):
@@ -272,156 +257,9 @@ def _curves(sets: "Sequence[ModulusData | RelaxationData]", by: str) -> _Curves:
         if x[-1].size < 3:
             raise InputError(f"data: set {i} has {x[-1].size} rows, must have at least 3")
     means = [float(np.mean(np.asarray(one.temperature))) for one in sets]
-    return _Curves(
+    return Curves(
         np.concatenate(x), np.concatenate(y, axis=1), np.concatenate(owner), np.array(means)
     )
-
-
-@dataclass(frozen=True)
-class _Ties:
-    """What neighbours say of their shift by the levels both reach: shifts, and slopes there."""
-
-    start: FloatArray
-    slopes: FloatArray
-
-
-def _neighbours(curves: _Curves) -> _Ties:
-    """Shifts from each set to the next by the levels that both reach."""
-    n = curves.temperatures.size
-    shifts, slopes = np.zeros(n), np.zeros(n - 1)
-    for i in range(1, n):
-        cold, warm = (curves.owner == k for k in (i - 1, i))
-        # Storage and relaxing moduli rise with frequency; small falls are scatter.
-        a, b = (
-            np.maximum.accumulate(curves.y[0][m][np.argsort(curves.x[m])]) for m in (cold, warm)
-        )
-        xa, xb = np.sort(curves.x[cold]), np.sort(curves.x[warm])
-        low, high = max(a[0], b[0]), min(a[-1], b[-1])
-        if not low < high:
-            raise InputError(
-                f"data: the sets at {curves.temperatures[i - 1]:.4g} and "
-                f"{curves.temperatures[i]:.4g} deg C do not overlap: no modulus "
-                "(over b_T) is in both, sets between them must be "
-                "measured"
-            )
-        levels = np.linspace(low, high, 17)
-        tilt = 1e-12 * np.arange(max(a.size, b.size))
-        at = [np.interp(levels, y + tilt[: y.size], x) for y, x in ((a, xa), (b, xb))]
-        shifts[i] = shifts[i - 1] - float(np.median(at[0] - at[1]))
-        # The flatter of both at the end of the other: how well a level tells a frequency.
-        slopes[i - 1] = min((y[-1] - y[0]) / (x[-1] - x[0]) for y, x in ((a, xa), (b, xb)))
-    return _Ties(-shifts, slopes)
-
-
-def _flatness(curves: _Curves, ties: _Ties, turn: FloatArray, scatter: float) -> FloatArray:
-    """What scatter leaves open between neighbours, where the flatter of both says little.
-
-    A level is known to scatter/sqrt(rows), a shift to that over the slope; from set to set it
-    adds up.
-    """
-    rows = np.bincount(curves.owner)
-    known = np.sqrt(np.minimum(rows[1:], rows[:-1]))
-    pairs = scatter / np.maximum(ties.slopes, 1e-6) / known
-    steps = np.tril(np.ones((rows.size, rows.size - 1)), -1) * pairs
-    return np.asarray(np.sqrt(((turn @ steps) ** 2).sum(axis=1)))
-
-
-class _Spline:
-    """A cubic spline over the whole curve, and the least-squares problem around it."""
-
-    def __init__(self, curves: _Curves, ties: _Ties, lifted: bool, knots: float) -> None:
-        self.curves, self.ties, self.lifted, self.knots = curves, ties, lifted, knots
-        n = ties.start.size
-        self.one_hot = np.zeros((curves.x.size, n))
-        self.one_hot[np.arange(curves.x.size), curves.owner] = 1.0
-        self.between = np.diff(np.eye(n), axis=0)[:, 1:]
-
-    def residuals(
-        self, s: FloatArray, lift: FloatArray, slopes: bool
-    ) -> tuple[FloatArray, FloatArray, int]:
-        """Residuals of rows, bends and ties; their derivatives (the spline's coefficients last)."""
-        from scipy.interpolate import BSpline
-
-        curves, free = self.curves, s.size - 1
-        x, design, bend = _design(curves.x + s[curves.owner], self.knots)
-        m, parts = design.shape[1], curves.y.shape[0]
-        width = free * (2 if self.lifted else 1) + parts * m
-        target, rows = [], []
-        whole = np.vstack([design, bend])
-        normal = whole.T @ whole
-        for k in range(parts):
-            y = curves.y[k] + lift[curves.owner]
-            coefficients = np.linalg.solve(normal, design.T @ y)
-            target += [y - design @ coefficients, -bend @ coefficients]
-            if slopes:
-                low, high = x.min(), x.max()
-                slope = BSpline(_knots(low, high, self.knots), coefficients, 3).derivative()(x)
-                block = np.zeros((curves.x.size + m - 2, width))
-                block[: curves.x.size, :free] = slope[:, np.newaxis] * self.one_hot[:, 1:]
-                if self.lifted:
-                    block[: curves.x.size, free : 2 * free] = -self.one_hot[:, 1:]
-                first = width - (parts - k) * m
-                block[:, first : first + m] = whole
-                rows.append(block)
-        gap = np.diff(s) - np.diff(self.ties.start)
-        target.append(-self.ties.slopes * gap)
-        if slopes:
-            tie = np.zeros((free, width))
-            tie[:, :free] = self.ties.slopes[:, np.newaxis] * self.between
-            rows.append(tie)
-        return np.concatenate(target), np.vstack(rows) if slopes else np.zeros((0, 0)), m
-
-
-def _knots(low: float, high: float, apart: float) -> FloatArray:
-    count = max(int(np.ceil((high - low) / apart)), 3)
-    return np.asarray(low + (high - low) / count * np.arange(-3, count + 4))
-
-
-def _design(x: FloatArray, apart: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Abscissas, splines there, and the penalty on their bends."""
-    from scipy.interpolate import BSpline
-
-    knots = _knots(x.min(), x.max(), apart)
-    inside = np.clip(x, knots[3], knots[-4])
-    design = BSpline.design_matrix(inside, knots, 3).toarray()
-    return inside, design, _PENALTY**0.5 * np.diff(np.eye(design.shape[1]), 2, axis=0)
-
-
-def _superpose(
-    curves: _Curves, ties: _Ties, lifted: bool, knots: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Factors (set 0 fixed), their covariance, and vertical shifts, by Gauss-Newton."""
-    n = ties.start.size
-    free = n - 1
-    spline = _Spline(curves, ties, lifted, knots)
-    s, lift = ties.start.copy(), np.zeros(n)
-    for _ in range(_STEPS):
-        target, matrix, _ = spline.residuals(s, lift, True)
-        # A weak penalty ties every coefficient: the normal matrix is far from singular.
-        step = np.linalg.solve(matrix.T @ matrix, matrix.T @ target)
-        change, raised = step[:free], step[free : 2 * free] if lifted else np.zeros(free)
-        damp = min(1.0, 0.5 / max(float(np.abs(change).max()), 1e-300))
-        cost = float(target @ target)
-        while damp > 1e-4:
-            ahead = s + damp * np.concatenate([[0], change])
-            above = lift + damp * np.concatenate([[0], raised])
-            trial = spline.residuals(ahead, above, False)[0]
-            if float(trial @ trial) <= cost * (1 + 1e-12):
-                break
-            damp /= 2
-        else:
-            break
-        s, lift = ahead, above
-        if damp * np.abs(change).max() < 1e-6:
-            break
-    target, matrix, _ = spline.residuals(s, lift, True)
-    inverse = np.linalg.inv(matrix.T @ matrix)
-    # Bends cost next to nothing: what counts are rows, less what was fitted to them.
-    count = curves.y.size
-    variance = float(target @ target) / max(count + free - matrix.shape[1], 1)
-    covariance = np.zeros((n, n))
-    covariance[1:, 1:] = variance * inverse[:free, :free]
-    return s, covariance, -lift
 
 
 def _to_reference(t: FloatArray, at: float) -> FloatArray:
@@ -434,19 +272,6 @@ def _to_reference(t: FloatArray, at: float) -> FloatArray:
     return turn
 
 
-def _smooth(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Residuals from a spline as in `_superpose`."""
-    _, design, bend = _design(x, _KNOTS)
-    rows = np.vstack([design, bend])
-    found = np.linalg.solve(rows.T @ rows, design.T @ y)
-    return np.asarray(y - design @ found)
-
-
-def _scatter(curves: _Curves, decades: FloatArray) -> float:
-    x = curves.x + decades[curves.owner]
-    return float(np.sqrt(np.mean([np.mean(_smooth(x, y) ** 2) for y in curves.y])))
-
-
 def _loss_scatter(
     sets: "Sequence[ModulusData | RelaxationData]", decades: FloatArray, b: FloatArray
 ) -> float:
@@ -454,7 +279,7 @@ def _loss_scatter(
         return float("nan")
     curves = _curves(sets, "loss")
     flat = curves.y - np.log10(b)[curves.owner]
-    return _scatter(_Curves(curves.x, flat, curves.owner, curves.temperatures), decades)
+    return scatter_of(Curves(curves.x, flat, curves.owner, curves.temperatures), decades)
 
 
 def _given(factors: tuple[npt.ArrayLike, npt.ArrayLike], t: FloatArray) -> FloatArray:
@@ -472,8 +297,8 @@ def _given(factors: tuple[npt.ArrayLike, npt.ArrayLike], t: FloatArray) -> Float
     return np.asarray(decades[near])
 
 
-def _compare(curves: _Curves, given: FloatArray, own: FloatArray) -> None:
-    theirs, ours = _scatter(curves, given), _scatter(curves, own)
+def _compare(curves: Curves, given: FloatArray, own: FloatArray) -> None:
+    theirs, ours = scatter_of(curves, given), scatter_of(curves, own)
     if theirs > _WORSE * ours:
         warnings.warn(
             f"the given factors leave a scatter of {theirs:.2g} decades, those of the sets "
@@ -483,7 +308,7 @@ def _compare(curves: _Curves, given: FloatArray, own: FloatArray) -> None:
         )
 
 
-def _overlap(curves: _Curves, decades: FloatArray) -> FloatArray:
+def _overlap(curves: Curves, decades: FloatArray) -> FloatArray:
     ends = []
     for i in range(decades.size):
         x = curves.x[curves.owner == i] + decades[i]

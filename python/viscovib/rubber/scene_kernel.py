@@ -12,9 +12,9 @@ from viscovib.kernels.relaxation import (
     PronyKernel,
     RabotnovKernel,
     RzhanitsynKernel,
-    TabulatedKernel,
 )
 from viscovib.kernels.sum_kernel import SumKernel
+from viscovib.kernels.tabulated import TabulatedKernel
 from viscovib.kernels.time_temperature import WLF, Arrhenius, ShiftLaw, ThermalKernel
 from viscovib.rubber.shift_fit import ShiftTable
 

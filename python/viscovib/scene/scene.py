@@ -31,14 +31,15 @@ from viscovib.kernels.relaxation import (
     PronyKernel,
     RabotnovKernel,
     RzhanitsynKernel,
-    TabulatedKernel,
 )
+from viscovib.kernels.tabulated import TabulatedKernel
 from viscovib.results.scales import ScalesResponse
 from viscovib.scene.keys import groups_of, namelist_text, with_key
 from viscovib.systems.mount import Mount
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
-from viscovib.systems.polynomial_system import Monomial, PolynomialSystem, Springs
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.spring_groups import Monomial, Springs
 
 _KERNELS: dict[str, type[Kernel]] = {
     "rzhanitsyn": RzhanitsynKernel,

@@ -25,7 +25,7 @@ from viscovib.systems.elements import (
 )
 from viscovib.systems.load import LoadLike, load_series
 from viscovib.systems.mount import warn_of_creep
-from viscovib.systems.polynomial_system import _words
+from viscovib.systems.spring_groups import texts_of
 from viscovib.systems.structure_matrices import (
     check_mass,
     dense_of,
@@ -132,12 +132,12 @@ class Structure:
         check_mass(mass)
         self._set("_modal", self._modal_damping(n))
         names = tuple(f"x{d + 1}" for d in range(n)) if self.names is None else self.names
-        self._set("dof_names", _words("names", names, n))
+        self._set("dof_names", texts_of("names", names, n))
         self._set("_places", {name: d for d, name in enumerate(self.dof_names)})
         if len(self._places) < n:  # type: ignore[attr-defined]
             raise InputError("names: must differ")
         units = ("m",) * n if self.units is None else self.units
-        self._set("dof_units", _words("units", units, n))
+        self._set("dof_units", texts_of("units", units, n))
         if self.base_direction is not None:
             direction = _native.real_array("base_direction", self.base_direction).copy()
             if direction.shape != (n,):

@@ -11,7 +11,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.elements import ElementTerms
-from viscovib.systems.polynomial_system import _square
+from viscovib.systems.spring_groups import square_matrix
 from viscovib.systems.structure_rest import ModalDamping
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def is_sparse(matrix: Any) -> bool:
 def matrix_of(name: str, value: Any, n: int | None, sparse: bool) -> Any:
     """Return a matrix of a structure: a csc_array if ``sparse``, else a dense one."""
     if not sparse:
-        return _square(name, value, n)
+        return square_matrix(name, value, n)
     from scipy.sparse import csc_array, diags_array
 
     from viscovib.systems.sparse_pencil import checked_sparse
@@ -41,7 +41,7 @@ def matrix_of(name: str, value: Any, n: int | None, sparse: bool) -> Any:
     given = _native.real_array(name, value)
     if given.ndim < 2:
         return checked_sparse(name, diags_array(np.atleast_1d(given)), n)
-    return checked_sparse(name, _square(name, given, n), n)
+    return checked_sparse(name, square_matrix(name, given, n), n)
 
 
 def told(structure: Any) -> str:

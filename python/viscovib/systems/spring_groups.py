@@ -1,0 +1,193 @@
+"""Groups of springs as a user gives them: stiffness, forces as text or monomials, a kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.common.expression import MAX_DEGREE, Polynomial
+from viscovib.errors import InputError
+from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.laws import Law, read_law
+
+
+@dataclass(frozen=True, kw_only=True)
+class Monomial:
+    """One force: coefficient * product of coordinates to their powers.
+
+    Parameters
+    ----------
+    coefficient : float
+        Positive where it opposes the motion, as a stiffness does.
+    powers : mapping of coordinate to power, or one power a coordinate
+        {"x1": 2, "x2": 1} or (2, 1): u_1^2 u_2.
+    on : str or int
+        The equation it stands in, by coordinate.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> cubic = vv.Monomial(coefficient=0.5, powers=[3], on="x")
+    >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=[cubic])
+    """
+
+    coefficient: float
+    powers: Mapping[str, int] | Sequence[int]
+    on: str | int = 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Springs:
+    """Springs that share a kernel: linear stiffness and polynomial forces.
+
+    Arguments are those of `PolynomialSystem`.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    >>> block = vv.PolynomialSystem(
+    ...     mass=1, springs=[vv.Springs(stiffness=4, kernel=rubber)]
+    ... )
+    """
+
+    stiffness: npt.ArrayLike | None = None
+    forces: str | Mapping[str, str] | Sequence[Monomial] | None = None
+    kernel: Kernel | None = None
+
+
+class SpringGroup(NamedTuple):
+    """Springs as they were understood: K, f by equation and powers, and the kernel."""
+
+    stiffness: FloatArray
+    forces: dict[tuple[int, tuple[int, ...]], float]
+    kernel: Kernel | None
+    #: What is no polynomial, without its linear part, and the equation in which it stands.
+    laws: tuple[tuple[int, Law], ...] = ()
+    #: What these laws have of the stiffness; None: nothing.
+    law_slopes: FloatArray | None = None
+
+
+def square_matrix(name: str, value: npt.ArrayLike | None, n: int | None) -> FloatArray:
+    """Return a number, a diagonal or a matrix as a matrix that does not change."""
+    if value is None:
+        return np.zeros((n or 0, n or 0))
+    given = _native.real_array(name, value)
+    matrix = np.diag(np.atleast_1d(given)) if given.ndim < 2 else given.copy()
+    size = matrix.shape[0] if n is None else n
+    if matrix.shape != (size, size):
+        wanted = "a number, n numbers or (n, n)" if n is None else f"({n},) or ({n}, {n})"
+        raise InputError(f"{name}: must have shape {wanted}, got {given.shape}")
+    matrix.setflags(write=False)
+    return np.asarray(matrix)
+
+
+def texts_of(name: str, value: Any, n: int) -> tuple[str, ...]:
+    """Check that there is a text for each coordinate."""
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise InputError(f"{name} = {_native.shown(value)}: must be a sequence of {n} texts")
+    words = tuple(value) if len(value) == n else ()
+    if len(words) != n or not all(isinstance(word, str) for word in words):
+        raise InputError(f"{name} = {_native.shown(value)}: must be {n} texts, one a coordinate")
+    return words
+
+
+def spring_group(prefix: str, springs: Springs, names: tuple[str, ...]) -> SpringGroup:
+    """Understand springs: polynomials apart from other laws, linear terms in the stiffness."""
+    if not (springs.kernel is None or isinstance(springs.kernel, Kernel)):
+        raise InputError(
+            f"{prefix}kernel = {_native.shown(springs.kernel)}: must be a Kernel or None"
+        )
+    stiffness = square_matrix(f"{prefix}stiffness", springs.stiffness, len(names)).copy()
+    forces: dict[tuple[int, tuple[int, ...]], float] = {}
+    laws = []
+    slopes = np.zeros_like(stiffness)
+    for where, on, polynomial in _by_equation(f"{prefix}forces", springs.forces, names):
+        if isinstance(polynomial, Law):
+            slopes[on] += polynomial.slopes_at_rest
+            laws.append((on, polynomial.remainder))
+            continue
+        for powers, c in polynomial.items():
+            degree = sum(powers)
+            if degree == 0:
+                raise InputError(f"{where}: has the constant {c:g}, which belongs to the load")
+            if degree == 1:
+                stiffness[on, powers.index(1)] += c
+            elif c != 0:
+                forces[on, powers] = forces.get((on, powers), 0.0) + c
+    stiffness += slopes
+    stiffness.setflags(write=False)
+    # A kernel of nothing is none.
+    kernel = springs.kernel if forces or laws or stiffness.any() else None
+    return SpringGroup(stiffness, forces, kernel, tuple(laws), slopes if laws else None)
+
+
+def _by_equation(
+    where: str, forces: Any, names: tuple[str, ...]
+) -> list[tuple[str, int, Polynomial | Law]]:
+    """Polynomials or other laws, each with its equation and what an error calls it."""
+    if forces is None:
+        return []
+    if isinstance(forces, str):
+        if len(names) > 1:
+            raise InputError(
+                f"{where} = {_native.shown(forces)}: must say on which equation, such as "
+                f"{{{names[0]!r}: {forces!r}}}"
+            )
+        forces = {names[0]: forces}
+    if isinstance(forces, Mapping):
+        result: list[tuple[str, int, Polynomial | Law]] = []
+        for key, text in forces.items():
+            place = f"{where}[{key!r}]"
+            if not isinstance(text, str):
+                raise InputError(
+                    f"{place} = {_native.shown(text)}: must be a text such as '2*{names[0]}^3'"
+                )
+            result.append((place, _equation(place, key, names), read_law(place, text, names, {})))
+        return result
+    if not isinstance(forces, Sequence):
+        raise InputError(
+            f"{where} = {_native.shown(forces)}: must be a text, a mapping or Monomials"
+        )
+    result = []
+    for i, monomial in enumerate(forces):
+        place = f"{where}[{i}]"
+        if not isinstance(monomial, Monomial):
+            raise InputError(f"{place} = {_native.shown(monomial)}: must be a Monomial")
+        c = _native.number(f"{place}.coefficient", monomial.coefficient)
+        powers = _powers(f"{place}.powers", monomial.powers, names)
+        result.append((place, _equation(f"{place}.on", monomial.on, names), {powers: c}))
+    return result
+
+
+def _equation(where: str, on: Any, names: tuple[str, ...]) -> int:
+    if isinstance(on, str) and on in names:
+        return names.index(on)
+    if isinstance(on, (int, np.integer)) and not isinstance(on, bool) and 0 <= on < len(names):
+        return int(on)
+    listed = ", ".join(f"{name!r} ({i})" for i, name in enumerate(names))
+    raise InputError(f"{where}: equation {on!r} must be one of {listed}")
+
+
+def _powers(where: str, powers: Any, names: tuple[str, ...]) -> tuple[int, ...]:
+    if isinstance(powers, Mapping):
+        unknown = [name for name in powers if name not in names]
+        if unknown:
+            raise InputError(f"{where}: unknown coordinate {unknown[0]!r}, must be one of {names}")
+        powers = [powers.get(name, 0) for name in names]
+    if isinstance(powers, str) or not isinstance(powers, (Sequence, np.ndarray)):
+        raise InputError(
+            f"{where} = {_native.shown(powers)}: must be one power a coordinate, or a mapping"
+        )
+    if len(powers) != len(names):
+        raise InputError(f"{where}: has {len(powers)} powers, must be {len(names)}")
+    result = tuple(_native.integer(where, p, 0, MAX_DEGREE) for p in powers)
+    if sum(result) > MAX_DEGREE:
+        raise InputError(f"{where}: degree {sum(result)}, must be at most {MAX_DEGREE}")
+    return result
