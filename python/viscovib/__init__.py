@@ -14,9 +14,10 @@ _NAMES = {
     "analyses.driven": "DrivenResponse",
     "analyses.driven_branch": "DrivenBranch",
     "analyses.ensemble": "Ensemble simulate_ensemble",
+    "analyses.forced": "forced_response plan_response",
     "analyses.lines": "Lines amplitudes_at dominant_frequencies",
     "analyses.multiple_scales": "MultipleScales",
-    "analyses.periodic": "backbone forced_response plan_response trace_response",
+    "analyses.periodic": "backbone trace_response",
     "analyses.spectral": "Spectrum name_frequencies spectrum",
     "analyses.transient": "simulate",
     "bodies.body": "Body",
@@ -96,6 +97,10 @@ if TYPE_CHECKING:
         Ensemble as Ensemble,
         simulate_ensemble as simulate_ensemble,
     )
+    from viscovib.analyses.forced import (
+        forced_response as forced_response,
+        plan_response as plan_response,
+    )
     from viscovib.analyses.lines import (
         Lines as Lines,
         amplitudes_at as amplitudes_at,
@@ -104,8 +109,6 @@ if TYPE_CHECKING:
     from viscovib.analyses.multiple_scales import MultipleScales as MultipleScales
     from viscovib.analyses.periodic import (
         backbone as backbone,
-        forced_response as forced_response,
-        plan_response as plan_response,
         trace_response as trace_response,
     )
     from viscovib.analyses.spectral import (

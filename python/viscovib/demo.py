@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from viscovib.analyses.periodic import forced_response, trace_response
+from viscovib.analyses.forced import forced_response
+from viscovib.analyses.periodic import trace_response
 from viscovib.errors import StabilityWarning
 from viscovib.kernels.relaxation import RzhanitsynKernel
 from viscovib.plots.steady import plot_response

@@ -75,7 +75,7 @@ def test_pendulum_interaction_against_lagrange_and_sympy(lagrange):
 
 def packed_terms(system):
     """Polynomial form as a function of (q, q', q'')."""
-    packed = vv.MultipleScales(system, tolerance=0.01)._packed
+    packed = vv.MultipleScales(system, tolerance=0.01)._form.packed
     n, n_arguments, n2, n3 = (int(packed[i]) for i in (0, 2, 5, 6))
     at = 8 + 2 * n_arguments + n
     a = packed[at : at + 4 * n * n].reshape(4, n, n).transpose(0, 2, 1)

@@ -30,16 +30,32 @@ def test_a_signature_is_real(function):
     assert set(arguments) - told == set()
 
 
+def options(form):
+    """Names and types that stand behind ``**curve`` of a form."""
+    behind = [
+        kind
+        for kind in typing.get_type_hints(form).values()
+        if typing.get_origin(kind) is typing.Unpack
+    ]
+    return typing.get_type_hints(typing.get_args(behind[0])[0]) if behind else {}
+
+
 @pytest.mark.parametrize("function", SHARED)
-def test_forms_have_the_defaults_of_the_whole(function):
+def test_forms_have_the_arguments_and_defaults_of_the_whole(function):
     whole = inspect.signature(function).parameters
-    forms = [inspect.signature(form).parameters for form in typing.get_overloads(function)]
-    assert len(forms) == 2
-    assert set(whole) == {name for form in forms for name in form}
-    for form in forms:
-        for name, one in form.items():
-            # A form may need what the other has not; it never has another default.
-            assert one.default in (inspect.Parameter.empty, whole[name].default), name
+    types = typing.get_type_hints(function)
+    told = set()
+    assert len(typing.get_overloads(function)) == 2
+    for form in typing.get_overloads(function):
+        for name, one in inspect.signature(form).parameters.items():
+            if one.kind is not one.VAR_KEYWORD:
+                # A form may need what the other has not; it never has another default.
+                assert one.default in (inspect.Parameter.empty, whole[name].default), name
+                told.add(name)
+        for name, kind in options(form).items():
+            assert kind == types[name], name
+            told.add(name)
+    assert told == set(whole)
 
 
 @pytest.mark.parametrize("function", [vv.trace_response, vv.backbone])

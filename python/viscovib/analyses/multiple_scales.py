@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.analyses.scales_form import ORDERINGS, ScalesForm
 from viscovib.analyses.scales_terms import FlowTerm, free_frequencies
 from viscovib.common.plan import Plan
 from viscovib.errors import InputError, RangeWarning, caller
@@ -26,10 +27,8 @@ from viscovib.systems.cubic_system import CubicSystem
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
 
-#: Room for terms and conditions at first; where there are more the call is repeated.
+#: Room for conditions at first; where there are more the call is repeated.
 _ROOM = 500
-_MAX_FORM = 20_000
-_ORDERINGS = ("general", "weak_coupling")
 #: Points at which the error of a motion is computed; between them it is read off. At least and
 #: at most so many, and one in so many steps: amplitudes are taken as cubic between them.
 _KNOTS, _MOST_KNOTS, _STEPS_A_KNOT = 65, 1025, 5
@@ -116,7 +115,7 @@ class MultipleScales:
         #: As the core takes it.
         self._tolerance = _BY_INFLUENCE if self.tolerance is None else self.tolerance
         self.system = system
-        self.ordering = _native.choice("ordering", ordering, _ORDERINGS)
+        self.ordering = _native.choice("ordering", ordering, ORDERINGS)
         if not isinstance(system, Pendulum | Oscillator | CubicSystem):
             raise InputError(
                 f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a "
@@ -129,30 +128,9 @@ class MultipleScales:
         if not isinstance(system, Pendulum) and ordering != "general":
             raise InputError(f"ordering = {ordering!r}: is for a Pendulum, must be 'general'")
         self._names = system.dof_names
-        nothing = np.zeros(1)
-        kernels: tuple[int, FloatArray, int, FloatArray] = (0, nothing, 0, nothing)
-        flat: FloatArray = nothing
-        if isinstance(system, Pendulum):
-            flat = system._flat
-            packed, length = _native.call(
-                core.pendulum_form, flat, _ORDERINGS.index(ordering) + 1, _MAX_FORM
-            )
-            self._packed: FloatArray = packed[:length].copy()
-            self._load_names = {"p1": (1, 1), "p2": (2, 1), "p3": (3, 1), "f0": (1, 2),
-                                "m01": (2, 2), "m02": (3, 2)}  # fmt: skip
-        elif isinstance(system, Oscillator):
-            flat, kernels = system._flat, system._kernels
-            self._packed = _packed_oscillator(system, load, nu)
-            self._load_names = {"nu": (1, 1), "load": (1, 2)}
-        else:
-            self._packed = system._packed
-            n_loads = int(self._packed[4])
-            self._load_names = {f"p{k + 1}": (k + 1, 1) for k in range(n_loads)}
-            self._load_names |= {f"f{k + 1}": (k + 1, 2) for k in range(n_loads)}
-        #: The system as every flat routine takes it.
-        self._system = (self._packed, flat, *kernels)
-        self._n_dof, self._n = int(self._packed[1]), int(self._packed[3])
-        exponents, shapes, interaction, frame, units, autonomous, terms = self._form(
+        self._form = ScalesForm.of(system, load, nu, self.ordering)
+        self._n_dof, self._n = self._form.n_dof, self._form.n
+        exponents, shapes, interaction, frame, units, autonomous, terms = self._form.equations(
             self._tolerance
         )
         self.exponents: ComplexArray = exponents
@@ -176,20 +154,6 @@ class MultipleScales:
                 stacklevel=caller(),
             )
 
-    def _form(self, tolerance: float) -> tuple[Any, ...]:
-        """Return the modulation equations and what belongs to them, as the core has it."""
-        room = n_terms = _ROOM
-        while n_terms >= room:
-            room = n_terms + 1
-            *found, n_terms, terms, coefficients = _native.call(
-                core.scales_form, *self._system, tolerance, self._n, int(self._packed[0]), room
-            )
-        read = tuple(
-            FlowTerm(int(terms[0, i]) - 1, _factors(terms[1:, i]), complex(coefficients[i]))
-            for i in range(n_terms)
-        )
-        return (*found, read)
-
     def resonances(self, tolerance: float = 0.05) -> tuple[Resonance, ...]:
         """List every condition of resonance up to third order, the nearest first.
 
@@ -200,9 +164,9 @@ class MultipleScales:
         if not 0 <= limit < 1:
             raise InputError(f"tolerance = {limit:g}: must be in [0, 1)")
         # The constant load that stands for e is none of the user's.
-        loads = [load for load, _ in self._load_names.values()]
-        drives = self._drives[: max(loads, default=0)]
-        acting = np.flatnonzero(np.any(self._loads[:, : drives.size] != 0, axis=0))
+        loads = [load for load, _ in self._form.load_names.values()]
+        drives = self._form.drives[: max(loads, default=0)]
+        acting = np.flatnonzero(np.any(self._form.loads[:, : drives.size] != 0, axis=0))
         room = n = _ROOM
         while n >= room:
             room = n + 1
@@ -285,8 +249,8 @@ class MultipleScales:
         at_knots, _, _, expected = self._run(knots, None, start, 1e-8)
         cancel = np.zeros(1, dtype=np.intc)
         (errors,) = _native.call_interruptibly(
-            core.scales_errors, cancel, *self._system, self._tolerance, self._n_dof, at_knots.t,
-            np.asfortranarray(at_knots.complex_amplitudes.T / 2), expected, cancel,
+            core.scales_errors, cancel, *self._form.system, self._tolerance, self._n_dof,
+            at_knots.t, np.asfortranarray(at_knots.complex_amplitudes.T / 2), expected, cancel,
         )  # fmt: skip
         return np.column_stack([np.interp(t, at_knots.t, row) for row in errors])
 
@@ -306,8 +270,8 @@ class MultipleScales:
         The expansion is made anew at each value, whatever the others are. Constant loads are no
         part of it: it is about the position of rest that they give.
         """
-        names = tuple(self._load_names)
-        load, vary = self._load_names[_native.choice("parameter", parameter, names)]
+        names = tuple(self._form.load_names)
+        load, vary = self._form.load_names[_native.choice("parameter", parameter, names)]
         where = _native.real_array(parameter, values, ndim=1)
         if not where.size:
             raise InputError("values: must hold at least one number")
@@ -352,8 +316,8 @@ class MultipleScales:
         while True:
             cancel = np.zeros(1, dtype=np.intc)
             found = _native.call_interruptibly(
-                core.scales_response, cancel, *self._system, self._tolerance, load, vary, where,
-                int(errors), self._n, self._n_dof, room, cancel,
+                core.scales_response, cancel, *self._form.system, self._tolerance, load, vary,
+                where, int(errors), self._n, self._n_dof, room, cancel,
             )  # fmt: skip
             if found[0] <= room:
                 return found
@@ -377,7 +341,7 @@ class MultipleScales:
         if b.size:
             self._warn_beyond(j, float(np.abs(b).max()))
         wide = _FREE_BAND if self.tolerance is None else self.tolerance
-        terms = [x for x in self._form(wide)[-1] if not any("p" in f for f in x.factors)]
+        terms = [x for x in self._form.equations(wide)[-1] if not any("p" in f for f in x.factors)]
         return free_frequencies(j, b, terms, self.frequencies, self.interaction)
 
     def _n_loads(self) -> int:
@@ -420,35 +384,18 @@ class MultipleScales:
 
     def _plan(self, first: str) -> Plan:
         """Return a plan that begins with this line."""
-        n_loads, quadratic, cubic = (int(self._packed[i]) for i in (4, 5, 6))
+        n_loads, quadratic, cubic = (int(self._form.packed[i]) for i in (4, 5, 6))
         lines = [first, f"computes: {len(self.terms)} terms of the modulation equations"]
         if not quadratic:
             lines.append("skips: terms of second order (no quadratic terms)")
         if not cubic:
             lines.append("skips: cubic terms (there are none)")
-        silent = n_loads - int(np.any(self._loads != 0, axis=0).sum())
+        silent = n_loads - int(np.any(self._form.loads != 0, axis=0).sum())
         if silent:
             lines.append(f"skips: {silent} of {n_loads} loads (amplitude 0)")
         if not isinstance(self.system, Oscillator) or not self.system._active_kernels:
             lines.append("skips: kernel transforms (no memory)")
         return Plan("\n".join(lines))
-
-    @property
-    def _drives(self) -> FloatArray:
-        n_loads = int(self._packed[4])
-        return self._tail(n_loads)[1]
-
-    @property
-    def _loads(self) -> FloatArray:
-        return self._tail(int(self._packed[4]))[0]
-
-    def _tail(self, n_loads: int) -> tuple[FloatArray, FloatArray]:
-        """Loads, shape (n, n_loads), and their frequencies out of the packed numbers."""
-        n = int(self._packed[0])
-        end = self._packed.size - self._n * (2 * n + 1)
-        drives = self._packed[end - n_loads : end]
-        loads = self._packed[end - n_loads * (n + 1) : end - n_loads]
-        return loads.reshape(n, n_loads, order="F"), drives
 
     def _run(
         self,
@@ -480,7 +427,7 @@ class MultipleScales:
         (
             a, first, motion, sizes, frame, expected, reached, steps, outcome,
         ) = _native.call_interruptibly(
-            core.scales_motion, cancel, *self._system, self._tolerance,
+            core.scales_motion, cancel, *self._form.system, self._tolerance,
             int(amplitudes is not None), start, state, times, error, 10_000_000, cancel,
         )  # fmt: skip
         if outcome:
@@ -502,32 +449,3 @@ class MultipleScales:
         )
         states = np.ascontiguousarray(motion.transpose(2, 0, 1)[kept].reshape(-1, 2 * n))
         return modulation, states, np.ascontiguousarray(sizes.T[kept]), expected
-
-
-def _packed_oscillator(
-    system: Oscillator, load: npt.ArrayLike | None, nu: float | None
-) -> FloatArray:
-    n_dof = len(system.dof_names)
-    forces = _native.real_array("load", 0.0 if load is None else load)
-    if forces.shape not in ((), (n_dof,)):
-        raise InputError(
-            f"load: must be a number or have shape ({n_dof},), got shape {forces.shape}"
-        )
-    if forces.ndim == 0:
-        forces = np.append(forces, np.zeros(n_dof - 1))
-    frequency = _native.number("nu", 1.0 if nu is None else nu)
-    if frequency <= 0:
-        raise InputError(f"nu = {frequency:g}: must be greater than 0")
-    packed, length = _native.call(
-        core.oscillator_form, system._flat, *system._kernels, forces, frequency, _MAX_FORM
-    )
-    if length > _MAX_FORM:
-        raise InputError("system: has too many terms for multiple scales")
-    return np.asarray(packed[:length].copy())
-
-
-def _factors(row: Any) -> tuple[str, ...]:
-    """Names of the factors of a term: amplitudes, then loads."""
-    amplitudes = [f"a{k}" if k > 0 else f"a{-k}*" for k in map(int, row[:3]) if k]
-    loads = [f"p{k}" if k > 0 else f"p{-k}*" for k in map(int, row[3:]) if k]
-    return (*amplitudes, *loads)

@@ -17,7 +17,7 @@ import numpy as np
 from viscovib import __version__, _native
 from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven_branch import DrivenBranch
-from viscovib.analyses.periodic import forced_response
+from viscovib.analyses.forced import forced_response
 from viscovib.analyses.transient import simulate
 from viscovib.cli.words import as_json
 from viscovib.common.parameters import MAX_HARMONICS

@@ -275,6 +275,10 @@ def checked(table: Iterable[Parameter[Any]], given: Mapping[str, Any]) -> dict[s
     return {one.name: one.check(given[one.name]) for one in table}
 
 
+#: Kinds of systems, as `Taken` calls them.
+OSCILLATOR, PENDULUM = "a mount, a polynomial system or a structure", "a pendulum"
+
+
 class Taken:
     """The arguments of a public function that one kind of system takes: those of an inner one.
 

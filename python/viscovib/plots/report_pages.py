@@ -215,7 +215,7 @@ def _law(laws: tuple[dict[int, float] | Law, ...]) -> str:
 
 def _plot_forces(body: Body, ax: Axes, hz: npt.NDArray[np.float64], load: Any) -> None:
     """Draw the size of the force at each mount, linear."""
-    from viscovib.analyses.periodic import forced_response
+    from viscovib.analyses.forced import forced_response
 
     result = forced_response(body, 2 * math.pi * hz, load=load, method="linear")
     forces = body.mount_forces(result)

@@ -13,7 +13,8 @@ from viscovib import _native
 from viscovib._native import core
 from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven_branch import DrivenBranch
-from viscovib.analyses.periodic import forced_response, trace_response
+from viscovib.analyses.forced import forced_response
+from viscovib.analyses.periodic import trace_response
 from viscovib.analyses.spectral import Spectrum, spectrum
 from viscovib.analyses.transient import simulate
 from viscovib.common.plan import Plan, wanted_places
