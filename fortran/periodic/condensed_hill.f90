@@ -22,6 +22,7 @@ module viscovib_condensed_hill
   use viscovib_compliance_band, only: compliance_band, new_band
   use viscovib_condensed_poles, only: condensed_poles, gap, new_poles
   use viscovib_condensed_rows, only: fill_one, strength
+  use viscovib_condensed_waves, only: fill_waves
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
@@ -79,6 +80,8 @@ module viscovib_condensed_hill
     !! and what it is less of hereditary ones, (n_dof, n_dof).
     complex(wp), allocatable, private :: local(:, :, :, :)
     real(wp), allocatable, private :: without(:, :)
+    !> Deflections between which J is not constant, and the others.
+    integer, allocatable, private :: swings(:), others(:)
     !> Norms of J_m, m = 1, ..., and how large a part it is of the largest J, whatever the units.
     real(wp), allocatable, private :: sizes(:), parts(:)
     complex(wp), allocatable, private :: waves(:)
@@ -171,6 +174,7 @@ contains
     real(wp), intent(out) :: largest(:, :)
     complex(wp) :: total
     real(wp) :: peak, constant
+    logical :: swings(self%n_dof)
     integer :: a, b, j, m, most, q, s
 
     most = (size(self%u, 1) - 1)/2
@@ -208,6 +212,12 @@ contains
       self%parts(m) = maxval(abs(sum(self%local(:, :, m, :), 3))/max(largest, tiny(1.0_wp)))
     end do
     self%reach = findloc(self%parts > silent, .true., 1, back=.true.)
+    do a = 1, self%n_dof
+      swings(a) = any(abs(self%local(a, :, 1:, :)) > 0.0_wp) &
+                  .or. any(abs(self%local(:, a, 1:, :)) > 0.0_wp)
+    end do
+    self%swings = pack([(a, a=1, self%n_dof)], swings)
+    self%others = pack([(a, a=1, self%n_dof)], .not. swings)
   end subroutine find_local
 
   !> How many orders: beyond the poles that matter, and until a disturbance of order 1 at these
@@ -269,7 +279,8 @@ contains
     complex(wp), dimension(self%n_orders) :: s
     complex(wp) :: h(self%n_orders, self%n_dof, self%n_dof)
     complex(wp) :: kept(self%n_orders, size(self%kernel_of_group))
-    integer :: centre, i, n, p, q
+    complex(wp) :: factor
+    integer :: centre, i, n, p, q, width
 
     p = self%n_orders - merge(0, 1, about_half)
     do i = 1, p
@@ -285,15 +296,25 @@ contains
     ! Rigid bodies are near their poles at order 0, or -1 of odd ones.
     centre = p - (self%highest + merge(1, 0, self%stride == 2))/self%stride
     n = p*self%n_dof + size(self%band%rigid_squares)
-    if (n == p) then
+    width = (self%reach + 1)*self%n_dof - 1 + size(self%band%rigid_squares)
+    factor = (0.0_wp, 0.0_wp)
+    if (n > p .and. n == p*self%n_dof .and. size(self%others) > 0) then
+      call fill_waves(p, self%reach, self%swings, self%others, h(:p, :, :), kept(:p, :), &
+                      self%local, self%without, self%re, self%im, factor)
+    end if
+    if (abs(factor) > 0.0_wp) then
+      n = p*size(self%swings)
+      width = (self%reach + 1)*size(self%swings) - 1
+    else if (n == p) then
+      factor = (1.0_wp, 0.0_wp)
       call fill_one(p, self%reach, size(self%re, 1), h(:p, 1, 1), kept(:p, :), self%local, &
                     ubound(self%local, 3), self%without(1, 1), self%re, self%im)
     else
+      factor = (1.0_wp, 0.0_wp)
       call fill(self, p, centre, h, kept, s(centre))
     end if
-    call band_determinant(n, size(self%re, 1), min(n - 1, (self%reach + 1)*self%n_dof - 1 &
-                                                   + size(self%band%rigid_squares)), &
-                          self%re, self%im, value)
+    call band_determinant(n, size(self%re, 1), max(min(n - 1, width), 0), self%re, self%im, value)
+    value = value*factor
     do i = 1, size(self%poles%multiplied)
       value = value*gap(2.0_wp*pi/self%period*(self%poles%multiplied(i) - lambda))
     end do

@@ -479,3 +479,41 @@ def test_random_floor_and_engine_orders():
         body.engine_orders(speeds, [0.5, 2], loads[0])
     with pytest.raises(vv.InputError, match="hz: must be ascending"):
         body.random_floor([2, 1], [1, 1])
+
+
+@pytest.mark.parametrize(
+    ("laws", "order"), [((None, None, "1e10*d^3"), 1), ((None, "2e9*d^3 + 1e7*d^2", None), 2)]
+)
+def test_condensed_judge_agrees_with_the_whole(laws, order):
+    """Motions judged in the deflections with laws have the exponents of the whole equations.
+
+    Mounts differ in their kernels, so that what is left out of the determinant remembers too.
+    """
+    soft = vv.RzhanitsynKernel(amplitude=0.6, alpha=0.4, beta=20)
+    stiff = vv.RzhanitsynKernel(amplitude=3, alpha=0.7, beta=60)
+    mounts = [
+        vv.MountPoint(
+            name=mount.name, position=mount.position, stiffness=mount.stiffness,
+            angles=mount.angles, law=laws, kernel=(soft, stiff if i else None, soft), damping=20.0,
+        )
+        for i, mount in enumerate(engine().mounts)
+    ]  # fmt: skip
+    body = vv.Body(mass=DATA["mass"], inertia=DATA["inertia"], mounts=mounts)
+    whole = vv.PolynomialSystem(
+        mass=body.mass, damping=body.damping, springs=body.springs, names=body.dof_names,
+        stiffness=body.stiffness, forces=body.forces,
+    )  # fmt: skip
+    assert body._condensation is not None
+    assert whole._condensation is None
+    given = {"load": body.load(torque=(0, 300, 0)), "harmonics": 9, "method": "newton",
+             "tolerance": 1e-5}  # fmt: skip
+    nu = np.array([9, 10.4, 12, 24, 27.0]) * hz * order / 2
+    one, other = (vv.forced_response(s, nu, stability=True, **given) for s in (body, whole))
+    np.testing.assert_allclose(one.coefficients, other.coefficients, atol=1e-10)
+    np.testing.assert_array_equal(one.stable, other.stable)
+    assert all(verdict is not None for verdict in one.stable)
+    for mine, theirs, at in zip(one.exponents, other.exponents, nu, strict=True):
+        for s in mine[:2]:
+            # Modulo i nu.
+            lines = np.exp(2 * np.pi * theirs[np.isfinite(theirs)] / at)
+            assert np.abs(lines - np.exp(2 * np.pi * s / at)).min() < 1e-6

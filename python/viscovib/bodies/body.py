@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,15 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.bodies.forces import MountForces, mount_forces
 from viscovib.bodies.modes import BodyModes, find_modes
 from viscovib.bodies.mount_point import MountPoint, crossing
-from viscovib.bodies.springs import MountSprings, mount_springs, spring_groups
+from viscovib.bodies.springs import (
+    MountSprings,
+    condensed_springs,
+    mount_springs,
+    spring_groups,
+)
 from viscovib.bodies.statics import Sag, find_sag, geometric_stiffness
 from viscovib.errors import InputError, StabilityWarning, caller
+from viscovib.systems.condensed import Condensation
 from viscovib.systems.load import LoadLike, load_series
 from viscovib.systems.polynomial_system import PolynomialSystem
 
@@ -140,6 +147,12 @@ class Body(PolynomialSystem):
     geometry: str
     _sag: Sag | None
     _mount_springs: MountSprings
+
+    @cached_property
+    def _condensation(self) -> Condensation | None:
+        return condensed_springs(
+            self._mount_springs, self._mass_matrix, self._damping, self._stiffness_at_rest
+        )
 
     def __repr__(self) -> str:
         """Say what it is in a few lines."""

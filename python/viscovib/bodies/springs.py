@@ -11,9 +11,14 @@ import numpy as np
 
 from viscovib._native import FloatArray
 from viscovib.bodies.mount_point import MountPoint, crossing
+from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.condensed import Condensation
+from viscovib.systems.element_laws import element_laws
+from viscovib.systems.elements import ElementTerms
 from viscovib.systems.laws import Law
 from viscovib.systems.spring_groups import Monomial, Springs
+from viscovib.systems.structure_rest import dense_rest
 
 
 @dataclass(frozen=True)
@@ -131,6 +136,34 @@ def spring_groups(
         ]
         groups += [Springs(stiffness=matrix, forces=forces or None, kernel=kernel), *others]
     return groups
+
+
+def condensed_springs(
+    springs: MountSprings, mass: FloatArray, damping: FloatArray, stiffness: FloatArray
+) -> Condensation | None:
+    """A body with memory in the deflections of its mounts, those with laws first; None: whole.
+
+    Motions are judged in the deflections with laws alone (`viscovib_condensed_waves`), which is
+    faster than in all coordinates where they are few.
+    """
+    elements = []
+    for row, k, law, kernel in zip(
+        springs.rows, springs.stiffness.tolist(), springs.laws, springs.kernels, strict=True
+    ):
+        slope = float(law.slopes_at_rest[0]) if isinstance(law, Law) else 0.0
+        powers = {1: k + slope} | ({} if isinstance(law, Law) else law)
+        rest = law.remainder if isinstance(law, Law) else None
+        elements.append(ElementTerms(row, powers, 0.0, kernel, rest))
+    bent = [e.direction for e in elements if e.law is not None or max(e.powers) > 1]
+    remember = any(e.kernel is not None for e in elements)
+    if not bent or not remember or 2 * np.linalg.matrix_rank(np.array(bent)) > mass.shape[0]:
+        return None
+    try:
+        rest_of_all = dense_rest(mass, damping, stiffness)
+    except InputError:
+        # Defective modes: no sum over modes gives the compliance.
+        return None
+    return Condensation(rest_of_all, element_laws(elements, mass.shape[0]))
 
 
 def _in_coordinates(law: Law, row: FloatArray, names: Sequence[str]) -> list[dict[str, str]]:

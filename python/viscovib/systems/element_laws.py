@@ -59,7 +59,8 @@ def element_laws(
     elements: Sequence[ElementTerms], n: int, couplings: Sequence[CouplingTerms] = ()
 ) -> Laws:
     """Condense what is nonlinear or remembers; what is elastic belongs to the linear rest."""
-    active = [e for e in elements if e.active]
+    # Deflections with laws come first, so that laws are written in few coordinates.
+    active = sorted((e for e in elements if e.active), key=_is_linear)
     chosen: list[FloatArray] = []
     weights = [_in_terms_of(chosen, element.direction) for element in active]
     mixes = [[_in_terms_of(chosen, e) for e in coupling.directions] for coupling in couplings]
@@ -105,6 +106,10 @@ def element_laws(
     ]
     found = tuple(kernels), tuple(stiffness), tuple(forces), tuple(programs)
     return Laws(np.array(chosen).T, *found)
+
+
+def _is_linear(element: ElementTerms) -> bool:
+    return element.law is None and max(element.powers, default=1) < 2
 
 
 def kernel_place(kernels: Sequence[Kernel | None], kernel: Kernel | None) -> int:
