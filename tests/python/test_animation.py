@@ -1,6 +1,8 @@
 """Moving pictures: their frames, kinds of files, and what is refused."""
 
+import re
 import shutil
+import subprocess
 
 import numpy as np
 import pytest
@@ -62,3 +64,14 @@ def test_what_cannot_be_shown(branch, mount, tmp_path):
     if shutil.which("ffmpeg") is None:
         with pytest.raises(vv.InputError, match="MP4 needs the program ffmpeg"):
             vv.animate(branch, tmp_path / "a.mp4")
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs the program ffmpeg")
+def test_a_film_has_every_frame(tmp_path):
+    motion = vv.simulate(mount(0.03), 5, load=0.1, nu=1.5)
+    vv.animate(motion, tmp_path / "a.mp4", frames=12, fps=6)
+    counted = subprocess.run(
+        ["ffmpeg", "-i", tmp_path / "a.mp4", "-f", "null", "-"], capture_output=True, text=True
+    )
+    assert counted.returncode == 0
+    assert re.findall(r"frame= *([0-9]+)", counted.stderr)[-1] == "12"

@@ -72,6 +72,7 @@ TWO = {"mass": [1, 1], "stiffness": [1, 1]}
         (TWO | {"forces": {"x1": "(" * 5000 + "x1" + ")" * 5000}}, "must be a polynomial"),
         (TWO | {"forces": {"x1": "x1+" * 9000}}, "characters, must be at most 20000"),
         (TWO | {"forces": [1]}, "forces[0] = 1: must be a Monomial"),
+        (TWO | {"forces": ["a^3"]}, "forces: 1 texts, must be 2, one per coordinate"),
         (TWO | {"forces": 1}, "forces = 1: must be a text, a mapping or Monomials"),
         (
             TWO | {"forces": [vv.Monomial(coefficient=1, powers=(2,), on=0)]},

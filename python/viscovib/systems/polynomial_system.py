@@ -52,10 +52,10 @@ class PolynomialSystem:
         symmetric (follower forces).
     forces : str, mapping or sequence of Monomial, optional
         Nonlinear forces f(u). For one coordinate a text such as ``"0.5*x^3"``; else
-        ``{"x1": "2*(x1 - x2)^3", "x2": "2*(x2 - x1)^3"}``, by equation. Expressions have +, -,
-        *, /, ^ and whole powers, degree up to 15. Texts with functions, such as ``"tanh(x)"`` or
-        ``"max(x1 - x2 - 0.1, 0)"``, are forces too (functions and derivatives as of `Spring`).
-        Or `Monomial` s, for programs.
+        ``{"x1": "2*(x1 - x2)^3", "x2": "2*(x2 - x1)^3"}``, by equation, or a list of such texts,
+        one per coordinate. Expressions have +, -, *, /, ^ and whole powers, degree up to 15.
+        Texts with functions, such as ``"tanh(x)"`` or ``"max(x1 - x2 - 0.1, 0)"``, are forces
+        too (functions and derivatives as of `Spring`). Or `Monomial` s, for programs.
     kernel : Kernel, optional
         Relaxation kernel of this stiffness and these forces; None: no memory.
     damping : array_like, optional
@@ -90,7 +90,7 @@ class PolynomialSystem:
 
     mass: npt.ArrayLike
     stiffness: npt.ArrayLike | None = None
-    forces: str | Mapping[str, str] | Sequence[Monomial] | None = None
+    forces: str | Mapping[str, str] | Sequence[str] | Sequence[Monomial] | None = None
     kernel: Kernel | None = None
     damping: npt.ArrayLike | None = None
     springs: Sequence[Springs] = ()

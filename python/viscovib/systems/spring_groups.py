@@ -58,7 +58,7 @@ class Springs:
     """
 
     stiffness: npt.ArrayLike | None = None
-    forces: str | Mapping[str, str] | Sequence[Monomial] | None = None
+    forces: str | Mapping[str, str] | Sequence[str] | Sequence[Monomial] | None = None
     kernel: Kernel | None = None
 
 
@@ -141,6 +141,13 @@ def _by_equation(
                 f"{{{names[0]!r}: {forces!r}}}"
             )
         forces = {names[0]: forces}
+    if isinstance(forces, (list, tuple)) and forces and isinstance(forces[0], str):
+        if len(forces) != len(names):
+            raise InputError(
+                f"{where}: {len(forces)} texts, must be {len(names)}, one per coordinate, or a "
+                f"mapping such as {{{names[0]!r}: {forces[0]!r}}}"
+            )
+        forces = dict(zip(names, forces, strict=True))
     if isinstance(forces, Mapping):
         result: list[tuple[str, int, Polynomial | Law]] = []
         for key, text in forces.items():
@@ -159,7 +166,10 @@ def _by_equation(
     for i, monomial in enumerate(forces):
         place = f"{where}[{i}]"
         if not isinstance(monomial, Monomial):
-            raise InputError(f"{place} = {_native.shown(monomial)}: must be a Monomial")
+            raise InputError(
+                f"{place} = {_native.shown(monomial)}: must be a Monomial; forces as text are one "
+                f"text per coordinate, or a mapping"
+            )
         c = _native.number(f"{place}.coefficient", monomial.coefficient)
         powers = _powers(f"{place}.powers", monomial.powers, names)
         result.append((place, _equation(f"{place}.on", monomial.on, names), {powers: c}))
