@@ -67,9 +67,8 @@ def test_what_cannot_be_shown(branch, mount, tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs the program ffmpeg")
-def test_a_film_has_every_frame(tmp_path):
-    motion = vv.simulate(mount(0.03), 5, load=0.1, nu=1.5)
-    vv.animate(motion, tmp_path / "a.mp4", frames=12, fps=6)
+def test_every_frame_of_a_film_is_there(branch, tmp_path):
+    vv.animate(branch, tmp_path / "a.mp4", point=3, frames=12, fps=6)
     counted = subprocess.run(
         ["ffmpeg", "-i", tmp_path / "a.mp4", "-f", "null", "-"], capture_output=True, text=True
     )
