@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -24,6 +25,7 @@ from viscovib.results.curves import (
     OUTCOMES,
     BranchPoint,
     check_departure,
+    located_branch_points,
     located_crossings,
     range_of,
 )
@@ -32,12 +34,111 @@ from viscovib.results.structure_view import View
 from viscovib.systems.load import LoadLike
 from viscovib.systems.oscillators import Steady, check_steady
 from viscovib.systems.structure import Structure
-from viscovib.systems.varying import varied
+from viscovib.systems.varying import Varied, varied
 
 #: Numbers that all points together may hold.
 _MAX_NUMBERS = 4e8
 #: What varies, in the order of the core.
 _KINDS = {"nu": 1, "load_factor": 2}
+
+
+@dataclass(frozen=True)
+class _Way:
+    """What varies along a branch, and from where to where.
+
+    ``fixed`` is the frequency where that does not vary; ``numbers`` what a parameter of the
+    system is in the vector that the core takes.
+    """
+
+    argument: str
+    varies: str
+    start: float
+    finish: float
+    fixed: float
+    numbers: Varied | None
+
+    @classmethod
+    def checked(
+        cls,
+        system: Steady,
+        ranges: dict[str, tuple[float, float] | None],
+        nu: float | None,
+        vary: str | None,
+    ) -> _Way:
+        """Hold the arguments against each other."""
+        given = [name for name, ends in ranges.items() if ends is not None]
+        if len(given) != 1:
+            raise InputError(
+                "nu_range, load_range or vary_range: must be given, and only one of them"
+            )
+        if (given[0] == "nu_range") != (nu is None):
+            raise InputError("nu: must be given with load_range or vary_range, and only then")
+        if (given[0] == "vary_range") != (vary is not None):
+            raise InputError("vary: must be given with vary_range, and only then")
+        start, finish = range_of(given[0], ranges[given[0]])
+        varies = {"nu_range": "nu", "load_range": "load_factor"}.get(given[0], "")
+        numbers = None
+        if vary is not None:
+            if isinstance(system, Structure):
+                raise InputError(
+                    "vary: the numbers of a structure do not vary: follow nu or the load"
+                )
+            numbers = varied(system, vary, start, finish)
+            varies = numbers[0]
+        if varies == "nu" and min(start, finish) <= 0:
+            raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
+        fixed = start if nu is None else _native.number("nu", nu)
+        return cls(given[0], varies, start, finish, fixed, numbers)
+
+    @property
+    def kind(self) -> int:
+        """What varies, as the core counts it."""
+        return _KINDS.get(self.varies, 3)
+
+    def flat(self, at_start: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The system at 0 of what varies in it, and how it changes with that."""
+        if self.numbers is None:
+            return at_start, np.zeros(at_start.size)
+        return self.numbers[1:]
+
+    def nu(self, values: FloatArray) -> FloatArray:
+        """Frequencies at values of what varies."""
+        return values if self.varies == "nu" else self.fixed * np.ones(values.size)
+
+    def factors(self, values: FloatArray) -> FloatArray:
+        """Factors of the load there."""
+        return values if self.varies == "load_factor" else np.ones(values.size)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """From unknowns of the core to what results hold: absolute motions, coordinates wanted."""
+
+    system: Steady
+    way: _Way
+    job: tuple[Any, ...]
+    orders: npt.NDArray[np.int32]
+    #: Of a structure: which coordinates are shown.
+    view: View | None
+
+    def absolute(self, relative: ComplexArray, at: FloatArray) -> ComplexArray:
+        """Motions of the coordinates that the core has, shape (n, n_dof, n_orders)."""
+        if self.view is not None:
+            return np.ascontiguousarray(relative.T)
+        direction = self.system._base_direction
+        return _absolute(relative.T, direction, self.job, self.orders, self.way.factors(at))
+
+    def motions(self, relative: ComplexArray, at: FloatArray) -> ComplexArray:
+        """Motions in the coordinates that the result holds."""
+        if self.view is None:
+            return self.absolute(relative, at)
+        return self.view.expand(self.way.nu(at), self.orders, relative.T, self.way.factors(at))
+
+    def directions(self, relative: ComplexArray, at: FloatArray) -> ComplexArray:
+        """Differences of motions in these coordinates."""
+        if self.view is None:
+            return np.ascontiguousarray(relative.T)
+        return self.view.expand(self.way.nu(at), self.orders, relative.T, np.zeros(at.size))
 
 
 def trace_mount(
@@ -62,174 +163,165 @@ def trace_mount(
 ) -> Branch:
     """`trace_response` of a mount, a polynomial system or a structure."""
     ranges = {"nu_range": nu_range, "load_range": load_range, "vary_range": vary_range}
-    given = [name for name, ends in ranges.items() if ends is not None]
-    if len(given) != 1:
-        raise InputError("nu_range, load_range or vary_range: must be given, and only one of them")
-    if (given[0] == "nu_range") != (nu is None):
-        raise InputError("nu: must be given with load_range or vary_range, and only then")
-    if (given[0] == "vary_range") != (vary is not None):
-        raise InputError("vary: must be given with vary_range, and only then")
-    first_p, finish = range_of(given[0], ranges[given[0]])
-    varies = {"nu_range": "nu", "load_range": "load_factor"}.get(given[0], "")
     check_steady(system, base)
-    numbers, first = None, None
-    if vary is not None:
-        if isinstance(system, Structure):
-            raise InputError("vary: the numbers of a structure do not vary: follow nu or the load")
-        numbers = varied(system, vary, first_p, finish)
-        varies = numbers[0]
-        first = numbers.at(first_p)
-    if varies == "nu" and min(first_p, finish) <= 0:
-        raise InputError(f"nu_range = ({first_p:g}, {finish:g}): must be greater than 0")
-    fixed = first_p if nu is None else _native.number("nu", nu)
+    way = _Way.checked(system, ranges, nu, vary)
     stops = _native.real_array("at", at).reshape(-1)
-    judged_too = STABILITY.check(stability)
+    judged = STABILITY.check(stability)
     keeps = symmetric is None or SYMMETRIC.check(symmetric)
     begun: Start | None = None
     if start is not None:
         if leave is not None:
             raise InputError("start: must not be given with leave, which tells where to begin")
-        begun = start_of(start, system.dof_names, fixed)
+        begun = start_of(start, system.dof_names, way.fixed)
         keeps = keeps and not (symmetric is None and begun.has_even)
     curve = CurveOptions.checked(options)
     job, _, prepared, planned = _prepare(
-        system, [fixed], load, base, "newton", harmonics, curve.tolerance, 100, 1.0, keep_idle=True,
-        flat=first, may_choose=True, whole=numbers is not None,
+        system, [way.fixed], load, base, "newton", harmonics, curve.tolerance, 100, 1.0,
+        keep_idle=True, flat=None if way.numbers is None else way.numbers.at(way.start),
+        may_choose=True, whole=way.numbers is not None,
     )  # fmt: skip
-    chosen = _native.is_auto(harmonics)
     if planned.method != "newton":
         raise InputError(
             "system: nothing is nonlinear, its response is a single curve: see forced_response"
         )
-    flat, direction = (job[0], np.zeros(job[0].size)) if numbers is None else numbers[1:]
+    if planned.loaded is None and coordinates is not None:
+        raise InputError("coordinates: only those of a structure are chosen")
+    auto = _native.is_auto(harmonics)
+    orders = planned.orders
+    if not keeps:
+        orders = np.arange((planned.orders[-1] if auto else prepared[1]) + 1, dtype=np.int32)
+    if auto:
+        orders = orders[orders <= max(MOST_CHOSEN, *job[-2])]
+    n_dof, m, points = job[-1].shape[0] - 1, orders.size, curve.max_points
+    _check_size(points, n_dof, m)
+    begin, begin_p, along = _begin(system, way, job, planned.loaded, orders, leave, opposite, begun)
+    flat, direction = way.flat(job[0])
+    whole_job = (flat, *job[1:], way.kind, direction, way.fixed)
+    cancel = np.zeros(1, dtype=np.intc)
+    found = _native.call_interruptibly(
+        core.mount_branch, cancel, *whole_job, curve.packed(way.start, way.finish, stops),
+        prepared[1], int(keeps), points, int(leave is not None or begun is not None), begin,
+        begin_p, along, points if judged else 0, m, min(points, MAX_SPECIAL), cancel,
+    )  # fmt: skip
+    if not found[0] and begun is not None:
+        raise InputError(f"start: no solution was found near it at {way.varies} = {begin_p:g}")
+    if not found[0]:
+        raise InputError(
+            f"{way.argument}: no solution was found at its beginning {way.start:g}: begin elsewhere"
+        )
     view = None
     if planned.loaded is not None:
         view = View.of(system, planned.loaded, coordinates)
-    elif coordinates is not None:
-        raise InputError("coordinates: only those of a structure are chosen")
-    orders = planned.orders
-    if not keeps:
-        orders = np.arange((planned.orders[-1] if chosen else prepared[1]) + 1, dtype=np.int32)
-    if chosen:
-        orders = orders[orders <= max(MOST_CHOSEN, *job[-2])]
-    n_dof, m = job[-1].shape[0] - 1, orders.size
+    shown = _Shown(system, way, job, orders[: found[2]], view)
+    plan = _plan(way.varies, way.start, way.finish, 0 if auto else m, planned, judged)
+    return _branch(found, shown, (n_dof, m), curve.tolerance, judged, plan, whole_job)
+
+
+def _check_size(points: int, n_dof: int, m: int) -> None:
+    """Refuse more points than there is room for."""
     most = int(_MAX_NUMBERS / (8 * m * n_dof + 8 * n_dof + 16))
-    points = curve.max_points
     if points > most:
         raise InputError(
             f"max_points = {points}: must be at most {most} with {n_dof} coordinates and {m} "
             "harmonics"
         )
-    begin, along = np.zeros(2 * m * n_dof), np.zeros(2 * m * n_dof + 1)
-    begin_p = 0.0
+
+
+def _begin(
+    system: Steady,
+    way: _Way,
+    job: tuple[Any, ...],
+    loaded: Any,
+    orders: npt.NDArray[np.int32],
+    leave: BranchPoint | None,
+    opposite: bool,
+    begun: Start | None,
+) -> tuple[FloatArray, float, FloatArray]:
+    """Unknowns to begin with, where, and the direction; nothing: at the beginning of the range."""
+    n = 2 * orders.size * (job[-1].shape[0] - 1)
     if leave is not None:
         check_departure(leave)
-        begin, along = leave.departure(2 * m * n_dof, OPPOSITE.check(opposite))
-        begin_p = leave.parameter
-    if begun is not None:
-        begin_p = begun.place(varies, first_p, finish)
-        factor = begin_p if varies == "load_factor" else 1.0
-        begin = begun.unknowns(
-            orders, job, system._base_direction, factor, system.dof_names, planned.loaded
-        )
-    cancel = np.zeros(1, dtype=np.intc)
+        begin, along = leave.departure(n, OPPOSITE.check(opposite))
+        return begin, leave.parameter, along
+    if begun is None:
+        return np.zeros(n), 0.0, np.zeros(n + 1)
+    at = begun.place(way.varies, way.start, way.finish)
+    factor = at if way.varies == "load_factor" else 1.0
+    begin = begun.unknowns(orders, job, system._base_direction, factor, system.dof_names, loaded)
+    return begin, at, np.zeros(n + 1)
+
+
+def _branch(
+    found: tuple[Any, ...],
+    shown: _Shown,
+    size: tuple[int, int],
+    tolerance: float,
+    judged_too: bool,
+    plan: Plan,
+    job: tuple[Any, ...],
+) -> Branch:
+    """Give what the core found its names and units."""
     (
         n, ended, n_used, p, iterations, error, kept, truncation, coefficients, is_stop, n_folds,
         folds, fold_coefficients, n_branch, branch_p, branch_x, across, branch_before, judged,
         growing, multipliers, exponents, n_crossings, kinds, before, where, crossing_coefficients,
-    ) = _native.call_interruptibly(
-        core.mount_branch, cancel, flat, *job[1:], _KINDS.get(varies, 3), direction, fixed,
-        curve.packed(first_p, finish, stops), prepared[1], int(keeps), points,
-        int(leave is not None or begun is not None), begin, begin_p, along,
-        points if judged_too else 0, m, min(points, MAX_SPECIAL), cancel,
-    )  # fmt: skip
-    if not n and begun is not None:
-        raise InputError(f"start: no solution was found near it at {varies} = {begin_p:g}")
-    if not n:
-        raise InputError(
-            f"{given[0]}: no solution was found at its beginning {first_p:g}: begin elsewhere"
-        )
-    found: Stability | None = None
+    ) = found  # fmt: skip
+    system, way, view, orders = shown.system, shown.way, shown.view, shown.orders
+    stability: Stability | None = None
     if judged_too:
-        found = Stability.of(judged[:n], multipliers[:, :n], exponents[:, :n])
+        stability = Stability.of(judged[:n], multipliers[:, :n], exponents[:, :n])
         if (judged[:n] < 0).all() and not system._active_kernels:
-            found = None
-
-    def absolute(relative: ComplexArray, factors: FloatArray) -> ComplexArray:
-        if varies != "load_factor":
-            factors = np.ones(factors.size)
-        if view is not None:
-            return np.ascontiguousarray(relative.T)
-        return _absolute(relative.T, system._base_direction, job, orders, factors)
-
-    def shown(relative: ComplexArray, at: FloatArray, whole: bool = True) -> ComplexArray:
-        """Motions, or their directions, in the coordinates that the result holds."""
-        if view is None:
-            return absolute(relative, at) if whole else np.ascontiguousarray(relative.T)
-        ones = np.ones(at.size)
-        factors = whole * (at if varies == "load_factor" else ones)
-        nu_there = at if varies == "nu" else fixed * ones
-        return view.expand(nu_there, orders, relative.T, factors)
-
-    orders = orders[:n_used]
-    crossings = located_crossings(
-        (n_crossings, kinds, before, where),
-        shown(crossing_coefficients[:n_used, :, :n_crossings], where[:n_crossings]),
-    )
-    values = p[:n].copy()
-    same = np.ones(n)
+            stability = None
     _warn_above(
-        truncation[:n], curve.tolerance, varies, p,
+        truncation[:n], tolerance, way.varies, p,
         f"harmonics up to {orders[-1]} do not reach the tolerance",
     )  # fmt: skip
-    _warn_above(error[:n], curve.tolerance, varies, p, "rounding leaves more than the tolerance")
-    places = branch_p[:n_branch]
-    points_off = shown(_complex(branch_x[:, :n_branch], n_dof, m)[:n_used], places)
-    directions = shown(_complex(across[:-1, :n_branch], n_dof, m)[:n_used], places, whole=False)
-    motions = absolute(coefficients[:n_used, :, :n], values)
-    at_folds = absolute(fold_coefficients[:n_used, :, :n_folds], folds[:n_folds])
+    _warn_above(error[:n], tolerance, way.varies, p, "rounding leaves more than the tolerance")
+    values, places, crossed = p[:n].copy(), branch_p[:n_branch], where[:n_crossings]
+    motions = shown.absolute(coefficients[:n_used, :, :n], values)
+    at_folds = shown.absolute(fold_coefficients[:n_used, :, :n_folds], folds[:n_folds])
     names, units = system.dof_names, system.dof_units
     kind: Callable[..., Branch] = Branch
     if view is not None:
         names, units = view.names, view.units
         kind = partial(StructureBranch, _condensed=motions, _condensed_folds=at_folds, _view=view)
     branch = kind(
-        nu=values if varies == "nu" else fixed * same,
-        load_factor=values if varies == "load_factor" else same,
+        nu=way.nu(values),
+        load_factor=way.factors(values),
         harmonics=orders,
         coefficients=motions,
-        stable=found.stable if found else None,
-        growing=growing[:n].copy() if found else None,
-        multipliers=found.multipliers if found else None,
-        exponents=found.exponents if found else None,
-        slowest=found.slowest if found else None,
+        stable=stability.stable if stability else None,
+        growing=growing[:n].copy() if stability else None,
+        multipliers=stability.multipliers if stability else None,
+        exponents=stability.exponents if stability else None,
+        slowest=stability.slowest if stability else None,
         folds=folds[:n_folds].copy(),
         fold_coefficients=at_folds,
-        branch_points=tuple(
-            BranchPoint(
-                float(branch_p[i]),
-                points_off[i],
-                int(branch_before[i]) - 1,
-                directions[i],
-                branch_x[:, i].copy(),
-                across[:, i].copy(),
-            )
-            for i in range(n_branch)
+        branch_points=located_branch_points(
+            places,
+            shown.motions(_complex(branch_x[:, :n_branch], *size)[:n_used], places),
+            branch_before,
+            shown.directions(_complex(across[:-1, :n_branch], *size)[:n_used], places),
+            branch_x,
+            across,
         ),
-        crossings=crossings,
+        crossings=located_crossings(
+            (n_crossings, kinds, before, where),
+            shown.motions(crossing_coefficients[:n_used, :, :n_crossings], crossed),
+        ),
         stops=np.flatnonzero(is_stop[:n]),
         outcome=OUTCOMES[ended],
         iterations=iterations[:n].copy(),
         error=error[:n].copy(),
-        varies=varies,
+        varies=way.varies,
         parameter=values,
         highest=orders[kept[:n] - 1],
         truncation=truncation[:n].copy(),
         dof_names=names,
         dof_units=units,
-        plan=_plan(varies, first_p, finish, 0 if chosen else m, planned, judged_too),
-        _job=(flat, *job[1:], _KINDS.get(varies, 3), direction, fixed),
-        _tolerance=curve.tolerance,
+        plan=plan,
+        _job=job,
+        _tolerance=tolerance,
     )
     if isinstance(branch, StructureBranch):
         warn_of_reduction(branch)

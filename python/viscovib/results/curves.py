@@ -273,6 +273,31 @@ def located_crossings(
     )
 
 
+def located_branch_points(
+    places: FloatArray,
+    motions: ComplexArray,
+    before: npt.NDArray[np.int32],
+    directions: ComplexArray,
+    unknowns: FloatArray,
+    across: FloatArray,
+) -> tuple[BranchPoint, ...]:
+    """Branch points: values of what varies, X_k there, points before (from 1), other branches.
+
+    ``unknowns`` and ``across`` as the core has them, a column each.
+    """
+    return tuple(
+        BranchPoint(
+            float(place),
+            motions[i],
+            int(before[i]) - 1,
+            directions[i],
+            unknowns[:, i].copy(),
+            across[:, i].copy(),
+        )
+        for i, place in enumerate(places)
+    )
+
+
 def check_departure(leave: object) -> None:
     """Refuse what is no branch point."""
     if not isinstance(leave, BranchPoint):
