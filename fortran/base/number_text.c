@@ -2,9 +2,20 @@
 #include <stdio.h>
 #include <string.h>
 
-/* "-1.2345678901234567e+100" is the longest; a Fortran text has no end mark. */
+static int is_digit(char c) { return c >= '0' && c <= '9'; }
+
+/* "-1.2345678901234567e+100" is the longest; a Fortran text has no end mark. The point is one
+   whatever the program that calls has set as its locale. */
 void viscovib_format(double value, char *text, int *length) {
-  char buffer[32];
-  *length = snprintf(buffer, sizeof buffer, "%.16e", value);
+  char buffer[40], *point, *rest;
+  snprintf(buffer, sizeof buffer, "%.16e", value);
+  point = buffer + (buffer[0] == '-');
+  if (is_digit(*point) && point[1] != '.') {
+    rest = ++point;
+    while (!is_digit(*rest)) rest++;
+    *point = '.';
+    memmove(point + 1, rest, strlen(rest) + 1);
+  }
+  *length = (int)strlen(buffer);
   memcpy(text, buffer, (size_t)*length);
 }

@@ -16,6 +16,7 @@ module viscovib_table
 
   !> A column sees its values, which outlive it, or holds them.
   type :: column_type
+    character(len=:), allocatable :: name
     real(wp), pointer :: reals(:) => null()
     integer, pointer :: integers(:) => null()
     real(wp), allocatable :: held(:)
@@ -26,7 +27,7 @@ module viscovib_table
 
   type :: table_type
     private
-    character(len=:), allocatable :: notes, names
+    character(len=:), allocatable :: notes
     type(column_type), allocatable :: columns(:)
     integer :: n = 0
   contains
@@ -40,6 +41,14 @@ module viscovib_table
     procedure :: hold_reals
     procedure :: hold_integers
     procedure :: write => write_table
+    !> What it holds, for callers that write no file.
+    procedure :: n_columns
+    procedure :: n_rows
+    procedure :: name
+    procedure :: all_notes
+    procedure :: numbers
+    procedure :: n_words
+    procedure :: word
     procedure, private :: grow
   end type table_type
 
@@ -111,15 +120,14 @@ contains
     class(table_type), intent(inout) :: self
     character(len=*), intent(in) :: name
     type(column_type), allocatable :: wider(:)
-    character(len=:), allocatable :: quoted
     integer :: i
 
     if (.not. allocated(self%columns)) then
       allocate (self%columns(16))
-      self%names = ''
     else if (self%n == size(self%columns)) then
       allocate (wider(2*self%n))
       do i = 1, self%n
+        call move_alloc(self%columns(i)%name, wider(i)%name)
         wider(i)%reals => self%columns(i)%reals
         wider(i)%integers => self%columns(i)%integers
         call move_alloc(self%columns(i)%held, wider(i)%held)
@@ -130,12 +138,76 @@ contains
       end do
       call move_alloc(wider, self%columns)
     end if
-    quoted = name
-    if (index(name, ',') > 0) quoted = '"'//name//'"'
-    if (self%n > 0) self%names = self%names//','
-    self%names = self%names//quoted
     self%n = self%n + 1
+    self%columns(self%n)%name = name
   end subroutine grow
+
+  pure integer function n_columns(self)
+    class(table_type), intent(in) :: self
+    n_columns = self%n
+  end function n_columns
+
+  pure integer function n_rows(self)
+    class(table_type), intent(in) :: self
+    n_rows = 0
+    if (self%n == 0) return
+    associate (column => self%columns(self%n))
+      if (associated(column%reals)) n_rows = size(column%reals)
+      if (associated(column%integers)) n_rows = size(column%integers)
+      if (allocated(column%held)) n_rows = size(column%held)
+      if (allocated(column%codes)) n_rows = size(column%codes)
+    end associate
+  end function n_rows
+
+  !> Of column j, from 1.
+  pure function name(self, j)
+    class(table_type), intent(in) :: self
+    integer, intent(in) :: j
+    character(len=:), allocatable :: name
+    name = self%columns(j)%name
+  end function name
+
+  !> The lines above the columns, each ended by a new-line character.
+  pure function all_notes(self) result(text)
+    class(table_type), intent(in) :: self
+    character(len=:), allocatable :: text
+    text = ''
+    if (allocated(self%notes)) text = self%notes
+  end function all_notes
+
+  !> The values of column j, whole ones too.
+  pure function numbers(self, j) result(values)
+    class(table_type), intent(in) :: self
+    integer, intent(in) :: j
+    real(wp), allocatable :: values(:)
+    associate (column => self%columns(j))
+      if (associated(column%reals)) then
+        values = column%reals
+      else if (allocated(column%held)) then
+        values = column%held
+      else if (allocated(column%codes)) then
+        values = column%codes
+      else
+        values = column%integers
+      end if
+    end associate
+  end function numbers
+
+  !> How many words column j has, for 0, 1, ...; 0: it has numbers.
+  pure integer function n_words(self, j)
+    class(table_type), intent(in) :: self
+    integer, intent(in) :: j
+    n_words = 0
+    if (allocated(self%columns(j)%words)) n_words = size(self%columns(j)%words)
+  end function n_words
+
+  !> The word for `code` in column j.
+  pure function word(self, j, code)
+    class(table_type), intent(in) :: self
+    integer, intent(in) :: j, code
+    character(len=:), allocatable :: word
+    word = trim(self%columns(j)%words(code))
+  end function word
 
   !> Write the table NAME into a folder, which is made if need be; the table is there whole or
   !! not at all.
@@ -147,28 +219,32 @@ contains
     type(status_type), intent(out) :: status
     type(text_writer) :: file
     character(len=:), allocatable :: row
-    integer :: i, j, n_rows, length, at
+    integer :: i, j, length, at
 
     call make_folder(folder)
     call file%create(folder//'/'//name, status)
     if (status%failed()) return
     call file%add_comments(header)
     if (allocated(self%notes)) call file%add_comments(self%notes)
-    call file%add_line(self%names)
-    n_rows = 0
     length = 0
     do j = 1, self%n
       associate (column => self%columns(j))
-        length = length + width + 1
+        length = length + max(width, len(column%name) + 2) + 1
         if (allocated(column%words)) length = length + len(column%words)
-        if (associated(column%reals)) n_rows = size(column%reals)
-        if (associated(column%integers)) n_rows = size(column%integers)
-        if (allocated(column%held)) n_rows = size(column%held)
-        if (allocated(column%codes)) n_rows = size(column%codes)
       end associate
     end do
     allocate (character(len=length) :: row)
-    do i = 1, n_rows
+    at = 0
+    do j = 1, self%n
+      if (j > 1) call append(',')
+      if (index(self%columns(j)%name, ',') > 0) then
+        call append('"'//self%columns(j)%name//'"')
+      else
+        call append(self%columns(j)%name)
+      end if
+    end do
+    call file%add_line(row(:at))
+    do i = 1, self%n_rows()
       at = 0
       do j = 1, self%n
         if (j > 1) call append(',')
