@@ -56,6 +56,7 @@ from viscovib.results.curves import (
     branch_notes,
     check_departure,
     largest_panels,
+    located_branch_points,
     located_crossings,
     range_of,
 )
@@ -269,6 +270,86 @@ def _bound_left(torus: Torus, leave: BranchPoint) -> int:
     return bound
 
 
+@dataclass(frozen=True)
+class _Pass:
+    """One pass along a branch with some orders: the job, what the core found, what is left out."""
+
+    orders: IntArray
+    bound: int
+    job: tuple[Any, ...]
+    unit: float
+    found: tuple[Any, ...]
+    worst: float
+    next_bound: int
+
+
+@dataclass(frozen=True)
+class _Way:
+    """What is asked for: what varies, how it is followed, and where the branch begins."""
+
+    system: Pendulum
+    torus: Torus
+    varies: str
+    start: float
+    finish: float
+    stops: FloatArray
+    curve: CurveOptions
+    #: Time over which stability is found, in periods of the one base frequency if there is one;
+    #: 0: not at all.
+    span: float
+    symmetric: bool
+    leave: BranchPoint | None
+    opposite: bool
+
+    def along(self, bound: int, auto: bool) -> _Pass:
+        """Follow the branch with orders up to a bound; raise where it has no beginning."""
+        torus, curve = self.torus, self.curve
+        orders = torus.lattice(bound)
+        n = 3 * (2 * len(orders) - 1)
+        check_size("max_points", curve.max_points, n)
+        job, unit = self._job(orders)
+        begin, begin_p, along = self._begin(n, job[2], unit)
+        cancel = np.zeros(1, dtype=np.intc)
+        found = _native.call_interruptibly(
+            core.pendulum_branch, cancel, *job,
+            curve.packed(self.start / unit, self.finish / unit, self.stops / unit),
+            curve.max_points, self.span, int(self.leave is not None), begin, begin_p, along,
+            MAX_SPECIAL, cancel,
+        )  # fmt: skip
+        n_points, p, x = found[0], found[2], found[4]
+        if not n_points:
+            raise InputError(
+                f"{self.varies}: no solution was found at its beginning {self.start:g}: begin "
+                "elsewhere"
+            )
+        judged, _ = self._job(torus.lattice(bound + torus.shells))
+        cancel = np.zeros(1, dtype=np.intc)
+        worst, next_bound = _native.call_interruptibly(
+            core.pendulum_truncation, cancel, *judged, p[:n_points],
+            np.asfortranarray(x[:, :n_points]), curve.tolerance, bound, torus.shells,
+            torus.largest(_FEWER) if auto else bound, cancel,
+        )  # fmt: skip
+        return _Pass(orders, bound, job, unit, found, worst, next_bound)
+
+    def _job(self, orders: IntArray) -> tuple[tuple[Any, ...], float]:
+        """What the core takes of the system with these orders, and units of what varies."""
+        job, unit = core_job(self.system, self.torus, orders, self.varies)
+        kept = _kept(self.system, self.torus, orders, self.varies, symmetric=self.symmetric)
+        return (*job[:2], kept, *job[2:]), unit
+
+    def _begin(self, n: int, kept: IntArray, unit: float) -> tuple[FloatArray, float, FloatArray]:
+        """Unknowns to begin with, where, and the direction."""
+        if self.leave is None:
+            return np.zeros(n), 0.0, np.zeros(n + 1)
+        begin, along = self.leave.departure(n, self.opposite)
+        lost = np.where(kept.T == 1, 0.0, np.abs(self.leave.across)).max()
+        if lost > 1e-6 * np.abs(self.leave.across).max():
+            raise InputError(
+                "leave: leads to motions that do not share the symmetry, must have symmetric=False"
+            )
+        return begin, self.leave.parameter / unit, along
+
+
 def trace_pendulum(
     system: Pendulum,
     *,
@@ -291,7 +372,6 @@ def trace_pendulum(
     **options: Any,
 ) -> DrivenBranch:
     """`trace_response` of a pendulum."""
-    pend = system
     varies, value = chosen(
         {"p1": p1, "p2": p2, "p3": p3, "f0": f0, "m01": m01, "m02": m02, "nu": nu}
     )
@@ -301,12 +381,10 @@ def trace_pendulum(
     if (varies in FREQUENCIES or varies == "nu") and min(start, finish) <= 0:
         raise InputError(f"{varies} = ({start:g}, {finish:g}): must be greater than 0")
     curve = CurveOptions.checked(options)
-    wanted, points = curve.tolerance, curve.max_points
     checked((STABILITY, OPPOSITE), locals())
     keeps = symmetric is not None and SYMMETRIC.check(symmetric)
     denominator = MAX_DENOMINATOR.check(max_denominator)
-    if varies in FREQUENCIES:
-        pend = moved(pend, varies, start)
+    pend = moved(system, varies, start) if varies in FREQUENCIES else system
     torus = make_torus(pend, varies, SUBHARMONIC.check(subharmonic), denominator)
     auto = _native.is_auto(harmonics)
     if leave is not None:
@@ -315,89 +393,65 @@ def trace_pendulum(
     if auto and leave is not None:
         auto, wanted_bound = False, _bound_left(torus, leave)
     bound = bound_of(torus, wanted_bound, torus.largest())
-    vain, last = 0, np.inf
     span = 1.0 if stability and torus.n_axes == 1 else 0.0
     averaged = None if duration is None else DURATION.check(duration)
     if averaged is not None and torus.n_axes > 1:
         span = averaged
     stops = _native.real_array("at", at).reshape(-1)
-    cancel = np.zeros(1, dtype=np.intc)
+    way = _Way(
+        pend, torus, varies, start, finish, stops, curve, span, keeps, leave, opposite
+    )  # fmt: skip
+    vain, worst = 0, np.inf
     while True:
-        orders = torus.lattice(bound)
-        n = 3 * (2 * len(orders) - 1)
-        check_size("max_points", points, n)
-        begin, begin_p, along = np.zeros(n), 0.0, np.zeros(n + 1)
-        job, unit = core_job(pend, torus, orders, varies)
-        kept = _kept(pend, torus, orders, varies, symmetric=keeps)
-        if leave is not None:
-            begin, along = leave.departure(n, opposite)
-            lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
-            if lost > 1e-6 * np.abs(leave.across).max():
-                raise InputError(
-                    "leave: leads to motions that do not share the symmetry, "
-                    "must have symmetric=False"
-                )
-            begin_p = leave.parameter / unit
-        (
-            n_points, ended, p, iterations, x, is_stop, multipliers_found, found, rates, n_folds,
-            folds, fold_x, n_branch, branch_p, branch_x, across, before, n_crossings, kinds,
-            crossed_after, crossed_at, crossed_x,
-        ) = _native.call_interruptibly(
-            core.pendulum_branch, cancel, *job[:2], kept, *job[2:],
-            curve.packed(start / unit, finish / unit, stops / unit), points, span,
-            int(leave is not None), begin, begin_p, along, MAX_SPECIAL, cancel,
-        )  # fmt: skip
-        if not n_points:
+        last = way.along(bound, auto)
+        vain += last.worst > 0.5 * worst
+        if last.next_bound <= bound or vain >= _MAX_VAIN:
             break
-        # call_interruptibly leaves it set.
-        cancel[0] = 0
-        more = torus.lattice(bound + torus.shells)
-        judged, _ = core_job(pend, torus, more, varies)
-        worst, next_bound = _native.call_interruptibly(
-            core.pendulum_truncation, cancel, *judged[:2],
-            _kept(pend, torus, more, varies, symmetric=keeps), *judged[2:], p[:n_points],
-            np.asfortranarray(x[:, :n_points]), wanted, bound, torus.shells,
-            torus.largest(_FEWER) if auto else bound, cancel,
-        )  # fmt: skip
-        cancel[0] = 0
-        vain += worst > 0.5 * last
-        if next_bound <= bound or vain >= _MAX_VAIN:
-            break
-        bound, last = next_bound, worst
-    if n_points and worst > wanted:
+        bound, worst = last.next_bound, last.worst
+    if last.worst > curve.tolerance:
         warnings.warn(
-            f"{bound} orders leave an estimated relative error of {worst:.1e}, more than the "
-            f"tolerance {wanted:.1e}",
+            f"{bound} orders leave an estimated relative error of {last.worst:.1e}, more than "
+            f"the tolerance {curve.tolerance:.1e}",
             ConvergenceWarning,
             stacklevel=caller(),
         )
-    if not n_points:
-        raise InputError(
-            f"{varies}: no solution was found at its beginning {start:g}: begin elsewhere"
-        )
+    judged = ("rates" if torus.n_axes > 1 else "multipliers") if span else (
+        "not asked for" if torus.n_axes == 1 or not stability
+        else "of quasi-periodic motions, only over a duration"
+    )  # fmt: skip
+    plan = torus_plan(
+        f"computes: the branch from {varies} = {start:g} to {finish:g}",
+        pend, torus, last.job[2], varies, judged,
+    )  # fmt: skip
+    return _branch(way, last, plan)
+
+
+def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
+    """Give what the core found its names and units."""
+    (
+        n_points, ended, p, iterations, x, is_stop, multipliers_found, found, rates, n_folds,
+        folds, fold_x, n_branch, branch_p, branch_x, across, before, n_crossings, kinds,
+        crossed_after, crossed_at, crossed_x,
+    ) = last.found  # fmt: skip
+    torus, unit = way.torus, last.unit
     multipliers, stable, growing, growth = None, None, None, None
-    if span and torus.n_axes > 1:
+    if way.span and torus.n_axes > 1:
         growth = rates[:, :n_points].T.copy()
         stable = growth[:, 0] < -STILL
-    elif span:
+    elif way.span:
         multipliers, growing = multipliers_found[:, :n_points].T.copy(), found[:n_points].copy()
         stable = growing == 0
         warn_of_unknown(growing < 0)
-    crossings = located_crossings(
-        (n_crossings, kinds, crossed_after, crossed_at * unit),
-        complex_coefficients(crossed_x[:, :n_crossings]),
-    )
     base = np.tile(torus.base, (n_points, 1))
-    if job[5] == 1:
-        base[:, job[6] - 1] = p[:n_points]  # type: ignore[operator]
-    points_off = complex_coefficients(branch_x[:, :n_branch])
-    directions = complex_coefficients(across[:-1, :n_branch])
+    kind, which = last.job[6:8]
+    if kind == 1:
+        base[:, which - 1] = p[:n_points]
     return DrivenBranch(
-        varies=varies,
+        varies=way.varies,
         parameter=p[:n_points] * unit,
         axes=torus.names,
         base=base,
-        orders=orders,
+        orders=last.orders,
         coefficients=complex_coefficients(x[:, :n_points]),
         stable=stable,
         multipliers=multipliers,
@@ -405,30 +459,24 @@ def trace_pendulum(
         growth=growth,
         folds=folds[:n_folds] * unit,
         fold_coefficients=complex_coefficients(fold_x[:, :n_folds]),
-        branch_points=tuple(
-            BranchPoint(
-                float(branch_p[i] * unit),
-                points_off[i],
-                int(before[i]) - 1,
-                directions[i],
-                branch_x[:, i].copy(),
-                across[:, i].copy(),
-            )
-            for i in range(n_branch)
+        branch_points=located_branch_points(
+            branch_p[:n_branch] * unit,
+            complex_coefficients(branch_x[:, :n_branch]),
+            before,
+            complex_coefficients(across[:-1, :n_branch]),
+            branch_x,
+            across,
         ),
-        crossings=crossings,
+        crossings=located_crossings(
+            (n_crossings, kinds, crossed_after, crossed_at * unit),
+            complex_coefficients(crossed_x[:, :n_crossings]),
+        ),
         stops=np.flatnonzero(is_stop[:n_points]),
         outcome=OUTCOMES[ended],
         iterations=iterations[:n_points].copy(),
-        _job=(*job[:2], kept, *job[2:]),
+        _job=last.job,
         _unit=unit,
-        _tolerance=wanted,
-        _worst=worst,
-        plan=torus_plan(
-            f"computes: the branch from {varies} = {start:g} to {finish:g}",
-            pend, torus, kept, varies,
-            "rates" if torus.n_axes > 1 and span else "multipliers" if span
-            else "not asked for" if torus.n_axes == 1 or not stability
-            else "of quasi-periodic motions, only over a duration",
-        ),
-    )  # fmt: skip
+        _tolerance=way.curve.tolerance,
+        _worst=last.worst,
+        plan=plan,
+    )
