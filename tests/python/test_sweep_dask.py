@@ -143,6 +143,23 @@ def test_a_point_that_kills_every_worker_ends_in_a_line(client, tmp_path):
     assert np.isnan(kept.result.values[3])
 
 
+def test_a_cluster_whose_workers_are_gone_does_not_let_one_wait_for_ever(monkeypatch):
+    """Workers that died and are not replaced, as where a machine has no room for new ones."""
+    from viscovib.sweeps import workers
+
+    monkeypatch.setattr(workers, "_LOOK", 0.01)
+    monkeypatch.setattr(workers, "_ALONE", 0.05)
+    looks = iter([{"w": 1}] * 3)
+    silent = types.SimpleNamespace(
+        nthreads=lambda: next(looks, {}), status="running", scheduler_info=dict,
+        submit=lambda *_, **__: types.SimpleNamespace(
+            key=object(), add_done_callback=lambda _: None, release=lambda: None
+        ),
+    )  # fmt: skip
+    with pytest.raises(vv.ViscovibError, match="all its workers are gone"):
+        sweep(product, {"a": np.arange(2.0), "b": np.arange(2.0)}, silent)
+
+
 def test_ctrl_c_leaves_the_cluster_and_a_checkpoint(start, tmp_path):
     script, folder = tmp_path / "child.py", tmp_path / "c"
     script.write_text(CHILD)

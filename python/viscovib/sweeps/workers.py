@@ -1,15 +1,20 @@
 """Who computes the pieces of a sweep: threads of this process, or the workers of a Dask cluster."""
 
+import math
 import pickle
 import threading
+import time
 import warnings
 from functools import lru_cache
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 
 from viscovib import _native
 from viscovib.errors import InputError, ViscovibError
 from viscovib.sweeps.points import Array, Computed, Task, Template, compute, quiet
+
+#: Seconds between looks at a cluster that says nothing, and how long it may be without workers.
+_LOOK, _ALONE = 1.0, 60.0
 
 
 class Workers(Protocol):
@@ -93,6 +98,8 @@ class DaskWorkers:
         self._task, self._client, self._retries = _pickled(task), client, retries
         self.capacity = max(2 * sum(client.nthreads().values()), 8)
         self._done: SimpleQueue[Any] = SimpleQueue()
+        #: When workers were there last, if ever.
+        self._last_seen = time.monotonic() if client.nthreads() else math.inf
         #: Pieces whose worker died: tried again alone, lest one takes others down with it.
         self._suspects: list[tuple[int, dict[str, Array], Template | None, int]] = []
         self._pieces: dict[str, tuple[int, dict[str, Array], Template | None, int, Any]] = {}
@@ -116,7 +123,7 @@ class DaskWorkers:
         while True:
             if not self._pieces and self._suspects:
                 self._submit(*self._suspects.pop())
-            future = self._done.get()
+            future = self._awaited()
             i, columns, template, tries, _ = self._pieces.pop(future.key)
             why: BaseException | None = None
             if future.status == "finished":
@@ -137,6 +144,21 @@ class DaskWorkers:
                 lost = f"the worker was lost at each of {tries + 1} attempts ({reason})"
                 return i, Computed.none(n, lost)
             self._suspects.append((i, columns, template, tries + 1))
+
+    def _awaited(self) -> Any:
+        """Wait for a piece to end: none ever does where all workers died and none replaces them."""
+        while True:
+            try:
+                return self._done.get(timeout=_LOOK)
+            except Empty:
+                now = time.monotonic()
+                # Workers that are still to come, as of a queue, may take any time.
+                if self._client.nthreads():
+                    self._last_seen = now
+                elif now - self._last_seen > _ALONE:
+                    raise ViscovibError(
+                        f"client: all its workers are gone, and for {_ALONE:g} s none came instead"
+                    ) from None
 
     def close(self) -> None:
         """Give up what is under way."""
