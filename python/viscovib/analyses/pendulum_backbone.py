@@ -1,6 +1,6 @@
 """Backbone curves of the pendulum: its free motions without losses."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,42 @@ from viscovib.results.curves import MAX_SPECIAL, OUTCOMES
 from viscovib.systems.pendulum import Pendulum
 
 
+@dataclass(frozen=True)
+class _Orders:
+    """Orders kept of the motion, which repeats after ``multiple`` periods of the mode."""
+
+    multiple: int
+    #: Of the mode's frequency: highest at first, highest at all.
+    first: int
+    most: int
+    auto: bool
+
+    @classmethod
+    def checked(
+        cls, harmonics: int | str, subharmonic: int, leave: BackbonePoint | None
+    ) -> "_Orders":
+        """As many as are asked for, or as the tolerance will need."""
+        multiple = SUBHARMONIC.check(subharmonic)
+        if leave is not None:
+            _check_departure(leave)
+        auto = _native.is_auto(harmonics)
+        room = most = MAX_HARMONICS // multiple
+        wanted: Any = harmonics
+        if auto:
+            most = min(MOST_FREE, most)
+            wanted = min(FIRST_FREE, most)
+            if leave is not None:
+                wanted = _highest_left(leave, multiple)
+                most = max(most, wanted)
+        first = _native.integer("harmonics", wanted, 1, room)
+        return cls(multiple, first, most if auto else first, auto)
+
+    @property
+    def highest(self) -> int:
+        """Highest order of the motion's own frequency at first."""
+        return self.multiple * self.first
+
+
 def pendulum_backbone(
     system: Pendulum,
     mode: int,
@@ -45,75 +81,68 @@ def pendulum_backbone(
     **options: Any,
 ) -> Backbone:
     """`backbone` of a pendulum."""
-    pend = system
     j = _native.integer("mode", mode, 0, 2)
-    if pend.equations == "printed" and j > 0:
+    if system.equations == "printed" and j > 0:
         raise InputError(
             f"mode = {j}: the printed equations keep no energy in swings, must be 0 with them"
         )
-    free = replace(pend, c1=0.0, c2=0.0, c3=0.0, f0=0.0, m01=0.0, m02=0.0)
-    multiple = SUBHARMONIC.check(subharmonic)
-    if leave is not None:
-        _check_departure(leave)
-    auto = _native.is_auto(harmonics)
-    most = MAX_HARMONICS // multiple
-    wanted_order: Any = harmonics
-    if auto:
-        most = min(MOST_FREE, most)
-        wanted_order = min(FIRST_FREE, most)
-        if leave is not None:
-            wanted_order = _highest_left(leave, multiple)
-            most = max(most, wanted_order)
-    order = _native.integer("harmonics", wanted_order, 1, MAX_HARMONICS // multiple)
-    if not auto:
-        most = order
-    first, highest = order, multiple * order
+    free = replace(system, c1=0.0, c2=0.0, c3=0.0, f0=0.0, m01=0.0, m02=0.0)
+    orders = _Orders.checked(harmonics, subharmonic, leave)
     shape = free.mode_shapes()[:, j]
-    names = Pendulum.dof_names
-    place = int(np.abs(shape).argmax())
-    if dof is not None:
-        place = names.index(_native.choice("dof", dof, names))
-        if energy_range is not None:
-            raise InputError("dof: goes with amplitude_range only")
-    if shape[place] == 0:
-        raise InputError(f"dof = {dof!r}: stands still in mode {j}")
+    place = _place(shape, dof, j, by_energy=energy_range is not None)
     varies = "amplitude" if energy_range is None else "energy"
     start, finish = _ends(amplitude_range, energy_range)
     curve = CurveOptions.checked(options)
-    wanted, points = curve.tolerance, curve.max_points
-    n, n_most = 3 * (highest + 1), 3 * (multiple * most + 1)
-    check_size("max_points", points, n_most)
+    multiple, highest = orders.multiple, orders.highest
+    n_most = 3 * (multiple * orders.most + 1)
+    check_size("max_points", curve.max_points, n_most)
     given = checked((SYMMETRIC, OPPOSITE), locals())
     judged = stability is None or STABILITY.check(stability)
-    kept = _kept(pend, j, highest, multiple, given["symmetric"])
-    pattern = _kept(pend, j, 2 * multiple - 1, multiple, given["symmetric"])
+    kept = _kept(system, j, highest, multiple, given["symmetric"])
+    pattern = _kept(system, j, 2 * multiple - 1, multiple, given["symmetric"])
     unit = float(free.natural_frequencies()[j]) / multiple
-    begin, begin_nu, begin_p, along = np.zeros((3, highest + 1)), unit, 0.0, np.zeros(n + 2)
+    begin, along, begin_nu, begin_p = np.zeros((3, highest + 1)), np.zeros(kept.size + 2), unit, 0.0
     begin[:, multiple] = shape / shape[place]
     if leave is not None:
-        begin, along = _departure(leave, n, given["opposite"])
-        lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
-        if lost > 1e-6 * np.abs(leave.across).max():
-            raise InputError(
-                "leave: leads to motions that do not share the symmetry, must have symmetric=False"
-            )
+        begin, along = _departure(leave, kept, given["opposite"])
         begin_nu, begin_p = leave.nu, leave.parameter
     cancel = np.zeros(1, dtype=np.intc)
-    (
-        count, ended, order, nu, energy, truncation, x, multipliers, growing, n_folds, folds,
-        n_branch, branch_p, branch_nu, branch_x, across, before,
-    ) = _native.call_interruptibly(
+    found = _native.call_interruptibly(
         core.pendulum_backbone, cancel, free._flat, pattern, unit,
-        place + 1 if varies == "amplitude" else 0, multiple, order, most,
-        curve.packed(start, finish), points, int(judged), int(leave is not None), begin.ravel(),
-        begin_nu, begin_p, along, n_most, MAX_SPECIAL, cancel,
+        place + 1 if varies == "amplitude" else 0, multiple, orders.first, orders.most,
+        curve.packed(start, finish), curve.max_points, int(judged), int(leave is not None),
+        begin.ravel(), begin_nu, begin_p, along, n_most, MAX_SPECIAL, cancel,
     )  # fmt: skip
-    if not count:
+    if not found[0]:
         raise InputError(
             f"{varies}_range: no solution was found at its beginning {start:g}: begin lower"
         )
+    plan = Plan(
+        f"computes: free motions of mode {j} from {varies} {start:g} to {finish:g}, "
+        f"{_kept_text(orders.auto, orders.first, int(kept.sum()))}\n"
+        "skips: damping and loads (free motions of the system without losses)\n"
+        "skips: sines (motions that begin at rest are even in time)\n"
+        + ("computes: Floquet multipliers" if judged else "skips: stability (not asked for)")
+    )
+    return _backbone(found, j, varies, multiple, curve.tolerance, judged, plan)
+
+
+def _backbone(
+    found: tuple[Any, ...],
+    mode: int,
+    varies: str,
+    multiple: int,
+    tolerance: float,
+    judged: bool,
+    plan: Plan,
+) -> Backbone:
+    """Give what the core found its names and units."""
+    (
+        count, ended, order, nu, energy, truncation, x, multipliers, growing, n_folds, folds,
+        n_branch, branch_p, branch_nu, branch_x, across, before,
+    ) = found  # fmt: skip
     n = 3 * (multiple * order + 1)
-    warn_of_few(truncation[:count], wanted, order)
+    warn_of_few(truncation[:count], tolerance, order)
     if judged:
         warn_of_unknown(growing[:count] < 0)
     return Backbone(
@@ -121,9 +150,9 @@ def pendulum_backbone(
         harmonics=np.arange(multiple * order + 1, dtype=np.intc),
         coefficients=_coefficients(x[:n, :count]),
         truncation=truncation[:count].copy(),
-        mode=j,
+        mode=mode,
         outcome=OUTCOMES[ended],
-        dof_names=names,
+        dof_names=Pendulum.dof_names,
         dof_units=Pendulum.dof_units,
         varies=varies,
         energy=energy[:count].copy(),
@@ -142,15 +171,21 @@ def pendulum_backbone(
         multipliers=multipliers[:, :count].T.copy() if judged else None,
         stable=growing[:count] == 0 if judged else None,
         growing=growing[:count].copy() if judged else None,
-        plan=Plan(
-            f"computes: free motions of mode {j} from {varies} {start:g} to {finish:g}, "
-            f"{_kept_text(auto, first, int(kept.sum()))}\n"
-            "skips: damping and loads (free motions of the system without losses)\n"
-            "skips: sines (motions that begin at rest are even in time)\n"
-            + ("computes: Floquet multipliers" if judged else "skips: stability (not asked for)")
-        ),
-        _tolerance=wanted,
+        plan=plan,
+        _tolerance=tolerance,
     )
+
+
+def _place(shape: FloatArray, dof: str | None, mode: int, *, by_energy: bool) -> int:
+    """Which coordinate's amplitude is meant."""
+    if dof is None:
+        return int(np.abs(shape).argmax())
+    place = Pendulum.dof_names.index(_native.choice("dof", dof, Pendulum.dof_names))
+    if by_energy:
+        raise InputError("dof: goes with amplitude_range only")
+    if shape[place] == 0:
+        raise InputError(f"dof = {dof!r}: stands still in mode {mode}")
+    return place
 
 
 def _kept_text(auto: bool, first: int, n_cosines: int) -> str:
@@ -202,8 +237,11 @@ def _highest_left(leave: BackbonePoint, multiple: int) -> int:
     return highest
 
 
-def _departure(leave: BackbonePoint, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
-    """Cosines and direction."""
+def _departure(
+    leave: BackbonePoint, kept: IntArray, opposite: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Cosines and direction of the other family; ``kept``: what is unknown of it."""
+    n = kept.size
     if leave._direction.size != n + 2:
         raise InputError(
             f"leave: has {(leave._direction.size - 2) // 3} cosines a coordinate, must have as "
@@ -211,4 +249,9 @@ def _departure(leave: BackbonePoint, n: int, opposite: bool) -> tuple[FloatArray
         )
     if not leave._direction.any():
         raise InputError("leave: the direction of the other family was not found")
+    lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
+    if lost > 1e-6 * np.abs(leave.across).max():
+        raise InputError(
+            "leave: leads to motions that do not share the symmetry, must have symmetric=False"
+        )
     return leave.coefficients.imag.copy(), (-1 if opposite else 1) * leave._direction
