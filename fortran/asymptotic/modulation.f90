@@ -4,6 +4,7 @@
 module viscovib_modulation
   use viscovib_kinds, only: wp
   use viscovib_slow_flow, only: slow_flow_type
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -45,7 +46,7 @@ contains
     !> Shape (n_modes, size(times)); columns beyond n_reached are 0.
     complex(wp), intent(out) :: a(:, :)
     integer, intent(out) :: n_reached, n_steps, outcome
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     complex(wp) :: now(size(start)), new(size(start)), k(size(start), 7), error(size(start))
     complex(wp) :: c(size(start), 5)
     real(wp) :: t, h, size_of, speed, part, growth, limit
@@ -69,7 +70,7 @@ contains
     limit = 1.0e8_wp*max(size_of, speed*times(n))
     do
       if (n_steps >= max_steps) outcome = modulation_step_limit
-      if (cancel /= 0) outcome = modulation_cancelled
+      if (is_set(cancel)) outcome = modulation_cancelled
       if (outcome /= modulation_complete) return
       n_steps = n_steps + 1
       do i = 2, 7

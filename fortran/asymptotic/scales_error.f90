@@ -11,6 +11,7 @@ module viscovib_scales_error
   use viscovib_multiple_scales, only: multiple_scales_type
   use viscovib_polynomial_form, only: full_system_type
   use viscovib_scales_motion, only: harmonic_of, n_sizes
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -110,7 +111,7 @@ contains
     complex(wp), intent(in) :: a(:, :)
     !> Of each coordinate, in the caller's units, shape (n_dof, n).
     real(wp), intent(out) :: errors(:, :)
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     type(defect_type) :: here, next
     complex(wp) :: change(size(a, 1)), slope(size(a, 1), 2)
     integer :: i
@@ -121,7 +122,7 @@ contains
     change = first_change(scales, here, times(1), size(errors, 1))
     errors(:, 1) = size_of_error(scales, here, change, size(errors, 1))
     do i = 2, size(times)
-      if (cancel /= 0) return
+      if (is_set(cancel)) return
       call find_defect(scales, full, a(:, i), next)
       if (.not. next%known) return
       call scales%flow%rates(times(i - 1), a(:, i - 1), slope(:, 1))

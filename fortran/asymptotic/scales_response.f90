@@ -11,7 +11,7 @@ module viscovib_scales_response
   use viscovib_scales_motion, only: harmonic_of, n_sizes
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_steady_states, only: max_steady, new_steady_solver, steady_solver_type
-  use viscovib_stopping, only: begin_piece, stop_wanted
+  use viscovib_stopping, only: begin_piece, is_set, stop_wanted
   implicit none
   private
 
@@ -57,7 +57,7 @@ contains
     logical, intent(in) :: with_errors
     type(steady_points_type), intent(out) :: points
     type(status_type), intent(out) :: status
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     type(polynomial_form_type) :: here
     type(multiple_scales_type) :: scales
     type(steady_solver_type) :: solver
@@ -86,7 +86,7 @@ contains
     end if
     moves_rest = .not. here%drives(load) > 0.0_wp .and. vary == vary_amplitude
     do i = 1, size(values)
-      if (cancel /= 0 .or. stop_wanted()) return
+      if (is_set(cancel) .or. stop_wanted()) return
       call begin_piece()
       ! Nothing here depends on the other values.
       call set_value(values(i))
@@ -182,7 +182,7 @@ contains
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
     type(status_type), intent(out) :: status
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     real(wp) :: expected(form%n_modes()), most(form%n_modes()), sizes(n_sizes)
     complex(wp) :: harmonic(form%n_dof)
     integer :: round, k

@@ -46,7 +46,7 @@ contains
     type(slow_flow_type), intent(in) :: flow
     type(status_type), intent(out) :: status
     !> Not 0, perhaps set by another thread, gives up.
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     integer, allocatable :: row(:), at(:, :)
     complex(wp), allocatable :: coefficients(:)
     logical :: shifts_only
@@ -80,7 +80,7 @@ contains
     class(steady_solver_type), intent(inout) :: self
     integer, intent(in) :: n, row(:), at(:, :)
     logical, intent(in) :: conjugates
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     type(family_type), allocatable :: more(:)
     integer :: present
 
@@ -103,7 +103,7 @@ contains
     !> Shape (n_modes, max_steady); columns beyond n_found are left alone.
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
 
     a(:, 1) = (0.0_wp, 0.0_wp)
     select case (self%kind)
@@ -150,7 +150,7 @@ contains
     type(slow_flow_type), intent(in) :: flow
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     complex(wp) :: sigma(size(self%active)), gamma(size(self%active), size(self%active))
     complex(wp) :: load(size(self%active)), bottom(size(self%active))
     complex(wp), allocatable :: x(:, :)
@@ -181,7 +181,7 @@ contains
     type(slow_flow_type), intent(in) :: flow
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     complex(wp), allocatable :: x(:, :)
     complex(wp), allocatable :: coefficients(:)
     integer, allocatable :: row(:), at(:, :)

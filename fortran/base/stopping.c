@@ -16,3 +16,6 @@ void viscovib_set_unfinished(const char *path) {
   memcpy(viscovib_unfinished + 1, path + 1, n);
   viscovib_unfinished[0] = path[0];
 }
+
+/* A flag as it is now. */
+int viscovib_is_set(const volatile int *flag) { return *flag != 0; }

@@ -5,7 +5,7 @@ module viscovib_stopping
   implicit none
   private
 
-  public :: stop_wanted, want_stop, set_unfinished, begin_piece, pieces_begun
+  public :: stop_wanted, want_stop, set_unfinished, begin_piece, pieces_begun, is_set
 
   integer(c_int), bind(c, name='viscovib_stop'), volatile :: stop_flag
 
@@ -14,6 +14,11 @@ module viscovib_stopping
   integer(c_int), volatile :: pieces = 0
 
   interface
+    integer(c_int) function c_is_set(flag) bind(c, name='viscovib_is_set')
+      import :: c_int
+      integer(c_int), intent(inout) :: flag
+    end function c_is_set
+
     subroutine c_set_unfinished(path) bind(c, name='viscovib_set_unfinished')
       import :: c_char
       character(kind=c_char), intent(in) :: path(*)
@@ -25,6 +30,14 @@ contains
   logical function stop_wanted()
     stop_wanted = stop_flag /= 0
   end function stop_wanted
+
+  !> Whether a flag is not 0 that another thread may set meanwhile. It is read by C, of which the
+  !! compiler knows nothing, so that no loop keeps an old value; a volatile argument, which says the
+  !! same, is not known to every compiler.
+  logical function is_set(flag)
+    integer(c_int), intent(inout) :: flag
+    is_set = c_is_set(flag) /= 0_c_int
+  end function is_set
 
   !> Called by a loop before each piece that takes long: a point of a curve, a value.
   subroutine begin_piece()

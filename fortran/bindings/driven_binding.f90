@@ -20,6 +20,7 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
+  use viscovib_stopping, only: is_set
   use viscovib_torus_growth, only: growth_rates
   use viscovib_torus_orders, only: new_ladder, torus_ladder, torus_responses
   implicit none
@@ -62,7 +63,7 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   if (duration > 0.0_c_double .and. top > 0) then
     associate (balance => ladder%rungs(top)%balance)
       do i = 1, n_p
-        if (outcome(i) /= outcome_converged .or. cancel(1) /= 0) cycle
+        if (outcome(i) /= outcome_converged .or. is_set(cancel(1))) cycle
         y = ladder%cropped(top, x(:, i))
         if (n_axes == 1) then
           call judge_orbits(floquet, balance, p(i:i), reshape(y, [size(y), 1]), multipliers(:, i:i))
@@ -136,6 +137,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
+  use viscovib_stopping, only: is_set
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
   use viscovib_torus_growth, only: growth_rates
@@ -251,7 +253,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
       end do
     else if (duration > 0.0_c_double) then
       do i = 1, n_points
-        if (cancel(1) /= 0) exit
+        if (is_set(cancel(1))) exit
         call balance%visit(branch%x(:, i), p(i), .true., inside)
         call growth_rates(balance, branch%x(:, i), duration, rates(:, i), cancel(1))
       end do

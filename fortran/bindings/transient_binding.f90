@@ -86,6 +86,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
   use viscovib_lanes, only: n_lanes
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
+  use viscovib_stopping, only: is_set
   implicit none
   integer(c_int), intent(in) :: n, method, n_sections, n_moments, n_lyapunov, n_lines
   integer(c_int), intent(in) :: n_section_runs
@@ -151,7 +152,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
       if (job%lyapunov) lyapunov(i) = block%lyapunov(l)
     end do
     block = ensemble_block()
-    if (cancel(1) /= 0) exit
+    if (is_set(cancel(1))) exit
   end do
   call report(outcome, status)
 end subroutine pendulum_ensemble

@@ -6,6 +6,7 @@ module viscovib_crossing_roots
   use viscovib_crossing_nodes, only: look_at, node_type, put_between, spectrum_type
   use viscovib_curve, only: curve_type
   use viscovib_kinds, only: wp
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -35,7 +36,7 @@ contains
     type(node_type), intent(out) :: root
     logical, intent(out) :: located
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
 
     if (spectrum%complete) then
       call bracket_by_size(curve, spectrum, chord, lo, hi, root, located, cancel)
@@ -51,7 +52,7 @@ contains
     type(node_type), intent(inout) :: lo, hi
     type(node_type), intent(out) :: root
     logical, intent(out) :: located
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(node_type) :: trial
     real(wp) :: low, high, sigma, last_sigma, value, level
     integer :: k, place, side, before
@@ -148,7 +149,7 @@ contains
     type(node_type), intent(inout) :: lo, hi
     type(node_type), intent(out) :: root
     logical, intent(out) :: located
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(node_type) :: middle
     complex(wp) :: here, there, found
     real(wp) :: sigma, last_sigma, sides(2), values(2)
@@ -230,9 +231,9 @@ contains
   end function line_of
 
   logical function given_up(cancel)
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     given_up = .false.
-    if (present(cancel)) given_up = cancel /= 0
+    if (present(cancel)) given_up = is_set(cancel)
   end function given_up
 
 end module viscovib_crossing_roots

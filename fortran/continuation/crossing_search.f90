@@ -77,7 +77,7 @@ contains
     type(special_points), intent(in), target :: folds, branch_points
     type(crossing_type), allocatable, intent(out) :: crossings(:)
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(search_type) :: s
     real(wp) :: dip
     integer :: i, which
@@ -130,7 +130,7 @@ contains
   !> What changes between the neighbours: known places split the way.
   subroutine explain_all(s, cancel)
     type(search_type), intent(inout) :: s
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(node_type) :: left, lower, upper
     logical :: told
     integer :: k
@@ -265,7 +265,7 @@ contains
     type(search_type), intent(inout) :: s
     type(node_type), intent(in) :: a, b
     integer, intent(in) :: depth
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(node_type) :: lo, hi, root
     integer :: kind, width
     logical :: located
@@ -374,7 +374,7 @@ contains
     type(node_type), intent(in) :: a, b
     integer, intent(in) :: which
     real(wp), intent(in) :: sigma
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(node_type) :: left, middle, right, trial
     real(wp) :: value(3), place(3), least, bottom, curvature, slope, all(n_tests)
     integer :: k

@@ -17,7 +17,7 @@ module viscovib_curve_branch
     curve_returned, curve_step_limit, curve_stopped, curve_stuck, curve_table, curve_unphysical
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted, sized_curve_type
-  use viscovib_stopping, only: begin_piece, stop_wanted
+  use viscovib_stopping, only: begin_piece, is_set, stop_wanted
   implicit none
   private
 
@@ -73,7 +73,7 @@ contains
     !> Shape (n + 1).
     real(wp), intent(in), optional :: along(:)
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(follower_type), target :: f
     logical :: made, ended
 
@@ -94,7 +94,7 @@ contains
     call copy_point(f%here, f%first)
     do while (branch%n_points < options%max_points)
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       if (stop_wanted()) then
         branch%outcome = curve_stopped

@@ -6,6 +6,7 @@ module viscovib_curve_newton
   use viscovib_kinds, only: wp
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_overflow, &
     outcome_singular, outcome_stalled
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -35,7 +36,7 @@ contains
     !> Added to.
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up, as stalled.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp), allocatable :: new(:), step(:), slope(:), jacobian(:, :)
     integer, allocatable :: pivots(:)
     real(wp) :: change, before, smallest, norm
@@ -50,7 +51,7 @@ contains
     outcome = outcome_stalled
     do k = 1, max_iterations
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       if (fresh) then
         call curve%equations(new, p, step, jacobian, slope, inside)

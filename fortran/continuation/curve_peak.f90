@@ -6,6 +6,7 @@ module viscovib_curve_peak
   use viscovib_curve_corrector, only: aim, correct, corrector_type, new_corrector
   use viscovib_curve_point, only: angle_between, copy_point, curve_point, new_point, reverse
   use viscovib_kinds, only: wp
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -75,7 +76,7 @@ contains
     real(wp), intent(inout) :: x(:), p
     logical, intent(out) :: found
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(corrector_type) :: corrector
     type(curve_point), target :: points(3)
     type(curve_point), pointer :: before, here, next, spare
@@ -97,7 +98,7 @@ contains
     step = min(first_step, max(0.25_wp*(high - low)/scale, 1.0e3_wp*smallest_step))
     do k = 1, max_steps
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       call correct(curve, corrector, here, step, next, made, .false.)
       if (made) then

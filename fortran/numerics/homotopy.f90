@@ -11,6 +11,7 @@ module viscovib_homotopy
   use viscovib_kinds, only: wp
   use viscovib_solution_paths, only: correct, follow, infinite, max_unknowns, polynomials_type, &
     size_of
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -56,7 +57,7 @@ contains
     logical, intent(in) :: conjugates
     integer, intent(in) :: row(:), at(:, :)
     !> Not 0, perhaps set by another thread, gives up.
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     complex(wp) :: forms(0:n, 3, n), x(n)
     complex(wp), allocatable :: found(:, :)
     integer :: kinds(3, n), i, k
@@ -92,7 +93,7 @@ contains
       complex(wp) :: matrix(n, n)
       integer :: q
       logical :: ended, singular
-      if (cancel /= 0) return
+      if (is_set(cancel)) return
       if (equation <= n) then
         do q = 1, 3
           if (kinds(q, equation) > 0) call choose(equation + 1, [chosen, q])
@@ -314,7 +315,7 @@ contains
     !> Shape (n, at least size(solutions, 2)).
     complex(wp), intent(out) :: x(:, :)
     integer, intent(out) :: n_found
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     complex(wp) :: path(self%system%n)
     complex(wp) :: ends(self%system%n, size(self%solutions, 2))
     logical :: arrived(size(self%solutions, 2)), careful, met, double
@@ -329,7 +330,7 @@ contains
       met = .false.
       double = .false.
       do i = 1, size(self%solutions, 2)
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
         if (self%leader(i) == i .or. self%image(i) > size(self%signs, 2)) then
           path = self%solutions(:, i)
           call follow(self%system, self%generic, coefficients, far, careful, path, arrived(i))

@@ -19,6 +19,7 @@ module viscovib_backbone
   use viscovib_oscillator, only: oscillator_type
   use viscovib_sized_curve, only: refitted
   use viscovib_status, only: status_type
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -57,7 +58,7 @@ contains
     !> Those kept.
     integer, allocatable, intent(out) :: orders(:)
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     type(order_search) :: search
     type(harmonic_set_type) :: set
     logical :: again
@@ -82,7 +83,7 @@ contains
     type(harmonic_set_type), intent(in) :: set
     type(curve_options), intent(in) :: options
     type(curve_branch_type), intent(out) :: branch
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     type(backbone_curve) :: curve
     type(curve_branch_type) :: below
     type(curve_options) :: lower
@@ -96,7 +97,7 @@ contains
     lower%max_points = max(options%max_points, most_below)
     if (allocated(lower%stops)) deallocate (lower%stops)
     do k = 1, max_lower
-      if (branch%n_points > 0 .or. cancel /= 0) return
+      if (branch%n_points > 0 .or. is_set(cancel)) return
       lower%start = options%start*0.1_wp**k
       call follow_curve(curve, lower, linear(lower%start), below, cancel=cancel)
       if (below%n_points == 0 .or. below%outcome /= curve_completed) cycle
@@ -156,7 +157,7 @@ contains
     type(order_search), intent(inout) :: search
     type(curve_branch_type), intent(inout) :: branch
     logical, intent(out) :: again
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     type(harmonic_set_type) :: larger
     type(backbone_curve) :: curve
     real(wp), allocatable :: x(:, :)

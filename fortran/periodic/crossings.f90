@@ -48,7 +48,7 @@ contains
     type(special_points), intent(in) :: folds, branch_points
     type(crossing_type), allocatable, intent(out) :: crossings(:)
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(motion_spectrum) :: spectrum
     complex(wp) :: eta(judge%n_slots, size(p))
     real(wp) :: load_factor

@@ -12,6 +12,7 @@ module viscovib_damped_start
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -43,7 +44,7 @@ contains
     real(wp), intent(out) :: x(:, :)
     logical, intent(out) :: made
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(damped_curve_type) :: curve
     type(curve_branch_type) :: branch
     real(wp) :: start(size(x))
@@ -59,7 +60,7 @@ contains
     x = 0.0_wp
     do k = 1, n_rates
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       curve%rate = first_rate*ratio**(k - 1)*nu
       start = 0.0_wp

@@ -11,6 +11,7 @@ module viscovib_family_curve
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_load
   use viscovib_status, only: status_type
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -136,7 +137,7 @@ contains
     real(wp), intent(in) :: nu, p(:), x(:, :, :)
     type(stability_type), intent(out) :: stability
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(stability_type) :: one
     logical :: inside
     integer :: i, n
@@ -148,7 +149,7 @@ contains
               source=cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp))
     do i = 1, n
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       call curve%set(p(i), inside)
       if (.not. inside) cycle

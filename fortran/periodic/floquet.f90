@@ -17,6 +17,7 @@ module viscovib_floquet
   use viscovib_monodromy_step, only: advance, n_nodes, new_step_table, step_table
   use viscovib_oscillator, only: oscillator_type
   use viscovib_product_eigenvalues, only: largest_factor, product_type
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -119,7 +120,7 @@ contains
     !> Shape (2 n_dof, 2 n_dof, n).
     real(wp), intent(out) :: matrices(:, :, :)
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     integer :: first, count
 
     matrices = ieee_value(0.0_wp, ieee_quiet_nan)
@@ -128,7 +129,7 @@ contains
       call block_of(self, system, nu(first:first + count - 1), x(:, :, first:first + count - 1), &
                     matrices(:, :, first:first + count - 1), cancel)
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
     end do
   end subroutine monodromies
@@ -139,7 +140,7 @@ contains
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     real(wp), intent(inout) :: matrices(:, :, :)
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp) :: turn, needed, h(n_lanes), error(n_lanes), worst
     logical :: pending(n_lanes)
     integer :: attempt, l
@@ -159,7 +160,7 @@ contains
       call self%prepare(ceiling(self%density*needed))
       call self%integrate(system, h/self%n_steps, error, pending, cancel)
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       worst = maxval(error, pending)
       do l = 1, size(nu)
@@ -186,7 +187,7 @@ contains
     type(product_type), intent(out) :: product
     !> Not if it would take too many steps.
     logical, intent(out) :: found
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp) :: needed, h(n_lanes), error(n_lanes)
     logical :: pending(n_lanes)
     integer :: attempt, l
@@ -204,7 +205,7 @@ contains
       pending = .true.
       call self%integrate(system, h/self%n_steps, error, pending, cancel, product)
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       found = error(1) <= accepted*wanted_error
       if (found) return
@@ -275,7 +276,7 @@ contains
     real(wp), intent(in) :: h(n_lanes)
     real(wp), intent(out) :: error(n_lanes)
     logical, intent(inout) :: pending(n_lanes)
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(product_type), intent(inout), optional :: product
     !> Minus the logarithm of the determinant of a factor, by Liouville's formula.
     real(wp) :: shrunk
@@ -291,7 +292,7 @@ contains
     error = 0.0_wp
     do first = 1, self%n_steps, self%chunk
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       call self%stiffness_along(system, (first - 1)*n_nodes + 1, &
                                 n_nodes*min(self%chunk, self%n_steps - first + 1), h**2)

@@ -37,7 +37,7 @@ contains
     type(response_type), intent(out) :: response
     !> May be set from elsewhere to give up; only Newton's method, which takes all
     !! frequencies in one piece, looks at it.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     !> A motion for Newton's method to begin at, relative to the base: unknowns of all orders that
     !! the plan allows, shape (2 n_orders, n_dof).
     real(wp), intent(in), optional :: start(:, :)
@@ -68,7 +68,7 @@ contains
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu(:)
     type(response_type), intent(out) :: response
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp), intent(in), optional :: start(:, :)
     type(balance_ladder_type) :: ladder
 

@@ -10,6 +10,7 @@ module viscovib_free_family
   use viscovib_orbit_floquet, only: orbit_floquet_type
   use viscovib_sized_curve, only: refitted
   use viscovib_status, only: status_type
+  use viscovib_stopping, only: is_set
   use viscovib_torus, only: new_torus, torus_type
   implicit none
   private
@@ -67,7 +68,7 @@ contains
     real(wp), intent(in) :: begin(:)
     type(status_type), intent(out) :: status
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp), intent(in), optional :: begin_nu, begin_p, along(:)
     type(free_curve_type) :: curve
     type(curve_branch_type) :: branch
@@ -122,7 +123,7 @@ contains
     type(free_options), intent(in) :: options
     real(wp), intent(in) :: begin(:)
     type(curve_branch_type), intent(out) :: branch
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp), intent(in), optional :: begin_nu, begin_p, along(:)
     real(wp), allocatable :: at(:)
     integer :: n
@@ -167,7 +168,7 @@ contains
     type(curve_branch_type), intent(inout) :: branch
     logical, intent(out) :: again
     type(status_type), intent(out) :: status
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(free_curve_type) :: larger
     real(wp), allocatable :: x(:, :)
     integer, allocatable :: orders(:)
@@ -201,7 +202,7 @@ contains
     type(free_options), intent(in) :: options
     type(curve_branch_type), intent(in) :: branch
     integer, intent(in) :: n_cosines
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(orbit_floquet_type) :: floquet
     real(wp) :: r(curve%n), slope(curve%n), jacobian(curve%n, curve%n)
     logical :: inside
@@ -217,7 +218,7 @@ contains
                                      source=(0.0_wp, 0.0_wp))
     do i = 1, n
       if (present(cancel)) then
-        if (cancel /= 0) exit
+        if (is_set(cancel)) exit
       end if
       associate (point => branch%x(:, i))
         family%x(:, i) = cosines_of(curve, point)

@@ -12,6 +12,7 @@ module viscovib_free_orders
   use viscovib_kinds, only: wp
   use viscovib_limits, only: max_harmonics
   use viscovib_status, only: show
+  use viscovib_stopping, only: is_set
   use viscovib_torus_orders, only: better_bound, max_vain
   implicit none
   private
@@ -88,7 +89,7 @@ contains
     real(wp), allocatable, intent(out) :: truncation(:)
     logical, intent(out) :: again
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(newton_step) :: newton
     integer :: i, largest
 
@@ -103,7 +104,7 @@ contains
     if (again) return
     do i = 1, size(p)
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       if (i /= largest) call newton%find(curve, p, x, i, truncation(i))
     end do

@@ -18,6 +18,7 @@ module viscovib_motion_stability
   use viscovib_orbit_multipliers, only: told_apart
   use viscovib_oscillator, only: oscillator_type
   use viscovib_product_eigenvalues, only: product_eigenvalues, product_type
+  use viscovib_stopping, only: is_set
   use viscovib_structure, only: structure_type
   implicit none
   private
@@ -112,7 +113,7 @@ contains
     real(wp), intent(in) :: x(:, :, :)
     type(stability_type), intent(out) :: stability
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     !> Exponents of a neighbour of the first solution, NaN for none; with memory they speed
     !! the search up.
     complex(wp), intent(in), optional :: near(:)
@@ -158,14 +159,14 @@ contains
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     integer :: i
 
     select type (system)
     class is (structure_type)
       do i = 1, size(nu)
         if (present(cancel)) then
-          if (cancel /= 0) return
+          if (is_set(cancel)) return
         end if
         if (ieee_is_nan(x(1, 1, i))) cycle
         associate (exponents => stability%exponents(:, i))
@@ -185,7 +186,7 @@ contains
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp) :: matrices(self%n_slots, self%n_slots, n_lanes)
     complex(wp) :: roots(self%n_slots), logs(self%n_slots)
     integer, allocatable :: known(:)
@@ -199,7 +200,7 @@ contains
         call self%floquet%monodromies(system, nu(these), x(:, :, these), matrices(:, :, :n), cancel)
       end associate
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       do k = 1, n
         i = known(first + k - 1)
@@ -228,7 +229,7 @@ contains
     real(wp), intent(in) :: nu, x(:, :)
     complex(wp), intent(out) :: logs(:)
     logical, intent(out) :: found
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(product_type) :: product
 
     logs = not_a_number()
@@ -255,7 +256,7 @@ contains
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     complex(wp), intent(in), optional :: beside(:)
     complex(wp) :: near(self%n_slots)
     real(wp) :: period
@@ -266,7 +267,7 @@ contains
     if (present(beside)) near = beside
     do i = 1, size(nu)
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       if (ieee_is_nan(x(1, 1, i))) cycle
       ! Those at i d/2 stay there.

@@ -105,7 +105,7 @@ contains
     integer, intent(out) :: outcome
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(newton_factors), intent(inout), optional :: factors
     !> As for `newton_point`.
     logical, intent(in), optional :: to_rounding

@@ -13,7 +13,7 @@ module viscovib_newton_response
   use viscovib_outcomes, only: outcome_converged, outcome_singular, outcome_stopped
   use viscovib_point_orders, only: choose_orders, order_choice
   use viscovib_response, only: response_options, response_type
-  use viscovib_stopping, only: stop_wanted
+  use viscovib_stopping, only: is_set, stop_wanted
   implicit none
   private
 
@@ -58,7 +58,7 @@ contains
     type(response_options), intent(in) :: options
     type(response_type), intent(out) :: response
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     !> A motion to begin at, shape (2 n_orders of the highest rung, n_dof).
     real(wp), intent(in), optional :: start(:, :)
     type(walk_type) :: walk
@@ -71,7 +71,7 @@ contains
     if (present(start)) call walk%begin_at(start, nu(1), ladder)
     do i = 1, size(nu)
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       if (stop_wanted()) then
         call response%discard(i, outcome_stopped)
@@ -128,7 +128,7 @@ contains
     real(wp), intent(in) :: nu, tolerance
     type(balance_ladder_type), intent(inout) :: ladder
     integer, intent(inout) :: iterations
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
 
     self%outcome = outcome_singular
     associate (x => self%x(:self%rows, :), last => self%last(:self%rows, :), &
@@ -181,7 +181,7 @@ contains
     real(wp), intent(in) :: nu, tolerance
     type(balance_ladder_type), intent(inout) :: ladder
     integer, intent(inout) :: iterations
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     integer :: m
 
     call ladder%prepare(self%choice%rung, system, load, nu)
@@ -245,7 +245,7 @@ contains
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     type(response_type), intent(inout) :: response
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(judge_type) :: judge
     real(wp), allocatable :: x(:, :, :)
 

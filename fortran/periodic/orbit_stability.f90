@@ -8,6 +8,7 @@ module viscovib_orbit_stability
   use viscovib_kinds, only: wp
   use viscovib_orbit_floquet, only: orbit_floquet_type
   use viscovib_orbit_multipliers, only: count_larger
+  use viscovib_stopping, only: is_set
   use viscovib_torus_balance, only: torus_balance_type
   implicit none
   private
@@ -36,14 +37,14 @@ contains
     !> Largest first, NaN where unknown, shape (2 n_dof, n).
     complex(wp), intent(out) :: multipliers(:, :)
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     logical :: inside
     integer :: i
 
     multipliers = (0.0_wp, 0.0_wp)
     do i = 1, size(p)
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       call balance%visit(x(:, i), p(i), .true., inside)
       call floquet%multipliers(balance, x(:, i), multipliers(:, i))
@@ -61,7 +62,7 @@ contains
     !> Those that the continuation has located.
     type(special_points), intent(in) :: folds, branch_points
     type(crossing_type), allocatable, intent(out) :: crossings(:)
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(orbit_spectrum) :: spectrum
     integer :: i
 

@@ -12,6 +12,7 @@ module viscovib_response_branch
   use viscovib_outcomes, only: outcome_converged, outcome_stalled
   use viscovib_response_plan, only: response_plan_type
   use viscovib_sized_curve, only: refitted
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -44,7 +45,7 @@ contains
     integer, intent(out) :: outcome
     type(departure_type), intent(in), optional :: departure
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(balance_ladder_type) :: ladder
     real(wp), allocatable :: x(:, :)
     real(wp) :: nu, factor
@@ -95,7 +96,7 @@ contains
         end if
         if (rung == ladder%n_rungs) exit
         if (present(cancel)) then
-          if (cancel /= 0) exit
+          if (is_set(cancel)) exit
         end if
         ! Few orders may have a motion where more have none nearby: begin with more.
         rung = ladder%rung_of(2*ladder%highest(rung) + 1)
@@ -119,7 +120,7 @@ contains
     type(departure_type), intent(in) :: departure
     type(curve_branch_type), intent(out) :: branch
     integer, intent(out) :: outcome
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp) :: x(curve%n/curve%blocks, curve%blocks)
     integer :: iterations
     logical :: inside

@@ -8,6 +8,7 @@ module viscovib_sampled_peak
   use viscovib_curve, only: curve_type
   use viscovib_curve_peak, only: climb, growth_along, harmonic_measure
   use viscovib_kinds, only: wp
+  use viscovib_stopping, only: is_set
   implicit none
   private
 
@@ -28,7 +29,7 @@ contains
     !> The best is a summit, not a sample.
     logical, intent(out) :: found
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp) :: sizes(size(p))
     integer :: trend(size(p)), i, largest
     logical :: summit
@@ -42,14 +43,14 @@ contains
     do i = 1, size(p)
       if (.not. wide .and. abs(i - largest) > 1) cycle
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       call growth_along(curve, measure, tolerance, x(:, i), p(i), trend(i))
     end do
     do i = 1, size(p) - 1
       if (.not. wide .and. abs(2*(i - largest) + 1) > 1) cycle
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       summit = .false.
       ! Where both agree on the way up there is nothing between them.

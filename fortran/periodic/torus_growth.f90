@@ -14,6 +14,7 @@ module viscovib_torus_growth
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_stage_kernels, only: stage_states, stage_sums
+  use viscovib_stopping, only: is_set
   use viscovib_torus_balance, only: torus_balance_type
   use viscovib_vector_math, only: largest_angle, sine_cosine_lanes
   implicit none
@@ -50,7 +51,7 @@ contains
     !> Largest first, shape (2 n_dof).
     real(wp), intent(out) :: rates(:)
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(explicit_table_type) :: table
     type(lines_type) :: lines
     real(wp), dimension(n_lanes, max_dof) :: q, v, stage_q, stage_v, in_q, in_v
@@ -86,7 +87,7 @@ contains
     total = 0.0_wp
     do s = 1, n_steps
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       do i = 1, table%n_stages
         call stage_sums(n, table%n_terms(i), table%from(1, i), table%weights(1, 1, i), f, in_q, &

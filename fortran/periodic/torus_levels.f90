@@ -17,6 +17,7 @@ module viscovib_torus_levels
   use viscovib_kinds, only: wp
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_stalled
   use viscovib_status, only: status_type
+  use viscovib_stopping, only: is_set
   use viscovib_torus_balance, only: torus_balance_type
   implicit none
   private
@@ -182,7 +183,7 @@ contains
     !> Added to.
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up, as stalled.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     !> End also where a correction is less than this part of the whole way from x.
     real(wp), intent(in), optional :: part
     real(wp), allocatable :: new(:), step(:), last_new(:), last_step(:)
@@ -204,7 +205,7 @@ contains
     near_enough = .false.
     do k = 1, max_iterations
       if (present(cancel)) then
-        if (cancel /= 0) exit
+        if (is_set(cancel)) exit
       end if
       call balance%residual(new, p, step, inside)
       if (.not. inside) return

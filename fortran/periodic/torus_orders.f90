@@ -11,6 +11,7 @@ module viscovib_torus_orders
   use viscovib_kinds, only: wp
   use viscovib_outcomes, only: outcome_converged
   use viscovib_status, only: status_type
+  use viscovib_stopping, only: is_set
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
   use viscovib_torus_response, only: near_levels, solve_from_rest, solve_near
@@ -150,7 +151,7 @@ contains
     integer, intent(out) :: outcome(:), iterations(:), highest(:)
     real(wp), intent(out) :: truncation(:)
     type(status_type), intent(out) :: status
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     integer :: i, known, bound
     real(wp) :: last_p, before_p
     real(wp), allocatable :: here(:), last(:), before(:)
@@ -167,7 +168,7 @@ contains
     bound = ladder%first
     do i = 1, size(p)
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       call ladder%prepare(bound, status)
       if (status%failed()) return
@@ -221,7 +222,7 @@ contains
     integer, intent(inout) :: iterations
     real(wp), intent(out) :: truncation
     type(status_type), intent(out) :: status
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp), allocatable :: y(:), new(:)
     real(wp) :: previous
     integer :: next, outcome, vain
@@ -256,7 +257,7 @@ contains
     real(wp), allocatable, intent(inout) :: y(:)
     real(wp), intent(out) :: truncation
     type(status_type), intent(out) :: status
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp), allocatable :: new(:)
     real(wp) :: largest
     integer :: outcome, iterations, n
@@ -294,7 +295,7 @@ contains
     real(wp), intent(in) :: p(:), x(:, :), tolerance
     real(wp), intent(out) :: truncation
     type(status_type), intent(out) :: status
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     real(wp) :: outer(size(p)), one
     real(wp), allocatable :: y(:)
     integer :: i, j
@@ -305,7 +306,7 @@ contains
     do j = 1, min(max_judged, size(p))
       if (status%failed()) return
       if (present(cancel)) then
-        if (cancel /= 0) return
+        if (is_set(cancel)) return
       end if
       i = maxloc(outer, 1)
       outer(i) = -1.0_wp

@@ -33,7 +33,7 @@ contains
     integer, intent(out) :: outcome
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     !> Told how many inner orders sufficed.
     type(near_levels), intent(inout), optional :: near
     type(torus_levels) :: levels
@@ -86,7 +86,7 @@ contains
     integer, intent(out) :: outcome
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up.
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     type(curve_branch_type) :: branch
     real(wp) :: factor, lowest
     integer :: vary
@@ -121,7 +121,7 @@ contains
     real(wp), intent(inout) :: x(:)
     integer, intent(out) :: outcome
     integer, intent(inout) :: iterations
-    integer, intent(inout), volatile, optional :: cancel
+    integer, intent(inout), optional :: cancel
     !> As for `solve_on_levels`; two levels then pay for few unknowns too.
     real(wp), intent(in), optional :: part
 

@@ -8,6 +8,7 @@ module viscovib_ensemble
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_statistics, only: lines_type, moments_type, new_lines, new_moments
   use viscovib_lanes, only: n_lanes
+  use viscovib_stopping, only: is_set
   use viscovib_stops, only: find_stop, least_between, run_coarse, run_completed, stop_type
   use viscovib_tangent_system, only: new_tangent_system, tangent_system_type
   use viscovib_vector_math, only: largest_angle
@@ -71,7 +72,7 @@ contains
     type(ensemble_job), intent(in) :: job
     class(differentiable_system_type), intent(in) :: system
     type(ensemble_block), intent(inout) :: block
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     type(tangent_system_type) :: disturbed
 
     if (job%lyapunov) then
@@ -88,7 +89,7 @@ contains
     !> Coordinates of the motion itself; the others are its disturbance.
     integer, intent(in) :: n
     type(ensemble_block), intent(inout) :: block
-    integer, intent(inout), volatile :: cancel
+    integer, intent(inout) :: cancel
     type(flight_type) :: f
     integer(i8) :: i
 
@@ -97,7 +98,7 @@ contains
     call take_off(f, job, system, n, block)
     do i = 1, job%n_steps
       if (mod(i, int(patience, i8)) == 0) then
-        if (cancel /= 0) exit
+        if (is_set(cancel)) exit
         if (.not. any(f%alive)) exit
       end if
       call make_step(f, system, block, i)

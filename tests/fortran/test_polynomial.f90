@@ -244,7 +244,7 @@ contains
     real(wp) :: a, b, c, largest
     integer, allocatable :: orders(:)
     integer :: i, j, set_size
-    integer, volatile :: cancel
+    integer :: cancel
 
     p%mass = reshape([1.0_wp], [1, 1])
     p%damping = 0.0_wp*p%mass
