@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.hereditary import MountMotion
 from viscovib.analyses.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
-from viscovib.analyses.resume import breaks_of, check_resumed, go_on, known, other_loads
+from viscovib.analyses.resume import Maker, breaks_of, check_resumed, go_on, known, other_loads
 from viscovib.analyses.runs import (
     MAX_FIRST_STEPS,
     MAX_STEPS,
@@ -182,16 +183,13 @@ def simulate(
         raise InputError("coordinates: is for a Structure; of other systems all are kept")
     end = _native.number("t_end", t_end)
     _native.flag("progress", progress)
-    at_first = 1
     want = Wanted.checked(times, save_every, keep, tail)
     auto = _native.is_auto(dt)
     accuracy = Accuracy.checked(tolerance, rtol, atol, 1e-10 if auto else None)
     if not auto and (rtol is not None or atol is not None):
         raise InputError('rtol, atol: are for dt = "auto", must not be given with dt')
-    # The step alone decides the error: its equations are solved to rounding, which costs little.
-    wanted = None if auto or accuracy is None else accuracy.absolute
-    solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
     estimated = _native.flag("estimate_error", estimate_error)
+    loads = _Loads(load, nu, base, force, held, memory, coordinates)
     if resume is not None:
         if initial is not None:
             raise InputError("initial and resume are both given: must be one of them")
@@ -204,42 +202,9 @@ def simulate(
         return go_on(resume, end, want, progress, other, estimated)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
-    if isinstance(system, Pendulum):
-        given = {"load": load, "nu": nu, "base": base, "force": force, "held": held}
-        for argument, value in given.items():
-            if value is not None:
-                raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
-        _native.choice("memory", memory, ("auto",))
-        make, n = pendulum_runs(system, end, initial, method, solved)
-    elif isinstance(system, Structure) or goes_condensed(system):
-        shape = StructureMotion.checked(
-            system, end, initial, method, load, nu, base, force, held, memory, coordinates
-        )
-        make = shape.runs(ROUNDING if accuracy is None or not shape.remembers else accuracy.solved)
-        n, at_first = shape.first_steps(), 2 if shape.remembers else 1
-    elif goes_as_pendulum(system, method, load, base, held, memory):
-        make, n = polynomial_runs(system, end, initial, method, load, nu, force, solved)
-    else:
-        motion = MountMotion.checked(
-            system, end, initial, method, load, nu, base, force, held, memory
-        )
-        far = ROUNDING if accuracy is None else accuracy.solved
-        make = motion.runs(far if motion.remembers or not auto else ROUNDING)
-        n, at_first = motion.first_steps(), 2 if motion.remembers else 1
+    make, n, at_first = _runs(system, end, initial, method, loads, accuracy, auto)
     breaks = breaks_of(force, base, len(system.dof_names))
-    make = known(make, breaks, force, base)
-
-    def run(factor: int, parts: int) -> Trajectory:
-        if mesh is not None:
-            finer, kept = mesh.finer(factor), on_mesh
-            if parts > 1:
-                kept = want.at(mesh.all_times(parts))
-            return make(finer.h).on(finer).steps(finer.count, kept, progress)
-        steps, kept = n * factor, want
-        if factor > 1:
-            kept = want.finer(factor // parts)
-        return make(end / steps).steps(steps, kept, progress)
-
+    steps = _Steps(known(make, breaks, force, base), end, breaks, at_first, want, progress)
     if auto:
         assert accuracy is not None
         if n > MAX_FIRST_STEPS:
@@ -248,17 +213,101 @@ def simulate(
                 f"most {MAX_FIRST_STEPS:g}: take a shorter run, slower loads or softer springs, or "
                 "give dt"
             )
-        n = want.every * math.ceil(n / want.every)
-        mesh, on_mesh = _mesh(breaks, end, end / n, at_first, want)
         free = want.every == 1 and want.keep == "all" and want.times is None
-        return by_tolerance(run, n, accuracy, dense=free)
-    step = _native.number("dt", dt)
+        n = want.every * math.ceil(n / want.every)
+        return by_tolerance(steps.of(n), n, accuracy, dense=free)
+    return _with_step(steps, end, _native.number("dt", dt), estimated)
+
+
+@dataclass(frozen=True)
+class _Loads:
+    """What acts on a system, and what its springs remember, as `simulate` was given it."""
+
+    load: LoadLike | None
+    nu: float | None
+    base: LoadLike | LoadTable | None
+    force: LoadTable | None
+    held: npt.ArrayLike | Past | None
+    memory: str
+    coordinates: Sequence[str] | None
+
+
+def _runs(
+    system: Pendulum | Mount | PolynomialSystem | Structure,
+    end: float,
+    initial: npt.ArrayLike | None,
+    method: str,
+    given: _Loads,
+    accuracy: Accuracy | None,
+    auto: bool,
+) -> tuple[Maker, int, int]:
+    """What begins a run with a step, how many steps it takes at least, how the first begins."""
+    load, nu, base, force, held = given.load, given.nu, given.base, given.force, given.held
+    # The step alone decides the error: its equations are solved to rounding, which costs little.
+    wanted = None if auto or accuracy is None else accuracy.absolute
+    solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
+    far = ROUNDING if accuracy is None else accuracy.solved
+    if isinstance(system, Pendulum):
+        others = {"load": load, "nu": nu, "base": base, "force": force, "held": held}
+        for argument, value in others.items():
+            if value is not None:
+                raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
+        _native.choice("memory", given.memory, ("auto",))
+        return *pendulum_runs(system, end, initial, method, solved), 1
+    if isinstance(system, Structure) or goes_condensed(system):
+        shape = StructureMotion.checked(
+            system, end, initial, method, load, nu, base, force, held, given.memory,
+            given.coordinates,
+        )  # fmt: skip
+        make = shape.runs(far if shape.remembers else ROUNDING)
+        return make, shape.first_steps(), 2 if shape.remembers else 1
+    if goes_as_pendulum(system, method, load, base, held, given.memory):
+        return *polynomial_runs(system, end, initial, method, load, nu, force, solved), 1
+    motion = MountMotion.checked(
+        system, end, initial, method, load, nu, base, force, held, given.memory
+    )
+    make = motion.runs(far if motion.remembers or not auto else ROUNDING)
+    return make, motion.first_steps(), 2 if motion.remembers else 1
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Runs in more and more steps, equal ones or such that end on corners of the loads."""
+
+    make: Maker
+    end: float
+    breaks: FloatArray
+    at_first: int
+    want: Wanted
+    progress: bool
+
+    def of(self, n: int, equal: int | None = None) -> Callable[[int, int], Trajectory]:
+        """Runs of a factor times n steps, of which states of a part are kept."""
+        mesh, on_mesh = _mesh(
+            self.breaks, self.end, self.end / n, self.at_first, self.want, equal=equal
+        )
+
+        def run(factor: int, parts: int) -> Trajectory:
+            if mesh is not None:
+                finer, kept = mesh.finer(factor), on_mesh
+                if parts > 1:
+                    kept = self.want.at(mesh.all_times(parts))
+                return self.make(finer.h).on(finer).steps(finer.count, kept, self.progress)
+            steps = n * factor
+            kept = self.want.finer(factor // parts) if factor > 1 else self.want
+            return self.make(self.end / steps).steps(steps, kept, self.progress)
+
+        return run
+
+
+def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Trajectory:
+    """Run with the step given."""
     if not 0 < step <= end:
         raise InputError(f"dt = {step:g}: must be greater than 0 and not exceed t_end = {end:g}")
     if end / step > MAX_STEPS:
         raise InputError(f"dt = {step:g}: t_end / dt must be at most {MAX_STEPS:g}")
     n = math.ceil(end / step * (1 - 1e-12))
-    mesh, on_mesh = _mesh(breaks, end, end / n, at_first, want, equal=n)
+    run = steps.of(n, equal=n)
     result = run(1, 1)
     if result.resolution is not None and result.resolution > _ROUGH:
         warnings.warn(
