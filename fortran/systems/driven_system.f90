@@ -7,6 +7,7 @@
 module viscovib_driven_system
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_law_branches, only: signal_type
   implicit none
   private
 
@@ -26,11 +27,15 @@ module viscovib_driven_system
     real(wp) :: present_piece(2) = 0.0_wp
     !> Whether the coordinates can leave what the equations describe.
     logical :: limited = .true.
+    !> Surfaces on which the equations have kinks or jumps: where a signal changes its sign. Not
+    !! allocated: none.
+    type(signal_type), allocatable :: signals(:)
   contains
     procedure(acceleration_interface), deferred :: acceleration
     procedure(margin_interface), deferred :: margin
     procedure :: physical
     procedure :: enter
+    procedure :: take_sides
   end type driven_system_type
 
   !> One that knows its derivatives too.
@@ -89,6 +94,15 @@ contains
     real(wp), intent(in) :: from, to
     self%present_piece = [from, to]
   end subroutine enter
+
+  !> Hold the equations of one side of each surface, where they are smooth; the signals are those
+  !! of that side.
+  subroutine take_sides(self, sides)
+    class(driven_system_type), intent(inout) :: self
+    !> 1 or -1 for each signal, 0: whichever the state is on.
+    integer, intent(in) :: sides(:)
+    if (size(sides) > 0) self%signals = self%signals
+  end subroutine take_sides
 
   !> Whether one state is within what the equations describe.
   pure logical function physical(self, q)

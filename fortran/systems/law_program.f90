@@ -10,7 +10,7 @@ module viscovib_law_program
   implicit none
   private
 
-  public :: law_program, operands, parity_of
+  public :: law_program, branches, operands, parity_of
 
   !> The value outside a domain, and the largest argument of exp.
   real(wp), parameter, public :: wall = 1.0e60_wp
@@ -27,11 +27,15 @@ module viscovib_law_program
                               'heaviside', 'atan2', 'min', 'max', 'less', 'atmost', 'more', &
                               'atleast', 'where', 'pow']
   integer, parameter, public :: first_function = 11
+  !> What stands for a function of which the branch is held: a number, the first or the second of
+  !! its operands.
+  integer, parameter, public :: number_for_one = -1, number_for_two = -2, first_of_two = -3, &
+                                second_of_two = -4
   integer, parameter :: f_sin = 11, f_cos = 12, f_tan = 13, f_asin = 14, f_acos = 15, &
                         f_atan = 16, f_sinh = 17, f_cosh = 18, f_tanh = 19, f_asinh = 20, &
                         f_acosh = 21, f_atanh = 22, f_exp = 23, f_log = 24, f_sqrt = 25, &
-                        f_abs = 26, f_sign = 27, f_heaviside = 28, f_atan2 = 29, f_min = 30, &
-                        f_max = 31
+                        f_atan2 = 29
+  integer, parameter, public :: f_abs = 26, f_sign = 27, f_heaviside = 28, f_min = 30, f_max = 31
   integer, parameter, public :: f_less = 32, f_atmost = 33, f_more = 34, f_atleast = 35, &
                                 f_where = 36, f_pow = 37
 
@@ -46,6 +50,7 @@ module viscovib_law_program
     procedure :: evaluate
     procedure :: differentiate
     procedure :: measure
+    procedure :: n_surfaces
   end type law_program
 
 contains
@@ -56,7 +61,8 @@ contains
     select case (code)
     case (put_number, put_argument)
       operands = 0
-    case (add, subtract, multiply, divide, power, f_atan2:f_atleast, f_pow)
+    case (add, subtract, multiply, divide, power, f_atan2:f_atleast, f_pow, &
+          second_of_two:number_for_two)
       operands = 2
     case (f_where)
       operands = 3
@@ -64,6 +70,19 @@ contains
       operands = 1
     end select
   end function operands
+
+  !> Whether an instruction has a kink or a jump, where its operand is 0 or both are equal.
+  elemental logical function branches(code)
+    integer, intent(in) :: code
+    branches = any(code == [f_abs, f_sign, f_heaviside, f_min, f_max]) &
+               .or. (code >= f_less .and. code <= f_atleast)
+  end function branches
+
+  !> How many such surfaces a law has.
+  pure integer function n_surfaces(self)
+    class(law_program), intent(in) :: self
+    n_surfaces = count(branches(self%code))
+  end function n_surfaces
 
   !> How deep the stack gets.
   subroutine measure(self)
@@ -143,6 +162,16 @@ contains
     case (negate)
       x(:, 1) = -x(:, 1)
       dx(:, :, 1) = -dx(:, :, 1)
+      return
+    case (number_for_one, number_for_two)
+      x(:, 1) = number
+      dx(:, :, 1) = 0.0_wp
+      return
+    case (first_of_two)
+      return
+    case (second_of_two)
+      x(:, 1) = x(:, 2)
+      dx(:, :, 1) = dx(:, :, 2)
       return
     case (f_where)
       do k = 1, n

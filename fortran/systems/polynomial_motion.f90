@@ -10,6 +10,8 @@ module viscovib_polynomial_motion
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
+  use viscovib_law_branches, only: find_signals, held, signal_type
+  use viscovib_law_program, only: law_program
   use viscovib_law_term, only: law_term
   use viscovib_load, only: load_type
   use viscovib_polynomial, only: monomial_type, multiply, polynomial_type
@@ -21,7 +23,8 @@ module viscovib_polynomial_motion
 
   type, extends(driven_system_type) :: polynomial_motion_type
     type(monomial_type), allocatable, private :: monomials(:)
-    type(law_term), allocatable, private :: laws(:)
+    !> The laws, with their branches held, and as they are.
+    type(law_term), allocatable, private :: laws(:), free_laws(:)
     !> M^(-1), M^(-1) K and M^(-1) C, shape (n_dof, n_dof).
     real(wp), allocatable, private :: inverse(:, :), stiffness(:, :), damping(:, :)
     !> M^(-1) P_k, shape (n_dof, size(orders)), and orders, ascending.
@@ -36,6 +39,7 @@ module viscovib_polynomial_motion
     procedure :: fastest
     procedure :: add_table
     procedure :: enter
+    procedure :: take_sides
   end type polynomial_motion_type
 
 contains
@@ -74,7 +78,60 @@ contains
     motion%drives = [(nu, i=1, 2)]
     motion%quarters = [0, 3]
     motion%limited = .false.
+    motion%free_laws = motion%laws
+    call find_surfaces(motion, [integer ::])
   end subroutine new_polynomial_motion
+
+  !> Hold the laws on one side of each of their surfaces.
+  subroutine take_sides(self, sides)
+    class(polynomial_motion_type), intent(inout) :: self
+    integer, intent(in) :: sides(:)
+    integer :: i, k, n
+
+    k = 0
+    do i = 1, size(self%free_laws)
+      associate (law => self%free_laws(i)%program)
+        n = law%n_surfaces()
+        self%laws(i)%program = held(law, sides(k + 1:k + n))
+        k = k + n
+      end associate
+    end do
+    call find_surfaces(self, sides)
+  end subroutine take_sides
+
+  !> The surfaces of all laws, seen from these sides.
+  subroutine find_surfaces(self, sides)
+    class(polynomial_motion_type), intent(inout) :: self
+    integer, intent(in) :: sides(:)
+    type(signal_type), allocatable :: signals(:)
+    type(law_program), allocatable :: programs(:)
+    integer :: i, j, k, n
+
+    n = 0
+    do i = 1, size(self%free_laws)
+      n = n + self%free_laws(i)%program%n_surfaces()
+    end do
+    if (n == 0) return
+    allocate (signals(n))
+    k = 0
+    do i = 1, size(self%free_laws)
+      associate (law => self%free_laws(i))
+        n = law%program%n_surfaces()
+        if (size(sides) > 0) then
+          call find_signals(law%program, sides(k + 1:k + n), programs)
+        else
+          call find_signals(law%program, sides, programs)
+        end if
+        do j = 1, n
+          signals(k + j)%program = programs(j)
+          signals(k + j)%by_q = law%arguments
+          signals(k + j)%by_v = 0.0_wp*law%arguments
+        end do
+        k = k + n
+      end associate
+    end do
+    call move_alloc(signals, self%signals)
+  end subroutine find_surfaces
 
   !> A force in time besides the periodic load, as cubics between breaks.
   subroutine add_table(self, breaks, pieces)

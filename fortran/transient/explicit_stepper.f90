@@ -5,6 +5,8 @@ module viscovib_explicit_stepper
   use viscovib_explicit, only: explicit_type, new_explicit
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_quadrature, only: gauss_nodes
+  use viscovib_step_path, only: new_path, step_path
   use viscovib_stepper, only: stepper_type
   use viscovib_stops, only: in_range, least_between
   implicit none
@@ -21,6 +23,7 @@ module viscovib_explicit_stepper
     procedure :: save_memory
     procedure :: load_memory
     procedure :: least_margin
+    procedure :: trace
   end type explicit_stepper_type
 
 contains
@@ -87,6 +90,38 @@ contains
     self%q = q(1, :)
     self%v = v(1, :)
   end subroutine load_memory
+
+  !> Steps of eight parts of its length, one a lane: states inside have the order of the method,
+  !! at the cost of one more step.
+  subroutine trace(self, system, memory, path)
+    class(explicit_stepper_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: memory(:)
+    type(step_path), intent(inout) :: path
+    type(explicit_type) :: block
+    real(wp) :: q(n_lanes, size(self%q)), v(n_lanes, size(self%q)), nodes(n_lanes)
+    real(wp) :: weights(n_lanes)
+    integer :: l
+
+    call gauss_nodes(n_lanes, nodes, weights)
+    if (.not. allocated(path%points)) call new_path(path, [0.0_wp, nodes, 1.0_wp])
+    path%h = self%h
+    block = self%block
+    block%since = self%since
+    do l = 1, n_lanes
+      call block%load_lane(l, memory)
+    end do
+    call block%get_state(q, v)
+    path%q = spread(q(1, :), 1, n_lanes + 2)
+    path%v = spread(v(1, :), 1, n_lanes + 2)
+    call block%change_steps(spread(system%drives, 1, n_lanes), self%h*nodes)
+    call block%step(system)
+    call block%get_state(q, v)
+    path%q(2:n_lanes + 1, :) = q
+    path%v(2:n_lanes + 1, :) = v
+    path%q(n_lanes + 2, :) = self%q
+    path%v(n_lanes + 2, :) = self%v
+  end subroutine trace
 
   !> From both ends of the step and the rates there.
   real(wp) function least_margin(self, system, q_before, v_before) result(least)

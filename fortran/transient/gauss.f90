@@ -15,6 +15,7 @@ module viscovib_gauss
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_node_kernels, only: exchange, lane_product_sum, lane_sum, node_states, predict
   use viscovib_phases, only: new_phases, phases_type, turn_phase
+  use viscovib_step_path, only: new_path, step_path
   use viscovib_stepper, only: stepper_type
   use viscovib_vector_math, only: largest_angle
   implicit none
@@ -61,6 +62,7 @@ module viscovib_gauss
     procedure :: save_memory
     procedure :: load_memory
     procedure :: least_margin
+    procedure :: trace
     procedure, private :: step_in_room
     procedure, private :: iterate
     procedure, private :: margin_at_nodes
@@ -315,6 +317,36 @@ contains
     end associate
     least = minval(here - abs(moved - here))
   end function margin_at_nodes
+
+  !> The collocation polynomial.
+  subroutine trace(self, system, memory, path)
+    class(gauss_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: memory(:)
+    type(step_path), intent(inout) :: path
+    real(wp) :: nodes(size(self%table%nodes))
+    integer :: d, first, i, n, s
+
+    n = system%n_dof
+    s = self%table%n_nodes
+    if (.not. allocated(path%points)) then
+      ! Lanes beyond the last node repeat it.
+      nodes = reshape(self%table%nodes, shape(nodes))
+      call new_path(path, [0.0_wp, nodes(:s), 1.0_wp])
+    end if
+    path%h = self%h
+    path%q = spread(memory(:n), 1, s + 2)
+    path%v = spread(memory(n + 1:2*n), 1, s + 2)
+    do i = 1, s
+      first = self%first - 1 + n_lanes*(max_dof*((i - 1)/n_lanes) - 1) + mod(i - 1, n_lanes) + 1
+      do d = 1, n
+        path%q(i + 1, d) = self%room(first + n_lanes*(self%plan%q + d - 1))
+        path%v(i + 1, d) = self%room(first + n_lanes*(self%plan%v + d - 1))
+      end do
+    end do
+    path%q(s + 2, :) = self%q
+    path%v(s + 2, :) = self%v
+  end subroutine trace
 
   !> Sum of the sizes of all accelerations.
   pure real(wp) function size_of(n_dof, blocks, f)

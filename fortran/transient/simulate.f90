@@ -10,19 +10,23 @@ module viscovib_simulate
   use viscovib_stepper, only: stepper_type
   use viscovib_stopping, only: stop_wanted
   use viscovib_stops, only: find_stop, in_range, run_coarse, run_completed, run_diverged, &
-    run_names, run_stopped, run_unphysical, stop_type
+    run_event, run_names, run_stopped, run_unphysical, stop_type
+  use viscovib_wanted_states, only: wanted_states
+  use viscovib_watch, only: new_watch, watch_type
+  use viscovib_watched_step, only: sides_of, step_watched, watched_step_type
   implicit none
   private
 
   public :: simulate
-  public :: run_coarse, run_completed, run_diverged, run_names, run_stopped, run_unphysical
+  public :: run_coarse, run_completed, run_diverged, run_event, run_names, run_stopped, &
+    run_unphysical
 
 contains
 
   !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
   !! those at wanted times. Underflow is abrupt meanwhile.
   subroutine simulate(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                      n_reached, t_reached, outcome, mesh)
+                      n_reached, t_reached, outcome, mesh, watch)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     integer(i8), intent(in) :: first, n_steps, save_every
@@ -40,10 +44,14 @@ contains
     integer, intent(out) :: outcome
     !> Where steps end; without: equal ones.
     type(mesh_type), intent(in), optional :: mesh
+    !> Events to look for.
+    type(watch_type), intent(inout), optional :: watch
     type(mesh_type) :: ends
-    real(wp) :: q(size(method%q)), v(size(method%v)), now
-    logical :: made, doubtful, lost
+    type(wanted_states) :: wanted
+    type(watched_step_type) :: at
+    type(watch_type) :: unwatched
     integer(i8) :: i, column
+    real(wp) :: now
     integer :: piece
 
     ! Numbers that fade below 1e-308 become 0 instead of subnormal, which would make each
@@ -51,50 +59,40 @@ contains
     if (ieee_support_underflow_control(1.0_wp)) call ieee_set_underflow_mode(.false.)
     outcome = run_completed
     n_done = 0
-    n_reached = 0
+    wanted%times = times
+    allocate (wanted%states(2*size(method%q), size(times)))
     ends = equal_steps(method%h)
     if (present(mesh)) ends = mesh
     piece = ends%piece_of(first)
     now = 0.0_wp
     if (first > 0) now = ends%time(piece, first)
     if (ends%is_broken()) call enter_piece(method, system, ends, piece, now)
+    if (.not. present(watch)) call new_watch(unwatched, [real(wp) ::], [integer ::])
+    at%sides = sides_of(system, now, method%q, method%v)
+    call system%take_sides(at%sides)
     do i = 1, n_steps
+      t_reached = now
       if (stop_wanted()) then
         outcome = run_stopped
-        t_reached = now
-        return
+        exit
       end if
       if (first + i - 1 >= ends%made_by(piece)) then
         piece = piece + 1
         call enter_piece(method, system, ends, piece, now)
       end if
-      if (system%timed) method%since = now - system%present_piece(1)
-      call keep_between(method, system, now, times, n_reached, at_times, lost)
-      q = method%q
-      v = method%v
-      call method%step(system, made)
-      doubtful = .not. made
-      if (made) doubtful = .not. in_range(method%q, method%v)
-      if (system%limited .and. .not. doubtful) then
-        doubtful = .not. method%least_margin(system, q, v) > 0.0_wp
+      at%from = now
+      at%until = ends%time(piece, first + i)
+      if (present(watch)) then
+        call make_parts(method, system, at, wanted, watch, ends%h(piece), t_reached, outcome)
+      else if (allocated(system%signals)) then
+        call make_parts(method, system, at, wanted, unwatched, ends%h(piece), t_reached, outcome)
+      else
+        call make_step(method, system, at, wanted, t_reached, outcome)
       end if
-      if (doubtful) then
-        call judge_step(method, system, q, v, now, made, t_reached, outcome)
-        if (outcome /= run_completed) then
-          n_reached = min(n_reached, count(times <= t_reached))
-          return
-        end if
-      end if
-      if (lost) then
-        ! The step is made, but not the part of it up to a wanted time.
-        outcome = run_coarse
-        t_reached = now
-        method%q = q
-        method%v = v
-        return
-      end if
+      if (outcome /= run_completed) exit
       n_done = i
-      now = ends%time(piece, first + i)
+      now = at%until
+      t_reached = now
       if (mod(i, save_every) /= 0) cycle
       column = i/save_every
       if (column > size(states, 2)) cycle
@@ -102,9 +100,93 @@ contains
       states(1::2, column) = method%q
       states(2::2, column) = method%v
     end do
-    t_reached = now
-    call keep_between(method, system, now, times, n_reached, at_times, lost)
+    if (outcome == run_completed) then
+      call wanted%keep_between(method, system, now)
+    else if (outcome /= run_stopped) then
+      wanted%n_reached = min(wanted%n_reached, count(times <= t_reached))
+    end if
+    n_reached = wanted%n_reached
+    at_times(:, :n_reached) = wanted%states(:, :n_reached)
   end subroutine simulate
+
+  !> One step of equations without surfaces.
+  subroutine make_step(method, system, at, wanted, t_reached, outcome)
+    class(stepper_type), intent(inout) :: method
+    class(driven_system_type), intent(inout) :: system
+    type(watched_step_type), intent(inout) :: at
+    type(wanted_states), intent(inout) :: wanted
+    real(wp), intent(inout) :: t_reached
+    integer, intent(out) :: outcome
+    logical :: made, doubtful
+
+    outcome = run_completed
+    if (system%timed) method%since = at%from - system%present_piece(1)
+    call wanted%keep_between(method, system, at%from)
+    at%q = method%q
+    at%v = method%v
+    call method%step(system, made)
+    doubtful = .not. made
+    if (made) doubtful = .not. in_range(method%q, method%v)
+    if (system%limited .and. .not. doubtful) then
+      doubtful = .not. method%least_margin(system, at%q, at%v) > 0.0_wp
+    end if
+    if (doubtful) then
+      call judge_step(method, system, at%q, at%v, at%from, made, t_reached, outcome)
+      if (outcome /= run_completed) return
+    end if
+    if (wanted%lost) call give_up(method, at, t_reached, outcome)
+  end subroutine make_step
+
+  !> The step is made, but not the part of it up to a wanted time.
+  subroutine give_up(method, at, t_reached, outcome)
+    class(stepper_type), intent(inout) :: method
+    type(watched_step_type), intent(in) :: at
+    real(wp), intent(out) :: t_reached
+    integer, intent(out) :: outcome
+    outcome = run_coarse
+    t_reached = at%from
+    method%q = at%q
+    method%v = at%v
+  end subroutine give_up
+
+  !> One step, in parts that end on the surfaces of the equations, with its events.
+  subroutine make_parts(method, system, at, wanted, watch, h, t_reached, outcome)
+    class(stepper_type), intent(inout) :: method
+    class(driven_system_type), intent(inout) :: system
+    type(watched_step_type), intent(inout) :: at
+    type(wanted_states), intent(inout) :: wanted
+    type(watch_type), intent(inout) :: watch
+    !> Length of the whole step.
+    real(wp), intent(in) :: h
+    real(wp), intent(inout) :: t_reached
+    integer, intent(out) :: outcome
+    logical :: doubtful, more
+
+    outcome = run_completed
+    at%n_passed = 0
+    at%last = 0
+    more = .true.
+    do while (more)
+      call step_watched(at, method, system, watch, wanted, more)
+      if (at%ended) then
+        outcome = run_event
+        t_reached = at%from
+        return
+      end if
+      doubtful = .not. at%made
+      if (system%limited .and. .not. doubtful) then
+        doubtful = .not. method%least_margin(system, at%q, at%v) > 0.0_wp
+      end if
+      if (doubtful) then
+        call system%take_sides(0*at%sides)
+        call judge_step(method, system, at%q, at%v, at%from, at%made, t_reached, outcome)
+        call system%take_sides(at%sides)
+        if (outcome /= run_completed) return
+      end if
+    end do
+    if (at%n_passed > 0) call method%change_step(system, h)
+    if (wanted%lost) call give_up(method, at, t_reached, outcome)
+  end subroutine make_parts
 
   !> Steps of a piece of the mesh from now on; they are the same again if it was entered
   !! already.
@@ -152,44 +234,5 @@ contains
     method%q = stop%q
     method%v = stop%v
   end subroutine judge_step
-
-  !> States at the wanted times from the present one up to the end of the step, or up to
-  !! one that no step leads to: `lost`.
-  subroutine keep_between(method, system, now, times, n_reached, at_times, lost)
-    class(stepper_type), intent(in) :: method
-    class(driven_system_type), intent(in) :: system
-    real(wp), intent(in) :: now, times(:)
-    integer, intent(inout) :: n_reached
-    real(wp), intent(inout) :: at_times(:, :)
-    logical, intent(out) :: lost
-    real(wp) :: q(size(method%q)), v(size(method%v)), ahead
-    type(stop_type) :: stop
-    logical :: made
-
-    lost = .false.
-    do while (n_reached < size(times))
-      ahead = times(n_reached + 1) - now
-      if (ahead >= method%h*(1.0_wp - 4.0_wp*epsilon(1.0_wp))) return
-      q = method%q
-      v = method%v
-      if (ahead > 4.0_wp*spacing(now)) then
-        call method%look_ahead(system, ahead, q, v, made)
-        if (made) made = in_range(q, v)
-        if (.not. made) then
-          call find_stop(system, size(q), 1, spread(system%drives, 1, n_lanes), method%q, &
-                         method%v, now, ahead, stop)
-          q = stop%q
-          v = stop%v
-          ! Where the motion stops before, the step will tell.
-          lost = stop%outcome /= run_completed
-          if (lost) return
-        end if
-      end if
-      n_reached = n_reached + 1
-      if (counting) call count_up(counted_states, 1)
-      at_times(1::2, n_reached) = q
-      at_times(2::2, n_reached) = v
-    end do
-  end subroutine keep_between
 
 end module viscovib_simulate

@@ -2,6 +2,7 @@
 module viscovib_stepper
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
+  use viscovib_step_path, only: step_path
   implicit none
   private
 
@@ -22,6 +23,7 @@ module viscovib_stepper
     procedure(save_interface), deferred :: save_memory
     procedure(load_interface), deferred :: load_memory
     procedure(margin_interface), deferred :: least_margin
+    procedure(trace_interface), deferred :: trace
     procedure :: look_ahead
   end type stepper_type
 
@@ -66,6 +68,17 @@ module viscovib_stepper
       !> State before the step, shape (n_dof).
       real(wp), intent(in) :: q_before(:), v_before(:)
     end function margin_interface
+
+    !> The motion inside the last step.
+    subroutine trace_interface(self, system, memory, path)
+      import :: driven_system_type, step_path, stepper_type, wp
+      class(stepper_type), intent(in) :: self
+      class(driven_system_type), intent(in) :: system
+      !> What was saved before the step.
+      real(wp), intent(in) :: memory(:)
+      !> All but when it began.
+      type(step_path), intent(inout) :: path
+    end subroutine trace_interface
 
     subroutine load_interface(self, memory)
       import :: stepper_type, wp

@@ -19,11 +19,12 @@ module viscovib_stops
 
   !> How a run ends: all steps done; a coordinate or velocity leaves the range of
   !! numbers; the state leaves the system's physics; the time for it was over; the motion
-  !! goes on, but the steps of the run are too large for it.
+  !! goes on, but the steps of the run are too large for it; an event ends the run.
   integer, parameter, public :: run_completed = 0, run_diverged = 1, run_unphysical = 2, &
-                                run_stopped = 3, run_coarse = 4
-  character(len=*), parameter, public :: run_names(0:4) = &
-    [character(len=14) :: 'completed', 'diverged', 'unphysical', 'stopped', 'step too large']
+                                run_stopped = 3, run_coarse = 4, run_event = 5
+  character(len=*), parameter, public :: run_names(0:5) = &
+    [character(len=14) :: 'completed', 'diverged', 'unphysical', 'stopped', 'step too large', &
+     'event']
 
   !> Beyond this a velocity has run away.
   real(wp), parameter :: largest_speed = 1.0e15_wp

@@ -1,0 +1,141 @@
+!> Where force laws change their branch, and laws with every branch held.
+!!
+!! abs, min, max, sign, heaviside and comparisons are smooth on either side of a surface: that on
+!! which what they compare is equal. With its side of each surface held a law is smooth
+!! beyond it too, so that an integrator of high order steps up to the surface, and from there on
+!! with the other branch, without losing its order.
+module viscovib_law_branches
+  use viscovib_kinds, only: wp
+  use viscovib_law_program, only: branches, f_abs, f_heaviside, f_max, f_min, f_more, f_sign, &
+                                  first_of_two, law_program, negate, number_for_one, &
+                                  number_for_two, operands, second_of_two, subtract
+  implicit none
+  private
+
+  public :: signal_type, find_signals, held
+
+  !> A function of a state that is watched: the law changes its branch where it is 0.
+  type :: signal_type
+    type(law_program) :: program
+    !> Arguments from coordinates and rates, shape (n_arguments, n_dof); not allocated: the
+    !! arguments are the state (q_1, v_1, q_2, ...) and the time.
+    real(wp), allocatable :: by_q(:, :), by_v(:, :)
+  contains
+    procedure :: at => signal_at
+  end type signal_type
+
+contains
+
+  !> Its value at states.
+  subroutine signal_at(self, t, q, v, g)
+    class(signal_type), intent(in) :: self
+    !> Shapes (n) and (n, n_dof).
+    real(wp), intent(in) :: t(:), q(:, :), v(:, :)
+    real(wp), intent(out) :: g(:)
+    real(wp) :: state(size(t), 2*size(q, 2) + 1)
+
+    if (allocated(self%by_q)) then
+      call self%program%evaluate(matmul(q, transpose(self%by_q)) &
+                                 + matmul(v, transpose(self%by_v)), g)
+      return
+    end if
+    state(:, 1:2*size(q, 2):2) = q
+    state(:, 2:2*size(q, 2):2) = v
+    state(:, 2*size(q, 2) + 1) = t
+    call self%program%evaluate(state, g)
+  end subroutine signal_at
+
+  !> The surfaces of a law, in the order of its instructions, with the sides held that come
+  !! before each.
+  subroutine find_signals(law, sides, signals)
+    type(law_program), intent(in) :: law
+    !> 1 or -1 for each, 0: free; or of no size, all free.
+    integer, intent(in) :: sides(:)
+    type(law_program), allocatable, intent(out) :: signals(:)
+    integer :: i, k, first, wanted
+
+    allocate (signals(law%n_surfaces()))
+    k = 0
+    do i = 1, size(law%code)
+      if (.not. branches(law%code(i))) cycle
+      wanted = operands(law%code(i))
+      first = i
+      do while (wanted > 0)
+        first = first - 1
+        wanted = wanted - 1 + operands(law%code(first))
+      end do
+      k = k + 1
+      call hold(law, first, i - 1, sides, signals(k))
+      if (operands(law%code(i)) == 2) then
+        signals(k)%code = [signals(k)%code, subtract]
+        signals(k)%number = [signals(k)%number, 0.0_wp]
+      end if
+      call signals(k)%measure()
+    end do
+  end subroutine find_signals
+
+  !> The law on these sides of its surfaces, smooth beyond them.
+  type(law_program) function held(law, sides)
+    type(law_program), intent(in) :: law
+    integer, intent(in) :: sides(:)
+    call hold(law, 1, size(law%code), sides, held)
+    call held%measure()
+  end function held
+
+  !> Some instructions of a law, branches taken where their sides are not 0.
+  subroutine hold(law, from, to, sides, part)
+    type(law_program), intent(in) :: law
+    integer, intent(in) :: from, to, sides(:)
+    type(law_program), intent(out) :: part
+    integer :: i, k, n, side
+
+    part%n_arguments = law%n_arguments
+    allocate (part%code(to - from + 1), source=0)
+    allocate (part%number(to - from + 1), source=0.0_wp)
+    n = 0
+    k = count(branches(law%code(:from - 1)))
+    do i = from, to
+      side = 0
+      if (branches(law%code(i))) then
+        k = k + 1
+        if (size(sides) > 0) side = sides(k)
+      end if
+      ! Of something positive abs is that itself.
+      if (side == 1 .and. law%code(i) == f_abs) cycle
+      n = n + 1
+      part%code(n) = law%code(i)
+      part%number(n) = law%number(i)
+      if (side /= 0) call take(law%code(i), side, part%code(n), part%number(n))
+    end do
+    part%code = part%code(:n)
+    part%number = part%number(:n)
+  end subroutine hold
+
+  !> What an instruction is on one side of its surface.
+  pure subroutine take(code, side, taken, number)
+    integer, intent(in) :: code, side
+    integer, intent(out) :: taken
+    real(wp), intent(out) :: number
+
+    number = 0.0_wp
+    select case (code)
+    case (f_abs)
+      taken = negate
+    case (f_sign)
+      taken = number_for_one
+      number = real(side, wp)
+    case (f_heaviside)
+      taken = number_for_one
+      number = real((1 + side)/2, wp)
+    case (f_max)
+      taken = merge(first_of_two, second_of_two, side == 1)
+    case (f_min)
+      taken = merge(second_of_two, first_of_two, side == 1)
+    case default
+      ! Below: less, atmost; above: more, atleast.
+      taken = number_for_two
+      number = merge(1.0_wp, 0.0_wp, (code >= f_more) .eqv. (side == 1))
+    end select
+  end subroutine take
+
+end module viscovib_law_branches

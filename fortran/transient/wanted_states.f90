@@ -1,0 +1,71 @@
+!> States of a run at wanted times, each by a step of its own from where the step begins.
+module viscovib_wanted_states
+  use viscovib_counters, only: count_up, counted_states, counting
+  use viscovib_driven_system, only: driven_system_type
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_stepper, only: stepper_type
+  use viscovib_stops, only: find_stop, in_range, run_completed, stop_type
+  implicit none
+  private
+
+  public :: wanted_states
+
+  type :: wanted_states
+    !> Ascending; how many were reached, and the states there, shape (2 n_dof, n).
+    real(wp), allocatable :: times(:), states(:, :)
+    integer :: n_reached = 0
+    !> The motion up to one of them could not be followed.
+    logical :: lost = .false.
+  contains
+    procedure :: within
+    procedure :: keep_between
+  end type wanted_states
+
+contains
+
+  !> Whether the next is in a step from a time on.
+  pure logical function within(self, from, h)
+    class(wanted_states), intent(in) :: self
+    real(wp), intent(in) :: from, h
+    within = .false.
+    if (self%n_reached < size(self%times)) within = self%times(self%n_reached + 1) < from + h
+  end function within
+
+  !> States at the wanted times from the present one up to the end of the step, or up to
+  !! one that no step leads to: `lost`.
+  subroutine keep_between(self, method, system, now)
+    class(wanted_states), intent(inout) :: self
+    class(stepper_type), intent(in) :: method
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: now
+    real(wp) :: q(size(method%q)), v(size(method%v)), ahead
+    type(stop_type) :: stop
+    logical :: made
+
+    do while (self%n_reached < size(self%times))
+      ahead = self%times(self%n_reached + 1) - now
+      if (ahead >= method%h*(1.0_wp - 4.0_wp*epsilon(1.0_wp))) return
+      q = method%q
+      v = method%v
+      if (ahead > 4.0_wp*spacing(now)) then
+        call method%look_ahead(system, ahead, q, v, made)
+        if (made) made = in_range(q, v)
+        if (.not. made) then
+          call find_stop(system, size(q), 1, spread(system%drives, 1, n_lanes), method%q, &
+                         method%v, now, ahead, stop)
+          q = stop%q
+          v = stop%v
+          ! Where the motion stops before, the step will tell.
+          self%lost = stop%outcome /= run_completed
+          if (self%lost) return
+        end if
+      end if
+      self%n_reached = self%n_reached + 1
+      if (counting) call count_up(counted_states, 1)
+      self%states(1::2, self%n_reached) = q
+      self%states(2::2, self%n_reached) = v
+    end do
+  end subroutine keep_between
+
+end module viscovib_wanted_states

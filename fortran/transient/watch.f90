@@ -1,0 +1,165 @@
+!> Events that a run is asked for: passages of functions of the state through 0.
+module viscovib_watch
+  use viscovib_event_search, only: first_passage
+  use viscovib_kinds, only: wp
+  use viscovib_law_branches, only: signal_type
+  use viscovib_step_path, only: step_path
+  implicit none
+  private
+
+  public :: watch_type, new_watch, passage_type
+
+  !> Part of its largest value on a step that a signal at the start must have to be on a side.
+  real(wp), parameter :: on_surface = 1.0e-13_wp
+  !> Passages of one signal that are looked for in a step.
+  integer, parameter :: most_in_step = 200
+
+  !> One passage: of which signal, its sign before, and the place in the step.
+  type :: passage_type
+    integer :: which = 0, side = 1
+    real(wp) :: place = 0.0_wp
+  end type passage_type
+
+  type :: watch_type
+    type(signal_type), allocatable :: signals(:)
+    !> Passages that count: upwards 1, downwards -1, 0 both; whether the run ends there.
+    integer, allocatable :: direction(:)
+    logical, allocatable :: terminal(:)
+    !> On which side of 0 each signal was last, 0: not known yet.
+    integer, allocatable :: sides(:)
+    !> What was found: signal and time, and states, shapes (n) and (2 n_dof, n).
+    integer :: n_found = 0
+    integer, allocatable :: which(:)
+    real(wp), allocatable :: times(:), states(:, :)
+  contains
+    procedure :: look
+    procedure :: keep
+    procedure :: hand_over
+  end type watch_type
+
+contains
+
+  !> From numbers: how many; of each, direction, 1 if terminal, how many instructions, and code
+  !! and number of each, arguments being the state (q_1, v_1, q_2, ...) and the time.
+  subroutine new_watch(watch, vector, sides)
+    type(watch_type), intent(out) :: watch
+    real(wp), intent(in) :: vector(:)
+    integer, intent(in) :: sides(:)
+    integer :: i, k, m, n
+
+    n = 0
+    if (size(vector) > 0) n = nint(vector(1))
+    allocate (watch%signals(n), watch%direction(n), watch%terminal(n))
+    watch%sides = sides(:n)
+    k = 1
+    do i = 1, n
+      watch%direction(i) = nint(vector(k + 1))
+      watch%terminal(i) = nint(vector(k + 2)) /= 0
+      m = nint(vector(k + 3))
+      watch%signals(i)%program%code = nint(vector(k + 4:k + 2*m + 3:2))
+      watch%signals(i)%program%number = vector(k + 5:k + 2*m + 3:2)
+      call watch%signals(i)%program%measure()
+      k = k + 3 + 2*m
+    end do
+    allocate (watch%which(0), watch%times(0), watch%states(0, 0))
+  end subroutine new_watch
+
+  !> Passages in a step that count, ascending; after one that ends the run none.
+  subroutine look(self, path, found)
+    class(watch_type), intent(inout) :: self
+    type(step_path), intent(in) :: path
+    type(passage_type), allocatable, intent(out) :: found(:)
+    type(passage_type) :: next
+    real(wp) :: place, before
+    integer :: i, k
+    logical :: passes
+
+    allocate (found(0))
+    do i = 1, size(self%signals)
+      if (self%sides(i) == 0) self%sides(i) = first_side(self%signals(i), path)
+      place = 0.0_wp
+      do k = 1, most_in_step
+        before = place
+        call first_passage(self%signals(i), path, before, self%sides(i), k > 1, passes, place)
+        if (.not. passes .or. (k > 1 .and. place <= before)) exit
+        self%sides(i) = -self%sides(i)
+        if (self%direction(i)*self%sides(i) < 0) cycle
+        next%which = i
+        next%side = -self%sides(i)
+        next%place = place
+        call insert(found, next)
+        if (place >= 1.0_wp) exit
+      end do
+    end do
+    do i = 1, size(found)
+      if (.not. self%terminal(found(i)%which)) cycle
+      found = found(:i)
+      return
+    end do
+  end subroutine look
+
+  !> On which side a run begins; on the surface: where it goes.
+  integer function first_side(signal, path)
+    type(signal_type), intent(in) :: signal
+    type(step_path), intent(in) :: path
+    real(wp) :: g(size(path%points))
+    call signal%at(path%start + path%h*path%points, path%q, path%v, g)
+    if (abs(g(1)) <= on_surface*maxval(abs(g))) g(1) = g(2)
+    first_side = merge(1, -1, g(1) >= 0.0_wp)
+  end function first_side
+
+  subroutine insert(found, next)
+    type(passage_type), allocatable, intent(inout) :: found(:)
+    type(passage_type), intent(in) :: next
+    integer :: n
+    n = count(found%place <= next%place)
+    found = [found(:n), next, found(n + 1:)]
+  end subroutine insert
+
+  !> Remember a passage.
+  subroutine keep(self, which, t, q, v)
+    class(watch_type), intent(inout) :: self
+    integer, intent(in) :: which
+    real(wp), intent(in) :: t, q(:), v(:)
+    integer, allocatable :: more_which(:)
+    real(wp), allocatable :: more_times(:), more_states(:, :)
+    integer :: n
+
+    n = self%n_found
+    if (n == size(self%which)) then
+      allocate (more_which(2*n + 8), more_times(2*n + 8), more_states(2*size(q), 2*n + 8))
+      if (n > 0) then
+        more_which(:n) = self%which
+        more_times(:n) = self%times
+        more_states(:, :n) = self%states
+      end if
+      call move_alloc(more_which, self%which)
+      call move_alloc(more_times, self%times)
+      call move_alloc(more_states, self%states)
+    end if
+    n = n + 1
+    self%n_found = n
+    self%which(n) = which
+    self%times(n) = t
+    self%states(1::2, n) = q
+    self%states(2::2, n) = v
+  end subroutine keep
+
+  !> What was found, as far as there is room; each column the signal, the time and the state.
+  subroutine hand_over(self, sides, found, n_found)
+    class(watch_type), intent(in) :: self
+    integer, intent(inout) :: sides(:)
+    real(wp), intent(inout) :: found(:, :)
+    !> How many there are, even if there is less room.
+    integer, intent(out) :: n_found
+    integer :: n
+    sides(:size(self%sides)) = self%sides
+    n_found = self%n_found
+    n = min(n_found, size(found, 2))
+    if (n == 0) return
+    found(1, :n) = self%which(:n)
+    found(2, :n) = self%times(:n)
+    found(3:, :n) = self%states(:, :n)
+  end subroutine hand_over
+
+end module viscovib_watch

@@ -1,0 +1,115 @@
+"""Motion in time through the kinks and jumps of laws: steps end there, and keep their order."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+
+def by_pieces(pieces, surface, t_end, start):
+    """SciPy's steps between the passages of a surface, by the right side of each side of it."""
+    t, y, side = 0.0, np.array(start, dtype=float), surface(0.0, start) > 0
+    while t < t_end:
+
+        def passed(t, y):
+            return surface(t, y)
+
+        passed.terminal, passed.direction = True, -1 if side else 1
+        run = solve_ivp(
+            pieces[int(side)],
+            (t, t_end),
+            y,
+            "DOP853",
+            rtol=1e-13,
+            atol=1e-14,
+            events=passed,
+            max_step=0.02,
+        )
+        t, y = run.t[-1], run.y[:, -1]
+        side ^= run.status == 1
+    return y
+
+
+def bouncing(k, gap, load, nu, c=0.05):
+    """An oscillator with a stop, and its right sides off and on the stop."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=c, forces=f"{k}*max(x - {gap}, 0)")
+
+    def side(on):
+        return lambda t, y: [
+            y[1],
+            load * np.sin(nu * t) - c * y[1] - y[0] - on * k * (y[0] - gap),
+        ]
+
+    return system, (side(0), side(1)), lambda t, y: y[0] - gap
+
+
+@pytest.mark.parametrize(
+    ("method", "order", "steps"), [("gauss2", 4, 640), ("gauss3", 6, 320), ("verner9", 9, 160)]
+)
+def test_order_through_contacts(method, order, steps):
+    """Halving the step of a bouncing oscillator gains the order of the method."""
+    system, pieces, surface = bouncing(30.0, 0.5, 0.8, 0.7)
+    expected = by_pieces(pieces, surface, 40.0, [0.0, 0.0])
+    errors = []
+    for n in (steps, 2 * steps):
+        run = vv.simulate(system, 40.0, dt=40.0 / n, load=0.8, nu=0.7, method=method, keep="last")
+        errors.append(np.abs(run.state[-1] - expected).max())
+    assert np.log2(errors[0] / errors[1]) > order - 0.5
+    run = vv.simulate(system, 40.0, load=0.8, nu=0.7, tolerance=1e-10)
+    assert run.error < 1e-10
+    np.testing.assert_allclose(run.state[-1], expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("method", ["gauss8", "verner9"])
+def test_contacts_shorter_than_a_step(method):
+    """A contact beside grazing leaves no trace at the ends of steps."""
+    system, pieces, surface = bouncing(1000.0, 1 - 1e-4, 0.0, 1.0, c=0.0)
+    # The peak at pi/2 lies inside a step; the contact lasts 0.03.
+    expected = by_pieces(pieces, surface, 3.0, [0.0, 1.0])
+    free = np.array([np.sin(3.0), np.cos(3.0)])
+    assert np.abs(expected - free).max() > 1e-3
+    for dt in (0.2, 0.1):
+        run = vv.simulate(system, 3.0, dt=dt, initial=[0.0, 1.0], method=method, keep="last")
+        np.testing.assert_allclose(run.state[-1], expected, atol=3e-10)
+    missed = bouncing(1000.0, 1 + 1e-6, 0.0, 1.0, c=0.0)[0]
+    run = vv.simulate(missed, 3.0, dt=0.1, initial=[0.0, 1.0], method=method, keep="last")
+    np.testing.assert_allclose(run.state[-1], free, atol=1e-12)
+
+
+LAWS = {
+    "2*abs(x)": lambda x: 2 * np.abs(x),
+    "3*x*abs(x)": lambda x: 3 * x * np.abs(x),
+    "where(x > 0.2, 5*(x - 0.2), 0)": lambda x: np.where(x > 0.2, 5 * (x - 0.2), 0),
+    "0.3*sign(x - 0.1)": lambda x: 0.3 * np.sign(x - 0.1),
+    "min(max(4*x, -0.5), 0.5)": lambda x: np.clip(4 * x, -0.5, 0.5),
+    "7*where(abs(x) > 0.3, x - 0.3*sign(x), 0)": lambda x: (
+        7 * np.sign(x) * np.maximum(np.abs(x) - 0.3, 0)
+    ),
+    "heaviside(x - 0.25)*(x - 0.25)^2": lambda x: (x > 0.25) * (x - 0.25) ** 2,
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_every_kind_of_branch(law):
+    """dt="auto" no longer gives up at kinks and jumps, and meets its tolerance."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law)
+    run = vv.simulate(
+        system, 12.0, initial=[0.05, 0.9], load=0.4, nu=1.3, tolerance=1e-9, times=[4.3, 12.0]
+    )
+    expected = solve_ivp(
+        lambda t, y: [y[1], 0.4 * np.sin(1.3 * t) - 0.1 * y[1] - y[0] - LAWS[law](y[0])],
+        (0, 12), [0.05, 0.9], "RK45", rtol=1e-10, atol=1e-12, max_step=2e-3, t_eval=[4.3, 12.0],
+    )  # fmt: skip
+    assert run.error <= 1e-9
+    jumps = law.startswith("0.3*sign")
+    np.testing.assert_allclose(run.state, expected.y.T, atol=2e-4 if jumps else 1e-8)
+
+
+def test_resumed_on_the_same_side():
+    """A run that goes on in contact is the run that never stopped."""
+    system, _, _ = bouncing(30.0, 0.5, 0.8, 0.7)
+    whole = vv.simulate(system, 20.0, dt=0.1, load=0.8, nu=0.7)
+    inside = int(np.flatnonzero(whole.state[:, 0] > 0.5)[0])
+    part = vv.simulate(system, whole.t[inside], dt=0.1, load=0.8, nu=0.7)
+    again = vv.simulate(system, 20.0, resume=part)
+    np.testing.assert_allclose(again.state[-1], whole.state[-1], atol=1e-13)
