@@ -14,6 +14,7 @@ from typing import Any
 import bodies
 import branch
 import combined
+import explorer
 import floors
 import kernel_transforms
 import memory
@@ -348,6 +349,19 @@ def of_structures(out: Path) -> Part:
     ], {}
 
 
+def of_explorer(out: Path) -> Part:
+    """From a key on a slider to the curve in the browser."""
+    rows = explorer.run()
+    write_csv(out / "explorer.csv", rows)
+    lines = ["", "| explorer: from a key to the curve | least | median | the core alone |"]
+    lines += ["| --- | --- | --- | --- |"]
+    return lines + [
+        f"| {row['scene']} | {show_time(row['least'])} | {show_time(row['median'])} | "
+        f"{show_time(row['core'])} |"
+        for row in rows
+    ], {}
+
+
 def of_skips(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     """What each skip of a plan gains."""
     rows = skips.run()
@@ -381,6 +395,7 @@ PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "phases": (of_phases, 900),
     "peaks": (of_peaks, 300),
     "skips": (of_skips, 900),
+    "explorer": (of_explorer, 300),
 }
 
 

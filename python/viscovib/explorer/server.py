@@ -23,6 +23,23 @@ from viscovib.explorer.widgets import alert
 from viscovib.scene.scene import Scene
 
 _HERE = "127.0.0.1"
+#: Bokeh's handles of sliders have no names; readers of screens are told that of the field beside.
+_NAME_SLIDERS = """
+const nameSliders = (root) => {
+  for (const part of root.querySelectorAll('*')) {
+    if (!part.shadowRoot) continue
+    const handle = part.shadowRoot.querySelector('.noUi-handle')
+    if (handle) {
+      const beside = [part, ...part.parentNode.children].map(
+        (other) => other.shadowRoot?.querySelector('label, .bk-slider-title')?.textContent.trim()
+      ).find((text) => text)
+      handle.setAttribute('aria-label', beside || 'slider')
+    }
+    nameSliders(part.shadowRoot)
+  }
+}
+setInterval(() => nameSliders(document), 500)
+"""
 #: The page around it all; scripts and styles come from this server alone.
 _TEMPLATE = Template(
     """{% from macros import embed %}<!DOCTYPE html>
@@ -39,7 +56,8 @@ _TEMPLATE = Template(
   </style>
 </head>
 <body><main>{% for doc in docs %}{{ embed(doc) if doc.elementid }}{% for root in doc.roots %}
-{{ embed(root) }}{% endfor %}{% endfor %}</main>{{ plot_script }}</body>
+{{ embed(root) }}{% endfor %}{% endfor %}</main>{{ plot_script }}
+<script>{{ name_sliders }}</script></body>
 </html>"""
 )
 
@@ -80,6 +98,7 @@ def start(scene: Scene, keys: Sequence[str] | None = None, port: int = 0) -> tup
         query = [(key, value.decode()) for key, (value, *_) in arguments.items()]
         document.title = f"viscovib: {scene.path.name}"
         document.template = _TEMPLATE
+        document.template_variables["name_sliders"] = _NAME_SLIDERS
         try:
             page = page_of(scene, keys, query, document)
         except ViscovibError as error:
