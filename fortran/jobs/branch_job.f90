@@ -73,7 +73,7 @@ contains
     if (status%failed()) return
     varies = self%varies
     if (varies == 'load_factor') varies = 'load factor'
-    text = plan_along(varies, self%curve%start, self%curve%finish, &
+    text = subject%told()//plan_along(varies, self%curve%start, self%curve%finish, &
                       merge(0, size(plan%set%orders), plan%chosen), self%stability)//plan%rest &
            //plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_branch
@@ -117,7 +117,9 @@ contains
     call follow_branch(self, plan, subject%oscillator(), subject%load, branch, orders, highest, &
                        stability, crossings, status)
     if (status%failed()) return
-    if (size(self%wanted) < size(subject%coordinates)) then
+    if (subject%is_structure) then
+      call show_structure()
+    else if (size(self%wanted) < size(subject%coordinates)) then
       n = 2*size(orders)
       branch%x = branch%x([((n*(self%wanted(j) - 1) + i, i=1, n), j=1, size(self%wanted))], :)
     end if
@@ -129,6 +131,28 @@ contains
     report%summary = trim(curve_outcomes(branch%outcome))//', '//show(branch%n_points) &
                      //' points, '//show(branch%folds%n)//' folds'
     if (short > 0) report%summary = report%summary//', '//show(short)//' with too few harmonics'
+
+  contains
+
+    !> From deflections to the coordinates wanted.
+    subroutine show_structure()
+      complex(wp), allocatable :: motions(:, :, :)
+      real(wp), allocatable :: nu(:), factor(:)
+
+      n = branch%n_points
+      motions = reshape(cmplx(branch%x(1::2, :n), branch%x(2::2, :n), wp), &
+                        [size(orders), size(branch%x, 1)/(2*size(orders)), n])
+      nu = spread(self%nu, 1, n)
+      factor = spread(1.0_wp, 1, n)
+      if (self%varies == 'nu') nu = branch%parameter(:n)
+      if (self%varies == 'load_factor') factor = branch%parameter(:n)
+      call subject%show_motions(nu, factor, orders, self%wanted, .false., motions)
+      deallocate (branch%x)
+      allocate (branch%x(2*size(orders)*size(self%wanted), n))
+      branch%x(1::2, :) = reshape(real(motions), [size(orders)*size(self%wanted), n])
+      branch%x(2::2, :) = reshape(aimag(motions), [size(orders)*size(self%wanted), n])
+    end subroutine show_structure
+
   end subroutine run
 
   !> Follow the branch as planned.
@@ -198,7 +222,8 @@ contains
                             stability, branch%folds, branch%branch_points, crossings)
       end associate
     end if
-    call add_base_motion()
+    ! Of a structure its coordinates have it, not the deflections.
+    if (.not. system%condensed) call add_base_motion()
 
   contains
 

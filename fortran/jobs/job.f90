@@ -3,7 +3,7 @@
 !! The driver and the bindings know jobs by this alone. A new analysis extends `job_type` in a
 !! file of its own, and is named where scenes are read (`viscovib_scene_results`).
 module viscovib_job
-  use viscovib_status, only: status_type
+  use viscovib_status, only: show, status_type
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
   implicit none
@@ -79,6 +79,11 @@ contains
     integer :: i
 
     text = ''
+    i = size(subject%coordinates) - size(wanted)
+    if (subject%is_structure .and. i > 0) then
+      text = 'skips: '//what//' of '//show(i)//' other coordinates (not asked for)'//new_line('a')
+      return
+    end if
     do i = 1, size(subject%coordinates)
       if (all(wanted /= i)) text = text//', '//trim(subject%coordinates(i))
     end do

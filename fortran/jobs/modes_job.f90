@@ -5,6 +5,7 @@ module viscovib_modes_job
   use viscovib_kinds, only: wp
   use viscovib_oscillator_modes, only: oscillator_modes
   use viscovib_status, only: set_ok, show, status_type
+  use viscovib_structure_model, only: structure_modes
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
   implicit none
@@ -33,7 +34,7 @@ contains
     type(status_type), intent(out) :: status
 
     call set_ok(status)
-    text = 'computes: natural frequencies and shapes of '//show(size(subject%coordinates)) &
+    text = 'computes: natural frequencies and shapes of '//show(subject%n_modes()) &
            //' modes'//new_line('a')//'skips: damping, memory and loads (modes are those of the ' &
            //'system about rest without them)'//new_line('a') &
            //plan_unwanted('columns', subject, self%wanted)
@@ -45,13 +46,20 @@ contains
     class(table_sink), intent(inout) :: sink
     type(job_report), intent(out) :: report
     type(status_type), intent(out) :: status
-    real(wp) :: omega(size(subject%coordinates))
-    real(wp), target :: shapes(size(subject%coordinates), size(subject%coordinates))
+    real(wp), allocatable :: omega(:)
+    real(wp), allocatable, target :: shapes(:, :)
     type(table_type) :: table
     integer :: i, n
 
-    n = size(omega)
-    if (subject%is_pendulum) then
+    n = subject%n_modes()
+    allocate (omega(n), shapes(size(subject%coordinates), n))
+    if (subject%is_structure) then
+      call structure_modes(subject%model, omega, shapes, status)
+      if (status%failed()) return
+      call table%note('omega: circular frequency (rad/s), with the linear stiffness of elements, ' &
+                      //'negative where rest is unstable; frequency (Hz); shapes in the units of ' &
+                      //'the coordinates')
+    else if (subject%is_pendulum) then
       call subject%pendulum%natural_modes(omega, shapes)
       call set_ok(status)
       call table%note('omega: circular frequency (omega_1); shapes: z (L), phi (rad), psi (rad)')

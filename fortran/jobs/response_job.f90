@@ -43,7 +43,8 @@ contains
     text = ''
     call new_response_plan(plan, subject%oscillator(), subject%load, self%nu, self%method, &
                            self%options, status)
-    if (.not. status%failed()) text = plan%text//plan_unwanted('columns', subject, self%wanted)
+    if (.not. status%failed()) text = subject%told()//plan%text &
+                                       //plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_response
 
   subroutine run(self, subject, sink, report, status)
@@ -55,16 +56,15 @@ contains
     type(response_plan_type) :: plan
     type(response_type), target :: response
     type(table_type) :: table
-    integer :: found, short
+    integer :: found, i, short
 
     call new_response_plan(plan, subject%oscillator(), subject%load, self%nu, self%method, &
                            self%options, status)
     if (status%failed()) return
     call forced_response(plan, subject%oscillator(), subject%load, self%nu, response)
     found = count(response%outcome == outcome_converged)
-    if (size(self%wanted) < size(subject%coordinates)) then
-      response%coefficients = response%coefficients(:, self%wanted, :)
-    end if
+    call subject%show_motions(response%nu, [(1.0_wp, i=1, size(self%nu))], response%orders, &
+                              self%wanted, .true., response%coefficients)
     call tabulate_response(response, subject%coordinates(self%wanted), &
                            subject%units(self%wanted), table)
     call sink%put(this_kind(), table, status)

@@ -7,6 +7,8 @@ module viscovib_subject
   use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_status, only: show
+  use viscovib_structure, only: structure_type
+  use viscovib_structure_model, only: expand, structure_model
   use viscovib_tabulated, only: tabulated_unseen, unseen_integral
   implicit none
   private
@@ -15,13 +17,20 @@ module viscovib_subject
 
   !> Longest name of a coordinate or a unit.
   integer, parameter, public :: name_length = 16
+  !> Coordinates of a structure that are all shown if nothing else is said.
+  integer, parameter :: all_shown = 64
 
   type :: subject_type
-    !> A pendulum with loads of its own; else a mount or a polynomial system under `load`.
-    logical :: is_pendulum = .false., is_polynomial = .false.
+    !> A pendulum with loads of its own; else a mount, a polynomial system or a structure under
+    !! `load`.
+    logical :: is_pendulum = .false., is_polynomial = .false., is_structure = .false.
     type(pendulum_type) :: pendulum
     type(mount_type) :: mount
     type(polynomial_type) :: polynomial
+    !> A structure as it is written down, and condensed to the deflections of its elements: of these
+    !! is `load`.
+    type(structure_model) :: model
+    type(structure_type) :: structure
     type(load_type) :: load
     character(len=name_length), allocatable :: coordinates(:), units(:)
   contains
@@ -29,15 +38,21 @@ module viscovib_subject
     procedure :: base_direction
     procedure :: remembers
     procedure :: warnings
+    procedure :: told
+    procedure :: show_motions
+    procedure :: shown
+    procedure :: n_modes
   end type subject_type
 
 contains
 
-  !> The mount or the polynomial system.
+  !> The mount, the polynomial system, or the condensed structure.
   function oscillator(self)
     class(subject_type), intent(in), target :: self
     class(oscillator_type), pointer :: oscillator
-    if (self%is_polynomial) then
+    if (self%is_structure) then
+      oscillator => self%structure
+    else if (self%is_polynomial) then
       oscillator => self%polynomial
     else
       oscillator => self%mount
@@ -48,7 +63,9 @@ contains
   pure function base_direction(self)
     class(subject_type), intent(in) :: self
     real(wp), allocatable :: base_direction(:)
-    if (self%is_polynomial) then
+    if (self%is_structure) then
+      base_direction = self%model%base_direction
+    else if (self%is_polynomial) then
       base_direction = self%polynomial%base_direction
     else
       base_direction = self%mount%base_direction
@@ -62,6 +79,70 @@ contains
     if (self%is_polynomial) remembers = any(self%polynomial%kernel_of > 0) &
                                         .or. self%polynomial%n_silent > 0
   end function remembers
+
+  !> What was condensed, a line of a plan; nothing where nothing was.
+  function told(self) result(text)
+    class(subject_type), intent(in) :: self
+    character(len=:), allocatable :: text
+    text = ''
+    if (self%is_structure) text = self%model%told()
+  end function told
+
+  !> Harmonics of the coordinates wanted, shape (n_orders, n_wanted, n), from those of what was
+  !! solved for, shape (n_orders, n_dof, n).
+  subroutine show_motions(self, nu, factor, orders, wanted, absolute, motions)
+    class(subject_type), intent(in) :: self
+    !> Frequency, and factor of the load, of each motion.
+    real(wp), intent(in) :: nu(:), factor(:)
+    integer, intent(in) :: orders(:), wanted(:)
+    !> Whether what was solved for is told with what the base moves.
+    logical, intent(in) :: absolute
+    complex(wp), allocatable, intent(inout) :: motions(:, :, :)
+    complex(wp) :: y(size(motions, 1), size(motions, 2))
+    complex(wp), allocatable :: shown(:, :, :)
+    integer :: d, i, j, k
+
+    if (.not. self%is_structure) then
+      if (size(wanted) < size(motions, 2)) motions = motions(:, wanted, :)
+      return
+    end if
+    allocate (shown(size(motions, 1), size(wanted), size(motions, 3)))
+    do i = 1, size(motions, 3)
+      y = motions(:, :, i)
+      if (absolute) then
+        do j = 1, size(self%load%orders)
+          k = findloc(orders, self%load%orders(j), 1)
+          if (k == 0) cycle
+          do d = 1, size(y, 2)
+            y(k, d) = y(k, d) - factor(i)*self%structure%base_direction(d)*self%load%base(j)
+          end do
+        end do
+      end if
+      call expand(self%model, self%structure, nu(i), factor(i), orders, y, wanted, shown(:, :, i))
+    end do
+    call move_alloc(shown, motions)
+  end subroutine show_motions
+
+  pure integer function n_modes(self)
+    class(subject_type), intent(in) :: self
+    n_modes = size(self%coordinates)
+    if (self%is_structure) n_modes = size(self%model%mass, 1)
+  end function n_modes
+
+  !> Coordinates that tables have if nothing else is said: of many in a structure those at which
+  !! loads and elements act.
+  pure function shown(self)
+    class(subject_type), intent(in) :: self
+    logical, allocatable :: shown(:)
+    integer :: i
+    allocate (shown(size(self%coordinates)), source=.true.)
+    if (.not. self%is_structure .or. size(shown) <= all_shown) return
+    shown = any(abs(self%model%load%force) > 0.0_wp, 2)
+    do i = 1, size(self%model%elements)
+      shown = shown .or. abs(self%model%elements(i)%direction) > 0.0_wp
+    end do
+    if (.not. any(shown)) shown(1) = .true.
+  end function shown
 
   !> A line for each kernel in use whose integral is not between 0 and 1, or not known.
   function warnings(self) result(text)

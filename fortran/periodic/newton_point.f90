@@ -118,6 +118,8 @@ contains
                       to_rounding)
     direct = outcome
     if (outcome == outcome_converged .or. size(load%orders) == 0) return
+    ! Nothing leads to no load.
+    if (.not. abs(balance%load_factor) > 0.0_wp) return
     call new_oscillator_curve(curve, system, load, balance%set, vary_load)
     call curve%balance%set_frequency(system, load, balance%nu)
     call follow_curve(curve, curve_options(0.0_wp, balance%load_factor, 1.0e-8_wp, &

@@ -3,6 +3,7 @@ module viscovib_scene
   use viscovib_group_reader, only: group_reader
   use viscovib_job, only: job_type
   use viscovib_kernel_groups, only: read_kernels
+  use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_loads
   use viscovib_mount, only: mount_parameters
   use viscovib_mount_groups, only: read_mount
@@ -12,6 +13,8 @@ module viscovib_scene
   use viscovib_scene_groups, only: check_groups, place_of
   use viscovib_scene_results, only: read_result
   use viscovib_status, only: show, status_type
+  use viscovib_structure_groups, only: read_structure
+  use viscovib_structure_model, only: put_load
   use viscovib_subject, only: name_length, subject_type
   use viscovib_sweep_groups, only: read_sweep
   use viscovib_system_groups, only: read_system
@@ -66,6 +69,7 @@ contains
     type(group_reader) :: reader
     type(kernel_holder) :: kernels(2)
     type(mount_parameters) :: parameters
+    type(load_type) :: load
 
     if (subject%is_pendulum) then
       subject%coordinates = [character(len=name_length) :: 'z', 'phi', 'psi']
@@ -76,7 +80,11 @@ contains
       return
     end if
     subject%is_polynomial = place_of(file, 'system') <= size(file%groups)
-    if (subject%is_polynomial) then
+    subject%is_structure = place_of(file, 'structure') <= size(file%groups)
+    if (subject%is_structure) then
+      call read_structure(file, subject%model, subject%structure, subject%coordinates, &
+                          subject%units, canonical, status)
+    else if (subject%is_polynomial) then
       call read_system(file, subject%polynomial, subject%coordinates, subject%units, canonical, &
                        status)
     else
@@ -89,8 +97,13 @@ contains
       call reader%close(canonical, status)
     end if
     if (status%failed()) return
-    call read_loads(file, subject%coordinates, subject%base_direction(), subject%load, canonical, &
-                    status)
+    call read_loads(file, subject%coordinates, subject%base_direction(), load, canonical, status)
+    if (.not. subject%is_structure .or. status%failed()) then
+      subject%load = load
+      return
+    end if
+    call put_load(subject%model, load, subject%structure, subject%load, status)
+    if (status%failed()) status%message = file%path//': '//status%message
   end subroutine read_subject
 
   subroutine read_title(file, scene, status)

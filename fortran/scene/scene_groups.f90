@@ -23,12 +23,15 @@ module viscovib_scene_groups
                                                 result_name('transient', .true., .false.)]
 
   !> Other groups: those of a mount or a system of one's own, and those of any scene.
-  character(len=*), parameter :: oscillator_groups(6) = &
-    [character(len=15) :: 'mount', 'system', 'spring', 'force', 'kernel', 'load'], &
+  character(len=*), parameter :: oscillator_groups(8) = &
+    [character(len=15) :: 'mount', 'system', 'spring', 'force', 'structure', 'element', 'kernel', &
+     'load'], &
                                  other_groups(4) = &
     [character(len=15) :: 'scene', 'pendulum', 'spectrum', 'sweep'], &
-                                 repeatable(5) = &
-    [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'sweep']
+                                 repeatable(6) = &
+    [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'sweep'], &
+                                 of_structures(3) = &
+    [character(len=15) :: 'response', 'branch', 'modes']
 
 contains
 
@@ -46,7 +49,8 @@ contains
       call check_group(file, i, is_pendulum, is_polynomial, status)
       if (status%failed()) return
     end do
-    if (.not. (is_pendulum .or. is_polynomial .or. has(file, 'mount'))) then
+    if (.not. (is_pendulum .or. is_polynomial .or. has(file, 'mount') &
+               .or. has(file, 'structure'))) then
       if (has(file, 'transient')) then
         call refuse(file, 'transient', '&transient: needs &mount, &system or &pendulum', status)
       else
@@ -81,6 +85,15 @@ contains
                      status)
     else if (name == 'mount' .and. is_polynomial) then
       call refuse_at(file, i, '&mount: this scene has &system already, give one of them', status)
+    else if (name == 'structure' .and. (is_polynomial .or. has(file, 'mount'))) then
+      call refuse_at(file, i, '&structure: this scene has &mount or &system already, give one of ' &
+                     //'them', status)
+    else if (has(file, 'structure') .and. any(results%name == name) &
+             .and. .not. any(of_structures == name)) then
+      call refuse_at(file, i, '&'//name//': of a &structure it is computed by Python ' &
+                     //'(Scene.structure), here are '//listed(of_structures), status)
+    else if (name == 'element' .and. .not. has(file, 'structure')) then
+      call refuse_at(file, i, '&element: needs &structure', status)
     else if (any(['spring', 'force '] == name) .and. .not. is_polynomial) then
       call refuse_at(file, i, '&'//name//': needs &system', status)
     else if (name == 'spectrum' .and. .not. has(file, 'transient')) then
@@ -154,8 +167,8 @@ contains
     character(len=*), intent(in) :: name
     type(status_type), intent(inout) :: status
     call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
-              //'needs &mount, &system or &pendulum, a wanted result ('//wanted(.false.) &
-              //') and, for a mount or a system, &load with most of them')
+              //'needs &mount, &system, &structure or &pendulum, a wanted result (' &
+              //wanted(.false.)//') and, for all but a pendulum, &load with most of them')
   end subroutine refuse_lack
 
   subroutine refuse(file, name, why, status)

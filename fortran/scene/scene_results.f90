@@ -60,7 +60,7 @@ contains
     case default
       call read_motion_job(reader, subject, job)
     end select
-    call read_wanted(reader, subject%coordinates, job%wanted)
+    call read_wanted(reader, subject%coordinates, job%wanted, subject%shown())
     call reader%close(canonical, status)
     if (status%failed()) return
     n = place_of(file, 'spectrum')

@@ -1,5 +1,6 @@
 !> The groups of a scene that make up a polynomial system: &system, &spring, &force.
 module viscovib_system_groups
+  use viscovib_coordinate_names, only: read_coordinates, read_kernel_place, read_units
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_kernel_groups, only: read_system_kernels
@@ -95,30 +96,11 @@ contains
     !> &spring groups to come.
     integer, intent(in) :: n_springs, n_kernels
     character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
-    integer :: i, j, n
+    integer :: i, n
 
-    coordinates = reader%read_words('coordinates', name_length, max_coordinates)
+    call read_coordinates(reader, max_coordinates, coordinates)
     n = size(coordinates)
-    ! As all words of a scene, small and capital letters are the same.
-    do i = 1, n
-      coordinates(i) = lower(coordinates(i))
-      if (.not. is_name(trim(coordinates(i)))) then
-        call reader%complain('coordinates', "coordinates: '"//trim(coordinates(i)) &
-                             //"' must be letters, digits and _, not begin with a digit, nor be " &
-                             //'t or end in _dot')
-      end if
-      do j = 1, i - 1
-        if (coordinates(i) == coordinates(j)) then
-          call reader%complain('coordinates', "coordinates: '"//trim(coordinates(i)) &
-                               //"' is there twice: must differ")
-        end if
-      end do
-    end do
-    units = reader%read_words('units', name_length, max_coordinates, &
-                              [(repeat('m', 1), i=1, n)])
-    if (size(units) /= n) call reader%complain('units', 'units: '//show(size(units)) &
-                                               //' texts, must be '//show(n) &
-                                               //', one a coordinate')
+    call read_units(reader, n, units)
     if (reader%status%failed()) return
     if (n_springs >= max_stiffness/n**2) then
       call fail(reader%status, status_input_error, 'spring', reader%path//': '//show(n_springs) &
@@ -133,15 +115,6 @@ contains
     p%spring_kernel(1) = read_kernel_place(reader, n_kernels)
     p%base_direction = reader%read_reals('base_direction', n, [(0.0_wp, i=1, n)])
   end subroutine read_body
-
-  pure logical function is_name(text)
-    character(len=*), intent(in) :: text
-    character(len=*), parameter :: letters = &
-      'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
-    is_name = len(text) > 0 .and. verify(text, letters//'0123456789') == 0
-    if (is_name) is_name = scan(text(1:1), letters) > 0 .and. text /= 't' &
-                           .and. index(text//' ', '_dot ') == 0
-  end function is_name
 
   !> One force: a law such as 0.5*(x1 - x2)^3, or coefficient and powers of one
   !! monomial. The canonical text has monomials only.
@@ -331,17 +304,5 @@ contains
                            //' (a diagonal) or '//show(n*n)//' (row by row)')
     end if
   end function read_matrix
-
-  !> Which &kernel acts, counted from 1; 0: none.
-  integer function read_kernel_place(reader, n_kernels) result(place)
-    type(group_reader), intent(inout) :: reader
-    integer, intent(in) :: n_kernels
-    place = reader%read_integer('kernel', min(n_kernels, 1))
-    if (place < 0 .or. place > n_kernels) then
-      call reader%complain('kernel', 'kernel = '//show(place)//': must be 0 (none) to ' &
-                           //show(n_kernels)//', the place of a &kernel group')
-      place = 0
-    end if
-  end function read_kernel_place
 
 end module viscovib_system_groups

@@ -13,17 +13,23 @@ module viscovib_wanted_coordinates
 contains
 
   !> Places of the coordinates wanted, ascending; all by default.
-  subroutine read_wanted(reader, names, wanted)
+  subroutine read_wanted(reader, names, wanted, default)
     type(group_reader), intent(inout) :: reader
     !> All coordinates.
     character(len=*), intent(in) :: names(:)
     integer, allocatable, intent(out) :: wanted(:)
+    !> Which of them if the key is absent; all without this.
+    logical, intent(in), optional :: default(:)
     character(len=len(names)), allocatable :: words(:)
     logical :: named(size(names))
     integer :: i, j
 
     allocate (words(0))
-    words = reader%read_words('coordinates', len(names), most, names)
+    if (present(default)) then
+      words = reader%read_words('coordinates', len(names), most, pack(names, default))
+    else
+      words = reader%read_words('coordinates', len(names), most, names)
+    end if
     named = .false.
     do i = 1, size(words)
       j = findloc(names, lower(words(i)), 1)

@@ -52,6 +52,23 @@ SEEDS = {
 &load on='x1' amplitude=0.3 /
 &response nu_min=0.3 nu_max=2 nu_count=5 harmonics=3 /
 """,
+    "structure": """&structure size=3 mass=1 1 1 stiffness=2 -1 0 -1 2 -1 0 -1 2 rayleigh=0.02 0.01
+  shapes=1 0 0 0 0 1 /
+&kernel kind='prony' weights=0.3 rates=1.5 /
+&element on='x1' 'x2' weights=1 -1 stiffness=0.4 law='0.5*d^3' kernel=1 /
+&element on='x2' damping=0.1 law='tanh(d)' kernel=0 /
+&load on='x1' amplitude=0.2 /
+&branch nu_from=0.6 nu_to=0.9 harmonics=3 max_points=40 /
+""",
+    "structure_modes": """&structure mass=1 2 stiffness=2 3 base_direction=1 1 units='m' 'm'
+  coordinates='x' 'y' modal_damping=0.1 /
+&modes coordinates='x' /
+""",
+    "structure_response": """&structure mass=1 2 stiffness=2 3 loss_factor=0.1 /
+&element on='x1' law='d^3' /
+&load amplitude=0.1 /
+&response nu=1 2 method='newton' harmonics=3 stability='yes' /
+""",
     "mount_motion": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &kernel kind='rabotnov' amplitude=0.05 alpha=0.3 beta=1 /
 &transient held=0.1 0 t_end=5 dt=0.1 /

@@ -217,10 +217,10 @@ def mutated(rng: random.Random, seed: Scene, grammar: Grammar) -> Scene:
 
 def grown(rng: random.Random, grammar: Grammar) -> Scene:
     """Groups and keys at random, most of them from scenes that hold the group."""
-    system = rng.choice(["mount", "system", "pendulum"])
+    system = rng.choice(["mount", "system", "structure", "pendulum"])
     results = ["response", "branch", "backbone", "transient", "multiple_scales"]
     wanted = [system, rng.choice(results)]
-    for name in ("kernel", "load", "spring", "force", "spectrum", "scene", "sweep"):
+    for name in ("kernel", "load", "spring", "force", "element", "spectrum", "scene", "sweep"):
         wanted += [name] * (rng.random() < 0.4) * rng.randint(1, 2)
     scene: Scene = []
     for name in wanted:

@@ -6,7 +6,7 @@ from referee.case import Case, Claim, even, few
 
 JUDGES = (
     "Scene", "Scene.read", "Scene.override", "Scene.is_pendulum", "Scene.pendulum",
-    "Scene.oscillator", "Scene.polynomial_system", "Scene.mount", "Scene.loads", "Scene.nu",
+    "Scene.oscillator", "Scene.polynomial_system", "Scene.structure", "Scene.mount", "Scene.loads", "Scene.nu",
     "Scene.sweep_grid", "SceneResult", "SceneResult.kind", "SceneResult.response",
     "SceneResult.branch", "SceneResult.backbone", "SceneResult.sweep", "SceneResult.steady",
     "SceneResult.trajectory", "SceneResult.to_csv", "SceneResult.plan", "run", "plan",
@@ -196,6 +196,57 @@ for mass in grid:
     return Case(call, judge)
 
 
+def _structure(rng, index):
+    """A chain with elements: the driver's own condensation against the whole equations."""
+    n = 3 + index % 4
+    mass = [even(rng, 0.5, 2, 2) for _ in range(n)]
+    springs = [even(rng, 0.5, 2, 2) for _ in range(n + 1)]
+    k = np.diag(springs[:-1]) + np.diag(springs[1:])
+    k -= np.diag(springs[1:-1], 1) + np.diag(springs[1:-1], -1)
+    # Dampers in some of the masses couple the modes.
+    c = np.diag([few(rng, 0.02, 0.2, 2) for _ in range(n)]) if index % 3 else 0.02 * k
+    kept, cubic, size = even(rng, 0.2, 2, 2), few(rng, 0.1, 2, 2), few(rng, 0.05, 0.5, 2)
+    mean = few(rng, 0.02, 0.2, 1) if index % 2 else 0.0
+    numbers = [" ".join(map(repr, map(float, m.ravel()))) for m in (k, c)]
+    text = (
+        f"&structure size = {n}, mass = {' '.join(map(str, mass))},\n stiffness = {numbers[0]},\n"
+        f" damping = {numbers[1]} /\n&kernel kind = 'prony', weights = 0.3, rates = 1.5 /\n"
+        f"&element on = 'x{n}', stiffness = {kept}, law = '{cubic}*d^3', kernel = 1 /\n"
+        f"&element on = 'x{n}', 'x2', law = '0.3*d^2 + 0.2*d', kernel = 0 /\n"
+        f"&load on = 'x1', amplitude = {size} /\n&load on = 'x2', order = 0, amplitude = {mean} /\n"
+        "&response nu = 0.3, 0.8, 1.4, 2.1, method = 'newton', harmonics = 4 /\n"
+    )
+    names = [f"x{i + 1}" for i in range(n)]
+    call = f"""text = {text!r}
+{_BEGIN}
+mass, stiffness, damping = np.array({mass}), np.array({k.tolist()}), np.array({c.tolist()})
+e, tip = np.zeros({n}), np.zeros({n})
+tip[-1] = 1
+e[-1] += 1
+e[1] -= 1
+springs = [
+    vv.Springs(stiffness=stiffness + 0.2 * np.outer(e, e)),
+    vv.Springs(forces={{"x{n}": "0.3*(x{n} - x2)^2", "x2": "-0.3*(x{n} - x2)^2"}}),
+    vv.Springs(stiffness={kept} * np.outer(tip, tip), forces={{"x{n}": "{cubic}*x{n}^3"}},
+        kernel=vv.PronyKernel(weights=[0.3], rates=[1.5])),
+]
+whole = vv.PolynomialSystem(mass=mass, damping=damping, springs=springs, names={names})
+direct = vv.forced_response(whole, [0.3, 0.8, 1.4, 2.1], method="newton", harmonics=4,
+    load={{0: 1j * {mean} * np.eye({n})[1], 1: {size} * np.eye({n})[0]}})
+got = np.array([[table[f"{{name}}_{{k}}_re"] + 1j * table[f"{{name}}_{{k}}_im"] for k in range(5)] for name in {names}])
+true = np.moveaxis(direct.coefficients, 0, 2)
+same = scene.structure().deflections
+{_END}"""
+
+    def judge(names, told):
+        yield Claim("kind", names["kind"], "response")
+        true, got = np.nan_to_num(names["true"]), np.nan_to_num(names["got"])
+        yield Claim("structure", got, true, 1e-8, damage=1e-3)
+        yield Claim("deflections", len(names["same"]), 2 if n > 2 else 1)
+
+    return Case(call, judge)
+
+
 def _command(rng, index):
     """The driver and the command: the same table, the same exit status."""
     size = few(rng, 0.01, 3, 2)
@@ -259,5 +310,7 @@ def case(rng, index):
     """Draw a scene."""
     if index % 23 == 22:
         return _command(rng, index // 23)
+    if index % 7 == 6:
+        return _structure(rng, index // 7)
     kinds = (_response, _branch, _backbone, _motion, _steady, _sweep)
     return kinds[index % 6](rng, index // 6)

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 #: Groups of a scene that ask for nothing.
 _SUBJECTS = (
-    "scene", "mount", "system", "pendulum", "kernel", "spring", "force", "load", "sweep",
+    "scene", "mount", "system", "pendulum", "kernel", "spring", "force", "structure", "element",
+    "load", "sweep",
 )  # fmt: skip
 
 
@@ -42,7 +43,8 @@ class SceneResult:
 
     Response or branch of a mount; motion of a pendulum and its spectra, or a branch of its motions
     and those that leave it, ``switched``; free motions (of a pendulum with families that leave
-    them) or steady motions of either; a table of a sweep.
+    them) or steady motions of either; a table of a sweep. Of a structure a table: `Scene.structure`
+    gives the structure itself, for all else that Python does with it.
 
     Examples
     --------
@@ -142,6 +144,8 @@ class SceneResult:
 def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     """Compute what a scene without &sweep asks for."""
     planned = plan(scene)
+    if "structure" in scene.groups:
+        return _by_core(scene, planned)
     if "multiple_scales" in scene.groups:
         return SceneResult(scene, replace(scene._steady(), plan=planned))
     if "transient" in scene.groups:
@@ -158,10 +162,15 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     if "branch" in scene.groups:
         return SceneResult(scene, replace(trace_response(**scene._branch()), plan=planned))
     if "response" not in scene.groups:
-        kind = next(name for name in scene.groups if name not in _SUBJECTS)
-        return SceneResult(scene, run_table(scene, kind, planned))
+        return _by_core(scene, planned)
     response = forced_response(**scene._job(), progress=progress)
     return SceneResult(scene, replace(response, plan=planned))
+
+
+def _by_core(scene: Scene, planned: Plan) -> SceneResult:
+    """Let the core do all of it: the table of the standalone driver, read back."""
+    kind = next(name for name in scene.groups if name not in _SUBJECTS and scene.groups[name])
+    return SceneResult(scene, run_table(scene, kind, planned))
 
 
 def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:

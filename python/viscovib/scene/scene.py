@@ -35,11 +35,13 @@ from viscovib.kernels.relaxation import (
 from viscovib.kernels.tabulated import TabulatedKernel
 from viscovib.results.scales import ScalesResponse
 from viscovib.scene.keys import groups_of, namelist_text, with_key
+from viscovib.systems.elements import Spring
 from viscovib.systems.mount import Mount
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.spring_groups import Monomial, Springs
+from viscovib.systems.structure import Structure
 
 _KERNELS: dict[str, type[Kernel]] = {
     "rzhanitsyn": RzhanitsynKernel,
@@ -49,7 +51,7 @@ _KERNELS: dict[str, type[Kernel]] = {
     "tabulated": TabulatedKernel,
 }
 #: Groups that a scene may have any number of.
-_REPEATABLE = ("kernel", "load", "spring", "force", "sweep")
+_REPEATABLE = ("kernel", "load", "spring", "force", "element", "sweep")
 _LISTS = ("weights", "rates", "times", "values")
 
 #: Keys of a pendulum's &branch that `trace_response` has under the same names.
@@ -184,6 +186,56 @@ class Scene:
             base_direction=direction if direction.any() else None,
         )
 
+    def structure(self) -> Structure:
+        """Build the structure, with its elements.
+
+        A scene with ``shapes`` (a reduced structure, as `Structure.write` writes it) has them in
+        terms of its modes, "q1", "q2", ...: its named coordinates are ``shapes`` times these.
+        """
+        given = self._group("structure")
+        names, shapes = self._names(), self._shapes()
+        n = len(names) if shapes is None else shapes.shape[1]
+        kernels: list[Kernel | None] = [None, *(_kernel(group) for group in self.groups["kernel"])]
+        elements = []
+        for group in self.groups["element"]:
+            e = np.zeros(len(names))
+            weights = np.atleast_1d(group["weights"])
+            for name, weight in zip(texts(group["on"]), weights, strict=True):
+                e[names.index(name.lower())] += weight
+            elements.append(
+                Spring(
+                    on=e if shapes is None else shapes.T @ e,
+                    stiffness=group["stiffness"],
+                    damping=group["damping"],
+                    law=None if group["law"] == "0" else group["law"].lower(),
+                    kernel=kernels[group["kernel"]],
+                )
+            )
+        ratios = np.asarray(given["modal_damping"])
+        more: dict[str, Any] = {"names": names, "units": texts(given["units"])}
+        if shapes is not None:
+            more = {"names": [f"q{i + 1}" for i in range(n)]}
+        elif np.any(given["base_direction"]):
+            more["base_direction"] = np.atleast_1d(given["base_direction"])
+        rayleigh = (float(given["rayleigh"][0]), float(given["rayleigh"][1]))
+        return Structure(
+            mass=_matrix(given["mass"], n),
+            stiffness=_matrix(given["stiffness"], n),
+            damping=_matrix(given["damping"], n),
+            modal_damping=ratios if ratios.any() else None,
+            rayleigh=rayleigh if any(rayleigh) else None,
+            loss_factor=given["loss_factor"],
+            elements=elements,
+            **more,
+        )
+
+    def _shapes(self) -> FloatArray | None:
+        """Named coordinates of a reduced structure in terms of its modes."""
+        given = self.groups.get("structure", {})
+        if "shapes" not in given:
+            return None
+        return np.reshape(np.asarray(given["shapes"], dtype=float), (len(self._names()), -1))
+
     def mount(self) -> Mount:
         """Build the mount."""
         given = dict(self._group("mount"))
@@ -199,7 +251,7 @@ class Scene:
         """Fourier series of force and base motion, as `forced_response` takes them."""
         force: dict[int, Any] = {}
         base: dict[int, Any] = {}
-        names = self._names()
+        names, shapes = self._names(), self._shapes()
         for group in self.groups["load"]:
             order, phase = group["order"], group.get("phase", 0.0)
             term = group["amplitude"] * complex(math.cos(phase), math.sin(phase))
@@ -209,7 +261,8 @@ class Scene:
                 base[order] = base.get(order, 0.0) + term
             else:
                 where = np.array([group["on"] == name for name in names])
-                force[order] = force.get(order, 0.0) + where * term
+                on = where if shapes is None else shapes.T @ where
+                force[order] = force.get(order, 0.0) + on * term
         return {"load": force, "base": base}
 
     def nu(self) -> FloatArray:
@@ -241,8 +294,9 @@ class Scene:
         return grid
 
     def _names(self) -> tuple[str, ...]:
-        if "system" in self.groups:
-            return texts(self.groups["system"]["coordinates"])
+        for name in ("system", "structure"):
+            if name in self.groups:
+                return texts(self.groups[name]["coordinates"])
         return ("z", "phi", "psi") if self.is_pendulum else ("x", "phi")
 
     def _group(self, name: str) -> Mapping[str, Any]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -49,7 +49,7 @@ class TableResult(Result):
     """
 
     kind: str  # type: ignore[misc]
-    columns: dict[str, npt.NDArray[np.float64]]
+    columns: dict[str, npt.NDArray[Any]]
     notes: tuple[str, ...]
     plan: Plan
     complete: bool
@@ -61,13 +61,17 @@ class TableResult(Result):
     def _scope(self) -> list[str]:
         return list(self.notes)
 
+    def _of_numbers(self) -> dict[str, npt.NDArray[Any]]:
+        """Columns but those of words."""
+        return {name: v for name, v in self.columns.items() if v.dtype.kind in "if"}
+
     def numbers(self) -> dict[str, Number]:
         """Every column, in its first row."""
-        return {name: Number(values[0]) for name, values in self.columns.items()}
+        return {name: Number(values[0]) for name, values in self._of_numbers().items()}
 
     def panels(self) -> list[Panel]:
         """Each column over the first."""
-        (first, x), *others = self.columns.items()
+        (first, x), *others = self._of_numbers().items()
         return [Panel(x, values, first, name, "1") for name, values in others]
 
     def to_dataset(self) -> xr.Dataset:
@@ -110,6 +114,10 @@ def run_table(scene: Scene, kind: str, plan: Plan) -> TableResult:
     )
 
 
-def _numbers(cells: tuple[str, ...]) -> npt.NDArray[np.float64]:
+def _numbers(cells: tuple[str, ...]) -> npt.NDArray[Any]:
+    """Cells of a column as numbers, or as the words they are."""
     whole = all(cell.lstrip("-").isdigit() for cell in cells)
-    return np.array(list(map(int, cells)) if whole else list(map(float, cells)))
+    try:
+        return np.array(list(map(int, cells)) if whole else list(map(float, cells)))
+    except ValueError:
+        return np.array(cells)

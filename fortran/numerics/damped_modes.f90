@@ -1,0 +1,138 @@
+!> All modes of M u'' + C u' + K u = 0 with a damping that couples those without.
+!!
+!!   (M s^2 + C s + K)^-1 = sum_l left_l right_l^T/(s - poles_l),
+!!   left_l = x,  right_l = y/(y^T Q'(s) x)
+!!
+!! with right and left vectors x and y of Q(s) = M s^2 + C s + K at each simple pole (Tisseur and
+!! Meerbergen, The quadratic eigenvalue problem, SIAM Rev. 43 (2001) 235). Poles are eigenvalues of
+!! the companion matrix, corrected by Newton's method; the vectors are the largest column and row of
+!! Q^-1 beside a pole.
+module viscovib_damped_modes
+  use viscovib_dense, only: factorize, invert, solve
+  use viscovib_eigenvalues, only: eigenvalues
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: find_damped_modes
+
+  !> How far beside a pole, in units of rounding, and passes that correct it.
+  real(wp), parameter :: beside = 8.0_wp*epsilon(1.0_wp)
+  integer, parameter :: passes = 3
+  !> What the sums over all modes may miss of M^-1 and of 0.
+  real(wp), parameter :: missed = 1.0e-7_wp
+
+contains
+
+  pure subroutine find_damped_modes(mass, damping, stiffness, poles, left, right, found)
+    !> Shape (n, n); the mass is not singular.
+    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
+    !> Shapes (2 n) and (n, 2 n); conjugates side by side.
+    complex(wp), intent(out) :: poles(:), left(:, :), right(:, :)
+    !> False of poles that coincide and have no vectors of their own: no such sum was found.
+    logical, intent(out) :: found
+    real(wp) :: companion(size(poles), size(poles)), inverse(size(mass, 1), size(mass, 1))
+    real(wp) :: factors(size(mass, 1), size(mass, 1))
+    integer :: pivots(size(mass, 1)), i, n
+    logical :: singular
+
+    n = size(mass, 1)
+    left = (0.0_wp, 0.0_wp)
+    right = (0.0_wp, 0.0_wp)
+    factors = mass
+    call factorize(n, factors, pivots, singular)
+    found = .not. singular
+    poles = (0.0_wp, 0.0_wp)
+    if (singular) return
+    companion = 0.0_wp
+    inverse = 0.0_wp
+    do i = 1, n
+      inverse(i, i) = 1.0_wp
+      companion(i, n + i) = 1.0_wp
+      call solve(n, factors, pivots, inverse(:, i))
+    end do
+    companion(n + 1:, :n) = -matmul(inverse, stiffness)
+    companion(n + 1:, n + 1:) = -matmul(inverse, damping)
+    call eigenvalues(companion, poles, found)
+    if (.not. found) return
+    i = 1
+    do while (i <= 2*n)
+      call find_vectors(mass, damping, stiffness, maxval(abs(poles)), poles(i), left(:, i), &
+                        right(:, i), found)
+      if (.not. found) return
+      if (abs(aimag(poles(i))) > 0.0_wp .and. i < 2*n) then
+        poles(i + 1) = conjg(poles(i))
+        left(:, i + 1) = conjg(left(:, i))
+        right(:, i + 1) = conjg(right(:, i))
+        i = i + 1
+      end if
+      i = i + 1
+    end do
+    call check_sums(inverse, poles, left, right, found)
+  end subroutine find_damped_modes
+
+  pure subroutine find_vectors(mass, damping, stiffness, largest, pole, x, y, found)
+    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :), largest
+    complex(wp), intent(inout) :: pole
+    complex(wp), intent(out) :: x(:), y(:)
+    logical, intent(out) :: found
+    complex(wp), dimension(size(x), size(x)) :: q, inverse
+    complex(wp) :: slope, s
+    real(wp) :: off
+    integer :: pass
+    logical :: singular, real_pole
+
+    real_pole = .not. abs(aimag(pole)) > 0.0_wp
+    x = (0.0_wp, 0.0_wp)
+    y = (0.0_wp, 0.0_wp)
+    do pass = 1, passes
+      off = beside*max(abs(pole), epsilon(1.0_wp)*largest)
+      do
+        s = pole + off
+        q = mass*s**2 + damping*s + stiffness
+        call invert(q, inverse, singular)
+        found = .not. singular
+        if (found) found = maxval(abs(inverse)) <= huge(1.0_wp)
+        if (found .or. off > 1.0e-6_wp*largest) exit
+        off = 16.0_wp*off
+      end do
+      if (.not. found) return
+      x = inverse(:, maxloc(maxval(abs(inverse), 1), 1))
+      x = x/maxval(abs(x))
+      y = inverse(maxloc(maxval(abs(inverse), 2), 1), :)
+      y = y/maxval(abs(y))
+      slope = sum(y*matmul(2.0_wp*s*mass + damping, x))
+      found = abs(slope) > 0.0_wp
+      if (.not. found) return
+      if (pass == passes) exit
+      q = mass*pole**2 + damping*pole + stiffness
+      pole = pole - sum(y*matmul(q, x))/slope
+      if (real_pole) pole = real(pole)
+    end do
+    y = y/slope
+    if (real_pole) then
+      x = real(x)
+      y = real(y)
+    end if
+  end subroutine find_vectors
+
+  !> Far out s^2 Q^-1 is M^-1: sum left right^T = 0 and sum poles left right^T = M^-1.
+  pure subroutine check_sums(inverse, poles, left, right, found)
+    real(wp), intent(in) :: inverse(:, :)
+    complex(wp), intent(in) :: poles(:), left(:, :), right(:, :)
+    logical, intent(out) :: found
+    complex(wp) :: weighed(size(left, 1), size(left, 2))
+    real(wp) :: sizes(size(inverse, 1), size(inverse, 1)), largest
+    integer :: i
+
+    largest = maxval(abs(inverse))
+    do i = 1, size(poles)
+      weighed(:, i) = left(:, i)*poles(i)
+    end do
+    sizes = abs(matmul(weighed, transpose(right)) - inverse)
+    found = maxval(sizes) <= missed*largest
+    sizes = abs(matmul(left, transpose(right)))
+    found = found .and. maxval(sizes)*maxval(abs(poles)) <= missed*largest
+  end subroutine check_sums
+
+end module viscovib_damped_modes

@@ -1,0 +1,442 @@
+!> The groups of a scene that make up a structure: &structure, &element.
+module viscovib_structure_groups
+  use viscovib_coordinate_names, only: read_coordinates, read_kernel_place, read_units
+  use viscovib_dense, only: factorize
+  use viscovib_group_reader, only: group_reader
+  use viscovib_growing_text, only: growing_text
+  use viscovib_kernel_groups, only: read_system_kernels
+  use viscovib_kinds, only: wp
+  use viscovib_law_term, only: about_rest
+  use viscovib_law_text, only: compile_law
+  use viscovib_matrix_market, only: read_matrix_market
+  use viscovib_namelist, only: lower, namelist_type
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_polynomial, only: max_degree
+  use viscovib_polynomial_text, only: expand, terms_type
+  use viscovib_status, only: clipped, show, status_io_error, status_type
+  use viscovib_structure, only: structure_type
+  use viscovib_structure_elements, only: element_type
+  use viscovib_structure_model, only: condense, structure_model
+  use viscovib_structure_rest, only: is_symmetric
+  use viscovib_subject, only: name_length
+  implicit none
+  private
+
+  public :: read_structure
+
+  !> Most coordinates, elements, and steps of expanding a law: what takes seconds.
+  integer, parameter :: max_size = 300, max_elements = 1000, max_effort = 100000
+
+contains
+
+  !> A structure with the names and units of its coordinates.
+  subroutine read_structure(file, model, system, coordinates, units, echo, status)
+    type(namelist_type), intent(in) :: file
+    type(structure_model), intent(out) :: model
+    type(structure_type), intent(out) :: system
+    character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
+    !> Gets the canonical text of the groups added.
+    character(len=:), allocatable, intent(inout) :: echo
+    type(status_type), intent(out) :: status
+    type(kernel_holder), allocatable :: kernels(:)
+    type(group_reader) :: reader
+    type(status_type) :: built
+    type(growing_text) :: text
+    integer :: at, i, n
+
+    call read_system_kernels(file, kernels, echo, status)
+    if (status%failed()) return
+    n = count([(file%groups(i)%name == 'element', i=1, size(file%groups))])
+    at = findloc([(file%groups(i)%name == 'structure', i=1, size(file%groups))], .true., 1)
+    call reader%start(file%path, file%groups(at))
+    call read_body(reader, model, coordinates, units)
+    call finish_group()
+    if (status%failed()) return
+    if (n > max_elements) then
+      call reader%complain('structure', show(n)//' &element groups: must be at most ' &
+                           //show(max_elements))
+      status = reader%status
+      return
+    end if
+    allocate (model%elements(n))
+    n = 0
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name /= 'element') cycle
+      n = n + 1
+      call reader%start(file%path, file%groups(i))
+      call read_element(reader, model%elements(n), coordinates, size(kernels))
+      call finish_group()
+      if (status%failed()) return
+    end do
+    echo = echo//text%text()
+    call reader%start(file%path, file%groups(at))
+    call condense(model, kernels, system, built)
+    call reader%place(built)
+    status = reader%status
+
+  contains
+
+    subroutine finish_group()
+      call reader%finish()
+      status = reader%status
+      call text%add(reader%echo)
+    end subroutine finish_group
+
+  end subroutine read_structure
+
+  !> The &structure group.
+  subroutine read_body(reader, model, coordinates, units)
+    type(group_reader), intent(inout) :: reader
+    type(structure_model), intent(inout) :: model
+    character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
+    character(len=:), allocatable :: names
+    character(len=name_length), allocatable :: own(:)
+    integer :: i, n, rows
+
+    allocate (coordinates(0), units(0))
+    call read_size(reader, n)
+    call read_matrix(reader, 'mass', .true., n, model%mass)
+    reader%echo = reader%echo//'  size = '//show(n)//new_line('a')
+    call read_matrix(reader, 'stiffness', .true., n, model%stiffness)
+    call read_matrix(reader, 'damping', .false., n, model%damping)
+    if (reader%status%failed()) return
+    call check_mass(reader, model%mass)
+    call read_shapes(reader, n, model%places, names)
+    if (reader%status%failed()) return
+    rows = size(model%places, 1)
+    allocate (own(rows))
+    call default_names(names, own)
+    call read_coordinates(reader, rows, coordinates, own)
+    if (size(coordinates) /= rows) then
+      call reader%complain('coordinates', 'coordinates: '//show(size(coordinates)) &
+                           //' names, must be '//show(rows))
+      return
+    end if
+    call read_units(reader, rows, units)
+    model%modal%ratios = reader%read_reals('modal_damping', default=[0.0_wp])
+    if (size(model%modal%ratios) == 1) model%modal%ratios = [(model%modal%ratios(1), i=1, n)]
+    if (size(model%modal%ratios) /= n) then
+      call reader%complain('modal_damping', 'modal_damping has '//show(size(model%modal%ratios)) &
+                           //' values: must be one, or '//show(n))
+    end if
+    model%modal%rayleigh = reader%read_reals('rayleigh', 2, [0.0_wp, 0.0_wp])
+    model%modal%loss = reader%read_real('loss_factor', 0.0_wp)
+    if (reader%has('shapes')) then
+      call reader%refuse(['base_direction'], 'belongs to a structure in all its coordinates, not ' &
+                         //'to one with shapes')
+      allocate (model%base_direction(rows), source=0.0_wp)
+    else
+      model%base_direction = reader%read_reals('base_direction', rows, [(0.0_wp, i=1, rows)])
+    end if
+  end subroutine read_body
+
+  !> How many coordinates there are, where numbers alone do not tell; 0: they do.
+  subroutine read_size(reader, n)
+    type(group_reader), intent(inout) :: reader
+    integer, intent(out) :: n
+    character(len=:), allocatable :: echo
+
+    echo = reader%echo
+    n = reader%read_integer('size', 0)
+    if (n < 0 .or. n > max_size) then
+      call reader%complain('size', 'size = '//show(n)//': must be 1 to '//show(max_size) &
+                           //', or 0: what the mass tells')
+      n = 0
+    end if
+    ! What it is found to be is echoed.
+    reader%echo = echo
+  end subroutine read_size
+
+  !> Numbers (n: a diagonal; n^2: row by row) or the name of a file of them; 0 if absent.
+  subroutine read_matrix(reader, key, required, n, matrix)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: key
+    logical, intent(in) :: required
+    !> 0: found here.
+    integer, intent(inout) :: n
+    real(wp), allocatable, intent(out) :: matrix(:, :)
+    character(len=:), allocatable :: names
+    real(wp), allocatable :: values(:)
+    integer :: i
+
+    allocate (matrix(n, n), source=0.0_wp)
+    if (is_file(reader, key)) then
+      call read_file(reader, key, max_size, matrix, names)
+      if (reader%status%failed()) return
+      if (n == 0) n = size(matrix, 1)
+      if (size(matrix, 1) /= n .or. size(matrix, 2) /= n) then
+        call reader%complain(key, key//': its file is '//show(size(matrix, 1))//' x ' &
+                             //show(size(matrix, 2))//', must be '//show(n)//' x '//show(n))
+        return
+      end if
+      call reader%echo_reals(key, reshape(transpose(matrix), [n*n]))
+      return
+    end if
+    if (required) then
+      values = reader%read_reals(key)
+    else
+      values = reader%read_reals(key, default=[(0.0_wp, i=1, n)])
+    end if
+    if (reader%status%failed()) return
+    if (n == 0) n = size_of(size(values), names_given(reader))
+    if (n > max_size) then
+      call reader%complain(key, key//' is of '//show(n)//' coordinates: must be at most ' &
+                           //show(max_size))
+      return
+    end if
+    if (size(values) /= n .and. size(values) /= n*n) then
+      call reader%complain(key, key//' has '//show(size(values))//' values: must be '//show(n) &
+                           //' (a diagonal) or '//show(n*n)//' (row by row)')
+      return
+    end if
+    deallocate (matrix)
+    allocate (matrix(n, n), source=0.0_wp)
+    if (size(values) == n) then
+      do i = 1, n
+        matrix(i, i) = values(i)
+      end do
+    else
+      matrix = reshape(values, [n, n], order=[2, 1])
+    end if
+  end subroutine read_matrix
+
+  !> How many coordinates a mass of so many numbers is for: a diagonal, unless names say otherwise.
+  pure integer function size_of(n_values, n_names) result(n)
+    integer, intent(in) :: n_values, n_names
+    n = n_values
+    if (n_names > 0 .and. n_names < 46340) then
+      if (n_names**2 == n_values) n = n_names
+    end if
+  end function size_of
+
+  pure integer function names_given(reader) result(n)
+    type(group_reader), intent(in) :: reader
+    n = reader%group%find('coordinates')
+    if (n > 0) n = reader%group%entries(n)%n_values
+  end function names_given
+
+  logical function is_file(reader, key)
+    type(group_reader), intent(in) :: reader
+    character(len=*), intent(in) :: key
+    integer :: i
+    i = reader%group%find(key)
+    is_file = .false.
+    if (i > 0) is_file = reader%group%entries(i)%values(1)%quoted
+  end function is_file
+
+  !> A matrix beside the scene.
+  subroutine read_file(reader, key, most_rows, matrix, names)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: key
+    integer, intent(in) :: most_rows
+    real(wp), allocatable, intent(out) :: matrix(:, :)
+    character(len=:), allocatable, intent(out) :: names
+    character(len=:), allocatable :: path
+    type(status_type) :: status
+    integer :: dot
+
+    allocate (matrix(0, 0))
+    names = ''
+    path = reader%read_path(key)
+    if (reader%status%failed()) return
+    dot = index(path, '.', back=.true.)
+    if (all(lower(path(max(dot, 1):)) /= [character(len=4) :: '.mtx', '.mm'])) then
+      call reader%complain(key, key//" = '"//clipped(path)//"': must be a Matrix Market file " &
+                           //'(.mtx); .npz and Harwell-Boeing files are read by Python ' &
+                           //'(Structure.read), which reduces sparse matrices')
+      return
+    end if
+    call read_matrix_market(path, most_rows, max_size, matrix, names, status)
+    if (status%category == status_io_error) then
+      call reader%complain(key, key//': '//status%message, status_io_error)
+    else if (status%failed()) then
+      ! The file's own name and line say more than the scene's.
+      reader%status = status
+    end if
+  end subroutine read_file
+
+  !> What the places with names are in terms of the coordinates: those themselves, or of a reduced
+  !! structure its shapes.
+  subroutine read_shapes(reader, n, places, names)
+    type(group_reader), intent(inout) :: reader
+    integer, intent(in) :: n
+    real(wp), allocatable, intent(out) :: places(:, :)
+    !> As the file tells them.
+    character(len=:), allocatable, intent(out) :: names
+    real(wp), allocatable :: values(:)
+    real(wp) :: none(0)
+    integer :: i, rows
+
+    names = ''
+    allocate (places(n, n), source=0.0_wp)
+    if (is_file(reader, 'shapes')) then
+      call read_file(reader, 'shapes', max_size, places, names)
+      if (reader%status%failed()) return
+      if (size(places, 2) /= n) then
+        call reader%complain('shapes', 'shapes: its file has '//show(size(places, 2)) &
+                             //' columns, must have '//show(n))
+        return
+      end if
+      call reader%echo_reals('shapes', reshape(transpose(places), [size(places)]))
+      return
+    end if
+    values = reader%read_reals('shapes', default=none)
+    if (size(values) == 0) then
+      do i = 1, n
+        places(i, i) = 1.0_wp
+      end do
+      return
+    end if
+    rows = size(values)/n
+    if (rows*n /= size(values)) then
+      call reader%complain('shapes', 'shapes has '//show(size(values))//' values: must be rows ' &
+                           //'of '//show(n))
+    else if (rows > max_size) then
+      call reader%complain('shapes', 'shapes has '//show(rows)//' rows: must be at most ' &
+                           //show(max_size))
+    else
+      places = reshape(values, [rows, n], order=[2, 1])
+    end if
+  end subroutine read_shapes
+
+  !> Those of the file, or x1, x2, ...
+  subroutine default_names(told, names)
+    character(len=*), intent(in) :: told
+    character(len=name_length), intent(out) :: names(:)
+    character(len=:), allocatable :: left
+    integer :: i, n
+
+    left = trim(adjustl(told))
+    do i = 1, size(names)
+      n = index(left//' ', ' ') - 1
+      names(i) = left(:n)
+      left = trim(adjustl(left(n + 1:)))
+      if (n == 0 .or. n > name_length) exit
+    end do
+    if (i > size(names) .and. left == '') return
+    do i = 1, size(names)
+      names(i) = 'x'//show(i)
+    end do
+  end subroutine default_names
+
+  subroutine check_mass(reader, mass)
+    type(group_reader), intent(inout) :: reader
+    real(wp), intent(in) :: mass(:, :)
+    real(wp) :: l(size(mass, 1), size(mass, 1)), pivot
+    integer :: i, j
+
+    do i = 1, size(mass, 1)
+      if (any(abs(mass(:, i)) > 0.0_wp)) cycle
+      call reader%complain('mass', 'mass: coordinate '//show(i)//' has none: must be positive ' &
+                           //'here; Structure of Python condenses such coordinates statically')
+      return
+    end do
+    l = 0.0_wp
+    do j = 1, size(mass, 1)
+      pivot = mass(j, j) - sum(l(j, :j - 1)**2)
+      if (.not. pivot > 0.0_wp .or. .not. is_symmetric(mass)) then
+        call reader%complain('mass', 'mass: must be symmetric and positive definite')
+        return
+      end if
+      l(j, j) = sqrt(pivot)
+      do i = j + 1, size(mass, 1)
+        l(i, j) = (mass(i, j) - sum(l(i, :j - 1)*l(j, :j - 1)))/l(j, j)
+      end do
+    end do
+  end subroutine check_mass
+
+  !> One &element: [k d + law(d)] with a kernel or none, and c d', along a direction.
+  subroutine read_element(reader, element, coordinates, n_kernels)
+    type(group_reader), intent(inout) :: reader
+    type(element_type), intent(out) :: element
+    character(len=name_length), intent(in) :: coordinates(:)
+    integer, intent(in) :: n_kernels
+    character(len=name_length), allocatable :: on(:)
+    character(len=:), allocatable :: law, fault
+    real(wp), allocatable :: weights(:)
+    type(terms_type) :: terms
+    integer :: effort, i, place
+
+    allocate (element%direction(size(coordinates)), source=0.0_wp)
+    allocate (element%laws(0), on(0), weights(0))
+    on = reader%read_words('on', name_length, size(coordinates))
+    if (size(on) == 1) weights = reader%read_reals('weights', 1, [1.0_wp])
+    if (size(on) == 2) weights = reader%read_reals('weights', 2, [1.0_wp, -1.0_wp])
+    if (size(on) > 2) weights = reader%read_reals('weights', size(on))
+    do i = 1, size(on)
+      place = findloc(coordinates, lower(on(i)), 1)
+      if (place == 0) then
+        call reader%complain('on', "on = '"//trim(on(i))//"': must be one of the " &
+                             //show(size(coordinates))//' coordinates '//some(coordinates))
+        return
+      end if
+      element%direction(place) = element%direction(place) + weights(i)
+    end do
+    if (.not. any(abs(element%direction) > 0.0_wp)) then
+      call reader%complain('weights', 'weights: is no direction, all of them are 0')
+    end if
+    element%stiffness = reader%read_real('stiffness', 0.0_wp)
+    element%damping = reader%read_real('damping', 0.0_wp)
+    element%kernel = read_kernel_place(reader, n_kernels)
+    law = reader%read_text('law', '0')
+    if (reader%status%failed()) return
+    effort = max_effort
+    call expand(law, ['d'], terms, fault, effort)
+    if (fault /= '') then
+      call read_function(element, law, fault)
+      if (fault /= '') call reader%complain('law', "law = '"//clipped(law)//"': "//fault)
+      return
+    end if
+    do i = 1, size(terms%coefficients)
+      select case (terms%powers(1, i))
+      case (0)
+        call reader%complain('law', "law = '"//clipped(law)//"': has a constant, which belongs " &
+                             //'to the load')
+      case (1)
+        element%stiffness = element%stiffness + terms%coefficients(i)
+      case (2:max_degree)
+        element%powers(terms%powers(1, i)) = terms%coefficients(i)
+      case default
+        call reader%complain('law', "law = '"//clipped(law)//"': has degree " &
+                             //show(terms%powers(1, i))//', must be at most '//show(max_degree))
+      end select
+    end do
+  end subroutine read_element
+
+  !> A law that is no polynomial, if it is one; else the fault stays, or is said better.
+  subroutine read_function(element, text, fault)
+    type(element_type), intent(inout) :: element
+    character(len=*), intent(in) :: text
+    character(len=:), allocatable, intent(inout) :: fault
+    character(len=name_length) :: none(0)
+    real(wp) :: no_values(0), slopes(1)
+    character(len=:), allocatable :: other
+    logical :: defined
+
+    deallocate (element%laws)
+    allocate (element%laws(1))
+    associate (law => element%laws(1))
+      call compile_law(lower(text), ['d'], none, no_values, law%program, law%parity, other)
+      if (other /= '') then
+        if (scan(text, '(<>') > 0) fault = other
+        return
+      end if
+      call about_rest(law, slopes, defined)
+    end associate
+    fault = ''
+    if (.not. defined) fault = 'must be defined around rest, where d is 0'
+    element%stiffness = element%stiffness + slopes(1)
+  end subroutine read_function
+
+  pure function some(names)
+    character(len=*), intent(in) :: names(:)
+    character(len=:), allocatable :: some
+    integer :: i
+    some = trim(names(1))
+    do i = 2, min(size(names), 4)
+      some = some//', '//trim(names(i))
+    end do
+    if (size(names) > 4) some = some//', ...'
+  end function some
+
+end module viscovib_structure_groups

@@ -1,0 +1,410 @@
+!> A structure as it is written down: matrices, elements and loads; condensed to the deflections of
+!! its elements, and its motions in all coordinates.
+module viscovib_structure_model
+  use viscovib_dense, only: factorize, solve
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type, new_load
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_polynomial, only: max_coordinates, new_polynomial, polynomial_parameters
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_structure, only: structure_type
+  use viscovib_structure_elements, only: element_type, find_directions, put_laws
+  use viscovib_structure_rest, only: is_symmetric, modal_damping, new_rest, rest_type
+  use viscovib_symmetric_modes, only: find_symmetric_modes
+  implicit none
+  private
+
+  public :: structure_model, condense, put_load, expand, structure_modes
+
+  !> Monomials that all elements together may have.
+  integer, parameter :: most_terms = 20000
+  !> Part of a rigid body's motion that is no deflection; of a load that nothing holds: rounding.
+  real(wp), parameter :: unseen = 1.0e-10_wp, unheld = 1.0e-9_wp
+
+  type :: structure_model
+    !> M, C and K without elements, shape (n, n), and the places that have names in terms of the
+    !! coordinates, shape (n_places, n): of a reduced structure its shapes, else the unit matrix.
+    real(wp), allocatable :: mass(:, :), damping(:, :), stiffness(:, :), places(:, :)
+    type(modal_damping) :: modal
+    !> How the places move with the base, shape (n_places).
+    real(wp), allocatable :: base_direction(:)
+    type(element_type), allocatable :: elements(:)
+    !> Found: directions (n_places, q), the rest, loads on the places, (n_places, n_loads), and of
+    !! the base (n_loads) by order.
+    real(wp), allocatable :: directions(:, :)
+    type(rest_type) :: rest
+    type(load_type) :: load
+    !> Order 0: inverse of the bordered matrix of deflections and rigid bodies, and these in terms
+    !! of the modes of zero frequency.
+    real(wp), allocatable, private :: held(:, :), turn(:, :)
+  contains
+    procedure :: told
+    procedure, private :: at_rest
+  end type structure_model
+
+contains
+
+  !> The structure without loads.
+  subroutine condense(model, kernels, system, status)
+    type(structure_model), intent(inout) :: model
+    type(kernel_holder), intent(in) :: kernels(:)
+    type(structure_type), intent(out) :: system
+    type(status_type), intent(out) :: status
+    type(polynomial_parameters) :: p
+    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping
+    real(wp), allocatable :: inverse(:), seen(:, :)
+    integer :: a, q
+
+    call add_linear(model, stiffness, damping)
+    call new_rest(model%rest, model%mass, damping, stiffness, model%places, model%modal, status)
+    if (status%failed()) return
+    call find_directions(model%elements, size(model%places, 1), model%directions)
+    q = size(model%directions, 2)
+    if (q > max_coordinates) then
+      call fail(status, status_input_error, 'element', '&element: '//show(q)//' deflections that ' &
+                //'are nonlinear or remember, must be at most '//show(max_coordinates))
+      return
+    end if
+    call put_laws(model%elements, q, size(kernels), p)
+    if (size(p%coefficient) > most_terms) then
+      call fail(status, status_input_error, 'element', '&element: '//show(size(p%coefficient)) &
+                //' monomials, must be at most '//show(most_terms))
+      return
+    end if
+    seen = matmul(transpose(model%rest%shapes), model%directions)
+    associate (rest => system%rest, modes => model%rest)
+      rest%squares = modes%squares
+      rest%rates = modes%rates
+      rest%losses = modes%losses*modes%squares
+      rest%seen = seen
+      rest%pushed = seen
+      rest%poles = modes%poles
+      rest%left = matmul(transpose(modes%left), model%directions)
+      rest%right = matmul(transpose(modes%right), model%directions)
+      allocate (rest%flexibility(q, q), rest%flexibility_rate(q, q), source=0.0_wp)
+      allocate (inverse(q))
+      inverse = sum(seen**2, 1)
+      do a = 1, q
+        inverse(a) = inverse(a) + real(sum(rest%left(:, a)*rest%right(:, a)*rest%poles))
+      end do
+    end associate
+    ! What H tends to is 1/(weight s^2).
+    allocate (p%mass(q, q), p%damping(q, q), source=0.0_wp)
+    do a = 1, q
+      p%mass(a, a) = 1.0_wp
+      if (inverse(a) > 0.0_wp) p%mass(a, a) = 1.0_wp/inverse(a)
+    end do
+    p%base_direction = matmul(model%base_direction, model%directions)
+    call find_static(model, system, status)
+    if (status%failed()) return
+    call system%rest%complete()
+    call new_polynomial(system%polynomial_type, p, kernels, status)
+    system%condensed = .true.
+    allocate (system%loads(0))
+  end subroutine condense
+
+  !> K and C with the linear parts of elements.
+  pure subroutine add_linear(model, stiffness, damping)
+    type(structure_model), intent(in) :: model
+    real(wp), intent(out) :: stiffness(:, :), damping(:, :)
+    real(wp) :: e(size(stiffness, 1))
+    integer :: a, i
+
+    stiffness = model%stiffness
+    damping = model%damping
+    do i = 1, size(model%elements)
+      e = matmul(model%elements(i)%direction, model%places)
+      do a = 1, size(e)
+        stiffness(:, a) = stiffness(:, a) + model%elements(i)%stiffness*e(a)*e
+        damping(:, a) = damping(:, a) + model%elements(i)%damping*e(a)*e
+      end do
+    end do
+  end subroutine add_linear
+
+  !> Undamped modes with the linear stiffness of elements.
+  subroutine structure_modes(model, omega, shapes, status)
+    type(structure_model), intent(in) :: model
+    !> Circular frequencies (rad/s), negative where the square is; shapes of the places, the
+    !! largest entry of each 1, shape (n_places, n).
+    real(wp), intent(out) :: omega(:), shapes(:, :)
+    type(status_type), intent(out) :: status
+    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping
+    type(rest_type) :: rest
+    type(modal_damping) :: none
+    integer :: i
+
+    call add_linear(model, stiffness, damping)
+    damping = 0.0_wp
+    if (.not. is_symmetric(stiffness)) then
+      call fail(status, status_input_error, 'stiffness', 'stiffness: must be symmetric for modes ' &
+                //'without damping')
+      return
+    end if
+    none%ratios = 0.0_wp*model%modal%ratios
+    call new_rest(rest, model%mass, damping, stiffness, model%places, none, status)
+    if (status%failed()) return
+    omega = sign(sqrt(abs(rest%squares)), rest%squares)
+    do i = 1, size(omega)
+      associate (largest => rest%shapes(maxloc(abs(rest%shapes(:, i)), 1), i))
+        shapes(:, i) = rest%shapes(:, i)
+        if (abs(largest) > 0.0_wp) shapes(:, i) = rest%shapes(:, i)/largest
+      end associate
+    end do
+  end subroutine structure_modes
+
+  !> The limit of H^-1 at rest: y = elastic h + seen eta, 0 = seen^T h + loads of rigid bodies, with
+  !! forces h and rigid bodies eta.
+  subroutine find_static(model, system, status)
+    type(structure_model), intent(inout) :: model
+    type(structure_type), intent(inout) :: system
+    type(status_type), intent(out) :: status
+    real(wp), allocatable :: border(:, :), bodies(:, :), gram(:, :), sizes(:), unit(:, :)
+    integer, allocatable :: pivots(:)
+    integer :: a, b, i, m, q
+    logical :: singular
+
+    call set_ok(status)
+    associate (rest => system%rest)
+      q = size(model%directions, 2)
+      bodies = model%rest%shapes(:, pack([(i, i=1, size(rest%squares))], .not. &
+                                         abs(rest%squares) > 0.0_wp))
+      m = size(bodies, 2)
+      gram = matmul(transpose(model%directions), bodies)
+      where (abs(gram) <= unseen*matmul(transpose(abs(model%directions)), abs(bodies)))
+        gram = 0.0_wp
+      end where
+      allocate (sizes(m), unit(m, m), model%turn(m, m))
+      unit = 0.0_wp
+      do i = 1, m
+        unit(i, i) = 1.0_wp
+      end do
+      bodies = gram
+      if (m > 0) call find_symmetric_modes(unit, matmul(transpose(gram), gram), sizes, model%turn)
+      ! Rigid bodies that no deflection sees come first.
+      a = count(sizes <= 1.0e-13_wp*maxval([sizes, 0.0_wp]))
+      model%turn = cshift(model%turn, a, 2)
+      m = m - a
+      bodies = matmul(bodies, model%turn(:, :m))
+      allocate (border(q + m, q + m), pivots(q + m))
+      border = 0.0_wp
+      do b = 1, q
+        do a = 1, q
+          border(a, b) = sum(rest%seen(:, a)*rest%seen(:, b)/rest%squares, &
+                             abs(rest%squares) > 0.0_wp) &
+                         - real(sum(rest%left(:, a)*rest%right(:, b)/rest%poles))
+        end do
+      end do
+      border(:q, q + 1:) = bodies
+      border(q + 1:, :q) = transpose(bodies)
+      call factorize(q + m, border, pivots, singular)
+      allocate (model%held(q + m, q + m), source=0.0_wp)
+      if (singular) then
+        call fail(status, status_input_error, 'element', '&element: the deflections see too few ' &
+                  //'modes of the structure to be independent')
+        return
+      end if
+      do i = 1, q + m
+        model%held(i, i) = 1.0_wp
+        call solve(q + m, border, pivots, model%held(:, i))
+      end do
+      rest%stiffness_at_rest = model%held(:q, :q)
+    end associate
+  end subroutine find_static
+
+  !> Loads on the places, and those of the condensed coordinates that stand for them.
+  subroutine put_load(model, load, system, condensed, status)
+    type(structure_model), intent(inout) :: model
+    type(load_type), intent(in) :: load
+    type(structure_type), intent(inout) :: system
+    !> It only tells which orders there are, and where the base is.
+    type(load_type), intent(out) :: condensed
+    type(status_type), intent(out) :: status
+    complex(wp), allocatable :: force(:, :), push(:), pole(:), eta(:)
+    real(wp), allocatable :: inertia(:)
+    complex(wp) :: nothing(size(model%directions, 2))
+    integer :: j, n
+
+    model%load = load
+    n = size(load%orders)
+    nothing = (0.0_wp, 0.0_wp)
+    if (any(abs(model%base_direction) > 0.0_wp)) then
+      inertia = matmul(model%mass, model%base_direction)
+    else
+      inertia = 0.0_wp*model%base_direction
+    end if
+    deallocate (system%loads)
+    allocate (system%loads(n), force(size(nothing), n))
+    do j = 1, n
+      associate (own => system%loads(j))
+        own%order = load%orders(j)
+        call set_push(load%force(:, j), push, pole)
+        own%force%modes = push
+        own%force%poles = pole
+        own%at_rest = nothing
+        if (own%order == 0) then
+          call model%at_rest(system, nothing, push, pole, own%at_rest, eta, status)
+          if (status%failed()) return
+          own%at_rest = -own%at_rest
+        end if
+        call set_push(inertia*load%base(j), own%base%modes, own%base%poles)
+        own%moves_base = any(abs(own%base%modes) > 0.0_wp) .or. any(abs(own%base%poles) > 0.0_wp)
+        own%force%flexible = nothing
+        own%force%flexible_rate = nothing
+        own%base%flexible = nothing
+        own%base%flexible_rate = nothing
+        call system%rest%complete_push(own%force)
+        call system%rest%complete_push(own%base)
+        force(:, j) = merge((0.0_wp, 1.0_wp), (1.0_wp, 0.0_wp), own%order == 0)
+      end associate
+    end do
+    call new_load(condensed, size(nothing), load%orders, force, load%base, status)
+    condensed%n_zero = load%n_zero
+
+  contains
+
+    subroutine set_push(forces, modes, poles)
+      complex(wp), intent(in) :: forces(:)
+      complex(wp), allocatable, intent(out) :: modes(:), poles(:)
+      modes = matmul(forces, model%rest%shapes)
+      poles = matmul(forces, model%rest%right)
+    end subroutine set_push
+
+  end subroutine put_load
+
+  !> Forces h of order 0 on the rest at given deflections, and rigid bodies: of the load alone,
+  !! where the deflections are 0, less the effective load.
+  subroutine at_rest(self, system, y, push, pole, h, eta, status)
+    class(structure_model), intent(in) :: self
+    type(structure_type), intent(in) :: system
+    !> Deflections (q); the load on real and on complex modes.
+    complex(wp), intent(in) :: y(:), push(:), pole(:)
+    complex(wp), intent(out) :: h(:)
+    complex(wp), allocatable, intent(out) :: eta(:)
+    type(status_type), intent(out) :: status
+    complex(wp), allocatable :: right(:), bodies(:), found(:)
+    integer :: i, m, q
+
+    call set_ok(status)
+    q = size(y)
+    m = size(self%held, 1) - q
+    associate (rest => self%rest)
+      bodies = matmul(pack(push, .not. abs(rest%squares) > 0.0_wp), self%turn)
+      if (norm2(abs(bodies(m + 1:))) > unheld*norm2(abs(bodies))) then
+        call fail(status, status_input_error, 'load', '&load: its mean (order 0) pushes a rigid ' &
+                  //'body that no element holds: there is no position of rest')
+        return
+      end if
+      allocate (right(q + m))
+      do i = 1, q
+        right(i) = y(i) - sum(system%rest%seen(:size(push), i)*push/rest%squares, &
+                              abs(rest%squares) > 0.0_wp) &
+                   + sum(system%rest%left(:, i)*pole/rest%poles)
+      end do
+      right(q + 1:) = -bodies(:m)
+    end associate
+    found = matmul(self%held, right)
+    h = found(:q)
+    eta = matmul(self%turn(:, :m), found(q + 1:))
+  end subroutine at_rest
+
+  !> Harmonics of places from those of the deflections: U_k = D_k^-1 (P_k + E h), h being the forces
+  !! of the elements that give these deflections.
+  subroutine expand(model, system, nu, factor, orders, y, wanted, u)
+    type(structure_model), intent(in) :: model
+    type(structure_type), intent(in) :: system
+    !> Frequency, and factor of the load.
+    real(wp), intent(in) :: nu, factor
+    integer, intent(in) :: orders(:), wanted(:)
+    !> Relative to the base, shape (n_orders, q).
+    complex(wp), intent(in) :: y(:, :)
+    !> Absolute, shape (n_orders, n_wanted).
+    complex(wp), intent(out) :: u(:, :)
+    complex(wp), allocatable :: push(:), pole(:), h(:), eta(:), t(:), w(:), y0(:)
+    complex(wp) :: c(size(y, 2), size(y, 2)), s, base
+    type(status_type) :: status
+    integer :: j, k, q
+
+    q = size(y, 2)
+    do k = 1, size(orders)
+      s = cmplx(0.0_wp, orders(k)*nu, wp)
+      j = findloc(model%load%orders, orders(k), 1)
+      push = 0.0_wp*model%rest%squares + (0.0_wp, 0.0_wp)
+      pole = 0.0_wp*model%rest%poles
+      base = (0.0_wp, 0.0_wp)
+      if (j > 0) then
+        associate (own => system%loads(j))
+          push = factor*(own%force%modes(:size(push)) - s**2*own%base%modes(:size(push)))
+          pole = factor*(own%force%poles - s**2*own%base%poles)
+        end associate
+        base = factor*model%load%base(j)
+      end if
+      associate (rest => model%rest, seen => system%rest%seen(:size(push), :))
+        if (orders(k) == 0) then
+          allocate (h(q))
+          call model%at_rest(system, y(k, :), push, pole, h, eta, status)
+          t = merge(1.0_wp, 0.0_wp, abs(rest%squares) > 0.0_wp) &
+              /merge(rest%squares, 1.0_wp, abs(rest%squares) > 0.0_wp)
+          w = -1.0_wp/rest%poles
+        else
+          t = rest%squares*cmplx(1.0_wp, rest%losses, wp) + rest%rates*s + s**2
+          ! In a resonance without damping what is left of the difference is rounding.
+          where (.not. abs(t) > 0.0_wp) t = epsilon(1.0_wp)*abs(rest%squares) + tiny(1.0_wp)
+          t = 1.0_wp/t
+          w = 1.0_wp/(s - rest%poles)
+          y0 = matmul(t*push, seen) + matmul(w*pole, system%rest%left)
+          call system%rest%evaluate(s, c)
+          h = forces(c, y(k, :) - y0)
+        end if
+        push = t*(push + matmul(seen, h))
+        if (orders(k) == 0) push = unpack(eta, .not. abs(rest%squares) > 0.0_wp, push)
+        pole = w*(pole + matmul(system%rest%right, h))
+        u(k, :) = matmul(rest%shapes(wanted, :), push) + matmul(rest%left(wanted, :), pole) &
+                  + model%base_direction(wanted)*base
+      end associate
+      deallocate (h)
+    end do
+  end subroutine expand
+
+  !> H^-1 y.
+  pure function forces(h, y) result(x)
+    complex(wp), intent(in) :: h(:, :), y(:)
+    complex(wp) :: x(size(y))
+    real(wp) :: matrix(2*size(y), 2*size(y)), right(2*size(y))
+    integer :: pivots(2*size(y)), n
+    logical :: singular
+    n = size(y)
+    matrix(:n, :n) = real(h)
+    matrix(n + 1:, n + 1:) = real(h)
+    matrix(:n, n + 1:) = -aimag(h)
+    matrix(n + 1:, :n) = aimag(h)
+    right = [real(y), aimag(y)]
+    x = (0.0_wp, 0.0_wp)
+    call factorize(2*n, matrix, pivots, singular)
+    if (singular) return
+    call solve(2*n, matrix, pivots, right)
+    x = cmplx(right(:n), right(n + 1:), wp)
+  end function forces
+
+  !> What was condensed, a line of a plan.
+  function told(self) result(text)
+    class(structure_model), intent(in) :: self
+    character(len=:), allocatable :: text
+    integer :: rigid, below, q
+
+    associate (rest => self%rest)
+      q = size(self%directions, 2)
+      rigid = count(.not. abs(rest%squares) > 0.0_wp)
+      below = count(rest%squares < 0.0_wp)
+      if (size(rest%squares) > 0) then
+        text = show(size(rest%squares))//' real modes'
+      else
+        text = show(size(rest%poles)/2)//' pairs of complex modes'
+      end if
+      if (rigid > 0) text = text//', '//show(rigid)//' of rigid bodies'
+      if (below > 0) text = text//', '//show(below)//' that grow without the elements'
+      text = 'computes: '//show(size(self%mass, 1))//' coordinates condensed to '//show(q) &
+             //' deflection'//trim(merge('s', ' ', q > 1))//' by '//text//new_line('a')
+    end associate
+  end function told
+
+end module viscovib_structure_model
