@@ -9,14 +9,15 @@ module viscovib_hereditary
   use viscovib_memory_channels, only: channels_type, new_channels
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counting
+  use viscovib_graded_march, only: graded_march_type, n_common, pull, push
   use viscovib_hereditary_kernels, only: add_any, add_held, add_up, gather_channels, judge, &
     runs_away
   use viscovib_hereditary_maps, only: find_map, new_step_map, step_map_type
-  use viscovib_hereditary_start, only: direct_panels, march_start, panel_ends, start_type
-  use viscovib_histories, only: keeping_type, new_history, past_direct, past_exponentials
+  use viscovib_hereditary_start, only: direct_panels, march_start, start_type
+  use viscovib_histories, only: new_history, past_direct, past_exponentials
   use viscovib_history, only: history_type
-  use viscovib_kinds, only: i8, wp
-  use viscovib_march, only: begun, march_type, no_exponentials, no_integral, step_too_large
+  use viscovib_kinds, only: wp
+  use viscovib_march, only: begun, no_exponentials, no_integral, step_too_large
   use viscovib_oscillator, only: oscillator_type
   use viscovib_step_equations, only: new_step_equations, step_equations_type
   use viscovib_time_load, only: load_clock, new_clock, time_load_type
@@ -29,7 +30,7 @@ module viscovib_hereditary
   public :: past_exponentials, past_direct, begun, no_exponentials, step_too_large, no_integral
 
   !> The state are the coordinates.
-  type, extends(march_type) :: hereditary_type
+  type, extends(graded_march_type) :: hereditary_type
     !> Beyond this a coordinate or velocity has left the range of numbers.
     real(wp) :: bound = huge(1.0_wp)
     !> State, shape (n_dof), and what rounding took from it.
@@ -44,7 +45,6 @@ module viscovib_hereditary
     type(step_equations_type) :: equations
     type(channels_type) :: channels
     class(history_type), allocatable :: history
-    type(load_clock) :: clock
     type(start_type) :: start
     type(known_past_type) :: known_past
     !> Displacements at the points of the last step, shape (0:s+1, n_dof).
@@ -53,15 +53,10 @@ module viscovib_hereditary
     real(wp), allocatable, private :: gather(:, :), gather_bends(:, :)
     !> Room for a step: channels at the points.
     real(wp), allocatable, private :: g(:, :)
-    !> The next step follows one of its own kind.
-    logical, private :: rolling = .false.
     !> Lengths of the maps; how many there are.
     real(wp), allocatable, private :: lengths(:)
     integer, private :: n_lengths = 0
-    type(keeping_type), private :: keeping
   contains
-    procedure :: step
-    procedure :: enter
     procedure :: take_up
     procedure :: kick
     procedure :: change_step
@@ -74,10 +69,10 @@ module viscovib_hereditary
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
-    procedure, private :: add_first_step
-    procedure, private :: add_graded_step
-    procedure, private :: plain_step
-    procedure, private :: stand_still
+    procedure :: add_first_step
+    procedure :: plain_step
+    procedure :: stand_still
+    procedure :: begin_panels
   end type hereditary_type
 
   !> Part of the displacements that nonlinear forces move on a step in which a motion may escape.
@@ -160,21 +155,6 @@ contains
     self%rolling = .false.
   end subroutine stand_still
 
-  !> A piece of the mesh begins at time t, in steps h: the load has a corner there.
-  !! `made` is false where such steps are too large.
-  subroutine enter(self, system, load, t, h, made)
-    class(hereditary_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
-    real(wp), intent(in) :: t, h
-    logical, intent(out) :: made
-    real(wp) :: before
-
-    before = self%h
-    call self%change_step(system, load, t, h, made)
-    call self%keeping%turn(before, h)
-  end subroutine enter
-
   !> Go on at time t from a state, relative to the base, under another load; what is
   !! remembered stays. `made` is false where steps are too large.
   subroutine take_up(self, system, load, t, u, v, made)
@@ -223,35 +203,6 @@ contains
     end if
     made = .not. singular
   end subroutine change_step
-
-  !> One step to time `until`; `made` is false, and the state stays, if its equations do
-  !! not settle.
-  subroutine step(self, system, load, n_before, until, made)
-    class(hereditary_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
-    !> Steps made before.
-    integer(i8), intent(in) :: n_before
-    real(wp), intent(in) :: until
-    logical, intent(out) :: made
-    logical :: graded
-
-    graded = self%keeping%at_corner
-    self%keeping%at_corner = .false.
-    if (n_before == 0) then
-      call self%add_first_step(system, load, made)
-      if (made) return
-    end if
-    if (graded) then
-      call self%add_graded_step(system, load, until, made)
-    else
-      call self%plain_step(system, load, until, made)
-    end if
-    if (made) return
-    self%keeping%at_corner = graded
-    ! What was tried says nothing of the start.
-    call self%stand_still(system)
-  end subroutine step
 
   !> One step to time `until`, as a polynomial.
   subroutine plain_step(self, system, load, until, made)
@@ -309,48 +260,22 @@ contains
         call self%history%store(self%g)
       end if
     end associate
+    if (self%panel > 0) self%start%points(:, :, self%panel) = self%points
     call self%clock%advance(until)
     self%rolling = .true.
   end subroutine plain_step
 
-  !> One step after a corner of the load, as panels that double their length: a motion
-  !! remembered by a steep kernel is not smooth there. Lengths are powers of 2 but for
-  !! the last, so that other steps find their maps again.
-  subroutine add_graded_step(self, system, load, until, made)
+  !> Make room for the panels of a step.
+  subroutine begin_panels(self, ends)
     class(hereditary_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
-    real(wp), intent(in) :: until
-    logical, intent(out) :: made
-    real(wp) :: from, h
-    real(wp), allocatable :: ends(:), memory(:)
-    integer :: k, n
+    real(wp), intent(in) :: ends(0:)
 
-    h = self%h
-    from = self%clock%t
-    allocate (memory, source=self%save_memory())
-    n = self%keeping%n_doublings + 1
-    allocate (ends(0:n))
-    ends(:) = panel_ends(h, self%keeping%n_doublings)
     self%start%table = self%table
     if (allocated(self%start%ends)) deallocate (self%start%ends)
     allocate (self%start%ends, source=ends)
     if (allocated(self%start%points)) deallocate (self%start%points)
-    allocate (self%start%points(0:self%table%s + 1, size(self%u), n))
-    do k = 1, n
-      call self%change_step(system, load, from + ends(k - 1), ends(k) - ends(k - 1), made)
-      if (made) call self%plain_step(system, load, from + ends(k), made)
-      if (.not. made) exit
-      self%start%points(:, :, k) = self%points
-    end do
-    if (made) then
-      call self%change_step(system, load, until, h, made)
-    else
-      call self%load_memory(memory, .false.)
-      call self%change_step(system, load, from, h, made)
-      made = .false.
-    end if
-  end subroutine add_graded_step
+    allocate (self%start%points(0:self%table%s + 1, size(self%u), size(ends) - 1))
+  end subroutine begin_panels
 
   !> Largest last Legendre coefficient of a displacement, relative to its largest value.
   pure real(wp) function resolution(self)
@@ -366,7 +291,7 @@ contains
   !> The first step as a sequence of panels, where memory makes the start singular;
   !! `made` is false where a plain step will do.
   subroutine add_first_step(self, system, load, made)
-    class(hereditary_type), intent(inout) :: self
+    class(hereditary_type), intent(inout), target :: self
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
     logical, intent(out) :: made
@@ -430,7 +355,7 @@ contains
 
   pure integer function memory_size(self)
     class(hereditary_type), intent(in) :: self
-    memory_size = 4 + 6*size(self%u) + size(self%equations%y_start) + size(self%equations%y) &
+    memory_size = n_common + 6*size(self%u) + size(self%equations%y_start) + size(self%equations%y) &
                   + 2*size(self%clock%high)
     if (self%maps(1)%n_channels > 0) memory_size = memory_size + self%history%memory_size()
   end function memory_size
@@ -440,21 +365,12 @@ contains
     real(wp) :: memory(self%memory_size())
     integer :: n
 
-    n = 0
-    call push([merge(1.0_wp, 0.0_wp, self%rolling), self%clock%t, &
-               merge(1.0_wp, 0.0_wp, self%keeping%at_corner), real(self%keeping%n_doublings, wp)])
-    call push([self%u, self%v, self%u_rest, self%v_rest, self%roughness, self%largest])
-    call push([self%equations%y_start, self%equations%y])
-    if (self%maps(1)%n_channels > 0) call push(self%history%save_memory())
-    call push([self%clock%high, self%clock%low])
-
-  contains
-
-    subroutine push(part)
-      real(wp), intent(in) :: part(:)
-      memory(n + 1:n + size(part)) = part
-      n = n + size(part)
-    end subroutine push
+    memory(:n_common) = self%common_memory()
+    n = n_common
+    call push(memory, n, [self%u, self%v, self%u_rest, self%v_rest, self%roughness, self%largest])
+    call push(memory, n, [self%equations%y_start, self%equations%y])
+    if (self%maps(1)%n_channels > 0) call push(memory, n, self%history%save_memory())
+    call push(memory, n, [self%clock%high, self%clock%low])
 
   end function save_memory
 
@@ -465,34 +381,23 @@ contains
     logical, intent(in) :: other_load
     integer :: n
 
-    self%rolling = memory(1) > 0.5_wp
-    self%clock%t = memory(2)
-    self%keeping%at_corner = memory(3) > 0.5_wp
-    self%keeping%n_doublings = nint(memory(4))
-    n = 4
-    call pull(self%u)
-    call pull(self%v)
-    call pull(self%u_rest)
-    call pull(self%v_rest)
-    call pull(self%roughness)
-    call pull(self%largest)
-    call pull(self%equations%y_start)
-    call pull(self%equations%y)
+    call self%take_common(memory(:n_common))
+    n = n_common
+    call pull(memory, n, self%u)
+    call pull(memory, n, self%v)
+    call pull(memory, n, self%u_rest)
+    call pull(memory, n, self%v_rest)
+    call pull(memory, n, self%roughness)
+    call pull(memory, n, self%largest)
+    call pull(memory, n, self%equations%y_start)
+    call pull(memory, n, self%equations%y)
     if (self%maps(1)%n_channels > 0) then
       call self%history%load_memory(memory(n + 1:))
       n = n + self%history%memory_size()
     end if
     if (other_load) return
-    call pull(self%clock%high)
-    call pull(self%clock%low)
-
-  contains
-
-    subroutine pull(part)
-      real(wp), intent(out) :: part(:)
-      part = memory(n + 1:n + size(part))
-      n = n + size(part)
-    end subroutine pull
+    call pull(memory, n, self%clock%high)
+    call pull(memory, n, self%clock%low)
 
   end subroutine load_memory
 

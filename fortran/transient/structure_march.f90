@@ -9,14 +9,15 @@ module viscovib_structure_march
   use viscovib_base_motion, only: base_motion_type
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counting
+  use viscovib_graded_march, only: graded_march_type, n_common, pull, push
   use viscovib_hereditary_kernels, only: add_any, gather_channels
   use viscovib_hereditary_maps, only: place_of, remaining_weights
-  use viscovib_hereditary_start, only: march_start, panel_ends, start_nodes, start_type
-  use viscovib_histories, only: keeping_type, new_history
+  use viscovib_hereditary_start, only: march_start, start_nodes, start_type
+  use viscovib_histories, only: new_history
   use viscovib_history, only: history_type
-  use viscovib_kinds, only: i8, wp
+  use viscovib_kinds, only: wp
   use viscovib_known_past, only: known_past_type, new_known_past
-  use viscovib_march, only: begun, march_type, no_exponentials, no_integral, step_too_large
+  use viscovib_march, only: begun, no_exponentials, no_integral, step_too_large
   use viscovib_memory_channels, only: channels_type, new_channels
   use viscovib_modal_maps, only: sections_type
   use viscovib_oscillator, only: oscillator_type
@@ -38,7 +39,7 @@ module viscovib_structure_march
   end type maps_holder
 
   !> The state are the modes.
-  type, extends(march_type) :: structure_march_type
+  type, extends(graded_march_type) :: structure_march_type
     type(state_type) :: state
     type(step_equations_type) :: equations
     type(sections_type), private :: sections
@@ -52,22 +53,17 @@ module viscovib_structure_march
     integer, private :: n_lengths = 0, now = 1
     type(channels_type), private :: channels
     class(history_type), allocatable, private :: history
-    type(keeping_type), private :: keeping
     type(known_past_type), private :: known_past
-    !> Of the columns of tables, and of all that swings with the load.
-    type(load_clock), private :: clock, swing
+    !> Of all that swings with the load; the clock is that of the columns of tables.
+    type(load_clock), private :: swing
     !> T W, shape (n_channels, n_seen), and T of the bent variables.
     real(wp), allocatable, private :: gather(:, :), gather_bends(:, :)
     !> The last step in parts, and how many there are.
     type(part_type), allocatable, private :: parts(:)
     integer, private :: n_parts = 0
-    !> The next step follows one of its own kind.
-    logical, private :: rolling = .false.
     !> Room for a step.
     real(wp), allocatable, private :: points(:, :), g(:, :), values(:), columns(:), recalled(:)
   contains
-    procedure :: step
-    procedure :: enter
     procedure :: take_up
     procedure :: kick
     procedure :: change_step
@@ -80,10 +76,10 @@ module viscovib_structure_march
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
-    procedure, private :: add_first_step
-    procedure, private :: add_graded_step
-    procedure, private :: plain_step
-    procedure, private :: stand_still
+    procedure :: add_first_step
+    procedure :: plain_step
+    procedure :: stand_still
+    procedure :: begin_panels
   end type structure_march_type
 
 contains
@@ -162,18 +158,6 @@ contains
     self%rolling = .false.
   end subroutine stand_still
 
-  subroutine enter(self, system, load, t, h, made)
-    class(structure_march_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
-    real(wp), intent(in) :: t, h
-    logical, intent(out) :: made
-    real(wp) :: before
-    before = self%h
-    call self%change_step(system, load, t, h, made)
-    call self%keeping%turn(before, h)
-  end subroutine enter
-
   subroutine take_up(self, system, load, t, u, v, made)
     class(structure_march_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -241,33 +225,6 @@ contains
     allocate (self%values(size(self%maps(self%now)%maps%modal%swing, 1)))
   end subroutine change_step
 
-  subroutine step(self, system, load, n_before, until, made)
-    class(structure_march_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
-    integer(i8), intent(in) :: n_before
-    real(wp), intent(in) :: until
-    logical, intent(out) :: made
-    logical :: graded
-
-    graded = self%keeping%at_corner
-    self%keeping%at_corner = .false.
-    if (n_before == 0) then
-      call self%add_first_step(system, load, made)
-      if (made) return
-    end if
-    if (graded) then
-      call self%add_graded_step(system, load, until, made)
-    else
-      self%n_parts = 1
-      call self%plain_step(system, load, until, made)
-    end if
-    if (made) return
-    self%keeping%at_corner = graded
-    ! What was tried says nothing of the start.
-    call self%stand_still(system)
-  end subroutine step
-
   !> One step to time `until`, forces as polynomials.
   subroutine plain_step(self, system, load, until, made)
     class(structure_march_type), intent(inout) :: self
@@ -282,6 +239,7 @@ contains
     call self%swing%at_nodes(no_table, self%values)
     call self%clock%at_nodes(load, self%columns)
     if (size(self%recalled) > 0) call self%history%recall(self%recalled)
+    self%n_parts = max(self%panel, 1)
     associate (part => self%parts(self%n_parts), maps => self%maps(self%now)%maps)
       part%start = self%swing%t
       call make_step(self%state, system, self%sections, self%table, maps, self%equations, &
@@ -303,42 +261,15 @@ contains
     self%rolling = .true.
   end subroutine plain_step
 
-  !> One step after a corner of the load, as panels that double their length, as in
-  !! `viscovib_hereditary`.
-  subroutine add_graded_step(self, system, load, until, made)
+  !> Make room for the panels of a step.
+  subroutine begin_panels(self, ends)
     class(structure_march_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
-    real(wp), intent(in) :: until
-    logical, intent(out) :: made
-    real(wp) :: from, h
-    real(wp), allocatable :: ends(:), memory(:)
-    integer :: k, n
+    real(wp), intent(in) :: ends(0:)
 
-    h = self%h
-    from = self%swing%t
-    allocate (memory, source=self%save_memory())
-    n = self%keeping%n_doublings + 1
-    allocate (ends(0:n))
-    ends(:) = panel_ends(h, self%keeping%n_doublings)
-    if (size(self%parts) < n) then
-      deallocate (self%parts)
-      allocate (self%parts(n))
-    end if
-    do k = 1, n
-      self%n_parts = k
-      call self%change_step(system, load, from + ends(k - 1), ends(k) - ends(k - 1), made)
-      if (made) call self%plain_step(system, load, from + ends(k), made)
-      if (.not. made) exit
-    end do
-    if (made) then
-      call self%change_step(system, load, until, h, made)
-    else
-      call self%load_memory(memory, .false.)
-      call self%change_step(system, load, from, h, made)
-      made = .false.
-    end if
-  end subroutine add_graded_step
+    if (size(self%parts) >= size(ends) - 1) return
+    deallocate (self%parts)
+    allocate (self%parts(size(ends) - 1))
+  end subroutine begin_panels
 
   !> The first step as panels, where memory makes the start singular; `made` is false where a
   !! plain step will do.
@@ -433,7 +364,7 @@ contains
 
   pure integer function memory_size(self)
     class(structure_march_type), intent(in) :: self
-    memory_size = 4 + self%state%n_numbers() + size(self%equations%y_start) &
+    memory_size = n_common + self%state%n_numbers() + size(self%equations%y_start) &
                   + size(self%equations%y) + 2*size(self%swing%high)
     if (size(self%recalled) > 0) memory_size = memory_size + self%history%memory_size()
   end function memory_size
@@ -443,22 +374,12 @@ contains
     real(wp) :: memory(self%memory_size())
     integer :: n
 
-    n = 0
-    call push([merge(1.0_wp, 0.0_wp, self%rolling), self%swing%t, &
-               merge(1.0_wp, 0.0_wp, self%keeping%at_corner), &
-               real(self%keeping%n_doublings, wp)])
-    call push(self%state%save_numbers())
-    call push([self%equations%y_start, self%equations%y])
-    if (size(self%recalled) > 0) call push(self%history%save_memory())
-    call push([self%swing%high, self%swing%low])
-
-  contains
-
-    subroutine push(part)
-      real(wp), intent(in) :: part(:)
-      memory(n + 1:n + size(part)) = part
-      n = n + size(part)
-    end subroutine push
+    memory(:n_common) = self%common_memory()
+    n = n_common
+    call push(memory, n, self%state%save_numbers())
+    call push(memory, n, [self%equations%y_start, self%equations%y])
+    if (size(self%recalled) > 0) call push(memory, n, self%history%save_memory())
+    call push(memory, n, [self%swing%high, self%swing%low])
 
   end function save_memory
 
@@ -468,30 +389,19 @@ contains
     logical, intent(in) :: other_load
     integer :: n
 
-    self%rolling = memory(1) > 0.5_wp
-    self%swing%t = memory(2)
-    self%clock%t = memory(2)
-    self%keeping%at_corner = memory(3) > 0.5_wp
-    self%keeping%n_doublings = nint(memory(4))
-    n = 4 + self%state%n_numbers()
-    call self%state%load_numbers(memory(5:n))
-    call pull(self%equations%y_start)
-    call pull(self%equations%y)
+    call self%take_common(memory(:n_common))
+    self%swing%t = self%clock%t
+    n = n_common + self%state%n_numbers()
+    call self%state%load_numbers(memory(n_common + 1:n))
+    call pull(memory, n, self%equations%y_start)
+    call pull(memory, n, self%equations%y)
     if (size(self%recalled) > 0) then
       call self%history%load_memory(memory(n + 1:))
       n = n + self%history%memory_size()
     end if
     if (other_load) return
-    call pull(self%swing%high)
-    call pull(self%swing%low)
-
-  contains
-
-    subroutine pull(part)
-      real(wp), intent(out) :: part(:)
-      part = memory(n + 1:n + size(part))
-      n = n + size(part)
-    end subroutine pull
+    call pull(memory, n, self%swing%high)
+    call pull(memory, n, self%swing%low)
 
   end subroutine load_memory
 
