@@ -3,6 +3,7 @@
 module viscovib_binding_tools
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_char, c_int
+  use viscovib_base_motion, only: base_motion_type
   use viscovib_catalogue, only: kernel_none, new_kernel
   use viscovib_kernel, only: kernel_type
   use viscovib_kinds, only: wp
@@ -21,8 +22,8 @@ module viscovib_binding_tools
   implicit none
   private
 
-  public :: keep_moving, make_kernel, make_mount, make_system, make_pendulum, make_load, &
-            make_options, report
+  public :: keep_moving, make_base, make_kernel, make_mount, make_system, make_pendulum, &
+            make_load, make_options, report
   public :: fill_stability, to_complex
 
   !> Length of the flat mount: mass, inertia, offset, stiffness_x,
@@ -214,5 +215,22 @@ contains
     text = one_line(outcome%message)
     call keep_message(text, len(text))
   end subroutine report
+
+  !> A base that moves by waves and by cubics between breaks; one break: there are none.
+  subroutine make_base(base, direction, frequencies, waves, breaks, pieces)
+    type(base_motion_type), intent(inout) :: base
+    !> How the coordinates move with it.
+    real(wp), intent(in) :: direction(:)
+    !> Shapes (n), (n), (m) and (4, m).
+    real(wp), intent(in) :: frequencies(:), breaks(:), pieces(:, :)
+    complex(wp), intent(in) :: waves(:)
+    if (size(breaks) == 1 .and. .not. any(abs(waves) > 0.0_wp)) return
+    base%direction = direction
+    base%frequencies = frequencies
+    base%amplitudes = waves
+    if (size(breaks) == 1) return
+    base%breaks = breaks
+    base%pieces = pieces
+  end subroutine make_base
 
 end module viscovib_binding_tools

@@ -21,11 +21,12 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
                           n_breaks, waves, base_breaks, base_pieces, n_base, ends, made_by, &
                           n_ends, s, past, held, before, moved, n_before, moves, initial, h, &
                           shortest, kinks, t_end, tolerance, first, n_steps, save_every, &
-                          resume, memory, n_memory, times, n_times, n_columns, states, &
-                          at_times, last, kept, n_kept, n_done, n_reached, t_reached, ended, &
-                          n_iterations, resolution, reason, status)
+                          resume, memory, n_memory, times, n_times, n_columns, watched, &
+                          n_watch, sides, n_sides, most, states, at_times, last, kept, n_kept, &
+                          n_done, n_reached, t_reached, ended, n_iterations, resolution, reason, &
+                          found, n_found, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
-  use viscovib_binding_tools, only: keep_moving, make_system, report
+  use viscovib_binding_tools, only: keep_moving, make_base, make_system, report
   use viscovib_base_motion, only: base_motion_type
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, step_too_large
   use viscovib_hereditary_run, only: run_hereditary
@@ -34,6 +35,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   use viscovib_reduction, only: state_mask
   use viscovib_status, only: status_type
   use viscovib_time_load, only: time_load_type
+  use viscovib_watch, only: new_watch, watch_type
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_dof, n_frequencies
   integer(c_int), intent(in) :: n_ends, n_breaks, s, past, resume, n_before, n_memory, n_times
@@ -51,13 +53,18 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   real(c_double), intent(out) :: states(2*n_dof, n_columns), at_times(2*n_dof, n_times)
   real(c_double), intent(out) :: last(2*n_dof), kept(n_memory), resolution, t_reached
   integer(c_long), intent(out) :: n_done
-  integer(c_int), intent(out) :: n_kept, n_reached, ended, n_iterations, reason, status
+  integer(c_int), intent(in) :: n_watch, n_sides, most
+  real(c_double), intent(in) :: watched(n_watch)
+  integer(c_int), intent(inout) :: sides(n_sides)
+  real(c_double), intent(out) :: found(2*n_dof + 2, most)
+  integer(c_int), intent(out) :: n_kept, n_reached, ended, n_iterations, reason, n_found, status
   !f2py threadsafe
   class(oscillator_type), allocatable :: system
   type(hereditary_type) :: run
   type(time_load_type) :: load
   type(base_motion_type) :: base
   type(mesh_type) :: mesh
+  type(watch_type) :: watch
   type(status_type) :: outcome
   real(c_double), allocatable :: some_states(:, :), some_at_times(:, :)
   real(c_double), allocatable :: u(:), v(:)
@@ -75,6 +82,8 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   n_iterations = 0
   resolution = 0.0_c_double
   ended = 0
+  found = 0.0_c_double
+  n_found = 0
   reason = begun
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) then
@@ -86,13 +95,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     load%breaks = breaks
     load%pieces = pieces(dofs, :, :)
     if (any(abs(waves) > 0.0_c_double) .or. n_base > 1) then
-      base%direction = system%base_direction
-      base%frequencies = frequencies
-      base%amplitudes = waves
-      if (n_base > 1) then
-        base%breaks = base_breaks
-        base%pieces = base_pieces
-      end if
+      call make_base(base, system%base_direction, frequencies, waves, base_breaks, base_pieces)
     end if
     call new_mesh(mesh, h, ends, made_by)
     piece = mesh%piece_of(first)
@@ -118,7 +121,14 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
       if (.not. made) reason = step_too_large
     end if
     if (reason == begun) then
-      if (size(dofs) == n_dof) then
+      if (n_watch > 1) then
+        ! All coordinates are computed then.
+        call new_watch(watch, watched, sides)
+        call run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
+                            at_times, n_done, n_reached, t_reached, ended, mesh, &
+                            resume == 2, watch)
+        call watch%hand_over(sides, found, n_found)
+      else if (size(dofs) == n_dof) then
         call run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
                             at_times, n_done, n_reached, t_reached, ended, mesh, &
                             resume == 2)

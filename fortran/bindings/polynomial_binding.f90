@@ -24,9 +24,9 @@ end subroutine polynomial_check
 subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, nu, breaks, &
                                pieces, n_breaks, ends, made_by, n_ends, method, moves, initial, &
                                h, tolerance, first, n_steps, save_every, resume, &
-                               memory, n_memory, times, n_times, n_columns, states, at_times, &
-                               last, kept, n_done, n_reached, t_reached, ended, n_evaluations, &
-                               status)
+                               memory, n_memory, times, n_times, n_columns, watched, n_watch, &
+                               sides, n_sides, most, states, at_times, last, kept, n_done, &
+                               n_reached, t_reached, ended, n_evaluations, found, n_found, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_load, report
   use viscovib_load, only: load_type
@@ -39,6 +39,7 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   use viscovib_status, only: status_type
   use viscovib_stepper, only: stepper_type
   use viscovib_system_vector, only: polynomial_from_vector
+  use viscovib_watch, only: new_watch, watch_type
   implicit none
   integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series), n_breaks, n_ends
   integer(c_int), intent(in) :: method, resume, n_memory, n_times, n_columns, moves(n_rows - 1)
@@ -50,12 +51,17 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   real(c_double), intent(out) :: states(2*n_rows - 2, n_columns), at_times(2*n_rows - 2, n_times)
   real(c_double), intent(out) :: kept(n_memory), last(2*n_rows - 2), t_reached
   integer(c_long), intent(out) :: n_done, n_evaluations
-  integer(c_int), intent(out) :: n_reached, ended, status
+  integer(c_int), intent(in) :: n_watch, n_sides, most
+  real(c_double), intent(in) :: watched(n_watch)
+  integer(c_int), intent(inout) :: sides(n_sides)
+  real(c_double), intent(out) :: found(2*n_rows, most)
+  integer(c_int), intent(out) :: n_reached, ended, n_found, status
   !f2py threadsafe
   type(polynomial_type) :: system
   type(polynomial_motion_type) :: motion
   type(load_type) :: load
   class(stepper_type), allocatable :: stepper
+  type(watch_type) :: watch
   type(status_type) :: outcome
   type(polynomial_type) :: reduced
   type(load_type) :: part
@@ -73,6 +79,8 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   t_reached = 0.0_c_double
   n_evaluations = 0
   ended = 0
+  found = 0.0_c_double
+  n_found = 0
   call polynomial_from_vector(system, flat, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   dofs = pack([(i, i=1, n_rows - 1)], moves /= 0)
@@ -94,7 +102,13 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
     call new_stepper(stepper, motion, method, initial(2*dofs - 1), initial(2*dofs), start, &
                      mesh%h(mesh%piece_of(first)), tolerance)
     if (resume == 1) call stepper%load_memory(memory(:stepper%memory_size()))
-    if (size(dofs) == n_rows - 1) then
+    if (n_watch > 1) then
+      ! All coordinates are computed then.
+      call new_watch(watch, watched, sides)
+      call simulate(stepper, motion, first, n_steps, save_every, times, states, at_times, n_done, &
+                    n_reached, t_reached, ended, mesh, watch)
+      call watch%hand_over(sides, found, n_found)
+    else if (size(dofs) == n_rows - 1) then
       call simulate(stepper, motion, first, n_steps, save_every, times, states, at_times, n_done, &
                     n_reached, t_reached, ended, mesh)
     else

@@ -20,11 +20,12 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
                               start_others, kick, h, shortest, kinks, t_end, tolerance, &
                               first, n_steps, &
                               save_every, resume, memory, n_memory, times, n_times, n_states, &
-                              states, at_times, last, kept, n_kept, n_done, n_reached, &
-                              t_reached, ended, n_iterations, resolution, reason, status)
+                              watched, n_watch, sides, n_sides, most, states, at_times, last, kept, &
+                              n_kept, n_done, n_reached, t_reached, ended, n_iterations, &
+                              resolution, reason, found, n_found, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_base_motion, only: base_motion_type
-  use viscovib_binding_tools, only: report
+  use viscovib_binding_tools, only: make_base, report
   use viscovib_hereditary_run, only: run_hereditary
   use viscovib_march, only: begun, step_too_large
   use viscovib_mesh, only: mesh_type, new_mesh
@@ -34,10 +35,11 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   use viscovib_structure_march, only: new_structure_march, structure_march_type
   use viscovib_system_vector, only: polynomial_from_vector
   use viscovib_time_load, only: time_load_type
+  use viscovib_watch, only: new_watch, watch_type
   implicit none
   integer(c_int), intent(in) :: n_elements, n, n_seen, n_columns, n_frequencies, n_breaks, n_shown
   integer(c_int), intent(in) :: n_poles, n_right, n_base, n_ends, s, past, n_before, kinks, resume
-  integer(c_int), intent(in) :: n_memory, n_times, n_states
+  integer(c_int), intent(in) :: n_memory, n_times, n_states, n_watch, n_sides, most
   integer(c_long), intent(in) :: first, n_steps, save_every, made_by(n_ends)
   real(c_double), intent(in) :: elements(n_elements), squares(n), rates(n), seen(n, n_seen)
   real(c_double), intent(in) :: pushed(n, n_seen), patterns(n, n_columns), breaks(n_breaks)
@@ -45,9 +47,8 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   complex(c_double_complex), intent(in) :: waves(n, n_frequencies), base_waves(n_frequencies)
   real(c_double), intent(in) :: shown(n, n_shown), direction(n_shown), inner(n)
   complex(c_double_complex), intent(in) :: poles(n_poles), left(n_poles, n_seen)
-  complex(c_double_complex), intent(in) :: right(n_poles, n_right)
-  complex(c_double_complex), intent(in) :: sine(n_poles, n_frequencies)
-  complex(c_double_complex), intent(in) :: cosine(n_poles, n_frequencies), by_base(n_poles, 2)
+  complex(c_double_complex), intent(in), dimension(n_poles, n_frequencies) :: sine, cosine
+  complex(c_double_complex), intent(in) :: right(n_poles, n_right), by_base(n_poles, 2)
   complex(c_double_complex), intent(in) :: shown_left(n_poles, n_shown), start_others(n_poles)
   real(c_double), intent(in) :: base_breaks(n_base), base_pieces(4, n_base), ends(n_ends)
   real(c_double), intent(in) :: held(n_seen), before(n_before), moved(n_seen, n_before)
@@ -56,7 +57,10 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   real(c_double), intent(out) :: states(2*n_shown, n_states), at_times(2*n_shown, n_times)
   real(c_double), intent(out) :: last(2*n_shown), kept(n_memory), resolution, t_reached
   integer(c_long), intent(out) :: n_done
-  integer(c_int), intent(out) :: n_kept, n_reached, ended, n_iterations, reason, status
+  real(c_double), intent(in) :: watched(n_watch)
+  integer(c_int), intent(inout) :: sides(n_sides)
+  real(c_double), intent(out) :: found(2*n_shown + 2, most)
+  integer(c_int), intent(out) :: n_kept, n_reached, ended, n_iterations, reason, n_found, status
   !f2py threadsafe
   type(polynomial_type) :: system
   type(structure_march_type) :: run
@@ -64,6 +68,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   type(time_load_type) :: load
   type(base_motion_type) :: base
   type(mesh_type) :: mesh
+  type(watch_type) :: watch
   type(status_type) :: outcome
   real(c_double), allocatable :: u(:), v(:)
   integer, allocatable :: some(:)
@@ -81,6 +86,8 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   n_iterations = 0
   resolution = 0.0_c_double
   ended = 0
+  found = 0.0_c_double
+  n_found = 0
   reason = begun
   call polynomial_from_vector(system, elements, outcome)
   if (.not. outcome%failed()) then
@@ -109,15 +116,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
     allocate (load%frequencies(0), load%amplitudes(columns, 0))
     load%breaks = breaks
     load%pieces = pieces(:columns, :, :)
-    if (any(abs(base_waves) > 0.0_c_double) .or. n_base > 1) then
-      base%direction = direction
-      base%frequencies = frequencies
-      base%amplitudes = base_waves
-      if (n_base > 1) then
-        base%breaks = base_breaks
-        base%pieces = base_pieces
-      end if
-    end if
+    call make_base(base, direction, frequencies, base_waves, base_breaks, base_pieces)
     call new_mesh(mesh, h, ends, made_by)
     piece = mesh%piece_of(first)
     if (piece > 1) then
@@ -149,8 +148,10 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
       if (.not. made) reason = step_too_large
     end if
     if (reason == begun) then
+      call new_watch(watch, watched, sides)
       call run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
-                          at_times, n_done, n_reached, t_reached, ended, mesh, resume == 2)
+                          at_times, n_done, n_reached, t_reached, ended, mesh, resume == 2, watch)
+      call watch%hand_over(sides, found, n_found)
       if (allocated(u)) deallocate (u, v)
       allocate (u(n_shown), v(n_shown))
       call run%observe(u, v)

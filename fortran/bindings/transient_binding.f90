@@ -1,6 +1,10 @@
 ! Flat routines over motion in time, for f2py. A pendulum is a vector as in
 ! pendulum_binding.
 
+! Events are watched as `viscovib_watch` takes them; sides are those of `watch_type` before and
+! after; found: signal, time and state of each, a column each, n_found of them even if there is
+! less room.
+
 !> A run from time 0 in steps h; first steps are done already; `last` is the state at
 !! t_reached, n_reached of the times lie before. method: the
 !! place in `transient_methods`. With resume = 1, `memory` is what an earlier call
@@ -8,8 +12,9 @@
 !! swings = 0: of the spring alone, phi = psi = 0.
 subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first, n_steps, &
                              save_every, resume, memory, n_memory, times, n_times, n_columns, &
-                             states, at_times, last, kept, n_done, n_reached, t_reached, ended, &
-                             n_evaluations, status)
+                             watched, n_watch, sides, n_sides, most, states, at_times, last, &
+                             kept, n_done, n_reached, t_reached, ended, n_evaluations, found, &
+                             n_found, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_long
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_method_catalogue, only: new_stepper
@@ -18,6 +23,7 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
   use viscovib_simulate, only: simulate
   use viscovib_status, only: status_type
   use viscovib_stepper, only: stepper_type
+  use viscovib_watch, only: new_watch, watch_type
   implicit none
   integer(c_int), intent(in) :: method, swings, resume, n_memory, n_times, n_columns
   integer(c_long), intent(in) :: first, n_steps, save_every
@@ -26,11 +32,16 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
   real(c_double), intent(out) :: states(6, n_columns), at_times(6, n_times), kept(n_memory)
   real(c_double), intent(out) :: last(6), t_reached
   integer(c_long), intent(out) :: n_done, n_evaluations
-  integer(c_int), intent(out) :: n_reached, ended, status
+  integer(c_int), intent(in) :: n_watch, n_sides, most
+  real(c_double), intent(in) :: watched(n_watch)
+  integer(c_int), intent(inout) :: sides(n_sides)
+  real(c_double), intent(out) :: found(8, most)
+  integer(c_int), intent(out) :: n_reached, ended, n_found, status
   !f2py threadsafe
   type(pendulum_type) :: system
   type(spring_type) :: spring
   class(stepper_type), allocatable :: stepper
+  type(watch_type) :: watch
   type(status_type) :: outcome
   real(c_double), allocatable :: spring_states(:, :), spring_at_times(:, :)
 
@@ -42,6 +53,8 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
   t_reached = 0.0_c_double
   n_evaluations = 0
   ended = 0
+  found = 0.0_c_double
+  n_found = 0
   call make_pendulum(system, flat, outcome)
   if (.not. outcome%failed() .and. swings == 0) then
     call new_spring(spring, system)
@@ -63,8 +76,15 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
     call new_stepper(stepper, system, method, initial(1::2), initial(2::2), first*h, h, &
                      tolerance)
     if (resume == 1) call stepper%load_memory(memory(:stepper%memory_size()))
-    call simulate(stepper, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                  n_reached, t_reached, ended)
+    if (n_watch > 1) then
+      call new_watch(watch, watched, sides)
+      call simulate(stepper, system, first, n_steps, save_every, times, states, at_times, n_done, &
+                    n_reached, t_reached, ended, watch=watch)
+      call watch%hand_over(sides, found, n_found)
+    else
+      call simulate(stepper, system, first, n_steps, save_every, times, states, at_times, n_done, &
+                    n_reached, t_reached, ended)
+    end if
     kept(:stepper%memory_size()) = stepper%save_memory()
     last(1::2) = stepper%q
     last(2::2) = stepper%v

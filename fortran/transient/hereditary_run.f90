@@ -9,20 +9,26 @@ module viscovib_hereditary_run
   use viscovib_march, only: march_type
   use viscovib_mesh, only: equal_steps, mesh_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_simulate, only: run_coarse, run_completed, run_stopped
+  use viscovib_quadrature, only: gauss_nodes
+  use viscovib_simulate, only: run_coarse, run_completed, run_event, run_stopped
+  use viscovib_step_path, only: new_path, step_path
   use viscovib_stopping, only: stop_wanted
   use viscovib_time_load, only: time_load_type
+  use viscovib_watch, only: passage_type, watch_type
   implicit none
   private
 
   public :: run_hereditary
+
+  !> Places inside a step at which its polynomial is asked for events.
+  integer, parameter :: n_inside = 10
 
 contains
 
   !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
   !! those at wanted times. Underflow is abrupt meanwhile.
   subroutine run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
-                            at_times, n_done, n_reached, t_reached, outcome, mesh, anew)
+                            at_times, n_done, n_reached, t_reached, outcome, mesh, anew, watch)
     class(march_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
@@ -43,6 +49,8 @@ contains
     type(mesh_type), intent(in), optional :: mesh
     !> Whether load and base are others than before; the state is relative to this base.
     logical, intent(in), optional :: anew
+    !> Events to look for, by the polynomials of the steps; their states are those of the body.
+    type(watch_type), intent(inout), optional :: watch
     type(mesh_type) :: ends
     real(wp) :: u(run%n_observed()), v(run%n_observed()), now, from
     integer(i8) :: i, column
@@ -95,6 +103,16 @@ contains
         outcome = run_completed
       end if
       n_done = i
+      if (present(watch)) then
+        if (size(watch%signals) > 0) then
+          call look_inside(run, base, watch, from, now, t_reached, outcome)
+        end if
+        if (outcome /= run_completed) then
+          call keep_reached(run, base, times, now, at_times, n_reached)
+          n_reached = min(n_reached, count(times <= t_reached))
+          return
+        end if
+      end if
       call keep_reached(run, base, times, now, at_times, n_reached)
       if (mod(i, save_every) /= 0) cycle
       column = i/save_every
@@ -105,6 +123,51 @@ contains
     t_reached = now
 
   end subroutine run_hereditary
+
+  !> Look for events in the last step; one that ends the run sets the outcome and its time.
+  subroutine look_inside(run, base, watch, from, now, t_reached, outcome)
+    class(march_type), intent(inout) :: run
+    type(base_motion_type), intent(inout) :: base
+    type(watch_type), intent(inout) :: watch
+    real(wp), intent(in) :: from, now
+    real(wp), intent(inout) :: t_reached
+    integer, intent(inout) :: outcome
+    real(wp) :: u(run%n_observed()), v(run%n_observed()), nodes(n_inside), weights(n_inside)
+    type(step_path) :: path
+    type(passage_type), allocatable :: found(:)
+    integer :: i
+
+    call gauss_nodes(n_inside, nodes, weights)
+    call new_path(path, [0.0_wp, nodes, 1.0_wp])
+    path%start = from
+    path%h = now - from
+    allocate (path%q(n_inside + 2, size(u)), path%v(n_inside + 2, size(u)))
+    do i = 1, n_inside + 2
+      call state_at(path%points(i))
+      path%q(i, :) = u
+      path%v(i, :) = v
+    end do
+    call watch%look(path, found)
+    do i = 1, size(found)
+      call state_at(found(i)%place)
+      t_reached = from + found(i)%place*path%h
+      call watch%keep(found(i)%which, t_reached, u, v)
+      if (watch%terminal(found(i)%which)) outcome = run_event
+    end do
+
+  contains
+
+    subroutine state_at(place)
+      real(wp), intent(in) :: place
+      if (place < 1.0_wp) then
+        call run%inside(place, u, v)
+      else
+        call run%observe(u, v)
+      end if
+      call base%add_to(from + place*path%h, u, v)
+    end subroutine state_at
+
+  end subroutine look_inside
 
   !> Keep the states at the wanted times that the last step has reached.
   subroutine keep_reached(run, base, times, now, at_times, n_reached)

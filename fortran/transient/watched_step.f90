@@ -22,6 +22,8 @@ module viscovib_watched_step
   integer, parameter :: most_passages = 1000
   !> Corrections of the time of a passage by steps of their own.
   integer, parameter :: most_corrections = 60
+  !> How far they may lead, as a part of the step.
+  real(wp), parameter :: furthest = 0.1_wp
 
   !> A step on its way.
   type :: watched_step_type
@@ -243,7 +245,8 @@ contains
     type(watch_type), intent(inout) :: watch
     type(passage_type), allocatable :: found(:)
     class(stepper_type), allocatable :: start
-    real(wp) :: q(size(at%q)), v(size(at%q)), place
+    real(wp) :: q(size(at%q)), v(size(at%q)), place, t(1), here(1, size(at%q))
+    real(wp) :: rate(1, size(at%q))
     integer :: i
     logical :: passes
 
@@ -256,6 +259,13 @@ contains
       associate (which => found(i)%which)
         place = found(i)%place
         call correct(start, system, watch%signals(which), found(i)%side, at, place, passes, q, v)
+        if (abs(place - found(i)%place) > furthest) then
+          ! That is another passage: the step is too large for so many.
+          place = found(i)%place
+          call at%path%at([place], t, here, rate)
+          q = here(1, :)
+          v = rate(1, :)
+        end if
         call watch%keep(which, at%from + place*start%h, q, v)
         at%ended = watch%terminal(which)
       end associate

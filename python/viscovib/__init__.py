@@ -14,6 +14,7 @@ _NAMES = {
     "analyses.driven": "DrivenResponse",
     "analyses.driven_branch": "DrivenBranch",
     "analyses.ensemble": "Ensemble simulate_ensemble",
+    "analyses.events": "Event",
     "analyses.forced": "forced_response plan_response",
     "analyses.lines": "Lines amplitudes_at dominant_frequencies",
     "analyses.multiple_scales": "MultipleScales",
@@ -97,6 +98,7 @@ if TYPE_CHECKING:
         Ensemble as Ensemble,
         simulate_ensemble as simulate_ensemble,
     )
+    from viscovib.analyses.events import Event as Event
     from viscovib.analyses.forced import (
         forced_response as forced_response,
         plan_response as plan_response,

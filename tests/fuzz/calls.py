@@ -35,7 +35,9 @@ BRANCH = (
 DRIVEN = f"vv.trace_response({PENDULUM}, p1=(0.85, 0.95), harmonics=3, max_points=20)"
 SCALES = f"vv.MultipleScales({PENDULUM})"
 ENSEMBLE = (
-    f"vv.simulate_ensemble({PENDULUM}, initial=[[0.05, 0, 0.3, 0, -0.2, 0]], t_end=5, dt=0.25)"
+    'vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1, forces="3*max(x - 0.2, 0)"), 4, '
+    'initial=[0.1, 0.5], events=[vv.Event("x - 0.1", direction="up"), "x_dot"])(1.5)',
+    f"vv.simulate_ensemble({PENDULUM}, initial=[[0.05, 0, 0.3, 0, -0.2, 0]], t_end=5, dt=0.25)",
 )
 SCENE = "vv.Scene.read('scene.nml')"
 DATA = (

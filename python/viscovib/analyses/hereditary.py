@@ -298,6 +298,8 @@ class MountRun(Run):
             counted,
             rough,
             reason,
+            found,
+            n_found,
         ) = _native.call_either(
             count > _native.MANY_STEPS,
             core.mount_simulate,
@@ -316,7 +318,7 @@ class MountRun(Run):
             motion.held,
             motion.before,
             motion.moved,
-            self.moves,
+            self.moves if self.watch is None else np.ones_like(self.moves),
             self.state,
             self.h,
             self.shortest,
@@ -330,13 +332,24 @@ class MountRun(Run):
             memory,
             times,
             columns,
+            *self._watched(),
         )
         self.resolution = float(rough)
         self._refuse(reason)
         if reason == _STEP_TOO_LARGE:
             ended, reached = _COARSE, self.time
         part = Piece(
-            states, at_times, last, kept[:n_kept], made, n_reached, reached, ended, counted
+            states,
+            at_times,
+            last,
+            kept[:n_kept],
+            made,
+            n_reached,
+            reached,
+            ended,
+            counted,
+            found,
+            n_found,
         )
         return part, n_kept, reason
 

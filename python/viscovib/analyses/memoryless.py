@@ -184,7 +184,7 @@ class _PolynomialRun(Run):
                 *self.job[:6],
                 *self._mesh_arrays(),
                 METHODS[self.method],
-                self.job[6],
+                self.job[6] if self.watch is None else np.ones_like(self.job[6]),
                 self.state,
                 self.h,
                 self.solved,
@@ -195,6 +195,7 @@ class _PolynomialRun(Run):
                 self.memory if resume else np.zeros(_MEMORY),
                 times,
                 columns,
+                *self._watched(),
             )
         )
 
@@ -236,7 +237,7 @@ class _PendulumRun(Run):
                 core.pendulum_simulate,
                 self.system._flat,
                 METHODS[self.method],
-                self.swings,
+                1 if self.watch is not None else self.swings,
                 self.state,
                 self.h,
                 self.solved,
@@ -247,5 +248,6 @@ class _PendulumRun(Run):
                 self.memory if resume else np.zeros(_MEMORY),
                 times,
                 columns,
+                *self._watched(),
             )
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.analyses.events import Watch
 from viscovib.analyses.hereditary import NODES, MountMotion, hereditary_run_of, moving
 from viscovib.analyses.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
 from viscovib.analyses.runs import Run, Wanted, again, with_estimate
@@ -36,6 +37,7 @@ def known(
     breaks: FloatArray | None = None,
     force: LoadTable | None = None,
     base: LoadLike | LoadTable | None = None,
+    watch: Watch | None = None,
 ) -> Maker:
     """Let a run know what made it, where its loads have corners, and what tables its plan names."""
     words = []
@@ -44,7 +46,7 @@ def known(
             times = np.asarray(table.times)
             span = f"{times.size} times, {times[0]:g} to {times[-1]:g}"
             words.append(f"computes: {name} by a table of {span}")
-    return _Known(make, np.empty(0) if breaks is None else breaks, tuple(words))
+    return _Known(make, np.empty(0) if breaks is None else breaks, tuple(words), watch)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +56,13 @@ class _Known:
     make: Maker
     breaks: FloatArray
     tables: tuple[str, ...]
+    watch: Watch | None = None
 
     def __call__(self, h: float) -> Run:
         run = self.make(h)
         run.maker, run.breaks, run.tables = self, self.breaks, self.tables
+        if self.watch is not None:
+            run.watch = self.watch.fresh()
         return run
 
 
@@ -202,6 +207,8 @@ def go_on(
 ) -> Trajectory:
     """Continue a run to ``end``, under other loads if they are given."""
     run: Run = copy.copy(earlier._resume)
+    if run.watch is not None:
+        run.watch = run.watch.going_on()
     if other is not None:
         before, run = run, other(run.h)
         run.adopt(before)

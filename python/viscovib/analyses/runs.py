@@ -15,6 +15,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy, parts_for_peaks, reason, rounding_of
+from viscovib.analyses.events import NOTHING, ROOM, Watch
 from viscovib.common.mesh import Mesh
 from viscovib.common.plan import Plan
 from viscovib.common.progress import Bar, progress_bar
@@ -34,6 +35,8 @@ ROUNDING = 1e-15
 _FEW = 4
 #: Halvings of the step before a tolerance is given up.
 _MIN_HALVINGS, _MAX_HALVINGS = 5, 12
+#: Steps of a native call that looks for events.
+_WATCHED = 10_000
 
 
 @dataclass(frozen=True)
@@ -190,6 +193,9 @@ class Piece(NamedTuple):
     reached: float
     ended: int
     counted: int
+    #: Signal, time and state of each event, a column each; how many there are.
+    found: FloatArray
+    n_found: int
 
 
 class Run(ABC):
@@ -225,6 +231,8 @@ class Run(ABC):
         #: how many steps were done at the end of each.
         self.anew = False
         self.parts: tuple[tuple[Callable[[float], Run], int], ...] = ()
+        #: Events to look for.
+        self.watch: Watch | None = None
 
     def on(self, mesh: Mesh) -> Run:
         """The same run in the steps of a mesh."""
@@ -237,6 +245,7 @@ class Run(ABC):
         self.state, self.done, self.reached = earlier.state, earlier.done, earlier.reached
         self.h, self.mesh = earlier.h, earlier.mesh
         self.anew = True
+        self.watch = None if earlier.watch is None else earlier.watch.going_on()
         self.parts = (*earlier.parts, (earlier.maker, earlier.done))
 
     def prepare(self, like: Run, factor: int) -> None:
@@ -252,6 +261,12 @@ class Run(ABC):
         if self.mesh is None:
             return np.zeros(1), np.zeros(1, dtype=np.int64)
         return self.mesh.ends, self.mesh.made_by
+
+    def _watched(self) -> tuple[FloatArray, npt.NDArray[np.intc], int]:
+        """Return the events as native calls take them, and the room for what is found."""
+        if self.watch is None:
+            return NOTHING
+        return self.watch.vector, self.watch.sides, ROOM
 
     @abstractmethod
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
@@ -335,6 +350,7 @@ class Run(ABC):
             stats={"steps": self.done, **counts},
             system=self.system,
             _resume=self,
+            events=() if self.watch is None else self.watch.passages(slice(first.size)),
             _planned=partial(self.plan, want, self._time_after(start + n)),
         )
 
@@ -347,7 +363,8 @@ class Run(ABC):
         bar: Bar,
     ) -> int:
         """Make n steps in pieces; return how they ended."""
-        piece = max(self.piece // want.every, 1) * want.every
+        piece = self.piece if self.watch is None else min(self.piece, _WATCHED)
+        piece = max(piece // want.every, 1) * want.every
         left, ended = n, 0
         while left and not ended:
             count = min(piece, left)
@@ -360,6 +377,10 @@ class Run(ABC):
                     until = math.inf
                 times = want.times[(want.times >= now) & (want.times < until)]
             part = self._native_steps(count, want.every, columns, times)
+            if self.watch is not None:
+                self.watch.take(part.found, part.n_found)
+                if OUTCOMES[part.ended] == "event":
+                    part = part._replace(last=self.watch.found[-1][-1, 2:])
             self.memory, self.state, ended = part.memory, part.last, part.ended
             self.anew = False
             self.done += part.made
@@ -372,6 +393,30 @@ class Run(ABC):
             left -= count
             bar.update(part.made)
         return int(ended)
+
+    def states_at(self, times: FloatArray, kept: Trajectory) -> FloatArray:
+        """States at ascending times of the run that ``kept`` holds, by making it once more."""
+        latest: Run | None = None
+        found = []
+        assert self.maker is not None
+        for maker, done in (*self.parts, (self.maker, self.done)):
+            part = maker(self.h)
+            if latest is not None:
+                part.adopt(latest)
+            part.prepare(self, 1)
+            part.mesh = self.mesh
+            begin, until = part.time, self._time_after(done)
+            last = done == self.done and maker is self.maker
+            here = times[(times >= begin) & ((times < until) | last)]
+            if not last or here.size:
+                # A run that stopped did so inside a step.
+                steps = done - part.done + int(last and kept.outcome != "completed")
+                want = Wanted(times=here) if here.size else Wanted(keep="last")
+                run = part.steps(steps, want, False)
+                if here.size:
+                    found.append(run.state)
+            latest = part
+        return np.concatenate(found)
 
     def _check_times(self, times: FloatArray, n: int) -> None:
         end = self._time_after(self.done + n)

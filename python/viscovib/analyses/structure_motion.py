@@ -18,7 +18,7 @@ from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_
 from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, caller
-from viscovib.results.trajectory import Trajectory
+from viscovib.results.trajectory import Passages, Trajectory
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable, added
@@ -393,9 +393,10 @@ class StructureRun(MountRun):
         structure, places = self.motion.mount, self.motion.places
         own = 2 * places.size
         given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
-        state = given.pop("state")
+        state, events = given.pop("state"), given.pop("events")
         return StructureTrajectory(
             **given, state=np.ascontiguousarray(state[:, :own]),
+            events=tuple(Passages(one.t, one.state[:, :own]) for one in events),
             deflections=np.ascontiguousarray(state[:, own::2]),
             rates=np.ascontiguousarray(state[:, own + 1 :: 2]),
             _names=tuple(structure.dof_names[i] for i in places),
@@ -445,9 +446,10 @@ class StructureRun(MountRun):
             "times": times, "n_states": columns,
         }  # fmt: skip
         given["ends"], given["made_by"] = self._mesh_arrays()
+        given["watched"], given["sides"], given["most"] = self._watched()
         (
             states, at_times, last, kept, n_kept, made, n_reached, reached, ended, counted, rough,
-            reason,
+            reason, found, n_found,
         ) = _native.call_either(
             count > _native.MANY_STEPS, partial(core.structure_simulate, **given)
         )  # fmt: skip
@@ -457,7 +459,17 @@ class StructureRun(MountRun):
             ended, reached = self.coarse, self.time
             last = self.state
         part = Piece(
-            states, at_times, last, kept[:n_kept], made, n_reached, reached, ended, counted
+            states,
+            at_times,
+            last,
+            kept[:n_kept],
+            made,
+            n_reached,
+            reached,
+            ended,
+            counted,
+            found,
+            n_found,
         )
         return part, n_kept, reason
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
+from viscovib.analyses.events import Event, Watch
 from viscovib.analyses.hereditary import MountMotion
 from viscovib.analyses.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
 from viscovib.analyses.resume import Maker, breaks_of, check_resumed, go_on, known, other_loads
@@ -24,7 +25,11 @@ from viscovib.analyses.runs import (
     by_tolerance,
     with_estimate,
 )
-from viscovib.analyses.structure_motion import StructureMotion, goes_condensed
+from viscovib.analyses.structure_motion import (
+    StructureMotion,
+    goes_condensed,
+    structure_motion_of,
+)
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, caller
@@ -62,6 +67,7 @@ def simulate(
     keep: str = "all",
     tail: float | None = None,
     coordinates: Sequence[str] | None = None,
+    events: Sequence[str | Event] | None = None,
     estimate_error: bool = False,
     progress: bool = False,
 ) -> Trajectory:
@@ -135,6 +141,10 @@ def simulate(
     coordinates : sequence of str, optional
         Of a structure: the coordinates kept; None: all of up to 64, else those that loads and
         elements act on, 64 at most. Deflections of the elements are kept besides.
+    events : sequence of str or Event, optional
+        Functions of coordinates and velocities of which passages through 0 are wanted; see `Event`
+        and `Trajectory.events`. They are found by the polynomials of the steps, also where they
+        last less than a step, and located without memory by steps of their own.
     estimate_error : bool
         With ``dt`` given, run once more in half steps, from the first start on, and report the
         largest difference of the states kept.
@@ -199,12 +209,15 @@ def simulate(
             {"dt": dt, "method": method, "memory": memory},
         )
         other = other_loads(system, resume, end, load, nu, base, force, coordinates)
+        if events is not None:
+            raise InputError("events: as of the run that is resumed, must not be given with resume")
         return go_on(resume, end, want, progress, other, estimated)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
     make, n, at_first = _runs(system, end, initial, method, loads, accuracy, auto)
     breaks = breaks_of(force, base, len(system.dof_names))
-    steps = _Steps(known(make, breaks, force, base), end, breaks, at_first, want, progress)
+    watch = None if events is None else Watch.checked(events, _observed(system, make))
+    steps = _Steps(known(make, breaks, force, base, watch), end, breaks, at_first, want, progress)
     if auto:
         assert accuracy is not None
         if n > MAX_FIRST_STEPS:
@@ -217,6 +230,17 @@ def simulate(
         n = want.every * math.ceil(n / want.every)
         return by_tolerance(steps.of(n), n, accuracy, dense=free)
     return _with_step(steps, end, _native.number("dt", dt), estimated)
+
+
+def _observed(system: object, make: Maker) -> tuple[str, ...]:
+    """Names of the coordinates that a run keeps, and of the deflections it keeps besides."""
+    run = make(1.0)
+    names: tuple[str, ...] = run.system.dof_names
+    motion = structure_motion_of(run)
+    if motion is not None:
+        names = tuple(names[i] for i in motion.places)
+    others = range(run.state.size // 2 - len(names))
+    return (*names, *(f"deflection{i + 1}" for i in others))
 
 
 @dataclass(frozen=True)

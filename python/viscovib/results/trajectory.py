@@ -6,9 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
@@ -24,7 +25,14 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 if TYPE_CHECKING:
     import xarray as xr
 
-OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large")
+OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large", "event")
+
+
+class Passages(NamedTuple):
+    """Where an event happened: times, shape (n,), and states, shape (n, 2 n_dof)."""
+
+    t: FloatArray
+    state: FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +50,8 @@ class Trajectory(Result):
         "completed"; "diverged": a coordinate passed 1e6 (of a system that uses the mount's
         integrator: it escapes to infinity, or leaves the range of numbers); "unphysical": z = -1,
         the spring passes through the pivot; "step too large": the motion goes on, but
-        the given steps do not follow it. Runs that end so hold the states before.
+        the given steps do not follow it. Runs that end so hold the states before. "event": an
+        event that ends the run.
     t_reached : float
         Time that was reached: where a motion diverges or becomes unphysical it is found inside
         the step, to rounding. ``keep="last"`` keeps the state there.
@@ -60,6 +69,8 @@ class Trajectory(Result):
         "steps"; of a pendulum "evaluations" (of all lanes at once), of systems with memory
         "iterations".
     system : Pendulum, Mount or PolynomialSystem
+    events : tuple of (t, state)
+        Of each event asked for, the times, shape (m,), and states, shape (m, 2 n_dof).
 
     Examples
     --------
@@ -90,13 +101,48 @@ class Trajectory(Result):
     _resume: Any = field(repr=False)
     _planned: Callable[..., Plan] = field(repr=False)
     resolution: float | None = None
+    events: tuple[Passages, ...] = ()
 
     kind = "transient"
+
+    def __call__(self, t: npt.ArrayLike) -> FloatArray:
+        """States at any times of the run, shape (2 n_dof,) or (n, 2 n_dof).
+
+        Without memory by a step of the method from the step before each time, so that states have
+        the order of the method; with memory by the polynomial of the step (degree: nodes + 1). The
+        steps are made once more: without memory from the last state kept before the first of the
+        times, else from the start of the run.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (n,)
+            From 0 to ``t_reached``.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> system = vv.PolynomialSystem(mass=1, stiffness=1)
+        >>> run = vv.simulate(system, 10, dt=0.5, initial=[0, 1])
+        >>> float(run(1.23)[0].round(12))
+        0.942488801932
+        """
+        times = _native.real_array("t", t)
+        if times.ndim > 1:
+            raise InputError(f"t: must be a number or have shape (n,), got {times.shape}")
+        wanted, back = np.unique(times, return_inverse=True)
+        if wanted.size and not (wanted[0] >= 0 and wanted[-1] <= self.t_reached):
+            outside = wanted[0] if wanted[0] < 0 else wanted[-1]
+            raise InputError(f"t = {outside:g}: must be in [0, {self.t_reached:g}], the run")
+        width = self.state.shape[1]
+        if not wanted.size:
+            return np.empty((0, width))
+        states = self._resume.states_at(wanted, self)[:, :width]
+        return np.asarray(states[back.reshape(times.shape)])
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
         """Whether the motion was followed to the end."""
-        return self.outcome == "completed"
+        return self.outcome in ("completed", "event")
 
     def _headline(self) -> str:
         return f"{self.outcome} at t = {self.t_reached:g}, {self.t.size} states"

@@ -1,0 +1,147 @@
+"""Events of motions in time: passages of functions of the state through 0."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+from viscovib.results.trajectory import Passages
+from viscovib.systems.laws import Law, compile_law
+
+#: Passages that a native call has room for, and those of a run at most.
+ROOM, _MOST = 50_000, 5_000_000
+_DIRECTIONS = {"any": 0, "up": 1, "down": -1}
+_MOST_EVENTS = 100
+
+
+@dataclass(frozen=True)
+class Event:
+    """Where a function of the state of a motion in time passes 0.
+
+    Parameters
+    ----------
+    function : str
+        Text of coordinates, their velocities (``x_dot``) and the time ``t``, with the functions of
+        force laws: ``"x - 0.1"``, ``"x_dot"``, ``"x1 - x2"``, ``"sin(1.3*t)"``.
+    direction : {"any", "up", "down"}
+        Which passages count: "up" from negative to positive.
+    terminal : bool
+        Whether the first of them ends the run (outcome "event").
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> ball = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1)
+    >>> top = vv.Event("x_dot", direction="down")
+    >>> run = vv.simulate(ball, 20, initial=[0, 1], events=[top, "x - 0.3"])
+    >>> run.events[0].t.size
+    3
+    """
+
+    function: str
+    direction: str = "any"
+    terminal: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.function, str):
+            raise InputError(
+                f"function = {_native.shown(self.function)}: must be a text, such as 'x - 0.1'"
+            )
+        _native.choice("direction", self.direction, tuple(_DIRECTIONS))
+        _native.flag("terminal", self.terminal)
+
+
+class Watch:
+    """Events as the core takes them, and what was found of them so far."""
+
+    def __init__(self, laws: Sequence[Law], events: Sequence[Event]) -> None:
+        self.events = events
+        numbers: list[float] = [len(laws)]
+        for law, event in zip(laws, events, strict=True):
+            numbers += [_DIRECTIONS[event.direction], int(event.terminal), len(law.code)]
+            numbers += [x for pair in zip(law.code, law.number, strict=True) for x in pair]
+        self.vector = np.array(numbers, dtype=float)
+        self.sides = np.zeros(len(events), dtype=np.intc)
+        self.found: list[FloatArray] = []
+
+    @classmethod
+    def checked(cls, events: object, names: Sequence[str]) -> Watch:
+        """Compile events of a motion with these coordinates."""
+        if isinstance(events, (str, Event)):
+            events = [events]
+        if not isinstance(events, (list, tuple)) or not 0 < len(events) <= _MOST_EVENTS:
+            raise InputError(
+                f"events = {_native.shown(events)}: must be 1 to {_MOST_EVENTS} texts or Event"
+            )
+        own = []
+        for i, event in enumerate(events):
+            if isinstance(event, str):
+                event = Event(event)
+            if not isinstance(event, Event):
+                raise InputError(
+                    f"events[{i}] = {_native.shown(event)}: must be a text or an Event"
+                )
+            own.append(event)
+        arguments = [f"{name}{dot}" for name in names for dot in ("", "_dot")] + ["t"]
+        laws = [
+            compile_law(f"events[{i}]", event.function, arguments, {})
+            for i, event in enumerate(own)
+        ]
+        for i, law in enumerate(laws):
+            if not law.places:
+                raise InputError(
+                    f"events[{i}] = {own[i].function!r}: depends on nothing, must name "
+                    f"{', '.join(arguments[:6])}{', ...' if len(arguments) > 6 else ''}"
+                )
+        return cls(laws, own)
+
+    def fresh(self) -> Watch:
+        """The same events of a run that begins."""
+        other = object.__new__(Watch)
+        other.events, other.vector = self.events, self.vector
+        other.sides = np.zeros_like(self.sides)
+        other.found = []
+        return other
+
+    def going_on(self) -> Watch:
+        """The same events of a run that goes on, with what is found from there on."""
+        other = self.fresh()
+        other.sides = self.sides.copy()
+        return other
+
+    def take(self, found: FloatArray, count: int) -> None:
+        """Remember what a native call has found."""
+        if count > found.shape[1] or sum(map(len, self.found)) + count > _MOST:
+            raise InputError(
+                f"events: more than {ROOM} in a piece of the run, or {_MOST} in all: take a "
+                "shorter run, or count fewer of them"
+            )
+        if count:
+            self.found.append(np.array(found[:, :count].T))
+
+    def passages(self, columns: slice) -> tuple[Passages, ...]:
+        """What was found of each event."""
+        if not self.found:
+            width = 0
+            whole = np.empty((0, 2 + width))
+        else:
+            whole = np.concatenate(self.found)
+        places = whole[:, 0].astype(int) if whole.size else np.empty(0, dtype=int)
+        return tuple(
+            Passages(whole[places == i + 1, 1], whole[places == i + 1, 2:][:, columns])
+            for i in range(len(self.events))
+        )
+
+
+#: What native calls take where nothing is watched.
+NOTHING: tuple[FloatArray, npt.NDArray[np.intc], int] = (
+    np.zeros(1),
+    np.zeros(1, dtype=np.intc),
+    0,
+)

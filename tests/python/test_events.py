@@ -1,0 +1,152 @@
+"""Events and dense output of motions in time, against SciPy's and exact motions."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+DUFFING = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
+START = [0.3, 0.8]
+
+
+def duffing(t, y):
+    return [y[1], 0.5 * np.sin(1.2 * t) - 0.1 * y[1] - y[0] - y[0] ** 3]
+
+
+@pytest.mark.parametrize("method", ["gauss8", "gauss16", "gauss3", "rk4", "verner9"])
+def test_events_of_a_duffing_oscillator(method):
+    """Times and states as SciPy's, by every method."""
+
+    def level(t, y):
+        return y[0] - 0.1
+
+    def turn(t, y):
+        return y[1]
+
+    def mixed(t, y):
+        return y[0] * y[1] - 0.2 * np.sin(t)
+
+    turn.direction = -1
+    expected = solve_ivp(
+        duffing, (0, 25), START, "DOP853", rtol=1e-13, atol=1e-14, max_step=0.02,
+        events=[level, turn, mixed],
+    )  # fmt: skip
+    run = vv.simulate(
+        DUFFING, 25.0, initial=START, load=0.5, nu=1.2, method=method,
+        events=["x - 0.1", vv.Event("x_dot", direction="down"), "x*x_dot - 0.2*sin(t)"],
+        **({"dt": 2e-3} if method in ("rk4", "gauss3") else {"dt": 0.1}),
+    )  # fmt: skip
+    atol = 1e-9 if method in ("rk4", "gauss3") else 2e-12
+    assert [e.t.size for e in run.events] == [t.size for t in expected.t_events]
+    for found, t, y in zip(run.events, expected.t_events, expected.y_events, strict=True):
+        np.testing.assert_allclose(found.t, t, atol=atol)
+        np.testing.assert_allclose(found.state, y, atol=atol)
+
+
+def test_passages_shorter_than_a_step():
+    """Two passages between the ends of a step have no change of sign there."""
+    rest = vv.PolynomialSystem(mass=1, stiffness=1)
+    run = vv.simulate(rest, 3.0, dt=0.4, initial=[0.0, 1.0], events=["x - 0.9999", "x - 1.0000001"])
+    late = np.arccos(0.9999)
+    np.testing.assert_allclose(run.events[0].t, [np.pi / 2 - late, np.pi / 2 + late], atol=1e-11)
+    assert run.events[1].t.size == 0
+
+
+def test_terminal_event_ends_the_run():
+    """The state is that of the event; states beyond are not kept."""
+    stop = vv.Event("x + 0.2", direction="down", terminal=True)
+    run = vv.simulate(
+        DUFFING, 25.0, initial=START, load=0.5, nu=1.2, events=[stop, "x_dot"],
+        times=np.linspace(0, 25, 51),
+    )  # fmt: skip
+
+    def passed(t, y):
+        return y[0] + 0.2
+
+    passed.terminal, passed.direction = True, -1
+    expected = solve_ivp(
+        duffing, (0, 25), START, "DOP853", rtol=1e-13, atol=1e-14, events=passed, max_step=0.05
+    )
+    assert run.outcome == "event"
+    assert run.complete
+    assert run.t_reached == pytest.approx(expected.t[-1], abs=1e-10)
+    assert run.events[0].t == pytest.approx([expected.t[-1]], abs=1e-10)
+    assert run.t[-1] <= run.t_reached
+    assert (run.events[1].t < run.t_reached).all()
+    last = vv.simulate(DUFFING, 25.0, initial=START, load=0.5, nu=1.2, events=[stop], keep="last")
+    np.testing.assert_allclose(last.state[-1], expected.y[:, -1], atol=1e-9)
+
+
+def test_events_with_memory_and_of_structures():
+    """Located by the polynomial of the step: the function is 0 there, states those at times."""
+    kernel = vv.PronyKernel(weights=[0.3], rates=[1.0])
+    memory = vv.PolynomialSystem(mass=1, stiffness=2, damping=0.1, kernel=kernel, forces="x^3")
+    chain = vv.Structure(
+        mass=np.eye(2), stiffness=[[2.0, -1], [-1, 2]], damping=0.1 * np.eye(2),
+        elements=[vv.Spring(on="x1", law="d^3")],
+    )  # fmt: skip
+    for system, name, load in ((memory, "x", 0.5), (chain, "x2", [0.5, 0])):
+        run = vv.simulate(system, 20.0, load=load, nu=1.1, events=[f"{name} - 0.1", f"{name}_dot"])
+        place = list(system.dof_names).index(name)
+        assert run.events[0].t.size > 3
+        np.testing.assert_allclose(run.events[0].state[:, 2 * place], 0.1, atol=1e-12)
+        np.testing.assert_allclose(run.events[1].state[:, 2 * place + 1], 0, atol=1e-12)
+        again = vv.simulate(system, 20.0, load=load, nu=1.1, dt=run.dt, times=run.events[0].t)
+        np.testing.assert_allclose(again.state, run.events[0].state, atol=1e-9)
+        sign = np.sign(run.coordinate(name) - 0.1)
+        assert run.events[0].t.size >= (np.diff(sign) != 0).sum()
+        np.testing.assert_allclose(run(run.events[0].t), again.state, atol=1e-9)
+
+
+def test_events_of_a_pendulum_that_goes_on():
+    """A run in two parts finds what the whole finds."""
+    body = vv.Pendulum(
+        e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.02, p1=1.02
+    )
+    start = [0.1, 0, 0.2, 0, 0.1, 0]
+    call = {"dt": 0.25, "events": ["z", "phi_dot - psi"]}
+    whole = vv.simulate(body, 60.0, initial=start, **call)
+    part = vv.simulate(body, 25.0, initial=start, **call)
+    rest = vv.simulate(body, 60.0, resume=part)
+    for i in range(2):
+        both = np.concatenate([part.events[i].t, rest.events[i].t])
+        np.testing.assert_allclose(both, whole.events[i].t, atol=1e-12)
+
+
+def test_dense_output_has_the_order_of_the_method():
+    """States at any times, as exact as those at the steps."""
+    expected = solve_ivp(
+        duffing, (0, 25), START, "DOP853", rtol=1e-13, atol=1e-14, dense_output=True
+    ).sol
+    t = np.array([24.9, 0.0, 3.33, 3.34, 17.123, 25.0])
+    run = vv.simulate(DUFFING, 25.0, initial=START, load=0.5, nu=1.2, dt=0.25)
+    np.testing.assert_allclose(run(t), expected(t).T, atol=1e-10)
+    np.testing.assert_allclose(run(3.33), expected(3.33), atol=1e-10)
+    errors = [
+        np.abs(
+            vv.simulate(DUFFING, 25.0, initial=START, load=0.5, nu=1.2, dt=dt, method="gauss3")(t)
+            - expected(t).T
+        ).max()
+        for dt in (0.1, 0.05)
+    ]
+    assert np.log2(errors[0] / errors[1]) > 5.5
+    longer = vv.simulate(DUFFING, 30.0, resume=run)
+    np.testing.assert_allclose(longer(t), expected(t).T, atol=1e-10)
+
+
+def test_bad_events():
+    """One line each, naming what is wrong."""
+    for events, words in (
+        (["y - 1"], "'y'"),
+        (["1 + 2"], "depends on nothing"),
+        ([3], "must be a text or an Event"),
+        ([], "1 to 100"),
+        (["x -"], r"events\[0\]"),
+    ):
+        with pytest.raises(vv.InputError, match=words):
+            vv.simulate(DUFFING, 1.0, dt=0.1, events=events)
+    with pytest.raises(vv.InputError, match="direction"):
+        vv.Event("x", direction="left")
+    run = vv.simulate(DUFFING, 1.0, dt=0.1, initial=START)
+    with pytest.raises(vv.InputError, match=r"t = 1\.5"):
+        run(1.5)
