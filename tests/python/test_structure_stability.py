@@ -47,3 +47,55 @@ def test_growing_motions_are_those_of_the_whole(n: int, law: str, zeta: float) -
         seen = c.multipliers[i][~np.isnan(c.multipliers[i])]
         if seen.size:
             assert np.abs(a.multipliers[i][:, None] - seen).min(axis=0).max() < 1e-7
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_judged_condensed_and_whole(seed, monkeypatch):
+    """Systems of a few coordinates: growing disturbances as by the equations of all of them."""
+    rng = np.random.default_rng(seed)
+    n, kernel = 4 + seed % 3, vv.PronyKernel(weights=[0.3], rates=[1.5])
+    k = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    tip = np.zeros((n, n))
+    tip[-1, -1] = rng.uniform(0.2, 0.6)
+    system = vv.PolynomialSystem(
+        mass=rng.uniform(0.5, 2, n), damping=0.02 * k,
+        springs=[vv.Springs(stiffness=k),
+                 vv.Springs(stiffness=tip, forces={f"x{n}": f"0.6*x{n}^3"}, kernel=kernel)],
+    )  # fmt: skip
+    load = np.eye(n)[0] * rng.uniform(0.1, 0.3)
+    first = system.natural_frequencies()[0]
+
+    def motions():
+        return vv.forced_response(
+            system, np.linspace(0.6, 1.6, 16) * first, load=load, method="newton", harmonics=7,
+            stability=True,
+        )  # fmt: skip
+
+    assert system._condenses(True)
+    condensed = motions()
+    monkeypatch.setattr(vv.PolynomialSystem, "_condenses", lambda *_: False)
+    whole = motions()
+    same = np.abs(condensed.coefficients - whole.coefficients).max(axis=(1, 2)) < 1e-9
+    assert same.sum() > 8
+    assert (condensed.stable[same] == whole.stable[same]).all()
+    assert all(one is not None for one in condensed.stable[same])
+
+
+def test_cheaper_judge_is_taken():
+    """Without memory monodromy matrices, unless there are many coordinates for each force."""
+
+    def cubic(n, q, kernel=None):
+        places = [f"x{i + 1}" for i in range(q)]
+        springs = [
+            vv.Springs(stiffness=np.eye(n)),
+            vv.Springs(forces={x: f"{x}^3" for x in places}, kernel=kernel),
+        ]
+        return vv.PolynomialSystem(mass=np.ones(n), springs=springs)
+
+    kernel = vv.PronyKernel(weights=[0.3], rates=[1.5])
+    for n, q, judged in [(7, 1, False), (8, 1, True), (8, 2, True), (8, 4, False), (14, 4, True)]:
+        assert cubic(n, q)._condenses(True) == judged
+        assert cubic(n, q)._condenses(False)
+        assert cubic(n, q, kernel)._condenses(True)
+    assert not cubic(3, 1)._condenses(False)
+    assert not cubic(8, 5)._condenses(False)

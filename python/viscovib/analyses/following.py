@@ -178,7 +178,7 @@ def trace_mount(
     job, _, prepared, planned = _prepare(
         system, [way.fixed], load, base, "newton", harmonics, curve.tolerance, 100, 1.0,
         keep_idle=True, flat=None if way.numbers is None else way.numbers.at(way.start),
-        may_choose=True, whole=way.numbers is not None,
+        may_choose=True, whole=way.numbers is not None, judged=judged,
     )  # fmt: skip
     if planned.method != "newton":
         raise InputError(

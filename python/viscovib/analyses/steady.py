@@ -225,11 +225,13 @@ def _prepare(
     may_choose: bool = False,
     flat: FloatArray | None = None,
     whole: bool = False,
+    judged: bool = False,
 ) -> tuple[tuple[Any, ...], FloatArray, tuple[Any, ...], _Plan]:
     """Check everything and bring it into the form of the core.
 
     ``keep_idle``: take along coordinates that nothing moves; ``flat``: instead of the system's
-    own numbers; ``whole``: do not condense a polynomial system.
+    own numbers; ``whole``: do not condense a polynomial system;
+    ``judged``: the stability of a branch is wanted.
     """
     check_steady(system, base)
     if nu is None:
@@ -254,7 +256,8 @@ def _prepare(
     chosen = may_choose and isinstance(harmonics, str)
     if chosen and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
-    job, loaded = oscillator_job(system, load, base, flat, whole=whole)
+    judged = judged or stability
+    job, loaded = oscillator_job(system, load, base, flat, whole=whole, stability=judged)
     options = (
         METHODS.index(_native.choice("method", method, METHODS)) + 1,
         0 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS),

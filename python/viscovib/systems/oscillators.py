@@ -46,16 +46,18 @@ def oscillator_job(
     flat: Any = None,
     *,
     whole: bool = False,
+    stability: bool = False,
 ) -> tuple[tuple[Any, ...], LoadedStructure | None]:
     """Return system and load as the core takes them, and the structure if it is condensed.
 
-    ``flat``: instead of the system's own numbers; ``whole``: do not condense a polynomial system.
+    ``flat``: instead of the system's own numbers; ``whole``: do not condense a polynomial system;
+    ``stability``: it is wanted too.
     """
     condensed: Structure | PolynomialSystem | None = None
     if isinstance(system, Structure):
         condensed = system
     elif isinstance(system, PolynomialSystem) and not whole and flat is None:
-        condensed = system if system._condensation is not None else None
+        condensed = system if system._condenses(stability) else None
     if condensed is not None:
         loaded = condensed._loaded(load, base)
         return loaded.job, loaded

@@ -15,7 +15,12 @@ from viscovib.systems.structure_rest import dense_rest
 
 #: Coordinates from which on a system is condensed, if half of them or fewer have forces or memory:
 #: below, the whole equations take no longer.
-_SMALLEST = 8
+_SMALLEST = 4
+#: Coordinates from which on stability without memory is judged by the condensed equations: this
+#: many, and so many more for each coordinate left (measured with 1 to 4 of them); below, monodromy
+#: matrices take less time, and give all multipliers. With memory the determinant of the whole takes
+#: 10 to 200 times as long.
+_SMALLEST_JUDGED, _JUDGED_EACH = 8, 3
 
 
 def condensed_laws(groups: Sequence[Any], n: int) -> Laws | None:
@@ -54,6 +59,11 @@ def condensed_laws(groups: Sequence[Any], n: int) -> Laws | None:
             programs.append(LawPlace(place, reads, {index[on]: 1.0}, law))
     found = tuple(kernels), tuple(stiffness), tuple(forces), tuple(programs)
     return Laws(np.eye(n)[:, places], *found)
+
+
+def judged_condensed(n: int, q: int, remembers: bool) -> bool:
+    """Whether the stability of n coordinates condensed to q takes less time condensed."""
+    return remembers or n >= max(_SMALLEST_JUDGED, _JUDGED_EACH * q + 2)
 
 
 def condensation_of(

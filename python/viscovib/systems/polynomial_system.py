@@ -174,6 +174,15 @@ class PolynomialSystem:
 
         return condensation_of(self._mass_matrix, self._damping, self.groups)
 
+    def _condenses(self, stability: bool) -> bool:
+        """Whether its motions, and their stability if wanted, take less time condensed."""
+        from viscovib.systems.polynomial_laws import judged_condensed
+
+        n = len(self.dof_names)
+        if self._condensation is None or not stability or n > _MAX_WHOLE:
+            return self._condensation is not None
+        return judged_condensed(n, self._condensation.q, bool(self._active_kernels))
+
     def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
         """The condensed system under a load."""
         assert self._condensation is not None
