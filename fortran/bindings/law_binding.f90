@@ -3,7 +3,7 @@
 !> Compile a law. Names stand in fields of 64 characters. The program is given as code and number
 !! of each instruction; if it is longer than the room given, n_code says what is needed.
 subroutine law_compile(text, arguments, n_arguments, names, n_names, values, max_code, code, &
-                       number, n_code, parity, status)
+                       number, n_code, parity, degree, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: report
   use viscovib_law_program, only: law_program
@@ -13,7 +13,7 @@ subroutine law_compile(text, arguments, n_arguments, names, n_names, values, max
   character(len=*), intent(in) :: text, arguments, names
   integer(c_int), intent(in) :: n_arguments, n_names, max_code
   real(c_double), intent(in) :: values(n_names)
-  integer(c_int), intent(out) :: code(max_code), n_code, parity, status
+  integer(c_int), intent(out) :: code(max_code), n_code, parity, degree, status
   real(c_double), intent(out) :: number(max_code)
   character(len=64) :: argument_names(n_arguments), parameter_names(n_names)
   character(len=:), allocatable :: fault
@@ -31,7 +31,7 @@ subroutine law_compile(text, arguments, n_arguments, names, n_names, values, max
   do i = 1, n_names
     parameter_names(i) = names(64*i - 63:64*i)
   end do
-  call compile_law(text, argument_names, parameter_names, values, law, parity, fault)
+  call compile_law(text, argument_names, parameter_names, values, law, parity, degree, fault)
   if (fault /= '') then
     call fail(outcome, status_input_error, 'law', fault)
   else

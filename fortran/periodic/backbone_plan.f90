@@ -65,6 +65,11 @@ contains
 
     n = system%n_dof()
     call set_ok(status)
+    if (system%n_rates() > 0) then
+      call fail(status, status_input_error, 'forces', 'forces: some depend on rates, as friction ' &
+                //'does: backbones are of systems without losses')
+      return
+    end if
     allocate (plan%system, source=system)
     plan%system%damping = 0.0_wp
     plan%system%kernel_of = 0

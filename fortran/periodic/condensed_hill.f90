@@ -7,10 +7,10 @@
 !!   Delta(lambda) = det(I + diag[H(s_k)] J) = 0,
 !!   J_kl = sum_j b_j [f_j(s_k) (w_j,(k-l) + W_j delta_kl) - W_j delta_kl],
 !!
-!! w_j the Fourier coefficients of the slopes of variable j, W_j its linear part where it
-!! remembers (the rest has that part without memory), f_j = 1 - epsilon_1 R_j (equation (2) of the
-!! theory of structures, docs/explanation). Delta has poles at the poles p of the rest modulo i d.
-!! Those are multiplied out that could hide a zero next to them,
+!! w_j the Fourier coefficients of the slopes of variable j (with s_l times those by rates), W_j
+!! its linear part where it remembers (the rest has that part without memory), f_j = 1 -
+!! epsilon_1 R_j (equation (2) of the theory of structures, docs/explanation). Delta has poles at
+!! the poles p of the rest modulo i d. Those are multiplied out that could hide a zero next to them,
 !!
 !!   F(lambda) = Delta(lambda) prod_p [1 - exp(2 pi (p - lambda)/d)],
 !!
@@ -21,7 +21,8 @@ module viscovib_condensed_hill
   use viscovib_band_elimination, only: band_determinant
   use viscovib_compliance_band, only: compliance_band, new_band
   use viscovib_condensed_poles, only: condensed_poles, gap, new_poles
-  use viscovib_condensed_rows, only: fill_one, strength
+  use viscovib_condensed_rows, only: fill_one, find_swings, measure_waves, retained_of, &
+    strength, waves_of_rates
   use viscovib_condensed_waves, only: fill_waves
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
@@ -86,6 +87,8 @@ module viscovib_condensed_hill
     real(wp), allocatable, private :: sizes(:), parts(:)
     complex(wp), allocatable, private :: waves(:)
     real(wp), allocatable, private :: u(:, :), slopes(:, :, :), re(:, :), im(:, :)
+    !> As `local` what depends on rates, not allocated if nothing does.
+    complex(wp), allocatable, private :: by_rate(:, :, :, :)
   contains
     procedure :: along
     procedure :: determinant
@@ -110,7 +113,8 @@ contains
     ! Slopes of a polynomial of degree g reach the order (g - 1) K.
     call new_harmonic_set(hill%set, maxval(set%orders), set%half_wave, max(2*system%degree - 3, 3))
     s = hill%set%n_samples
-    allocate (hill%u(s, n), hill%slopes(s, system%n_memory(), n), source=0.0_wp)
+    allocate (hill%u(s, n + system%n_rates()), &
+              hill%slopes(s, system%n_memory(), n + system%n_rates()), source=0.0_wp)
     allocate (hill%waves(0:s - 1))
     do j = 0, s - 1
       hill%waves(j) = cmplx(cos(2.0_wp*pi*j/s), -sin(2.0_wp*pi*j/s), wp)/s
@@ -121,13 +125,8 @@ contains
       if (.not. any(hill%kernel_of_group == q)) hill%kernel_of_group = [hill%kernel_of_group, q]
     end do
     hill%remembers = any(system%kernel_of > 0)
-    allocate (hill%without(n, n), source=0.0_wp)
-    do j = 1, system%n_memory()
-      if (system%kernel_of(j) == 0) cycle
-      do q = 1, n
-        hill%without(:, q) = hill%without(:, q) + system%spread(:, j)*system%gather(j, q)
-      end do
-    end do
+    hill%without = matmul(system%spread, system%gather &
+                          *spread(merge(1.0_wp, 0.0_wp, system%kernel_of > 0), 2, n))
     hill%creeps = system%kernel_without_integral() /= 0
     if (hill%remembers) hill%fading = fading_rate(system)
     call new_poles(hill%poles, system%rest)
@@ -140,7 +139,8 @@ contains
     real(wp), intent(in) :: nu
     !> Harmonics, real and imaginary part by turns, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
-    real(wp) :: largest(self%n_dof, self%n_dof)
+    real(wp), dimension(self%n_dof, self%n_dof) :: largest, strongest
+    real(wp) :: parts(size(x, 1))
     integer :: b
 
     self%nu = nu
@@ -152,9 +152,14 @@ contains
     do b = 1, self%n_dof
       self%u(:, b) = matmul(x(:, b), self%set%synthesis)
     end do
+    do b = 1, system%n_rates()
+      parts(1::2) = -nu*self%set%orders*x(2::2, system%rates(b))
+      parts(2::2) = nu*self%set%orders*x(1::2, system%rates(b))
+      self%u(:, self%n_dof + b) = matmul(parts, self%set%synthesis)
+    end do
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
-    call self%find_local(system, largest)
-    self%ready = maxval(largest) <= sqrt(huge(1.0_wp))
+    call self%find_local(system, largest, strongest)
+    self%ready = max(maxval(largest), maxval(strongest)) <= sqrt(huge(1.0_wp))
     if (.not. self%ready) return
     self%line = circle*self%period/(2.0_wp*pi)
     ! Without integral of a kernel motions may creep away slowly.
@@ -163,22 +168,22 @@ contains
     if (.not. abs(self%nearness/(nearly_rigid*self%period) - 1.0_wp) < 0.3_wp) then
       self%nearness = nearly_rigid*self%period
     end if
-    call self%poles%weigh(largest, self%period, self%stride, self%nearness, self%line, self%ready)
+    call self%poles%weigh(largest, strongest, self%period, self%stride, self%nearness, self%line, &
+                          self%ready)
     if (self%ready) call self%find_orders(system)
   end subroutine along
 
-  !> J, and the largest it is at any time, part by part.
-  subroutine find_local(self, system, largest)
+  !> J, and the largest it is at any time, part by part: by deflections, and by rates.
+  subroutine find_local(self, system, largest, strongest)
     class(condensed_hill), intent(inout) :: self
     class(structure_type), intent(in) :: system
-    real(wp), intent(out) :: largest(:, :)
+    real(wp), intent(out) :: largest(:, :), strongest(:, :)
     complex(wp) :: total
     real(wp) :: peak, constant
-    logical :: swings(self%n_dof)
     integer :: a, b, j, m, most, q, s
 
     most = (size(self%u, 1) - 1)/2
-    if (allocated(self%local)) deallocate (self%local, self%parts)
+    if (allocated(self%local)) deallocate (self%local)
     allocate (self%local(self%n_dof, self%n_dof, -most:most, size(self%kernel_of_group)), &
               source=(0.0_wp, 0.0_wp))
     largest = abs(self%without)
@@ -206,19 +211,36 @@ contains
         end do
       end do
     end do
-    self%sizes = [(maxval(sum(abs(sum(self%local(:, :, m, :), 3)), 2)), m=1, most)]
-    allocate (self%parts(most))
-    do m = 1, most
-      self%parts(m) = maxval(abs(sum(self%local(:, :, m, :), 3))/max(largest, tiny(1.0_wp)))
-    end do
+    strongest = 0.0_wp
+    if (system%n_rates() > 0) then
+      call waves_of_rates(system, self%kernel_of_group, self%slopes(:, :, self%n_dof + 1:), &
+                          self%waves, self%by_rate, strongest)
+    end if
+    call measure_waves(self%local, self%by_rate, largest, strongest, self%sizes, self%parts)
     self%reach = findloc(self%parts > silent, .true., 1, back=.true.)
-    do a = 1, self%n_dof
-      swings(a) = any(abs(self%local(a, :, 1:, :)) > 0.0_wp) &
-                  .or. any(abs(self%local(:, a, 1:, :)) > 0.0_wp)
-    end do
-    self%swings = pack([(a, a=1, self%n_dof)], swings)
-    self%others = pack([(a, a=1, self%n_dof)], .not. swings)
+    call find_swings(self%local, self%swings, self%others)
   end subroutine find_local
+
+  !> J from order l to order i, at s_l.
+  pure function local_at(self, i, l, kept, s) result(block)
+    class(condensed_hill), intent(in) :: self
+    integer, intent(in) :: i, l
+    !> What memory retains of each group at s_i.
+    complex(wp), intent(in) :: kept(:), s
+    complex(wp) :: block(self%n_dof, self%n_dof)
+    integer :: q
+
+    block = (0.0_wp, 0.0_wp)
+    do q = 1, size(kept)
+      block = block + kept(q)*self%local(:, :, i - l, q)
+    end do
+    if (allocated(self%by_rate)) then
+      do q = 1, size(kept)
+        block = block + (kept(q)*s)*self%by_rate(:, :, i - l, q)
+      end do
+    end if
+    if (i == l) block = block - self%without
+  end function local_at
 
   !> How many orders: beyond the poles that matter, and until a disturbance of order 1 at these
   !! reaches no further, Y_k = |H(i k nu)| sum_m |J_m| Y_(k-m).
@@ -280,32 +302,28 @@ contains
     complex(wp) :: h(self%n_orders, self%n_dof, self%n_dof)
     complex(wp) :: kept(self%n_orders, size(self%kernel_of_group))
     complex(wp) :: factor
-    integer :: centre, i, n, p, q, width
+    integer :: centre, i, n, p, width
 
     p = self%n_orders - merge(0, 1, about_half)
     do i = 1, p
       s(i) = lambda + cmplx(0.0_wp, ((i - p)*self%stride + self%highest)*self%nu, wp)
     end do
     call self%band%evaluate(s(:p), h(:p, :, :))
-    kept = (1.0_wp, 0.0_wp)
-    do q = 1, size(self%kernel_of_group)
-      if (self%kernel_of_group(q) == 0) cycle
-      call system%kernels(self%kernel_of_group(q))%kernel%laplace(s(:p), kept(:p, q))
-      kept(:p, q) = 1.0_wp - system%memory_scale*kept(:p, q)
-    end do
+    kept(:p, :) = retained_of(system, self%kernel_of_group, s(:p))
     ! Rigid bodies are near their poles at order 0, or -1 of odd ones.
     centre = p - (self%highest + merge(1, 0, self%stride == 2))/self%stride
     n = p*self%n_dof + size(self%band%rigid_squares)
     width = (self%reach + 1)*self%n_dof - 1 + size(self%band%rigid_squares)
     factor = (0.0_wp, 0.0_wp)
-    if (n > p .and. n == p*self%n_dof .and. size(self%others) > 0) then
+    if (n > p .and. n == p*self%n_dof .and. size(self%others) > 0 &
+        .and. .not. allocated(self%by_rate)) then
       call fill_waves(p, self%reach, self%swings, self%others, h(:p, :, :), kept(:p, :), &
                       self%local, self%without, self%re, self%im, factor)
     end if
     if (abs(factor) > 0.0_wp) then
       n = p*size(self%swings)
       width = (self%reach + 1)*size(self%swings) - 1
-    else if (n == p) then
+    else if (n == p .and. .not. allocated(self%by_rate)) then
       factor = (1.0_wp, 0.0_wp)
       call fill_one(p, self%reach, size(self%re, 1), h(:p, 1, 1), kept(:p, :), self%local, &
                     ubound(self%local, 3), self%without(1, 1), self%re, self%im)
@@ -327,7 +345,7 @@ contains
     integer, intent(in) :: p, centre
     complex(wp), intent(in) :: h(:, :, :), kept(:, :), s
     complex(wp) :: block(self%n_dof, self%n_dof), entry
-    integer :: a, b, c, i, k, l, n, q, row, column, extra
+    integer :: a, b, c, i, k, l, n, row, column, extra
 
     n = self%n_dof
     extra = size(self%band%rigid_squares)
@@ -337,11 +355,8 @@ contains
       column = (l - 1)*n + merge(extra, 0, l > centre)
       do i = max(1, l - self%reach), min(p, l + self%reach)
         row = (i - 1)*n + merge(extra, 0, i > centre)
-        block = (0.0_wp, 0.0_wp)
-        do q = 1, size(self%kernel_of_group)
-          block = block + kept(i, q)*self%local(:, :, i - l, q)
-        end do
-        if (i == l) block = block - self%without
+        block = local_at(self, i, l, kept(i, :), &
+                         s + cmplx(0.0_wp, (l - centre)*self%stride*self%nu, wp))
         do c = 1, n
           do a = 1, n
             entry = (0.0_wp, 0.0_wp)
@@ -381,7 +396,7 @@ contains
     integer, intent(in) :: p, centre, i
     complex(wp), intent(in) :: s, kept(:, :)
     complex(wp) :: h(self%n_dof, self%n_dof), block(self%n_dof, self%n_dof)
-    integer :: a, b, l, n, q, row, column, extra
+    integer :: a, b, l, n, row, column, extra
 
     n = self%n_dof
     extra = size(self%band%rigid_squares)
@@ -394,12 +409,8 @@ contains
     row = (i - 1)*n + merge(extra, 0, i > centre)
     do l = max(1, i - self%reach), min(p, i + self%reach)
       column = (l - 1)*n + merge(extra, 0, l > centre)
-      block = (0.0_wp, 0.0_wp)
-      do q = 1, size(self%kernel_of_group)
-        block = block + kept(i, q)*self%local(:, :, i - l, q)
-      end do
-      if (i == l) block = block - self%without
-      block = matmul(h, block)
+      block = matmul(h, local_at(self, i, l, kept(i, :), &
+                                 s + cmplx(0.0_wp, (l - i)*self%stride*self%nu, wp)))
       self%re(row + 1:row + n, column + 1:column + n) = &
         self%re(row + 1:row + n, column + 1:column + n) + real(block)
       self%im(row + 1:row + n, column + 1:column + n) = &
@@ -413,20 +424,12 @@ contains
     class(structure_type), intent(in) :: system
     complex(wp), intent(in) :: s
     complex(wp), intent(out) :: matrix(:, :), h(:, :)
-    complex(wp) :: block(self%n_dof, self%n_dof), kept(1)
-    integer :: a, q
+    complex(wp) :: kept(1, size(self%kernel_of_group))
+    integer :: a
 
-    block = -self%without
-    do q = 1, size(self%kernel_of_group)
-      kept = (1.0_wp, 0.0_wp)
-      if (self%kernel_of_group(q) > 0) then
-        call system%kernels(self%kernel_of_group(q))%kernel%laplace([s], kept)
-        kept = 1.0_wp - system%memory_scale*kept
-      end if
-      block = block + kept(1)*self%local(:, :, 0, q)
-    end do
+    kept = retained_of(system, self%kernel_of_group, [s])
     call system%rest%evaluate(s, h)
-    matrix = matmul(h, block)
+    matrix = matmul(h, local_at(self, 0, 0, kept(1, :), s))
     do a = 1, self%n_dof
       matrix(a, a) = matrix(a, a) + 1.0_wp
     end do
@@ -457,7 +460,7 @@ contains
     !> Not to be told from s.
     real(wp), intent(in) :: distance
     real(wp), intent(out) :: moved
-    real(wp) :: next, both
+    real(wp) :: next, both, size_of
     integer :: m
 
     moved = 0.0_wp
@@ -467,8 +470,13 @@ contains
       call add(s + cmplx(0.0_wp, m*self%period, wp))
       call add(s - cmplx(0.0_wp, m*self%period, wp))
       ! Strong waves come back more than once.
-      next = self%sizes(m)*both
-      moved = moved + self%sizes(m)*next*(1.0_wp + next)
+      size_of = self%sizes(m)
+      if (allocated(self%by_rate)) then
+        size_of = size_of + (abs(s) + m*self%period) &
+                  *maxval(sum(abs(sum(self%by_rate(:, :, m, :), 3)), 2))
+      end if
+      next = size_of*both
+      moved = moved + size_of*next*(1.0_wp + next)
     end do
     both = 0.0_wp
     call add(s + distance)

@@ -119,11 +119,11 @@ contains
     if (abs(smaller) > 0.0_wp) smaller = square/smaller
   end function smaller
 
-  !> Which of them matter for a stiffness.
-  subroutine weigh(self, stiffness, period, stride, nearly_rigid, line, ready)
+  !> Which of them matter for a stiffness and a damping.
+  subroutine weigh(self, stiffness, damping, period, stride, nearly_rigid, line, ready)
     class(condensed_poles), intent(inout) :: self
-    !> Largest local stiffness, part by part.
-    real(wp), intent(in) :: stiffness(:, :)
+    !> Largest local stiffness and damping, part by part.
+    real(wp), intent(in) :: stiffness(:, :), damping(:, :)
     real(wp), intent(in) :: period
     integer, intent(in) :: stride
     !> Both poles of a section nearer to 0 than this are those of a rigid body (rad/s).
@@ -142,7 +142,8 @@ contains
     push = 0.0_wp
     do j = 1, size(stiffness, 2)
       do i = 1, size(stiffness, 1)
-        push = push + stiffness(i, j)*self%pushed(:, i)*self%seen(:, j)
+        push = push + (stiffness(i, j) + abs(self%pole)*damping(i, j)) &
+               *self%pushed(:, i)*self%seen(:, j)
       end do
     end do
     moved = sqrt(push)

@@ -5,7 +5,7 @@ module viscovib_condensed_rows
   implicit none
   private
 
-  public :: fill_one, strength
+  public :: fill_one, find_swings, measure_waves, retained_of, strength, waves_of_rates
 
   !> Times at which H J is looked at.
   integer, parameter :: some_times = 16
@@ -54,35 +54,126 @@ contains
     end do
   end subroutine fill_one
 
+  !> Norms of J_m, m = 1, ..., and how large a part it is of the largest J, whatever the units.
+  pure subroutine measure_waves(local, by_rate, largest, strongest, sizes, parts)
+    !> J and what multiplies rates, by the difference of orders.
+    complex(wp), allocatable, intent(in) :: local(:, :, :, :), by_rate(:, :, :, :)
+    real(wp), intent(in) :: largest(:, :), strongest(:, :)
+    real(wp), allocatable, intent(out) :: sizes(:), parts(:)
+    integer :: m, most
+
+    most = ubound(local, 3)
+    allocate (sizes(most), parts(most))
+    do m = 1, most
+      associate (wave => abs(sum(local(:, :, m, :), 3)))
+        sizes(m) = maxval(sum(wave, 2))
+        parts(m) = maxval(wave/max(largest, tiny(1.0_wp)))
+      end associate
+      if (.not. allocated(by_rate)) cycle
+      parts(m) = max(parts(m), maxval(abs(sum(by_rate(:, :, m, :), 3)) &
+                                      /max(strongest, tiny(1.0_wp))))
+    end do
+  end subroutine measure_waves
+
+  !> Deflections whose stiffness swings, and the others.
+  pure subroutine find_swings(local, swings, others)
+    complex(wp), allocatable, intent(in) :: local(:, :, :, :)
+    integer, allocatable, intent(out) :: swings(:), others(:)
+    logical :: swing(size(local, 1))
+    integer :: a
+
+    do a = 1, size(swing)
+      swing(a) = any(abs(local(a, :, 1:, :)) > 0.0_wp) .or. any(abs(local(:, a, 1:, :)) > 0.0_wp)
+    end do
+    swings = pack([(a, a=1, size(swing))], swing)
+    others = pack([(a, a=1, size(swing))], .not. swing)
+  end subroutine find_swings
+
+  !> What memory retains of each group, shape (size(s), groups).
+  function retained_of(system, kernel_of_group, s) result(kept)
+    class(structure_type), intent(in) :: system
+    integer, intent(in) :: kernel_of_group(:)
+    complex(wp), intent(in) :: s(:)
+    complex(wp) :: kept(size(s), size(kernel_of_group))
+    integer :: q
+
+    kept = (1.0_wp, 0.0_wp)
+    do q = 1, size(kernel_of_group)
+      if (kernel_of_group(q) == 0) cycle
+      call system%kernels(kernel_of_group(q))%kernel%laplace(s, kept(:, q))
+      kept(:, q) = 1.0_wp - system%memory_scale*kept(:, q)
+    end do
+  end function retained_of
+
+  !> The part of J that the rate of a deflection multiplies, and the largest it is at any time.
+  subroutine waves_of_rates(system, kernel_of_group, slopes, waves, by_rate, strongest)
+    class(structure_type), intent(in) :: system
+    !> Kernel of each group; slopes by rates, shape (n_samples, n_memory, n_rates);
+    !! exp(-2 pi i m/n)/n of so many samples.
+    integer, intent(in) :: kernel_of_group(:)
+    real(wp), intent(in) :: slopes(:, :, :)
+    complex(wp), intent(in) :: waves(0:)
+    !> By the difference of orders and group, shape (n_dof, n_dof, -most:most, groups), and (n_dof,
+    !! n_dof).
+    complex(wp), allocatable, intent(inout) :: by_rate(:, :, :, :)
+    real(wp), intent(inout) :: strongest(:, :)
+    complex(wp) :: total
+    integer :: b, j, m, most, n, q, s
+
+    n = size(slopes, 1)
+    most = (n - 1)/2
+    if (allocated(by_rate)) deallocate (by_rate)
+    allocate (by_rate(size(strongest, 1), size(strongest, 1), -most:most, size(kernel_of_group)), &
+              source=(0.0_wp, 0.0_wp))
+    do j = 1, size(slopes, 2)
+      if (.not. system%bent(j)) cycle
+      q = findloc(kernel_of_group, system%kernel_of(j), 1)
+      do b = 1, system%n_rates()
+        associate (column => system%rates(b))
+          strongest(:, column) = strongest(:, column) + abs(system%spread(:, j)) &
+                                 *maxval(abs(slopes(:, j, b)))
+          do m = 0, most
+            total = (0.0_wp, 0.0_wp)
+            do s = 1, n
+              total = total + slopes(s, j, b)*waves(modulo(m*(s - 1), n))
+            end do
+            by_rate(:, column, m, q) = by_rate(:, column, m, q) + system%spread(:, j)*total
+            if (m > 0) by_rate(:, column, -m, q) = conjg(by_rate(:, column, m, q))
+          end do
+        end associate
+      end do
+    end do
+  end subroutine waves_of_rates
+
   !> How large H J is at s at some times, whatever the units: |(H J)^4|^(1/4).
   real(wp) function strength(system, kernel_of_group, slopes, s, h)
     class(structure_type), intent(in) :: system
     !> Kernel of each group, and slopes of the variables along the motion, shape (n_samples,
-    !! n_memory, n_dof).
+    !! n_memory, n_dof + n_rates).
     integer, intent(in) :: kernel_of_group(:)
     real(wp), intent(in) :: slopes(:, :, :)
     complex(wp), intent(in) :: s, h(:, :)
-    complex(wp) :: x(size(h, 1), size(h, 1)), kept(size(kernel_of_group)), f(1)
-    real(wp) :: slope(size(h, 1))
+    complex(wp) :: x(size(h, 1), size(h, 1)), kept(1, size(kernel_of_group))
+    complex(wp) :: slope(size(h, 1))
     integer :: b, i, j, q
 
-    kept = (1.0_wp, 0.0_wp)
-    do q = 1, size(kept)
-      if (kernel_of_group(q) == 0) cycle
-      call system%kernels(kernel_of_group(q))%kernel%laplace([s], f)
-      kept(q) = 1.0_wp - system%memory_scale*f(1)
-    end do
+    kept = retained_of(system, kernel_of_group, [s])
     strength = 0.0_wp
     do i = 1, size(slopes, 1), max(1, size(slopes, 1)/some_times)
       x = (0.0_wp, 0.0_wp)
       do j = 1, size(slopes, 2)
         q = findloc(kernel_of_group, system%kernel_of(j), 1)
-        slope = 0.0_wp
-        if (system%bent(j)) slope = slopes(i, j, :)
+        slope = (0.0_wp, 0.0_wp)
+        if (system%bent(j)) then
+          slope = slopes(i, j, :size(slope))
+          do b = 1, system%n_rates()
+            slope(system%rates(b)) = slope(system%rates(b)) + s*slopes(i, j, size(slope) + b)
+          end do
+        end if
         do b = 1, size(h, 1)
-          x(:, b) = x(:, b) + system%spread(:, j)*(kept(q)*slope(b))
+          x(:, b) = x(:, b) + system%spread(:, j)*(kept(1, q)*slope(b))
           if (system%kernel_of(j) > 0) then
-            x(:, b) = x(:, b) + system%spread(:, j)*((kept(q) - 1.0_wp)*system%gather(j, b))
+            x(:, b) = x(:, b) + system%spread(:, j)*((kept(1, q) - 1.0_wp)*system%gather(j, b))
           end if
         end do
       end do

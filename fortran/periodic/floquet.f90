@@ -1,12 +1,12 @@
 !> Stability of periodic solutions without memory: the monodromy matrices of
 !!
-!!   M y'' + C y' + K(t) y = 0,   K(t) = dF/du along the solution,
+!!   M y'' + C(t) y' + K(t) y = 0,   K(t) = dF/du, C(t) = C + dF/du' along the solution,
 !!
 !! over a period, several solutions side by side in the lanes, by Gauss collocation of order 12
 !! in equal steps, as many as the estimated error asks for. Their eigenvalues are the Floquet
-!! multipliers. Under half-wave symmetry K has half the period, and they are the squares of the
-!! eigenvalues h of minus the matrix of half a period: h = 1 at folds, h = -1 where the symmetry
-!! breaks.
+!! multipliers. Under half-wave symmetry K and C have half the period, and they are the squares of
+!! the eigenvalues h of minus the matrix of half a period: h = 1 at folds, h = -1 where the
+!! symmetry breaks.
 module viscovib_floquet
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
@@ -14,7 +14,7 @@ module viscovib_floquet
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: lane_product, n_lanes
-  use viscovib_monodromy_step, only: advance, n_nodes, new_step_table, step_table
+  use viscovib_monodromy_step, only: advance, advance_drag, n_nodes, new_step_table, step_table
   use viscovib_oscillator, only: oscillator_type
   use viscovib_product_eigenvalues, only: largest_factor, product_type
   use viscovib_stopping, only: is_set
@@ -53,6 +53,9 @@ module viscovib_floquet
     real(wp), allocatable, private :: rest(:, :)
     real(wp), allocatable, private :: u(:, :), w(:, :), slopes(:, :, :), by_u(:, :, :)
     real(wp), allocatable, private :: by_v(:, :, :), stiffness(:, :, :), along(:)
+    !> Coordinates whose rates matter, and h D at the nodes if there are any.
+    integer, allocatable, private :: rates(:)
+    real(wp), allocatable, private :: drags(:, :, :)
     !> Harmonics, states, h D and room for the equations of a step, lane first.
     real(wp), allocatable, private :: x(:, :, :), y(:, :, :), drag(:, :, :), g(:, :, :)
   contains
@@ -97,8 +100,12 @@ contains
     call new_step_table(floquet%table)
     floquet%chunk = max(1, piece/(n_lanes*n_nodes*d**2))
     n = n_lanes*n_nodes*floquet%chunk
-    allocate (floquet%u(n, d), floquet%w(n, m), floquet%slopes(n, m, d), &
+    allocate (floquet%rates(0))
+    if (system%n_rates() > 0) floquet%rates = system%rates
+    allocate (floquet%u(n, d + size(floquet%rates)), floquet%w(n, m), &
+              floquet%slopes(n, m, d + size(floquet%rates)), &
               floquet%stiffness(n, d, d), floquet%along(n), source=0.0_wp)
+    if (size(floquet%rates) > 0) allocate (floquet%drags(n, d, d))
     if (.not. system%separable) then
       allocate (floquet%by_u(n, d, d), floquet%by_v(n, d, m), source=0.0_wp)
     end if
@@ -295,12 +302,17 @@ contains
         if (is_set(cancel)) return
       end if
       call self%stiffness_along(system, (first - 1)*n_nodes + 1, &
-                                n_nodes*min(self%chunk, self%n_steps - first + 1), h**2)
+                                n_nodes*min(self%chunk, self%n_steps - first + 1), h)
       do s = 1, min(self%chunk, self%n_steps - first + 1)
-        call advance(self%table, self%n_dof, n_nodes*self%chunk, (s - 1)*n_nodes + 1, &
-                     self%stiffness, self%drag, self%y, self%g, error)
+        if (size(self%rates) > 0) then
+          call advance_drag(self%table, self%n_dof, n_nodes*self%chunk, (s - 1)*n_nodes + 1, &
+                            self%stiffness, self%drags, self%y, self%g, error)
+        else
+          call advance(self%table, self%n_dof, n_nodes*self%chunk, (s - 1)*n_nodes + 1, &
+                       self%stiffness, self%drag, self%y, self%g, error)
+        end if
         if (.not. present(product)) cycle
-        shrunk = shrunk + sum([(self%drag(1, a, a), a=1, self%n_dof)])
+        shrunk = shrunk + shrinking(self, s)
         if (maxval(abs(self%y(1, :, :))) <= largest_factor .and. shrunk <= log(largest_factor) &
             .and. first + s <= self%n_steps) cycle
         call product%append(self%y(1, :, :))
@@ -315,6 +327,22 @@ contains
     end do
   end subroutine integrate
 
+  !> The trace of h D in the first lane, its mean over a step of those stored.
+  pure real(wp) function shrinking(self, s)
+    class(floquet_type), intent(in) :: self
+    integer, intent(in) :: s
+    integer :: a, i
+    shrinking = sum([(self%drag(1, a, a), a=1, self%n_dof)])
+    if (size(self%rates) == 0) return
+    shrinking = 0.0_wp
+    do i = 1, n_nodes
+      do a = 1, self%n_dof
+        shrinking = shrinking + self%table%b(i) &
+                    *self%drags(((s - 1)*n_nodes + i - 1)*n_lanes + 1, a, a)
+      end do
+    end do
+  end function shrinking
+
   !> Disturbances of size 1, one of each coordinate and velocity.
   pure subroutine begin(self)
     class(floquet_type), intent(inout) :: self
@@ -325,17 +353,29 @@ contains
     end do
   end subroutine begin
 
-  !> h^2 M^(-1) dF/du at count nodes from one on, without memory: v = w(u).
-  subroutine stiffness_along(self, system, first, count, squares)
+  !> h^2 M^(-1) dF/du at count nodes from one on, without memory: v = w(u); and h D, if it varies.
+  subroutine stiffness_along(self, system, first, count, h)
     class(floquet_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: first, count
-    real(wp), intent(in) :: squares(n_lanes)
-    integer :: a, b, j
+    real(wp), intent(in) :: h(n_lanes)
+    real(wp) :: rate(n_lanes, size(self%x, 2)), per_phase(n_lanes)
+    integer :: a, b, j, k
 
     do b = 1, self%n_dof
       call lane_product(size(self%x, 2), count, self%x(1, 1, b), self%synthesis(1, first), &
                         self%u(1, b))
+    end do
+    ! nu h is the phase of a step.
+    per_phase = merge(pi, 2.0_wp*pi, self%half_wave)/self%n_steps/max(h, tiny(1.0_wp))
+    where (.not. h > 0.0_wp) per_phase = 0.0_wp
+    do b = 1, size(self%rates)
+      do k = 1, size(self%orders)
+        rate(:, 2*k - 1) = -self%orders(k)*per_phase*self%x(:, 2*k, self%rates(b))
+        rate(:, 2*k) = self%orders(k)*per_phase*self%x(:, 2*k - 1, self%rates(b))
+      end do
+      call lane_product(size(self%x, 2), count, rate, self%synthesis(1, first), &
+                        self%u(1, self%n_dof + b))
     end do
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
     if (system%separable) then
@@ -357,7 +397,28 @@ contains
     end if
     do b = 1, self%n_dof
       do a = 1, self%n_dof
-        call scale_lanes(count, squares, self%stiffness(1, a, b))
+        call scale_lanes(count, h**2, self%stiffness(1, a, b))
+      end do
+    end do
+    if (size(self%rates) == 0) return
+    do b = 1, self%n_dof
+      do a = 1, self%n_dof
+        self%drags(:, a, b) = self%damping(a, b)
+      end do
+    end do
+    do k = 1, size(self%rates)
+      b = self%rates(k)
+      do j = 1, size(self%w, 2)
+        if (.not. system%bent(j)) cycle
+        do a = 1, self%n_dof
+          self%drags(:, a, b) = self%drags(:, a, b) + (self%spread(a, j)/self%unit(b)) &
+                                *self%slopes(:, j, self%n_dof + k)
+        end do
+      end do
+    end do
+    do b = 1, self%n_dof
+      do a = 1, self%n_dof
+        call scale_lanes(count, h, self%drags(1, a, b))
       end do
     end do
   end subroutine stiffness_along

@@ -6,7 +6,8 @@
 !!
 !!   R_k = sum_j B(:,j) f_jk W_jk + G_k + (i k nu C - (k nu)^2 M) X_k - s P_k,
 !!
-!! G being the harmonics of F(u, v) - B v. Samples of a period lead there and back;
+!! G being the harmonics of F(u, v) - B v. Where w_j depends on rates too, these have the harmonics
+!! i k nu X_k. Samples of a period lead there and back;
 !! the derivatives are exact ones of the sampled equations: those of w and F at
 !! the samples between the same two tables.
 module viscovib_harmonic_balance
@@ -26,6 +27,10 @@ module viscovib_harmonic_balance
     !> Unknowns of all coordinates.
     integer :: n = 0
     integer, private :: n_dof = 0, n_memory = 0
+    !> Coordinates whose rates variables depend on.
+    integer, allocatable, private :: rates(:)
+    !> Whether `slopes` are those of the last motion seen.
+    logical, private :: bent_known = .false.
     !> Frequency (rad/s), and the factor s of the load.
     real(wp) :: nu = 0.0_wp, load_factor = 1.0_wp
     type(sample_tables), private :: tables
@@ -40,7 +45,7 @@ module viscovib_harmonic_balance
     !> Harmonics of the remainders w(u) - W u, and of a force, shape (2 n_orders,
     !! n_memory) and (2 n_orders).
     real(wp), allocatable, private :: bent(:, :), kept(:), f_parts(:)
-    !> Samples of u, of w - W u or v, of a force, and slopes, at the last motion seen.
+    !> Samples of u and rates, of w - W u or v, of a force, and slopes, at the last motion seen.
     real(wp), allocatable, private :: u(:, :), w(:, :), f(:, :), slopes(:, :, :), by_u(:, :, :), &
                                       by_v(:, :, :)
     !> Moments of a slope, and derivatives of harmonics.
@@ -59,9 +64,12 @@ contains
     type(balance_type), intent(out) :: balance
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
-    integer :: d, m, k, s
+    integer :: d, m, k, s, seen
 
     d = system%n_dof()
+    seen = d + system%n_rates()
+    allocate (balance%rates(0))
+    if (seen > d) balance%rates = system%rates
     m = system%n_memory()
     k = size(set%orders)
     balance%set = set
@@ -72,7 +80,7 @@ contains
     balance%n = 2*k*d
     allocate (balance%stiffness(d, d, k), balance%fraction(k, m), balance%load(k, d), &
               balance%mu(k))
-    allocate (balance%u(s, d), balance%w(s, m), balance%f(s, d), balance%slopes(s, m, d), &
+    allocate (balance%u(s, seen), balance%w(s, m), balance%f(s, d), balance%slopes(s, m, seen), &
               balance%by_u(s, d, d), balance%by_v(s, d, m), balance%bent(2*k, m), &
               balance%kept(2*k), balance%f_parts(2*k), balance%block(2*k, 2*k), &
               balance%memory(2*k, 2*k, m), source=0.0_wp)
@@ -115,8 +123,14 @@ contains
     real(wp), intent(out) :: r(2*size(self%set%orders), self%n_dof)
     integer :: a, b, j, k
 
+    self%bent_known = .false.
     do b = 1, self%n_dof
       call self%tables%to_samples(x(:, b), self%u(:, b))
+    end do
+    do b = 1, size(self%rates)
+      self%kept(1::2) = -self%mu*x(2::2, self%rates(b))
+      self%kept(2::2) = self%mu*x(1::2, self%rates(b))
+      call self%tables%to_samples(self%kept, self%u(:, self%n_dof + b))
     end do
     do a = 1, self%n_dof
       do k = 1, size(self%set%orders)
@@ -193,6 +207,7 @@ contains
       end do
     end do
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
+    self%bent_known = .true.
     if (.not. system%separable) call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
     do b = 1, self%n_dof
       do j = 1, self%n_memory
@@ -220,7 +235,42 @@ contains
       end do
       if (.not. system%separable) call add_inseparable(self, system, b, jacobian)
     end do
+    do b = 1, size(self%rates)
+      call add_rate(self, system, b, jacobian)
+    end do
   end subroutine derivatives
+
+  !> What depends on a rate: a basic motion sin k nu t has the rate k nu cos k nu t.
+  subroutine add_rate(self, system, b, jacobian)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    !> Place among the rates.
+    integer, intent(in) :: b
+    real(wp), intent(inout) :: jacobian(:, :)
+    real(wp) :: column(size(self%block, 1))
+    integer :: a, j, k
+
+    do j = 1, self%n_memory
+      if (.not. system%bent(j)) cycle
+      if (.not. any(abs(self%slopes(:, j, self%n_dof + b)) > 0.0_wp)) cycle
+      self%block = 0.0_wp
+      call add_sandwich(self, self%slopes(:, j, self%n_dof + b), 1.0_wp, 1, 1, self%block)
+      do k = 1, size(self%mu)
+        column = self%block(:, 2*k - 1)
+        self%block(:, 2*k - 1) = self%mu(k)*self%block(:, 2*k)
+        self%block(:, 2*k) = -self%mu(k)*column
+      end do
+      if (system%kernel_of(j) > 0) then
+        do k = 1, size(self%block, 2)
+          call retain(self%fraction(:, j), self%block(:, k))
+        end do
+      end if
+      do a = 1, self%n_dof
+        if (.not. abs(system%spread(a, j)) > 0.0_wp) cycle
+        call add_block(self%block, system%spread(a, j), a, self%rates(b), jacobian)
+      end do
+    end do
+  end subroutine add_rate
 
   !> The linear part of coordinate b in the equations of coordinate a.
   pure subroutine add_stiffness(self, a, b, jacobian)
@@ -359,10 +409,35 @@ contains
       slope(2::2, a) = aimag(total(:, a))
     end do
     if (any(system%kernel_of > 0)) call add_memory_slope(self, system, y, slope)
+    if (size(self%rates) > 0) call add_rate_slope(self, system, slope)
     do k = 1, size(self%set%orders)
       if (self%set%orders(k) == 0) slope(2*k - 1, :) = 0.0_wp
     end do
   end subroutine frequency_derivative
+
+  !> What rates add: they are in proportion to nu.
+  subroutine add_rate_slope(self, system, slope)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(inout) :: slope(2*size(self%set%orders), self%n_dof)
+    real(wp) :: samples(size(self%u, 1))
+    integer :: a, b, j
+
+    if (.not. self%bent_known) call system%deflection_slopes(self%u, self%slopes)
+    self%bent_known = .true.
+    do j = 1, self%n_memory
+      if (.not. system%bent(j)) cycle
+      samples = 0.0_wp
+      do b = 1, size(self%rates)
+        samples = samples + self%slopes(:, j, self%n_dof + b)*self%u(:, self%n_dof + b)
+      end do
+      call self%tables%to_parts(samples/self%nu, self%kept)
+      if (system%kernel_of(j) > 0) call retain(self%fraction(:, j), self%kept)
+      do a = 1, self%n_dof
+        slope(:, a) = slope(:, a) + system%spread(a, j)*self%kept
+      end do
+    end do
+  end subroutine add_rate_slope
 
   !> What memory adds: dv_k/dnu = k f'(k nu) W_k, into B v and through F(u, v) - B v at the
   !! samples.

@@ -8,7 +8,9 @@
 !!     + sum_j sum_m b_j,(k-m) f_j(s_m) sum_l w_j,(m-l) Y_l = 0,
 !!
 !! w_j, b_j and A the Fourier coefficients of dw_j/du, dF/dv_j and dF/du along the
-!! solution (Hill, Acta Math. 8 (1886) 1, for equations without memory). Everything
+!! solution (Hill, Acta Math. 8 (1886) 1, for equations without memory). Where w_j depends on
+!! rates, those of dw_j/du' times s_l are added to w_j,(m-l); their mean, if it has no memory, joins
+!! C, since it alone decides how the determinant converges. Everything
 !! is multiplied by M^(-1) and divided by (s_k + a)^2, so that the determinant tends
 !! to a periodic function of lambda with period i d that has no poles where
 !! Re lambda >= 0 and no winding at large Re lambda. d is nu; under half-wave
@@ -19,8 +21,8 @@ module viscovib_hill
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
-  use viscovib_hill_blocks, only: add_column, add_rows, add_toeplitz, copy_blocks, eliminate, &
-    scale_rows
+  use viscovib_hill_blocks, only: add_column, add_rates, add_rows, add_toeplitz, copy_blocks, &
+    eliminate, moments_of, scale_rows
   use viscovib_hill_relaxing, only: relaxing_points
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
@@ -55,8 +57,10 @@ module viscovib_hill
     real(wp) :: nu = 0.0_wp
     !> Trace of M^(-1) dF/du without memory, its mean along the solution.
     real(wp) :: trace = 0.0_wp
+    !> The same of M^(-1) dF/du'.
+    real(wp) :: drag = 0.0_wp
     type(harmonic_set_type), private :: set
-    !> M^(-1), M^(-1) C and M^(-1) B.
+    !> M^(-1), M^(-1) C with the mean of what depends on rates, and M^(-1) B.
     real(wp), allocatable :: inverse(:, :), damping(:, :), spread(:, :)
     !> Kernel of each group of hereditary variables; 0: none.
     integer, allocatable, private :: kernel_of_group(:)
@@ -64,6 +68,9 @@ module viscovib_hill
     !! rows and columns of a coordinate stand together, order by order. Parts of the matrix
     !! that each group multiplies, row by row, shape (p n, p n, groups, 2).
     real(wp), allocatable, private :: springs(:, :, :, :)
+    !> M^(-1) C alone; and as `springs` what depends on rates, if anything does, without its mean
+    !! where that has no memory.
+    real(wp), allocatable, private :: linear_damping(:, :), dampers(:, :, :, :)
     !> Where F(u, v) is not separable: b and w of coordinate and variable, shape (p, p, n, m, 2),
     !! and A, shape (p n, p n, 2); the first two without what does not vary, and whether any of
     !! it does.
@@ -97,12 +104,14 @@ contains
     call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
     hill%inverse = real(inverse)
     hill%damping = matmul(hill%inverse, system%damping)
+    hill%linear_damping = hill%damping
     hill%spread = matmul(hill%inverse, system%spread)
     ! Slopes of a polynomial of degree g reach the order (g - 1) K.
     call new_harmonic_set(hill%set, maxval(set%orders), set%half_wave, &
                           merge(max(2*system%degree - 3, 3), as_degree, system%degree > 0))
     s = hill%set%n_samples
-    allocate (hill%u(s, n), hill%w(s, m), hill%slopes(s, m, n), hill%by_u(s, n, n), &
+    allocate (hill%u(s, n + system%n_rates()), hill%w(s, m), &
+              hill%slopes(s, m, n + system%n_rates()), hill%by_u(s, n, n), &
               hill%by_v(s, n, m), source=0.0_wp)
     allocate (hill%outer_varies(n, m), hill%inner_varies(n, m), source=.false.)
     allocate (hill%waves(0:s - 1))
@@ -123,7 +132,7 @@ contains
     real(wp), intent(in) :: nu
     !> Harmonics, real and imaginary part by turns, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
-    real(wp) :: fastest
+    real(wp) :: fastest, parts(size(x, 1))
     integer :: b, p
 
     self%nu = nu
@@ -133,6 +142,11 @@ contains
     do b = 1, self%n_dof
       self%u(:, b) = matmul(x(:, b), self%set%synthesis)
     end do
+    do b = 1, system%n_rates()
+      parts(1::2) = -nu*self%set%orders*x(2::2, system%rates(b))
+      parts(2::2) = nu*self%set%orders*x(1::2, system%rates(b))
+      self%u(:, self%n_dof + b) = matmul(parts, self%set%synthesis)
+    end do
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
     if (.not. system%separable) then
       call variables_along(self, system, nu, x)
@@ -140,6 +154,7 @@ contains
     end if
     ! Orders beyond the fastest mode along the motion, and some more.
     call find_rates(self, system, fastest)
+    if (system%n_rates() > 0) call take_mean_of_rates(self, system)
     self%ready = fastest <= max_unknowns*nu
     if (.not. self%ready) return
     b = ceiling(fastest/nu + 1.5_wp*self%stride)
@@ -188,7 +203,8 @@ contains
     real(wp), intent(out) :: fastest
     real(wp) :: stiffness(self%n_dof, self%n_dof), force(self%n_dof, size(self%w, 2))
     real(wp) :: slope(size(self%w, 2), self%n_dof), scale(self%n_dof, self%n_dof), largest
-    integer :: a, b, s
+    real(wp) :: damping(self%n_dof, self%n_dof), strongest
+    integer :: a, b, j, s
 
     do b = 1, self%n_dof
       do a = 1, self%n_dof
@@ -196,7 +212,9 @@ contains
       end do
     end do
     largest = 0.0_wp
+    strongest = 0.0_wp
     self%trace = 0.0_wp
+    self%drag = 0.0_wp
     do s = 1, size(self%u, 1)
       force = system%spread + self%by_v(s, :, :)
       slope = system%gather
@@ -208,9 +226,66 @@ contains
       do b = 1, self%n_dof
         self%trace = self%trace + stiffness(b, b)/size(self%u, 1)
       end do
+      damping = self%linear_damping
+      do b = 1, system%n_rates()
+        do j = 1, size(self%w, 2)
+          if (.not. system%bent(j)) cycle
+          damping(:, system%rates(b)) = damping(:, system%rates(b)) &
+                                        + self%spread(:, j)*self%slopes(s, j, self%n_dof + b)
+        end do
+      end do
+      strongest = max(strongest, maxval(sum(abs(scale*damping), 2)))
+      do b = 1, self%n_dof
+        self%drag = self%drag + damping(b, b)/size(self%u, 1)
+      end do
     end do
-    fastest = sqrt(largest) + maxval(sum(abs(scale*self%damping), 2))
+    fastest = sqrt(largest) + strongest
   end subroutine find_rates
+
+  !> C with the mean of what depends on rates and has no memory.
+  subroutine take_mean_of_rates(self, system)
+    class(hill_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    integer :: b, j
+
+    self%damping = self%linear_damping
+    do b = 1, system%n_rates()
+      do j = 1, size(self%w, 2)
+        if (.not. system%bent(j) .or. system%kernel_of(j) > 0) cycle
+        self%damping(:, system%rates(b)) = self%damping(:, system%rates(b)) + self%spread(:, j) &
+                                           *(sum(self%slopes(:, j, self%n_dof + b)) &
+                                             /size(self%slopes, 1))
+      end do
+    end do
+  end subroutine take_mean_of_rates
+
+  !> The rest of what depends on rates, for p orders.
+  subroutine fill_dampers(self, system, p)
+    class(hill_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: p
+    complex(wp) :: c(-p:p)
+    integer :: a, b, j, q
+
+    if (allocated(self%dampers)) deallocate (self%dampers)
+    allocate (self%dampers(p*self%n_dof, p*self%n_dof, size(self%kernel_of_group), 2), &
+              source=0.0_wp)
+    do j = 1, size(self%w, 2)
+      if (.not. system%bent(j)) cycle
+      q = findloc(self%kernel_of_group, system%kernel_of(j), 1)
+      do b = 1, system%n_rates()
+        call moments_of(self%waves, .true., self%slopes(:, j, self%n_dof + b), 0.0_wp, c)
+        if (system%kernel_of(j) == 0) c(0) = (0.0_wp, 0.0_wp)
+        do a = 1, self%n_dof
+          if (.not. abs(self%spread(a, j)) > 0.0_wp) cycle
+          associate (row => (a - 1)*p + 1, column => (system%rates(b) - 1)*p + 1)
+            call add_toeplitz(p, self%spread(a, j)*c, size(self%dampers, 1), &
+                              self%dampers(row, column, q, 1), self%dampers(row, column, q, 2))
+          end associate
+        end do
+      end do
+    end do
+  end subroutine fill_dampers
 
   !> The parts of the matrix for p orders.
   subroutine fill(self, system, p)
@@ -223,6 +298,7 @@ contains
     n = self%n_dof
     m = size(self%w, 2)
     self%n_orders = p
+    if (system%n_rates() > 0) call fill_dampers(self, system, p)
     if (system%separable) then
       if (allocated(self%springs)) then
         if (size(self%springs, 1) /= p*n) deallocate (self%springs)
@@ -234,7 +310,7 @@ contains
       do j = 1, m
         q = findloc(self%kernel_of_group, system%kernel_of(j), 1)
         do b = 1, n
-          call moments_of(self, system%bent(j), self%slopes(:, j, b), system%gather(j, b), c)
+          call moments_of(self%waves, system%bent(j), self%slopes(:, j, b), system%gather(j, b), c)
           do a = 1, n
             if (.not. abs(self%spread(a, j)) > 0.0_wp) cycle
             call add_toeplitz(p, self%spread(a, j)*c, size(self%springs, 1), &
@@ -258,49 +334,24 @@ contains
       do j = 1, m
         self%outer_varies(a, j) = any(abs(matmul(self%by_v(:, :, j), self%inverse(a, :))) > 0.0_wp)
         if (self%outer_varies(a, j)) then
-          call moments_of(self, .true., matmul(self%by_v(:, :, j), self%inverse(a, :)), 0.0_wp, c)
+          call moments_of(self%waves, .true., matmul(self%by_v(:, :, j), self%inverse(a, :)), &
+                        0.0_wp, c)
           call add_toeplitz(p, c, p, self%outer(1, 1, a, j, 1), self%outer(1, 1, a, j, 2))
         end if
         self%inner_varies(a, j) = system%bent(j) .and. any(abs(self%slopes(:, j, a)) > 0.0_wp)
         if (self%inner_varies(a, j)) then
-          call moments_of(self, .true., self%slopes(:, j, a), 0.0_wp, c)
+          call moments_of(self%waves, .true., self%slopes(:, j, a), 0.0_wp, c)
           call add_toeplitz(p, c, p, self%inner(1, 1, a, j, 1), self%inner(1, 1, a, j, 2))
         end if
       end do
       do b = 1, n
-        call moments_of(self, .true., matmul(self%by_u(:, :, b), self%inverse(a, :)), 0.0_wp, c)
+        call moments_of(self%waves, .true., matmul(self%by_u(:, :, b), self%inverse(a, :)), &
+                        0.0_wp, c)
         call add_toeplitz(p, c, p*n, self%direct((a - 1)*p + 1, (b - 1)*p + 1, 1), &
                           self%direct((a - 1)*p + 1, (b - 1)*p + 1, 2))
       end do
     end do
   end subroutine fill
-
-  !> Fourier coefficients of a constant and a slope, of orders stride times the index.
-  pure subroutine moments_of(self, varies, slope, constant, c)
-    class(hill_type), intent(in) :: self
-    logical, intent(in) :: varies
-    real(wp), intent(in) :: slope(:), constant
-    !> Orders -p to p.
-    complex(wp), intent(out) :: c(:)
-    complex(wp) :: total
-    integer :: m, s, p, n
-
-    n = size(slope)
-    p = size(c)/2
-    c = (0.0_wp, 0.0_wp)
-    if (varies) then
-      ! Samples resolve the orders below half their number over a (half) period.
-      do m = 0, min(p, (n - 1)/2)
-        total = (0.0_wp, 0.0_wp)
-        do s = 1, n
-          total = total + slope(s)*self%waves(modulo(m*(s - 1), n))
-        end do
-        c(p + 1 + m) = total
-        c(p + 1 - m) = conjg(total)
-      end do
-    end if
-    c(p + 1) = c(p + 1) + constant
-  end subroutine moments_of
 
   !> The determinant at lambda; not to be asked for on a cut of a kernel or at -a.
   subroutine determinant(self, system, lambda, value, about_half)
@@ -342,6 +393,9 @@ contains
       do q = 1, size(kept, 2)
         call add_rows(self%n_orders, p, self%n_dof, kept(:, q), self%springs(1, 1, q, 1), &
                       self%springs(1, 1, q, 2), h)
+        if (system%n_rates() == 0) cycle
+        call add_rates(self%n_orders, p, self%n_dof, kept(:, q), s, self%dampers(1, 1, q, 1), &
+                       self%dampers(1, 1, q, 2), h)
       end do
     else
       call copy_blocks(self%n_orders, p, self%n_dof, self%direct, h)

@@ -6,9 +6,38 @@ module viscovib_hill_blocks
   implicit none
   private
 
-  public :: add_column, add_rows, add_toeplitz, copy_blocks, eliminate, scale_rows
+  public :: add_column, add_rates, add_rows, add_toeplitz, copy_blocks, eliminate, moments_of, &
+            scale_rows
 
 contains
+
+  !> Fourier coefficients of a constant and a slope, of orders stride times the index.
+  pure subroutine moments_of(waves, varies, slope, constant, c)
+    !> exp(-2 pi i m/n)/n of so many samples.
+    complex(wp), intent(in) :: waves(0:)
+    logical, intent(in) :: varies
+    real(wp), intent(in) :: slope(:), constant
+    !> Orders -p to p.
+    complex(wp), intent(out) :: c(:)
+    complex(wp) :: total
+    integer :: m, s, p, n
+
+    n = size(slope)
+    p = size(c)/2
+    c = (0.0_wp, 0.0_wp)
+    if (varies) then
+      ! Samples resolve the orders below half their number over a (half) period.
+      do m = 0, min(p, (n - 1)/2)
+        total = (0.0_wp, 0.0_wp)
+        do s = 1, n
+          total = total + slope(s)*waves(modulo(m*(s - 1), n))
+        end do
+        c(p + 1 + m) = total
+        c(p + 1 - m) = conjg(total)
+      end do
+    end if
+    c(p + 1) = c(p + 1) + constant
+  end subroutine moments_of
 
   !> Products with a periodic factor: entries c(i - l).
   pure subroutine add_toeplitz(p, c, rows, re, im)
@@ -47,6 +76,29 @@ contains
       end do
     end do
   end subroutine add_rows
+
+  !> h + f part s, f and s by the rows and columns of each coordinate.
+  pure subroutine add_rates(all, p, n, f, s, re, im, h)
+    integer, intent(in) :: all, p, n
+    complex(wp), intent(in) :: f(p), s(p)
+    real(wp), intent(in) :: re(all, n, all, n), im(all, n, all, n)
+    real(wp), intent(inout) :: h(p, n, p, n, 2)
+    complex(wp) :: entry
+    integer :: a, b, i, l, o
+
+    o = all - p
+    do b = 1, n
+      do l = 1, p
+        do a = 1, n
+          do i = 1, p
+            entry = f(i)*s(l)*cmplx(re(i + o, a, l + o, b), im(i + o, a, l + o, b), wp)
+            h(i, a, l, b, 1) = h(i, a, l, b, 1) + real(entry)
+            h(i, a, l, b, 2) = h(i, a, l, b, 2) + aimag(entry)
+          end do
+        end do
+      end do
+    end do
+  end subroutine add_rates
 
   !> Of a matrix with all orders the blocks of the p highest.
   pure subroutine copy_blocks(all, p, n, from, h)

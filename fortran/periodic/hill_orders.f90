@@ -21,20 +21,11 @@ contains
     complex(wp) :: omega
     real(wp) :: edge, excess
 
-    excess = trace_of_damping(hill) - 2.0_wp*hill%shift*hill%n_dof
+    excess = hill%drag - 2.0_wp*hill%shift*hill%n_dof
     edge = (hill%highest + 0.5_wp*hill%stride)*hill%nu
     omega = cmplx(aimag(lambda), -real(lambda), wp)
     tail = exp(cmplx(0.0_wp, excess/hill%period, wp)*log((edge + omega)/(edge - omega)))
   end function tail
-
-  pure real(wp) function trace_of_damping(hill) result(total)
-    class(hill_type), intent(in) :: hill
-    integer :: a
-    total = 0.0_wp
-    do a = 1, hill%n_dof
-      total = total + hill%damping(a, a)
-    end do
-  end function trace_of_damping
 
   !> Factor, without its constant, that makes D(lambda) the polynomial in z = exp(-2 pi lambda/d)
   !! which exp(-2 pi n lambda/d) times the product of all orders is without memory: it takes the
@@ -63,7 +54,7 @@ contains
     by_6 = 1.0_wp/(5.0_wp*step*edge**5)
     total = total - (x**2*by_2 + x**4/2.0_wp*by_4 + x**6/3.0_wp*by_6) - pi*lambda/hill%period
     factor = exp(2.0_wp*hill%n_dof*total - 6.0_wp*hill%trace*(x/hill%nu)**2*by_4 &
-                 + cmplx(0.0_wp, 2.0_wp*trace_of_damping(hill)/hill%nu, wp) &
+                 + cmplx(0.0_wp, 2.0_wp*hill%drag/hill%nu, wp) &
                  *x*(by_2 + x**2*by_4))
   end function to_polynomial
 

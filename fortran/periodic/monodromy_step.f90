@@ -16,7 +16,7 @@ module viscovib_monodromy_step
   implicit none
   private
 
-  public :: step_table, new_step_table, advance
+  public :: step_table, new_step_table, advance, advance_drag
 
   !> Nodes; even, for equations are taken two at a time.
   integer, parameter, public :: n_nodes = 6
@@ -71,6 +71,43 @@ contains
     call eliminate(n_nodes*n, 2*n, g)
     call update(table, n, g(1, 1, n_nodes*n + 1), y, error)
   end subroutine advance
+
+  !> The same where D varies: h D at the nodes.
+  pure subroutine advance_drag(table, n, nodes, first, k, damping, y, g, error)
+    type(step_table), intent(in) :: table
+    integer, intent(in) :: n, nodes, first
+    real(wp), intent(in) :: k(n_lanes, nodes, n, n), damping(n_lanes, nodes, n, n)
+    real(wp), intent(inout) :: y(n_lanes, 2*n, 2*n)
+    real(wp), intent(inout) :: g(n_lanes, n_nodes*n, n_nodes*n + 2*n)
+    real(wp), intent(inout) :: error(n_lanes)
+    real(wp) :: total(n_lanes)
+    integer :: a, b, c, i, j, node
+
+    do i = 1, n_nodes
+      node = first - 1 + i
+      do a = 1, n
+        do j = 1, n_nodes
+          do b = 1, n
+            g(:, (i - 1)*n + a, (j - 1)*n + b) = table%a_q(i, j)*k(:, node, a, b) &
+                                                 + table%a(i, j)*damping(:, node, a, b)
+          end do
+        end do
+        do c = 1, 2*n
+          total = 0.0_wp
+          do b = 1, n
+            total = total - (k(:, node, a, b)*(y(:, b, c) + table%c(i)*y(:, n + b, c)) &
+                             + damping(:, node, a, b)*y(:, n + b, c))
+          end do
+          g(:, (i - 1)*n + a, n_nodes*n + c) = total
+        end do
+      end do
+    end do
+    do i = 1, n_nodes*n
+      g(:, i, i) = g(:, i, i) + 1.0_wp
+    end do
+    call eliminate(n_nodes*n, 2*n, g)
+    call update(table, n, g(1, 1, n_nodes*n + 1), y, error)
+  end subroutine advance_drag
 
   !> The matrix and the right sides beside it.
   pure subroutine assemble(table, n, nodes, first, k, damping, y, g)

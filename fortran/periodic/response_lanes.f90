@@ -25,6 +25,8 @@ module viscovib_response_lanes
     !! the linear response.
     real(wp) :: recent(3, n_lanes) = 0.0_wp
     real(wp) :: smallest(n_lanes) = 0.0_wp, start_norm(n_lanes) = 0.0_wp
+    !> Frequency (rad/s).
+    real(wp) :: nu(n_lanes) = 0.0_wp
     !> Iterate, and the load, shape (n_lanes, 2, n_orders, n_dof).
     real(wp), allocatable :: u(:, :, :, :), load(:, :, :, :)
     !> Compliance, shape (n_lanes, n_dof, n_dof, n_orders).
@@ -55,7 +57,8 @@ contains
               work%w(n_lanes, 2, k, m), &
               work%c_re(n_lanes, d, d, k), work%c_im(n_lanes, d, d, k), &
               work%f_re(n_lanes, m, k), work%f_im(n_lanes, m, k), &
-              work%u_samples(s, d), work%w_samples(s, m), work%f_samples(s, d), source=0.0_wp)
+              work%u_samples(s, d + system%n_rates()), work%w_samples(s, m), &
+              work%f_samples(s, d), source=0.0_wp)
   end subroutine allocate_block
 
   !> Largest of sqrt(M_dd) (|Re X| + |Im X|) of each lane.
@@ -89,6 +92,7 @@ contains
     if (counting) call count_up(counted_loads, size(load%orders))
     work%point(lane) = point
     work%halvings(lane) = 0
+    work%nu(lane) = nu
     work%relaxation(lane) = merge(relaxation, 1.0_wp, relaxation > 0.0_wp)
     work%f_re(lane, :, :) = real(fraction)
     work%f_im(lane, :, :) = aimag(fraction)
@@ -125,10 +129,18 @@ contains
     type(block_type), intent(inout) :: work
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
-    integer :: j, d
+    real(wp) :: rate(n_lanes, 2, size(set%orders))
+    integer :: j, d, k
 
     do d = 1, system%n_dof()
       call set%to_samples(work%u(:, :, :, d), work%u_samples(:, d))
+    end do
+    do d = 1, system%n_rates()
+      do k = 1, size(set%orders)
+        rate(:, 1, k) = -set%orders(k)*work%nu*work%u(:, 2, k, system%rates(d))
+        rate(:, 2, k) = set%orders(k)*work%nu*work%u(:, 1, k, system%rates(d))
+      end do
+      call set%to_samples(rate, work%u_samples(:, system%n_dof() + d))
     end do
     call system%deflection_remainder(work%u_samples, work%w_samples)
     do j = 1, system%n_memory()

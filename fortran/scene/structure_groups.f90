@@ -409,23 +409,29 @@ contains
     character(len=*), intent(in) :: text
     character(len=:), allocatable, intent(inout) :: fault
     character(len=name_length) :: none(0)
-    real(wp) :: no_values(0), slopes(1)
+    real(wp) :: no_values(0), slopes(2)
     character(len=:), allocatable :: other
     logical :: defined
 
     deallocate (element%laws)
     allocate (element%laws(1))
     associate (law => element%laws(1))
-      call compile_law(lower(text), ['d'], none, no_values, law%program, law%parity, other)
+      call compile_law(lower(text), ['d', 'v'], none, no_values, law%program, law%parity, &
+                       law%degree, other)
       if (other /= '') then
-        if (scan(text, '(<>') > 0) fault = other
+        if (scan(text, '(<>vV') > 0) fault = other
         return
       end if
+      law%kernel = element%kernel
       call about_rest(law, slopes, defined)
+      law%arguments = reshape([1.0_wp, 0.0_wp], [2, 1])
+      law%rates = reshape([0.0_wp, 1.0_wp], [2, 1])
+      call law%drop_unread()
     end associate
     fault = ''
     if (.not. defined) fault = 'must be defined around rest, where d is 0'
     element%stiffness = element%stiffness + slopes(1)
+    element%damping = element%damping + slopes(2)
   end subroutine read_function
 
   pure function some(names)

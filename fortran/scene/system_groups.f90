@@ -219,14 +219,22 @@ contains
     type(law_term) :: law
     type(law_term), allocatable :: laws(:)
     character(len=name_length) :: none(0)
-    real(wp) :: no_values(0), slopes(size(coordinates)), zero(size(coordinates), size(coordinates))
+    real(wp) :: no_values(0), slopes(2*size(coordinates))
+    real(wp), dimension(size(coordinates), size(coordinates)) :: zero, unit
+    character(len=name_length + 4) :: arguments(2*size(coordinates))
     character(len=:), allocatable :: other
     logical :: defined
-    integer :: i
+    integer :: i, n
 
-    call compile_law(lower(text), coordinates, none, no_values, law%program, law%parity, other)
+    n = size(coordinates)
+    do i = 1, n
+      arguments(i) = coordinates(i)
+      arguments(n + i) = trim(coordinates(i))//'_dot'
+    end do
+    call compile_law(lower(text), arguments, none, no_values, law%program, law%parity, law%degree, &
+                     other)
     if (other /= '') then
-      if (scan(text, '(<>') > 0) fault = other
+      if (scan(text, '(<>') > 0 .or. index(lower(text), '_dot') > 0) fault = other
       return
     end if
     law%kernel = kernel
@@ -239,9 +247,11 @@ contains
       fault = 'must be defined around rest, where what it depends on is 0'
       return
     end if
-    ! Its arguments are the coordinates.
-    law%arguments = reshape([(merge(1.0_wp, 0.0_wp, mod(i, size(coordinates) + 1) == 0), &
-                              i=0, size(zero) - 1)], shape(zero))
+    unit = reshape([(merge(1.0_wp, 0.0_wp, mod(i, n + 1) == 0), i=0, n*n - 1)], [n, n])
+    allocate (law%arguments(2*n, n), law%rates(2*n, n), source=0.0_wp)
+    law%arguments(:n, :) = unit
+    law%rates(n + 1:, :) = unit
+    call law%drop_unread()
     if (.not. allocated(p%laws)) allocate (p%laws(0))
     if (size(p%laws) >= max_laws) then
       call reader%complain('force', '&force: at most '//show(max_laws)//' may be no polynomials')
@@ -255,9 +265,10 @@ contains
     call move_alloc(laws, p%laws)
     ! What is linear in it.
     zero = 0.0_wp
-    zero(on, :) = slopes
+    zero(on, :) = slopes(:n)
     p%stiffness = reshape([p%stiffness, zero], [shape(zero), size(p%stiffness, 3) + 1])
     p%spring_kernel = [p%spring_kernel, kernel]
+    p%damping(on, :) = p%damping(on, :) + slopes(n + 1:)
   end subroutine read_function
 
   !> Another room for monomials.

@@ -10,11 +10,14 @@ module viscovib_law_program
   implicit none
   private
 
-  public :: law_program, branches, operands, parity_of
+  public :: branches, degree_of, law_program, operands, parity_of
 
   !> The value outside a domain, and the largest argument of exp.
   real(wp), parameter, public :: wall = 1.0e60_wp
   real(wp), parameter :: steepest = 138.0_wp
+
+  !> Polynomials of higher degree are none.
+  integer, parameter :: highest_degree = 15
 
   !> Instructions. A power that is known has its exponent as its number.
   integer, parameter, public :: put_number = 1, put_argument = 2, add = 3, subtract = 4, &
@@ -398,5 +401,37 @@ contains
       if (all(parities == 1)) parity = 1
     end select
   end function parity_of
+
+  !> Degree of a law as a polynomial in its arguments, -1 if it is none, from those of its operands.
+  pure integer function degree_of(code, number, degrees) result(degree)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: number
+    !> Shape (operands(code)).
+    integer, intent(in) :: degrees(:)
+
+    degree = -1
+    if (any(degrees < 0)) return
+    select case (code)
+    case (put_number)
+      degree = 0
+    case (put_argument)
+      degree = 1
+    case (add, subtract)
+      degree = maxval(degrees)
+    case (multiply)
+      degree = sum(degrees)
+    case (divide)
+      if (degrees(2) == 0) degree = degrees(1)
+    case (negate)
+      degree = degrees(1)
+    case (square)
+      degree = 2*degrees(1)
+    case (known_power)
+      if (is_whole(number) .and. number >= 0.0_wp) degree = degrees(1)*nint(number)
+    case default
+      if (all(degrees == 0)) degree = 0
+    end select
+    if (degree > highest_degree) degree = -1
+  end function degree_of
 
 end module viscovib_law_program

@@ -5,18 +5,24 @@ module viscovib_law_term
   implicit none
   private
 
-  public :: law_term, about_rest, add_laws, add_law_slopes, new_law_term
+  public :: law_term, about_rest, add_laws, add_law_slopes, new_law_term, read_rates
 
-  !> f(A u) on some equations, each with a weight; what is linear in it stands in the stiffness.
+  !> f(A u + A' u') on some equations, each with a weight; what is linear in it stands in the
+  !! stiffness and, without a kernel, in the damping.
   type :: law_term
     type(law_program) :: program
-    !> A, shape (n_arguments, n_dof).
-    real(wp), allocatable :: arguments(:, :)
-    !> The kernel behind which it stands (0: none), and its parity (see `parity_of`).
-    integer :: kernel = 0, parity = 0
+    !> A and A', shape (n_arguments, n_dof); the latter is 0 where no rate is read.
+    real(wp), allocatable :: arguments(:, :), rates(:, :)
+    !> A, and of A' the columns of all rates that laws read (see `read_rates`).
+    real(wp), allocatable :: seen(:, :)
+    !> The kernel behind which it stands (0: none), its parity (see `parity_of`), and its degree as
+    !! a polynomial (0: it is none).
+    integer :: kernel = 0, parity = 0, degree = 0
     !> Shape (n_targets), and the hereditary variables of these equations.
     integer, allocatable :: equations(:), variables(:)
     real(wp), allocatable :: weights(:)
+  contains
+    procedure :: drop_unread
   end type law_term
 
   !> How near to rest a law must have a value, on all sides.
@@ -24,11 +30,12 @@ module viscovib_law_term
 
 contains
 
-  !> A law of all coordinates as one without its linear part at rest, which is given apart.
+  !> A law of all coordinates, and of their rates, as one without its linear part at rest, which is
+  !! given apart.
   subroutine about_rest(law, slopes, defined)
-    !> Its program reads the coordinates; its parity may be lost.
+    !> Its program reads the coordinates, then the rates; its parity may be lost.
     type(law_term), intent(inout) :: law
-    !> Derivatives at rest, shape (n_dof).
+    !> Derivatives at rest, shape (2 n_dof); behind a kernel those by rates stay in the law, 0 here.
     real(wp), intent(out) :: slopes(:)
     !> Whether it has a value around rest.
     logical, intent(out) :: defined
@@ -45,6 +52,7 @@ contains
     call law%program%differentiate(at, value, by)
     defined = all(abs(value) < wall)
     slopes = by(1, :)
+    if (law%kernel > 0) slopes(n/2 + 1:) = 0.0_wp
     if (law%parity == 1 .and. any(abs(slopes) > 0.0_wp)) law%parity = 0
     do i = 1, n
       if (.not. abs(slopes(i)) > 0.0_wp) cycle
@@ -54,8 +62,29 @@ contains
     call law%program%measure()
   end subroutine about_rest
 
-  !> A law from numbers: arguments, equations, instructions, kernel, parity; A (arguments n_dof);
-  !! equation and weight of each target; code and number of each instruction.
+  !> Without the arguments that its program does not read.
+  subroutine drop_unread(self)
+    class(law_term), intent(inout) :: self
+    integer :: place(size(self%arguments, 1)), i
+    logical :: used(size(self%arguments, 1))
+
+    used = [(any(self%program%code == put_argument .and. nint(self%program%number) == i), &
+             i=1, size(used))]
+    if (.not. any(used)) used(1) = .true.
+    place = 0
+    place(pack([(i, i=1, size(used))], used)) = [(i, i=1, count(used))]
+    do i = 1, size(self%program%code)
+      if (self%program%code(i) == put_argument) then
+        self%program%number(i) = place(nint(self%program%number(i)))
+      end if
+    end do
+    self%arguments = self%arguments(pack([(i, i=1, size(used))], used), :)
+    self%rates = self%rates(pack([(i, i=1, size(used))], used), :)
+    self%program%n_arguments = count(used)
+  end subroutine drop_unread
+
+  !> A law from numbers: arguments, equations, instructions, kernel, parity, degree; A and A'
+  !! (arguments n_dof); equation and weight of each target; code and number of each instruction.
   subroutine new_law_term(law, vector, n_dof, used)
     type(law_term), intent(out) :: law
     real(wp), intent(in) :: vector(:)
@@ -69,8 +98,11 @@ contains
     n = nint(vector(3))
     law%kernel = nint(vector(4))
     law%parity = nint(vector(5))
-    used = 5
+    law%degree = nint(vector(6))
+    used = 6
     law%arguments = reshape(vector(used + 1:used + m*n_dof), [m, n_dof])
+    used = used + m*n_dof
+    law%rates = reshape(vector(used + 1:used + m*n_dof), [m, n_dof])
     used = used + m*n_dof
     law%equations = nint(vector(used + 1:used + 2*k:2))
     law%weights = vector(used + 2:used + 2*k:2)
@@ -83,10 +115,35 @@ contains
     call law%program%measure()
   end subroutine new_law_term
 
+  !> Coordinates whose rates laws read, and how these read what is then handed to them: all
+  !! coordinates, and behind them these rates.
+  pure subroutine read_rates(laws, n_dof, rates)
+    type(law_term), intent(inout) :: laws(:)
+    integer, intent(in) :: n_dof
+    integer, allocatable, intent(out) :: rates(:)
+    logical :: read_by(n_dof)
+    integer :: i, j
+
+    read_by = .false.
+    do i = 1, size(laws)
+      read_by = read_by .or. any(abs(laws(i)%rates) > 0.0_wp, 1)
+    end do
+    rates = pack([(i, i=1, n_dof)], read_by)
+    do i = 1, size(laws)
+      if (allocated(laws(i)%seen)) deallocate (laws(i)%seen)
+      allocate (laws(i)%seen(size(laws(i)%arguments, 1), n_dof + size(rates)))
+      laws(i)%seen(:, :n_dof) = laws(i)%arguments
+      do j = 1, size(rates)
+        laws(i)%seen(:, n_dof + j) = laws(i)%rates(:, rates(j))
+      end do
+    end do
+  end subroutine read_rates
+
   !> Add the laws to the hereditary variables in which they stand.
   subroutine add_laws(laws, u, w)
     type(law_term), intent(in) :: laws(:)
-    !> Shapes (n_samples, n_dof) and (n_samples, n_memory).
+    !> Coordinates and the rates that laws read, shape (n_samples, n_seen), and variables,
+    !! (n_samples, n_memory).
     real(wp), intent(in) :: u(:, :)
     real(wp), intent(inout) :: w(:, :)
     real(wp) :: value(size(u, 1))
@@ -94,7 +151,7 @@ contains
 
     do i = 1, size(laws)
       associate (law => laws(i))
-        call law%program%evaluate(matmul(u, transpose(law%arguments)), value)
+        call law%program%evaluate(matmul(u, transpose(law%seen)), value)
         do j = 1, size(law%variables)
           w(:, law%variables(j)) = w(:, law%variables(j)) + law%weights(j)*value
         end do
@@ -102,11 +159,11 @@ contains
     end do
   end subroutine add_laws
 
-  !> Their derivatives by the coordinates.
+  !> Their derivatives by the coordinates and rates.
   subroutine add_law_slopes(laws, u, slopes)
     type(law_term), intent(in) :: laws(:)
     real(wp), intent(in) :: u(:, :)
-    !> Shape (n_samples, n_memory, n_dof).
+    !> Shape (n_samples, n_memory, n_seen).
     real(wp), intent(inout) :: slopes(:, :, :)
     real(wp) :: value(size(u, 1)), by_coordinate(size(u, 1), size(u, 2))
     real(wp), allocatable :: by_argument(:, :)
@@ -115,8 +172,8 @@ contains
     do i = 1, size(laws)
       associate (law => laws(i))
         allocate (by_argument(size(u, 1), law%program%n_arguments))
-        call law%program%differentiate(matmul(u, transpose(law%arguments)), value, by_argument)
-        by_coordinate = matmul(by_argument, law%arguments)
+        call law%program%differentiate(matmul(u, transpose(law%seen)), value, by_argument)
+        by_coordinate = matmul(by_argument, law%seen)
         deallocate (by_argument)
         do b = 1, size(u, 2)
           do j = 1, size(law%variables)

@@ -12,9 +12,9 @@
 module viscovib_law_text
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
-  use viscovib_law_program, only: add, divide, f_atleast, f_atmost, f_less, f_more, f_pow, &
-    first_function, functions, known_power, law_program, multiply, negate, operands, parity_of, &
-    power, put_argument, put_number, square, subtract, wall
+  use viscovib_law_program, only: add, degree_of, divide, f_atleast, f_atmost, f_less, f_more, &
+    f_pow, first_function, functions, known_power, law_program, multiply, negate, operands, &
+    parity_of, power, put_argument, put_number, square, subtract, wall
   use viscovib_number_text, only: parse_real
   use viscovib_status, only: show
   implicit none
@@ -31,26 +31,27 @@ module viscovib_law_text
   type :: cursor_type
     character(len=:), allocatable :: text, fault
     integer :: at = 1, depth = 0, n = 0
-    !> The program so far, and the parity of each value on its stack.
-    integer :: code(max_code) = 0, parity(max_stack) = 0, held = 0
+    !> The program so far, and the parity and degree of each value on its stack.
+    integer :: code(max_code) = 0, parity(max_stack) = 0, degree(max_stack) = 0, held = 0
     real(wp) :: number(max_code) = 0.0_wp
   end type cursor_type
 
 contains
 
   !> Compile a text; if something is wrong, `fault` says what, else it is empty.
-  subroutine compile_law(text, arguments, names, values, program, parity, fault)
+  subroutine compile_law(text, arguments, names, values, program, parity, degree, fault)
     character(len=*), intent(in) :: text
     !> Names of arguments, and of parameters with their values.
     character(len=*), intent(in) :: arguments(:), names(:)
     real(wp), intent(in) :: values(:)
     type(law_program), intent(out) :: program
-    !> As of `parity_of`.
-    integer, intent(out) :: parity
+    !> As of `parity_of`, and its degree as a polynomial, 0 if it is none.
+    integer, intent(out) :: parity, degree
     character(len=:), allocatable, intent(out) :: fault
     type(cursor_type) :: cursor
 
     parity = 0
+    degree = 0
     cursor%text = text//' '
     cursor%fault = ''
     call read_comparison(cursor, arguments, names, values)
@@ -64,6 +65,7 @@ contains
     program%number = cursor%number(:cursor%n)
     call program%measure()
     parity = cursor%parity(1)
+    degree = max(cursor%degree(1), 0)
   end subroutine compile_law
 
   !> The next character that is not blank.
@@ -108,6 +110,7 @@ contains
     cursor%number(cursor%n) = number
     first = cursor%held - n + 1
     cursor%parity(first) = parity_of(code, number, cursor%parity(first:cursor%held))
+    cursor%degree(first) = degree_of(code, number, cursor%degree(first:cursor%held))
     cursor%held = first
     first = cursor%n - n
     if (n == 0) return
@@ -123,6 +126,8 @@ contains
     cursor%n = first
     cursor%code(first) = put_number
     cursor%number(first) = value(1)
+    cursor%parity(cursor%held) = 1
+    cursor%degree(cursor%held) = 0
   end subroutine emit
 
   recursive subroutine read_comparison(cursor, arguments, names, values)

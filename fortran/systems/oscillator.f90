@@ -36,6 +36,9 @@ module viscovib_oscillator
     integer :: n_zero = 0, n_silent = 0
     !> Factor of every kernel, epsilon_1 of seed paper 001.
     real(wp) :: memory_scale = 1.0_wp
+    !> Coordinates whose rates some w_j depend on; not allocated: none. Samples of u have these
+    !! rates as further columns, derivatives by them too.
+    integer, allocatable :: rates(:)
     !> Which w_j have a nonlinear part at all, shape (n_memory).
     logical, allocatable :: bent(:)
     !> F = B v exactly; `force_remainder` is then never called.
@@ -56,6 +59,7 @@ module viscovib_oscillator
     procedure(force_slopes_interface), deferred :: force_slopes
     procedure :: n_dof
     procedure :: n_memory
+    procedure :: n_rates
     procedure :: is_linear
     procedure :: drop_zero_kernels
     procedure :: coupling
@@ -75,7 +79,7 @@ module viscovib_oscillator
     subroutine deflection_remainder_interface(self, u, w)
       import :: oscillator_type, wp
       class(oscillator_type), intent(in) :: self
-      !> Coordinates, shape (n_samples, n_dof).
+      !> Coordinates, and rates, shape (n_samples, n_dof + n_rates).
       real(wp), intent(in), contiguous :: u(:, :)
       !> Remainder, shape (n_samples, n_memory); columns that are not `bent`
       !! are left alone.
@@ -98,7 +102,7 @@ module viscovib_oscillator
       import :: oscillator_type, wp
       class(oscillator_type), intent(in) :: self
       real(wp), intent(in), contiguous :: u(:, :)
-      !> d w_j/d u_b, shape (n_samples, n_memory, n_dof); variables that are not
+      !> d w_j/d u_b, shape (n_samples, n_memory, n_dof + n_rates); variables that are not
       !! `bent` are left alone.
       real(wp), intent(inout), contiguous :: slopes(:, :, :)
     end subroutine deflection_slopes_interface
@@ -149,6 +153,13 @@ contains
     class(oscillator_type), intent(in) :: self
     n_memory = size(self%gather, 1)
   end function n_memory
+
+  !> How many rates some w_j depend on.
+  pure integer function n_rates(self)
+    class(oscillator_type), intent(in) :: self
+    n_rates = 0
+    if (allocated(self%rates)) n_rates = size(self%rates)
+  end function n_rates
 
   !> No nonlinear term is left to evaluate.
   pure logical function is_linear(self)

@@ -12,7 +12,7 @@ module viscovib_polynomial
   use viscovib_checks, only: check_finite
   use viscovib_counters, only: count_up, counted_deflections, counted_monomials, counting
   use viscovib_kinds, only: wp
-  use viscovib_law_term, only: add_law_slopes, add_laws, law_term
+  use viscovib_law_term, only: add_law_slopes, add_laws, law_term, read_rates
   use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
@@ -90,8 +90,13 @@ contains
     if (allocated(parameters%laws)) system%laws = parameters%laws
     if (size(system%laws) > 0) then
       system%odd = system%odd .and. all(system%laws%parity == -1)
-      system%degree = 0
+      if (all(system%laws%degree > 0)) then
+        system%degree = max(system%degree, maxval(system%laws%degree))
+      else
+        system%degree = 0
+      end if
     end if
+    call read_rates(system%laws, size(system%mass, 1), system%rates)
     call add_variables(system, parameters, size(kernels))
     call system%drop_zero_kernels()
   end subroutine new_polynomial
@@ -336,7 +341,7 @@ contains
     end do
     do i = 1, size(self%laws)
       associate (law => self%laws(i))
-        touched = any(abs(law%arguments) > 0.0_wp, 1)
+        touched = any(abs(law%arguments) > 0.0_wp .or. abs(law%rates) > 0.0_wp, 1)
         touched(law%equations) = .true.
         do j = 1, size(touched)
           if (touched(j)) coupled(:, j) = coupled(:, j) .or. touched

@@ -125,7 +125,7 @@ contains
         do j = 1, n
           signals(k + j)%program = programs(j)
           signals(k + j)%by_q = law%arguments
-          signals(k + j)%by_v = 0.0_wp*law%arguments
+          signals(k + j)%by_v = law%rates
         end do
         k = k + n
       end associate
@@ -206,7 +206,8 @@ contains
     end do
     do i = 1, size(self%laws)
       associate (law => self%laws(i))
-        call law%program%evaluate(matmul(q, transpose(law%arguments)), product)
+        call law%program%evaluate(matmul(q, transpose(law%arguments)) &
+                                  + matmul(v, transpose(law%rates)), product)
         do d = 1, self%n_dof
           a(:, d) = a(:, d) - dot_product(self%inverse(d, law%equations), law%weights)*product
         end do

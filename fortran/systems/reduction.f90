@@ -5,6 +5,7 @@
 !! acts on no other: the equations of the others are complete without it.
 module viscovib_reduction
   use viscovib_kinds, only: wp
+  use viscovib_law_term, only: read_rates
   use viscovib_oscillator, only: copy_kernels, oscillator_type
   use viscovib_polynomial, only: monomial_type, polynomial_type
   implicit none
@@ -89,6 +90,7 @@ contains
     do i = 1, size(reduced%laws)
       associate (law => reduced%laws(i))
         law%arguments = law%arguments(:, dofs)
+        law%rates = law%rates(:, dofs)
         law%equations = place(law%equations)
         law%variables = variable(law%variables)
       end associate
@@ -96,8 +98,9 @@ contains
     associate (degrees => [(sum(reduced%monomials(i)%power), i=1, size(reduced%monomials))])
       reduced%odd = all(mod(degrees, 2) == 1) .and. all(reduced%laws%parity == -1)
       reduced%degree = 0
-      if (size(reduced%laws) == 0) reduced%degree = maxval([1, degrees])
+      if (all(reduced%laws%degree > 0)) reduced%degree = maxval([1, degrees, reduced%laws%degree])
     end associate
+    call read_rates(reduced%laws, size(dofs), reduced%rates)
   end subroutine reduce
 
   !> Whether entries of a state (u_1, u_1', u_2, ...) belong to coordinates that move.

@@ -129,7 +129,8 @@ contains
           k = k + 1
           p%laws(k) = elements(i)%laws(j)
           p%laws(k)%kernel = elements(i)%kernel
-          p%laws(k)%arguments = reshape(mix, [1, q])
+          p%laws(k)%arguments = matmul(p%laws(k)%arguments, reshape(mix, [1, q]))
+          p%laws(k)%rates = matmul(p%laws(k)%rates, reshape(mix, [1, q]))
           p%laws(k)%equations = pack([(a, a=1, q)], abs(mix) > 0.0_wp)
           p%laws(k)%weights = pack(mix, abs(mix) > 0.0_wp)
           p%laws(k)%variables = spread(0, 1, size(p%laws(k)%equations))

@@ -88,6 +88,7 @@ contains
 
     map%s = table%s
     map%n_dof = system%n_dof()
+    map%n_rates = system%n_rates()
     map%n_memory = system%n_memory()
     map%n_channels = size(channels%kernel_of)
     map%bent = pack([(j, j=1, map%n_memory)], system%bent)

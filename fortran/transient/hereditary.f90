@@ -150,7 +150,7 @@ contains
   subroutine stand_still(self, system)
     class(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    call self%equations%start_bends(system, self%maps(self%now), self%u)
+    call self%equations%start_bends(system, self%maps(self%now), self%u, self%v)
     self%points(self%table%s + 1, :) = self%u
     self%rolling = .false.
   end subroutine stand_still

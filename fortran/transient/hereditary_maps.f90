@@ -36,6 +36,9 @@ module viscovib_hereditary_maps
 
   type :: step_map_type
     integer :: s = 0, n_dof = 0, n_memory = 0, n_channels = 0
+    !> Length of the step, and how many rates nonlinear variables depend on.
+    real(wp) :: h = 0.0_wp
+    integer :: n_rates = 0
     !> Nonlinear hereditary variables, and whether r is there.
     integer, allocatable :: bent(:)
     logical :: separable = .true.
@@ -99,6 +102,8 @@ contains
 
     map%s = table%s
     map%n_dof = system%n_dof()
+    map%n_rates = system%n_rates()
+    map%h = h
     map%n_memory = system%n_memory()
     map%n_channels = size(channels%kernel_of)
     map%bent = pack([(j, j=1, map%n_memory)], system%bent)

@@ -236,6 +236,7 @@ contains
     real(wp) :: w(0:table%s + 1, system%n_memory()), bend(table%s + 2, system%n_memory())
     real(wp) :: whole(table%s, size(channels%kernel_of)), kept(table%s, system%n_memory())
     real(wp) :: row(size(self%u)), change, before
+    real(wp) :: seen(0:table%s + 1, size(self%u) + system%n_rates())
     integer :: pivots(size(self%u)), n, i, k, turn, s
     logical :: singular
 
@@ -258,7 +259,15 @@ contains
                                             + length*matmul(table%a2, a(:, k)))
         speed(:, k) = self%v(k) + length*matmul(table%a1, a(:, k))
       end do
-      if (any(system%bent)) call system%deflection_remainder(points, bend)
+      seen(:, :n) = points
+      do k = 1, system%n_rates()
+        associate (b => system%rates(k))
+          seen(0, n + k) = self%v(b)
+          seen(1:s, n + k) = speed(:, b)
+          seen(s + 1, n + k) = self%v(b) + length*dot_product(table%b, a(:, b))
+        end associate
+      end do
+      if (any(system%bent)) call system%deflection_remainder(seen, bend)
       w = matmul(points, transpose(system%gather))
       do k = 1, system%n_memory()
         if (system%bent(k)) w(:, k) = w(:, k) + bend(:, k)

@@ -35,7 +35,7 @@ contains
     real(wp), intent(in) :: times(:)
     !> Displacements, shape (n_dof, n+1).
     real(wp), intent(in) :: u(:, :)
-    real(wp) :: points(nodes + 2, size(u, 1)), w(nodes + 2, system%n_memory())
+    real(wp) :: points(nodes + 2, size(u, 1) + system%n_rates()), w(nodes + 2, system%n_memory())
     real(wp) :: bend(nodes + 2, system%n_memory())
     integer :: c, d, i, n
 
@@ -49,7 +49,11 @@ contains
       do d = 1, size(u, 1)
         points(:, d) = u(d, i) + (u(d, i + 1) - u(d, i))*known_past%table%points
       end do
-      w = matmul(points, transpose(system%gather))
+      do d = 1, system%n_rates()
+        points(:, size(u, 1) + d) = (u(system%rates(d), i + 1) - u(system%rates(d), i)) &
+                                    /(times(i + 1) - times(i))
+      end do
+      w = matmul(points(:, :size(u, 1)), transpose(system%gather))
       bend = 0.0_wp
       if (any(system%bent)) call system%deflection_remainder(points, bend)
       do d = 1, system%n_memory()

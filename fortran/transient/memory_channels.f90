@@ -66,13 +66,14 @@ contains
     type(channels_type), intent(inout) :: channels
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: held(:)
-    real(wp) :: u(1, size(held)), w(1, system%n_memory()), total
+    real(wp) :: u(1, size(held) + system%n_rates()), w(1, system%n_memory()), total
     integer :: c
 
     channels%held = 0.0_wp*channels%kernel_of
     channels%held_recalled = channels%held
     if (.not. any(abs(held) > 0.0_wp)) return
-    u(1, :) = held
+    u = 0.0_wp
+    u(1, :size(held)) = held
     w = 0.0_wp
     if (any(system%bent)) call system%deflection_remainder(u, w)
     do c = 1, system%n_memory()

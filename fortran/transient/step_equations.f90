@@ -36,7 +36,9 @@ module viscovib_step_equations
     !> What carries nonlinear inputs on to the next step: from the start and from the
     !! other points; of force remainders from nodes.
     real(wp), allocatable, private :: onward_start(:), onward(:, :), onward_nodes(:, :)
-    !> Room: linear part, next X, displacements and hereditary variables at the points.
+    !> From X of a coordinate to its rates at the points, times h.
+    real(wp), allocatable, private :: to_rates(:, :)
+    !> Room: linear part, next X, displacements with rates and hereditary variables at the points.
     real(wp), allocatable, private :: linear(:), next(:), u_points(:, :), w_points(:, :)
     !> Zeros, as many as X has rows.
     real(wp), allocatable, private :: nothing(:)
@@ -67,9 +69,14 @@ contains
     allocate (self%z(size(map%from_input, 2)), self%linear(size(map%from_input, 1)))
     allocate (self%x, self%next, mold=self%linear)
     allocate (self%nothing(size(self%linear)), source=0.0_wp)
-    allocate (self%u_points(s + 1, map%n_dof), self%w_points(s + 1, map%n_memory))
+    allocate (self%u_points(s + 1, map%n_dof + map%n_rates), self%w_points(s + 1, map%n_memory))
     self%y = 0.0_wp
     self%w_points = 0.0_wp
+    allocate (self%to_rates(s + 1, s + 1))
+    do j = 1, s + 1
+      basis = table%slopes(table%points(j))
+      self%to_rates(j, :) = basis(1:)
+    end do
     allocate (self%onward_start(s + 1), self%onward(s + 1, s + 1), self%onward_nodes(s, s))
     do j = 1, s + 1
       basis = table%basis(1.0_wp + table%points(j))
@@ -92,16 +99,17 @@ contains
     end do
   end subroutine node_extrapolation
 
-  !> Nonlinear part at displacements u, as the start of the next step.
-  subroutine start_bends(self, system, map, u_start)
+  !> Nonlinear part at displacements u and velocities v, as the start of the next step.
+  subroutine start_bends(self, system, map, u_start, v_start)
     class(step_equations_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     type(step_map_type), intent(in) :: map
-    real(wp), intent(in) :: u_start(:)
-    real(wp) :: u(1, size(u_start)), w(1, system%n_memory())
+    real(wp), intent(in) :: u_start(:), v_start(:)
+    real(wp) :: u(1, size(u_start) + map%n_rates), w(1, system%n_memory())
     integer :: b
 
-    u(1, :) = u_start
+    u(1, :size(u_start)) = u_start
+    if (map%n_rates > 0) u(1, size(u_start) + 1:) = v_start(system%rates)
     w = 0.0_wp
     if (size(map%bent) > 0) call system%deflection_remainder(u, w)
     do b = 1, size(map%bent)
@@ -199,10 +207,14 @@ contains
     class(oscillator_type), intent(in) :: system
     type(step_map_type), intent(in) :: map
     real(wp), intent(in), contiguous :: u(:)
-    integer :: b, s
+    integer :: b, first, s
 
     s = map%s
     call add_columns(s + 1, map%n_dof, u, self%x, self%u_points)
+    do b = 1, map%n_rates
+      first = (system%rates(b) - 1)*(s + 1)
+      self%u_points(:, map%n_dof + b) = matmul(self%to_rates, self%x(first + 1:first + s + 1))/map%h
+    end do
     if (size(map%bent) > 0) call system%deflection_remainder(self%u_points, self%w_points)
     do b = 1, size(map%bent)
       call copy(s + 1, self%w_points(:, map%bent(b)), self%y((b - 1)*(s + 1) + 1:b*(s + 1)))
@@ -241,7 +253,7 @@ contains
     class(oscillator_type), intent(in) :: system
     type(step_map_type), intent(in) :: map
     logical, intent(out) :: made
-    real(wp) :: slopes(map%s + 1, map%n_memory, map%n_dof)
+    real(wp) :: slopes(map%s + 1, map%n_memory, map%n_dof + map%n_rates)
     real(wp) :: inner(map%s, map%n_dof), variables(map%s, map%n_memory)
     real(wp) :: by_u(map%s, map%n_dof, map%n_dof)
     real(wp) :: by_v(map%s, map%n_dof, map%n_memory)
@@ -262,6 +274,18 @@ contains
           row = (b - 1)*(s + 1) + i
           column = (j - 1)*(s + 1) + i
           matrix(:, row) = matrix(:, row) - map%from_bend(:, column)*slopes(i, map%bent(j), b)
+        end do
+      end do
+    end do
+    do b = 1, map%n_rates
+      row = (system%rates(b) - 1)*(s + 1)
+      do j = 1, size(map%bent)
+        do i = 1, s + 1
+          column = (j - 1)*(s + 1) + i
+          do a = 1, s + 1
+            matrix(:, row + a) = matrix(:, row + a) - map%from_bend(:, column) &
+                                 *(slopes(i, map%bent(j), map%n_dof + b)*self%to_rates(i, a)/map%h)
+          end do
         end do
       end do
     end do

@@ -67,6 +67,7 @@ contains
     call new_modal_map(maps%modal, sections, table, h)
     call new_condensed_map(maps%condensed, system, channels, table, &
                            maps%modal%answer(:, :table%s*r), e, singular)
+    maps%condensed%step%h = h
   end subroutine new_maps
 
   !> Nonlinear part of hereditary variables at the start of the next step.
@@ -75,7 +76,7 @@ contains
     class(oscillator_type), intent(in) :: system
     type(maps_type), intent(in) :: maps
     type(state_type), intent(in) :: state
-    call equations%start_bends(system, maps%condensed%step, state%w)
+    call equations%start_bends(system, maps%condensed%step, state%w, state%w_rate)
   end subroutine bends_of
 
   !> The step. `made` is false, and the state stays, if its equations do not settle, or if it may

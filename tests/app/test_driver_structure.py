@@ -27,7 +27,7 @@ CASES = {
     + "&element on='x4' 'X3' law='0.5*d^3 + 0.1*d^2 + 0.2*d' kernel=2 /\n"
     "&element on='x1' damping=0.2 kernel=0 /\n"
     "&element on='x1' 'x2' 'x3' weights=1 -2 1 stiffness=0.4 kernel=1 /\n"
-    "&element on='x1' law='Tanh(2*d) - 0.1*d^3' kernel=0 /\n"
+    "&element on='x1' law='Tanh(2*d) - 0.1*d^3 + 0.1*tanh(V)' kernel=0 /\n"
     + LOADS
     + "&load kind='base' amplitude=0.05 phase=0.3 /\n"
     "&branch nu_from=0.6 nu_to=0.7 harmonics=4 stability='no' /\n",

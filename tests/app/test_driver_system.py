@@ -98,3 +98,45 @@ def test_branch_of_a_system_of_ones_own(solve, tmp_path):
     assert table["nu"] == pytest.approx(branch.nu, abs=1e-9)
     assert table["x_0_im"] == pytest.approx(branch.coefficients[:, 0, 0].imag, abs=1e-8)
     assert "16 harmonics" in str(vv.plan(SCENES / "duffing_branch.nml"))
+
+
+def test_laws_of_rates(solve, tmp_path):
+    """Friction and quadratic damping, read by the driver and by Python to the same numbers."""
+    scene = tmp_path / "friction.nml"
+    scene.write_text(
+        "&system coordinates='a', 'b', mass=1, 0.5, stiffness=2, -1, -1, 1.5, damping=0.1, 0.05,\n"
+        "  kernel=0 /\n"
+        "&kernel kind='prony', weights=0.1, rates=0.4 /\n"
+        "&force on='a', law='0.2*tanh(A_dot/0.3) + 0.1*a_dot', kernel=0 /\n"
+        "&force on='b', law='0.1*(b_dot - a_dot)*(b - a)^2 + 0.1*tanh(b_dot)', kernel=1 /\n"
+        "&load on='b', amplitude=0.3 /\n"
+        "&response method='newton', nu_min=0.5, nu_max=1.5, nu_count=3 /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / "friction_response.csv")
+    read = vv.run(scene).response
+    system = vv.PolynomialSystem(
+        mass=[1, 0.5],
+        stiffness=[[2, -1], [-1, 1.5]],
+        damping=[0.1, 0.05],
+        forces={"a": "0.2*tanh(a_dot/0.3) + 0.1*a_dot"},
+        springs=[
+            vv.Springs(
+                forces={"b": "0.1*(b_dot - a_dot)*(b - a)^2 + 0.1*tanh(b_dot)"},
+                kernel=vv.PronyKernel(weights=[0.1], rates=[0.4]),
+            )
+        ],
+        names=("a", "b"),
+    )
+    found = vv.forced_response(system, table["nu"], load=[0, 0.3], method="newton")
+    assert found.converged.all()
+    assert read.coefficients == pytest.approx(found.coefficients, abs=1e-15)
+    for d, dof in enumerate("ab"):
+        for j, k in enumerate(found.harmonics):
+            value = table[f"{dof}_{k}_re"] + 1j * table[f"{dof}_{k}_im"]
+            assert value == pytest.approx(read.coefficients[:, d, j], abs=1e-15)
+    scene.write_text(scene.read_text().replace("A_dot", "c_dot"))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 2
+    assert "'c_dot' is neither a variable nor a parameter" in done.stderr

@@ -20,8 +20,28 @@ LAWS = {
 }
 
 
+#: The same with the rate v.
+RATES = {
+    "A*tanh(x_dot/B)": lambda x, v, a, b: a * np.tanh(v / b),
+    "A*x_dot*(x^2 + B)": lambda x, v, a, b: a * v * (x**2 + b),
+    "A*x_dot/(B + x_dot^2)": lambda x, v, a, b: a * v / (b + v**2),
+    "A*x_dot*sqrt(B + x_dot^2)": lambda x, v, a, b: a * v * np.sqrt(b + v**2),
+    "A*sin(x)*x_dot^2 + B*x_dot": lambda x, v, a, b: a * np.sin(x) * v**2 + b * v,
+    "A*x^2*x_dot + B*sin(x)": lambda x, v, a, b: a * x**2 * v + b * np.sin(x),
+}
+
+
 def _draw(rng):
-    text = list(LAWS)[int(rng.integers(len(LAWS)))]
+    if rng.random() < 0.5:
+        text = list(RATES)[int(rng.integers(len(RATES)))]
+        force = RATES[text]
+    else:
+        text = list(LAWS)[int(rng.integers(len(LAWS)))]
+        alone = LAWS[text]
+
+        def force(x, v, a, b):
+            return alone(x, a, b)
+
     a, b = even(rng, 0.1, 1, 3), even(rng, 0.5, 2, 3)
     if text.startswith("A*(exp"):
         a = -a
@@ -31,7 +51,7 @@ def _draw(rng):
     source = (
         f"vv.PolynomialSystem(mass=1, stiffness={number(k)}, damping={number(c)}, forces={law!r})"
     )
-    return source, lambda x: LAWS[text](x, a, b), c, k, load, nu
+    return source, lambda x, v: force(x, v, a, b), c, k, load, nu
 
 
 def _steady(rng, index):
@@ -46,9 +66,9 @@ x, orders, truncation, ok = r.coefficients[0, 0], r.harmonics, r.truncation[0], 
         x, orders = names["x"], names["orders"]
         theta = 2 * np.pi * np.arange(2048) / 2048
         waves = np.exp(1j * np.outer(orders, theta))
-        u = (x @ waves).imag
+        u, v = (x @ waves).imag, ((1j * orders * nu * x) @ waves).imag
         left = (((-((orders * nu) ** 2) + 1j * orders * nu * c + k) * x) @ waves).imag
-        left = left + force(u) - load * np.sin(theta)
+        left = left + force(u, v) - load * np.sin(theta)
         # The equation's residual, answered by the linear system alone.
         size = np.abs(u).max() * k + load
         allowed = (1e-8 + 100 * max(names["truncation"], 0.0)) * size
@@ -71,7 +91,7 @@ state, outcome = m.state[-1], str(m.outcome)
 
     def judge(names, told):
         run = solve_ivp(
-            lambda t, y: [y[1], load * np.sin(nu * t) - c * y[1] - k * y[0] - force(y[0])],
+            lambda t, y: [y[1], load * np.sin(nu * t) - c * y[1] - k * y[0] - force(y[0], y[1])],
             (0, 8), start, "DOP853", rtol=1e-12, atol=1e-13, max_step=0.1,
         )  # fmt: skip
         yield Claim("outcome", names["outcome"], "completed")
@@ -84,7 +104,7 @@ def _element(rng, index):
     _, _, c, k, load, nu = _draw(rng)
     a, b = even(rng, 0.1, 1, 3), even(rng, 0.5, 2, 3)
     call = f"""chain = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 1]]) * {k}
-spring = vv.Spring(on=("x1", "x3"), law="a*tanh(d/b) + d^3", parameters={{"a": {a}, "b": {b}}})
+spring = vv.Spring(on=("x1", "x3"), law="a*tanh(d/b) + d^3 + a*tanh(v/b)", parameters={{"a": {a}, "b": {b}}})
 s = vv.Structure(mass=np.eye(3), stiffness=chain, damping={c} * np.eye(3), elements=[spring])
 r = vv.forced_response(s, [{nu}], load=[{load}, 0, 0], method="newton")
 x, orders, ok, degree = r.coefficients[0], r.harmonics, r.converged[0], spring.degree
@@ -99,7 +119,8 @@ x, orders, ok, degree = r.coefficients[0], r.harmonics, r.converged[0], spring.d
         waves = np.exp(1j * np.outer(orders, theta))
         chain = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 1]]) * k
         d = ((x[0] - x[2]) @ waves).imag
-        f = 2j / 2048 * ((a * np.tanh(d / b) + d**3) @ waves.conj().T)
+        v = ((1j * orders * nu * (x[0] - x[2])) @ waves).imag
+        f = 2j / 2048 * ((a * np.tanh(d / b) + d**3 + a * np.tanh(v / b)) @ waves.conj().T)
         f[orders == 0] /= 2
         for j, order in enumerate(orders):
             left = (chain + (1j * order * nu * c - (order * nu) ** 2) * np.eye(3)) @ x[:, j]
@@ -109,6 +130,51 @@ x, orders, ok, degree = r.coefficients[0], r.harmonics, r.converged[0], spring.d
     return Case(call, judge)
 
 
+def _multipliers(rng, index):
+    source, force, c, k, load, nu = _draw(rng)
+    call = f"""r = vv.forced_response({source}, [{nu}], load={load}, method="newton", stability=True)
+x, orders, ok, truncation = r.coefficients[0, 0], r.harmonics, r.converged[0], r.truncation[0]
+multipliers, stable = r.multipliers[0], r.stable[0]
+"""
+
+    def judge(names, told):
+        if not names["ok"] or not names["truncation"] < 1e-7:
+            return
+        x, orders = names["x"], names["orders"]
+
+        def tangent(t, y):
+            waves = np.exp(1j * orders * nu * t)
+            at, rate = (x @ waves).imag, (1j * orders * nu * x @ waves).imag
+            h = 1e-5
+            # Richardson's differences of the law, of each argument.
+            by = [
+                (8 * (force(at + h * p, rate + h * q) - force(at - h * p, rate - h * q))
+                 - force(at + 2 * h * p, rate + 2 * h * q)
+                 + force(at - 2 * h * p, rate - 2 * h * q)) / (12 * h)
+                for p, q in ((1, 0), (0, 1))
+            ]  # fmt: skip
+            y = y.reshape(2, 2)
+            return np.array([y[1], -(k + by[0]) * y[0] - (c + by[1]) * y[1]]).ravel()
+
+        period = 2 * np.pi / nu
+        matrix = solve_ivp(
+            tangent, (0, period), np.eye(2).ravel(), "DOP853", rtol=1e-9, atol=1e-11,
+            max_step=period / 50,
+        ).y[:, -1].reshape(2, 2)  # fmt: skip
+        expected = np.linalg.eigvals(matrix)
+        known = names["multipliers"]
+        size = max(1.0, np.abs(expected).max())
+        # A pair that is nearly equal moves by the root of an error.
+        gap = max(abs(expected[0] - expected[1]), 1e-4)
+        limit = 1e-6 * size * max(1.0, size / gap)
+        worst = min(np.abs(known - expected).max(), np.abs(known[::-1] - expected).max())
+        yield Claim("multipliers", 1 + worst / limit, 1.0, 1.0, damage=2.0)
+        if np.abs(np.abs(expected) - 1).min() > 1e-4:
+            yield Claim("stable", bool(names["stable"]), bool((np.abs(expected) < 1).all()))
+
+    return Case(call, judge)
+
+
 def case(rng, index):
-    """Draw a law, and ask for its steady motion, its motion in time, or that of a structure."""
-    return (_steady, _motion, _element)[index % 3](rng, index // 3)
+    """Draw a law, and ask for its steady motion, stability, motion in time, or a structure's."""
+    return (_steady, _motion, _element, _multipliers)[index % 4](rng, index // 4)

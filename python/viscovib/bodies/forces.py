@@ -85,7 +85,7 @@ def mount_forces(
     elastic = springs.stiffness[:, None] * deflection
     for j, law in enumerate(springs.laws):
         if law and getattr(result, "method", "newton") != "linear":
-            elastic[:, j] += _of_law(law, orders, deflection[:, j])
+            elastic[:, j] += _of_law(law, nu, orders, deflection[:, j])
     force = elastic.copy()
     for kernel in {kernel for kernel in springs.kernels if kernel is not None}:
         lost = _retained(kernel, nu, orders)
@@ -114,8 +114,10 @@ def _retained(kernel: Kernel, nu: FloatArray, orders: FloatArray) -> ComplexArra
     return kept
 
 
-def _of_law(law: dict[int, float] | Law, orders: FloatArray, d: ComplexArray) -> ComplexArray:
-    """Return the orders kept of a law of d = Im sum_k D_k exp(i k theta)."""
+def _of_law(
+    law: dict[int, float] | Law, nu: FloatArray, orders: FloatArray, d: ComplexArray
+) -> ComplexArray:
+    """Return the orders kept of a law of d = Im sum_k D_k exp(i k nu t) and its rate."""
     highest = int(orders.max())
     if isinstance(law, Law):
         samples = max(_FINE * highest, _FINEST)
@@ -125,7 +127,9 @@ def _of_law(law: dict[int, float] | Law, orders: FloatArray, d: ComplexArray) ->
     waves = np.exp(1j * np.outer(orders, theta))
     motion = (d @ waves).imag
     if isinstance(law, Law):
-        force: Any = law(motion.reshape(-1, 1))[0].reshape(motion.shape)
+        rate = ((1j * nu[:, None] * orders * d) @ waves).imag
+        both = np.stack([motion.ravel(), rate.ravel()], axis=1)
+        force: Any = law(both[:, : len(law.arguments)])[0].reshape(motion.shape)
     else:
         force = sum(c * motion**power for power, c in law.items())
     weights = np.where(orders == 0, 1j, 2j) / samples

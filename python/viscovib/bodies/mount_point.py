@@ -95,7 +95,8 @@ class MountPoint:
         Memory of all three directions, or of each.
     law : str or sequence of 3 str or None, optional
         Nonlinear forces g_j(d): polynomials such as ``"1e10*d^3"``, whose linear term adds to k_j,
-        or with functions as of `Spring`, such as a snubber ``"1e6*max(d - 0.004, 0)"``.
+        or with functions and the rate v as of `Spring`, such as a snubber
+        ``"1e6*max(d - 0.004, 0)"``.
     rotational_stiffness : array_like, shape (3,), optional
         About the local axes (N m/rad), on the rotation of the body, with the same memory.
     track : FluidTrack, optional
@@ -150,9 +151,9 @@ class MountPoint:
         laws: list[dict[int, float] | Law] = []
         for j, text in enumerate(self._each("law", self.law, str)):
             where = f"{self.name}: law[{j}]"
-            terms = {} if text is None else read_law(where, text, ("d",), {})
+            terms = {} if text is None else read_law(where, text, ("d",), {}, ("v",))
             if isinstance(terms, Law):
-                at_rest = float(terms(np.zeros((1, 1)))[0][0])
+                at_rest = float(terms(np.zeros((1, 2)))[0][0])
                 if at_rest != 0:
                     raise InputError(f"{where} = {text!r}: is {at_rest:g} at d = 0, must be 0")
                 laws.append(terms)

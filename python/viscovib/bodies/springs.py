@@ -152,7 +152,8 @@ def condensed_springs(
     ):
         slope = float(law.slopes_at_rest[0]) if isinstance(law, Law) else 0.0
         powers = {1: k + slope} | ({} if isinstance(law, Law) else law)
-        rest = law.remainder if isinstance(law, Law) else None
+        remembers = kernel is not None
+        rest = law.remainder(remembers=remembers) if isinstance(law, Law) else None
         elements.append(ElementTerms(row, powers, 0.0, kernel, rest))
     bent = [e.direction for e in elements if e.law is not None or max(e.powers) > 1]
     remember = any(e.kernel is not None for e in elements)
@@ -170,7 +171,8 @@ def _in_coordinates(law: Law, row: FloatArray, names: Sequence[str]) -> list[dic
     """Return e g(e . u) as texts by equation."""
     weights = {name: float(w) for name, w in zip(names, row, strict=True) if w}
     deflection = " + ".join(f"({w!r})*{name}" for name, w in weights.items())
-    text = law.with_argument("d", deflection)
+    rate = " + ".join(f"({w!r})*{name}_dot" for name, w in weights.items())
+    text = law.with_arguments({"d": deflection, "v": rate})
     return [{name: f"({w!r})*({text})" for name, w in weights.items()}]
 
 

@@ -87,7 +87,7 @@ def _forces(springs: MountSprings, d: FloatArray) -> tuple[FloatArray, FloatArra
     force, slope = springs.stiffness * d, springs.stiffness.copy()
     for j, law in enumerate(springs.laws):
         if isinstance(law, Law):
-            value, by = law(d[j : j + 1, np.newaxis])
+            value, by = law(np.array([[d[j], 0.0]]))
             force[j] += value[0]
             slope[j] += by[0, 0]
             continue

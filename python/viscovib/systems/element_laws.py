@@ -23,7 +23,7 @@ class LawPlace(NamedTuple):
     """A law that is no polynomial: behind which kernel, from 1 (0: none), and where it acts."""
 
     kernel: int
-    #: How its arguments follow from y, shape (n_arguments, q).
+    #: How its arguments follow from y, and those that are rates from y', shape (n_arguments, q).
     reads: FloatArray
     #: Weights of the equations of y in which it stands.
     targets: dict[int, float]

@@ -19,7 +19,7 @@ On = "str | int | tuple[str, str] | Mapping[str, float] | npt.ArrayLike"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spring:
-    """A spring or damper on the deflection d = e . u of a structure: (1 - R*) [k d + f(d)] + c d'.
+    """A spring or damper on the deflection d = e . u: (1 - R*) [k d + f(d, v)] + c v, v = d'.
 
     Its force acts along the direction in which it reads the deflection, e [...], against it.
 
@@ -33,10 +33,11 @@ class Spring:
     damping : float
         c (N s/m), viscous, without memory.
     law : str, optional
-        f of the deflection d, as a polynomial such as "k3*d^3" (degree up to 15) or with functions,
-        such as "F0*tanh(d/0.01)", "k*max(d - gap, 0)" or "where(d > 0, k1*d, k2*d)": sin, cos, tan,
-        asin, acos, atan, atan2, sinh, cosh, tanh, asinh, acosh, atanh, exp, log, sqrt, abs, sign,
-        heaviside, pow, min, max, where, comparisons and pi. What is linear at d = 0 adds to k.
+        f of the deflection d and its rate v, as a polynomial such as "k3*d^3" (degree up to 15) or
+        with functions, such as "c*v*abs(v)", "F0*tanh(v/0.01)", "k*max(d - gap, 0)" or
+        "where(d > 0, k1*d, k2*d)": sin, cos, tan, asin, acos, atan, atan2, sinh, cosh, tanh, asinh,
+        acosh, atanh, exp, log, sqrt, abs, sign, heaviside, pow, min, max, where, comparisons and
+        pi. What is linear at rest adds to k and c (behind a kernel c v stays in the law).
     parameters : mapping of str to float, optional
         Numbers that the law names.
     kernel : Kernel, optional
@@ -61,7 +62,8 @@ class Spring:
             object.__setattr__(self, name, _native.number(name, getattr(self, name)))
         if not (self.kernel is None or isinstance(self.kernel, Kernel)):
             raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
-        terms, program = _law_terms(self.law, self.parameters)
+        terms, program, damping = _law_terms(self.law, self.parameters, self.kernel is not None)
+        object.__setattr__(self, "_law_damping", damping)
         object.__setattr__(self, "_terms", terms)
         object.__setattr__(self, "_program", program)
 
@@ -93,8 +95,9 @@ class Coupling:
     on : mapping of str to direction
         Deflections by the names that the law has for them; directions as of `Spring`.
     law : mapping of str to str
-        f_a by deflection, polynomials of degree 2 to 15 or with functions as of `Spring`; one that
-        has none is only read. What is linear belongs to the stiffness of the structure.
+        f_a by deflection, polynomials of degree 2 to 15 or with functions as of `Spring`; a_dot is
+        the rate of the deflection a. One that has none is only read. What is linear belongs to the
+        stiffness of the structure.
     parameters : mapping of str to float, optional
         Numbers that the law names.
     kernel : Kernel, optional
@@ -122,7 +125,8 @@ class Coupling:
             )
         if not (self.kernel is None or isinstance(self.kernel, Kernel)):
             raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
-        values = _parameter_values(self.parameters, tuple(self.on))
+        taken = tuple(self.on)
+        values = _parameter_values(self.parameters, (*taken, *(f"{one}_dot" for one in taken)))
         if not isinstance(self.law, Mapping) or not self.law:
             raise InputError(f"law = {_native.shown(self.law)}: must be a mapping to texts")
         names = tuple(self.on)
@@ -134,7 +138,7 @@ class Coupling:
                 raise InputError(f"{where}: must be one of the deflections {', '.join(names)}")
             if not isinstance(text, str):
                 raise InputError(f"{where} = {_native.shown(text)}: must be a text")
-            found = read_law(where, text, names, values)
+            found = read_law(where, text, names, values, [f"{one}_dot" for one in names])
             if isinstance(found, Law):
                 if found.slopes_at_rest.any():
                     raise InputError(
@@ -203,7 +207,8 @@ def element_terms(
             )
         e = direction_of(f"elements[{i}].on", element.on, len(names), places)
         program = element._program  # type: ignore[attr-defined]
-        found.append(ElementTerms(e, element._powers, element.damping, element.kernel, program))
+        damping = element.damping + element._law_damping  # type: ignore[attr-defined]
+        found.append(ElementTerms(e, element._powers, damping, element.kernel, program))
     return tuple(found)
 
 
@@ -257,25 +262,31 @@ def _place(where: str, name: Any, n: int, places: Mapping[str, int]) -> int:
     raise InputError(f"{where} = {_native.shown(name)}: must be a coordinate, 0 to {n - 1}")
 
 
-def _law_terms(law: Any, parameters: Any) -> tuple[dict[int, float], Law | None]:
-    """Coefficients of the powers of d in a law, and what is left of one that is no polynomial."""
+def _law_terms(
+    law: Any, parameters: Any, remembers: bool
+) -> tuple[dict[int, float], Law | None, float]:
+    """Coefficients of the powers of d in a law, what is left of one that is no polynomial in d.
+
+    And what such a one adds to the damping.
+    """
     if law is None:
         if parameters:
             raise InputError("parameters: must not be given without a law")
-        return {}, None
+        return {}, None, 0.0
     if not isinstance(law, str):
         raise InputError(f"law = {_native.shown(law)}: must be a text such as 'k3*d^3'")
-    found = read_law("law", law, ("d",), _parameter_values(parameters, ("d",)))
+    found = read_law("law", law, ("d",), _parameter_values(parameters, ("d", "v")), ("v",))
     if isinstance(found, Law):
-        slope = float(found.slopes_at_rest[0])
-        return ({1: slope} if slope else {}), found.remainder
+        slope = float(found.stiffness_at_rest[0])
+        damping = float(found.damping_at_rest(remembers=remembers)[0])
+        return ({1: slope} if slope else {}), found.remainder(remembers=remembers), damping
     terms = {power: c for (power,), c in found.items()}
     if terms.get(0, 0.0) != 0:
         raise InputError(f"law: has the constant {terms[0]:g}, which belongs to the load")
     terms.pop(0, None)
     if max(terms, default=0) > MAX_DEGREE:
         raise InputError(f"law: has degree {max(terms)}, must be at most {MAX_DEGREE}")
-    return terms, None
+    return terms, None, 0.0
 
 
 def _parameter_values(parameters: Any, taken: Sequence[str]) -> dict[str, float]:

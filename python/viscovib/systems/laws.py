@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +38,10 @@ class Law:
     number: tuple[float, ...]
     #: 1: even, -1: odd, 0: neither is known.
     parity: int
+    #: As a polynomial, 0 if it is none.
+    degree: int = 0
+    #: How many of the arguments, the last ones, are rates of the others.
+    n_rates: int = 0
 
     def __call__(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values, shape (n,), and derivatives, shape (n, n_arguments), at (n, n_arguments)."""
@@ -57,34 +61,50 @@ class Law:
         pairs = zip(self.code, self.number, strict=True)
         return tuple(sorted({int(x) - 1 for code, x in pairs if code == _ARGUMENT}))
 
-    @cached_property
-    def remainder(self) -> Law:
-        """What is left of the law without its linear part at rest."""
+    @property
+    def stiffness_at_rest(self) -> FloatArray:
+        """Derivatives at rest by what it reads of the position."""
+        return self.slopes_at_rest[: len(self.arguments) - self.n_rates]
+
+    def damping_at_rest(self, *, remembers: bool = False) -> FloatArray:
+        """Derivatives at rest by the rates; 0 behind a kernel, where they are no damping."""
+        slopes = self.slopes_at_rest[len(self.arguments) - self.n_rates :]
+        return np.asarray(0.0 * slopes if remembers else slopes)
+
+    def remainder(self, *, remembers: bool = False) -> Law:
+        """Return what is left without the linear part at rest; behind a kernel rates keep it."""
         code, number = list(self.code), list(self.number)
-        for place, slope in enumerate(self.slopes_at_rest, start=1):
+        slopes = [*self.stiffness_at_rest, *self.damping_at_rest(remembers=remembers)]
+        for place, slope in enumerate(slopes, start=1):
             if slope != 0:
                 code += [_ARGUMENT, _NUMBER, _MULTIPLY, _SUBTRACT]
                 number += [place, float(slope), 0.0, 0.0]
         # An even law has no slope at rest, unless it has a kink there.
         parity = self.parity if self.parity == _ODD or len(code) == len(self.code) else 0
-        return Law(self.text, self.arguments, tuple(code), tuple(number), parity)
+        return replace(self, code=tuple(code), number=tuple(number), parity=parity)
 
-    def with_argument(self, name: str, text: str) -> str:
-        """Return its text with another expression in place of an argument."""
-        return re.sub(rf"\b{name}\b", f"({text})", self.text)
+    def with_arguments(self, texts: Mapping[str, str]) -> str:
+        """Return its text with other expressions in place of arguments."""
+        return re.sub(r"[A-Za-z_]\w*", lambda m: f"({texts[m[0]]})" if m[0] in texts else m[0],
+                      self.text)  # fmt: skip
 
     def about(self, name: str, at: float) -> Law:
-        """Return f(at + d) - f(at), of one argument."""
-        rest = float(self(np.array([[at]]))[0][0])
-        text = f"({self.with_argument(name, f'{name} + ({at!r})')}) - ({rest!r})"
-        return compile_law("law", text, self.arguments, {})
+        """Return f(at + d) - f(at), of one argument and perhaps its rate."""
+        rest = float(self(np.array([[at, *(0.0,) * self.n_rates]]))[0][0])
+        text = f"({self.with_arguments({name: f'{name} + ({at!r})'})}) - ({rest!r})"
+        return compile_law("law", text, self.arguments, {}, self.n_rates)
 
     def numbers(self, reads: FloatArray, targets: Mapping[int, float], kernel: int) -> list[float]:
         """Return it as the core takes it.
 
-        ``reads`` maps coordinates to arguments, shape (n_arguments, n); ``targets``: weights of
-        the equations in which it stands; ``kernel``: behind which, from 1 (0: none).
+        ``reads`` maps coordinates to arguments without rates, shape (m, n), and in the same way
+        their rates to those that are rates; ``targets``: weights of the equations in which it
+        stands; ``kernel``: behind which, from 1 (0: none).
         """
+        n = len(self.arguments)
+        of_coordinates, of_rates = np.zeros((2, n, reads.shape[1]))
+        of_coordinates[: n - self.n_rates] = reads
+        of_rates[n - self.n_rates :] = reads[: self.n_rates]
         used = self.places or (0,)
         place = {old + 1: new for new, old in enumerate(used, start=1)}
         steps = [
@@ -92,15 +112,20 @@ class Law:
             for code, number in zip(self.code, self.number, strict=True)
             for x in (code, place[int(number)] if code == _ARGUMENT else number)
         ]
-        head = [len(used), len(targets), len(self.code), kernel, self.parity]
+        head = [len(used), len(targets), len(self.code), kernel, self.parity, self.degree]
+        rows = [part[list(used)].ravel(order="F").tolist() for part in (of_coordinates, of_rates)]
         pairs = [x for on, weight in targets.items() for x in (on + 1, weight)]
-        return [*head, *reads[list(used)].ravel(order="F").tolist(), *pairs, *steps]
+        return [*head, *rows[0], *rows[1], *pairs, *steps]
 
 
 def compile_law(
-    where: str, text: str, arguments: Sequence[str], parameters: Mapping[str, float]
+    where: str,
+    text: str,
+    arguments: Sequence[str],
+    parameters: Mapping[str, float],
+    n_rates: int = 0,
 ) -> Law:
-    """Compile a text; ``where`` is what an error calls it."""
+    """Compile a text; ``where`` is what an error calls it; the last arguments may be rates."""
     if len(text) > _MAX_LENGTH:
         raise InputError(f"{where}: {len(text)} characters, must be at most {_MAX_LENGTH}")
     names = list(parameters)
@@ -108,29 +133,40 @@ def compile_law(
     if not text.isascii():
         raise InputError(f"{where} = {shown}: must have letters of the English alphabet")
     try:
-        code, number, n, parity = _native.call(
+        code, number, n, parity, degree = _native.call(
             core.law_compile, text.replace("\n", " "), _fields(arguments), len(arguments),
             _fields(names), np.array([parameters[name] for name in names]), _MAX_CODE,
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{where} = {shown}: {error}") from None
-    return Law(text, tuple(arguments), tuple(code[:n].tolist()), tuple(number[:n].tolist()), parity)
+    steps = tuple(code[:n].tolist()), tuple(number[:n].tolist())
+    return Law(text, tuple(arguments), *steps, parity, degree, n_rates)
 
 
 def read_law(
-    where: str, text: str, arguments: Sequence[str], parameters: Mapping[str, float]
+    where: str,
+    text: str,
+    arguments: Sequence[str],
+    parameters: Mapping[str, float],
+    rates: Sequence[str] = (),
 ) -> Polynomial | Law:
-    """Return a text as a polynomial in its arguments if it is one, else compiled."""
+    """Return a text as a polynomial in its arguments if it is one, else compiled.
+
+    ``rates``: names for the rates of the arguments, one each; what has any is compiled.
+    """
     names = [*arguments, *parameters]
     try:
         terms = expand(where, text, names)
     except InputError as error:
         try:
-            law = compile_law(where, text, arguments, parameters)
+            law = compile_law(where, text, [*arguments, *rates], parameters, len(rates))
         except InputError as other:
             # Of a text with a function the other reader knows what is wrong.
-            raise (other if re.search(r"[A-Za-z_]\w*\s*\(|[<>]", text) else error) from None
-        n = len(arguments)
+            told = re.search(r"[A-Za-z_]\w*\s*\(|[<>]", text) or any(
+                re.search(rf"\b{name}\b", text) for name in rates
+            )
+            raise (other if told else error) from None
+        n = len(law.arguments)
         near = _NEAR * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
         if (np.abs(law(near)[0]) >= _WALL).any():
             raise InputError(

@@ -34,7 +34,7 @@ def condensed_laws(groups: Sequence[Any], n: int) -> Laws | None:
             touched[on] = True
             touched[np.flatnonzero(powers)] = True
         for on, law in group.laws:
-            touched[[on, *law.places]] = True
+            touched[[on, *(place % n for place in law.places)]] = True
         if group.kernel is not None:
             touched |= group.stiffness.any(axis=0) | group.stiffness.any(axis=1)
     places = np.flatnonzero(touched)

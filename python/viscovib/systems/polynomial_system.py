@@ -36,10 +36,11 @@ _KERNELS_IN_VECTOR = -2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolynomialSystem:
-    """M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u)] = load(t), f_g polynomials.
+    """M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u, u')] = load(t).
 
     All forces stand on the left, as stiffness does: a hardening spring has positive
-    coefficients. Linear terms in ``forces`` add to the stiffness.
+    coefficients. Linear terms in ``forces`` add to the stiffness, and without a kernel to the
+    damping.
 
     Parameters
     ----------
@@ -51,11 +52,12 @@ class PolynomialSystem:
         K: a number, n numbers or shape (n, n); None: zero. It need not be positive, nor
         symmetric (follower forces).
     forces : str, mapping or sequence of Monomial, optional
-        Nonlinear forces f(u). For one coordinate a text such as ``"0.5*x^3"``; else
+        Nonlinear forces f. For one coordinate a text such as ``"0.5*x^3"``; else
         ``{"x1": "2*(x1 - x2)^3", "x2": "2*(x2 - x1)^3"}``, by equation, or a list of such texts,
         one per coordinate. Expressions have +, -, *, /, ^ and whole powers, degree up to 15.
         Texts with functions, such as ``"tanh(x)"`` or ``"max(x1 - x2 - 0.1, 0)"``, are forces
-        too (functions and derivatives as of `Spring`). Or `Monomial` s, for programs.
+        too (functions and derivatives as of `Spring`), and texts with rates, such as
+        ``"0.2*x_dot*abs(x_dot)"``: ``x_dot`` is the rate of ``x``. Or `Monomial` s, for programs.
     kernel : Kernel, optional
         Relaxation kernel of this stiffness and these forces; None: no memory.
     damping : array_like, optional
@@ -268,9 +270,14 @@ class PolynomialSystem:
     def _mass_matrix(self) -> FloatArray:
         return np.asarray(self.mass, dtype=float)
 
-    @property
+    @cached_property
     def _damping(self) -> FloatArray:
-        return np.asarray(self.damping, dtype=float)
+        """C with what is linear in laws of rates."""
+        total = np.asarray(self.damping, dtype=float)
+        for group in self.groups:
+            if group.law_damping is not None:
+                total = total + group.law_damping
+        return total
 
     @cached_property
     def _modes(self) -> tuple[FloatArray, FloatArray]:

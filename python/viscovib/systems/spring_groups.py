@@ -72,6 +72,8 @@ class SpringGroup(NamedTuple):
     laws: tuple[tuple[int, Law], ...] = ()
     #: What these laws have of the stiffness; None: nothing.
     law_slopes: FloatArray | None = None
+    #: What they have of the damping; None: nothing.
+    law_damping: FloatArray | None = None
 
 
 def square_matrix(name: str, value: npt.ArrayLike | None, n: int | None) -> FloatArray:
@@ -107,11 +109,13 @@ def spring_group(prefix: str, springs: Springs, names: tuple[str, ...]) -> Sprin
     stiffness = square_matrix(f"{prefix}stiffness", springs.stiffness, len(names)).copy()
     forces: dict[tuple[int, tuple[int, ...]], float] = {}
     laws = []
-    slopes = np.zeros_like(stiffness)
+    slopes, damping = np.zeros_like(stiffness), np.zeros_like(stiffness)
     for where, on, polynomial in _by_equation(f"{prefix}forces", springs.forces, names):
         if isinstance(polynomial, Law):
-            slopes[on] += polynomial.slopes_at_rest
-            laws.append((on, polynomial.remainder))
+            remembers = springs.kernel is not None
+            slopes[on] += polynomial.stiffness_at_rest
+            damping[on] += polynomial.damping_at_rest(remembers=remembers)
+            laws.append((on, polynomial.remainder(remembers=remembers)))
             continue
         for powers, c in polynomial.items():
             degree = sum(powers)
@@ -125,7 +129,8 @@ def spring_group(prefix: str, springs: Springs, names: tuple[str, ...]) -> Sprin
     stiffness.setflags(write=False)
     # A kernel of nothing is none.
     kernel = springs.kernel if forces or laws or stiffness.any() else None
-    return SpringGroup(stiffness, forces, kernel, tuple(laws), slopes if laws else None)
+    of_laws = (slopes, damping if damping.any() else None) if laws else (None, None)
+    return SpringGroup(stiffness, forces, kernel, tuple(laws), *of_laws)
 
 
 def _by_equation(
@@ -156,7 +161,8 @@ def _by_equation(
                 raise InputError(
                     f"{place} = {_native.shown(text)}: must be a text such as '2*{names[0]}^3'"
                 )
-            result.append((place, _equation(place, key, names), read_law(place, text, names, {})))
+            law = read_law(place, text, names, {}, [f"{name}_dot" for name in names])
+            result.append((place, _equation(place, key, names), law))
         return result
     if not isinstance(forces, Sequence):
         raise InputError(

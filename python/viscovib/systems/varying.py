@@ -105,6 +105,12 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
             i: float(own.law_slopes[names.index(on), names.index(by)])
             for (on, by), i in places.items()
         }
+    if what == "damping":
+        linear = np.asarray(system.damping, dtype=float)
+        staying = {
+            i: float((system._damping - linear)[names.index(on), names.index(by)])
+            for (on, by), i in places.items()
+        }
     if kind == "_scale" and what == "forces" and own.laws:
         raise InputError(
             f"vary = {name!r}: must not scale laws with functions, only polynomials can be scaled"

@@ -1,0 +1,203 @@
+"""Laws of rates: friction and quadratic damping against SciPy, in every way there is to compute."""
+
+import warnings
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+C, K, NU, LOAD = 0.1, 1.5, 1.1, 0.4
+LAWS = {
+    "0.3*x_dot*abs(x_dot)": lambda x, v: 0.3 * v * abs(v),
+    "0.2*tanh(x_dot/0.3)": lambda x, v: 0.2 * np.tanh(v / 0.3),
+    "0.3*x^2*x_dot + 0.3*x_dot + x^3": lambda x, v: 0.3 * x * x * v + 0.3 * v + x**3,
+    "0.2*sin(x)*x_dot^2 + 0.2*x_dot": lambda x, v: 0.2 * np.sin(x) * v * v + 0.2 * v,
+}
+
+
+def equation(force):
+    return lambda t, y: [
+        y[1], LOAD * np.sin(NU * t) - C * y[1] - K * y[0] - force(y[0], y[1])
+    ]  # fmt: skip
+
+
+def solved(rhs, n, times, start=None, step=0.05):
+    return solve_ivp(
+        rhs, (0, times[-1]), np.zeros(n) if start is None else start, "DOP853", times,
+        rtol=1e-13, atol=1e-14, max_step=step,
+    ).y  # fmt: skip
+
+
+@pytest.mark.parametrize("text", LAWS)
+def test_steady_motion_in_time_and_multipliers(text):
+    """One oscillator: harmonics, steps in time, and the monodromy matrix."""
+    rhs = equation(LAWS[text])
+    system = vv.PolynomialSystem(mass=1, stiffness=K, damping=C, forces=text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        found = vv.forced_response(system, [NU], load=LOAD, method="newton", stability=True)
+    period = 2 * np.pi / NU
+    orders, x = found.harmonics, found.coefficients[0, 0]
+    start = [x.imag.sum(), (orders * NU * x.real).sum()]
+    # A steady motion ends where it began; the sum of orders |k| x_k v falls slowest of a kink.
+    end = solved(rhs, 2, [period], start)[:, -1]
+    np.testing.assert_allclose(end, start, atol=1e-7 if "abs" in text else 1e-9)
+    times = np.linspace(0, 10, 5)[1:]
+    run = vv.simulate(system, 10, load=LOAD, nu=NU, dt=0.01)
+    np.testing.assert_allclose(
+        run.state[-1], solved(rhs, 2, times)[:, -1], atol=1e-9 if "abs" in text else 1e-12
+    )
+    ends = [
+        solved(rhs, 2, [period], np.add(start, shift))[:, -1]
+        for shift in ([1e-5, 0], [-1e-5, 0], [0, 1e-5], [0, -1e-5])
+    ]
+    monodromy = np.array([ends[0] - ends[1], ends[2] - ends[3]]).T / 2e-5
+    np.testing.assert_allclose(
+        np.sort_complex(found.multipliers[0]), np.sort_complex(np.linalg.eigvals(monodromy)),
+        atol=1e-6,
+    )  # fmt: skip
+    assert found.stable[0]
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_with_memory(beside):
+    """A law of a rate behind a kernel and beside one: steps, harmonics, exponents."""
+    weight, rate = 0.8, 2.0
+    kernel = vv.PronyKernel(weights=[weight], rates=[rate])
+    text = "0.2*tanh(x_dot/0.3) + 0.3*x^3"
+    if beside:
+        springs = [vv.Springs(forces=text)]
+        system = vv.PolynomialSystem(mass=1, stiffness=K, damping=C, kernel=kernel, springs=springs)
+    else:
+        system = vv.PolynomialSystem(mass=1, stiffness=K, damping=C, forces=text, kernel=kernel)
+
+    def rhs(t, y):
+        f = 0.2 * np.tanh(y[1] / 0.3) + 0.3 * y[0] ** 3
+        w = K * y[0] + (0 if beside else f)
+        force = w - weight * y[2] + (f if beside else 0)
+        return [y[1], LOAD * np.sin(NU * t) - C * y[1] - force, w - rate * y[2]]
+
+    run = vv.simulate(system, 10, load=LOAD, nu=NU, dt=0.05)
+    exact = solved(rhs, 3, [10.0])[:2, -1]
+    np.testing.assert_allclose(run.state[-1], exact, atol=1e-12)
+    found = vv.forced_response(system, [NU], load=LOAD, method="newton", stability=True)
+    period = 2 * np.pi / NU
+    steady = solved(rhs, 3, [40 * period])[:, -1]
+    np.testing.assert_allclose(found.coefficients[0, 0].imag.sum(), steady[0], atol=1e-8)
+    ends = [solved(rhs, 3, [period], steady + shift)[:, -1] for shift in 1e-5 * np.eye(3)]
+    back = [solved(rhs, 3, [period], steady - shift)[:, -1] for shift in 1e-5 * np.eye(3)]
+    expected = np.linalg.eigvals((np.array(ends) - np.array(back)).T / 2e-5)
+    known = found.multipliers[0][np.isfinite(found.multipliers[0])]
+    for multiplier in known:
+        assert np.abs(expected - multiplier).min() < 1e-7
+    assert found.stable[0]
+    assert np.abs(known).max() == pytest.approx(np.abs(expected).max(), abs=1e-7)
+
+
+def test_structure_is_the_system():
+    """An element of a structure, condensed, as the same forces in all coordinates."""
+    chain = np.diag([2.0, 2, 1]) - np.diag([1.0, 1], 1) - np.diag([1.0, 1], -1)
+    common = {"mass": np.eye(3), "stiffness": chain, "damping": 0.05 * chain}
+    law = "0.2*tanh(v/s) + 0.3*d^3"
+    spring = vv.Spring(on=("x1", "x3"), law=law, parameters={"s": 0.3})
+    structure = vv.Structure(**common, elements=[spring])
+    text = "0.2*tanh((x1_dot - x3_dot)/0.3) + 0.3*(x1 - x3)^3"
+    whole = vv.PolynomialSystem(**common, forces={"x1": text, "x3": f"-({text})"})
+    load, nu = [0, 0, 0.4], [0.4, 0.9, 1.6]
+    a, b = (
+        vv.forced_response(s, nu, load=load, method="newton", stability=True)
+        for s in (structure, whole)
+    )
+    n = min(a.harmonics.size, b.harmonics.size)
+    np.testing.assert_allclose(a.coefficients[..., :n], b.coefficients[..., :n], atol=1e-10)
+    np.testing.assert_array_equal(a.stable, b.stable)
+    for one, other in zip(a.multipliers, b.multipliers, strict=True):
+        for multiplier in one[np.isfinite(one)]:
+            assert np.abs(other - multiplier).min() < 1e-7
+    runs = [vv.simulate(s, 10, load=load, nu=0.9, dt=0.05).state[-1] for s in (structure, whole)]
+    np.testing.assert_allclose(runs[0], runs[1], atol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.errors.ConvergenceWarning")
+def test_branch_derivatives():
+    """A branch over the frequency, whose tangents need dR/dnu, and over the damping."""
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.05, forces="0.1*tanh(x_dot/0.5) + 0.02*x^3"
+    )
+    branch = vv.trace_response(system, (0.5, 2.0), load=0.2, harmonics=31, tolerance=1e-8)
+    assert branch.outcome == "completed"
+    for i in (0, -1):
+        point = vv.forced_response(
+            system, [branch.nu[i]], load=0.2, method="newton", harmonics=31, tolerance=1e-8
+        )
+        np.testing.assert_allclose(point.coefficients[0], branch.coefficients[i], atol=1e-9)
+    # Damping of the law's own stays where the coefficient c moves.
+    swept = vv.trace_response(
+        system, nu=1.2, vary="damping", vary_range=(0.05, 0.2), load=0.2, harmonics=31
+    )
+    other = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.2, forces="0.1*tanh(x_dot/0.5) + 0.02*x^3"
+    )
+    found = vv.forced_response(other, [1.2], load=0.2, method="newton", harmonics=31)
+    np.testing.assert_allclose(swept.coefficients[-1], found.coefficients[0], atol=1e-8)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.errors.ConvergenceWarning")
+def test_van_der_pol_is_a_polynomial():
+    """Polynomials with rates keep samples free of aliasing: the balance is exact."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.2*(x^2 - 1)*x_dot")
+    found = vv.forced_response(
+        system, [1.1], load=2.0, method="newton", harmonics=5, stability=True
+    )
+    x, orders = found.coefficients[0, 0], found.harmonics
+    theta = 2 * np.pi * np.arange(64) / 64
+    waves = np.exp(1j * np.outer(orders, theta))
+    u, v = (x @ waves).imag, ((1j * orders * 1.1 * x) @ waves).imag
+    left = ((1 - (orders * 1.1) ** 2) * x @ waves).imag + 0.2 * (u**2 - 1) * v - 2 * np.sin(theta)
+    np.testing.assert_allclose(left @ waves.conj().T / 64, 0, atol=1e-12)
+
+
+def test_friction_of_a_mount_is_told_in_its_force():
+    """A mount's force has what the law makes of the rate."""
+    mounts = [
+        vv.MountPoint(
+            name=name, position=[x, y, 0], stiffness=[1e4] * 3, damping=50, law="40*tanh(v/0.1)"
+        )
+        for name, x, y in (("a", 0.5, 0.3), ("b", -0.5, 0.3), ("c", 0.0, -0.4))
+    ]
+    body = vv.Body(mass=20, inertia=np.diag([2.0, 3, 4]), mounts=mounts)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        r = vv.forced_response(body, [20.0], load=[0, 0, 50, 0, 0, 0], method="newton")
+    forces = body.mount_forces(r)
+    total = forces.force[0].sum(axis=0)[2]
+    x = r.coefficients[0, 2]
+    inertia = -20 * (20.0 * r.harmonics) ** 2 * x
+    load = 50.0 * (r.harmonics == 1)
+    np.testing.assert_allclose(total + inertia, load, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: vv.Spring(on="x", law="tanh(w/2)"), r"did you mean v\?|'w' is neither"),
+        (
+            lambda: vv.Spring(on="x", law="v", parameters={"v": 1}),
+            "must be a name, other than d, v",
+        ),
+        (lambda: vv.PolynomialSystem(mass=1, forces="abs(y_dot)"), "'y_dot' is neither"),
+        (
+            lambda: vv.backbone(
+                vv.PolynomialSystem(mass=1, stiffness=1, forces="x_dot*abs(x_dot)"),
+                mode=0,
+                amplitude_range=(0.1, 1),
+            ),
+            "depend on rates",
+        ),
+    ],
+)
+def test_what_is_refused(make, told):
+    """One line that names it."""
+    with pytest.raises(vv.InputError, match=told):
+        make()
