@@ -1,12 +1,33 @@
 """The whole public Python API: random calls, in a process with limits; and many calls at once."""
 
+import json
+import math
 import random
+import re
 from pathlib import Path
 from typing import Any
 
-from calls import FILES, SOUND, Caller, split
+from calls import FILES, READERS, SOUND, Caller, split
+from scenes import torn
 from verdicts import Case, Ending
 from worker import Worker
+
+#: What is put in the place of a word or a number of a file.
+_PIECES = (
+    b"", b"0", b"1", b"-1", b"2", b"0.5", b"1e308", b"1e-308", b"5e-324", b"1e400", b"nan", b"NaN",
+    b"inf", b"-inf", b"Infinity", b"1e3", b"2147483648", b"9223372036854775808", b"1" * 400, b"x",
+    b"null", b"true", b"[]", b"{}", b"[[]]", b'"x"', b'""', b"[" * 3000, b"\x00", b"\xff", b"\xe9",
+    b"\r\n", b"\n\n", b",", b";", b"\t", b"%", b"pattern", b"complex", b"hermitian", b"array",
+    b"skew-symmetric", b"1000000000 1000000000", b'"abel"', b'"prony"', b'"rabotnov"',
+    b'{"kind": "abel", "amplitude": 0.1, "alpha": 0.3}', b"Hz", b"MPa", b"rad/s", b"K", b"3,5",
+)  # fmt: skip
+#: What is put in the place of a value of JSON.
+_VALUES = (
+    None, True, 0, 1, -1, 2, 0.5, 1e308, 1e-308, 5e-324, math.nan, math.inf, 10**400, 2**31, "x",
+    "", "nan", "prony", "abel", "rabotnov", "sum", "K", "E", "model", [], {}, [[]], [0, 1],
+    [[1, 2]], ["x"],
+    {"kind": "abel", "amplitude": 0.1, "alpha": 0.3}, "\ud800", "x" * 5000, 3.0,
+)  # fmt: skip
 
 
 class Calls:
@@ -32,6 +53,55 @@ class Calls:
         """One call."""
         text = self.caller.call(rng)
         return ended("api", seed, text, self.worker.ask(job="call", text=text))
+
+
+class Files:
+    """The part that spoils files and reads them."""
+
+    name = "files"
+
+    def __init__(self, folder: Path) -> None:
+        self.worker = Worker(folder)
+
+    def case(self, rng: random.Random, seed: str) -> Case:
+        """One reader on files of which one or all are changed."""
+        text, names = rng.choice(READERS)
+        some = names if rng.random() < 0.2 else [rng.choice(names)]
+        files = {name: spoilt(rng, FILES[name].encode()) for name in some}
+        told = {name: content.decode("latin-1") for name, content in files.items()}
+        answer = self.worker.ask(job="call", text=text, files=told)
+        case = ended("files", seed, text, answer)
+        return Case(case.part, seed, case.ending, case.how, {**case.files, **files})
+
+
+def spoilt(rng: random.Random, content: bytes) -> bytes:
+    """A file with numbers and words replaced, or torn."""
+    draw = rng.random()
+    if draw < 0.25:
+        return torn(rng, content)
+    if content.startswith(b"{") and draw < 0.8:
+        return json.dumps(_other(rng, json.loads(content))).encode()
+    found = content
+    for _ in range(rng.choice([1, 1, 2, 3])):
+        words = list(re.finditer(rb"-?\d[\d.e+]*|\w+|\"[^\"]*\"|[\[{][^\[\]{}]*[\]}]", found))
+        if not words:
+            break
+        here = rng.choice(words)
+        found = found[: here.start()] + rng.choice(_PIECES) + found[here.end() :]
+    return found
+
+
+def _other(rng: random.Random, held: Any) -> Any:
+    """A value of JSON with one of its parts replaced or gone."""
+    if not isinstance(held, (dict, list)) or not held or rng.random() < 0.1:
+        return rng.choice(_VALUES)
+    if isinstance(held, dict):
+        key = rng.choice(sorted(held))
+        if rng.random() < 0.1:
+            return {name: part for name, part in held.items() if name != key}
+        return {**held, key: _other(rng, held[key])}
+    i = rng.randrange(len(held))
+    return [*held[:i], *[_other(rng, held[i])] * rng.choice([0, 1, 1, 1, 2]), *held[i + 1 :]]
 
 
 class Threads:
@@ -99,4 +169,4 @@ def text_of(program: bytes) -> str:
 def parts(folder: Path, builds: list[str]) -> list[Any]:
     """Parts of the fuzzer in this module."""
     del builds
-    return [Calls(folder / "api"), Threads(folder / "threads")]
+    return [Calls(folder / "api"), Threads(folder / "threads"), Files(folder / "files")]

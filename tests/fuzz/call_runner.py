@@ -56,10 +56,12 @@ def names() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def call(text: str) -> dict[str, Any]:
-    """Run a call; say how it ended."""
+def call(text: str, files: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Run a call; say how it ended. ``files``: others than usual, their bytes as Latin-1."""
     for name, content in FILES.items():
         Path(name).write_text(content)
+    for name, content in (files or {}).items():
+        Path(name).write_bytes(content.encode("latin-1"))
     *first, last = text.split("\n")
     space = names()
     with warnings.catch_warnings(record=True) as told:

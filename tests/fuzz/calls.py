@@ -73,7 +73,43 @@ FILES = {
     "creep.csv": "t,J\ns,1/MPa\n1,3\n2,4\n4,5\n",
     "kernel.json": '{"format": "viscovib kernel", "version": 1, '
     '"kernel": {"kind": "abel", "amplitude": 0.1, "alpha": 0.3}}',
+    "fit.json": (
+        '{"format": "viscovib kernel", "version": 1, "kernel": {"kind": "rabotnov", '
+        '"amplitude": 7.90441, "alpha": 0.338592, "beta": 10.6401}, "modulus": '
+        '3.42065, "quantity": "E", "kind": "rabotnov", "parameters": {"modulus": '
+        '3.42065, "amplitude": 7.90441, "alpha": 0.338592, "beta": 10.6401}, '
+        '"interval": {"modulus": [3.28637, 3.56041], "amplitude": [6.81421, 9.16903], '
+        '"alpha": [0.313385, 0.364811], "beta": [9.07158, 12.4798]}, "weights": '
+        '"model", "shares": [1.0, 1.0], "optima": [{"cost": 0.0233373, "parameters": '
+        '{"modulus": 3.40936, "amplitude": 7.90198, "alpha": 0.338175, "beta": '
+        '10.6339}}], "fit": {"parts": ["rabotnov"], "allow_creep": false, '
+        '"given_modulus": null, "unit": 0.00316228, "unknowns": [1.22983, -0.699555, '
+        '-6.98372, 1.06105]}, "data": {"kind": "modulus", "frequencies": [1.0, 10.0, '
+        '100.0, 1000.0, 10000.0, 100000.0], "storage": [1.1, 1.3, 1.7, 2.1, 2.5, '
+        '2.7], "loss": [0.1, 0.2, 0.3, 0.35, 0.3, 0.2], "temperature": null, "set": '
+        '[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], "amplitude": null, "quantity": "E"}}'
+    ),
+    "law.csv": "0,0.2\n1,0.1\n2,0.05\n",
+    "body.nml": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
+    "&kernel kind='tabulated' file='law.csv' /\n&force law='tanh(x) - x' /\n"
+    "&load amplitude=0.1 /\n&response nu=0.5 1 harmonics=3 /\n",
 }
+
+#: What reads files: a call for each kind, and the files that it reads.
+READERS = (
+    ("vv.read_fit('fit.json')", ("fit.json",)),
+    ("vv.read_fit('fit.json').interval", ("fit.json",)),
+    ("vv.read_kernel('kernel.json')", ("kernel.json",)),
+    ("vv.read_kernel('fit.json')", ("fit.json",)),
+    ("vv.read_dma('dma.csv')", ("dma.csv",)),
+    ("vv.read_dynamic_stiffness('mount.csv')", ("mount.csv",)),
+    ("vv.read_relaxation('time.csv')", ("time.csv",)),
+    ("vv.read_creep('creep.csv')", ("creep.csv",)),
+    ("vv.Structure.read('mass.mtx', 'stiffness.mtx')", ("mass.mtx", "stiffness.mtx")),
+    ("vv.Scene.read('body.nml')", ("body.nml", "law.csv")),
+    ("vv.run('body.nml')", ("body.nml", "law.csv")),
+    ("vv.run('pendulum.nml')", ("pendulum.nml",)),
+)
 
 STRUCTURE = (
     "vv.Structure(mass=[1, 2, 1], stiffness=[[2, -1, 0], [-1, 2, -1], [0, -1, 1]], "
@@ -91,7 +127,37 @@ FOOT = (
     "angles=[0, 0.1, 0], damping=[1, 1, 1], law='1e10*d^3', rotational_stiffness=[1e3, 1e3, 1e3])"
 )
 BODY = f"vv.Body(mass=10, inertia=[0.2, 0.2, 0.3], mounts=[{FOOT}], gravity=9.81)"
+#: Laws with functions, with memory and without, on coordinates and between points.
+STOP = (
+    "vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, "
+    "forces='0.2*tanh(3*x) + where(x > 0.5, (x - 0.5)^2, 0)', names=('x',))"
+)
+HELD = (
+    "vv.Structure(mass=[1, 2, 1], stiffness=[[2, -1, 0], [-1, 2, -1], [0, -1, 1]], "
+    "modal_damping=0.02, elements=[vv.Spring(on='x3', stiffness=0.2, law='0.1*sinh(d)', "
+    f"kernel={KERNEL}), vv.Coupling(on={{'a': 'x1', 'b': ('x1', 'x3')}}, "
+    "law={'a': 'k*a*b^2', 'b': 'k*a^2*b'}, parameters={'k': 0.5})])"
+)
 SOUND = (
+    STOP, HELD,
+    "vv.Coupling(on={'a': 'x1', 'b': ('x1', 'x2')}, law={'a': 'k*a*b^2'}, parameters={'k': 1.0})",
+    f"vv.trace_response({STOP}, nu_range=(0.8, 1.6), load=0.3, harmonics=5, max_points=80)",
+    f"vv.simulate({STOP}, t_end=5, dt=0.1, initial=[0.1, 0])",
+    f"vv.forced_response({HELD}, nu=[0.4, 0.5], load={{'x1': 0.01}}, harmonics=3, "
+    "method='newton', stability=True)",
+    f"vv.backbone({STRUCTURE}, mode=0, amplitude_range=(0.01, 0.5), harmonics=3, max_points=40)",
+    f"{HELD.replace('modal_damping=0.02', 'rayleigh=(0.01, 0.01)')}.characteristic_roots(count=2)",
+    f"vv.simulate({STRUCTURE}, t_end=5, dt=0.1, initial=[0.1, 0, 0, 0, 0, 0])",
+    f"vv.trace_response({BODY}, (15.0, 25.0), load=[0, 0, 10, 0, 0, 0], harmonics=3, "
+    "max_points=60)",
+    f"vv.simulate({BODY}, t_end=0.1, dt=0.001, initial=[0, 0, 1e-3, 0, 0, 0] + [0] * 6)",
+    f"vv.plot_energy(modes={BODY}.modes())",
+    f"vv.plot_transmissibility(body={BODY}, hz=[5.0, 10.0], axis='z')",
+    f"vv.plot_van_gurp(data={DATA})",
+    "vv.plot_sections(quantity='phi', "
+    f"ensemble={ENSEMBLE.replace('t_end=5', 'sections=1, t_end=20')})",
+    f"vv.animate({RUN}, frames=3)",
+    "vv.read_fit(path='fit.json')",
     FOOT, BODY, f"{BODY}.modes()", f"{BODY}.sag()",
     "vv.FluidTrack(mass=60, damping=2000, stiffness=4e5)",
     f"{BODY}.mount_forces(vv.forced_response({BODY}, [20.0], load=[0, 0, 1, 0, 0, 0]))",

@@ -39,6 +39,9 @@ _NASTY = [
 _TEXTS = [
     "'x'", "'phi'", "''", "' '", "'both'", "'auto'", "'x^3'", "'all'", "'yes'", "'no'",
     "'" + "(" * 120 + "x'", "'(x+1)^15'", "'x*x*x - 0.1*x^5'", "'" + "x" * 500 + "'",
+    "'tanh(x)/(1e-3 + x^2)'", "'where(x > 0, log(x), exp(-x))'", "'min(x, max(-x, 1e308))'",
+    "'sqrt(x - 2)'", "'" + "tanh(" * 80 + "x" + ")" * 80 + "'", "'x^0.5'", "'1/x'", "'exp(700*x)'",
+    "'where(x, x)'", "'sin()'", "'x > 0'",
     "'mount.mass'", "'load(2).amplitude'", "'../k.csv'", "'/etc/passwd'", "'k.csv'", "'k.csv '",
     "'pipe'", "'caf\u00e9'", '"it\'s"', "'it''s'",
 ]  # fmt: skip
@@ -259,7 +262,8 @@ def _long_piece(rng: random.Random) -> bytes:
     piece = rng.choice(
         [b"1 ", b"a=1 ", b"&load amplitude=1 /\n", b"'", b"''", b"'x' ", b"x", b",", b"\n", b"(",
          b"&force law='x^3' /\n", b"&spring stiffness=1 /\n", b"9", b"1*", b"300000*1 ",
-         b"&kernel kind='prony' weights=1 rates=1 /\n", b"!", b"-", b"(x+1)*", b"&sweep ",
+         b"&kernel kind='prony' weights=1 rates=1 /\n",  b"!", b"-", b"(x+1)*", b"&sweep ",
+     b"tanh(", b"where(x > 0, ", b"&force law='sin(x)' /\n",
          b"\xc3\xa9"]
     )  # fmt: skip
     return piece * min(n, 1_000_000 // len(piece))
