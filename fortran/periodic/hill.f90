@@ -354,24 +354,28 @@ contains
   end subroutine fill
 
   !> The determinant at lambda; not to be asked for on a cut of a kernel or at -a.
-  subroutine determinant(self, system, lambda, value, about_half)
+  subroutine determinant(self, system, lambda, value, about_half, from_half)
     class(hill_type), intent(in) :: self
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: lambda
     complex(wp), intent(out) :: value
     !> Orders mirrored about Im lambda = d/2, where the determinant is real then, instead of 0.
     logical, intent(in), optional :: about_half
-    integer :: p
+    !> Where orders are odd: lambda is the distance from i d/2, however small.
+    logical, intent(in), optional :: from_half
+    integer :: p, lowest
     p = self%n_orders - 1
     if (present(about_half)) p = p + merge(1, 0, about_half)
-    call of_orders(self, system, p, lambda, value)
+    lowest = self%highest - (p - 1)*self%stride
+    if (present(from_half)) lowest = lowest + merge(self%stride/2, 0, from_half)
+    call of_orders(self, system, p, lowest, lambda, value)
   end subroutine determinant
 
-  !> The determinant of the p highest orders.
-  subroutine of_orders(self, system, p, lambda, value)
+  !> The determinant of the p highest orders, from the lowest of these.
+  subroutine of_orders(self, system, p, lowest, lambda, value)
     class(hill_type), intent(in) :: self
     class(oscillator_type), intent(in) :: system
-    integer, intent(in) :: p
+    integer, intent(in) :: p, lowest
     complex(wp), intent(in) :: lambda
     complex(wp), intent(out) :: value
     real(wp) :: h(p*self%n_dof, p*self%n_dof, 2)
@@ -379,7 +383,7 @@ contains
     integer :: a, b, i, q
 
     do i = 1, p
-      s(i) = lambda + cmplx(0.0_wp, ((i - p)*self%stride + self%highest)*self%nu, wp)
+      s(i) = lambda + cmplx(0.0_wp, (lowest + (i - 1)*self%stride)*self%nu, wp)
     end do
     scale = 1.0_wp/(s + self%shift)**2
     kept = (1.0_wp, 0.0_wp)

@@ -5,11 +5,12 @@
 !! nearby, from the zeros of that polynomial, and from where memory alone would relax; where
 !! those that grow are not all found then, from rates at which the system creeps away from rest,
 !! and from a grid over the strip |Im lambda| <= d/2. Zeros found before are divided out, with
-!! their conjugates, where it finds them again.
+!! their conjugates, where it finds them again. Slow creep is found by `viscovib_hill_creep`.
 module viscovib_hill_roots
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
+  use viscovib_hill_creep, only: n_slow, n_strips, rates_in_strip, strip_of
   use viscovib_hill_path, only: hill_path_type
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
@@ -61,7 +62,11 @@ contains
     if (.not. hill%ready) return
     do i = 1, n_known(near)
       if (n >= size(exponents) - 1) exit
-      if (aimag(near(i)) >= 0.0_wp) call try(hill, system, near(i), exponents, n)
+      if (is_slow(hill, near(i))) then
+        call look_in_strip(hill, system, strip_of(hill, near(i)), exponents, n)
+      else if (aimag(near(i)) >= 0.0_wp) then
+        call try(hill, system, near(i), exponents, n)
+      end if
     end do
     call path%approximations(hill, starts)
     call leave_out(hill, exponents(:n), starts)
@@ -148,6 +153,7 @@ contains
     complex(wp), intent(inout) :: exponents(:)
     complex(wp), allocatable :: starts(:)
     real(wp), allocatable :: rates(:)
+    complex(wp) :: lambda
     real(wp) :: place
     integer :: n, i, j
 
@@ -159,8 +165,19 @@ contains
     if (.not. path%shift > 0.0_wp) call rates_from_rest(system, hill%period, rates)
     do i = size(rates), 1, -1
       if (done()) exit
-      call try(hill, system, cmplx(rates(i), place*hill%period, wp), exponents, n)
+      lambda = cmplx(rates(i), place*hill%period, wp)
+      if (is_slow(hill, lambda)) then
+        call look_in_strip(hill, system, strip_of(hill, lambda), exponents, n)
+      else
+        call try(hill, system, lambda, exponents, n)
+      end if
     end do
+    ! Along the motion springs may differ from those at rest.
+    if (size(rates) > 0) then
+      do i = n_strips, 1, -1
+        if (.not. done()) call look_in_strip(hill, system, i, exponents, n)
+      end do
+    end if
     call path%approximations(hill, starts)
     call leave_out(hill, exponents(:n), starts)
     ! Equal springs have exponents of memory side by side.
@@ -193,6 +210,31 @@ contains
     end function done
 
   end subroutine complete
+
+  !> Creeps, too slowly for the secant method.
+  pure logical function is_slow(hill, exponent)
+    type(hill_type), intent(in) :: hill
+    complex(wp), intent(in) :: exponent
+    is_slow = strip_of(hill, exponent) > 0 .and. strip_of(hill, exponent) <= n_slow
+  end function is_slow
+
+  !> All slow rates of a strip, in the place of those that were known there.
+  subroutine look_in_strip(hill, system, strip, exponents, n)
+    type(hill_type), intent(in) :: hill
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: strip
+    complex(wp), intent(inout) :: exponents(:)
+    integer, intent(inout) :: n
+    complex(wp), allocatable :: there(:), all_known(:)
+    integer :: i
+
+    call rates_in_strip(hill, system, strip, there)
+    all_known = [pack(exponents(:n), [(strip_of(hill, exponents(i)) /= strip, i=1, n)]), there]
+    if (size(all_known) > size(exponents)) return
+    exponents(:n) = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
+    n = size(all_known)
+    exponents(:n) = all_known
+  end subroutine look_in_strip
 
   !> How many stand in front of the NaN.
   pure integer function n_known(exponents)

@@ -14,8 +14,9 @@ module viscovib_rest_growth
 
   public :: rates_from_rest
 
-  !> Rates looked at, as parts of a frequency, and the factor between two.
-  real(wp), parameter :: slowest = 1.0e-3_wp, fastest = 1.0e5_wp, ratio = 1.1_wp
+  !> Rates looked at, as parts of a frequency, and the factor between two, of slow ones a larger.
+  real(wp), parameter :: slowest = 1.0e-12_wp, slow = 1.0e-3_wp, fastest = 1.0e5_wp
+  real(wp), parameter :: ratio = 1.1_wp, ratio_of_slow = 10.0_wp
   !> Rates are found to this part.
   real(wp), parameter :: close_enough = 1.0e-9_wp
   !> Coordinates up to which eigenvalues take little time.
@@ -39,7 +40,7 @@ contains
     do while (high < fastest*nu)
       low = high
       n_low = n_high
-      high = ratio*low
+      high = merge(ratio_of_slow, ratio, low < slow*nu)*low
       n_high = n_negative(system, high)
       call part(system, low, n_low, high, n_high, rates)
     end do

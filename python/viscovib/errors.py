@@ -9,14 +9,17 @@ from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+#: A message is no longer than this.
+_LONGEST = 1900
 
 
 class ViscovibError(Exception):
     """Base of every error that viscovib raises on purpose: its text is one line."""
 
     def __str__(self) -> str:
-        # Names of files may hold what ends a line or steers a terminal.
-        return re.sub(r"[\x00-\x1f\x7f]", "?", super().__str__())
+        # Names of files may hold what ends a line or steers a terminal, and be very long.
+        text = re.sub(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]", "?", super().__str__())
+        return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 600]} ... {text[-500:]}"
 
 
 class InputError(ViscovibError, ValueError):

@@ -1,10 +1,14 @@
 """Stability with memory, against ordinary systems, integration in time and linear theory."""
 
+import warnings
+
 import matplotlib
 import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from scipy.special import gamma
 from tables import lines_without_plan
 
 #: Orders are fixed on purpose here; what they leave out is judged elsewhere.
@@ -191,6 +195,71 @@ def test_creep_makes_every_motion_unstable(beta):
     branch = vv.trace_response(mount, (0.8, 5), load=0.3)
     assert not branch.stable.any()
     assert (known(branch.exponents.ravel()).real > 0).any()
+
+
+def creeping(rng):
+    """A system of two coordinates that creeps, and the rates of a rest that is all springs."""
+    amplitude, alpha = 10 ** rng.uniform(-2.5, -0.5), rng.uniform(0.1, 0.7)
+    beta = rng.choice([0.0, 10 ** rng.uniform(-9, -5)])
+    kernel = vv.RzhanitsynKernel(amplitude=amplitude, alpha=alpha, beta=beta)
+    soft, damping = np.diag([rng.uniform(0.1, 0.5), 0]), rng.uniform(0.01, 0.1)
+    held = np.array([[2.0, -1.0], [-1.0, rng.uniform(0.8, 3)]])
+    system = vv.PolynomialSystem(
+        mass=[1, 2], damping=[damping, damping], stiffness=soft, forces={"x1": "0.5*x1^3"},
+        springs=[vv.Springs(stiffness=held, kernel=kernel)],
+    )  # fmt: skip
+
+    def determinant(t):
+        s = np.exp(t)
+        # Abel: amplitude Gamma(alpha)/s^alpha; damped by beta, s + beta instead of s.
+        kept = 1 - amplitude * gamma(alpha) / (s + beta) ** alpha
+        return np.linalg.det(s**2 * np.diag([1, 2]) + s * damping * np.eye(2) + soft + kept * held)
+
+    t = np.linspace(np.log(1e-12), np.log(10), 2000)
+    signs = np.sign([determinant(at) for at in t])
+    places = np.flatnonzero(signs[1:] != signs[:-1])
+    return system, np.exp([brentq(determinant, t[i], t[i + 1], xtol=1e-14) for i in places])
+
+
+def test_slow_creep_has_its_rate():
+    """However slow: small motions creep at the rates of rest, and large ones have rates too."""
+    rng = np.random.default_rng(5)
+    slow = 0
+    for _ in range(30):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            system, rates = creeping(rng)
+            small, large = (
+                vv.forced_response(
+                    system, [0.7, 30.0], load=[load, 0], method="newton", harmonics=5,
+                    stability=True,
+                )
+                for load in (1e-5, 0.6)
+            )  # fmt: skip
+        for i, nu in enumerate([0.7, 30.0]):
+            grows = np.sort(rates[rates > 1e-11 * nu])
+            found = small.exponents[i][small.exponents[i].real > 0]
+            assert small.stable[i] == (not grows.size)
+            assert np.sort(found.real) == pytest.approx(grows, rel=1e-7)
+            assert (found.imag == nu).all()
+            slow += (grows < 1e-3 * nu).sum()
+        for response in (small, large):
+            known_to_grow = (response.stable == False) & response.converged  # noqa: E712
+            assert np.isfinite(response.multipliers[known_to_grow, 0]).all()
+    assert slow > 30
+
+
+def test_springs_that_share_a_kernel_creep_side_by_side():
+    """Rates without mass are those where nothing is left of the springs: 1 = A Gamma(a)/s^a."""
+    for amplitude, alpha in ((1e-3, 0.3), (0.01, 0.1), (0.05, 0.3), (0.01, 0.7)):
+        with pytest.warns(vv.StabilityWarning, match="relaxed stiffness"):
+            mount = body(kernel=vv.RzhanitsynKernel(amplitude=amplitude, alpha=alpha, beta=0))
+        response = vv.forced_response(
+            mount, [0.5, 1, 4, 15], load=0.01, method="newton", harmonics=3, stability=True
+        )
+        rate = (amplitude * gamma(alpha)) ** (1 / alpha)
+        found = response.exponents[:, :2]
+        assert found.real == pytest.approx(np.full((4, 2), rate), rel=max(1e-6, rate**2))
 
 
 def test_a_polynomial_system_with_memory():

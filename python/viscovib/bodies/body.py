@@ -507,8 +507,9 @@ class Body(PolynomialSystem):
         part = _native.number("spread", spread)
         if not 0 <= part < 1:
             raise InputError(f"spread = {part:g}: must be in [0, 1)")
+        start = _native.integer("seed", seed, 0, 2**31)
         rows, stiffness = self._mount_springs.rows, self._mount_springs.stiffness
-        factors = np.random.default_rng(seed).uniform(1 - part, 1 + part, (count, stiffness.size))
+        factors = np.random.default_rng(start).uniform(1 - part, 1 + part, (count, stiffness.size))
         rest = self._stiffness_at_rest - (rows.T * stiffness) @ rows
         lower = np.linalg.inv(np.linalg.cholesky(self._mass_matrix))
         scaled = rows @ lower.T

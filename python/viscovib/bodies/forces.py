@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.bodies.mount_point import MountPoint
 from viscovib.bodies.springs import MountSprings
-from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.laws import Law
 
@@ -64,10 +64,8 @@ class MountForces:
 
     def amplitude(self, name: str, harmonic: int = 1) -> FloatArray:
         """Force amplitudes of one mount along its local axes (N), shape (n, 3)."""
-        if name not in self.names:
-            raise InputError(f"name = {name!r}: must be one of {', '.join(self.names)}")
-        place = np.flatnonzero(self.harmonics == harmonic)
-        force = self.force[:, self.names.index(name)]
+        place = np.flatnonzero(self.harmonics == _native.number("harmonic", harmonic))
+        force = self.force[:, self.names.index(_native.choice("name", name, self.names))]
         return np.asarray(np.abs(force[..., place].sum(axis=-1)))
 
 

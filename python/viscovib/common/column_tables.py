@@ -74,7 +74,7 @@ class Table:
 
     def where(self, row: int, role: str) -> str:
         """Say where a value stands."""
-        return f"{self.path}:{self.lines[row]}: column {self.named[role]!r}"
+        return f"{self.path}:{self.lines[row]}: column {_native.shown(self.named[role])}"
 
 
 def read_columns(
@@ -118,7 +118,7 @@ def read_columns(
         spelt[column.role] = names[place].strip()
         unit = units[place].strip() or _unit_within(names[place])
         values = [_cell(name, line, spelt[column.role], row, place) for line, row in body]
-        where = f"{name}:{first}: column {spelt[column.role]!r}"
+        where = f"{name}:{first}: column {_native.shown(spelt[column.role])}"
         columns[column.role] = _in_units(where, np.array(values), column.kind, unit)
     return Table(name, columns, spelt, tuple(line for line, _ in body))
 
@@ -142,8 +142,8 @@ def _places(
             stripped = [one.strip() for one in names]
             if given[column.role] not in stripped:
                 raise InputError(
-                    f"{name}:{first}: no column {given[column.role]!r}, must be one of "
-                    f"{', '.join(map(repr, stripped))}"
+                    f"{name}:{first}: no column {_native.shown(given[column.role])}, must be one "
+                    f"of {', '.join(map(repr, stripped))}"
                 )
             places[column] = stripped.index(given[column.role])
             continue
@@ -217,7 +217,7 @@ def _cell(name: str, line: int, column: str, row: Sequence[str], place: int) -> 
         if math.isfinite(value):
             return value
     what = f"{_native.shown(text)} is" if text else "is empty,"
-    raise InputError(f"{name}:{line}: column {column!r}: {what} not a finite number")
+    raise InputError(f"{name}:{line}: column {_native.shown(column)}: {what} not a finite number")
 
 
 def _is_number(text: str) -> bool:
@@ -256,13 +256,13 @@ def _in_units(where: str, values: FloatArray, kind: str, text: str) -> FloatArra
     unit, known = _unit(text), UNITS[kind]
     if unit not in known:
         allowed = ", ".join(one for one in known if one)
-        what = f"unit {text.strip()!r} is not known" if unit else "has no unit"
+        what = f"unit {_native.shown(text.strip())} is not known" if unit else "has no unit"
         raise InputError(f"{where}: {what}, must be one of {allowed}")
     # The same letters mean mega and milli.
     if kind == "frequency" and text.strip().startswith("mH"):
         return values * 2e-3 * math.pi
     if kind == "modulus" and text.strip().startswith("mP"):
-        raise InputError(f"{where}: unit {text.strip()!r} is millipascal; write MPa")
+        raise InputError(f"{where}: unit {_native.shown(text.strip())} is millipascal; write MPa")
     if kind == "stiffness" and text.strip().startswith("mN/"):
         return values * 1e-3
     if kind == "temperature":

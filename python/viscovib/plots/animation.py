@@ -14,7 +14,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.driven import DrivenResponse
 from viscovib.common.files import whole_file
-from viscovib.common.parameters import Number, Whole
+from viscovib.common.parameters import FilePath, Number, Whole
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.errors import InputError
 from viscovib.plots.outlines import Drawing, drawing_of
@@ -97,7 +97,7 @@ def animate(
 
 def _checked(path: str | os.PathLike[str]) -> Path:
     """Return a path of a kind that can be written here."""
-    target = Path(path)
+    target = Path(FilePath("path").check(path))
     if target.suffix.lower() not in _SUFFIXES:
         raise InputError(f"path = {str(target)!r}: must end in {', '.join(_SUFFIXES)}")
     if target.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:

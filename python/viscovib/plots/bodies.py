@@ -13,6 +13,7 @@ from viscovib._native import FloatArray
 from viscovib.bodies.body import Body
 from viscovib.bodies.modes import BodyModes
 from viscovib.errors import InputError
+from viscovib.plots.panels import panel
 from viscovib.plots.style import COLOURS, STYLES
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ def plot_body(
         from matplotlib import pyplot as plt
 
         ax = plt.figure(figsize=(6, 5), layout="constrained").add_subplot(projection="3d")
+    ax = panel(ax)
     if not hasattr(ax, "get_zlim"):
         raise InputError("ax: must be three-dimensional, add_subplot(projection='3d')")
     axis: Any = ax
@@ -118,11 +120,7 @@ def plot_energy(modes: BodyModes, ax: Axes | None = None) -> Axes:
     'kinetic energy (%)'
     """
     _native.check_instance("modes", modes, BodyModes)
-    if ax is None:
-        from matplotlib import pyplot as plt
-
-        _, ax = plt.subplots(figsize=(6, 3.6), layout="constrained")
-    assert ax is not None
+    ax = panel(ax, (6, 3.6))
     # One colour from white to dark: greyscale prints keep the order.
     ax.imshow(modes.energy, cmap="Blues", vmin=0, vmax=115, aspect="auto")
     for i, row in enumerate(modes.energy):
@@ -177,12 +175,8 @@ def plot_transmissibility(
     'frequency (Hz)'
     """
     _native.check_instance("body", body, Body)
-    if ax is None:
-        from matplotlib import pyplot as plt
-
-        _, ax = plt.subplots(figsize=(6, 3.6), layout="constrained")
-    assert ax is not None
-    frequencies = frequency_range(body) if hz is None else _native.real_array("hz", hz)
+    ax = panel(ax, (6, 3.6))
+    frequencies = frequency_range(body, hz)
     answer = body.base_transmissibility(2 * math.pi * frequencies, axis, point)
     with np.errstate(divide="ignore"):
         decibels = 20 * np.log10(np.abs(answer))
@@ -203,8 +197,17 @@ def plot_transmissibility(
     return ax
 
 
-def frequency_range(body: Body) -> FloatArray:
-    """Return 800 frequencies (Hz) from a third of the lowest mode to four times the highest."""
+def frequency_range(body: Body, hz: npt.ArrayLike | None = None) -> FloatArray:
+    """Return the frequencies (Hz) of a picture.
+
+    Those given, which must ascend on a logarithmic axis, or 800 from a third of the lowest mode to
+    four times the highest.
+    """
+    if hz is not None:
+        given = _native.real_array("hz", hz, ndim=1)
+        if given.size < 2 or not given[0] >= np.finfo(float).tiny or not (np.diff(given) > 0).all():
+            raise InputError("hz: must be two or more positive frequencies, ascending")
+        return given
     omega = body.modes().omega
     held = omega[omega > 0] / (2 * math.pi)
     if not held.size:

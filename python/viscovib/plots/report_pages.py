@@ -18,7 +18,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib.bodies.body import Body
 from viscovib.common.files import whole_file
-from viscovib.common.parameters import FilePath
+from viscovib.common.parameters import FilePath, Text
 from viscovib.errors import InputError
 from viscovib.plots.bodies import (
     frequency_range,
@@ -90,10 +90,10 @@ def report(
     >>> vv.report(vv.Body(mass=10, inertia=(0.1, 0.1, 0.1), mounts=[foot]), "pump.html")
     """
     _native.check_instance("body", body, Body)
-    place = Path(FilePath("path").check(path))
+    place, title = Path(FilePath("path").check(path)), Text("title").check(title)
     if place.suffix.lower() not in (".html", ".pdf"):
         raise InputError(f"path = {str(place)!r}: must end in .html or .pdf")
-    frequencies = frequency_range(body) if hz is None else _native.real_array("hz", hz)
+    frequencies = frequency_range(body, hz)
     push = body.load(np.eye(3)["xyz".index(_native.choice("axis", axis, ("x", "y", "z")))])
     if load is not None:
         push = _native.complex_array("load", load)

@@ -20,7 +20,7 @@ from viscovib._native import FloatArray
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.kernels.time_temperature import KELVIN, ShiftLaw
 from viscovib.rubber.data import ModulusData, RelaxationData
-from viscovib.rubber.shift_fit import ShiftFit, ShiftTable, fit_shift_law
+from viscovib.rubber.shift_fit import ShiftFit, ShiftTable, bounded, fit_shift_law
 from viscovib.rubber.superposition import KNOTS, Curves, flatness, neighbours, scatter_of, superpose
 
 if TYPE_CHECKING:
@@ -285,8 +285,8 @@ def _loss_scatter(
 def _given(factors: tuple[npt.ArrayLike, npt.ArrayLike], t: FloatArray) -> FloatArray:
     if not isinstance(factors, (tuple, list)) or len(factors) != 2:
         raise InputError("factors: must be a pair: temperatures, log10(a_T)")
-    at = _native.real_array("factors[0]", factors[0], ndim=1)
-    decades = _native.real_array("factors[1]", factors[1], ndim=1)
+    at = bounded("factors[0]", factors[0], "temperatures")
+    decades = bounded("factors[1]", factors[1], "decades")
     if at.size != decades.size or at.size == 0:
         raise InputError(f"factors: {at.size} temperatures and {decades.size} factors must match")
     near = np.abs(at[:, np.newaxis] - t).argmin(axis=0)

@@ -126,7 +126,7 @@ def _read_dynamic(
             f"{table.path}: has {' and '.join([*given, *turned]) or 'no modulus'}, must have "
             "storage and loss, or one of them or the magnitude with a loss factor or angle"
         )
-    measured = quantity or _quantity(table, given)
+    measured = _asked(quantity) or _quantity(table, given)
     _refuse(table, "frequency", nu <= 0, "greater than 0")
     _refuse(table, given[0], storage <= 0, "that of a positive storage modulus")
     _refuse(
@@ -169,7 +169,7 @@ def read_relaxation(
     times, modulus = _needed(table, "time"), _needed(table, "modulus")
     _refuse(table, "time", times <= 0, "greater than 0")
     _refuse(table, "modulus", modulus <= 0, "greater than 0")
-    measured = quantity or _quantity(table, ["modulus"])
+    measured = _asked(quantity) or _quantity(table, ["modulus"])
     return _told(
         table,
         lambda: RelaxationData(
@@ -206,7 +206,7 @@ def read_creep(
     _refuse(table, "time", times <= 0, "greater than 0")
     _refuse(table, "compliance", compliance <= 0, "greater than 0")
     letters = {"J": "G", "D": "E"}
-    measured = quantity or letters.get(table.named["compliance"].strip()[:1].upper())
+    measured = _asked(quantity) or letters.get(table.named["compliance"].strip()[:1].upper())
     if measured is None:
         raise InputError(f"{table.path}: quantity: must be given, 'E' or 'G'")
     return _told(
@@ -225,6 +225,11 @@ def _needed(table: Table, role: str) -> FloatArray:
             f"{table.path}: has no column of {role}: say which by columns={{{role!r}: ...}}"
         )
     return table[role]
+
+
+def _asked(quantity: str | None) -> str | None:
+    """Return the quantity that a caller names; None: the file tells."""
+    return None if quantity is None else _native.choice("quantity", quantity, QUANTITIES)
 
 
 def _quantity(table: Table, roles: Sequence[str]) -> str:

@@ -16,6 +16,17 @@ from viscovib.kernels.time_temperature import GAS_CONSTANT, KELVIN, WLF, Arrheni
 #: A law that misses factors by more (decades) is told.
 _MISFIT = 0.1
 LAWS = ("wlf", "arrhenius")
+#: Largest temperature (deg C) and decade, by the word that names them.
+_LARGEST = {"temperatures": 1e6, "decades": 300.0}
+
+
+def bounded(name: str, value: npt.ArrayLike, kind: str = "") -> FloatArray:
+    """Return temperatures, or decades whose power of ten is a number, as an array of a row."""
+    array, largest = _native.real_array(name, value, ndim=1), _LARGEST[kind or name]
+    if array.size and np.abs(array).max() > largest:
+        i = int(np.abs(array).argmax())
+        raise InputError(f"{name}[{i}] = {array[i]:g}: must be within +-{largest:g}")
+    return array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +53,7 @@ class ShiftTable(ShiftLaw):
 
     def __post_init__(self) -> None:
         for name in ("temperatures", "decades"):
-            array = _native.real_array(name, getattr(self, name), ndim=1).copy()
+            array = bounded(name, getattr(self, name)).copy()
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         t, d = np.asarray(self.temperatures), np.asarray(self.decades)
@@ -141,8 +152,7 @@ def fit_shift_law(
     >>> round(found.law.c1, 6), round(found.law.c2, 6)
     (8.86, 101.6)
     """
-    t = _native.real_array("temperatures", temperatures, ndim=1)
-    d = _native.real_array("decades", decades, ndim=1)
+    t, d = bounded("temperatures", temperatures), bounded("decades", decades)
     _native.choice("law", law, LAWS)
     at = _native.number("reference", reference)
     if t.size < 3 or d.size != t.size:

@@ -18,6 +18,8 @@ _UNHELD = 1e-9
 _UNSEEN = 1e-10
 #: Numbers of one part of an expansion to all coordinates.
 _AT_ONCE = 2_000_000
+#: A mode whose dynamic stiffness is this part of its stiffness or less is next to a resonance.
+_NEAR = 1e-6
 
 
 class Condensation:
@@ -347,8 +349,8 @@ class LoadedStructure:
         at = s[:, np.newaxis]
         apart = rest.squares * (1 + 1j * rest.losses) + rest.rates * at + at**2
         # In a resonance without damping what is left of the difference is rounding.
-        t = 1 / np.where(apart == 0, np.finfo(float).eps * np.abs(rest.squares), apart)
-        w = 1 / (at - rest.poles)
+        apart = np.where(apart == 0, np.finfo(float).eps * np.abs(rest.squares), apart)
+        t, w = 1 / apart, 1 / (at - rest.poles)
         modes = np.zeros((s.size, rest.squares.size), dtype=complex)
         poles = np.zeros((s.size, rest.poles.size), dtype=complex)
         free = np.zeros_like(y)
@@ -360,14 +362,28 @@ class LoadedStructure:
             free -= at**2 * (moved.flexible + at * moved.flexible_rate)
             for part in (modes, poles, free):
                 part *= factors[:, np.newaxis]
-        free += (modes * t) @ c.seen + (poles * w) @ c.left
-        h = np.einsum("nm,mq,mp->nqp", t, c.seen, c.seen, optimize=True)
+        # Modes next to a resonance are unknowns of their own: in H they would hide all others.
+        loud = np.flatnonzero((np.abs(apart) < _NEAR * np.abs(rest.squares)).any(axis=0))
+        quiet = np.delete(np.arange(rest.squares.size), loud)
+        free += (modes[:, quiet] * t[:, quiet]) @ c.seen[quiet] + (poles * w) @ c.left
+        h = np.einsum("nm,mq,mp->nqp", t[:, quiet], c.seen[quiet], c.seen[quiet], optimize=True)
         h = h + np.einsum("nm,mq,mp->nqp", w, c.left, c.right, optimize=True)
         h = h + c.laws.directions.T @ c.flexible
         h = h + s[:, np.newaxis, np.newaxis] * (c.laws.directions.T @ c.flexible_rate)
-        # Forces h of the elements on the rest: y = free + H h.
-        g = np.linalg.solve(h, (y - free)[:, :, np.newaxis])[:, :, 0]
-        return (modes + g @ c.seen.T) * t, (poles + g @ c.right.T) * w, g
+        # Forces h of the elements on the rest: y = free + H h + seen a, a of the loud modes, with
+        # apart a = modes + seen h.
+        q = y.shape[1]
+        whole = np.zeros((s.size, q + loud.size, q + loud.size), dtype=complex)
+        whole[:, :q, :q] = h
+        whole[:, :q, q:] = c.seen[loud].T
+        whole[:, q:, :q] = -c.seen[loud]
+        whole[:, np.arange(q, q + loud.size), np.arange(q, q + loud.size)] = apart[:, loud]
+        right = np.concatenate([y - free, modes[:, loud]], axis=1)
+        found = np.linalg.solve(whole, right[:, :, np.newaxis])[:, :, 0]
+        g = found[:, :q]
+        amplitudes = (modes + g @ c.seen.T) * t
+        amplitudes[:, loud] = found[:, q:]
+        return amplitudes, (poles + g @ c.right.T) * w, g
 
     def _flexible_load(
         self, s: ComplexArray, j: Any, places: Any, factors: FloatArray
