@@ -151,6 +151,8 @@ def _integral(kernel: object) -> float:
 
 def _solve(matrix: FloatArray, right: FloatArray, size: float) -> FloatArray:
     """Solve; where the body is free to move without being pushed it stays."""
+    if not np.isfinite(matrix).all():
+        raise InputError("mounts: stiffnesses and positions give numbers that are too large")
     found = np.linalg.lstsq(matrix, right, rcond=1e-14)[0]
     if np.abs(matrix @ found - right).max() > 1e-6 * size:
         raise InputError("gravity: nothing carries the weight in a direction left free by mounts")

@@ -25,6 +25,8 @@ from viscovib.rubber.measured import Measured, descend
 from viscovib.rubber.models import PARTS, Model
 
 _ELEMENTS, _DEGREE, _ODD = Whole("elements", 1, 6), Whole("degree", 1, 9), Flag("odd")
+#: The largest deflection of a law (m).
+_SIZES = (1e-12, 1e12)
 #: Two amplitudes are one if they differ by less.
 _SAME = 1e-3
 #: Places of slips that are tried, and how often the best is brought on to its end.
@@ -321,6 +323,8 @@ def fit_progressive(
             f"{len(powers)} and not all 0"
         )
     size = float(np.abs(d).max())
+    if not _SIZES[0] <= size <= _SIZES[1]:
+        raise InputError(f"deflection: the largest is {size:g} m, must be 1e-12 to 1e12 m")
     rows = (d / size)[:, np.newaxis] ** np.array(powers)
     found, *_ = np.linalg.lstsq(rows, f, rcond=None)
     fine = np.linspace(min(d.min(), 0.0), max(d.max(), 0.0), 400) / size

@@ -14,7 +14,7 @@ from viscovib.errors import InputError
 
 if TYPE_CHECKING:
     pass
-from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
+from viscovib.rubber.data import QUANTITIES, CreepData, ModulusData, RelaxationData
 
 _Data = TypeVar("_Data")
 _FREQUENCY = Column(

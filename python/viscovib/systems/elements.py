@@ -270,7 +270,7 @@ def _law_terms(
     And what such a one adds to the damping.
     """
     if law is None:
-        if parameters:
+        if parameters is not None and not (isinstance(parameters, Mapping) and not parameters):
             raise InputError("parameters: must not be given without a law")
         return {}, None, 0.0
     if not isinstance(law, str):
