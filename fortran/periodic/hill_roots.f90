@@ -225,15 +225,19 @@ contains
     integer, intent(in) :: strip
     complex(wp), intent(inout) :: exponents(:)
     integer, intent(inout) :: n
-    complex(wp), allocatable :: there(:), all_known(:)
-    integer :: i
+    complex(wp), allocatable :: there(:)
+    integer :: i, kept
 
     call rates_in_strip(hill, system, strip, there)
-    all_known = [pack(exponents(:n), [(strip_of(hill, exponents(i)) /= strip, i=1, n)]), there]
-    if (size(all_known) > size(exponents)) return
-    exponents(:n) = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
-    n = size(all_known)
-    exponents(:n) = all_known
+    kept = 0
+    do i = 1, n
+      if (strip_of(hill, exponents(i)) == strip) cycle
+      kept = kept + 1
+      exponents(kept) = exponents(i)
+    end do
+    n = min(kept + size(there), size(exponents))
+    exponents(kept + 1:n) = there(:n - kept)
+    exponents(n + 1:) = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
   end subroutine look_in_strip
 
   !> How many stand in front of the NaN.
