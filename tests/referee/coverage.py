@@ -15,6 +15,7 @@ FAMILIES = (
     "structure_motions", "structures", "sweeps", "tables",
 )  # fmt: skip
 #: Public names that have nothing to judge, and why.
+_ARRAYS = "its own arrays, which test_results compares"
 _PICTURE = "a picture: numbers are those of the result it is given"
 _WHOLE = "tests/python/test_structure.py compares it with the whole system"
 NOTHING_TO_JUDGE = {
@@ -48,9 +49,6 @@ NOTHING_TO_JUDGE = {
     "plot_van_gurp": _PICTURE,
     "plot_nomogram": _PICTURE,
     "ModulusData.plot": _PICTURE,
-    "KramersKronig.plot": _PICTURE,
-    "MasterCurve.plot": _PICTURE,
-    "KernelFit.plot": _PICTURE,
     "Band.plot": _PICTURE,
     "ConvergenceWarning": "what other families listen for",
     "InputError": "what other families count as refused",
@@ -66,8 +64,12 @@ NOTHING_TO_JUDGE = {
     "Result.numbers": "what sweeps keep, which sweeps judges",
     "TableResult": "columns as the core wrote them, which test_tables compares",
     "TableResult.to_dataset": "columns as the core wrote them, which test_modes compares",
-    "Lines.to_dataset": "its own arrays, which test_results compares",
-    "Modulation.to_dataset": "its own arrays, which test_results compares",
+    "MasterCurve.to_dataset": _ARRAYS,
+    "KramersKronig.to_dataset": _ARRAYS,
+    "KernelFit.to_dataset": _ARRAYS,
+    "MountForces.to_dataset": _ARRAYS,
+    "Lines.to_dataset": _ARRAYS,
+    "Modulation.to_dataset": _ARRAYS,
     "Result.to_netcdf": "to_dataset in a file, which test_results compares",
     "SceneResult.spectrum_to_csv": "the table of a spectrum, which test_tables compares",
 }

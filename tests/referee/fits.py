@@ -7,7 +7,7 @@ from referee.case import Case, Claim, even, few
 JUDGES = (
     "fit_kernel", "KernelFit", "KernelFit.quantity", "KernelFit.modulus", "KernelFit.bare_kernel",
     "KernelFit.parameters", "KernelFit.interval", "KernelFit.unconstrained", "KernelFit.samples",
-    "KernelFit.kernel", "KernelFit.residual", "KernelFit.predict", "KernelFit.summary",
+    "KernelFit.kernel", "KernelFit.residual", "KernelFit.predict",
     "KernelFit.to_json", "ParametricFit", "ParametricFit.names", "ParametricFit.modulus",
     "ParametricFit.bare_kernel", "ParametricFit.covariance", "ParametricFit.turned_covariance",
     "ParametricFit.correlation", "ParametricFit.interval", "ParametricFit.intervals",
@@ -20,7 +20,7 @@ JUDGES = (
     "PronyTerms.kernel", "PronyTerms.text", "PronyTerms.write", "read_fit", "read_kernel",
     "write_kernel", "master_curve", "MasterCurve", "MasterCurve.shift", "MasterCurve.fit_law",
     "fit_shift_law", "ShiftFit", "ShiftTable", "ShiftTable.reference", "ShiftTable.log10",
-    "kramers_kronig", "KramersKronig", "KramersKronig.summary", "ModulusData",
+    "kramers_kronig", "KramersKronig", "ModulusData",
     "ModulusData.modulus", "ModulusData.loss_factor", "ModulusData.sets", "ModulusData.to_shear",
     "ModulusData.to_young", "ModulusData.kramers_kronig", "RelaxationData", "RelaxationData.sets",
     "CreepData", "CreepData.sets", "read_dma", "read_dynamic_stiffness", "read_relaxation",

@@ -18,6 +18,7 @@ from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import Table, listed, listed_units
+from viscovib.common.values import Value
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import MAX_SPECIAL, OUTCOMES, largest_panels
 from viscovib.results.structure_view import View
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-@dataclass(frozen=True, eq=False)
-class BackbonePoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class BackbonePoint(Value):
     """Where another family of free motions leaves.
 
     Value of what varies, frequency, X_k there, the last point before it; ``across`` is the

@@ -8,12 +8,13 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.values import Value
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
 
 
-@dataclass(frozen=True, eq=False)
-class FreeDecay:
+@dataclass(frozen=True, eq=False, repr=False)
+class FreeDecay(Value):
     """A free motion as a sum of decaying oscillations.
 
     Attributes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,15 +12,21 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.bodies.mount_point import MountPoint
 from viscovib.bodies.springs import MountSprings
+from viscovib.common.results import Panel, Result, span
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.laws import Law
 
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Local axes of a mount.
+_AXES = ("x", "y", "z")
 #: Samples an order, and at least, of what is no polynomial.
 _FINE, _FINEST = 32, 512
 
 
-@dataclass(frozen=True, eq=False)
-class MountForces:
+@dataclass(frozen=True, eq=False, repr=False)
+class MountForces(Result):
     """Deflections and forces of mounts along their local axes, as Fourier coefficients.
 
     Attributes
@@ -55,6 +61,42 @@ class MountForces:
     names: tuple[str, ...]
     deflection: ComplexArray
     force: ComplexArray
+
+    kind = "mount forces"
+
+    def _headline(self) -> str:
+        ends = span(self.nu, "rad/s")
+        return f"forces of {len(self.names)} mounts at {self.nu.size} frequencies, {ends}"
+
+    def panels(self) -> list[Panel]:
+        """Amplitudes of each mount's force in the direction where it is largest."""
+        found = []
+        for name in self.names:
+            sizes = self.amplitude(name)
+            axis = int(np.nanargmax(np.nanmax(sizes, axis=0)))
+            found.append(
+                Panel(self.nu, sizes[:, axis], "frequency (rad/s)", f"{name} {_AXES[axis]}", "N", 1)
+            )
+        return found
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset."""
+        import xarray as xr
+
+        over = ("nu", "mount", "axis", "harmonic")
+        return xr.Dataset(
+            {
+                "deflection": (over, self.deflection, {"units": "m"}),
+                "force": (over, self.force, {"units": "N"}),
+                "lost_power": (over[:3], self.lost_power, {"units": "W"}),
+            },
+            coords={
+                "nu": ("nu", self.nu, {"units": "rad/s"}),
+                "mount": list(self.names),
+                "axis": list(_AXES),
+                "harmonic": self.harmonics,
+            },
+        )
 
     @property
     def lost_power(self) -> FloatArray:

@@ -11,6 +11,7 @@ import numpy as np
 from viscovib._native import FloatArray
 from viscovib.bodies.mount_point import MountPoint
 from viscovib.bodies.springs import MountSprings
+from viscovib.common.values import Value
 from viscovib.errors import InputError
 from viscovib.systems.laws import Law
 
@@ -22,8 +23,8 @@ _SETTLED, _ACCURATE = 1e-15, 1e-9
 _SMALLEST_PART = 1e-4
 
 
-@dataclass(frozen=True, eq=False)
-class Sag:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sag(Value):
     """The loaded position of a body, all relaxation over.
 
     Attributes

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import html
 import io
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from viscovib._native import FloatArray
 from viscovib.common.files import whole_file
 from viscovib.common.tables import Table
+from viscovib.common.values import Value
 from viscovib.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Panel:
     log: bool = False
 
 
-class Result:
+class Result(Value):
     """Base of all results, which are values: frozen, compared field by field, pickled, copied.
 
     Examples
@@ -107,8 +107,28 @@ class Result:
         raise NotImplementedError
 
     def _table(self, coordinates: Sequence[str] | None) -> Table:
-        """Return its table, of the coordinates wanted or of all."""
-        raise InputError(f"to_csv: no table of {self.kind} is known, use to_dataset")
+        """Return its table, of the coordinates wanted or of all.
+
+        By default these are the columns that lie over the first dimension of `to_dataset`.
+        """
+        if coordinates is not None:
+            raise InputError(f"coordinates: the table of a {self.kind} has no choice, must be None")
+        data = self.to_dataset()
+        over = next(iter(data.data_vars.values())).dims[0]
+        table = Table()
+        if over in data.coords:
+            table.columns[str(over)] = data.coords[over].values
+        for name, array in data.data_vars.items():
+            if array.dims[:1] != (over,):
+                continue
+            if "units" in array.attrs:
+                table.notes.append(f"{name} in {array.attrs['units']}")
+            labels = [array.coords[d].values if d in array.coords else None for d in array.dims]
+            for place in np.ndindex(array.shape[1:]):
+                pairs = zip(place, labels[1:], strict=True)
+                words = [str(i if label is None else label[i]) for i, label in pairs]
+                table.add(" ".join([str(name), *words]).replace(" ", "_"), array.values[:, *place])
+        return table
 
     def to_csv(
         self, path: str | os.PathLike[str], *, coordinates: Sequence[str] | None = None
@@ -152,18 +172,6 @@ class Result:
             return text
         return f"{text}{picture.getvalue()[picture.getvalue().index('<svg') :]}"
 
-    def __eq__(self, other: object) -> bool:
-        """Whether all that was found is the same, NaN equal to NaN."""
-        if type(self) is not type(other):
-            return NotImplemented
-        return all(
-            _same(getattr(self, name), getattr(other, name)) for name in _public_fields(self)
-        )
-
-    def __hash__(self) -> int:
-        """Of what equal results share."""
-        return hash(repr(self))
-
 
 def span(values: FloatArray, unit: str = "") -> str:
     """Return the ends of a range in words, with their unit."""
@@ -180,24 +188,6 @@ def named(names: tuple[str, ...], units: tuple[str, ...]) -> str:
     pairs = [f"{n} ({u})" if u != "1" else n for n, u in zip(names, units, strict=True)]
     more = [f"{len(pairs) - 6} more"] if len(pairs) > 6 else []
     return ", ".join([*pairs[:6], *more])
-
-
-def _public_fields(value: Any) -> list[str]:
-    return [field.name for field in dataclasses.fields(value) if not field.name.startswith("_")]
-
-
-def _same(one: Any, other: Any) -> bool:
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        numbers = one.dtype.kind in "fc" and other.dtype.kind in "fc"
-        return np.array_equal(one, other, equal_nan=numbers)
-    if isinstance(one, (tuple, list)) and isinstance(other, (tuple, list)):
-        return len(one) == len(other) and all(map(_same, one, other))
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
-    if type(one) is type(other) and dataclasses.is_dataclass(one) and not isinstance(one, Result):
-        return all(_same(getattr(one, n), getattr(other, n)) for n in _public_fields(one))
-    same = one == other
-    return bool(same) or (one != one and other != other)
 
 
 def _pictures() -> Any:

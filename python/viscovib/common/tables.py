@@ -7,6 +7,7 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from viscovib._native import ComplexArray
 from viscovib.common.files import whole_file
@@ -18,6 +19,13 @@ class Table:
 
     notes: list[str] = field(default_factory=list)
     columns: dict[str, Any] = field(default_factory=dict)
+
+    def add(self, name: str, values: npt.NDArray[Any]) -> None:
+        """Add a column, or two of complex numbers."""
+        if np.iscomplexobj(values):
+            self.add_complex(name, values)
+        else:
+            self.columns[name] = values
 
     def add_complex(self, name: str, values: ComplexArray) -> None:
         """Add two columns, NAME_re and NAME_im."""

@@ -14,6 +14,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import CURVE_OUTCOMES
 from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import listed
+from viscovib.common.values import Value
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.results.response import Peak, band_of, lowest_order, peaks
 
@@ -60,8 +61,8 @@ class Crossing:
         return f"stability changes after point {self.before + 1}: {self.kind}{place}"
 
 
-@dataclass(frozen=True, eq=False)
-class BranchPoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class BranchPoint(Value):
     """Where another branch leaves: value of what varies, X_k there, last point before.
 
     ``across`` is the direction of the other branch in X_k, found where the derivatives are

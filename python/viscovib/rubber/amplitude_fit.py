@@ -17,6 +17,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Flag, Whole
+from viscovib.common.values import Value
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.rubber.data import ModulusData
@@ -71,8 +72,8 @@ def _jenkins(x: FloatArray, k: float, s: float) -> ComplexArray:
     return np.asarray(k / math.pi * parts)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AmplitudeFit:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class AmplitudeFit(Value):
     """A kernel and Jenkins elements beside it, fitted by `fit_amplitude`.
 
     Attributes
@@ -256,8 +257,8 @@ def _amplitude_result(
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ProgressiveLaw:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ProgressiveLaw(Value):
     """A static curve as a polynomial, fitted by `fit_progressive`.
 
     Attributes

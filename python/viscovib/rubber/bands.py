@@ -11,6 +11,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.parameters import Number, Whole
+from viscovib.common.values import Value
 from viscovib.errors import InputError
 from viscovib.rubber.fit import KernelFit, Sample
 
@@ -25,7 +26,7 @@ _SAMPLES, _SEED, _LEVEL = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Band:
+class Band(Value):
     """Answers for kernels as likely as the data make them.
 
     Attributes

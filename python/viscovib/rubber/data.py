@@ -16,6 +16,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Number
+from viscovib.common.values import Value
 from viscovib.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ _RAMP = Number("ramp", lowest=0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ModulusData:
+class ModulusData(Value):
     """Storage and loss over frequency, of one or several sets.
 
     Parameters
@@ -139,7 +140,7 @@ class ModulusData:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RelaxationData:
+class RelaxationData(Value):
     """A modulus over time after a step of strain, or after a ramp that ends in it.
 
     Parameters
@@ -188,7 +189,7 @@ class RelaxationData:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CreepData:
+class CreepData(Value):
     """A compliance over time after a step of stress.
 
     Parameters

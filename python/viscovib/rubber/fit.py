@@ -14,19 +14,23 @@ import numpy.typing as npt
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Whole
+from viscovib.common.results import Result
+from viscovib.common.values import Value
 from viscovib.kernels.relaxation import Kernel
 from viscovib.kernels.time_temperature import ShiftLaw, ThermalKernel
+from viscovib.rubber.data import ModulusData, RelaxationData
 from viscovib.rubber.measured import Measured
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
 
 #: How many samples may be drawn, and their seeds.
 _COUNT, _SEED = Whole("n", 1, 10**6), Whole("seed", 0, 2**31)
 
 
-@dataclass(frozen=True)
-class Optimum:
+@dataclass(frozen=True, eq=False, repr=False)
+class Optimum(Value):
     """An end that starts have led to: the sum of squares (weights by the data), parameters.
 
     Examples
@@ -67,8 +71,8 @@ class Sample:
     modulus: float
 
 
-@dataclass(frozen=True, eq=False)
-class Profile:
+@dataclass(frozen=True, eq=False, repr=False)
+class Profile(Value):
     """How the sum of squares grows when a parameter is held beside its best value.
 
     Attributes
@@ -102,7 +106,7 @@ class Profile:
     level: float
 
 
-class KernelFit(ABC):
+class KernelFit(Result, ABC):
     """A kernel fitted to measurements by `fit_kernel`.
 
     Attributes
@@ -142,7 +146,7 @@ class KernelFit(ABC):
     (True, True)
     """
 
-    kind: str
+    kind: str  # type: ignore[misc]
     weights: str
     shift: ShiftLaw | None
     measured: Measured
@@ -211,30 +215,55 @@ class KernelFit(ABC):
         """M' + i M'' (Pa, N/m) at circular frequencies (rad/s), any shape."""
         return np.asarray(self.modulus * (1 - self.bare_kernel.transform(frequencies)))[()]
 
-    def __repr__(self) -> str:
-        return f"KernelFit({self.summary()})"
-
-    def summary(self) -> str:
-        """A line a parameter."""
+    def _headline(self) -> str:
         storage, loss = self.residual
-        parts = (
+        both = (
             ""
             if math.isnan(loss)
-            else f" of {self.quantity}', {100 * loss:.2g} % of {self.quantity}''"
+            else (f" of {self.quantity}', {100 * loss:.2g} % of {self.quantity}''")
         )
-        lines = [
-            f"{self.kind}, residuals {100 * storage:.2g} %{parts}, weights by the {self.weights}"
-        ]
-        found = self.parameters
+        residuals = f"residuals {100 * storage:.2g} %{both}"
+        return f"{self.kind}, {residuals}, weights by the {self.weights}"
+
+    def _scope(self) -> list[str]:
+        """Return a line a parameter."""
+        lines, found = [], self.parameters
         for name, (low, high) in self.interval.items():
             value = "not constrained" if name in self.unconstrained else f"{found[name]:.6g}"
-            lines.append(f"  {name}: {value}  [{low:.6g}, {high:.6g}]")
-        return "\n".join(lines)
+            lines.append(f"{name}: {value}  [{low:.6g}, {high:.6g}]")
+        return lines
 
     def plot(self, ax: "Axes | None" = None) -> Any:
         """Draw the data and the fit: see `plot_fit`."""
         # By name, since that module knows this one.
         return import_module("viscovib.plots.rubber").plot_fit(self, ax)
+
+    def _columns(self) -> dict[str, FloatArray]:
+        """What was measured, and what the fit says of it, over frequencies or times."""
+        n, target, fitted = self.measured.log_rates.size, self.measured.target, self._predicted()
+        data = self.measured.data
+        if isinstance(data, ModulusData):
+            return {
+                "frequency": np.asarray(data.frequencies),
+                "storage": target[:n],
+                "fitted_storage": fitted[:n],
+                "loss": target[n:],
+                "fitted_loss": fitted[n:],
+            }
+        name = "modulus" if isinstance(data, RelaxationData) else "compliance"
+        return {"time": np.asarray(data.times), name: target, f"fitted_{name}": fitted}
+
+    def to_dataset(self) -> "xr.Dataset":
+        """Data and fit over frequencies or times, parameters with their intervals."""
+        import xarray as xr
+
+        columns, found, bounds = self._columns(), self.parameters, self.interval
+        values: dict[str, Any] = {name: ("row", column) for name, column in columns.items()}
+        values["value"] = ("parameter", [found[name] for name in bounds])
+        values["low"] = ("parameter", [low for low, _ in bounds.values()])
+        values["high"] = ("parameter", [high for _, high in bounds.values()])
+        attrs = {"kind": self.kind, "quantity": self.quantity, "weights": self.weights}
+        return xr.Dataset(values, coords={"parameter": list(bounds)}, attrs=attrs)
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write the fit and its data, for `read_fit` and for scenes (``kind = 'fitted'``)."""

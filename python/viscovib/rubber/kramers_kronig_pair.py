@@ -14,11 +14,13 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.results import Result
 from viscovib.errors import InputError
 from viscovib.rubber.data import ModulusData
 from viscovib.rubber.prony_spectrum import dynamic_design, grid_of_times, nonnegative, rms
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
 
 #: Terms a decade, and decades beyond the data.
@@ -34,8 +36,8 @@ _END = 0.3
 _FEWEST = 5
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KramersKronig:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class KramersKronig(Result):
     """What `kramers_kronig` found.
 
     Attributes
@@ -74,11 +76,9 @@ class KramersKronig:
     ratio: FloatArray
     wrong: tuple[tuple[float, float, float, float], ...]
 
-    def __repr__(self) -> str:
-        return f"KramersKronig({self.summary()})"
+    kind = "kramers kronig"
 
-    def summary(self) -> str:
-        """Say in words, with numbers and where."""
+    def _headline(self) -> str:
         both = (
             f"the closest spectrum leaves {100 * self.together[0]:.2g} % of the storage and "
             f"{100 * self.together[1]:.2g} % of the loss; storage alone "
@@ -92,6 +92,24 @@ class KramersKronig:
             for low, high, least, most in self.wrong
         ]
         return "; ".join([f"storage and loss contradict each other: {both}", *places])
+
+    def to_dataset(self) -> "xr.Dataset":
+        """Expected loss, and measured loss over it."""
+        import xarray as xr
+
+        return xr.Dataset(
+            {
+                "expected_loss": ("frequency", self.expected_loss),
+                "ratio": ("frequency", self.ratio),
+            },
+            coords={"frequency": ("frequency", self.frequencies, {"units": "rad/s"})},
+            attrs={
+                "consistent": int(self.consistent),
+                "together": self.together,
+                "storage_alone": self.storage_alone,
+                "loss_alone": self.loss_alone,
+            },
+        )
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw measured loss over the loss that belongs to the storage."""

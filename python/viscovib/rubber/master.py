@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.results import Result
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.kernels.time_temperature import KELVIN, ShiftLaw
 from viscovib.rubber.data import ModulusData, RelaxationData
@@ -26,6 +27,7 @@ from viscovib.rubber.superposition import KNOTS, Curves, flatness, neighbours, s
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import xarray as xr
     from matplotlib.axes import Axes
 
 _BY = ("storage", "loss", "both")
@@ -37,8 +39,8 @@ _OTHER_KNOTS = (0.8,)
 _THIN, _WORSE = 0.3, 2.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MasterCurve:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class MasterCurve(Result):
     """Sets over each other, at a reference temperature.
 
     Attributes
@@ -78,12 +80,36 @@ class MasterCurve:
     loss_scatter: float
     data: ModulusData | RelaxationData
 
-    def __repr__(self) -> str:
+    kind = "master curve"
+
+    def _headline(self) -> str:
         return (
-            f"MasterCurve({self.temperatures.size} sets, {self.temperatures[0]:.4g} to "
+            f"{self.temperatures.size} sets, {self.temperatures[0]:.4g} to "
             f"{self.temperatures[-1]:.4g} deg C, at {self.reference:g}; factors "
             f"{self.decades.min():.3g} to {self.decades.max():.3g} decades, the least sure "
-            f"+-{1.96 * self.uncertainty.max():.2g}; scatter {self.scatter:.2g} decades)"
+            f"+-{1.96 * self.uncertainty.max():.2g}; scatter {self.scatter:.2g} decades"
+        )
+
+    def to_dataset(self) -> "xr.Dataset":
+        """Factors of the sets, and all rows at reduced frequencies (times)."""
+        import xarray as xr
+
+        over = "frequencies" if isinstance(self.data, ModulusData) else "times"
+        names = (over, "storage", "loss") if over == "frequencies" else (over, "modulus")
+        return xr.Dataset(
+            {
+                "decades": ("temperature", self.decades),
+                "uncertainty": ("temperature", self.uncertainty),
+                "vertical": ("temperature", self.vertical),
+                **{name: ("row", np.asarray(getattr(self.data, name))) for name in names},
+            },
+            coords={"temperature": ("temperature", self.temperatures, {"units": "deg C"})},
+            attrs={
+                "reference": self.reference,
+                "scatter": self.scatter,
+                "loss_scatter": self.loss_scatter,
+                "quantity": self.data.quantity,
+            },
         )
 
     @property

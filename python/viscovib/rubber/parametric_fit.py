@@ -56,7 +56,7 @@ class ParametricFit(KernelFit):
     theta: FloatArray
     weights: str
     shift: ShiftLaw | None
-    kind: str
+    kind: str  # type: ignore[misc]
     optima: tuple[Optimum, ...]
 
     @property

@@ -70,7 +70,7 @@ class PronyFit(KernelFit):
     smooth: float
     given: float | None
     shift: ShiftLaw | None
-    kind: str = "prony"
+    kind: str = "prony"  # type: ignore[misc]
     optima: tuple[Optimum, ...] = ()
 
     @property

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.values import Value
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.kernels.time_temperature import GAS_CONSTANT, KELVIN, WLF, Arrhenius, ShiftLaw
 
@@ -91,7 +92,7 @@ class ShiftTable(ShiftLaw):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ShiftFit:
+class ShiftFit(Value):
     """A law fitted to shift factors.
 
     Attributes

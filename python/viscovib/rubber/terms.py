@@ -9,6 +9,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.files import whole_file
 from viscovib.common.parameters import Number
+from viscovib.common.values import Value
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel, PronyKernel
 from viscovib.rubber.fit import KernelFit
@@ -24,8 +25,8 @@ _LS_DYNA_MOST = 18
 _PROGRAMS = ("abaqus", "ansys", "ls-dyna")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PronyTerms:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PronyTerms(Value):
     """A modulus as M_e + sum_j M_j exp(-t/tau_j), and how close it is.
 
     Attributes

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.values import Value
 from viscovib.kernels.relaxation import Kernel, RzhanitsynKernel
 
 # Memory is brought in by steps of 1/24 or less: a step that moves a root by more than 8 % may have
@@ -23,8 +24,8 @@ _BENDS = (0.0, 0.4j, -0.4j)
 _NEWTON = 60
 
 
-@dataclass(frozen=True, eq=False)
-class CharacteristicRoots:
+@dataclass(frozen=True, eq=False, repr=False)
+class CharacteristicRoots(Value):
     """Free linear motion is a sum of exp(s t).
 
     Attributes

@@ -1,0 +1,62 @@
+"""Values: what is found is compared field by field, copied, pickled and printed in a few lines."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+#: Of arrays no longer than this every number is printed.
+_FEW = 6
+
+
+class Value:
+    """Base of frozen dataclasses that hold what was found."""
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all that was found is the same, NaN equal to NaN."""
+        if type(self) is not type(other):
+            return NotImplemented
+        return all(same(getattr(self, name), getattr(other, name)) for name in _public(self))
+
+    def __hash__(self) -> int:
+        """Of what equal values share."""
+        return hash(repr(self))
+
+    def __repr__(self) -> str:
+        """Name the fields; of long arrays only the shape and the ends."""
+        told = ", ".join(f"{name}={_short(getattr(self, name))}" for name in _public(self))
+        return f"{type(self).__name__}({told})"
+
+
+def _public(value: Any) -> list[str]:
+    return [field.name for field in dataclasses.fields(value) if not field.name.startswith("_")]
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two fields hold the same."""
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        numbers = one.dtype.kind in "fc" and other.dtype.kind in "fc"
+        return np.array_equal(one, other, equal_nan=numbers)
+    if isinstance(one, (tuple, list)) and isinstance(other, (tuple, list)):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if type(one) is type(other) and dataclasses.is_dataclass(one) and not isinstance(one, Value):
+        return all(same(getattr(one, n), getattr(other, n)) for n in _public(one))
+    equal = one == other
+    return bool(equal) or (one != one and other != other)
+
+
+def _short(value: Any) -> str:
+    if not isinstance(value, np.ndarray):
+        text = repr(value)
+        return text if len(text) <= 80 else f"{text[:77]}..."
+    if value.size <= _FEW:
+        return np.array2string(value, precision=6, separator=", ").replace("\n", "")
+    ends = ""
+    if value.dtype.kind in "fiu":
+        ends = f", {np.nanmin(value):.6g} to {np.nanmax(value):.6g}"
+    return f"<{' x '.join(map(str, value.shape))} numbers{ends}>"
