@@ -1,6 +1,32 @@
 ! Flat routines over the pendulum, for f2py. A pendulum is the vector
 ! (e, w2, w3, alpha, c1, c2, c3, f0, m01, m02, p1, p2, p3, equations).
 
+!> Linear undamped frequencies of n pendulums, shape (3, n).
+subroutine pendulum_frequencies(flat, n, omega, status)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: n
+  real(c_double), intent(in) :: flat(14, n)
+  real(c_double), intent(out) :: omega(3, n)
+  integer(c_int), intent(out) :: status
+  !f2py threadsafe
+  type(pendulum_type) :: pendulum
+  type(status_type) :: outcome
+  real(c_double) :: shapes(3, 3)
+  integer :: i
+
+  omega = 0.0_c_double
+  do i = 1, n
+    call make_pendulum(pendulum, flat(:, i), outcome)
+    if (outcome%failed()) exit
+    call pendulum%natural_modes(omega(:, i), shapes)
+  end do
+  call report(outcome, status)
+end subroutine pendulum_frequencies
+
 !> Natural frequencies, mode shapes, r, z_r; checks the parameters.
 subroutine pendulum_modes(flat, omega, shapes, r, z_r, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int

@@ -97,7 +97,7 @@ end subroutine pendulum_simulate
 !! Results that are not wanted have no columns. cancel(1) /= 0 gives up, and
 !! may be set by another thread.
 subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sample_every, &
-                             section_every, n_sections, n_moments, n_lyapunov, lines, n_lines, &
+                             section_every, n_sections, n_moments, n_exponents, lines, n_lines, &
                              n_section_runs, cancel, state, ended, t_reached, peak, mean, rms, &
                              amplitudes, sections, lyapunov, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
@@ -108,13 +108,13 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
   use viscovib_status, only: status_type
   use viscovib_stopping, only: is_set
   implicit none
-  integer(c_int), intent(in) :: n, method, n_sections, n_moments, n_lyapunov, n_lines
+  integer(c_int), intent(in) :: n, method, n_sections, n_moments, n_exponents, n_lines
   integer(c_int), intent(in) :: n_section_runs
   integer(c_long), intent(in) :: n_steps, n_discard, sample_every, section_every
   real(c_double), intent(in) :: flat(14, n), initial(6, n), h(n), lines(n_lines)
   integer(c_int), intent(inout) :: cancel(1)
   real(c_double), intent(out) :: state(6, n), peak(6, n_moments), mean(6, n_moments)
-  real(c_double), intent(out) :: rms(6, n_moments), lyapunov(n_lyapunov)
+  real(c_double), intent(out) :: rms(6, n_moments), lyapunov(n_exponents, n)
   complex(c_double_complex), intent(out) :: amplitudes(3, n_lines, n)
   real(c_double), intent(inout) :: sections(6, n_sections, n_section_runs)
   integer(c_int), intent(out) :: ended(n), status
@@ -132,7 +132,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
   job%sample_every = sample_every
   job%section_every = section_every
   job%moments = n_moments > 0
-  job%lyapunov = n_lyapunov > 0
+  job%n_exponents = n_exponents
   job%lines = lines
   do first = 1, n, n_lanes
     allocate (block%q(n_lanes, 3), block%v(n_lanes, 3), block%frequencies(n_lanes, 3))
@@ -169,7 +169,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
       end if
       if (n_lines > 0) amplitudes(:, :, i) = transpose(block%lines(l, :, :))
       if (n_section_runs > 0) sections(:, :, i) = block%sections(l, :, :)
-      if (job%lyapunov) lyapunov(i) = block%lyapunov(l)
+      if (n_exponents > 0) lyapunov(:, i) = block%lyapunov(l, :)
     end do
     block = ensemble_block()
     if (is_set(cancel(1))) exit

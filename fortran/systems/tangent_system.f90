@@ -24,6 +24,8 @@ contains
     allocate (system%base, source=base)
     system%n_dof = 2*base%n_dof
     system%drives = base%drives
+    if (allocated(base%quarters)) system%quarters = base%quarters
+    system%limited = base%limited
   end subroutine new_tangent_system
 
   pure subroutine acceleration(self, q, v, drive, a)

@@ -31,7 +31,9 @@ module viscovib_ensemble
     !> Steps in all; those before anything is gathered; between samples; between
     !! two points of a section (0: none wanted).
     integer(i8) :: n_steps = 1, n_discard = 0, sample_every = 1, section_every = 0
-    logical :: moments = .false., lyapunov = .false.
+    logical :: moments = .false.
+    !> Exponents wanted, from the largest on.
+    integer :: n_exponents = 0
     !> Circular frequencies of lines wanted.
     real(wp), allocatable :: lines(:)
   end type ensemble_job
@@ -49,8 +51,9 @@ module viscovib_ensemble
     complex(wp), allocatable :: lines(:, :, :)
     !> q and v of each section point, shape (n_lanes, 2 n_dof, n_points).
     real(wp), allocatable :: sections(:, :, :)
-    !> Mean rate of growth of a small disturbance; NaN of a motion that stops.
-    real(wp) :: lyapunov(n_lanes) = 0.0_wp
+    !> Mean rates of growth of small disturbances, shape (n_lanes, n_exponents); NaN of a motion
+    !! that stops.
+    real(wp), allocatable :: lyapunov(:, :)
   end type ensemble_block
 
   !> A block on its way: where its lanes are, how near to a stop, and what is gathered.
@@ -58,10 +61,13 @@ module viscovib_ensemble
     !> Coordinates of the motion itself; the others are its disturbance.
     integer :: n = 0
     type(explicit_type) :: method
+    !> The same motion with further disturbances, one each.
+    type(explicit_type), allocatable :: others(:)
     type(moments_type) :: moments
     type(lines_type) :: lines
     real(wp), allocatable :: q(:, :), v(:, :), q_before(:, :), v_before(:, :)
-    real(wp), dimension(n_lanes) :: margin = 0.0_wp, rate = 0.0_wp, growth = 0.0_wp
+    real(wp), dimension(n_lanes) :: margin = 0.0_wp, rate = 0.0_wp
+    real(wp), allocatable :: growth(:, :)
     logical :: alive(n_lanes) = .true.
   end type flight_type
 
@@ -75,7 +81,7 @@ contains
     integer, intent(inout) :: cancel
     type(tangent_system_type) :: disturbed
 
-    if (job%lyapunov) then
+    if (job%n_exponents > 0) then
       call new_tangent_system(disturbed, system)
       call run(job, disturbed, system%n_dof, block, cancel)
     else
@@ -132,10 +138,13 @@ contains
     f%v(:, :n) = block%v
     ! A disturbance in no special direction.
     if (system%n_dof > n) f%q(:, n + 1:) = 1.0_wp/sqrt(real(n, wp))
+    allocate (f%growth(n_lanes, max(job%n_exponents, 1)), source=0.0_wp)
     f%q_before = f%q
     f%v_before = f%v
     call new_explicit(f%method, system%n_dof, job%method, block%frequencies, f%q, f%v, 0.0_wp, &
                       block%h)
+    if (allocated(system%quarters)) call f%method%turn_phases(system%quarters)
+    if (job%n_exponents > 1) call take_others(f, n, job%n_exponents - 1)
     call new_moments(f%moments, n)
     n_samples = (job%n_steps - job%n_discard)/job%sample_every
     call new_lines(f%lines, n, job%lines, &
@@ -143,6 +152,30 @@ contains
                    block%h*real(job%sample_every, wp), n_samples)
     call measure_margin(f, system, block%h)
   end subroutine take_off
+
+  !> Further disturbances, each along a coordinate or a velocity of its own.
+  subroutine take_others(f, n, count)
+    type(flight_type), intent(inout) :: f
+    integer, intent(in) :: n, count
+    real(wp) :: q(n_lanes, 2*n), v(n_lanes, 2*n)
+    integer :: j
+
+    allocate (f%others(count))
+    do j = 1, count
+      f%others(j) = f%method
+      q = f%q
+      v = f%v
+      q(:, n + 1:) = 0.0_wp
+      v(:, n + 1:) = 0.0_wp
+      if (j <= n) then
+        v(:, n + j) = 1.0_wp
+      else
+        q(:, j) = 1.0_wp
+      end if
+      call f%others(j)%set_from(n + 1, q, v)
+    end do
+    call rescale(f, .true.)
+  end subroutine take_others
 
   !> Step i; lanes in which the motion stops within it stand still from then on.
   subroutine make_step(f, system, block, i)
@@ -160,6 +193,11 @@ contains
     rate_before = f%rate
     call f%method%step(system)
     call f%method%get_state(f%q, f%v)
+    if (allocated(f%others)) then
+      do l = 1, size(f%others)
+        call f%others(l)%step(system)
+      end do
+    end if
     good = sum(abs(f%q(:, :f%n)), 2) + speed_weight*sum(abs(f%v(:, :f%n)), 2) <= largest_angle
     call measure_margin(f, system, block%h)
     doubtful = f%alive .and. .not. (good .and. least_between(margin_before, rate_before, f%margin, &
@@ -188,6 +226,7 @@ contains
     integer, intent(in) :: l
     logical, intent(in) :: good
     type(stop_type) :: stop
+    integer :: k
 
     call find_stop(system, f%n, l, block%frequencies, f%q_before(l, :), f%v_before(l, :), &
                    real(i - 1, wp)*block%h(l), block%h(l), stop)
@@ -208,21 +247,56 @@ contains
     f%v(l, :) = 0.0_wp
     call f%method%set_lane(l, f%q(l, :), f%v(l, :))
     call f%method%stop_lane(l)
+    if (allocated(f%others)) then
+      do k = 1, size(f%others)
+        call f%others(k)%set_lane(l, f%q(l, :), f%v(l, :))
+        call f%others(k)%stop_lane(l)
+      end do
+    end if
   end subroutine judge_lane
 
-  !> Make the disturbance of size 1 again; its growth counts once something is gathered.
+  !> Make the disturbances orthonormal again (Gram and Schmidt); their growth counts once
+  !! something is gathered.
   subroutine rescale(f, too_early)
     type(flight_type), intent(inout) :: f
     logical, intent(in) :: too_early
-    real(wp) :: size_now(n_lanes)
-    size_now = sqrt(sum(f%q(:, f%n + 1:)**2, 2) + sum(f%v(:, f%n + 1:)**2, 2))
-    where (f%alive .and. size_now > 0.0_wp)
-      f%growth = f%growth + log(size_now)
-    else where
-      size_now = 1.0_wp
-    end where
+    real(wp), dimension(n_lanes, size(f%q, 2)) :: q, v
+    real(wp), allocatable :: at(:, :, :)
+    real(wp) :: along(n_lanes)
+    integer :: i, j, k
+
+    allocate (at(n_lanes, 2*(size(f%q, 2) - f%n), size(f%growth, 2)))
+    do j = 1, size(f%growth, 2)
+      if (j == 1) then
+        call f%method%get_state(q, v)
+      else
+        call f%others(j - 1)%get_state(q, v)
+      end if
+      at(:, :f%n, j) = q(:, f%n + 1:)
+      at(:, f%n + 1:, j) = v(:, f%n + 1:)
+      ! Twice: once leaves what rounding of large parts left.
+      do k = 1, merge(2, 0, j > 1)
+        do i = 1, j - 1
+          along = sum(at(:, :, i)*at(:, :, j), 2)
+          at(:, :, j) = at(:, :, j) - spread(along, 2, size(at, 2))*at(:, :, i)
+        end do
+      end do
+      along = sqrt(sum(at(:, :, j)**2, 2))
+      where (f%alive .and. along > 0.0_wp)
+        f%growth(:, j) = f%growth(:, j) + log(along)
+      else where
+        along = 1.0_wp
+      end where
+      at(:, :, j) = at(:, :, j)/spread(along, 2, size(at, 2))
+      if (j == 1) then
+        call f%method%scale_lanes(f%n + 1, 1.0_wp/along)
+      else
+        q(:, f%n + 1:) = at(:, :f%n, j)
+        v(:, f%n + 1:) = at(:, f%n + 1:, j)
+        call f%others(j - 1)%set_from(f%n + 1, q, v)
+      end if
+    end do
     if (too_early) f%growth = 0.0_wp
-    call f%method%scale_lanes(f%n + 1, 1.0_wp/size_now)
   end subroutine rescale
 
   subroutine keep_section(f, point, block)
@@ -266,7 +340,8 @@ contains
       block%lines = f%lines%amplitudes()
       block%lines = block%lines + spread(spread(nowhere, 2, f%lines%n), 3, f%n)
     end if
-    block%lyapunov = f%growth/(block%h*real(job%n_steps - job%n_discard, wp)) + nowhere
+    block%lyapunov = f%growth/spread(block%h*real(job%n_steps - job%n_discard, wp), 2, &
+                                     size(f%growth, 2)) + spread(nowhere, 2, size(f%growth, 2))
   end subroutine land
 
 end module viscovib_ensemble

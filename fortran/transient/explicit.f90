@@ -43,6 +43,7 @@ module viscovib_explicit
     procedure :: turn_phases
     procedure :: set_lane
     procedure :: scale_lanes
+    procedure :: set_from
     procedure :: lane_memory_size
     procedure :: save_lane
     procedure :: load_lane
@@ -226,6 +227,23 @@ contains
       end do
     end associate
   end subroutine set_lane
+
+  !> Put other values of coordinates first ... n_dof and their velocities in all lanes.
+  pure subroutine set_from(self, first, q, v)
+    class(explicit_type), intent(inout) :: self
+    integer, intent(in) :: first
+    !> Shape (n_lanes, n_dof).
+    real(wp), intent(in) :: q(:, :), v(:, :)
+    integer :: d
+    associate (p => self%plan, room => self%room)
+      do d = first, self%n_dof
+        room(self%place(p%q + d - 1) + 1:self%place(p%q + d)) = q(:, d)
+        room(self%place(p%v + d - 1) + 1:self%place(p%v + d)) = v(:, d)
+        room(self%place(p%q_rest + d - 1) + 1:self%place(p%q_rest + d)) = 0.0_wp
+        room(self%place(p%v_rest + d - 1) + 1:self%place(p%v_rest + d)) = 0.0_wp
+      end do
+    end associate
+  end subroutine set_from
 
   !> Multiply coordinates first ... n_dof, their velocities and rests by a factor
   !! a lane.

@@ -355,8 +355,8 @@ contains
 
   pure integer function memory_size(self)
     class(hereditary_type), intent(in) :: self
-    memory_size = n_common + 6*size(self%u) + size(self%equations%y_start) + size(self%equations%y) &
-                  + 2*size(self%clock%high)
+    memory_size = n_common + 6*size(self%u) + size(self%equations%y_start) &
+                  + size(self%equations%y) + 2*size(self%clock%high)
     if (self%maps(1)%n_channels > 0) memory_size = memory_size + self%history%memory_size()
   end function memory_size
 

@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.accuracy import Accuracy, rounding_of
-from viscovib.analyses.memoryless import EXPLICIT, checked_state, first_steps
+from viscovib.analyses.members import Members, members_of
+from viscovib.analyses.memoryless import EXPLICIT
 from viscovib.analyses.runs import hopeless
 from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar
 from viscovib.common.results import Result, span
 from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES
-from viscovib.systems.pendulum import PARAMETERS, Pendulum
+from viscovib.systems.load import LoadLike
+from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.polynomial_system import PolynomialSystem
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,30 +47,33 @@ class Ensemble(Result):
     t_end : ndarray, shape (n,)
         Time each run was to reach.
     t_reached : ndarray, shape (n,)
-    state : ndarray, shape (n, 6)
-        Last states (z, z', phi, phi', psi, psi').
+    state : ndarray, shape (n, 2 n_dof)
+        Last states, as of a Trajectory.
     outcome : ndarray of str, shape (n,)
         "completed", "diverged", "unphysical" or "step too large", as for a Trajectory; of runs
         that stop early the last state is that at ``t_reached``.
     dt : ndarray, shape (n,)
         The steps.
-    peak, mean, rms : ndarray, shape (n, 6), or None
+    peak, mean, rms : ndarray, shape (n, 2 n_dof), or None
         Largest size, mean and root mean square of the states sampled; of a run that stopped,
         until then (NaN if before any sample).
-    amplitudes : complex ndarray, shape (n, n_lines, 3), or None
-        X of z, phi, psi at each frequency asked for: u = mean + Re(X exp(i omega t)); NaN of
+    amplitudes : complex ndarray, shape (n, n_lines, n_dof), or None
+        X of each coordinate at each frequency asked for: u = mean + Re(X exp(i omega t)); NaN of
         a run that stopped.
-    sections : ndarray, shape (n, n_points, 6), or None
+    sections : ndarray, shape (n, n_points, 2 n_dof), or None
         States at whole periods of a load; NaN after a run has stopped.
     lyapunov : ndarray, shape (n,), or None
         Largest Lyapunov exponent (a time average): small errors grow like exp(lyapunov t);
         NaN of a run that stopped.
+    spectrum : ndarray, shape (n, 2 n_dof), or None
+        All exponents in the directions of the states, if asked for, largest first; the load's phase
+        has exponent 0 besides.
     error : float or None
         Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto".
     method : str
     parameters : mapping
         What varies, each an array of shape (n,).
-    system : Pendulum
+    system : Pendulum or PolynomialSystem
     plan : Plan
         What was computed, what was skipped and why.
 
@@ -102,8 +108,9 @@ class Ensemble(Result):
     error: float | None
     method: str
     parameters: Mapping[str, FloatArray]
-    system: Pendulum
+    system: Pendulum | PolynomialSystem
     plan: Plan
+    spectrum: FloatArray | None = None
 
     kind = "ensemble"
 
@@ -141,6 +148,8 @@ class Ensemble(Result):
             data["sections"] = (("run", "point", "quantity"), self.sections)
         if self.lyapunov is not None:
             data["lyapunov"] = ("run", self.lyapunov)
+        if self.spectrum is not None:
+            data["spectrum"] = (("run", "exponent"), self.spectrum)
         coordinates: dict[str, Any] = {"quantity": names, "dof": list(self.system.dof_names)}
         coordinates |= {name: ("run", values) for name, values in self.parameters.items()}
         return xr.Dataset(
@@ -149,13 +158,15 @@ class Ensemble(Result):
 
 
 def simulate_ensemble(
-    system: Pendulum,
+    system: Pendulum | PolynomialSystem,
     *,
     initial: npt.ArrayLike,
     t_end: float | None = None,
     n_periods: int | None = None,
     dt: float | str = "auto",
     parameters: Mapping[str, npt.ArrayLike] | None = None,
+    load: LoadLike | None = None,
+    nu: float | None = None,
     method: str = "auto",
     tolerance: float | None = None,
     rtol: float | None = None,
@@ -164,7 +175,7 @@ def simulate_ensemble(
     statistics: bool = False,
     amplitudes_at: npt.ArrayLike | None = None,
     sections: int | None = None,
-    lyapunov: bool = False,
+    lyapunov: bool | str = False,
     sample_every: int = 1,
     n_threads: int | None = None,
     progress: bool = False,
@@ -173,8 +184,9 @@ def simulate_ensemble(
 
     Parameters
     ----------
-    system : Pendulum
-    initial : array_like, shape (n, 6) or (6,)
+    system : Pendulum or PolynomialSystem
+        The latter without memory, of at most 6 coordinates, with smooth laws.
+    initial : array_like, shape (n, 2 n_dof) or (2 n_dof,)
         States at t = 0, or one for all.
     t_end : float
         End of the runs.
@@ -190,7 +202,11 @@ def simulate_ensemble(
         Instead of ``tolerance``: each coordinate and velocity of the last states is wanted within
         atol + rtol times its largest of all runs (rtol 1e-13 to 1; atol 0 if not given).
     parameters : mapping of str to array_like, shape (n,)
-        Numbers of the pendulum that vary, by name, e.g. {"p1": values}.
+        Numbers that vary, by name: of a pendulum e.g. {"p1": values}; of a polynomial system "nu",
+        "load_scale", "stiffness_scale" (of K, not of the linear part of laws), "damping_scale" and
+        "forces_scale" (of what is not linear).
+    load, nu
+        Of a polynomial system: as for `simulate`.
     method : {"auto", "rk4", "dop8", "verner8", "verner9"}
         "auto" is "verner9", the fastest from 1e-6 on and free of rounding down to 1e-14.
     discard : float
@@ -200,10 +216,13 @@ def simulate_ensemble(
     amplitudes_at : array_like, shape (m,)
         Circular frequencies at which amplitudes are wanted (projection under a Hann window).
     sections : {1, 2, 3}
-        Keep the states at each whole period of load 1 (p1), 2 (p2) or 3 (p3).
-    lyapunov : bool
+        Keep the states at each whole period of load 1 (p1), 2 (p2) or 3 (p3); of a polynomial
+        system 1 (nu).
+    lyapunov : bool or "all"
         Gather the largest Lyapunov exponent, by the variational equation (about three times the
-        work).
+        work); "all": all 2 n_dof exponents, of disturbances that are made orthonormal again and
+        again (Gram and Schmidt; Benettin et al., Meccanica 15, 1980; 6 n_dof times the work).
+        Of at most 3 coordinates.
     sample_every : int
         Steps between the samples of statistics and amplitudes.
     n_threads : int
@@ -225,9 +244,8 @@ def simulate_ensemble(
     ...     parameters={"f0": [0.001, 0.002, 0.003, 0.004]},
     ... )
     """
-    if not isinstance(system, Pendulum):
-        raise InputError(f"system = {_native.shown(system)}: must be a Pendulum")
-    systems, varied, states = _runs(system, initial, parameters)
+    members = members_of(system, initial, parameters, load, nu)
+    exponents = _exponents(members, lyapunov)
     place = EXPLICIT[_explicit(method)]
     wanted = Accuracy.checked(tolerance, rtol, atol, 1e-8)
     assert wanted is not None
@@ -238,21 +256,20 @@ def simulate_ensemble(
         if np.any(lines <= 0):
             raise InputError(f"amplitudes_at: must be greater than 0, got {lines.min():g}")
     _native.flag("progress", progress)
-    length = _Length.checked(systems, t_end, n_periods, discard, sections)
+    length = _Length.checked(members, t_end, n_periods, discard, sections)
     cores = os.cpu_count() or 1
     threads = cores if n_threads is None else _native.integer("n_threads", n_threads, 1, 4096)
     job = _Job(
-        systems,
-        states,
+        members,
         place,
         length,
         lines,
         _native.flag("statistics", statistics),
-        _native.flag("lyapunov", lyapunov),
+        exponents,
         every,
         threads,
     )
-    n, error = length.steps(dt, systems), None
+    n, error = length.steps(dt, members), None
     raw = job.run(n, 1, progress)
     if _native.is_auto(dt):
         raw, n, error = _refine(job, raw, n, wanted, progress)
@@ -269,17 +286,18 @@ def simulate_ensemble(
         rms=raw.rms,
         amplitudes=raw.amplitudes,
         sections=raw.sections,
-        lyapunov=raw.lyapunov,
+        lyapunov=None if raw.lyapunov is None else raw.lyapunov[:, 0],
+        spectrum=_spectrum(raw.lyapunov, exponents),
         error=error,
         method=next(name for name, number in EXPLICIT.items() if number == place),
-        parameters=varied,
-        system=system,
+        parameters=members.varied,
+        system=members.system,
         plan=_plan(job, n, wanted if _native.is_auto(dt) else None, sections is not None),
     )
 
 
 def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool) -> Plan:
-    n = job.states.shape[0]
+    n = job.members.n
     lines = [f"computes: {n} motions of {n_steps} steps, {_LANES} side by side"]
     if sought is None:
         lines.append("skips: estimate of the error (the step is given)")
@@ -292,7 +310,7 @@ def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool) -> P
         (job.statistics, "peaks, means and rms"),
         (job.lines.size > 0, f"amplitudes at {job.lines.size or 'any'} frequencies"),
         (sections, "sections"),
-        (job.lyapunov, "Lyapunov exponents"),
+        (job.exponents > 0, "Lyapunov exponents"),
     ):
         lines.append(f"computes: {what}" if wanted else f"skips: {what} (not asked for)")
     return Plan("\n".join(lines))
@@ -303,36 +321,23 @@ def _explicit(method: str) -> str:
     return "verner9" if name == "auto" else name
 
 
-def _runs(
-    system: Pendulum, initial: npt.ArrayLike, parameters: Mapping[str, npt.ArrayLike] | None
-) -> tuple[Sequence[Pendulum], dict[str, FloatArray], FloatArray]:
-    varied = {}
-    given = {} if parameters is None else _native.mapping("parameters", parameters)
-    for name, values in given.items():
-        if name not in PARAMETERS:
-            raise InputError(
-                f"parameters: {name!r} is not a number of the pendulum, must be one of "
-                f"{', '.join(PARAMETERS)}"
-            )
-        varied[name] = _native.real_array(f"parameters[{name!r}]", values, ndim=1)
-    states = _native.real_array("initial", initial)
-    if states.ndim not in (1, 2) or states.shape[-1] != 6:
-        raise InputError(f"initial: must have shape (n, 6) or (6,), got {states.shape}")
-    counts = {name: values.size for name, values in varied.items()}
-    if states.ndim == 2:
-        counts["initial"] = states.shape[0]
-    n = max(counts.values(), default=1)
-    if any(count != n for count in counts.values()) or n == 0:
-        sizes = ", ".join(f"{name}: {count}" for name, count in counts.items())
-        raise InputError(f"lengths differ or are 0 ({sizes}): must be the same number of runs")
-    states = checked_state("initial", np.broadcast_to(states, (n, 6)), (n, 6))
-    if not varied:
-        return [system] * n, varied, states
-    systems = []
-    for i in range(n):
-        changes: dict[str, Any] = {name: float(values[i]) for name, values in varied.items()}
-        systems.append(replace(system, **changes))
-    return systems, varied, states
+def _exponents(members: Members, lyapunov: bool | str) -> int:
+    """How many exponents of each run are wanted."""
+    if isinstance(lyapunov, str):
+        _native.choice("lyapunov", lyapunov, ("all",))
+        count = int(members.states.shape[1])
+    else:
+        count = int(_native.flag("lyapunov", lyapunov))
+    if count:
+        members.check_exponents()
+    return count
+
+
+def _spectrum(exponents: FloatArray | None, wanted: int) -> FloatArray | None:
+    """All of them, the largest first."""
+    if exponents is None or wanted == 1:
+        return None
+    return np.ascontiguousarray(-np.sort(-exponents, axis=1))
 
 
 @dataclass(frozen=True)
@@ -347,7 +352,7 @@ class _Length:
     @classmethod
     def checked(
         cls,
-        systems: Sequence[Pendulum],
+        members: Members,
         t_end: float | None,
         n_periods: int | None,
         discard: float,
@@ -366,9 +371,8 @@ class _Length:
                 raise InputError("n_periods: sections must name the load whose periods are meant")
             if before >= end:
                 raise InputError(f"discard = {before:g}: must be less than t_end = {end:g}")
-            return cls(np.full(len(systems), end), before)
-        name = f"p{_native.integer('sections', sections, 1, 3)}"
-        frequencies = np.array([getattr(system, name) for system in systems])
+            return cls(np.full(members.n, end), before)
+        name, frequencies = members.load_frequencies(sections)
         if np.any(frequencies <= 0):
             raise InputError(f"sections = {sections}: {name} must be greater than 0")
         period = 2 * math.pi / frequencies
@@ -384,14 +388,11 @@ class _Length:
             raise InputError(f"discard: {skipped} of {periods} periods, leaves none")
         return cls(periods * period, 0.0, periods, skipped)
 
-    def steps(self, dt: float | str, systems: Sequence[Pendulum]) -> int:
+    def steps(self, dt: float | str, members: Members) -> int:
         """Steps of each run: so many a period, where there are such."""
         longest = float(self.span.max())
         if _native.is_auto(dt):
-            n = max(
-                first_steps(system, span)
-                for system, span in {(s, float(t)) for s, t in zip(systems, self.span, strict=True)}
-            )
+            n = members.first_steps(self.span)
         else:
             step = _native.number("dt", dt)
             if not 0 < step <= longest:
@@ -429,24 +430,22 @@ class _Job:
 
     def __init__(
         self,
-        systems: Sequence[Pendulum],
-        states: FloatArray,
+        members: Members,
         method: int,
         length: _Length,
         lines: FloatArray,
         statistics: bool,
-        lyapunov: bool,
+        exponents: int,
         every: int,
         threads: int,
     ) -> None:
-        self.flat = np.asfortranarray(np.array([system._flat for system in systems]).T)
-        self.states, self.method, self.length = states, method, length
-        self.lines, self.statistics, self.lyapunov = lines, statistics, lyapunov
+        self.members, self.method, self.length = members, method, length
+        self.lines, self.statistics, self.exponents = lines, statistics, exponents
         self.every, self.threads = every, threads
 
     def run(self, n_steps: int, factor: int, progress: bool) -> _Raw:
         """Make all runs with so many steps; sampling is thinned by ``factor``."""
-        n = self.states.shape[0]
+        n = self.members.n
         share = math.ceil(n / (4 * self.threads) / _LANES) * _LANES
         piece = min(max(share, _LANES), _MAX_PIECE)
         cancel = np.zeros(1, dtype=np.intc)
@@ -479,7 +478,7 @@ class _Job:
             rms=rms.T if self.statistics else None,
             amplitudes=amplitudes.T if self.lines.size else None,
             sections=sections.T if self.length.periods is not None else None,
-            lyapunov=lyapunov if self.lyapunov else None,
+            lyapunov=lyapunov.T if self.exponents else None,
         )
 
     def _piece(
@@ -489,11 +488,10 @@ class _Job:
         periods, points = self.length.periods, 0
         if periods is not None:
             points = periods - self.length.discarded_periods
-        sections = np.full((6, points, n if points else 0), np.nan, order="F")
-        state, ended, reached, peak, mean, rms, amplitudes, lyapunov = _native.call(
-            core.pendulum_ensemble,
-            self.flat[:, part],
-            self.states[part].T,
+        width = self.members.states.shape[1]
+        sections = np.full((width, points, n if points else 0), np.nan, order="F")
+        state, ended, reached, peak, mean, rms, amplitudes, lyapunov = self.members.call(
+            part,
             self.length.span[part] / n_steps,
             self.method,
             n_steps,
@@ -501,7 +499,7 @@ class _Job:
             self.every * factor,
             0 if periods is None else n_steps // periods,
             n if self.statistics else 0,
-            n if self.lyapunov else 0,
+            self.exponents,
             self.lines,
             cancel,
             sections,

@@ -18,6 +18,8 @@ _FIELD, _MAX_CODE, _MAX_LENGTH = 64, 2000, 20_000
 #: Instructions of the core.
 _NUMBER, _ARGUMENT, _SUBTRACT, _MULTIPLY = 1, 2, 4, 5
 _ODD = -1
+#: Those with a kink or a jump: abs, sign, heaviside, min, max and comparisons.
+_BRANCHES = (26, 27, 28, 30, 31, 32, 33, 34, 35)
 #: What the core gives outside a domain, and how near to rest a law must have a value.
 _WALL, _NEAR = 1e60, 1e-9
 
@@ -60,6 +62,11 @@ class Law:
         """Which arguments it reads at all."""
         pairs = zip(self.code, self.number, strict=True)
         return tuple(sorted({int(x) - 1 for code, x in pairs if code == _ARGUMENT}))
+
+    @property
+    def branches(self) -> bool:
+        """Whether it has a kink or a jump somewhere."""
+        return any(code in _BRANCHES for code in self.code)
 
     @property
     def stiffness_at_rest(self) -> FloatArray:

@@ -1,0 +1,96 @@
+! Flat routines over many motions of a polynomial system at once, for f2py.
+
+!> Many runs from time 0; run i with the load's frequency nu(i), the scales(:,i) of
+!! `viscovib_lane_motion` and the step h(i); own: what is scaled of stiffness and damping. The
+!! system and its load as in polynomial_binding, all else as in `pendulum_ensemble`.
+subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, own, nu, scales, n, &
+                               initial, h, method, n_steps, n_discard, sample_every, &
+                               section_every, n_sections, n_moments, n_exponents, lines, n_lines, &
+                               n_section_runs, cancel, state, ended, t_reached, peak, mean, rms, &
+                               amplitudes, sections, lyapunov, status)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
+  use viscovib_binding_tools, only: make_load, report
+  use viscovib_ensemble, only: ensemble_block, ensemble_job, run_block
+  use viscovib_lane_motion, only: lane_motion_type, new_lane_motion
+  use viscovib_lanes, only: n_lanes
+  use viscovib_load, only: load_type
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_status, only: status_type
+  use viscovib_stopping, only: is_set
+  use viscovib_system_vector, only: polynomial_from_vector
+  implicit none
+  integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series), n, method, n_sections
+  integer(c_int), intent(in) :: n_moments, n_exponents, n_lines, n_section_runs
+  integer(c_long), intent(in) :: n_steps, n_discard, sample_every, section_every
+  real(c_double), intent(in) :: flat(n_flat), own(n_rows - 1, n_rows - 1, 2)
+  real(c_double), intent(in) :: nu(n), scales(4, n)
+  complex(c_double_complex), intent(in) :: series(n_rows, n_series)
+  real(c_double), intent(in) :: initial(2*n_rows - 2, n), h(n), lines(n_lines)
+  integer(c_int), intent(inout) :: cancel(1)
+  real(c_double), intent(out), dimension(2*n_rows - 2, n_moments) :: peak, mean, rms
+  real(c_double), intent(out) :: state(2*n_rows - 2, n), lyapunov(n_exponents, n)
+  complex(c_double_complex), intent(out) :: amplitudes(n_rows - 1, n_lines, n)
+  real(c_double), intent(inout) :: sections(2*n_rows - 2, n_sections, n_section_runs)
+  integer(c_int), intent(out) :: ended(n), status
+  real(c_double), intent(out) :: t_reached(n)
+  !f2py threadsafe
+  type(polynomial_type) :: system
+  type(lane_motion_type) :: motion
+  type(load_type) :: load
+  type(ensemble_job) :: job
+  type(ensemble_block) :: block
+  type(status_type) :: outcome
+  integer :: d, first, i, l
+
+  job%method = method
+  job%n_steps = n_steps
+  job%n_discard = n_discard
+  job%sample_every = sample_every
+  job%section_every = section_every
+  job%moments = n_moments > 0
+  job%n_exponents = n_exponents
+  job%lines = lines
+  ended = 0
+  t_reached = 0.0_c_double
+  d = n_rows - 1
+  call polynomial_from_vector(system, flat, outcome)
+  if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
+  if (.not. outcome%failed()) call new_lane_motion(motion, system, load, own)
+  do first = 1, n, n_lanes
+    if (outcome%failed()) exit
+    allocate (block%q(n_lanes, d), block%v(n_lanes, d), block%frequencies(n_lanes, 2))
+    allocate (block%sections(n_lanes, 2*d, n_sections))
+    ! Lanes past the last run repeat it.
+    do l = 1, n_lanes
+      i = min(first + l - 1, n)
+      call motion%set_scales(l, scales(:, i))
+      block%frequencies(l, :) = nu(i)
+      block%q(l, :) = initial(1::2, i)
+      block%v(l, :) = initial(2::2, i)
+      block%h(l) = h(i)
+      if (n_section_runs > 0) block%sections(l, :, :) = sections(:, :, i)
+    end do
+    call run_block(job, motion, block, cancel(1))
+    do l = 1, min(n_lanes, n - first + 1)
+      i = first + l - 1
+      state(1::2, i) = block%q(l, :)
+      state(2::2, i) = block%v(l, :)
+      ended(i) = block%outcome(l)
+      t_reached(i) = block%t_reached(l)
+      if (job%moments) then
+        peak(1::2, i) = block%peak(l, :, 1)
+        peak(2::2, i) = block%peak(l, :, 2)
+        mean(1::2, i) = block%mean(l, :, 1)
+        mean(2::2, i) = block%mean(l, :, 2)
+        rms(1::2, i) = block%rms(l, :, 1)
+        rms(2::2, i) = block%rms(l, :, 2)
+      end if
+      if (n_lines > 0) amplitudes(:, :, i) = transpose(block%lines(l, :, :))
+      if (n_section_runs > 0) sections(:, :, i) = block%sections(l, :, :)
+      if (n_exponents > 0) lyapunov(:, i) = block%lyapunov(l, :)
+    end do
+    block = ensemble_block()
+    if (is_set(cancel(1))) exit
+  end do
+  call report(outcome, status)
+end subroutine polynomial_ensemble

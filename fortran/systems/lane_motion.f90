@@ -1,0 +1,253 @@
+!> Polynomial systems without memory, with force laws of any kind, one a lane: what a
+!! `polynomial_motion_type` is for one, with other numbers in every lane.
+!!
+!!   M u'' = s_load Im sum_k P_k exp(i k nu t) - s_damping C u' - s_stiffness K u - s_forces f(u),
+!!
+!! nu and the scales s differ from lane to lane.
+module viscovib_lane_motion
+  use viscovib_dense, only: invert
+  use viscovib_driven_system, only: differentiable_system_type
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_law_term, only: law_term
+  use viscovib_load, only: load_type
+  use viscovib_polynomial, only: monomial_type, multiply, polynomial_type
+  implicit none
+  private
+
+  public :: lane_motion_type, new_lane_motion
+
+  !> Scales of a lane, in the order of the numbers that set them.
+  integer, parameter, public :: n_scales = 4
+  integer, parameter :: of_load = 1, of_stiffness = 2, of_damping = 3, of_forces = 4
+
+  type, extends(differentiable_system_type) :: lane_motion_type
+    type(monomial_type), allocatable, private :: monomials(:)
+    type(law_term), allocatable, private :: laws(:)
+    integer, allocatable, private :: orders(:)
+    !> M^(-1) times K, C, each monomial, each law and both parts of P_k, with their scales, lane
+    !! first; of one system: K and C that are scaled, what is not (of laws), as for all lanes.
+    real(wp), allocatable, private :: stiffness(:, :, :), damping(:, :, :), weights(:, :, :)
+    real(wp), allocatable, private :: law_weights(:, :, :), real_load(:, :, :), load(:, :, :)
+    real(wp), allocatable, private :: own(:, :, :), rest(:, :, :), plain(:, :)
+    real(wp), allocatable, private :: plain_laws(:, :)
+    complex(wp), allocatable, private :: plain_load(:, :)
+  contains
+    procedure :: set_scales
+    procedure :: acceleration
+    procedure :: tangent
+    procedure :: potential
+    procedure :: margin
+  end type lane_motion_type
+
+contains
+
+  subroutine new_lane_motion(motion, system, load, own)
+    type(lane_motion_type), intent(out) :: motion
+    type(polynomial_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    !> What is scaled of stiffness and damping, not the linear part of laws, shape
+    !! (n_dof, n_dof, 2).
+    real(wp), intent(in) :: own(:, :, :)
+    complex(wp) :: inverse(system%n_dof(), system%n_dof())
+    real(wp) :: m(system%n_dof(), system%n_dof())
+    logical :: singular
+    integer :: i, n
+
+    n = system%n_dof()
+    motion%n_dof = n
+    motion%monomials = system%monomials
+    motion%laws = system%laws
+    motion%orders = load%orders
+    motion%drives = [0.0_wp, 0.0_wp]
+    motion%quarters = [0, 3]
+    motion%limited = .false.
+    call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
+    m = real(inverse)
+    motion%own = own
+    motion%rest = own
+    do i = 1, 2
+      motion%own(:, :, i) = matmul(m, own(:, :, i))
+    end do
+    motion%rest(:, :, 1) = matmul(m, system%stiffness_at_rest()) - motion%own(:, :, 1)
+    motion%rest(:, :, 2) = matmul(m, system%damping) - motion%own(:, :, 2)
+    motion%plain_load = matmul(m, load%force)
+    allocate (motion%plain(n, size(system%monomials)), motion%plain_laws(n, size(system%laws)))
+    do i = 1, size(system%monomials)
+      associate (term => system%monomials(i))
+        motion%plain(:, i) = m(:, term%equation)*term%coefficient
+      end associate
+    end do
+    do i = 1, size(system%laws)
+      motion%plain_laws(:, i) = matmul(m(:, system%laws(i)%equations), system%laws(i)%weights)
+    end do
+    allocate (motion%stiffness(n_lanes, n, n), motion%damping(n_lanes, n, n))
+    allocate (motion%weights(n_lanes, n, size(system%monomials)))
+    allocate (motion%law_weights(n_lanes, n, size(system%laws)))
+    allocate (motion%real_load(n_lanes, n, size(load%orders)))
+    allocate (motion%load(n_lanes, n, size(load%orders)))
+  end subroutine new_lane_motion
+
+  !> The numbers of a lane.
+  pure subroutine set_scales(self, lane, scales)
+    class(lane_motion_type), intent(inout) :: self
+    integer, intent(in) :: lane
+    real(wp), intent(in) :: scales(n_scales)
+    self%stiffness(lane, :, :) = self%rest(:, :, 1) + scales(of_stiffness)*self%own(:, :, 1)
+    self%damping(lane, :, :) = self%rest(:, :, 2) + scales(of_damping)*self%own(:, :, 2)
+    self%weights(lane, :, :) = scales(of_forces)*self%plain
+    self%law_weights(lane, :, :) = scales(of_forces)*self%plain_laws
+    self%real_load(lane, :, :) = scales(of_load)*real(self%plain_load)
+    self%load(lane, :, :) = scales(of_load)*aimag(self%plain_load)
+  end subroutine set_scales
+
+  pure subroutine acceleration(self, q, v, drive, a)
+    class(lane_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: drive(n_lanes, size(self%drives))
+    real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    real(wp) :: product(n_lanes)
+    integer :: d, i, j
+
+    call linear_part(self, q, v, drive, a)
+    do i = 1, size(self%monomials)
+      product = 1.0_wp
+      associate (term => self%monomials(i))
+        do j = 1, size(term%dof)
+          call multiply(product, q(:, term%dof(j)), term%power(j))
+        end do
+      end associate
+      do d = 1, self%n_dof
+        a(:, d) = a(:, d) - self%weights(:, d, i)*product
+      end do
+    end do
+    do i = 1, size(self%laws)
+      call self%laws(i)%program%evaluate(read_by(self%laws(i), q, v), product)
+      do d = 1, self%n_dof
+        a(:, d) = a(:, d) - self%law_weights(:, d, i)*product
+      end do
+    end do
+  end subroutine acceleration
+
+  !> Arguments of a law from coordinates and rates.
+  pure function read_by(law, q, v) result(read_values)
+    type(law_term), intent(in) :: law
+    real(wp), intent(in) :: q(:, :), v(:, :)
+    real(wp) :: read_values(n_lanes, size(law%arguments, 1))
+    integer :: b, k
+    read_values = 0.0_wp
+    do b = 1, size(q, 2)
+      do k = 1, size(law%arguments, 1)
+        if (abs(law%arguments(k, b)) > 0.0_wp) then
+          read_values(:, k) = read_values(:, k) + law%arguments(k, b)*q(:, b)
+        end if
+        if (abs(law%rates(k, b)) > 0.0_wp) then
+          read_values(:, k) = read_values(:, k) + law%rates(k, b)*v(:, b)
+        end if
+      end do
+    end do
+  end function read_by
+
+  !> Loads, dampers and springs.
+  pure subroutine linear_part(self, q, v, drive, a)
+    class(lane_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: drive(n_lanes, size(self%drives))
+    real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    real(wp), dimension(n_lanes) :: c, s, part
+    integer :: b, d, k, order
+
+    call springs(self, q, v, a)
+    order = 0
+    c = 1.0_wp
+    s = 0.0_wp
+    do k = 1, size(self%orders)
+      do while (order < self%orders(k))
+        part = c*drive(:, 1) - s*drive(:, 2)
+        s = s*drive(:, 1) + c*drive(:, 2)
+        c = part
+        order = order + 1
+      end do
+      do d = 1, self%n_dof
+        do b = 1, n_lanes
+          a(b, d) = a(b, d) + (self%real_load(b, d, k)*s(b) + self%load(b, d, k)*c(b))
+        end do
+      end do
+    end do
+  end subroutine linear_part
+
+  pure subroutine springs(self, q, v, a)
+    class(lane_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    real(wp) :: total(n_lanes)
+    integer :: b, d
+    do d = 1, self%n_dof
+      total = 0.0_wp
+      do b = 1, self%n_dof
+        total = total - (self%stiffness(:, d, b)*q(:, b) + self%damping(:, d, b)*v(:, b))
+      end do
+      a(:, d) = total
+    end do
+  end subroutine springs
+
+  !> Derivatives by the product rule and by the laws' own.
+  pure subroutine tangent(self, q, v, drive, dq, dv, a, da)
+    class(lane_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: drive(n_lanes, size(self%drives))
+    real(wp), intent(in) :: dq(n_lanes, self%n_dof), dv(n_lanes, self%n_dof)
+    real(wp), intent(out) :: a(n_lanes, self%n_dof), da(n_lanes, self%n_dof)
+    real(wp) :: product(n_lanes), change(n_lanes), value(n_lanes)
+    real(wp), allocatable :: slopes(:, :), turned(:, :)
+    integer :: d, i, j, k
+
+    call self%acceleration(q, v, drive, a)
+    call springs(self, dq, dv, da)
+    do i = 1, size(self%monomials)
+      change = 0.0_wp
+      associate (term => self%monomials(i))
+        do j = 1, size(term%dof)
+          product = term%power(j)*dq(:, term%dof(j))
+          do k = 1, size(term%dof)
+            call multiply(product, q(:, term%dof(k)), term%power(k) - merge(1, 0, k == j))
+          end do
+          change = change + product
+        end do
+      end associate
+      do d = 1, self%n_dof
+        da(:, d) = da(:, d) - self%weights(:, d, i)*change
+      end do
+    end do
+    do i = 1, size(self%laws)
+      associate (law => self%laws(i))
+        allocate (slopes(n_lanes, size(law%arguments, 1)))
+        call law%program%differentiate(read_by(law, q, v), value, slopes)
+        turned = slopes*read_by(law, dq, dv)
+        change = sum(turned, 2)
+        deallocate (slopes)
+      end associate
+      do d = 1, self%n_dof
+        da(:, d) = da(:, d) - self%law_weights(:, d, i)*change
+      end do
+    end do
+  end subroutine tangent
+
+  !> Not needed of motions in time.
+  pure subroutine potential(self, q, value, slope)
+    class(lane_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(self%n_dof)
+    real(wp), intent(out) :: value, slope(self%n_dof)
+    value = 0.0_wp
+    slope = 0.0_wp*q
+  end subroutine potential
+
+  !> The equations hold everywhere.
+  pure function margin(self, q)
+    class(lane_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof)
+    real(wp) :: margin(n_lanes)
+    margin = 1.0_wp + 0.0_wp*q(:, 1)
+  end function margin
+
+end module viscovib_lane_motion

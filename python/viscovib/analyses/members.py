@@ -1,0 +1,230 @@
+"""The members of an ensemble: what differs from run to run, as the core takes it."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray, core
+from viscovib.analyses.memoryless import checked_state
+from viscovib.analyses.runs import MAX_STEPS
+from viscovib.errors import InputError
+from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.pendulum import PARAMETERS, Pendulum
+from viscovib.systems.polynomial_system import PolynomialSystem
+
+#: Numbers of a polynomial system that may vary; scales in the order of the core.
+_SCALES = ("load_scale", "stiffness_scale", "damping_scale", "forces_scale")
+#: Coordinates of a polynomial system at most, and with disturbances of a motion.
+_MOST, _MOST_DISTURBED = 6, 3
+
+
+class Members(ABC):
+    """Runs of one kind of system; shapes begin with the number of runs n."""
+
+    system: Any
+    varied: dict[str, FloatArray]
+    states: FloatArray
+
+    @property
+    def n(self) -> int:
+        """How many runs there are."""
+        return int(self.states.shape[0])
+
+    @abstractmethod
+    def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
+        """Name and frequencies of the load whose periods are meant."""
+
+    @abstractmethod
+    def first_steps(self, spans: FloatArray) -> int:
+        """Steps to begin with when the step is to be found."""
+
+    @abstractmethod
+    def check_exponents(self) -> None:
+        """Refuse by name a system whose disturbances are not computed."""
+
+    @abstractmethod
+    def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
+        """Make some of the runs."""
+
+
+class PendulumMembers(Members):
+    """Pendulums with other numbers and starts."""
+
+    def __init__(
+        self, system: Pendulum, initial: npt.ArrayLike, given: Mapping[str, npt.ArrayLike]
+    ) -> None:
+        for name in given:
+            if name not in PARAMETERS:
+                raise InputError(
+                    f"parameters: {name!r} is not a number of the pendulum, must be one of "
+                    f"{', '.join(PARAMETERS)}"
+                )
+        self.system = system
+        self.varied, states = _runs(given, initial, 6)
+        self.states = checked_state("initial", states, states.shape)
+        self.flat = np.tile(system._flat[:, np.newaxis], (1, self.n))
+        for name, values in self.varied.items():
+            self.flat[PARAMETERS.index(name)] = values
+        self.flat = np.asfortranarray(self.flat)
+        self.natural = _native.call(core.pendulum_frequencies, self.flat)[0]
+
+    def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
+        """Return those of p1, p2 or p3."""
+        name = f"p{_native.integer('sections', sections, 1, 3)}"
+        return name, self.flat[PARAMETERS.index(name)]
+
+    def first_steps(self, spans: FloatArray) -> int:
+        """Four a fastest linear period."""
+        loads = self.flat[[PARAMETERS.index(name) for name in ("p1", "p2", "p3")]]
+        fastest = np.maximum(self.natural.max(axis=0), loads.max(axis=0))
+        return _steps(spans, fastest)
+
+    def check_exponents(self) -> None:
+        """None is refused."""
+
+    def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
+        """Make some of the runs."""
+        return _native.call(core.pendulum_ensemble, self.flat[:, part], self.states[part].T, *given)
+
+
+class PolynomialMembers(Members):
+    """Polynomial systems without memory, with laws of any kind."""
+
+    def __init__(
+        self,
+        system: PolynomialSystem,
+        initial: npt.ArrayLike,
+        given: Mapping[str, npt.ArrayLike],
+        load: LoadLike | None,
+        nu: float | None,
+    ) -> None:
+        d = len(system.dof_names)
+        if system._active_kernels:
+            raise InputError("kernel: an ensemble has no memory; must be None")
+        if d > _MOST:
+            raise InputError(f"system: has {d} coordinates, an ensemble takes at most {_MOST}")
+        if any(law.branches for group in system.groups for _, law in group.laws):
+            raise InputError(
+                "forces: a law with kinks or jumps (max, min, abs, sign, comparisons) is not "
+                "computed in ensembles, whose steps would pass them; must be smooth, or use "
+                "simulate, whose steps end there"
+            )
+        for name in given:
+            if name not in ("nu", *_SCALES):
+                raise InputError(
+                    f"parameters: {name!r} does not vary in an ensemble, must be one of nu, "
+                    f"{', '.join(_SCALES)}"
+                )
+        if "forces_scale" in given and any(group.laws for group in system.groups):
+            raise InputError("parameters: 'forces_scale' must not scale laws with functions")
+        self.system = system
+        self.varied, self.states = _runs(given, initial, 2 * d)
+        self.orders, self.series = load_series(load, None, d)
+        if load is None and nu is not None:
+            raise InputError("nu: must not be given without load")
+        frequency = 0.0 if nu is None else _native.number("nu", nu)
+        self.nu = np.array(self.varied.get("nu", np.full(self.n, frequency)))
+        moving = bool((self.orders > 0).any() and self.series.any())
+        if (self.nu < 0).any() or (moving and (self.nu == 0).any()):
+            raise InputError(
+                f"nu = {self.nu.min():g}: must be greater than 0 with a load of order 1 or more"
+            )
+        self.scales = np.ones((len(_SCALES), self.n), order="F")
+        for i, name in enumerate(_SCALES):
+            if name in self.varied:
+                self.scales[i] = self.varied[name]
+        slopes = [group.law_slopes for group in system.groups if group.law_slopes is not None]
+        own = system._stiffness_at_rest - sum(slopes, np.zeros((d, d)))
+        self.own = np.asfortranarray(np.stack([own, np.asarray(system.damping)], axis=2))
+
+    def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
+        """Return nu."""
+        _native.integer("sections", sections, 1, 1)
+        return "nu", self.nu
+
+    def first_steps(self, spans: FloatArray) -> int:
+        """Four a fastest linear period, and of the highest order of the load."""
+        inverse = np.linalg.inv(self.system._mass_matrix)
+        stiffness, damping = self.own[:, :, 0], self.own[:, :, 1]
+        rest = self.system._stiffness_at_rest - stiffness
+        own, fixed, dampers, lost = (
+            float(np.abs(inverse @ part).sum(axis=1).max())
+            for part in (stiffness, rest, damping, self.system._damping - damping)
+        )
+        scales = np.abs(self.scales)
+        fastest = np.sqrt(own * scales[1] + fixed) + dampers * scales[2] + lost
+        highest = int(self.orders[self.series.any(axis=0)].max(initial=0))
+        return _steps(spans, np.maximum(fastest, highest * self.nu))
+
+    def check_exponents(self) -> None:
+        """Refuse more coordinates than there is room for."""
+        d = len(self.system.dof_names)
+        if d > _MOST_DISTURBED:
+            raise InputError(
+                f"lyapunov: of a system of {d} coordinates is not computed, at most "
+                f"{_MOST_DISTURBED}"
+            )
+
+    def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
+        """Make some of the runs."""
+        return _native.call(
+            core.polynomial_ensemble, self.system._flat, self.orders, self.series, self.own,
+            self.nu[part], np.asfortranarray(self.scales[:, part]), self.states[part].T, *given,
+        )  # fmt: skip
+
+
+def members_of(
+    system: object,
+    initial: npt.ArrayLike,
+    parameters: Mapping[str, npt.ArrayLike] | None,
+    load: LoadLike | None,
+    nu: float | None,
+) -> Members:
+    """Check a system and what varies."""
+    given = {} if parameters is None else _native.mapping("parameters", parameters)
+    if isinstance(system, Pendulum):
+        for name, value in (("load", load), ("nu", nu)):
+            if value is not None:
+                raise InputError(f"{name}: a Pendulum has its loads in itself, must be None")
+        return PendulumMembers(system, initial, given)
+    if isinstance(system, PolynomialSystem):
+        return PolynomialMembers(system, initial, given, load, nu)
+    raise InputError(f"system = {_native.shown(system)}: must be a Pendulum or a PolynomialSystem")
+
+
+def _steps(spans: FloatArray, fastest: FloatArray) -> int:
+    many = spans * fastest
+    if not np.isfinite(many).all():
+        raise InputError(
+            f"t_end = {spans.max():g}: holds more periods of the fastest motion (frequency "
+            f"{fastest.max():g}) than can be counted"
+        )
+    return max(1, math.ceil(min(float(many.max()) / (0.5 * math.pi), 2.0 * MAX_STEPS)))
+
+
+def _runs(
+    given: Mapping[str, npt.ArrayLike], initial: npt.ArrayLike, width: int
+) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Return what varies, and a start for each run."""
+    varied = {
+        name: _native.real_array(f"parameters[{name!r}]", values, ndim=1)
+        for name, values in given.items()
+    }
+    states = _native.real_array("initial", initial)
+    if states.ndim not in (1, 2) or states.shape[-1] != width:
+        raise InputError(f"initial: must have shape (n, {width}) or ({width},), got {states.shape}")
+    counts = {name: values.size for name, values in varied.items()}
+    if states.ndim == 2:
+        counts["initial"] = states.shape[0]
+    n = max(counts.values(), default=1)
+    if any(count != n for count in counts.values()) or n == 0:
+        sizes = ", ".join(f"{name}: {count}" for name, count in counts.items())
+        raise InputError(f"lengths differ or are 0 ({sizes}): must be the same number of runs")
+    return varied, np.ascontiguousarray(np.broadcast_to(states, (n, width)))

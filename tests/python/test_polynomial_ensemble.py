@@ -1,0 +1,113 @@
+"""Many motions of polynomial systems with laws: against single ones, SciPy and exact exponents."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+DUFFING = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
+TWO = vv.PolynomialSystem(
+    mass=[1, 2],
+    stiffness=[[3, -1], [-1, 2]],
+    damping=[0.1, 0.2],
+    forces={"x1": "x1^3 + 2*x1*x2^2", "x2": "tanh(3*x2) + 0.3*sin(x1 - x2_dot)"},
+)
+
+
+def test_members_are_single_runs():
+    """Every member is the motion of its own numbers."""
+    rng = np.random.default_rng(1)
+    start = rng.uniform(-1, 1, (11, 4))
+    given = {
+        "nu": rng.uniform(0.5, 1.5, 11),
+        "load_scale": rng.uniform(0.5, 2, 11),
+        "damping_scale": rng.uniform(0.5, 2, 11),
+        "stiffness_scale": rng.uniform(0.8, 1.2, 11),
+    }
+    many = vv.simulate_ensemble(
+        TWO, initial=start, t_end=20.0, load=[0.5, 0.2j], parameters=given, tolerance=1e-10
+    )
+    assert many.error < 1e-10
+    for i in (0, 7, 10):
+        nu, load, c, k = (values[i] for values in given.values())
+
+        def rates(t, y, nu=nu, load=load, c=c, k=k):
+            x, v = y[::2], y[1::2]
+            force = load * np.array([0.5 * np.sin(nu * t), 0.2 * np.cos(nu * t)])
+            law = [x[0] ** 3 + 2 * x[0] * x[1] ** 2, np.tanh(3 * x[1]) + 0.3 * np.sin(x[0] - v[1])]
+            springs = k * np.array([[3, -1], [-1, 2]]) @ x + law
+            a = (force - c * np.array([0.1, 0.2]) * v - springs) / [1, 2]
+            return [v[0], a[0], v[1], a[1]]
+
+        run = solve_ivp(rates, (0, 20), start[i], "DOP853", rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(many.state[i], run.y[:, -1], atol=2e-10)
+
+
+def test_forces_scale_and_statistics():
+    """Statistics, lines and sections are those of the single runs."""
+    call = {"load": 0.2, "nu": 1.2}
+    many = vv.simulate_ensemble(
+        DUFFING, initial=[0.1, 0.2], n_periods=20, discard=5, sections=1, dt=0.05,
+        parameters={"forces_scale": [1.0, 2.0, 0.5]}, statistics=True, amplitudes_at=[1.2], **call,
+    )  # fmt: skip
+    for i, scale in enumerate((1.0, 2.0, 0.5)):
+        alone = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces=f"{scale}*x^3")
+        period = 2 * np.pi / 1.2
+        run = vv.simulate(
+            alone, 20 * period, dt=many.dt[i], initial=[0.1, 0.2], method="verner9", **call
+        )
+        late = run.t > 5 * period + 1e-9
+        np.testing.assert_allclose(many.peak[i], np.abs(run.state[late]).max(0), rtol=1e-9)
+        np.testing.assert_allclose(many.mean[i], run.state[late].mean(0), rtol=1e-8, atol=1e-9)
+        at = run(np.minimum(period * np.arange(6, 21), run.t_reached))
+        np.testing.assert_allclose(many.sections[i], at, atol=1e-8)
+        window = np.hanning(late.sum() + 2)[1:-1]
+        wave = window * np.exp(-1.2j * run.t[late])
+        moved = run.state[late, 0] - (window @ run.state[late, 0]) / window.sum()
+        line = 2 * (wave @ moved) / window.sum()
+        assert many.amplitudes[i, 0, 0] == pytest.approx(line, abs=1e-3 * abs(line))
+
+
+def test_exponents():
+    """Of a linear system the real parts of its roots; all together the divergence."""
+    linear = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=[[2, -1], [-1, 2]], damping=[[3.0, 0], [0, 0.2]]
+    )
+    many = vv.simulate_ensemble(
+        linear, initial=np.zeros(4), t_end=400.0, discard=50.0, dt=0.1, lyapunov="all"
+    )
+    matrix = np.zeros((4, 4))
+    matrix[:2, 2:] = np.eye(2)
+    matrix[2:] = [[-2, 1, -3, 0], [1, -2, 0, -0.2]]
+    roots = np.sort(np.linalg.eigvals(matrix).real)[::-1]
+    np.testing.assert_allclose(many.spectrum[0], roots, atol=4e-3)
+    assert many.lyapunov[0] == pytest.approx(roots[0], abs=4e-3)
+    chaos = vv.simulate_ensemble(
+        DUFFING, initial=[[0.1, 0.2], [0.4, -0.1]], t_end=2000.0, discard=100.0, dt=0.1,
+        load=0.5, nu=1.2, lyapunov="all",
+    )  # fmt: skip
+    np.testing.assert_allclose(chaos.spectrum.sum(axis=1), -0.3, atol=1e-9)
+    assert (chaos.spectrum[:, 0] > 0.05).all()
+    np.testing.assert_allclose(chaos.lyapunov, chaos.spectrum[:, 0], rtol=1e-12)
+    one = vv.simulate_ensemble(
+        DUFFING, initial=[0.1, 0.2], t_end=2000.0, discard=100.0, dt=0.1, load=0.5, nu=1.2,
+        lyapunov=True,
+    )  # fmt: skip
+    assert one.lyapunov[0] == chaos.lyapunov[0]
+
+
+def test_refused_by_name():
+    """What an ensemble does not compute."""
+    kernel = vv.PronyKernel(weights=[0.3], rates=[1.0])
+    for system, given, words in (
+        (vv.PolynomialSystem(mass=1, stiffness=1, kernel=kernel), {}, "kernel"),
+        (vv.PolynomialSystem(mass=1, stiffness=1, forces="max(x, 0)"), {}, "kinks or jumps"),
+        (DUFFING, {"parameters": {"mass": [1.0]}}, "'mass' does not vary"),
+        (TWO, {"parameters": {"forces_scale": [1.0]}}, "must not scale laws"),
+        (DUFFING, {"nu": 1.0}, "without load"),
+        (DUFFING, {"sections": 2, "load": 1, "nu": 1.0}, "sections"),
+        (DUFFING, {"lyapunov": "some"}, "lyapunov"),
+    ):
+        n = len(system.dof_names)
+        with pytest.raises(vv.InputError, match=words):
+            vv.simulate_ensemble(system, initial=np.zeros(2 * n), t_end=5.0, dt=0.1, **given)
