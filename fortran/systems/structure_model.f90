@@ -20,6 +20,8 @@ module viscovib_structure_model
   integer, parameter :: most_terms = 20000
   !> Part of a rigid body's motion that is no deflection; of a load that nothing holds: rounding.
   real(wp), parameter :: unseen = 1.0e-10_wp, unheld = 1.0e-9_wp
+  !> Largest entries of matrices; of factors and elements.
+  real(wp), parameter :: largest = 1.0e40_wp, largest_factor = 1.0e20_wp
 
   type :: structure_model
     !> M, C and K without elements, shape (n, n), and the places that have names in terms of the
@@ -55,6 +57,8 @@ contains
     real(wp), allocatable :: inverse(:), seen(:, :)
     integer :: a, q
 
+    call check_sizes(model, status)
+    if (status%failed()) return
     call add_linear(model, stiffness, damping)
     call new_rest(model%rest, model%mass, damping, stiffness, model%places, model%modal, status)
     if (status%failed()) return
@@ -102,6 +106,47 @@ contains
     system%condensed = .true.
     allocate (system%loads(0))
   end subroutine condense
+
+  !> Numbers whose squares and products stay within the range of numbers.
+  subroutine check_sizes(model, status)
+    type(structure_model), intent(in) :: model
+    type(status_type), intent(out) :: status
+    character(len=:), allocatable :: name
+    integer :: i
+
+    call set_ok(status)
+    name = ''
+    if (maxval(abs(model%modal%ratios)) > largest_factor) name = 'modal_damping'
+    if (maxval(abs(model%modal%rayleigh)) > largest_factor) name = 'rayleigh'
+    if (abs(model%modal%loss) > largest_factor) name = 'loss_factor'
+    if (name /= '') then
+      call fail(status, status_input_error, name, name//': must be at most '//show(largest_factor))
+      return
+    end if
+    if (maxval(abs(model%damping)) > largest) name = 'damping'
+    if (maxval(abs(model%stiffness)) > largest) name = 'stiffness'
+    if (maxval(abs(model%mass)) > largest) name = 'mass'
+    if (maxval(abs(model%places)) > largest_factor) name = 'shapes'
+    if (maxval(abs(model%base_direction)) > largest_factor) name = 'base_direction'
+    do i = 1, size(model%elements)
+      associate (one => model%elements(i))
+        if (max(maxval(abs(one%direction)), abs(one%stiffness), abs(one%damping), &
+                maxval(abs(one%powers))) > largest_factor) name = 'element'
+      end associate
+    end do
+    if (name /= '') call fail(status, status_input_error, name, name//': all of its numbers must ' &
+                              //'be at most '//show(merge(largest_factor, largest, &
+                                                          any(name == [character(len=14) :: &
+                                                                       'shapes', 'element', &
+                                                                       'base_direction']))))
+    do i = 1, size(model%mass, 1)
+      if (name == '' .and. model%mass(i, i) < 1.0_wp/largest) then
+        call fail(status, status_input_error, 'mass', 'mass: must be at least ' &
+                  //show(1.0_wp/largest)//' of each coordinate')
+        return
+      end if
+    end do
+  end subroutine check_sizes
 
   !> K and C with the linear parts of elements.
   pure subroutine add_linear(model, stiffness, damping)

@@ -35,6 +35,7 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.oscillators import Steady, check_steady
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import Varied, varied
+from viscovib.systems.varying_structure import varied_structure
 
 #: Numbers that all points together may hold.
 _MAX_NUMBERS = 4e8
@@ -56,6 +57,8 @@ class _Way:
     finish: float
     fixed: float
     numbers: Varied | None
+    #: The system that has these numbers.
+    system: Steady
 
     @classmethod
     def checked(
@@ -64,6 +67,8 @@ class _Way:
         ranges: dict[str, tuple[float, float] | None],
         nu: float | None,
         vary: str | None,
+        load: LoadLike | None,
+        base: LoadLike | None,
     ) -> _Way:
         """Hold the arguments against each other."""
         given = [name for name, ends in ranges.items() if ends is not None]
@@ -80,15 +85,14 @@ class _Way:
         numbers = None
         if vary is not None:
             if isinstance(system, Structure):
-                raise InputError(
-                    "vary: the numbers of a structure do not vary: follow nu or the load"
-                )
-            numbers = varied(system, vary, start, finish)
+                numbers, system = varied_structure(system, vary, start, finish, load, base)
+            else:
+                numbers = varied(system, vary, start, finish)
             varies = numbers[0]
         if varies == "nu" and min(start, finish) <= 0:
             raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")
         fixed = start if nu is None else _native.number("nu", nu)
-        return cls(given[0], varies, start, finish, fixed, numbers)
+        return cls(given[0], varies, start, finish, fixed, numbers, system)
 
     @property
     def kind(self) -> int:
@@ -164,7 +168,8 @@ def trace_mount(
     """`trace_response` of a mount, a polynomial system or a structure."""
     ranges = {"nu_range": nu_range, "load_range": load_range, "vary_range": vary_range}
     check_steady(system, base)
-    way = _Way.checked(system, ranges, nu, vary)
+    way = _Way.checked(system, ranges, nu, vary, load, base)
+    system = way.system
     stops = _native.real_array("at", at).reshape(-1)
     judged = STABILITY.check(stability)
     keeps = symmetric is None or SYMMETRIC.check(symmetric)

@@ -131,7 +131,8 @@ def trace_response(
         mass or damping, with its mirror image if that has the same value; a coefficient of the
         forces, "forces[x1,x1^2*x2]" ("forces[x^3]"); or a factor of the whole, "mass_scale",
         "damping_scale", "stiffness_scale", "forces_scale", "memory_scale" (of all kernels).
-        "springs[0]." before it means those springs.
+        "springs[0]." before it means those springs. Of a `Structure` "elements[0].stiffness",
+        "elements[0].k3" (k3 a parameter of its law) or "memory_scale"; its modal damping stays.
     p1, p2, p3, f0, m01, m02 : (float, float)
         Of a pendulum: one of its own frequencies or amplitudes of loads.
     at : array_like

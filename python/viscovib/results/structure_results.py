@@ -156,12 +156,20 @@ class StructureBranch(Branch):
         places = np.array([i])
         factor = float(self.load_factor[i])
         watched, motions, row = _watched(self, d, places, kept, factor)
-        parameter, _, nu = self._job[-3:]
+        parameter, direction, nu = self._job[-3:]
+        job = watched.job
+        if self.varies in ("nu", "load_factor"):
+            direction = np.zeros(job[0].size)
+        elif watched is _known(self._view).loaded:
+            job = (self._job[0], *job[1:])
+        else:
+            # What varies is known of the deflections only.
+            return None
         cancel = np.zeros(1, dtype=np.intc)
         at, size, found = _native.call_interruptibly(
-            core.mount_peak, cancel, *watched.job, parameter, np.zeros(watched.job[0].size), nu,
-            self.harmonics[kept], 1, self._tolerance, self.parameter[places],
-            np.asfortranarray(motions.T), row + 1, j + 1, low, high, 1, cancel,
+            core.mount_peak, cancel, *job, parameter, direction, nu, self.harmonics[kept], 1,
+            self._tolerance, self.parameter[places], np.asfortranarray(motions.T), row + 1, j + 1,
+            low, high, 1, cancel,
         )  # fmt: skip
         return (at, size) if found else None
 

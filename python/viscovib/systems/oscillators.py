@@ -60,7 +60,7 @@ def oscillator_job(
         condensed = system if system._condenses(stability) else None
     if condensed is not None:
         loaded = condensed._loaded(load, base)
-        return loaded.job, loaded
+        return (loaded.job if flat is None else (flat, *loaded.job[1:])), loaded
     assert not isinstance(system, Structure)
     own = system._flat if flat is None else flat
     return (own, *system._kernels, *load_series(load, base, len(system.dof_names))), None

@@ -1,0 +1,123 @@
+"""Branches along numbers of a structure's elements, against structures with these numbers."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import viscovib as vv
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*do not reach the tolerance")
+
+N = 12
+KERNEL = vv.PronyKernel(weights=[0.3], rates=[1.5])
+
+
+def chain(kernel=None, *, sparse=False, **numbers):
+    """Spring and law at the end, another element in the middle."""
+    given = {"k": 0.3, "k3": 0.5, "F0": 0.2, "w": 0.7} | numbers
+    k = 2 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1)
+    elements = [
+        vv.Spring(on=f"x{N}", stiffness=given["k"], law="k3*d^3 + 0.1*d^2",
+                  parameters={"k3": given["k3"]}, kernel=kernel),
+        vv.Spring(on=("x4", "x7"), law="F0*tanh(d/w)",
+                  parameters={"F0": given["F0"], "w": given["w"]}),
+    ]  # fmt: skip
+    matrix = sp.csc_array(k) if sparse else k
+    mass = sp.eye_array(N) if sparse else np.ones(N)
+    # A matrix: modal damping would be that of the modes with the numbers given first.
+    damping = 0.02 * matrix
+    return vv.Structure(mass=mass, stiffness=matrix, damping=damping, elements=elements)
+
+
+LOAD = np.eye(N)[0] * 0.05
+NU = 0.25
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "ends"),
+    [
+        ("elements[0].stiffness", "k", (0.1, 0.8)),
+        ("elements[0].k3", "k3", (0.2, 1.5)),
+        ("elements[1].F0", "F0", (0.05, 0.6)),
+        ("elements[1].w", "w", (0.4, 1.2)),
+    ],
+)
+@pytest.mark.parametrize("kernel", [None, KERNEL], ids=["elastic", "relaxing"])
+def test_as_structures_with_these_numbers(name, key, ends, kernel):
+    branch = vv.trace_response(
+        chain(kernel), nu=NU, vary=name, vary_range=ends, load=LOAD, harmonics=5, tolerance=1e-9,
+        max_step=0.3,
+    )  # fmt: skip
+    assert branch.outcome == "completed"
+    assert branch.varies == name
+    assert branch.dof_names == tuple(f"x{i + 1}" for i in range(N))
+    for i in (0, branch.nu.size // 2, branch.nu.size - 1):
+        value = float(branch.parameter[i])
+        alone = vv.forced_response(
+            chain(kernel, **{key: value}), [NU], load=LOAD, harmonics=5, method="newton",
+            stability=True,
+        )  # fmt: skip
+        error = np.abs(alone.coefficients[0] - branch.coefficients[i]).max()
+        assert error < 2e-7 * np.abs(alone.coefficients).max()
+        assert alone.stable[0] == branch.stable[i]
+
+
+def test_factor_of_memory():
+    branch = vv.trace_response(
+        chain(KERNEL), nu=NU, vary="memory_scale", vary_range=(0.2, 1.0), load=LOAD, harmonics=5,
+        stability=False,
+    )  # fmt: skip
+    weak = vv.PronyKernel(weights=[0.3 * branch.parameter[0]], rates=[1.5])
+    for i, kernel in ((0, weak), (-1, KERNEL)):
+        alone = vv.forced_response(chain(kernel), [NU], load=LOAD, harmonics=5, method="newton")
+        assert np.abs(alone.coefficients[0] - branch.coefficients[i]).max() < 1e-9
+
+
+def test_fold_along_a_coefficient_and_its_peak():
+    """A fold along a coefficient is one of the branch in the frequency there."""
+    structure = vv.Structure(
+        mass=np.ones(N), stiffness=chain().stiffness, modal_damping=0.002,
+        elements=[vv.Spring(on=f"x{N}", law="k3*d^3", parameters={"k3": 0.5})],
+    )  # fmt: skip
+    first = np.sqrt(np.linalg.eigvalsh(structure.stiffness)[0])
+    branch = vv.trace_response(
+        structure, nu=1.02 * first, vary="elements[0].k3", vary_range=(0.001, 20), load=LOAD,
+        harmonics=5,
+    )  # fmt: skip
+    assert branch.folds.size == 2
+    value = float(branch.folds[0])
+    there = vv.Structure(
+        mass=np.ones(N), stiffness=chain().stiffness, modal_damping=0.002,
+        elements=[vv.Spring(on=f"x{N}", law="k3*d^3", parameters={"k3": value})],
+    )  # fmt: skip
+    along = vv.trace_response(there, (0.9 * first, 1.1 * first), load=LOAD, harmonics=5)
+    assert np.abs(along.folds / (1.02 * first) - 1).min() < 1e-7
+    peak = branch.peak(f"x{N}")
+    assert peak.amplitude >= np.abs(branch.coefficient(f"x{N}", 1)).max() * (1 - 1e-9)
+
+
+def test_reduced_structure_varies_with_its_modes():
+    whole = chain(KERNEL)
+    small = chain(KERNEL, sparse=True).reduce(frequency=2.0, tolerance=1e-9, loads=["x1"])
+    given = {"nu": NU, "vary": "elements[0].stiffness", "vary_range": (0.1, 0.5), "load": LOAD}
+    a, b = (
+        vv.trace_response(s, **given, harmonics=3, stability=False, coordinates=["x12"])
+        for s in (whole, small)
+    )
+    for x, y in ((a.coefficients[0], b.coefficients[0]), (a.coefficients[-1], b.coefficients[-1])):
+        assert np.abs(x - y).max() < 1e-6 * np.abs(x).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("mass", "must be 'memory_scale', or a number of an element"),
+        (3, "must be 'memory_scale'"),
+        ("elements[7].k", "the structure has 2 elements"),
+        ("elements[0].q", "must be one of stiffness, k3 of this element"),
+        ("memory_scale", "the structure has no kernel"),
+    ],
+)
+def test_refused(name, told):
+    with pytest.raises(vv.InputError, match=r"^vary = ") as caught:
+        vv.trace_response(chain(), nu=NU, vary=name, vary_range=(0.1, 1), load=LOAD)
+    assert told in f"{caught.value}"
