@@ -23,6 +23,7 @@ module viscovib_hill
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_hill_blocks, only: add_column, add_rates, add_rows, add_toeplitz, copy_blocks, &
     eliminate, moments_of, scale_rows
+  use viscovib_hill_reach, only: highest_order, max_unknowns, norm, norms_of_waves
   use viscovib_hill_relaxing, only: relaxing_points
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
@@ -31,8 +32,6 @@ module viscovib_hill
 
   public :: hill_type, new_hill
 
-  !> Unknowns of a determinant at most.
-  integer, parameter :: max_unknowns = 240
   !> Degree of a force that stands for one that is no polynomial: how many samples.
   integer, parameter :: as_degree = 11
   !> Exponents of memory itself are no faster, in nu.
@@ -132,7 +131,7 @@ contains
     real(wp), intent(in) :: nu
     !> Harmonics, real and imaginary part by turns, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
-    real(wp) :: fastest, parts(size(x, 1))
+    real(wp) :: fastest, waves(0:(size(self%u, 1) - 1)/2), parts(size(x, 1))
     integer :: b, p
 
     self%nu = nu
@@ -152,14 +151,13 @@ contains
       call variables_along(self, system, nu, x)
       call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
     end if
-    ! Orders beyond the fastest mode along the motion, and some more.
-    call find_rates(self, system, fastest)
+    call find_rates(self, system, fastest, waves)
     if (system%n_rates() > 0) call take_mean_of_rates(self, system)
     self%ready = fastest <= max_unknowns*nu
     if (.not. self%ready) return
-    b = ceiling(fastest/nu + 1.5_wp*self%stride)
-    if (self%stride == 2 .and. mod(b, 2) == 0) b = b + 1
-    b = max(b, maxval(self%set%orders) + 2*self%stride)
+    call highest_order(system, self%kernel_of_group, nu, self%stride, fastest, waves, b)
+    ! Waves of the damping reach further than those of the stiffness.
+    if (system%n_rates() > 0) b = max(b, maxval(self%set%orders) + 2*self%stride)
     p = merge(b + 2, 2*b + 2, self%stride == 2)
     self%ready = p*self%n_dof <= max_unknowns
     if (.not. self%ready) return
@@ -196,14 +194,16 @@ contains
   end subroutine variables_along
 
   !> An upper bound of frequencies and rates of damping along the solution (rad/s), and the
-  !! trace of the stiffness.
-  subroutine find_rates(self, system, fastest)
+  !! trace of the stiffness, and how large its waves are.
+  subroutine find_rates(self, system, fastest, waves)
     class(hill_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(out) :: fastest
-    real(wp) :: stiffness(self%n_dof, self%n_dof), force(self%n_dof, size(self%w, 2))
-    real(wp) :: slope(size(self%w, 2), self%n_dof), scale(self%n_dof, self%n_dof), largest
-    real(wp) :: damping(self%n_dof, self%n_dof), strongest
+    !> Norms of its Fourier coefficients of orders stride m, m = 0, 1, ... (rad^2/s^2).
+    real(wp), intent(out) :: waves(0:)
+    real(wp) :: stiffness(self%n_dof, self%n_dof, size(self%u, 1))
+    real(wp) :: force(self%n_dof, size(self%w, 2)), slope(size(self%w, 2), self%n_dof)
+    real(wp) :: scale(self%n_dof, self%n_dof), damping(self%n_dof, self%n_dof), largest, strongest
     integer :: a, b, j, s
 
     do b = 1, self%n_dof
@@ -221,10 +221,10 @@ contains
       do b = 1, size(self%w, 2)
         if (system%bent(b)) slope(b, :) = slope(b, :) + self%slopes(s, b, :)
       end do
-      stiffness = matmul(self%inverse, matmul(force, slope) + self%by_u(s, :, :))
-      largest = max(largest, maxval(sum(abs(scale*stiffness), 2)))
+      stiffness(:, :, s) = scale*matmul(self%inverse, matmul(force, slope) + self%by_u(s, :, :))
+      largest = max(largest, norm(cmplx(stiffness(:, :, s), 0.0_wp, wp)))
       do b = 1, self%n_dof
-        self%trace = self%trace + stiffness(b, b)/size(self%u, 1)
+        self%trace = self%trace + stiffness(b, b, s)/size(self%u, 1)
       end do
       damping = self%linear_damping
       do b = 1, system%n_rates()
@@ -240,6 +240,7 @@ contains
       end do
     end do
     fastest = sqrt(largest) + strongest
+    call norms_of_waves(self%waves, stiffness, waves)
   end subroutine find_rates
 
   !> C with the mean of what depends on rates and has no memory.

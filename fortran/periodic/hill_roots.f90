@@ -1,7 +1,8 @@
 !> Exponents of a periodic solution: zeros of Hill's determinant.
 !!
-!! The secant method on D(lambda) (1 - exp(-2 pi (a + lambda)/d))^(2n), which without
-!! memory is a polynomial in 1/h, h = exp(2 pi lambda/d). It starts from exponents of a solution
+!! The secant method on D(lambda) (1 - exp(-2 pi (a + lambda)/d))^(2n), of which the exponential
+!! changes its sign where orders are odd: without memory a polynomial in 1/h, h =
+!! exp(2 pi lambda/d). It starts from exponents of a solution
 !! nearby, from the zeros of that polynomial, and from where memory alone would relax; where
 !! those that grow are not all found then, from rates at which the system creeps away from rest,
 !! and from a grid over the strip |Im lambda| <= d/2. Zeros found before are divided out, with
@@ -361,7 +362,7 @@ contains
     !> Not made where it cannot be told on which side of the axis it is.
     logical, intent(in), optional :: sided
     complex(wp) :: before, value_before, value, step, ratio
-    real(wp) :: last, earlier, error, shortest, furthest
+    real(wp) :: last, earlier, error, shortest, furthest, least, poles
     integer :: i, best
     logical :: about_half
 
@@ -376,7 +377,10 @@ contains
     ! Off the real axis, or it would never be left.
     before = start + 1.0e-4_wp*hill%period*(1.0_wp, 1.0_wp)
     root = start
+    ! The divisors vanish at -a modulo i d, or at -a + i d/2.
+    poles = exp(-2.0_wp*pi*hill%shift/hill%period)*merge(-1.0_wp, 1.0_wp, hill%stride == 2)
     call reduced(before, value_before)
+    least = abs(value_before)
     do i = 1, max_iterations
       call reduced(root, value)
       if (.not. abs(value) <= huge(1.0_wp)) return
@@ -389,9 +393,13 @@ contains
       value_before = value
       root = root + step
       if (real(root) < leftmost*hill%period .or. real(root) > furthest) return
-      ! Steps go with the product of the two before: what the next one would be.
+      ! Steps go with the product of the two before: what the next one would be. A short one back
+      ! from a pole is none of these.
       error = abs(step)
-      if (i > 2 .and. error < last .and. last < earlier) error = error*(error/earlier)
+      if (i > 2 .and. error < last .and. last < earlier .and. abs(value) < least) then
+        error = error*(error/earlier)
+      end if
+      least = min(least, abs(value))
       ! To rounding, or as far as zeros side by side let it come.
       made = error <= smallest_step*hill%period &
              .or. (abs(step) <= last_step*hill%period .and. abs(step) >= last)
@@ -419,7 +427,7 @@ contains
 
       call hill%determinant(system, lambda, value, about_half)
       z = exp(-2.0_wp*pi/hill%period*lambda)
-      value = value*(1.0_wp - exp(-2.0_wp*pi*hill%shift/hill%period)*z)**(2*hill%n_dof)
+      value = value*(1.0_wp - poles*z)**(2*hill%n_dof)
       do k = 1, size(known)
         factor = 1.0_wp - exp(2.0_wp*pi/hill%period*known(k))*z
         if (abs(factor) > 0.0_wp) value = value/factor

@@ -6,6 +6,8 @@ import matplotlib
 import numpy as np
 import pytest
 import viscovib as vv
+from referee import balance
+from referee.models import chain, some_prony
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import gamma
@@ -305,3 +307,53 @@ def test_unknown_is_said(tmp_path):
     labels = {line.get_label() for line in vv.plot_branch(branch)[0].lines}
     assert "stability unknown" in labels
     matplotlib.pyplot.close("all")
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_slow_strong_motions_keep_enough_orders():
+    """Few harmonics of the motion, many of its disturbances; what is told as an exponent is one."""
+    rng = np.random.default_rng(11)
+    worst, judged = 0.0, 0
+    for index in range(60):
+        # Single coordinates and pairs: three have exponents of memory side by side.
+        model = chain(
+            rng, 1 + index % 2, 0.03, memory=some_prony(rng, 0.3), quadratic=index % 3 == 0
+        ).model()
+        slow = index % 4 > 0
+        nu = model.frequencies[0] * (rng.uniform(0.12, 0.6) if slow else rng.uniform(0.6, 1.5))
+        r = vv.forced_response(
+            eval(model.source), [nu], load=rng.uniform(0.3, 3) if slow else 0.1, method="newton",
+            harmonics=(5, 9)[index % 2], stability=True,
+        )  # fmt: skip
+        found = known(r.multipliers[0])
+        if not found.size:
+            continue
+        x = np.zeros((model.n, r.harmonics.max() + 1), complex)
+        x[:, r.harmonics] = r.coefficients[0]
+        true, off = balance.multipliers(model, x, nu)
+        if off > 1e-10 * abs(true[0]):
+            continue
+        judged += 1
+        distance = np.abs(found[:, None] - true).min(1) / np.maximum(1, np.abs(found))
+        assert distance.max() < 2e-8, (index, distance.max())
+        worst = max(worst, distance.max())
+        assert r.stable[0] == (np.abs(true) < 1).all()
+    assert judged > 45
+    assert worst > 1e-15
+
+
+def test_no_exponent_is_found_beside_the_divisors():
+    """Orders are odd: poles of the determinant's divisors are at i d/2, where a step once ended."""
+    kernel = vv.PronyKernel(weights=[0.354, 0.0844], rates=[2.44, 1.42])
+    system = vv.PolynomialSystem(
+        mass=[1.81, 1.99], damping=[[0.016422, -0.004802], [-0.004802, 0.017192]],
+        stiffness=[[2.346, -0.686], [-0.686, 2.456]], forces={"x1": "0.439*x1^3"}, kernel=kernel,
+    )  # fmt: skip
+    r = vv.forced_response(
+        system, [0.6751], load=0.094, method="newton", harmonics=5, stability=True
+    )
+    found = np.sort(np.abs(known(r.multipliers[0])))[::-1]
+    # By integration of the ordinary equations.
+    assert found[:4] == pytest.approx([0.675050, 0.675050, 0.529377, 0.529377], abs=2e-6)
+    assert (found[4:] < 1e-5).all()
