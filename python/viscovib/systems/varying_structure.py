@@ -105,12 +105,13 @@ def _variant(structure: Structure, name: str, place: int, key: str, value: float
     own = terms[at]
     if key == "stiffness":
         code = (_ARGUMENT, _NUMBER, _MULTIPLY)
-        law = Law("k*d", ("d",), code, (1.0, value - spring.stiffness, 0.0), _ODD)
+        law = Law("k*d", ("d",), code, (1.0, value - spring.stiffness, 0.0), _ODD, 1)
         terms.append(ElementTerms(own.direction, {}, 0.0, own.kernel, law))
     else:
         before = dict(spring.parameters)
-        powers, program = _law_terms(spring.law, {**before, key: value})
-        old, _ = _law_terms(spring.law, before)
+        remembers = spring.kernel is not None
+        powers, program, _ = _law_terms(spring.law, {**before, key: value}, remembers)
+        old = _law_terms(spring.law, before, remembers)[0]
         if program is None and powers.get(1, 0.0) == old.get(1, 0.0):
             linear = {1: own.powers[1]} if 1 in own.powers else {}
             higher = {power: c for power, c in powers.items() if power > 1}
@@ -118,7 +119,8 @@ def _variant(structure: Structure, name: str, place: int, key: str, value: float
         else:
             was = re.sub(rf"\b{key}\b", f"({before[key]!r})", spring.law)
             given = {**before, key: value}
-            law = compile_law(f"vary = {name!r}", f"({spring.law}) - ({was})", ("d",), given)
+            text = f"({spring.law}) - ({was})"
+            law = compile_law(f"vary = {name!r}", text, ("d", "v"), given, 1)
             terms.append(ElementTerms(own.direction, {}, 0.0, own.kernel, law))
     result = copy(structure)
     # Its modes stay, and so does a reduction.
