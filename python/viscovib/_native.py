@@ -250,13 +250,17 @@ def apart(work: Callable[[], _T], cancel: npt.NDArray[np.intc] | None = None) ->
 
     thread = threading.Thread(target=run, daemon=True)
     try:
-        thread.start()
+        try:
+            thread.start()
+        except RuntimeError:
+            raise MemoryError("no memory for a thread") from None
         thread.join()
     except BaseException:
         # Ctrl-C, which may come at any point above.
         if cancel is not None:
             cancel[0] = 1
-            thread.join(_PATIENCE)
+            if thread.is_alive():
+                thread.join(_PATIENCE)
         raise
     if errors:
         raise errors[0]

@@ -13,12 +13,16 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 _LONGEST = 1900
 
 
+def one_line(text: str) -> str:
+    """Return a text as it is shown: names of files may end lines or steer a terminal."""
+    return re.sub(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]", "?", text)
+
+
 class ViscovibError(Exception):
     """Base of every error that viscovib raises on purpose: its text is one line."""
 
     def __str__(self) -> str:
-        # Names of files may hold what ends a line or steers a terminal, and be very long.
-        text = re.sub(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]", "?", super().__str__())
+        text = one_line(super().__str__())
         return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 600]} ... {text[-500:]}"
 
 

@@ -20,6 +20,7 @@ from viscovib.errors import (
     InputError,
     StabilityWarning,
     ViscovibError,
+    one_line,
 )
 from viscovib.plots.pictures import save_picture
 from viscovib.results.trajectory import Trajectory
@@ -199,7 +200,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.json:
         _print_json(options, status, **_told(result), tables=tables, pictures=pictures)
     elif not options.quiet:
-        print(f"{table}: " + result.value.summary().replace("\n", "\n  "))
+        print(f"{one_line(str(table))}: " + result.value.summary().replace("\n", "\n  "))
     return status
 
 
@@ -228,7 +229,7 @@ def _plan(options: argparse.Namespace) -> int:
         _print_json(options, 0, computes=planned.computes, skips=dict(planned.skips))
         return 0
     if len(options.scenes) > 1:
-        print(f"{options.scene}:")
+        print(f"{one_line(str(options.scene))}:")
     print(planned)
     return 0
 
@@ -291,7 +292,7 @@ def _picture(options: argparse.Namespace, result: SceneResult) -> list[Path]:
         save_picture(shown, path, bases=bases, others=result.switched, title=result.scene.title)
         paths.append(path)
         if not options.quiet and not options.json:
-            print(path)
+            print(one_line(str(path)))
     return paths
 
 

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from viscovib.errors import FileError, InputError
+from viscovib.errors import FileError, InputError, one_line
 from viscovib.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -61,4 +61,4 @@ def _save_sheet(options: argparse.Namespace, scene: Scene, keys: Sequence[str] |
     path = options.out / f"{options.scene.stem}_explore.png"
     save_sheet(scene, path, keys)
     if not options.quiet:
-        print(path)
+        print(one_line(str(path)))

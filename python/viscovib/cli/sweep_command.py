@@ -14,7 +14,7 @@ from viscovib import _native
 from viscovib.cli.words import as_json
 from viscovib.common.files import whole_file
 from viscovib.common.limits import StoppedError, limited_seconds
-from viscovib.errors import FileError, InputError
+from viscovib.errors import FileError, InputError, one_line
 from viscovib.plots.maps import save_map
 from viscovib.scene.scene import Scene
 from viscovib.sweeps.sweeping import sweep
@@ -68,7 +68,8 @@ def run_sweep(options: argparse.Namespace) -> int:
                 n_threads=getattr(options, "threads", None),
             )  # fmt: skip
     except (KeyboardInterrupt, StoppedError):
-        print(f"{checkpoint}: holds what is finished, the same command goes on from there",
+        held = one_line(str(checkpoint))
+        print(f"{held}: holds what is finished, the same command goes on from there",
               file=sys.stderr)  # fmt: skip
         raise
     finally:
@@ -92,7 +93,7 @@ def run_sweep(options: argparse.Namespace) -> int:
         files = {} if keep_all else {"tables": [table], "pictures": [picture] * drawn}
         print(as_json(told | files))
     elif not options.quiet:
-        print(*filter(None, lines), sep="\n")
+        print(*map(one_line, filter(None, lines)), sep="\n")
     return status
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.files import bytes_of
 from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError, InputError
 
@@ -168,13 +169,7 @@ def _cells(name: str) -> list[tuple[int, list[str]]]:
     """Rows that are not empty, with their line numbers."""
     if name.lower().endswith(_SPREADSHEETS):
         return _spreadsheet(name)
-    try:
-        if os.path.getsize(name) > _LARGEST:
-            raise FileError(f"{name}: has more than {_LARGEST // 2**20} MB, must be a table")
-        with open(name, "rb") as file:
-            raw = file.read()
-    except (OSError, ValueError) as error:
-        raise FileError(f"{name}: cannot be read ({error})") from None
+    raw = bytes_of(name, _LARGEST, "a table")
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:

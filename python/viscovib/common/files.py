@@ -1,6 +1,7 @@
 """Files that are there whole or not at all."""
 
 import os
+import stat
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,6 +13,31 @@ from viscovib.errors import FileError
 
 #: Threads that write one file do so one after the other, since they share what stands beside it.
 _WRITING: dict[Path, threading.Lock] = {}
+
+
+def bytes_of(path: str, largest: int, what: str) -> bytes:
+    """Return all of a regular file: pipes, devices and what the system makes up have no end.
+
+    ``largest``: bytes at most, of ``what`` the file must be.
+    """
+    try:
+        # Not waiting for the other end of a pipe.
+        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
+            told = os.fstat(file.fileno())
+            if stat.S_ISDIR(told.st_mode):
+                raise FileError(f"{path}: cannot be read (Is a directory)")
+            if told.st_size > largest:
+                raise FileError(f"{path}: has more than {largest // 2**20} MB, must be {what}")
+            regular = stat.S_ISREG(told.st_mode)
+            content = file.read(told.st_size + 1) if regular else b""
+            if not regular or (content and not told.st_size):
+                raise FileError(f"{path}: cannot be read (not a regular file)")
+    except (OSError, ValueError) as error:
+        if isinstance(error, FileError):
+            raise
+        why = getattr(error, "strerror", None) or error
+        raise FileError(f"{path}: cannot be read ({why})") from None
+    return content
 
 
 @contextmanager

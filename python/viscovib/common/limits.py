@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from viscovib._native import core
 from viscovib.errors import InputError
@@ -14,6 +15,8 @@ from viscovib.errors import InputError
 #: Part of the machine's memory that a command may use: with more the system, which needs some
 #: itself, pages for hours or kills this or another program.
 _SHARE = 0.75
+#: Bytes that a command needs besides what Python takes.
+_ROOM = 1 << 26
 
 
 class StoppedError(Exception):
@@ -32,9 +35,20 @@ def limit_memory(gigabytes: float | None) -> float:
     else:
         bound = 1e9 * _positive("--max-memory", gigabytes)
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    most = [int(bound), *(n for n in (soft, hard) if n != resource.RLIM_INFINITY)]
-    resource.setrlimit(resource.RLIMIT_DATA, (min(most), hard))
-    return min(most) / 1e9
+    most = min([int(bound), *(n for n in (soft, hard) if n != resource.RLIM_INFINITY)])
+    # Without room for a thread its start would fail, or be waited for in vain.
+    if most < _used() + _ROOM:
+        raise StoppedError(f"more than {most / 1e9:.3g} GB of memory are needed (--max-memory)")
+    resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
+    return most / 1e9
+
+
+def _used() -> int:
+    """Bytes of data that this process has; 0 where the system does not tell."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[5]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):
+        return 0
 
 
 def _positive(name: str, value: float) -> float:

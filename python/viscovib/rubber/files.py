@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from viscovib import _native
-from viscovib.common.files import whole_file
+from viscovib.common.files import bytes_of, whole_file
 from viscovib.common.parameters import FilePath
-from viscovib.errors import FileError, InputError
+from viscovib.errors import InputError
 from viscovib.kernels.relaxation import (
     AbelKernel,
     Kernel,
@@ -267,16 +267,11 @@ def _write(path: str | os.PathLike[str], content: dict[str, Any]) -> None:
 def _read(path: str | os.PathLike[str]) -> tuple[str, dict[str, Any]]:
     name = FilePath("path").check(path)
     try:
-        if os.path.getsize(name) > _LARGEST:
-            raise FileError(
-                f"{name}: has more than {_LARGEST // 2**20} MB, must be a fitted kernel"
-            )
-        with open(name, encoding="utf-8") as file:
-            content = json.load(file)
-    except (OSError, RecursionError, ValueError) as error:
-        if isinstance(error, (json.JSONDecodeError, UnicodeDecodeError, RecursionError)):
-            raise InputError(f"{name}: is no JSON ({error})") from None
-        raise FileError(f"{name}: cannot be read ({error})") from None
+        content = json.loads(bytes_of(name, _LARGEST, "a fitted kernel").decode())
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{name}: is no JSON ({error})") from None
+    except ValueError as error:
+        raise InputError(f"{name}: cannot be read ({error})") from None
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise InputError(f"{name}: is no fitted kernel: format must be {_FORMAT!r}")
     if content.get("version") != _VERSION:

@@ -47,12 +47,16 @@ def _whole(file: Path) -> dict[str, Any]:
             f"mass = {str(file)!r}: must end in .npz to hold a whole structure; give a file of "
             "the stiffness too"
         )
+    if file.exists() and not file.is_file():
+        raise FileError(f"mass: {file} is no file")
     try:
         with open(file, "rb") as opened, np.load(opened, allow_pickle=False) as held:
             parts = {name: held[name] for name in held.files}
     except OSError as error:
         why = error.strerror or "it is no .npz file"
         raise FileError(f"mass: {file} cannot be read ({why})") from None
+    except MemoryError:
+        raise InputError(f"mass: {file} holds more than fits into memory") from None
     except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
         why = " ".join(str(error).split())[:120]
         raise FileError(f"mass: {file} cannot be read ({why})") from None

@@ -1,0 +1,87 @@
+"""Files that are none: pipes, devices, names that end lines; and too little room."""
+
+import os
+import resource
+import subprocess
+import sys
+
+import pytest
+import viscovib as vv
+
+SCENE = """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
+&load amplitude=0.1 /
+&response nu=1 2 method='linear' /
+"""
+READERS = {
+    "table": vv.read_dma,
+    "kernel": vv.read_kernel,
+    "fit": vv.read_fit,
+    "scene": vv.Scene.read,
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("kind", ["pipe", "/dev/zero", "/proc/self/status", "."])
+def test_only_regular_files_are_read(reader, kind, tmp_path):
+    """A pipe would be waited for, a device has no end, what the system makes up has no size."""
+    path = kind
+    if kind == "pipe":
+        path = tmp_path / "pipe"
+        os.mkfifo(path)
+    with pytest.raises(vv.FileError, match=r"not a regular file|Is a directory"):
+        READERS[reader](path)
+
+
+@pytest.mark.parametrize("ending", [".mtx", ".npz", ".rb"])
+def test_only_regular_matrices_are_read(ending, tmp_path):
+    path = tmp_path / f"pipe{ending}"
+    os.mkfifo(path)
+    with pytest.raises(vv.FileError, match="is no file"):
+        vv.Structure.read(path, path)
+
+
+def command(*arguments, folder, **given):
+    return subprocess.run(
+        [sys.executable, "-m", "viscovib", *arguments], cwd=folder, capture_output=True, text=True,
+        timeout=60, check=False, **given,
+    )  # fmt: skip
+
+
+def test_names_that_end_lines_are_told_in_one_line(tmp_path):
+    (tmp_path / "two\nlines.nml").write_text(SCENE)
+    (tmp_path / "blank ").write_text(SCENE)
+    done = command("run", "two\nlines.nml", "blank ", "no\x1bne.nml", "--out", "o\nut",
+                   folder=tmp_path)  # fmt: skip
+    assert done.returncode == 3
+    assert "o?ut/two?lines_response.csv: " in done.stdout
+    assert done.stderr.splitlines() == ["viscovib: no?ne.nml: cannot be read (No such file or "
+                                        "directory)"]  # fmt: skip
+    assert (tmp_path / "o\nut" / "blank _response.csv").exists()
+    with pytest.raises(vv.InputError) as raised:
+        vv.Scene.read(tmp_path / "two\nlines.nml").override({"a\u2028\x9b": "x" * 9000})
+    assert len(str(raised.value).splitlines()) == 1
+    assert len(str(raised.value)) < 2000
+
+
+def test_too_little_room_is_told(tmp_path):
+    """Also where not even a thread can be started."""
+    (tmp_path / "scene.nml").write_text(SCENE)
+    done = command("run", "scene.nml", "--max-memory", "0.02", folder=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr == (
+        "viscovib: stopped: more than 0.02 GB of memory are needed (--max-memory)\n"
+    )
+    assert not list(tmp_path.glob("*.csv"))
+
+
+def test_a_bound_on_the_size_of_files_is_told(tmp_path):
+    """By a line and without half a file: the signal of the system is ignored."""
+    (tmp_path / "scene.nml").write_text(SCENE.replace("nu=1 2", "nu_min=1 nu_max=2 nu_count=400"))
+
+    def bound():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+
+    done = command("run", "scene.nml", folder=tmp_path, preexec_fn=bound)
+    assert done.returncode == 3
+    assert done.stderr.splitlines()[-1].endswith("cannot be written (File too large)")
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["scene.nml"]
