@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 #: test holds against this table.
 _NAMES = {
     "analyses.backbones": "Backbone BackbonePoint",
+    "analyses.basins": "Basins basins",
     "analyses.decay": "FreeDecay free_decay",
     "analyses.driven": "DrivenResponse",
     "analyses.driven_branch": "DrivenBranch",
@@ -88,6 +89,7 @@ if TYPE_CHECKING:
         Backbone as Backbone,
         BackbonePoint as BackbonePoint,
     )
+    from viscovib.analyses.basins import Basins as Basins, basins as basins
     from viscovib.analyses.decay import (
         FreeDecay as FreeDecay,
         free_decay as free_decay,

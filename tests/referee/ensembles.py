@@ -1,12 +1,20 @@
 """Lanes against SciPy and against the same lane alone; statistics by dense sums; tangents by Magnus."""
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
 from referee.balance import exponential
 from referee.case import Case, Claim, even, few
 from referee.models import Swinging, pendulum
 
-JUDGES = ("simulate_ensemble", "Ensemble", "Ensemble.to_dataset")
+JUDGES = (
+    "simulate_ensemble",
+    "Ensemble",
+    "Ensemble.to_dataset",
+    "basins",
+    "Basins",
+    "Basins.to_dataset",
+)
 
 
 def _lanes(rng, index):
@@ -132,6 +140,59 @@ sections, amplitudes = many.sections[0], many.amplitudes[0]
     return Case(call, judge)
 
 
+def _systems(rng, index):
+    """Lanes of an oscillator with a law: the motions by SciPy, and the sum of all exponents."""
+    c, k, load = even(rng, 0.05, 0.4, 3), even(rng, -1, 2, 3), even(rng, 0.1, 0.6, 3)
+    law, force = (
+        ("x^3", lambda x, v: x**3),
+        ("x^3 + 0.5*tanh(2*x)", lambda x, v: x**3 + 0.5 * np.tanh(2 * x)),
+        ("x^3 + 0.4*sin(x)", lambda x, v: x**3 + 0.4 * np.sin(x)),
+    )[index % 3]
+    nus = [even(rng, 0.5, 2, 3) for _ in range(5)]
+    start = [[even(rng, -1, 1, 3), even(rng, -1, 1, 3)] for _ in range(5)]
+    call = f"""system = vv.PolynomialSystem(mass=1, stiffness={k}, damping={c}, forces={law!r})
+many = vv.simulate_ensemble(system, initial={start}, parameters={{"nu": {nus}}}, load={load},
+    t_end=15, dt=0.05, lyapunov="all")
+state, total = many.state, many.spectrum.sum(axis=1)
+"""
+
+    def judge(names, told):
+        yield Claim("sum of exponents", names["total"], np.full(5, -c), 1e-8)
+        for i in (0, 4):
+            run = solve_ivp(
+                lambda t, y, nu=nus[i]: [
+                    y[1], load * np.sin(nu * t) - c * y[1] - k * y[0] - force(*y)
+                ],
+                (0, 15), start[i], "DOP853", rtol=1e-12, atol=1e-13,
+            )  # fmt: skip
+            yield Claim("a lane", names["state"][i], run.y[:, -1], 1e-8)
+
+    return Case(call, judge)
+
+
+def _settled(rng, index):
+    """Two wells: SciPy settles where the grid says."""
+    c, k = even(rng, 0.2, 0.6, 3), even(rng, 0.5, 1.5, 3)
+    grid = [even(rng, -1.5, 1.5, 3) for _ in range(3)]
+    call = f"""system = vv.PolynomialSystem(mass=1, stiffness=-{k}, damping={c}, forces="x^3")
+b = vv.basins(system, {{"x": {grid}, "x_dot": {grid}}}, t_end=150)
+place = np.array([[b.attractors[i][0, 0] if i >= 0 else 9 for i in row] for row in b.labels])
+same = bool((b.to_dataset()["label"].values == b.labels).all())
+"""
+
+    def judge(names, told):
+        yield Claim("dataset", names["same"], True)
+        for j in range(3):
+            run = solve_ivp(
+                lambda t, y: [y[1], -c * y[1] + k * y[0] - y[0] ** 3], (0, 150),
+                [grid[(j + 1) % 3], grid[j]], "DOP853", rtol=1e-10, atol=1e-12,
+            )  # fmt: skip
+            if abs(abs(run.y[0, -1]) - np.sqrt(k)) < 1e-5:
+                yield Claim("well", names["place"][j, (j + 1) % 3], run.y[0, -1], 1e-4)
+
+    return Case(call, judge)
+
+
 def case(rng, index):
     """Draw lanes."""
-    return (_lanes, _failed, _lanes, _gathered)[index % 4](rng, index // 4)
+    return (_lanes, _failed, _systems, _gathered, _settled)[index % 5](rng, index // 5)

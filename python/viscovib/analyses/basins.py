@@ -1,0 +1,278 @@
+"""Basins of attraction: where motions from a grid of starts settle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.analyses.ensemble import simulate_ensemble
+from viscovib.common.results import Result, span
+from viscovib.errors import InputError
+from viscovib.systems.load import LoadLike
+from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.polynomial_system import PolynomialSystem
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+UNSETTLED, LEFT = -1, -2
+_MOST_RUNS = 10_000_000
+#: Motions by which the step is found, and how exact they are.
+_PROBES, _PROBED = 16, 1e-6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Basins(Result):
+    """Which attractor a motion from each start of a grid settles on.
+
+    Attributes
+    ----------
+    labels : ndarray of int, shape (n_y, n_x)
+        Place in ``attractors``; -1: has not settled (slow, chaotic or of a longer period); -2: the
+        run did not reach its end (it diverged).
+    attractors : tuple of ndarray, shape (period, 2 n_dof)
+        States of each attractor, one a period of the load, those with more starts first; of a
+        system without a load its state of rest.
+    share : ndarray, shape (n_attractors,)
+        Part of the starts that settle on each.
+    names : tuple of str
+        What varies along x and y.
+    x, y : ndarray
+        The starts.
+    tolerance : float
+        How near states are that count as the same.
+    system : Pendulum or PolynomialSystem
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
+    >>> grid = np.linspace(-1.5, 1.5, 8)
+    >>> found = vv.basins(wells, {"x": grid, "x_dot": grid}, t_end=200.0)
+    >>> sorted(found.attractors[i][0, 0].round(6).item() for i in range(2))
+    [-1.0, 1.0]
+    """
+
+    labels: npt.NDArray[np.intp]
+    attractors: tuple[FloatArray, ...]
+    share: FloatArray
+    names: tuple[str, str]
+    x: FloatArray
+    y: FloatArray
+    tolerance: float
+    system: Pendulum | PolynomialSystem
+
+    kind = "basins"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether every start is known to settle on one of the attractors."""
+        return bool((self.labels >= 0).all())
+
+    def _headline(self) -> str:
+        settled = int((self.labels >= 0).sum())
+        return f"{len(self.attractors)} attractors, {settled} of {self.labels.size} starts settle"
+
+    def _scope(self) -> list[str]:
+        periods = ", ".join(
+            f"period {a.shape[0]}: {100 * share:.3g} %"
+            for a, share in zip(self.attractors, self.share, strict=True)
+        )
+        return [f"{self.names[0]} {span(self.x)}; {self.names[1]} {span(self.y)}; {periods}"]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Labels over both starts."""
+        import xarray as xr
+
+        x, y = self.names
+        data: dict[str, Any] = {"label": ((y, x), self.labels)}
+        for i, states in enumerate(self.attractors):
+            data[f"attractor{i}"] = ((f"period{i}", "quantity"), states)
+        return xr.Dataset(data, coords={x: self.x, y: self.y})
+
+
+def basins(
+    system: Pendulum | PolynomialSystem,
+    starts: Mapping[str, npt.ArrayLike],
+    *,
+    n_periods: int | None = None,
+    t_end: float | None = None,
+    load: LoadLike | None = None,
+    nu: float | None = None,
+    others: npt.ArrayLike | None = None,
+    sections: int = 1,
+    max_period: int = 8,
+    tolerance: float = 1e-4,
+    dt: float | str = "auto",
+    n_threads: int | None = None,
+    progress: bool = False,
+) -> Basins:
+    """Find where motions from a grid of starts settle.
+
+    Under a load the states after each period are compared with each other: a motion has settled on
+    period p where the state repeats after p periods. Without one the state itself stands still.
+
+    Parameters
+    ----------
+    system : Pendulum or PolynomialSystem
+        As for `simulate_ensemble`.
+    starts : mapping of two names to array_like
+        {"x": values, "x_dot": values}: coordinates or velocities and their starts, x and y.
+    n_periods : int
+        Length of the runs in periods of the load, more than twice ``max_period``.
+    t_end : float
+        The same in time, of a system without a load.
+    load, nu
+        Of a polynomial system: as for `simulate`.
+    others : array_like, shape (2 n_dof,), optional
+        The start in all else; None: 0.
+    sections : {1, 2, 3}
+        Of a pendulum: which load's periods are meant.
+    max_period : int
+        The longest period looked for.
+    tolerance : float
+        How near states must be to count as the same, relative to the largest value of each in the
+        starts and at the ends.
+    dt : float or "auto"
+        Step. "auto": that by which some of the motions are exact to 1e-6 over three periods; those
+        that settle forget the errors of their steps.
+    n_threads, progress
+        As for `simulate_ensemble`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
+    >>> grid = np.linspace(-3, 3, 6)
+    >>> found = vv.basins(
+    ...     duffing, {"x": grid, "x_dot": grid}, load=0.3, nu=1.4, n_periods=150
+    ... )
+    >>> len(found.attractors)
+    2
+    """
+    if not isinstance(system, Pendulum | PolynomialSystem):
+        raise InputError(
+            f"system = {_native.shown(system)}: must be a Pendulum or a PolynomialSystem"
+        )
+    names, x, y, states = _grid(system, starts, others)
+    near = _native.number("tolerance", tolerance)
+    if not 0 < near < 1:
+        raise InputError(f"tolerance = {near:g}: must be between 0 and 1")
+    most = _native.integer("max_period", max_period, 1, 1000)
+    loaded = isinstance(system, Pendulum) or load is not None
+    call: dict[str, Any] = {"n_threads": n_threads, "progress": progress}
+    if isinstance(system, PolynomialSystem):
+        call |= {"load": load, "nu": nu}
+    call["dt"] = _step(system, states, call) if _native.is_auto(dt) else dt
+    if loaded:
+        if t_end is not None or n_periods is None:
+            raise InputError("n_periods: must be given under a load, instead of t_end")
+        count = _native.integer("n_periods", n_periods, 2 * most + 1, 10**9)
+        run = simulate_ensemble(
+            system, initial=states, n_periods=count, sections=sections,
+            discard=count - 2 * most, **call,
+        )  # fmt: skip
+        assert run.sections is not None
+        points = run.sections
+    else:
+        if n_periods is not None or t_end is None:
+            raise InputError("t_end: must be given without a load, instead of n_periods")
+        end = _native.number("t_end", t_end)
+        run = simulate_ensemble(system, initial=states, t_end=end, **call)
+        more = simulate_ensemble(system, initial=run.state, t_end=0.1 * end, **call)
+        points, most = np.stack([run.state, more.state], axis=1), 1
+    ended = run.outcome == "completed"
+    scale = np.abs(np.concatenate([states, *points[ended]])).max(axis=0)
+    labels, attractors = _classes(points, ended, most, near, scale)
+    share = np.array([(labels == i).mean() for i in range(len(attractors))])
+    return Basins(labels.reshape(y.size, x.size), attractors, share, names, x, y, near, system)
+
+
+def _step(
+    system: Pendulum | PolynomialSystem, states: FloatArray, call: Mapping[str, Any]
+) -> float:
+    """The step that follows some of the motions over three periods of the fastest linear one."""
+    if isinstance(system, Pendulum):
+        fastest = max(float(system.natural_frequencies().max()), system.p1, system.p2, system.p3)
+    else:
+        nu = call.get("nu")
+        fastest = max(system._fastest(), 0.0 if nu is None else _native.number("nu", nu))
+    if not fastest > 0:
+        raise InputError('dt = "auto": the system has no linear period, must be a number')
+    some = states[:: max(1, states.shape[0] // _PROBES)]
+    probe = simulate_ensemble(
+        system, initial=some, t_end=3 * 2 * np.pi / fastest, rtol=_PROBED, **call
+    )
+    return float(probe.dt[0])
+
+
+def _grid(
+    system: Pendulum | PolynomialSystem,
+    starts: Mapping[str, npt.ArrayLike],
+    others: npt.ArrayLike | None,
+) -> tuple[tuple[str, str], FloatArray, FloatArray, FloatArray]:
+    """Return both names, their values, and all starts, x running faster."""
+    quantities = [f"{name}{dot}" for name in system.dof_names for dot in ("", "_dot")]
+    given = _native.mapping("starts", starts)
+    if len(given) != 2:
+        raise InputError(f"starts: {len(given)} names, must be two of {', '.join(quantities)}")
+    first, second = given
+    for name in given:
+        if name not in quantities:
+            raise InputError(f"starts: {name!r} must be one of {', '.join(quantities)}")
+    x, y = (_native.real_array(f"starts[{name!r}]", given[name], ndim=1) for name in given)
+    if not 0 < x.size * y.size <= _MOST_RUNS:
+        raise InputError(f"starts: {x.size * y.size} of them, must be 1 to {_MOST_RUNS}")
+    rest = np.zeros(len(quantities))
+    if others is not None:
+        rest = _native.real_array("others", others)
+        if rest.shape != (len(quantities),):
+            raise InputError(f"others: must have shape ({len(quantities)},), got {rest.shape}")
+    states = np.tile(rest, (x.size * y.size, 1))
+    states[:, quantities.index(first)] = np.tile(x, y.size)
+    states[:, quantities.index(second)] = np.repeat(y, x.size)
+    return (first, second), x, y, states
+
+
+def _classes(
+    points: FloatArray,
+    ended: npt.NDArray[np.bool_],
+    most: int,
+    near: float,
+    largest: FloatArray,
+) -> tuple[npt.NDArray[np.intp], tuple[FloatArray, ...]]:
+    """Label runs by the orbits that their last points, shape (n, n_points, width), repeat."""
+    labels = np.where(ended, UNSETTLED, LEFT)
+    if not ended.any():
+        return labels, ()
+    scale = np.maximum(largest, 1e-9 * max(float(largest.max()), 1e-290))
+    own = points / scale
+    period = np.zeros(labels.size, dtype=int)
+    for p in range(most, 0, -1):
+        # The whole of the last period must repeat, not one state of it by chance.
+        apart = np.abs(own[:, -p:] - own[:, -2 * p : -p]).max(axis=(1, 2))
+        period[ended & (apart <= near)] = p
+    orbits: list[FloatArray] = []
+    found = np.full(labels.size, UNSETTLED)
+    for p in range(1, most + 1):
+        left = np.flatnonzero(period == p)
+        while left.size:
+            orbit = points[left[0], -p:]
+            apart = np.abs(own[left, -1][:, None] - orbit / scale).max(axis=2).min(axis=1)
+            same = apart <= 10 * near
+            same[0] = True
+            found[left[same]] = len(orbits)
+            orbits.append(np.array(orbit))
+            left = left[~same]
+    order = np.argsort([-(found == i).sum() for i in range(len(orbits))], kind="stable")
+    for new, old in enumerate(order):
+        labels[found == old] = new
+    return labels, tuple(orbits[i] for i in order)

@@ -1,0 +1,89 @@
+"""Basins of attraction, against single motions and closed forms."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+GRID = np.linspace(-1.5, 1.5, 12)
+
+
+def test_two_wells():
+    """Rest in either well; a start and its mirror image settle on mirror images."""
+    wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
+    found = vv.basins(wells, {"x": GRID, "x_dot": GRID}, t_end=100.0)
+    assert found.complete
+    assert sorted(round(float(a[0, 0]), 6) for a in found.attractors) == [-1.0, 1.0]
+    np.testing.assert_array_equal(found.labels[::-1, ::-1], 1 - found.labels)
+    well = np.array([a[0, 0] for a in found.attractors])
+    for j, i in ((0, 3), (5, 11), (7, 2), (10, 8)):
+        run = solve_ivp(
+            lambda t, y: [y[1], -0.3 * y[1] + y[0] - y[0] ** 3], (0, 150), [GRID[i], GRID[j]],
+            rtol=1e-9, atol=1e-10,
+        )  # fmt: skip
+        assert well[found.labels[j, i]] == pytest.approx(run.y[0, -1], abs=1e-6)
+    assert found.to_dataset()["label"].shape == (12, 12)
+
+
+def test_two_amplitudes_of_a_duffing_oscillator():
+    """The attractors are the stable responses; single motions go where the grid says."""
+    duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
+    grid = np.linspace(-3, 3, 8)
+    call = {"load": 0.3, "nu": 1.4}
+    found = vv.basins(duffing, {"x": grid, "x_dot": grid}, n_periods=150, **call)
+    assert [a.shape for a in found.attractors] == [(1, 2), (1, 2)]
+    assert found.share.sum() == pytest.approx(1)
+    for j, i in ((0, 0), (3, 3), (6, 1)):
+        run = vv.simulate(
+            duffing, 150 * 2 * np.pi / 1.4, initial=[grid[i], grid[j]], dt=0.05, keep="last", **call
+        )
+        np.testing.assert_allclose(
+            found.attractors[found.labels[j, i]][0], run.state[-1], atol=1e-3
+        )
+
+
+def test_three_magnets():
+    """A pendulum over three magnets: three attractors, the basins turn into each other."""
+    places = [(float(np.cos(a)), float(np.sin(a))) for a in 2 * np.pi * np.arange(3) / 3]
+
+    def pull(mine):
+        parts = []
+        for x, y in places:
+            r = f"((x1 - ({x!r}))^2 + (x2 - ({y!r}))^2 + 0.09)^1.5"
+            parts.append(f"({'x1' if mine == 0 else 'x2'} - ({(x, y)[mine]!r}))/{r}")
+        return " + ".join(parts)
+
+    magnets = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=[0.5, 0.5], damping=[0.3, 0.3],
+        forces={"x1": pull(0), "x2": pull(1)},
+    )  # fmt: skip
+    grid = np.linspace(-1.2, 1.2, 5)
+    found = vv.basins(magnets, {"x1": grid, "x2": grid}, t_end=100.0, tolerance=1e-3, dt=0.05)
+    assert len(found.attractors) == 3
+    mirrored = {
+        i: int(
+            np.argmin(
+                [np.abs(b[0, [0, 2]] - a[0, [0, 2]] * [1, -1]).sum() for b in found.attractors]
+            )
+        )
+        for i, a in enumerate(found.attractors)
+    }
+    mirrored |= {-1: -1, -2: -2}
+    # Beside the borders rounding may decide; the axis of symmetry is left out.
+    upper, lower = found.labels[:2], found.labels[:2:-1]
+    same = np.vectorize(mirrored.get)(lower) == upper
+    assert same.mean() > 0.9
+
+
+def test_bad_calls():
+    """One line each."""
+    wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
+    for starts, given, words in (
+        ({"x": GRID}, {"t_end": 10}, "two of"),
+        ({"x": GRID, "y": GRID}, {"t_end": 10}, "'y'"),
+        ({"x": GRID, "x_dot": GRID}, {"n_periods": 10}, "t_end"),
+        ({"x": GRID, "x_dot": GRID}, {"load": 1, "nu": 1, "t_end": 10}, "n_periods"),
+        ({"x": GRID, "x_dot": GRID}, {"load": 1, "nu": 1, "n_periods": 9}, "n_periods"),
+    ):
+        with pytest.raises(vv.InputError, match=words):
+            vv.basins(wells, starts, **given)
