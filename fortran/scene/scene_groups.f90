@@ -39,14 +39,15 @@ contains
     type(namelist_type), intent(in) :: file
     logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
-    logical :: is_polynomial
+    logical :: is_polynomial, is_structure
     integer :: i
 
     is_pendulum = has(file, 'pendulum')
     is_polynomial = has(file, 'system')
+    is_structure = has(file, 'structure')
     call set_ok(status)
     do i = 1, size(file%groups)
-      call check_group(file, i, is_pendulum, is_polynomial, status)
+      call check_group(file, i, is_pendulum, is_polynomial, is_structure, status)
       if (status%failed()) return
     end do
     if (.not. (is_pendulum .or. is_polynomial .or. has(file, 'mount') &
@@ -61,10 +62,10 @@ contains
   end subroutine check_groups
 
   !> Whether a group is known, given once, and goes with the system.
-  subroutine check_group(file, i, is_pendulum, is_polynomial, status)
+  subroutine check_group(file, i, is_pendulum, is_polynomial, is_structure, status)
     type(namelist_type), intent(in) :: file
     integer, intent(in) :: i
-    logical, intent(in) :: is_pendulum, is_polynomial
+    logical, intent(in) :: is_pendulum, is_polynomial, is_structure
     type(status_type), intent(inout) :: status
     character(len=:), allocatable :: name
 
@@ -88,11 +89,11 @@ contains
     else if (name == 'structure' .and. (is_polynomial .or. has(file, 'mount'))) then
       call refuse_at(file, i, '&structure: this scene has &mount or &system already, give one of ' &
                      //'them', status)
-    else if (has(file, 'structure') .and. any(results%name == name) &
+    else if (is_structure .and. any(results%name == name) &
              .and. .not. any(of_structures == name)) then
       call refuse_at(file, i, '&'//name//': of a &structure it is computed by Python ' &
                      //'(Scene.structure), here are '//listed(of_structures), status)
-    else if (name == 'element' .and. .not. has(file, 'structure')) then
+    else if (name == 'element' .and. .not. is_structure) then
       call refuse_at(file, i, '&element: needs &structure', status)
     else if (any(['spring', 'force '] == name) .and. .not. is_polynomial) then
       call refuse_at(file, i, '&'//name//': needs &system', status)
