@@ -14,7 +14,7 @@ module viscovib_scene_groups
     logical :: of_pendulum, needs_load
   end type result_name
 
-  type(result_name), parameter :: results(6) = [ &
+  type(result_name), parameter :: results(*) = [ &
                                                 result_name('response', .false., .true.), &
                                                 result_name('branch', .true., .true.), &
                                                 result_name('backbone', .true., .false.), &
