@@ -35,13 +35,7 @@ BRANCH = (
 DRIVEN = f"vv.trace_response({PENDULUM}, p1=(0.85, 0.95), harmonics=3, max_points=20)"
 SCALES = f"vv.MultipleScales({PENDULUM})"
 ENSEMBLE = (
-    'vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1, forces="3*max(x - 0.2, 0)"), 4, '
-    'initial=[0.1, 0.5], events=[vv.Event("x - 0.1", direction="up"), "x_dot"])(1.5)',
-    'vv.basins(vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3"), '
-    '{"x": [0.5, -0.5], "x_dot": [0.1, 0.2]}, t_end=20, dt=0.1)',
-    'vv.simulate_ensemble(vv.PolynomialSystem(mass=1, stiffness=1, forces="tanh(x)"), '
-    'initial=[[0.1, 0.2]], t_end=5, dt=0.25, load=0.5, nu=1.2, lyapunov="all")',
-    f"vv.simulate_ensemble({PENDULUM}, initial=[[0.05, 0, 0.3, 0, -0.2, 0]], t_end=5, dt=0.25)",
+    f"vv.simulate_ensemble({PENDULUM}, initial=[[0.05, 0, 0.3, 0, -0.2, 0]], t_end=5, dt=0.25)"
 )
 SCENE = "vv.Scene.read('scene.nml')"
 DATA = (
@@ -170,6 +164,12 @@ SOUND = (
     f"{BODY}.engine_orders(speeds=[10.0], orders=[1.0], loads=[[0, 0, 1, 0, 0, 0]])",
     PENDULUM, KERNEL, MOUNT, MEMORY, SYSTEM, RUN, RESPONSE, STEADY, BRANCH, DRIVEN, SCALES,
     ENSEMBLE, SCENE,
+    'vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1, forces="3*max(x - 0.2, 0)"), 4, '
+    'initial=[0.1, 0.5], events=[vv.Event("x - 0.1", direction="up"), "x_dot"])(1.5)',
+    'vv.basins(vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3"), '
+    '{"x": [0.5, -0.5], "x_dot": [0.1, 0.2]}, t_end=20, dt=0.1)',
+    'vv.simulate_ensemble(vv.PolynomialSystem(mass=1, stiffness=1, forces="tanh(x)"), '
+    'initial=[[0.1, 0.2]], t_end=5, dt=0.25, load=0.5, nu=1.2, lyapunov="all")',
     "vv.AbelKernel(amplitude=0.05, alpha=0.3)",
     "vv.SumKernel(parts=[vv.AbelKernel(amplitude=0.05, alpha=0.3)])",
     DATA, SETS, FIT, STRUCTURE, CHAIN, SMALL,
