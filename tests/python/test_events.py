@@ -91,7 +91,7 @@ def test_events_with_memory_and_of_structures():
         assert run.events[0].t.size > 3
         np.testing.assert_allclose(run.events[0].state[:, 2 * place], 0.1, atol=1e-12)
         np.testing.assert_allclose(run.events[1].state[:, 2 * place + 1], 0, atol=1e-12)
-        again = vv.simulate(system, 20.0, load=load, nu=1.1, dt=run.dt, times=run.events[0].t)
+        again = vv.simulate(system, 20.0, load=load, nu=1.1, dt=run.step, times=run.events[0].t)
         np.testing.assert_allclose(again.state, run.events[0].state, atol=1e-9)
         sign = np.sign(run.coordinate(name) - 0.1)
         assert run.events[0].t.size >= (np.diff(sign) != 0).sum()

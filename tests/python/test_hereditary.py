@@ -296,7 +296,7 @@ def test_large_motion_in_large_steps(mount):
 def test_steps_too_large_stop_with_an_outcome(mount):
     run = vv.simulate(mount(), 100, dt=20.0, load=500.0, nu=1.5)
     assert run.outcome == "step too large"
-    assert run.t.size == run.t_reached / run.dt + 1
+    assert run.t.size == run.t_reached / run.step + 1
 
 
 def test_table_and_dataset(mount, tmp_path):

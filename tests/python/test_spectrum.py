@@ -214,9 +214,16 @@ def test_known_frequencies_need_no_whole_periods():
 
 
 def test_spectra_of_a_trajectory_know_the_spacing_of_its_states():
-    """``dt`` of a run is the step of integration, not the time between the states kept."""
+    """``dt`` of a run is the time between the states kept, ``step`` that of integration."""
     body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, f0=0.01, p1=0.93, c1=0.01, c2=0.01, c3=0.01)
     run = vv.simulate(body, 400, dt=0.1, initial=[0, 0, 0.1, 0, 0.05, 0], save_every=5)
+    assert (run.step, run.dt) == pytest.approx((0.1, 0.5), rel=1e-12)
+    own = vv.simulate(body, 50, dt="auto", initial=[0, 0, 0.1, 0, 0.05, 0])
+    assert own.dt == pytest.approx(own.t[1] - own.t[0], rel=1e-12)
+    uneven = vv.simulate(body, 50, dt=0.1, initial=[0, 0, 0.1, 0, 0.05, 0], times=[1, 2, 7])
+    assert np.isnan(uneven.dt)
+    with pytest.raises(vv.InputError, match="dt = nan"):
+        vv.spectrum(uneven.coordinate("phi"), uneven.dt)
     whole = vv.spectrum(run)
     assert whole.names == run.dof_names
     assert whole.dt == pytest.approx(0.5, rel=1e-12)

@@ -81,8 +81,8 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
     for run in (fine, coarse):
         if run.outcome != "completed":
             return (
-                f"the run is {run.outcome!r} at t = {run.t_reached:.6g}, in steps of {run.dt:.3g} "
-                f"(largest value {np.abs(run.state).max():.3g})"
+                f"the run is {run.outcome!r} at t = {run.t_reached:.6g}, in steps of "
+                f"{run.step:.3g} (largest value {np.abs(run.state).max():.3g})"
             )
     if coarse.state.shape != fine.state.shape:
         return "the runs do not end together"

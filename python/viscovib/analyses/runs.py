@@ -344,7 +344,7 @@ class Run(ABC):
             state=kept,
             outcome=OUTCOMES[ended],
             t_reached=self.reached,
-            dt=self.h,
+            step=self.h,
             method=self.method,
             error=None,
             stats={"steps": self.done, **counts},

@@ -11,9 +11,6 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
 
-#: Steps between the states of a trajectory may differ by this part, which is rounding of times.
-_UNEVEN = 1e-9
-
 
 @dataclass(frozen=True)
 class Signal:
@@ -81,12 +78,11 @@ def _of_trajectory(
         columns = np.stack([run.coordinate(name) for name in names], axis=1)
     if run.t.size < 2:
         raise InputError(f"signal: {run.t.size} states kept, must be at least 2")
-    step = float(run.t[-1] - run.t[0]) / (run.t.size - 1)
-    even = run.t[0] + step * np.arange(run.t.size)
-    if float(np.abs(run.t - even).max()) > _UNEVEN * max(step, abs(float(run.t[-1])) * 1e-6):
-        spacing = np.diff(run.t)
+    step = run.dt
+    if math.isnan(step):
+        apart = np.diff(run.t)
         raise InputError(
-            f"signal: the states of this Trajectory are {spacing.min():g} to {spacing.max():g} "
+            f"signal: the states of this Trajectory are {apart.min():g} to {apart.max():g} "
             "apart: must be in equal steps; run with dt= a number"
         )
     if not math.isfinite(float(np.abs(columns).max())) or float(np.abs(columns).max()) > 1e150:

@@ -27,6 +27,18 @@ if TYPE_CHECKING:
 
 OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large", "event")
 
+#: Steps between the states of a trajectory may differ by this part, which is rounding of times.
+_UNEVEN = 1e-9
+
+
+def spacing(t: FloatArray) -> float:
+    """How far times are apart; NaN where not equally, or of fewer than two."""
+    if t.size < 2:
+        return math.nan
+    step = float(t[-1] - t[0]) / (t.size - 1)
+    off = float(np.abs(t - (t[0] + step * np.arange(t.size))).max())
+    return math.nan if off > _UNEVEN * max(step, abs(float(t[-1])) * 1e-6) else step
+
 
 class Passages(NamedTuple):
     """Where an event happened: times, shape (n,), and states, shape (n, 2 n_dof)."""
@@ -55,8 +67,8 @@ class Trajectory(Result):
     t_reached : float
         Time that was reached: where a motion diverges or becomes unphysical it is found inside
         the step, to rounding. ``keep="last"`` keeps the state there.
-    dt : float
-        The step.
+    step : float
+        The step of the method. States kept are ``dt`` apart, which is more where not all are kept.
     method : str
     error : float or None
         Estimated largest error of the states kept and of ``t_reached``, if asked for or ``dt``
@@ -93,7 +105,7 @@ class Trajectory(Result):
     state: FloatArray
     outcome: str
     t_reached: float
-    dt: float
+    step: float
     method: str
     error: float | None
     stats: dict[str, int]
@@ -140,6 +152,14 @@ class Trajectory(Result):
         return np.asarray(states[back.reshape(times.shape)])
 
     @property
+    def dt(self) -> float:
+        """Spacing of the states kept; NaN where they are not equally far apart, or fewer than two.
+
+        The step of the method is ``step``.
+        """
+        return spacing(self.t)
+
+    @property
     def complete(self) -> bool:  # type: ignore[override]
         """Whether the motion was followed to the end."""
         return self.outcome in ("completed", "event")
@@ -157,7 +177,7 @@ class Trajectory(Result):
     def _details(self) -> list[str]:
         if self.error is None:
             return []
-        return [f"step {self.dt:.6g}, estimated error {self.error:.1e}"]
+        return [f"step {self.step:.6g}, estimated error {self.error:.1e}"]
 
     def numbers(self) -> dict[str, Number]:
         """Return ``max_x`` and ``rms_x``, ... over the second half, and ``outcome``."""
@@ -259,7 +279,7 @@ class Trajectory(Result):
             variables[f"{name}_dot"] = ("t", dot, {"units": rates[d]})
         attributes = {
             "outcome": self.outcome,
-            "dt": self.dt * time,
+            "step": self.step * time,
             "method": self.method,
             "plan": str(self.plan),
         }
@@ -269,7 +289,9 @@ class Trajectory(Result):
         return xr.Dataset(variables, coords=coordinates, attrs=attributes)
 
     def _table(self, coordinates: Sequence[str] | None) -> Table:
-        table = Table([f"method {self.method}, step {self.dt:.16e}, {self.outcome}"], {"t": self.t})
+        table = Table(
+            [f"method {self.method}, step {self.step:.16e}, {self.outcome}"], {"t": self.t}
+        )
         wanted = wanted_places(coordinates, self.dof_names)
         names = [self.dof_names[d] for d in wanted]
         units = listed_units(names, [self.dof_units[d] for d in wanted])
