@@ -6,7 +6,7 @@ from referee.case import Case, Claim, even, few
 
 JUDGES = (
     "spectrum", "Spectrum", "Spectrum.amplitude", "Spectrum.phase", "Lines", "Lines.__call__",
-    "amplitudes_at", "dominant_frequencies", "name_frequencies",
+    "amplitudes_at", "dominant_frequencies", "name_frequencies", "Trajectory.dt",
 )  # fmt: skip
 
 
@@ -153,6 +153,7 @@ spacing, t = run.dt, run.t
     def judge(names, told):
         width = 2 * np.pi / 200
         yield Claim("peak of the spectrum of a run", names["peak"], p, 2.5 * width, damage=0.3)
+        yield Claim("spacing of a run", names["spacing"], np.diff(names["t"]).mean(), 1e-12)
 
     return Case(call, judge)
 
