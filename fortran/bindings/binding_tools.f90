@@ -4,6 +4,7 @@ module viscovib_binding_tools
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_char, c_int
   use viscovib_base_motion, only: base_motion_type
+  use viscovib_body_vector, only: body_from_vector
   use viscovib_catalogue, only: kernel_none, new_kernel
   use viscovib_kernel, only: kernel_type
   use viscovib_kinds, only: wp
@@ -19,6 +20,7 @@ module viscovib_binding_tools
   use viscovib_structure, only: structure_type
   use viscovib_structure_vector, only: structure_from_vector
   use viscovib_system_vector, only: polynomial_from_vector
+  use viscovib_turning_body, only: turning_body
   implicit none
   private
 
@@ -37,6 +39,8 @@ module viscovib_binding_tools
   integer, parameter, public :: kernels_in_vector = -2
   !> The same of a condensed structure, whose vector holds its loads too.
   integer, parameter, public :: structure_in_vector = -3
+  !> The same of a body under finite rotations.
+  integer, parameter, public :: body_in_vector = -4
 
 contains
 
@@ -49,8 +53,13 @@ contains
     type(mount_type), allocatable :: mount
     type(polynomial_type), allocatable :: polynomial
     type(structure_type), allocatable :: structure
+    type(turning_body), allocatable :: body
 
-    if (kind_x == structure_in_vector) then
+    if (kind_x == body_in_vector) then
+      allocate (body)
+      call body_from_vector(body, flat, status)
+      call move_alloc(body, system)
+    else if (kind_x == structure_in_vector) then
       allocate (structure)
       call structure_from_vector(structure, flat, status)
       call move_alloc(structure, system)

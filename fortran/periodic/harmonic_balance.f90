@@ -6,10 +6,10 @@
 !!
 !!   R_k = sum_j B(:,j) f_jk W_jk + G_k + (i k nu C - (k nu)^2 M) X_k - s P_k,
 !!
-!! G being the harmonics of F(u, v) - B v. Where w_j depends on rates too, these have the harmonics
-!! i k nu X_k. Samples of a period lead there and back;
-!! the derivatives are exact ones of the sampled equations: those of w and F at
-!! the samples between the same two tables.
+!! G being the harmonics of F(u, v) - B v, of some systems of F(u, u', v, s P) - B v. Where w_j
+!! depends on rates too, these have the harmonics i k nu X_k. Samples of a period lead there and
+!! back; the derivatives are exact ones of the sampled equations: those of w and F at the samples
+!! between the same two tables.
 module viscovib_harmonic_balance
   use viscovib_counters, only: count_unknowns, count_up, counted_loads, counting
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -48,6 +48,9 @@ module viscovib_harmonic_balance
     !> Samples of u and rates, of w - W u or v, of a force, and slopes, at the last motion seen.
     real(wp), allocatable, private :: u(:, :), w(:, :), f(:, :), slopes(:, :, :), by_u(:, :, :), &
                                       by_v(:, :, :)
+    !> Of systems that are `moving`: samples of rates and of the load, slopes by rates, and the
+    !! harmonics of what F gains by the load whole, shape (2 n_orders, n_dof).
+    real(wp), allocatable, private :: rate(:, :), push(:, :), by_rate(:, :, :), by_load(:, :)
     !> Moments of a slope, and derivatives of harmonics.
     real(wp), allocatable, private :: c(:), s(:), block(:, :), memory(:, :, :)
   contains
@@ -84,6 +87,10 @@ contains
               balance%by_u(s, d, d), balance%by_v(s, d, m), balance%bent(2*k, m), &
               balance%kept(2*k), balance%f_parts(2*k), balance%block(2*k, 2*k), &
               balance%memory(2*k, 2*k, m), source=0.0_wp)
+    if (system%moving) then
+      allocate (balance%rate(s, d), balance%push(s, d), balance%by_rate(s, d, d), &
+                balance%by_load(2*k, d), source=0.0_wp)
+    end if
     k = balance%tables%reach
     allocate (balance%c(-k:k), balance%s(-k:k), source=0.0_wp)
   end subroutine new_balance
@@ -167,7 +174,11 @@ contains
       call self%tables%to_samples(self%kept, self%w(:, j))
     end do
     if (.not. system%separable) then
-      call system%force_remainder(self%u, self%w, self%f)
+      if (system%moving) then
+        call find_moving(self, system, x)
+      else
+        call system%force_remainder(self%u, self%w, self%f)
+      end if
       do a = 1, self%n_dof
         call self%tables%to_parts(self%f(:, a), self%f_parts)
         r(:, a) = r(:, a) + self%f_parts
@@ -178,6 +189,65 @@ contains
       if (self%set%orders(k) == 0) r(2*k - 1, :) = x(2*k - 1, :)
     end do
   end subroutine residual
+
+  !> F(u, u', v, s P) - B v at the samples, and what the load adds to it.
+  subroutine find_moving(self, system, x)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
+    real(wp) :: parts(2*size(self%set%orders))
+    integer :: b
+
+    do b = 1, self%n_dof
+      parts(1::2) = -self%mu*x(2::2, b)
+      parts(2::2) = self%mu*x(1::2, b)
+      call self%tables%to_samples(parts, self%rate(:, b))
+      parts(1::2) = real(self%load(:, b))
+      parts(2::2) = aimag(self%load(:, b))
+      call self%tables%to_samples(parts, self%push(:, b))
+    end do
+    ! F is linear in the load.
+    call system%moving_remainder(self%u, self%rate, self%w, self%push, self%f)
+    do b = 1, self%n_dof
+      call self%tables%to_parts(self%f(:, b), self%by_load(:, b))
+    end do
+    call system%moving_remainder(self%u, self%rate, self%w, 0.0_wp*self%push, self%f)
+    do b = 1, self%n_dof
+      call self%tables%to_parts(self%f(:, b), parts)
+      self%by_load(:, b) = self%by_load(:, b) - parts
+    end do
+    self%push = self%load_factor*self%push
+    call system%moving_remainder(self%u, self%rate, self%w, self%push, self%f)
+  end subroutine find_moving
+
+  !> Derivatives of F at the samples.
+  subroutine find_slopes(self, system)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    if (system%moving) then
+      call system%moving_slopes(self%u, self%rate, self%w, self%push, self%by_u, self%by_rate, &
+                                self%by_v)
+    else
+      call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
+    end if
+  end subroutine find_slopes
+
+  !> Derivatives of F by u' of coordinate b in the equations of coordinate a.
+  subroutine add_rates(self, a, b, jacobian)
+    class(balance_type), intent(inout) :: self
+    integer, intent(in) :: a, b
+    real(wp), intent(inout) :: jacobian(:, :)
+    real(wp) :: turned(size(self%block, 1), size(self%block, 2))
+    integer :: k
+
+    self%block = 0.0_wp
+    call add_sandwich(self, self%by_rate(:, a, b), 1.0_wp, 1, 1, self%block)
+    do k = 1, size(self%mu)
+      turned(:, 2*k - 1) = self%mu(k)*self%block(:, 2*k)
+      turned(:, 2*k) = -self%mu(k)*self%block(:, 2*k - 1)
+    end do
+    call add_block(turned, 1.0_wp, a, b, jacobian)
+  end subroutine add_rates
 
   !> Multiply pairs of real and imaginary parts by complex numbers.
   pure subroutine retain(fraction, parts)
@@ -208,7 +278,7 @@ contains
     end do
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
     self%bent_known = .true.
-    if (.not. system%separable) call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
+    if (.not. system%separable) call find_slopes(self, system)
     do b = 1, self%n_dof
       do j = 1, self%n_memory
         if (.not. system%bent(j)) cycle
@@ -330,6 +400,9 @@ contains
       if (any(abs(self%by_u(:, a, b)) > 0.0_wp)) then
         call add_sandwich(self, self%by_u(:, a, b), 1.0_wp, a, b, jacobian)
       end if
+      if (system%moving) then
+        if (any(abs(self%by_rate(:, a, b)) > 0.0_wp)) call add_rates(self, a, b, jacobian)
+      end if
       do j = 1, self%n_memory
         if (.not. any(abs(self%by_v(:, a, j)) > 0.0_wp)) cycle
         self%block = 0.0_wp
@@ -383,6 +456,7 @@ contains
     integer :: k
     slope(1::2, :) = -real(self%load)
     slope(2::2, :) = -aimag(self%load)
+    if (allocated(self%by_load)) slope = slope + self%by_load
     do k = 1, size(self%set%orders)
       if (self%set%orders(k) == 0) slope(2*k - 1, :) = 0.0_wp
     end do
@@ -410,6 +484,7 @@ contains
     end do
     if (any(system%kernel_of > 0)) call add_memory_slope(self, system, y, slope)
     if (size(self%rates) > 0) call add_rate_slope(self, system, slope)
+    if (system%moving) call add_moving_slope(self, system, slope)
     do k = 1, size(self%set%orders)
       if (self%set%orders(k) == 0) slope(2*k - 1, :) = 0.0_wp
     end do
@@ -439,6 +514,25 @@ contains
     end do
   end subroutine add_rate_slope
 
+  !> What the rates in F add.
+  subroutine add_moving_slope(self, system, slope)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(inout) :: slope(2*size(self%set%orders), self%n_dof)
+    real(wp) :: samples(size(self%u, 1))
+    integer :: a, b
+
+    call find_slopes(self, system)
+    do a = 1, self%n_dof
+      samples = 0.0_wp
+      do b = 1, self%n_dof
+        samples = samples + self%by_rate(:, a, b)*self%rate(:, b)/self%nu
+      end do
+      call self%tables%to_parts(samples, self%f_parts)
+      slope(:, a) = slope(:, a) + self%f_parts
+    end do
+  end subroutine add_moving_slope
+
   !> What memory adds: dv_k/dnu = k f'(k nu) W_k, into B v and through F(u, v) - B v at the
   !! samples.
   subroutine add_memory_slope(self, system, y, slope)
@@ -451,7 +545,7 @@ contains
     integer :: a, j
 
     call system%retained_slope(self%set%orders*self%nu, self%fraction, by_nu)
-    if (.not. system%separable) call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
+    if (.not. system%separable) call find_slopes(self, system)
     do j = 1, self%n_memory
       if (system%kernel_of(j) == 0) cycle
       v = self%set%orders*by_nu(:, j)*(cmplx(self%bent(1::2, j), self%bent(2::2, j), wp) &

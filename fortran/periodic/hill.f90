@@ -10,7 +10,8 @@
 !! w_j, b_j and A the Fourier coefficients of dw_j/du, dF/dv_j and dF/du along the
 !! solution (Hill, Acta Math. 8 (1886) 1, for equations without memory). Where w_j depends on
 !! rates, those of dw_j/du' times s_l are added to w_j,(m-l); their mean, if it has no memory, joins
-!! C, since it alone decides how the determinant converges. Everything
+!! C, since it alone decides how the determinant converges. Slopes of F by rates stand beside A,
+!! times s_l. Everything
 !! is multiplied by M^(-1) and divided by (s_k + a)^2, so that the determinant tends
 !! to a periodic function of lambda with period i d that has no poles where
 !! Re lambda >= 0 and no winding at large Re lambda. d is nu; under half-wave
@@ -21,8 +22,8 @@ module viscovib_hill
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
-  use viscovib_hill_blocks, only: add_column, add_rates, add_rows, add_toeplitz, copy_blocks, &
-    eliminate, moments_of, scale_rows
+  use viscovib_hill_blocks, only: add_column, add_columns, add_rates, add_rows, add_toeplitz, &
+    copy_blocks, eliminate, moments_of, scale_rows
   use viscovib_hill_reach, only: highest_order, max_unknowns, norm, norms_of_waves
   use viscovib_hill_relaxing, only: relaxing_points
   use viscovib_kinds, only: wp
@@ -79,6 +80,9 @@ module viscovib_hill
     complex(wp), allocatable, private :: waves(:)
     real(wp), allocatable, private :: u(:, :), w(:, :), slopes(:, :, :), by_u(:, :, :)
     real(wp), allocatable, private :: by_v(:, :, :)
+    !> Of systems that are `moving`: rates, accelerations and loads, slopes by rates, and their part
+    !! of the matrix, which multiplies s, shape (p n, p n, 2).
+    real(wp), allocatable, private :: rate(:, :), push(:, :), by_rate(:, :, :), swept(:, :, :)
   contains
     procedure :: along
     procedure :: count_from
@@ -112,6 +116,8 @@ contains
     allocate (hill%u(s, n + system%n_rates()), hill%w(s, m), &
               hill%slopes(s, m, n + system%n_rates()), hill%by_u(s, n, n), &
               hill%by_v(s, n, m), source=0.0_wp)
+    allocate (hill%by_rate(s, n, n), source=0.0_wp)
+    if (system%moving) allocate (hill%rate(s, n), hill%push(s, n), source=0.0_wp)
     allocate (hill%outer_varies(n, m), hill%inner_varies(n, m), source=.false.)
     allocate (hill%waves(0:s - 1))
     do j = 0, s - 1
@@ -149,7 +155,11 @@ contains
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
     if (.not. system%separable) then
       call variables_along(self, system, nu, x)
-      call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
+      if (system%moving) then
+        call moving_along(self, system, nu, x)
+      else
+        call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
+      end if
     end if
     call find_rates(self, system, fastest, waves)
     if (system%n_rates() > 0) call take_mean_of_rates(self, system)
@@ -193,6 +203,27 @@ contains
     end do
   end subroutine variables_along
 
+  !> Slopes of a system whose forces depend on rates and loads.
+  subroutine moving_along(self, system, nu, x)
+    class(hill_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu, x(:, :)
+    real(wp) :: acceleration(size(self%u, 1), self%n_dof), parts(size(x, 1))
+    integer :: b
+
+    do b = 1, self%n_dof
+      parts(1::2) = -self%set%orders*nu*x(2::2, b)
+      parts(2::2) = self%set%orders*nu*x(1::2, b)
+      self%rate(:, b) = matmul(parts, self%set%synthesis)
+      parts(1::2) = -(self%set%orders*nu)**2*x(1::2, b)
+      parts(2::2) = -(self%set%orders*nu)**2*x(2::2, b)
+      acceleration(:, b) = matmul(parts, self%set%synthesis)
+    end do
+    call system%load_along(self%u, self%rate, acceleration, self%w, self%push)
+    call system%moving_slopes(self%u, self%rate, self%w, self%push, self%by_u, self%by_rate, &
+                              self%by_v)
+  end subroutine moving_along
+
   !> An upper bound of frequencies and rates of damping along the solution (rad/s), and the
   !! trace of the stiffness, and how large its waves are.
   subroutine find_rates(self, system, fastest, waves)
@@ -226,7 +257,7 @@ contains
       do b = 1, self%n_dof
         self%trace = self%trace + stiffness(b, b, s)/size(self%u, 1)
       end do
-      damping = self%linear_damping
+      damping = self%linear_damping + matmul(self%inverse, self%by_rate(s, :, :))
       do b = 1, system%n_rates()
         do j = 1, size(self%w, 2)
           if (.not. system%bent(j)) cycle
@@ -323,14 +354,16 @@ contains
       return
     end if
     if (allocated(self%outer)) then
-      if (size(self%outer, 1) /= p) deallocate (self%outer, self%inner, self%direct)
+      if (size(self%outer, 1) /= p) deallocate (self%outer, self%inner, self%direct, self%swept)
     end if
     if (.not. allocated(self%outer)) then
       allocate (self%outer(p, p, n, m, 2), self%inner(p, p, n, m, 2), self%direct(p*n, p*n, 2))
+      allocate (self%swept(merge(p*n, 0, system%moving), merge(p*n, 0, system%moving), 2))
     end if
     self%outer = 0.0_wp
     self%inner = 0.0_wp
     self%direct = 0.0_wp
+    self%swept = 0.0_wp
     do a = 1, n
       do j = 1, m
         self%outer_varies(a, j) = any(abs(matmul(self%by_v(:, :, j), self%inverse(a, :))) > 0.0_wp)
@@ -350,6 +383,11 @@ contains
                         0.0_wp, c)
         call add_toeplitz(p, c, p*n, self%direct((a - 1)*p + 1, (b - 1)*p + 1, 1), &
                           self%direct((a - 1)*p + 1, (b - 1)*p + 1, 2))
+        if (.not. system%moving) cycle
+        call moments_of(self%waves, .true., matmul(self%by_rate(:, :, b), self%inverse(a, :)), &
+                        0.0_wp, c)
+        call add_toeplitz(p, c, p*n, self%swept((a - 1)*p + 1, (b - 1)*p + 1, 1), &
+                          self%swept((a - 1)*p + 1, (b - 1)*p + 1, 2))
       end do
     end do
   end subroutine fill
@@ -405,6 +443,7 @@ contains
     else
       call copy_blocks(self%n_orders, p, self%n_dof, self%direct, h)
       call add_products(self, system, kept, h)
+      if (system%moving) call add_columns(self%n_orders, p, self%n_dof, s, self%swept, h)
     end if
     do b = 1, self%n_dof
       do a = 1, self%n_dof

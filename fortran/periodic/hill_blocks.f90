@@ -6,8 +6,8 @@ module viscovib_hill_blocks
   implicit none
   private
 
-  public :: add_column, add_rates, add_rows, add_toeplitz, copy_blocks, eliminate, moments_of, &
-            scale_rows
+  public :: add_column, add_columns, add_rates, add_rows, add_toeplitz, copy_blocks, eliminate, &
+            moments_of, scale_rows
 
 contains
 
@@ -76,6 +76,25 @@ contains
       end do
     end do
   end subroutine add_rows
+
+  !> h + part f, f by the columns of each coordinate; of the part's orders the p highest.
+  pure subroutine add_columns(all, p, n, f, part, h)
+    integer, intent(in) :: all, p, n
+    complex(wp), intent(in) :: f(p)
+    real(wp), intent(in) :: part(all, n, all, n, 2)
+    real(wp), intent(inout) :: h(p, n, p, n, 2)
+    integer :: b, l, o
+
+    o = all - p
+    do b = 1, n
+      do l = 1, p
+        h(:, :, l, b, 1) = h(:, :, l, b, 1) + (real(f(l))*part(o + 1:, :, o + l, b, 1) &
+                                               - aimag(f(l))*part(o + 1:, :, o + l, b, 2))
+        h(:, :, l, b, 2) = h(:, :, l, b, 2) + (real(f(l))*part(o + 1:, :, o + l, b, 2) &
+                                               + aimag(f(l))*part(o + 1:, :, o + l, b, 1))
+      end do
+    end do
+  end subroutine add_columns
 
   !> h + f part s, f and s by the rows and columns of each coordinate.
   pure subroutine add_rates(all, p, n, f, s, re, im, h)

@@ -73,7 +73,8 @@ contains
   !> Exponents a solution at most.
   pure integer function stability_slots(system)
     class(oscillator_type), intent(in) :: system
-    stability_slots = 2*system%n_dof() + merge(more, 0, any(system%kernel_of > 0))
+    stability_slots = 2*system%n_dof() &
+                      + merge(more, 0, any(system%kernel_of > 0) .or. system%moving)
     select type (system)
     class is (structure_type)
       stability_slots = 2*system%n_dof() + more
@@ -86,7 +87,8 @@ contains
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
 
-    judge%remembers = any(system%kernel_of > 0)
+    ! Where masses depend on the motion too.
+    judge%remembers = any(system%kernel_of > 0) .or. system%moving
     judge%half_wave = set%half_wave
     judge%n_slots = stability_slots(system)
     judge%complete = .not. judge%remembers

@@ -49,6 +49,8 @@ module viscovib_oscillator
     integer :: degree = 0
     !> How u moves when the base does, without deforming a spring (n_dof).
     real(wp), allocatable :: base_direction(:)
+    !> F depends on rates and loads too: `moving_remainder` and `moving_slopes` give it.
+    logical :: moving = .false.
     !> Coordinates stand for more that were eliminated: the load depends on the frequency too, and
     !! no coordinate is idle.
     logical :: condensed = .false.
@@ -57,6 +59,9 @@ module viscovib_oscillator
     procedure(force_remainder_interface), deferred :: force_remainder
     procedure(deflection_slopes_interface), deferred :: deflection_slopes
     procedure(force_slopes_interface), deferred :: force_slopes
+    procedure :: moving_remainder
+    procedure :: moving_slopes
+    procedure :: load_along
     procedure :: n_dof
     procedure :: n_memory
     procedure :: n_rates
@@ -143,6 +148,40 @@ contains
       self%n_silent = self%n_silent + 1
     end do
   end subroutine drop_zero_kernels
+
+  !> F(u, u', v, load) - B v of systems that are `moving`; of others F(u, v) - B v.
+  subroutine moving_remainder(self, u, rate, v, load, f)
+    class(oscillator_type), intent(in) :: self
+    !> Coordinates, rates and loads (n_samples, n_dof), hereditary variables (n_samples, n_memory).
+    real(wp), intent(in), contiguous :: u(:, :), rate(:, :), v(:, :), load(:, :)
+    !> Shape (n_samples, n_dof).
+    real(wp), intent(out), contiguous :: f(:, :)
+    call self%force_remainder(u, v, f)
+    associate (not_needed => [shape(rate), shape(load)])
+    end associate
+  end subroutine moving_remainder
+
+  !> Its derivatives.
+  subroutine moving_slopes(self, u, rate, v, load, by_u, by_rate, by_v)
+    class(oscillator_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :), rate(:, :), v(:, :), load(:, :)
+    !> Shapes (n_samples, n_dof, n_dof) twice, and (n_samples, n_dof, n_memory).
+    real(wp), intent(out), contiguous :: by_u(:, :, :), by_rate(:, :, :), by_v(:, :, :)
+    call self%force_slopes(u, v, by_u, by_v)
+    by_rate = 0.0_wp
+    associate (not_needed => [shape(rate), shape(load)])
+    end associate
+  end subroutine moving_slopes
+
+  !> The load under which a system that is `moving` moves so; 0 of others, which do not ask for it.
+  subroutine load_along(self, u, rate, acceleration, v, load)
+    class(oscillator_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :), rate(:, :), acceleration(:, :), v(:, :)
+    real(wp), intent(out), contiguous :: load(:, :)
+    load = 0.0_wp
+    associate (not_needed => [self%n_dof(), shape(u), shape(rate), shape(acceleration), shape(v)])
+    end associate
+  end subroutine load_along
 
   pure integer function n_dof(self)
     class(oscillator_type), intent(in) :: self

@@ -53,6 +53,9 @@ module viscovib_hereditary_maps
     integer :: at_u = 0, at_v = 0, at_load = 0, at_memory = 0, at_bend = 0
     !> Where r begins among the nonlinear inputs, less 1.
     integer :: at_remainder = 0
+    !> Rates at the nodes from that at the start of the step, shape (s), and from the displacements
+    !! at the nodes since, shape (s, s) (1/s).
+    real(wp), allocatable :: rate_from_start(:), rate_from_moved(:, :)
   end type step_map_type
 
 contains
@@ -120,6 +123,7 @@ contains
     map%variable_row = map%n_core + 1
     if (.not. map%separable) n_bends = n_bends + map%s*map%n_dof
 
+    call set_rates(map, table, h)
     call remaining_weights(system, table, h, e)
     call remember_held(map, channels, e)
     n_a = map%s*map%n_dof
@@ -133,6 +137,27 @@ contains
     end do
     call set_rows(map, system, channels, table, h, e, right, n_in)
   end subroutine new_step_map
+
+  !> u' = v + h A1 a with a from u - u0 = c h v + h^2 A2 a.
+  subroutine set_rates(map, table, h)
+    type(step_map_type), intent(inout) :: map
+    type(collocation_type), intent(in) :: table
+    real(wp), intent(in) :: h
+    real(wp) :: rows(table%s, table%s), right(table%s)
+    integer :: pivots(table%s), i
+    logical :: singular
+
+    ! Rows of A1 A2^-1 are columns of A2^-T A1^T.
+    rows = transpose(table%a2(:table%s, :))
+    call factorize(table%s, rows, pivots, singular)
+    allocate (map%rate_from_moved(table%s, table%s))
+    do i = 1, table%s
+      right = table%a1(i, :)
+      call solve(table%s, rows, pivots, right)
+      map%rate_from_moved(i, :) = right/h
+    end do
+    map%rate_from_start = 1.0_wp - h*matmul(map%rate_from_moved, table%points(1:table%s))
+  end subroutine set_rates
 
   !> Rows in whole registers.
   pure integer function padded(n)

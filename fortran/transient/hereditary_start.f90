@@ -287,7 +287,11 @@ contains
       if (.not. system%separable) then
         kept = w(1:s, :) - matmul(whole, channels%gather)
         inner = points(1:s, :)
-        call system%force_remainder(inner, kept, force)
+        if (system%moving) then
+          call system%moving_remainder(inner, speed, kept, f, force)
+        else
+          call system%force_remainder(inner, kept, force)
+        end if
         new = new - force
       end if
       do i = 1, s

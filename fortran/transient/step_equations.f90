@@ -6,7 +6,7 @@
 module viscovib_step_equations
   use viscovib_collocation, only: collocation_type
   use viscovib_counters, only: count_up, counted_turns, counting
-  use viscovib_dense, only: factorize, solve
+  use viscovib_dense, only: factorize, outer, solve
   use viscovib_hereditary_kernels, only: add_columns, carry_on, compare, copy, product_of
   use viscovib_hereditary_maps, only: step_map_type
   use viscovib_kinds, only: wp
@@ -50,6 +50,7 @@ module viscovib_step_equations
     procedure, private :: evaluate_bends
     procedure, private :: evaluate_remainders
     procedure, private :: newton_step
+    procedure, private :: at_nodes
   end type step_equations_type
 
 contains
@@ -228,7 +229,7 @@ contains
     class(oscillator_type), intent(in) :: system
     type(step_map_type), intent(in) :: map
     real(wp) :: inner(map%s, map%n_dof), variables(map%s, map%n_memory)
-    real(wp) :: force(map%s, map%n_dof)
+    real(wp) :: force(map%s, map%n_dof), rates(map%s, map%n_dof), loads(map%s, map%n_dof)
     integer :: a, first
 
     do a = 1, map%n_dof
@@ -239,13 +240,35 @@ contains
       call copy(map%s, self%x(first:first + map%s - 1), variables(:, a))
       first = first + map%s
     end do
-    call system%force_remainder(inner, variables, force)
+    if (system%moving) then
+      call self%at_nodes(map, rates, loads)
+      call system%moving_remainder(inner, rates, variables, loads, force)
+    else
+      call system%force_remainder(inner, variables, force)
+    end if
     first = map%at_remainder + 1
     do a = 1, map%n_dof
       call copy(map%s, force(:, a), self%y(first:first + map%s - 1))
       first = first + map%s
     end do
   end subroutine evaluate_remainders
+
+  !> Rates and loads at the nodes. Accelerations are a polynomial of as many terms as there are
+  !! nodes, which displacements and the rate at the start decide.
+  subroutine at_nodes(self, map, rates, loads)
+    class(step_equations_type), intent(in) :: self
+    type(step_map_type), intent(in) :: map
+    real(wp), intent(out) :: rates(:, :), loads(:, :)
+    integer :: a, first
+
+    do a = 1, map%n_dof
+      first = (a - 1)*(map%s + 1)
+      rates(:, a) = map%rate_from_start*self%z(map%at_v + a) &
+                    + matmul(map%rate_from_moved, self%x(first + 1:first + map%s))
+      first = map%at_load + (a - 1)*map%s
+      loads(:, a) = self%z(first + 1:first + map%s)
+    end do
+  end subroutine at_nodes
 
   !> Newton's next X: x + (1 - Z S)^-1 (next - x), S the slopes of y.
   subroutine newton_step(self, system, map, made)
@@ -256,7 +279,8 @@ contains
     real(wp) :: slopes(map%s + 1, map%n_memory, map%n_dof + map%n_rates)
     real(wp) :: inner(map%s, map%n_dof), variables(map%s, map%n_memory)
     real(wp) :: by_u(map%s, map%n_dof, map%n_dof)
-    real(wp) :: by_v(map%s, map%n_dof, map%n_memory)
+    real(wp) :: by_v(map%s, map%n_dof, map%n_memory), by_rate(map%s, map%n_dof, map%n_dof)
+    real(wp) :: rates(map%s, map%n_dof), loads(map%s, map%n_dof)
     real(wp) :: matrix(size(self%x), size(self%x)), shift(size(self%x))
     integer :: pivots(size(self%x)), a, b, i, j, n, s, row, column, first
     logical :: singular
@@ -293,13 +317,23 @@ contains
       first = map%variable_row
       inner = self%u_points(:s, :)
       variables = reshape(self%x(first:first + size(variables) - 1), shape(variables))
-      call system%force_slopes(inner, variables, by_u, by_v)
+      by_rate = 0.0_wp
+      if (system%moving) then
+        call self%at_nodes(map, rates, loads)
+        call system%moving_slopes(inner, rates, variables, loads, by_u, by_rate, by_v)
+      else
+        call system%force_slopes(inner, variables, by_u, by_v)
+      end if
       do a = 1, map%n_dof
         do i = 1, s
           column = map%at_remainder + (a - 1)*s + i
           do b = 1, map%n_dof
-            row = (b - 1)*(s + 1) + i
-            matrix(:, row) = matrix(:, row) - map%from_bend(:, column)*by_u(i, a, b)
+            row = (b - 1)*(s + 1)
+            matrix(:, row + i) = matrix(:, row + i) - map%from_bend(:, column)*by_u(i, a, b)
+            if (.not. abs(by_rate(i, a, b)) > 0.0_wp) cycle
+            matrix(:, row + 1:row + s) = matrix(:, row + 1:row + s) &
+                                         - outer(map%from_bend(:, column), by_rate(i, a, b) &
+                                                 *map%rate_from_moved(i, :))
           end do
           do j = 1, map%n_memory
             row = first + (j - 1)*s + i - 1

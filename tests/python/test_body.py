@@ -338,7 +338,7 @@ def test_wrong_mounts(given, told):
         ({"inertia": [[1, 0.2, 0], [0, 1, 0], [0, 0, 1]]}, "inertia: must be symmetric"),
         ({"mounts": []}, "mounts: must not be empty"),
         ({"mounts": [vv.MountPoint(**GOOD)] * 2}, "the name 'm' stands twice"),
-        ({"geometry": "exact"}, "geometry = 'exact': must be one of 'small'"),
+        ({"geometry": "finite"}, "geometry = 'finite': must be one of"),
         ({"base_direction": "w"}, "base_direction"),
         ({"gravity": (0, 0)}, r"gravity: must have shape \(3,\)"),
     ],

@@ -2,7 +2,9 @@
 
 import numpy as np
 import scipy.linalg
+from scipy.integrate import solve_ivp
 from scipy.optimize import root
+from scipy.spatial.transform import Rotation
 
 from referee.case import Case, Claim, even, few, number, numbers
 from referee.models import prony
@@ -10,7 +12,8 @@ from referee.models import prony
 JUDGES = (
     "Body", "Body.modes", "Body.sag", "Body.torque_roll_axis", "Body.roll_share", "Body.centers",
     "Body.load", "Body.unbalance", "Body.motion_of", "Body.mount_forces",
-    "Body.base_transmissibility", "Body.random_floor", "Body.engine_orders", "Body.force_transmissibility", "Body.scatter", "BodyModes",
+    "Body.base_transmissibility", "Body.random_floor", "Body.engine_orders", "Body.force_transmissibility", "Body.scatter",
+    "Body.energy", "Body.angular_momentum", "BodyModes",
     "BodyModes.hz", "BodyModes.decoupling", "FluidTrack", "FluidTrack.dynamic_stiffness",
     "MountForces", "MountForces.lost_power", "MountForces.amplitude", "MountPoint",
     "MountPoint.dynamic_stiffness", "MountPoint.static_stiffness", "Sag",
@@ -360,6 +363,62 @@ found, orders, forces = r.coefficients, r.harmonics, body.mount_forces(r).force
     return Case(call, judge)
 
 
+def _turning(rng, index):
+    """Finite rotations without losses: Newton and Euler in axes of space, by a rotation matrix."""
+    model = _Model(rng)
+    model.memory = None
+    stiff, heavy = model.mounts[0]["stiffness"].max(), model.mass
+    speed = np.sqrt(stiff / heavy)
+    end = number(5 / speed)
+    start = np.zeros(12)
+    start[1::2] = rng.normal(size=6) * speed * np.repeat([0.1, 0.5], 3)
+    start = start.round(6)
+    mounts = ", ".join(
+        f'vv.MountPoint(name="m{i}", position={numbers(m["position"])}, '
+        f"stiffness={numbers(m['stiffness'])}, angles={numbers(m['angles'])}, "
+        f'law=(None, None, "{m["cubic"]!r}*d^3"))'
+        for i, m in enumerate(model.mounts)
+    )
+    call = f"""body = vv.Body(mass={number(model.mass)}, inertia={numbers(model.inertia)},
+    center={numbers(model.center)}, mounts=[{mounts}], geometry="exact")
+r = vv.simulate(body, {end}, initial={numbers(start)}, dt="auto", tolerance=1e-10)
+state, energy, momentum = r.state[-1], body.energy(r.state), body.angular_momentum(r.state[:1])
+"""
+
+    def judge(names, told):
+        def rates(t, y):
+            place, v, turn, w = y[:3], y[3:6], y[6:15].reshape(3, 3), y[15:]
+            force, moment = np.zeros(3), np.zeros(3)
+            for m in model.mounts:
+                arm, axes = turn @ model.arm(m), model.axes(m)
+                d = axes.T @ (place + arm - model.arm(m))
+                pull = m["stiffness"] * d
+                pull[2] += m["cubic"] * d[2] ** 3
+                force -= axes @ pull
+                moment -= np.cross(arm, axes @ pull)
+            inertia = turn @ model.inertia @ turn.T
+            spin = np.linalg.solve(inertia, moment - np.cross(w, inertia @ w))
+            turned = np.cross(np.broadcast_to(w, (3, 3)), turn.T).T
+            return np.concatenate([v, force / model.mass, turned.ravel(), spin])
+
+        begin = np.concatenate([start[:6:2], start[1:6:2], np.eye(3).ravel(), start[7::2]])
+        run = solve_ivp(rates, (0, float(end)), begin, method="DOP853", rtol=1e-12, atol=1e-13)
+        y = run.y[:, -1]
+        size = np.abs(run.y[:3]).max()
+        found = names["state"]
+        yield Claim("place", found[:6:2], y[:3], 1e-6 * size, damage=1e-3)
+        turn = Rotation.from_rotvec(found[6::2]).as_matrix()
+        yield Claim("rotation", turn, y[6:15].reshape(3, 3), 1e-6, damage=1e-3)
+        energy = names["energy"]
+        yield Claim("energy", energy, np.full(energy.size, energy[0]), 1e-7 * energy[0])
+        w, v = start[7::2], start[1:6:2]
+        kinetic = 0.5 * (model.mass * v @ v + w @ model.inertia @ w)
+        yield Claim("energy", energy[0], kinetic, 1e-12 * kinetic)
+        yield Claim("momentum", names["momentum"][0], model.inertia @ w, 1e-12 * np.abs(w).max())
+
+    return Case(call, judge)
+
+
 def case(rng, index):
-    """Draw a body, and ask for its modes, its answers to loads, its sag or its mount forces."""
-    return (_modes, _loads, _sag, _laws)[index % 4](rng, index // 4)
+    """Draw a body, and ask for its modes, answers to loads, sag, mount forces or a motion."""
+    return (_modes, _loads, _sag, _laws, _turning)[index % 5](rng, index // 5)

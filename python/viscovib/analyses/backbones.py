@@ -22,7 +22,7 @@ from viscovib.common.values import Value
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import MAX_SPECIAL, OUTCOMES, largest_panels
 from viscovib.results.structure_view import View
-from viscovib.systems.oscillators import Steady, check_steady
+from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
 from viscovib.systems.structure import Structure
 
 if TYPE_CHECKING:
@@ -246,6 +246,7 @@ def oscillator_backbone(
 ) -> Backbone:
     """`backbone` of a mount, a polynomial system or a structure."""
     check_steady(system, None)
+    refuse_turning(system, "the backbone")
     names = system.dof_names
     j = _native.integer("mode", mode, 0, len(names) - 1)
     place = 0 if dof is None else names.index(_native.choice("dof", dof, names)) + 1

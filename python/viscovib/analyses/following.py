@@ -32,7 +32,7 @@ from viscovib.results.curves import (
 from viscovib.results.structure_results import StructureBranch, warn_of_reduction
 from viscovib.results.structure_view import View
 from viscovib.systems.load import LoadLike
-from viscovib.systems.oscillators import Steady, check_steady
+from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import Varied, varied
 from viscovib.systems.varying_structure import varied_structure
@@ -87,6 +87,7 @@ class _Way:
             if isinstance(system, Structure):
                 numbers, system = varied_structure(system, vary, start, finish, load, base)
             else:
+                refuse_turning(system, "a parameter that varies")
                 numbers = varied(system, vary, start, finish)
             varies = numbers[0]
         if varies == "nu" and min(start, finish) <= 0:

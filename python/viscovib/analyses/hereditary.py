@@ -397,6 +397,8 @@ def table_of(force: LoadTable | None, n: int) -> tuple[FloatArray, FloatArray]:
 def moving(system: Oscillator, driven: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
     """Return 1 for coordinates driven or coupled to one that is, else 0, shape (n_dof,)."""
     moves = driven.astype(np.int32)
+    if isinstance(system, PolynomialSystem) and system._turns:
+        return np.ones_like(moves)
     if driven.all():
         return moves
     return np.asarray(

@@ -80,7 +80,9 @@ def goes_as_pendulum(
     memory: str,
 ) -> TypeGuard[PolynomialSystem]:
     """Whether a system needs nothing but what the methods of a pendulum give."""
-    if isinstance(system, Mount) or system._active_kernels or not _native.is_auto(memory):
+    if isinstance(system, Mount) or system._turns:
+        return False
+    if system._active_kernels or not _native.is_auto(memory):
         return False
     highest = max(load, default=0) if isinstance(load, Mapping) else 1
     return (

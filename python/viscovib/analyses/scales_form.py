@@ -13,7 +13,7 @@ from viscovib._native import FloatArray, core
 from viscovib.analyses.scales_terms import FlowTerm
 from viscovib.errors import InputError
 from viscovib.systems.cubic_system import CubicSystem
-from viscovib.systems.oscillators import Oscillator
+from viscovib.systems.oscillators import Oscillator, refuse_turning
 from viscovib.systems.pendulum import Pendulum
 
 #: Room for terms at first; where there are more the call is repeated.
@@ -59,6 +59,7 @@ class ScalesForm:
             names = {"p1": (1, 1), "p2": (2, 1), "p3": (3, 1), "f0": (1, 2),
                      "m01": (2, 2), "m02": (3, 2)}  # fmt: skip
         elif isinstance(system, Oscillator):
+            refuse_turning(system, "an expansion in multiple scales")
             flat, kernels = system._flat, system._kernels
             packed = _oscillator(system, load, nu)
             names = {"nu": (1, 1), "load": (1, 2)}

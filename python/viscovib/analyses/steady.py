@@ -21,7 +21,7 @@ from viscovib.results.structure_results import StructureResponse, warn_of_reduct
 from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.load import LoadLike
-from viscovib.systems.oscillators import Steady, check_steady, oscillator_job
+from viscovib.systems.oscillators import Steady, check_steady, oscillator_job, refuse_turning
 
 METHODS = ("linear", "successive", "newton")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])
@@ -234,6 +234,8 @@ def _prepare(
     ``judged``: the stability of a branch is wanted.
     """
     check_steady(system, base)
+    if method == "successive":
+        refuse_turning(system, "the method of successive approximations")
     if nu is None:
         raise InputError("nu: must be given for a mount or a polynomial system")
     if load is None and base is None:

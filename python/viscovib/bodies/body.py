@@ -23,14 +23,23 @@ from viscovib.bodies.springs import (
     spring_groups,
 )
 from viscovib.bodies.statics import Sag, find_sag, geometric_stiffness
+from viscovib.bodies.turning import (
+    BODY_IN_VECTOR,
+    angular_momentum,
+    further_moved,
+    turning_energy,
+    turning_vector,
+)
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.systems.condensed import Condensation
+from viscovib.systems.laws import Law
 from viscovib.systems.load import LoadLike, load_series
 from viscovib.systems.polynomial_system import PolynomialSystem
 
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
 _UNITS = ("m", "m", "m", "rad", "rad", "rad")
-_GEOMETRIES = ("small",)
+_GEOMETRIES = ("small", "exact")
+_LOAD_AXES = ("body", "space")
 #: Mounts farther away than so many radii of gyration look like millimetres given as metres.
 _FAR = 50.0
 #: Part of a principal moment of inertia that is rounding.
@@ -65,7 +74,16 @@ class Body(PolynomialSystem):
         are those about it, and the preload adds its geometric stiffness, which remembers nothing.
         None: no gravity, mounts without preload.
     geometry : str, optional
-        "small": rotations are small, the mounts are nonlinear.
+        "small": rotations are small, the mounts are nonlinear. "exact": rotations are finite, and
+        rx, ry, rz are the rotation vector, the angle (below 2 pi) times the unit vector of the axis
+        about which the body is turned; all inertia terms are kept. Mounts act along directions
+        fixed in the floor, d = e . (u + R p - p), and what holds rotations is deflected by the
+        rotation vector. Motions in time and periodic ones are computed then; modes and what is
+        linear are those of small motions.
+    load_axes : str, optional
+        With ``geometry="exact"``: "body": forces and torques turn with the body, such as the
+        torque of an engine; "space": they keep their directions (a torque that does has no
+        potential).
     base_direction : str or array_like, shape (6,), optional
         How the floor moves: "x", ..., "rz" (about the centre of mass), or a mix.
 
@@ -97,6 +115,7 @@ class Body(PolynomialSystem):
         center: npt.ArrayLike = (0.0, 0.0, 0.0),
         gravity: float | npt.ArrayLike | None = None,
         geometry: str = "small",
+        load_axes: str = "body",
         base_direction: str | npt.ArrayLike | None = None,
     ) -> None:
         own = object.__setattr__
@@ -107,6 +126,7 @@ class Body(PolynomialSystem):
         own(self, "mounts", _mounts(mounts))
         own(self, "center", _vector("center", center))
         own(self, "geometry", _native.choice("geometry", geometry, _GEOMETRIES))
+        own(self, "load_axes", _native.choice("load_axes", load_axes, _LOAD_AXES))
         own(self, "gravity", _gravity(gravity))
         self._warn_of_units()
         springs = mount_springs(self.mounts, self.center)
@@ -125,6 +145,7 @@ class Body(PolynomialSystem):
         own(self, "_sag", sag)
         own(self, "_mount_springs", springs)
         direction = None if base_direction is None else _direction(base_direction, n)
+        self._check_geometry(direction)
         names = (*NAMES, *(f"{mount.name}_y" for mount in self.mounts if mount.track))
         first, *others = spring_groups(springs, preload, names)
         super().__init__(
@@ -145,11 +166,84 @@ class Body(PolynomialSystem):
     center: FloatArray
     gravity: FloatArray | None
     geometry: str
+    load_axes: str
     _sag: Sag | None
     _mount_springs: MountSprings
 
+    def _check_geometry(self, direction: FloatArray | None) -> None:
+        if self.geometry == "small":
+            return
+        if self.gravity is not None:
+            raise InputError(
+                "gravity: must be None with geometry = 'exact': give the weight as a constant load "
+                "(order 0, load_axes = 'space')"
+            )
+        for mount in self.mounts:
+            if any(isinstance(law, Law) and max(law.places, default=0) for law in mount.laws):
+                raise InputError(
+                    f"{mount.name}: law: must not depend on the rate v with geometry = 'exact'"
+                )
+        if direction is not None and direction[3:6].any():
+            raise InputError(
+                "base_direction: must not turn the floor with geometry = 'exact', give x, y or z"
+            )
+        if direction is not None and self.load_axes == "body":
+            raise InputError(
+                "load_axes = 'body': must be 'space' where the floor moves with geometry = 'exact'"
+            )
+
+    @property
+    def _turns(self) -> bool:
+        return self.geometry == "exact"
+
+    @property
+    def _flat(self) -> FloatArray:
+        return self._turning_vector if self._turns else self._vector
+
+    @cached_property
+    def _turning_vector(self) -> FloatArray:
+        return turning_vector(
+            self._mass_matrix, self._damping, self._base_direction, self._mount_springs,
+            self._active_kernels, loads_turn=self.load_axes == "body",
+        )  # fmt: skip
+
+    @property
+    def _kernels(self) -> tuple[int, FloatArray, int, FloatArray]:
+        nothing = np.zeros(1)
+        return (BODY_IN_VECTOR, nothing, 0, nothing) if self._turns else super()._kernels
+
+    def energy(self, state: npt.ArrayLike) -> FloatArray:
+        """Kinetic and potential energy at states (u_1, u_1', u_2, ...), shape (..., 2 n).
+
+        Of mounts without memory and damping whose laws are polynomials; with
+        ``geometry="exact"`` 1/2 m x'^2 + 1/2 omega . J omega and the springs' own.
+        """
+        if not self._turns:
+            return super().energy(state)
+        return turning_energy(self._mass_matrix, self._mount_springs, self._states(state))
+
+    def angular_momentum(self, state: npt.ArrayLike) -> FloatArray:
+        """About the centre of mass in axes of space (kg m^2/s), shape (..., 3).
+
+        R J omega at states (u_1, u_1', u_2, ...), shape (..., 2 n); J theta' where rotations are
+        small.
+        """
+        states = self._states(state)
+        if not self._turns:
+            return np.asarray(states[..., 7:12:2] @ self.inertia)
+        return angular_momentum(self.inertia, states)
+
+    def _states(self, state: npt.ArrayLike) -> FloatArray:
+        states = _native.real_array("state", state)
+        n = len(self.dof_names)
+        if states.shape[-1:] != (2 * n,):
+            raise InputError(f"state: must have shape (..., {2 * n}), got {states.shape}")
+        return states
+
     @cached_property
     def _condensation(self) -> Condensation | None:
+        if self._turns:
+            return None
         return condensed_springs(
             self._mount_springs, self._mass_matrix, self._damping, self._stiffness_at_rest
         )
@@ -263,6 +357,11 @@ class Body(PolynomialSystem):
         """
         pushed = _complex_vector("force", force)
         arm = np.zeros(3) if at is None else _vector("at", at) - self.center
+        if self._turns and self.load_axes == "space" and arm.any():
+            raise InputError(
+                "at: with geometry = 'exact' and load_axes = 'space' the arm of a force turns with "
+                "the body: must be None, the centre of mass"
+            )
         total = np.zeros(len(self.dof_names), dtype=complex)
         total[:3] = pushed
         total[3:6] = _complex_vector("torque", torque) + crossing(arm) @ pushed
@@ -316,7 +415,11 @@ class Body(PolynomialSystem):
         """
         arm = _vector("point", point) - self.center
         rows = np.hstack([np.eye(3), -crossing(arm)])
-        return np.asarray(np.einsum("ad,ndk->nak", rows, self._coefficients(result)[:, :6]))
+        body = self._coefficients(result)[:, :6]
+        moved = np.einsum("ad,ndk->nak", rows, body)
+        if self._turns and getattr(result, "method", "newton") != "linear":
+            moved = moved + further_moved(np.asarray(result.harmonics), body[:, 3:], arm)
+        return np.asarray(moved)
 
     def mount_forces(self, result: Any, *, base: LoadLike | None = None) -> MountForces:
         """Deflection, force and lost power of every mount in a response or along a branch.
@@ -338,7 +441,9 @@ class Body(PolynomialSystem):
         if self.base_direction is None:
             if base is not None:
                 raise InputError("base: this body has no base_direction, its floor is fixed")
-            return mount_forces(self.mounts, self._mount_springs, result, relative)
+            return mount_forces(
+                self.mounts, self._mount_springs, result, relative, turns=self._turns
+            )
         if base is None:
             raise InputError(
                 "base: the floor of this body may move, give the motion that the result was "
@@ -351,8 +456,9 @@ class Body(PolynomialSystem):
         floor = np.array([moved.get(int(k), 0.0) for k in np.asarray(result.harmonics)])
         direction = np.asarray(self.base_direction)
         return mount_forces(
-            self.mounts, self._mount_springs, result, relative - np.outer(direction, floor)
-        )
+            self.mounts, self._mount_springs, result, relative - np.outer(direction, floor),
+            turns=self._turns,
+        )  # fmt: skip
 
     def base_transmissibility(
         self,

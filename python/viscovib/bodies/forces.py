@@ -12,6 +12,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.bodies.mount_point import MountPoint
 from viscovib.bodies.springs import MountSprings
+from viscovib.bodies.turning import further_moved
 from viscovib.common.results import Panel, Result, span
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.laws import Law
@@ -112,16 +113,26 @@ class MountForces(Result):
 
 
 def mount_forces(
-    mounts: Sequence[MountPoint], springs: MountSprings, result: Any, relative: ComplexArray
+    mounts: Sequence[MountPoint],
+    springs: MountSprings,
+    result: Any,
+    relative: ComplexArray,
+    *,
+    turns: bool = False,
 ) -> MountForces:
     """Return f_k = [1 - R(k nu)] [k d + g(d)]_k + i k nu c d_k of every spring.
 
     g(d) is sampled so finely that no order of the polynomial folds back onto those kept; it is left
-    out of a linear response, as it was there.
+    out of a linear response, as it was there. ``turns``: rotations are finite.
     """
     nu = np.asarray(result.nu, dtype=float)
     orders = np.asarray(result.harmonics)
     deflection = np.einsum("jd,ndk->njk", springs.rows, relative)
+    if turns and getattr(result, "method", "newton") != "linear":
+        for j, row in enumerate(springs.rows):
+            if row[:3].any():
+                further = further_moved(orders, relative[:, 3:6], springs.arms[j])
+                deflection[:, j] += np.einsum("a,nak->nk", row[:3], further)
     elastic = springs.stiffness[:, None] * deflection
     for j, law in enumerate(springs.laws):
         if law and getattr(result, "method", "newton") != "linear":

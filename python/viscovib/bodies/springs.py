@@ -27,6 +27,8 @@ class MountSprings:
 
     #: Shape (n_springs, n_dof).
     rows: FloatArray
+    #: Where each acts, from the centre of mass (m), shape (n_springs, 3); 0 of rotations.
+    arms: FloatArray
     #: k_j and c_j, shape (n_springs,).
     stiffness: FloatArray
     damping: FloatArray
@@ -65,6 +67,7 @@ def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSpri
     """Return three rows a mount, three more where it holds rotations, one more for its track."""
     n = 6 + sum(mount.track is not None for mount in mounts)
     rows: list[FloatArray] = []
+    arms: list[FloatArray] = []
     stiffness: list[float] = []
     damping: list[float] = []
     kernels: list[Kernel | None] = []
@@ -76,7 +79,9 @@ def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSpri
         turned = mount.rotation.T
         local = turned @ np.hstack([np.eye(3), -crossing(np.asarray(mount.position) - center)])
         first.append(len(rows))
+        arm = np.asarray(mount.position) - center
         for j in range(3):
+            arms.append(arm)
             rows.append(np.concatenate([local[j], np.zeros(n - 6)]))
             stiffness.append(float(np.asarray(mount.stiffness)[j]))
             damping.append(float(np.asarray(mount.damping)[j]))
@@ -84,6 +89,7 @@ def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSpri
             laws.append(mount.laws[j])
         for j, k in enumerate(np.asarray(mount.rotational_stiffness)):
             if k:
+                arms.append(np.zeros(3))
                 rows.append(np.concatenate([np.zeros(3), turned[j], np.zeros(n - 6)]))
                 stiffness.append(float(k))
                 damping.append(0.0)
@@ -93,6 +99,7 @@ def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSpri
             row = np.concatenate([local[mount.track.axis], np.zeros(n - 6)])
             row[own] = -1.0
             rows.append(row)
+            arms.append(arm)
             stiffness.append(mount.track.stiffness)
             damping.append(0.0)
             kernels.append(None)
@@ -101,8 +108,8 @@ def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSpri
             damping_of_tracks[own, own] = mount.track.damping
             own += 1
     return MountSprings(
-        np.array(rows), np.array(stiffness), np.array(damping), tuple(kernels), tuple(laws),
-        tuple(first), mass_of_tracks, damping_of_tracks,
+        np.array(rows), np.array(arms), np.array(stiffness), np.array(damping), tuple(kernels),
+        tuple(laws), tuple(first), mass_of_tracks, damping_of_tracks,
     )  # fmt: skip
 
 

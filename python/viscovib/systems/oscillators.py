@@ -33,6 +33,15 @@ def check_steady(system: Any, base: "LoadLike | None") -> None:
     _check_base(system, base)
 
 
+def refuse_turning(system: Any, what: str) -> None:
+    """Refuse a body under finite rotations where its masses must be constant."""
+    if isinstance(system, PolynomialSystem) and system._turns:
+        raise InputError(
+            f"geometry = 'exact': {what} of a body under finite rotations is not computed, give it "
+            "geometry = 'small'"
+        )
+
+
 def _check_base(system: Steady, base: "LoadLike | LoadTable | None") -> None:
     moves = base is not None and not (isinstance(base, Mapping) and not base)
     if moves and system._base_direction is None:

@@ -143,7 +143,7 @@ class PolynomialSystem:
             direction.setflags(write=False)
             self._set("base_direction", direction)
         if n <= _MAX_WHOLE:
-            _native.call(core.polynomial_check, self._flat)
+            _native.call(core.polynomial_check, self._vector)
         else:
             self._check_large()
         warn_of_creep([kernel.integral for kernel in self._active_kernels])
@@ -267,6 +267,11 @@ class PolynomialSystem:
         return np.asarray(total)
 
     @property
+    def _turns(self) -> bool:
+        """Whether masses depend on the motion: of some bodies."""
+        return False
+
+    @property
     def _mass_matrix(self) -> FloatArray:
         return np.asarray(self.mass, dtype=float)
 
@@ -334,9 +339,13 @@ class PolynomialSystem:
                     )
         return stiffness, forces
 
-    @cached_property
+    @property
     def _flat(self) -> FloatArray:
         """The vector that the core takes."""
+        return self._vector
+
+    @cached_property
+    def _vector(self) -> FloatArray:
         n = len(self.dof_names)
         kernels = list(self._active_kernels)
         springs: list[Any] = []

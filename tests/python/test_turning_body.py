@@ -1,0 +1,294 @@
+"""Bodies under finite rotations, in time and periodic, beside programs that share no code."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+RUBBER = vv.RzhanitsynKernel(amplitude=0.3, alpha=0.5, beta=1.0)
+LOAD = np.array([1.2, 0.3, -0.8, 0.4, 0.6, -0.5])
+
+
+def some_body(seed=3, *, kernel=None, damping=0.15, laws=True, **options):
+    """A body on three mounts at random places, nonlinear and with rotational springs."""
+    rng = np.random.default_rng(seed)
+    mounts = [
+        vv.MountPoint(
+            name=f"m{i}",
+            position=rng.uniform(-0.5, 0.5, 3),
+            stiffness=rng.uniform(3, 9, 3),
+            angles=rng.uniform(-2, 2, 3),
+            damping=damping,
+            law=("3*d^3", None, "2*d^2 + d^3") if laws else None,
+            rotational_stiffness=(0.5, 0, 0.3),
+            kernel=kernel,
+        )
+        for i in range(3)
+    ]
+    inertia = [[0.3, 0.02, -0.01], [0.02, 0.4, 0.03], [-0.01, 0.03, 0.45]]
+    return vv.Body(mass=1, inertia=inertia, mounts=mounts, geometry="exact", **options)
+
+
+def with_quaternions(body, state, t_end, force, torque):
+    """State at the end: R by a quaternion, momentum in space, loads f(t) and t(t) by SciPy."""
+    inertia = body.inertia
+    arms = [(mount, np.asarray(mount.position)) for mount in body.mounts]
+
+    def rates(t, y):
+        place, speed, q, spin = y[:3], y[3:6], y[6:10], y[10:]
+        turn = Rotation.from_quat(q)
+        push, moment = np.array(force(t)), np.array(torque(t))
+        if body.load_axes == "body":
+            push, moment = turn.apply(push), turn.apply(moment)
+        vector = turn.as_rotvec()
+        angle = np.linalg.norm(vector)
+        omega = turn.apply(spin)
+        for mount, arm in arms:
+            moved = turn.apply(arm)
+            d = mount.rotation.T @ (place + moved - arm)
+            d_rate = mount.rotation.T @ (speed + np.cross(omega, moved))
+            laws = [
+                sum(c * x**p for p, c in law.items()) for law, x in zip(mount.laws, d, strict=True)
+            ]
+            pull = mount.rotation @ (-mount.stiffness * d - np.array(laws) - mount.damping * d_rate)
+            push = push + pull
+            moment = moment + np.cross(moved, pull)
+            # What holds the rotation vector: T^-T along the body, d by its closed form.
+            own = mount.rotation @ (mount.rotational_stiffness * (mount.rotation.T @ vector))
+            share = (1 - angle / 2 / np.tan(angle / 2)) / angle**2 if angle > 1e-3 else 1 / 12
+            across = np.cross(vector, own)
+            moment = moment - turn.apply(own - across / 2 + share * np.cross(vector, across))
+        w = spin
+        q_rate = 0.5 * np.array([
+            q[3] * w[0] + q[1] * w[2] - q[2] * w[1], q[3] * w[1] + q[2] * w[0] - q[0] * w[2],
+            q[3] * w[2] + q[0] * w[1] - q[1] * w[0], -q[0] * w[0] - q[1] * w[1] - q[2] * w[2],
+        ])  # fmt: skip
+        own_moment = turn.inv().apply(moment) - np.cross(spin, inertia @ spin)
+        return np.concatenate(
+            [speed, push / body.body_mass, q_rate, np.linalg.solve(inertia, own_moment)]
+        )
+
+    start = np.concatenate([state[0:6:2], state[1:6:2], [0, 0, 0, 1], state[7::2]])
+    found = solve_ivp(rates, (0, t_end), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    return found[:3], Rotation.from_quat(found[6:10]).as_matrix()
+
+
+@pytest.mark.parametrize("axes", ["body", "space"])
+def test_motion_under_loads(axes):
+    """Large rotations, laws, dampers, inertia and loads: another program with quaternions."""
+    body = some_body(load_axes=axes)
+    start = np.zeros(12)
+    start[[1, 7, 9, 11]] = 0.5, 2.0, -1.5, 1.0
+    run = vv.simulate(body, 4.0, initial=start, load=LOAD, nu=2.0, dt=0.02)
+
+    def force(t):
+        return LOAD[:3] * np.sin(2 * t)
+
+    def torque(t):
+        return LOAD[3:] * np.sin(2 * t)
+
+    place, turn = with_quaternions(body, start, 4.0, force, torque)
+    end = run.state[-1]
+    assert np.abs(run.state[:, 6::2]).max() > 0.8
+    np.testing.assert_allclose(end[0:6:2], place, atol=1e-9)
+    np.testing.assert_allclose(Rotation.from_rotvec(end[6::2]).as_matrix(), turn, atol=1e-9)
+
+
+def test_tumble():
+    """Free flight about the middle axis: momentum, energy, and the rotation by quaternions."""
+    foot = vv.MountPoint(name="foot", position=(0, 0, 0), stiffness=(1e-12, 0, 0))
+    body = vv.Body(mass=3, inertia=(1.0, 2.0, 2.6), mounts=[foot], geometry="exact")
+    start = np.zeros(12)
+    start[[1, 7, 9, 11]] = 0.3, 0.02, 1.2, 0.03
+    run = vv.simulate(body, 4.0, initial=start, dt=0.02)
+    energy, momentum = body.energy(run.state), body.angular_momentum(run.state)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-13)
+    np.testing.assert_allclose(momentum, momentum[0] * np.ones((energy.size, 1)), atol=1e-13)
+    free = vv.Body(mass=3, inertia=(1.0, 2.0, 2.6), mounts=[foot], geometry="exact")
+    _, turn = with_quaternions(free, start, 4.0, lambda _: np.zeros(3), lambda _: np.zeros(3))
+    assert np.linalg.norm(run.state[-1, 6::2]) > 4
+    np.testing.assert_allclose(
+        Rotation.from_rotvec(run.state[-1, 6::2]).as_matrix(), turn, atol=1e-10
+    )
+
+
+def test_energy_on_mounts():
+    """Without losses the energy stays, springs and finite rotations together."""
+    body = some_body(damping=0.0)
+    start = np.zeros(12)
+    start[[1, 7, 9, 11]] = 0.5, 2.0, -1.5, 1.0
+    energy = body.energy(vv.simulate(body, 5.0, initial=start, dt=0.02).state)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-11)
+
+
+@pytest.mark.parametrize("kernel", [None, RUBBER])
+def test_the_mount_of_the_plane(kernel):
+    """Its exact geometry is a special case, in time and periodic, to rounding."""
+    plane = vv.Mount(
+        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, geometry="exact",
+        kernel=kernel, damping=[[0.4, 0], [0, 0]],
+    )  # fmt: skip
+    arm = vv.MountPoint(
+        name="arm", position=(0, 0.5, 0), stiffness=(10, 0, 0), rotational_stiffness=(0, 0, 2),
+        kernel=kernel,
+    )  # fmt: skip
+    # In pairs, so that a motion in the plane stays there.
+    rest = [
+        vv.MountPoint(
+            name=f"rest{i}", position=(0, 0, z), stiffness=(0, 3, 3), damping=0.2,
+            rotational_stiffness=(1.5, 1.5, 0),
+        )
+        for i, z in enumerate((-0.3, 0.3))
+    ]  # fmt: skip
+    body = vv.Body(
+        mass=1, inertia=(0.1, 0.12, 0.1), mounts=[arm, *rest], geometry="exact", load_axes="space"
+    )
+    both, whole = [0, 1, 10, 11], np.zeros(12)
+    whole[both] = 0.1, 0, 0.9, 0.2
+    load = {"load": [0.5, 0.1], "nu": 2.0}, {"load": [0.5, 0, 0, 0, 0, 0.1], "nu": 2.0}
+    one = vv.simulate(plane, 5.0, initial=whole[both], dt=0.02, method="gauss8", **load[0])
+    other = vv.simulate(body, 5.0, initial=whole, dt=0.02, method="gauss8", **load[1])
+    np.testing.assert_allclose(other.state[:, both], one.state, atol=1e-12)
+    assert not np.delete(other.state, both, axis=1).any()
+
+    given = {"method": "newton", "harmonics": 9, "tolerance": 1e-5, "stability": True}
+    # Of motions with memory some exponents that decay may lack.
+    nu = np.array([5.0] if kernel else [2.6, 5.0])
+    found = vv.forced_response(plane, nu, load=[0.3, 0.1], **given)
+    whole_found = vv.forced_response(body, nu, load=[0.3, 0, 0, 0, 0, 0.1], **given)
+    at = np.searchsorted(whole_found.harmonics, found.harmonics)
+    mine = whole_found.coefficients[:, [0, 5]][..., at]
+    np.testing.assert_allclose(mine, found.coefficients, atol=1e-14)
+    for i, frequency in enumerate(nu):
+        theirs = np.exp(2 * np.pi * whole_found.exponents[i] / frequency)
+        mine = np.exp(2 * np.pi * found.exponents[i, :4] / frequency)
+        apart = np.nanmin(np.abs(theirs - mine[:, np.newaxis]), axis=1)
+        assert (apart < 1e-7).all()
+
+
+def test_the_cubic_mount_agrees_to_third_order():
+    """Halving a small motion divides the difference by about 2^5 (geometry) beside the motion."""
+    errors = []
+    for size in (0.2, 0.1):
+        runs = []
+        for geometry in ("exact", "cubic"):
+            plane = vv.Mount(
+                mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, geometry=geometry
+            )
+            start = [0, 0, size, 0]
+            runs.append(vv.simulate(plane, 2.0, initial=start, dt=0.02).state[:, 2])
+        errors.append(np.abs(runs[0] - runs[1]).max())
+    assert 25 < errors[0] / errors[1] < 40
+
+
+@pytest.mark.parametrize("axes", ["body", "space"])
+def test_periodic_motions_and_multipliers(axes):
+    """A response closes in time, and its multipliers are those of motions beside it."""
+    body, load = some_body(load_axes=axes), 0.6 * LOAD
+    nu = 3.0
+    found = vv.forced_response(
+        body, [nu], load=load, method="newton", harmonics=12, tolerance=1e-6, stability=True
+    )
+    k, x = found.harmonics, found.coefficients[0]
+    start = np.empty(12)
+    start[::2] = x.sum(axis=1).imag
+    start[1::2] = (1j * k * nu * x).sum(axis=1).imag
+    period = 2 * np.pi / nu
+
+    def after(state):
+        return vv.simulate(
+            body, period, initial=state, load=load, nu=nu, dt=period / 60, method="gauss8"
+        ).state[-1]
+
+    np.testing.assert_allclose(after(start), start, atol=1e-7)
+    step = 1e-5
+    columns = [(after(start + step * e) - after(start - step * e)) / (2 * step) for e in np.eye(12)]
+    multipliers = np.linalg.eigvals(np.array(columns).T)
+    assert bool(found.stable[0]) == (np.abs(multipliers).max() < 1)
+    known = found.multipliers[0][np.isfinite(found.multipliers[0])]
+    assert known.size >= 6
+    for one in known:
+        assert np.abs(multipliers - one).min() < 1e-6
+
+
+def test_branch_with_memory():
+    """A branch is made of responses, and a motion with memory tends to one of its points."""
+    body = some_body(kernel=RUBBER, damping=0.0)
+    load = 0.3 * LOAD
+    branch = vv.trace_response(
+        body, (2.0, 2.6), load=load, harmonics=6, tolerance=1e-4, at=[2.2], stability=False
+    )
+    i = branch.stops[0]
+    found = vv.forced_response(body, [2.2], load=load, harmonics=6, method="newton", tolerance=1e-4)
+    np.testing.assert_allclose(
+        branch.coefficients[i], found.coefficients[0][:, : branch.harmonics.size], atol=1e-9
+    )
+    run = vv.simulate(body, 80 * np.pi / 2.2, load=load, nu=2.2, dt=0.05)
+    ended = np.abs(run.t - run.t[-1]) < np.pi
+    waves = np.exp(1j * np.outer(found.harmonics, 2.2 * run.t[ended]))
+    steady = (found.coefficients[0] @ waves).imag.T
+    np.testing.assert_allclose(run.state[ended, ::2], steady, atol=1e-4)
+
+
+def test_derivatives_of_the_branch():
+    """Slopes by frequency and load: steps of a long branch stay few."""
+    body = some_body()
+    along = vv.trace_response(
+        body, (1.0, 2.0), load=0.1 * LOAD, harmonics=7, tolerance=1e-2, stability=False
+    )
+    up = vv.trace_response(
+        body, load_range=(0.1, 1), nu=1.5, load=0.1 * LOAD, harmonics=7, tolerance=1e-2,
+        stability=False,
+    )  # fmt: skip
+    for branch in (along, up):
+        assert branch.outcome == "completed"
+        assert branch.iterations.max() <= 4
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda body: vv.backbone(body, 0, (0.01, 0.1)), "geometry = 'exact': the backbone"),
+        (
+            lambda body: vv.trace_response(
+                body, vary="mass_scale", vary_range=(1, 2), nu=1.0, load=LOAD
+            ),
+            "geometry = 'exact': a parameter that varies",
+        ),
+        (
+            lambda body: vv.forced_response(body, [1.0], load=LOAD, method="successive"),
+            "geometry = 'exact': the method of successive",
+        ),
+        (lambda body: vv.MultipleScales(body, load=0.1, nu=1.0), "an expansion in multiple"),
+        (lambda _: some_body(gravity=9.81), "gravity: must be None"),
+        (lambda _: some_body(base_direction="rx", load_axes="space"), "must not turn the floor"),
+        (lambda _: some_body(base_direction="z"), "load_axes = 'body': must be 'space'"),
+        (
+            lambda _: some_body(load_axes="space").load(force=(1, 0, 0), at=(0, 0, 1)),
+            "the arm of a force turns",
+        ),
+    ],
+)
+def test_what_is_refused(call, told):
+    """One line that names it."""
+    with pytest.raises(vv.InputError, match=told):
+        call(some_body())
+
+
+def test_forces_at_mounts_balance_the_body():
+    """Forces of mounts along directions of the floor, turned by nothing, move its mass."""
+    body = some_body(load_axes="space")
+    load, nu = 0.3 * LOAD, 3.0
+    found = vv.forced_response(body, [nu], load=load, method="newton", harmonics=14, tolerance=1e-8)
+    forces = body.mount_forces(found)
+    total = sum(
+        mount.rotation @ forces.force[0, i] for i, mount in enumerate(body.mounts)
+    )  # fmt: skip
+    moved = -((found.harmonics * nu) ** 2) * found.coefficients[0, :3]
+    push = np.outer(load[:3], found.harmonics == 1)
+    np.testing.assert_allclose(total + moved, push, atol=1e-7)
+    at_mount = body.motion_of(found, body.mounts[0].position)[0]
+    np.testing.assert_allclose(
+        body.mounts[0].rotation.T @ at_mount, forces.deflection[0, 0], atol=1e-12
+    )
