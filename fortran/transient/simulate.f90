@@ -173,6 +173,10 @@ contains
         t_reached = at%from
         return
       end if
+      if (at%stuck) then
+        call give_up(method, at, t_reached, outcome)
+        return
+      end if
       doubtful = .not. at%made
       if (system%limited .and. .not. doubtful) then
         doubtful = .not. method%least_margin(system, at%q, at%v) > 0.0_wp

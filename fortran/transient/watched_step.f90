@@ -35,6 +35,8 @@ module viscovib_watched_step
     integer, allocatable :: sides(:)
     !> The last part was made; an event ends the run; the part of the step that was passed.
     logical :: made = .false., ended = .false.
+    !> The motion stays on a surface, as where dry friction sticks: no part leads on.
+    logical :: stuck = .false.
     !> Of what was passed last, and how often in this step.
     integer :: last = 0, n_passed = 0
     real(wp), allocatable :: memory(:)
@@ -131,8 +133,8 @@ contains
 
     more = .false.
     at%n_passed = at%n_passed + 1
-    at%made = at%n_passed <= most_passages
-    if (.not. at%made) return
+    at%stuck = at%n_passed > most_passages
+    if (at%stuck) return
     if (length > 4.0_wp*spacing(at%from)) then
       call method%change_step(system, length)
       call wanted%keep_between(method, system, at%from)

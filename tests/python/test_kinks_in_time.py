@@ -113,3 +113,12 @@ def test_resumed_on_the_same_side():
     part = vv.simulate(system, whole.t[inside], dt=0.1, load=0.8, nu=0.7)
     again = vv.simulate(system, 20.0, resume=part)
     np.testing.assert_allclose(again.state[-1], whole.state[-1], atol=1e-13)
+
+
+def test_sticking_is_told():
+    """Where sign(v) sticks no step leads on: the run says so, and nothing is made up."""
+    sticks = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.3*sign(x_dot)")
+    run = vv.simulate(sticks, 20.0, load=0.5, nu=0.8, dt=0.1)
+    assert run.outcome == "step too large"
+    with pytest.raises(vv.InputError, match="not met"):
+        vv.simulate(sticks, 20.0, load=0.5, nu=0.8)
