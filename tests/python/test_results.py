@@ -94,6 +94,12 @@ RESULTS |= {
     "mount forces": _forces,
     "modulation": lambda: vv.MultipleScales(BODY).modulation([0, 1, 2], [0.1, 0, 0.1, 0, 0, 0]),
     "scales motion": lambda: vv.MultipleScales(BODY).motion([0, 1, 2], [0.1, 0, 0.1, 0, 0, 0]),
+    "basins": lambda: vv.basins(
+        vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3"),
+        {"x": [0.5, -0.5], "x_dot": [0.1, 0.2]},
+        t_end=20,
+        dt=0.1,
+    ),
     "master curve": lambda: vv.master_curve(_sets(), reference=20.0),
     "kramers kronig": lambda: vv.kramers_kronig(_modulus()),
     "fit": lambda: vv.fit_kernel(_modulus()),
@@ -114,7 +120,7 @@ PARTS = {
     "data": _modulus,
 }
 DRAWN = set(RESULTS) - {
-    "ensemble", "lines", "body modes", "mount forces", "modulation", "scales motion",
+    "basins", "ensemble", "lines", "body modes", "mount forces", "modulation", "scales motion",
     "master curve", "kramers kronig", "fit", "prony fit",
 }  # fmt: skip
 #: Public classes that calls take or that hold others; all else is found, and a value.
@@ -192,7 +198,7 @@ def test_it_prints_in_a_few_lines(named_result):
     assert len(text.splitlines()) <= (9 if result.kind == "modes" else 6)
     assert len(text) < 700
     assert result.summary().splitlines()[0] in text
-    assert result.complete or result.kind == "lines"
+    assert result.complete or result.kind in ("lines", "basins")
 
 
 def test_it_is_drawn(named_result):
