@@ -108,7 +108,6 @@ contains
     class(structure_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     integer :: j, n, q, s
-
     n = system%n_dof()
     hill%n_dof = n
     hill%stride = merge(2, 1, set%half_wave)
@@ -144,7 +143,6 @@ contains
     real(wp), dimension(self%n_dof, self%n_dof) :: largest, strongest
     real(wp) :: parts(size(x, 1))
     integer :: b
-
     self%nu = nu
     self%period = self%stride*nu
     ! Loss factors have no meaning off the axis.
@@ -183,7 +181,6 @@ contains
     complex(wp) :: total
     real(wp) :: peak, constant
     integer :: a, b, j, m, most, q, s
-
     most = (size(self%u, 1) - 1)/2
     if (allocated(self%local)) deallocate (self%local)
     allocate (self%local(self%n_dof, self%n_dof, -most:most, size(self%kernel_of_group)), &
