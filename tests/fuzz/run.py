@@ -1,6 +1,7 @@
 """`./run fuzz`: random cases until the time is over, and a table of how they ended.
 
-    ./run fuzz [--minutes N | --cases N] [--seed S] [--parts scenes,...] [--builds release,...]
+    ./run fuzz [--minutes N | --cases N] [--first N] [--seed S] [--parts scenes,...]
+               [--builds release,...]
     ./run fuzz --again scenes:SEED:NUMBER
 
 Each part of the fuzzer is a module beside this one with a function `parts(folder, builds)`, which
@@ -42,7 +43,11 @@ def main() -> int:
         # Each has the same share of the time, whatever its cases take.
         part = min(left, key=lambda one: used[one.name])
         counts, began = tables[part.name], time.monotonic()
-        case = _case(part, options.seed, sum(counts.values()))
+        try:
+            case = _case(part, options.seed, options.first + sum(counts.values()))
+        except KeyboardInterrupt:
+            # A long run that is ended tells what it has.
+            break
         used[part.name] += time.monotonic() - began
         counts[case.ending.verdict] += 1
         if not case.ending.good:
@@ -88,6 +93,7 @@ def _options() -> argparse.Namespace:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--minutes", type=float, default=5.0)
     parser.add_argument("--cases", type=int, default=0, help="of each part; 0: until time is over")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--seed", default=time.strftime("%Y%m%d"), help="today's date")
     parser.add_argument("--parts", type=lambda text: text.split(","), default=[])
     parser.add_argument(

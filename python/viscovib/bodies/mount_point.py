@@ -64,7 +64,8 @@ class FluidTrack:
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """K Z/(K + Z) at circular frequencies nu (rad/s), any shape (N/m)."""
-        frequencies = _native.real_array("nu", nu)
+        # Far beyond the resonance of the track the fluid stands still: the limit is its stiffness.
+        frequencies = np.clip(_native.real_array("nu", nu), -1e100, 1e100)
         z = -(frequencies**2) * self.mass + 1j * frequencies * self.damping
         return np.asarray(self.stiffness * z / (self.stiffness + z))
 
