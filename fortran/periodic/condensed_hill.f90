@@ -325,15 +325,13 @@ contains
       n = p*size(self%swings)
       width = (self%reach + 1)*size(self%swings) - 1
     else if (n == p .and. .not. allocated(self%by_rate)) then
-      factor = (1.0_wp, 0.0_wp)
       call fill_one(p, self%reach, size(self%re, 1), h(:p, 1, 1), kept(:p, :), self%local, &
                     ubound(self%local, 3), self%without(1, 1), self%re, self%im)
     else
-      factor = (1.0_wp, 0.0_wp)
       call fill(self, p, centre, h, kept, s(centre))
     end if
     call band_determinant(n, size(self%re, 1), max(min(n - 1, width), 0), self%re, self%im, value)
-    value = value*factor
+    if (abs(factor) > 0.0_wp) value = value*factor
     do i = 1, size(self%poles%multiplied)
       value = value*gap(2.0_wp*pi/self%period*(self%poles%multiplied(i) - lambda))
     end do

@@ -261,6 +261,14 @@ def test_derivatives_of_the_branch():
             "geometry = 'exact': the method of successive",
         ),
         (lambda body: vv.MultipleScales(body, load=0.1, nu=1.0), "an expansion in multiple"),
+        (
+            lambda body: vv.simulate_ensemble(body, initial=np.zeros((4, 12)), t_end=1.0),
+            "geometry = 'exact': an ensemble",
+        ),
+        (
+            lambda body: vv.basins(body, {"x": (-1, 1, 3), "y": (-1, 1, 3)}),
+            "geometry = 'exact': a map of basins",
+        ),
         (lambda _: some_body(gravity=9.81), "gravity: must be None"),
         (lambda _: some_body(base_direction="rx", load_axes="space"), "must not turn the floor"),
         (lambda _: some_body(base_direction="z"), "load_axes = 'body': must be 'space'"),

@@ -15,6 +15,7 @@ from viscovib.analyses.ensemble import simulate_ensemble
 from viscovib.common.results import Result, span
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike
+from viscovib.systems.oscillators import refuse_turning
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 
@@ -162,6 +163,7 @@ def basins(
         raise InputError(
             f"system = {_native.shown(system)}: must be a Pendulum or a PolynomialSystem"
         )
+    refuse_turning(system, "a map of basins")
     names, x, y, states = _grid(system, starts, others)
     near = _native.number("tolerance", tolerance)
     if not 0 < near < 1:

@@ -24,6 +24,7 @@ from viscovib.common.results import Result, span
 from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES
 from viscovib.systems.load import LoadLike
+from viscovib.systems.oscillators import refuse_turning
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 
@@ -244,6 +245,7 @@ def simulate_ensemble(
     ...     parameters={"f0": [0.001, 0.002, 0.003, 0.004]},
     ... )
     """
+    refuse_turning(system, "an ensemble")
     members = members_of(system, initial, parameters, load, nu)
     exponents = _exponents(members, lyapunov)
     place = EXPLICIT[_explicit(method)]
