@@ -306,9 +306,7 @@ contains
     integer :: centre, i, n, p, width
 
     p = self%n_orders - merge(0, 1, about_half)
-    do i = 1, p
-      s(i) = lambda + cmplx(0.0_wp, ((i - p)*self%stride + self%highest)*self%nu, wp)
-    end do
+    s(:p) = [(lambda + cmplx(0.0_wp, ((i - p)*self%stride + self%highest)*self%nu, wp), i=1, p)]
     call self%band%evaluate(s(:p), h(:p, :, :))
     kept(:p, :) = retained_of(system, self%kernel_of_group, s(:p))
     ! Rigid bodies are near their poles at order 0, or -1 of odd ones.
