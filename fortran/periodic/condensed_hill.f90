@@ -38,8 +38,6 @@ module viscovib_condensed_hill
 
   !> Multipliers this close to the unit circle count as on it.
   real(wp), parameter, public :: circle = 1.0e-9_wp
-  !> Where the estimate of the orders that matter stops growing.
-  real(wp), parameter :: most_reached = 1.0e100_wp
   !> Slowest growth that is seen where a kernel has no integral, in d.
   real(wp), parameter :: slow = 1.0e-12_wp
   !> Unknowns of a determinant at most.
@@ -274,10 +272,9 @@ contains
       i = i + 1
       reached(i) = 0.0_wp
       do m = 1, self%reach
-        reached(i) = reached(i) + part*self%parts(m)*reached(max(i - m, 0))
+        ! Of large motions it grows by factors for many orders.
+        reached(i) = min(reached(i) + part*self%parts(m)*reached(max(i - m, 0)), 1.0e100_wp)
       end do
-      ! Of large motions it grows by factors for many orders.
-      reached(i) = min(reached(i), most_reached)
       if (part <= negligible .and. (maxval(reached(max(i - self%reach + 1, 0):i)) &
                                           <= accurate .or. n >= few_unknowns)) exit
       b = b + self%stride
