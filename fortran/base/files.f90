@@ -8,13 +8,12 @@ module viscovib_files
   public :: make_folder, replace_file, remove_file, stem, reason, real_path, ignore_file_limit
 
   interface
-    integer(c_int) function c_mkdir(path, mode) bind(c, name='mkdir')
+    integer(c_int) function c_make_folder(path) bind(c, name='viscovib_make_folder')
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
-      integer(c_int), value :: mode
-    end function c_mkdir
+    end function c_make_folder
 
-    integer(c_int) function c_rename(from, to) bind(c, name='rename')
+    integer(c_int) function c_rename(from, to) bind(c, name='viscovib_replace')
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: from(*), to(*)
     end function c_rename
@@ -50,9 +49,9 @@ contains
     integer(c_int) :: code
     integer :: i
     do i = 2, len(path)
-      if (path(i:i) == '/') code = c_mkdir(path(:i - 1)//c_null_char, int(o'777', c_int))
+      if (path(i:i) == '/') code = c_make_folder(path(:i - 1)//c_null_char)
     end do
-    code = c_mkdir(path//c_null_char, int(o'777', c_int))
+    code = c_make_folder(path//c_null_char)
   end subroutine make_folder
 
   !> Put a finished file in the place of another in one step.

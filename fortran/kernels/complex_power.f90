@@ -13,6 +13,7 @@
 !! one. Products that must be exact are of numbers cut to 26 bits, which holds
 !! with and without fused multiply-add.
 module viscovib_complex_power
+  use, intrinsic :: iso_c_binding, only: c_double
   use viscovib_constants, only: half_pi
   use viscovib_kinds, only: i8, wp
   implicit none
@@ -33,6 +34,13 @@ module viscovib_complex_power
   real(wp), parameter :: ln2_low = 1.90821492927058770002e-10_wp
   !> Keeps the leading 26 bits of a significand.
   integer(i8), parameter :: upper_bits = not(int(z'7FFFFFF', i8))
+
+  interface
+    pure real(c_double) function c_gamma(x) bind(c, name='viscovib_gamma')
+      import :: c_double
+      real(c_double), value :: x
+    end function c_gamma
+  end interface
 
 contains
 
@@ -225,13 +233,10 @@ contains
     cut = transfer(iand(transfer(a, 0_i8), upper_bits), 0.0_wp)
   end function cut
 
-  !> Gamma(x) correct to the last digit but for rare ties: evaluated in
-  !! quadruple precision, since the C library's double version errs by several
-  !! ulp.
+  !> Gamma(x) correct to the last digit but for rare ties.
   elemental real(wp) function gamma_function(x)
-    use, intrinsic :: iso_fortran_env, only: real128
     real(wp), intent(in) :: x
-    gamma_function = real(gamma(real(x, real128)), wp)
+    gamma_function = c_gamma(x)
   end function gamma_function
 
 end module viscovib_complex_power

@@ -1,9 +1,9 @@
-!> Discrete Fourier transforms of real signals, by FFTW.
+!> Discrete Fourier transforms of real signals, by FFTW (fft_fftw.c) or without it (fft_own.c).
 !!
-!! Plans are made once per length and kept; they take any array of that length.
-!! Estimated plans are used, so that results do not vary from run to run; they touch no array.
-!! Making a plan is the one thing in FFTW that two threads must not do at once, so that
-!! whoever does takes the lock. A plan is given up for another only while no thread uses it.
+!! Plans are made once per length and kept; they take any array of that length. Results do not
+!! vary from run to run. Making a plan is the one thing in FFTW that two threads must not do at
+!! once, so that whoever does takes the lock. A plan is given up for another only while no thread
+!! uses it.
 module viscovib_fourier
   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_double_complex, c_int, &
     c_null_ptr, c_ptr
@@ -14,8 +14,6 @@ module viscovib_fourier
 
   public :: real_spectrum, lock_planner, unlock_planner
 
-  !> FFTW_ESTIMATE, FFTW_UNALIGNED and FFTW_PRESERVE_INPUT of fftw3.h.
-  integer(c_int), parameter :: estimate = 64_c_int, unaligned = 2_c_int, preserve_input = 16_c_int
   !> Lengths remembered; the oldest goes first.
   integer, parameter :: max_plans = 32
 
@@ -24,24 +22,24 @@ module viscovib_fourier
   type(c_ptr) :: plans(max_plans) = c_null_ptr
 
   interface
-    type(c_ptr) function fftw_plan_dft_r2c_1d(n, signal, spectrum, flags) bind(c)
+    type(c_ptr) function plan_line(n, signal, spectrum) bind(c, name='viscovib_plan_line')
       import :: c_double, c_double_complex, c_int, c_ptr
-      integer(c_int), value :: n, flags
+      integer(c_int), value :: n
       real(c_double), intent(in) :: signal(*)
       complex(c_double_complex), intent(inout) :: spectrum(*)
-    end function fftw_plan_dft_r2c_1d
+    end function plan_line
 
-    subroutine fftw_execute_dft_r2c(plan, signal, spectrum) bind(c)
+    subroutine transform(plan, signal, spectrum) bind(c, name='viscovib_transform')
       import :: c_double, c_double_complex, c_ptr
       type(c_ptr), value :: plan
       real(c_double), intent(in) :: signal(*)
       complex(c_double_complex), intent(out) :: spectrum(*)
-    end subroutine fftw_execute_dft_r2c
+    end subroutine transform
 
-    subroutine fftw_destroy_plan(plan) bind(c)
+    subroutine free_plan(plan) bind(c, name='viscovib_free_plan')
       import :: c_ptr
       type(c_ptr), value :: plan
-    end subroutine fftw_destroy_plan
+    end subroutine free_plan
 
     subroutine lock_planner() bind(c, name='viscovib_lock_planner')
     end subroutine lock_planner
@@ -65,20 +63,19 @@ contains
     call lock_planner()
     i = findloc(lengths, size(signal), 1)
     if (i == 0) then
-      plan = fftw_plan_dft_r2c_1d(size(signal), signal, spectrum, &
-                                  ior(estimate, ior(unaligned, preserve_input)))
+      plan = plan_line(size(signal), signal, spectrum)
       i = place_of(plan, size(signal))
     else
       plan = plans(i)
     end if
     if (i > 0) users(i) = users(i) + 1
     call unlock_planner()
-    call fftw_execute_dft_r2c(plan, signal, spectrum)
+    call transform(plan, signal, spectrum)
     call lock_planner()
     if (i > 0) then
       users(i) = users(i) - 1
     else
-      call fftw_destroy_plan(plan)
+      call free_plan(plan)
     end if
     call unlock_planner()
   end subroutine real_spectrum
@@ -94,7 +91,7 @@ contains
       i = oldest
       oldest = mod(oldest, max_plans) + 1
       if (users(i) > 0) cycle
-      if (c_associated(plans(i))) call fftw_destroy_plan(plans(i))
+      if (c_associated(plans(i))) call free_plan(plans(i))
       plans(i) = plan
       lengths(i) = length
       return

@@ -1,11 +1,11 @@
-!> Discrete Fourier transforms of real functions on a grid of one to three axes, by FFTW.
+!> Discrete Fourier transforms of real functions on a grid of one to three axes.
 !!
 !! With c_k for k_1 >= 0 in a box, 0 <= k_1 <= n_1/2 and the others modulo n_2, n_3,
 !!
 !!   u = sum_k c_k exp(i k.theta),   n c_k = sum u exp(-i k.theta),
 !!
 !! theta the angles of a sample and n the number of all. Plans are made once for a shape,
-!! estimated so that results do not vary, under a lock, and kept for good; many threads may
+!! such that results do not vary, under a lock, and kept for good; many threads may
 !! then execute one. Grids whose plans are quick are left to `quick_size`.
 module viscovib_grid_fourier
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_intptr_t, c_loc, &
@@ -18,9 +18,8 @@ module viscovib_grid_fourier
 
   public :: grid_plans, find_plans, quick_size, to_grid, from_grid
 
-  !> FFTW_ESTIMATE of fftw3.h. Alignment, which then is supposed, is that of the plan's
-  !! arrays: 16 bytes, as all that is allocated has where no offset spoils it.
-  integer(c_int), parameter :: estimate = 64_c_int
+  !> FFTW supposes the alignment of the plan's arrays: 16 bytes, as all that is allocated has where
+  !! no offset spoils it.
   integer(c_intptr_t), parameter :: alignment = 16_c_intptr_t
   integer, parameter :: max_shapes = 1000
 
@@ -33,33 +32,36 @@ module viscovib_grid_fourier
   type(grid_plans) :: known(max_shapes)
 
   interface
-    type(c_ptr) function fftw_plan_dft_r2c_3d(n_3, n_2, n_1, u, c, flags) bind(c)
+    type(c_ptr) function plan_box(n_3, n_2, n_1, u, c) &
+      bind(c, name='viscovib_plan_box')
       import :: c_double, c_double_complex, c_int, c_ptr
-      integer(c_int), value :: n_3, n_2, n_1, flags
+      integer(c_int), value :: n_3, n_2, n_1
       real(c_double), intent(inout) :: u(*)
       complex(c_double_complex), intent(inout) :: c(*)
-    end function fftw_plan_dft_r2c_3d
+    end function plan_box
 
-    type(c_ptr) function fftw_plan_dft_c2r_3d(n_3, n_2, n_1, c, u, flags) bind(c)
+    type(c_ptr) function plan_box_back(n_3, n_2, n_1, c, u) &
+      bind(c, name='viscovib_plan_box_back')
       import :: c_double, c_double_complex, c_int, c_ptr
-      integer(c_int), value :: n_3, n_2, n_1, flags
+      integer(c_int), value :: n_3, n_2, n_1
       complex(c_double_complex), intent(inout) :: c(*)
       real(c_double), intent(inout) :: u(*)
-    end function fftw_plan_dft_c2r_3d
+    end function plan_box_back
 
-    subroutine fftw_execute_dft_r2c(plan, u, c) bind(c)
+    subroutine transform(plan, u, c) bind(c, name='viscovib_transform')
       import :: c_double, c_double_complex, c_ptr
       type(c_ptr), value :: plan
       real(c_double), intent(in) :: u(*)
       complex(c_double_complex), intent(out) :: c(*)
-    end subroutine fftw_execute_dft_r2c
+    end subroutine transform
 
-    subroutine fftw_execute_dft_c2r(plan, c, u) bind(c)
+    subroutine transform_back(plan, c, u) &
+      bind(c, name='viscovib_transform_back')
       import :: c_double, c_double_complex, c_ptr
       type(c_ptr), value :: plan
       complex(c_double_complex), intent(inout) :: c(*)
       real(c_double), intent(out) :: u(*)
-    end subroutine fftw_execute_dft_c2r
+    end subroutine transform_back
   end interface
 
 contains
@@ -101,8 +103,8 @@ contains
     end do
     if (plans%n(1) == 0 .and. n_shapes < max_shapes) then
       allocate (u(product(n)), box((n(1)/2 + 1)*n(2)*n(3)))
-      plans%forward = fftw_plan_dft_r2c_3d(n(3), n(2), n(1), u, box, estimate)
-      plans%backward = fftw_plan_dft_c2r_3d(n(3), n(2), n(1), box, u, estimate)
+      plans%forward = plan_box(n(3), n(2), n(1), u, box)
+      plans%backward = plan_box_back(n(3), n(2), n(1), box, u)
       plans%n = n
       n_shapes = n_shapes + 1
       known(n_shapes) = plans
@@ -123,10 +125,10 @@ contains
     real(wp), intent(out), target, contiguous :: u(:)
     real(wp), allocatable :: copy(:)
     if (aligned(c_loc(u))) then
-      call fftw_execute_dft_c2r(plans%backward, box, u)
+      call transform_back(plans%backward, box, u)
     else
       allocate (copy(size(u)))
-      call fftw_execute_dft_c2r(plans%backward, box, copy)
+      call transform_back(plans%backward, box, copy)
       u = copy
     end if
   end subroutine to_grid
@@ -137,10 +139,10 @@ contains
     complex(wp), intent(out), contiguous :: box(:)
     real(wp), allocatable :: copy(:)
     if (aligned(c_loc(u))) then
-      call fftw_execute_dft_r2c(plans%forward, u, box)
+      call transform(plans%forward, u, box)
     else
       allocate (copy, source=u)
-      call fftw_execute_dft_r2c(plans%forward, copy, box)
+      call transform(plans%forward, copy, box)
     end if
   end subroutine from_grid
 

@@ -5,7 +5,7 @@
 !! that its error stays near the last digit after any number of steps; p t
 !! itself would lose a digit with every factor of ten in t.
 module viscovib_phases
-  use, intrinsic :: iso_fortran_env, only: real128
+  use, intrinsic :: iso_c_binding, only: c_double
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_vector_math, only: sine_cosine_lanes
@@ -14,9 +14,13 @@ module viscovib_phases
 
   public :: phases_type, new_phases, split_phase, step_phase, turn_phase
 
-  real(real128), parameter :: turn = 6.28318530717958647692528676655900577_real128
-  real(wp), parameter :: turn_high = real(turn, wp)
-  real(wp), parameter :: turn_low = real(turn - real(turn_high, real128), wp)
+  !> 2 pi in two parts.
+  real(wp), parameter :: turn_high = 6.283185307179586_wp, turn_low = 2.4492935982947064e-16_wp
+  !> 0 to 3 quarters of it.
+  real(wp), parameter :: quarter_high(0:3) = &
+    [0.0_wp, 1.5707963267948966_wp, 3.141592653589793_wp, 4.71238898038469_wp]
+  real(wp), parameter :: quarter_low(0:3) = &
+    [0.0_wp, 6.123233995736766e-17_wp, 1.2246467991473532e-16_wp, 1.8369701987210297e-16_wp]
 
   type :: phases_type
     !> Phase at the start of the step and its growth over a step, each in two
@@ -30,6 +34,14 @@ module viscovib_phases
     procedure :: advance
     procedure :: drives
   end type phases_type
+
+  interface
+    pure subroutine c_split_phase(frequency, time, high, low) bind(c, name='viscovib_split_phase')
+      import :: c_double
+      real(c_double), value :: frequency, time
+      real(c_double), intent(out) :: high, low
+    end subroutine c_split_phase
+  end interface
 
 contains
 
@@ -66,10 +78,7 @@ contains
   elemental subroutine split_phase(frequency, time, high, low)
     real(wp), intent(in) :: frequency, time
     real(wp), intent(out) :: high, low
-    real(real128) :: exact
-    exact = modulo(real(frequency, real128)*real(time, real128), turn)
-    high = real(exact, wp)
-    low = real(exact - real(high, real128), wp)
+    call c_split_phase(frequency, time, high, low)
   end subroutine split_phase
 
   !> A phase one step on, less a turn if it has got so far.
@@ -94,11 +103,7 @@ contains
     real(wp), intent(inout) :: high, low
     !> 0 to 3.
     integer, intent(in) :: quarters
-    real(real128) :: exact
-    real(wp) :: angle
-    exact = quarters*turn/4
-    angle = real(exact, wp)
-    call step_phase(high, low, angle, real(exact - real(angle, real128), wp))
+    call step_phase(high, low, quarter_high(quarters), quarter_low(quarters))
   end subroutine turn_phase
 
   !> To the start of the next step.

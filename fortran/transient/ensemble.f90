@@ -1,14 +1,14 @@
 !> Many trajectories of one kind of system, eight at a time in the lanes; what is
 !! learnt from them is gathered as they pass.
 module viscovib_ensemble
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_set_underflow_mode, &
-    ieee_support_underflow_control, ieee_value
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
   use viscovib_explicit, only: explicit_type, new_explicit
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_statistics, only: lines_type, moments_type, new_lines, new_moments
   use viscovib_lanes, only: n_lanes
   use viscovib_stopping, only: is_set
+  use viscovib_subnormals, only: flushing_type
   use viscovib_stops, only: find_stop, least_between, run_coarse, run_completed, stop_type
   use viscovib_tangent_system, only: new_tangent_system, tangent_system_type
   use viscovib_vector_math, only: largest_angle
@@ -97,10 +97,10 @@ contains
     type(ensemble_block), intent(inout) :: block
     integer, intent(inout) :: cancel
     type(flight_type) :: f
+    type(flushing_type) :: flushing
     integer(i8) :: i
 
-    ! As in viscovib_simulate.
-    if (ieee_support_underflow_control(1.0_wp)) call ieee_set_underflow_mode(.false.)
+    call flushing%begin()
     call take_off(f, job, system, n, block)
     do i = 1, job%n_steps
       if (mod(i, int(patience, i8)) == 0) then

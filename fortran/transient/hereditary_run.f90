@@ -1,7 +1,5 @@
 !> A run with memory in fixed steps: what is kept of it, and how it ends.
 module viscovib_hereditary_run
-  use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode, &
-    ieee_support_underflow_control
   use viscovib_base_motion, only: base_motion_type
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_hereditary_stops, only: stop_hereditary
@@ -13,6 +11,7 @@ module viscovib_hereditary_run
   use viscovib_simulate, only: run_coarse, run_completed, run_event, run_stopped
   use viscovib_step_path, only: new_path, step_path
   use viscovib_stopping, only: stop_wanted
+  use viscovib_subnormals, only: flushing_type
   use viscovib_time_load, only: time_load_type
   use viscovib_watch, only: passage_type, watch_type
   implicit none
@@ -55,10 +54,10 @@ contains
     real(wp) :: u(run%n_observed()), v(run%n_observed()), now, from
     integer(i8) :: i, column
     logical :: made, trusted
+    type(flushing_type) :: flushing
     integer :: piece, before
 
-    ! As in viscovib_simulate.
-    if (ieee_support_underflow_control(1.0_wp)) call ieee_set_underflow_mode(.false.)
+    call flushing%begin()
     outcome = run_completed
     n_done = 0
     n_reached = 0

@@ -1,7 +1,5 @@
 !> A run in fixed steps: what is kept of it, and how it ends.
 module viscovib_simulate
-  use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode, &
-    ieee_support_underflow_control
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
@@ -11,6 +9,7 @@ module viscovib_simulate
   use viscovib_stopping, only: stop_wanted
   use viscovib_stops, only: find_stop, in_range, run_coarse, run_completed, run_diverged, &
     run_event, run_names, run_stopped, run_unphysical, stop_type
+  use viscovib_subnormals, only: flushing_type
   use viscovib_wanted_states, only: wanted_states
   use viscovib_watch, only: new_watch, watch_type
   use viscovib_watched_step, only: sides_of, step_watched, watched_step_type
@@ -50,13 +49,12 @@ contains
     type(wanted_states) :: wanted
     type(watched_step_type) :: at
     type(watch_type) :: unwatched
+    type(flushing_type) :: flushing
     integer(i8) :: i, column
     real(wp) :: now
     integer :: piece
 
-    ! Numbers that fade below 1e-308 become 0 instead of subnormal, which would make each
-    ! operation on them ten times as long; the mode is the caller's again on return.
-    if (ieee_support_underflow_control(1.0_wp)) call ieee_set_underflow_mode(.false.)
+    call flushing%begin()
     outcome = run_completed
     n_done = 0
     wanted%times = times

@@ -138,7 +138,10 @@ def test_the_manifest_of_fpm_has_every_source(prefix):
         for path in folder.iterdir()
         if folder.name != "app" and not path.name.endswith("_binding.f90")
     }
-    assert wanted == here
+    # Of the transforms, those that were chosen.
+    assert wanted - here <= {"fft_own.c", "fft_fftw.c"}
+    assert here <= wanted
+    assert len(wanted - here) == 1
 
 
 @pytest.fixture(scope="module")

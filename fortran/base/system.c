@@ -1,8 +1,11 @@
-/* Opening files as Fortran's own statements cannot: regular files only, names to the last blank,
+/* All that the library wants of POSIX; the bounds of the driver are in app/limits.c.
+
+   Files are opened as Fortran's own statements cannot: regular files only, names to the last blank,
    no links followed where a file is made. Failures are the negative of errno; not_regular for
    what is there but is no file. */
 #include <errno.h>
 #include <fcntl.h>
+#include <pthread.h>
 #include <signal.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -106,3 +109,17 @@ int viscovib_real_path(const char *path, char *text, int room) {
 
 /* A file that grows beyond what is allowed is then an error of writing, not the end. */
 void viscovib_ignore_file_limit(void) { signal(SIGXFSZ, SIG_IGN); }
+
+/* 0, or not: it is there already, or cannot be made. */
+int viscovib_make_folder(const char *path) { return mkdir(path, 0777); }
+
+/* In one step; 0, or not. */
+int viscovib_replace(const char *from, const char *to) { return rename(from, to); }
+
+/* One thread at a time makes plans: FFTW allows no more. Fortran has no lock that works on every
+   system, and Python's is not held where the balance of a pendulum runs. */
+static pthread_mutex_t planner = PTHREAD_MUTEX_INITIALIZER;
+
+void viscovib_lock_planner(void) { pthread_mutex_lock(&planner); }
+
+void viscovib_unlock_planner(void) { pthread_mutex_unlock(&planner); }

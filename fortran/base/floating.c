@@ -1,0 +1,53 @@
+/* What compilers of Fortran do differently or not at all: quadruple precision, of which C libraries
+   have functions, and the mode of subnormal numbers. */
+#define _GNU_SOURCE
+#include <math.h>
+
+/* Where the C library has no 128 bits, the widest type it has. */
+#if defined(__GLIBC__) && defined(__HAVE_FLOAT128) && __HAVE_FLOAT128
+typedef _Float128 wide;
+#define wide_fmod fmodf128
+#define wide_gamma tgammaf128
+#define wide_turn 6.28318530717958647692528676655900577f128
+#else
+typedef long double wide;
+#define wide_fmod fmodl
+#define wide_gamma tgammal
+#define wide_turn 6.28318530717958647692528676655900577L
+#endif
+
+#if defined(__SSE2__)
+#include <xmmintrin.h>
+#endif
+
+/* Gamma(x) correct to the last digit but for rare ties: the C library's double version errs by
+   several ulp. */
+double viscovib_gamma(double x) { return (double)wide_gamma((wide)x); }
+
+/* frequency time less whole turns, in [0, 2 pi), in two parts. */
+void viscovib_split_phase(double frequency, double time, double *high, double *low) {
+  wide exact = wide_fmod((wide)frequency * (wide)time, wide_turn);
+  if (exact < 0) exact += wide_turn;
+  *high = (double)exact;
+  *low = (double)(exact - (wide)*high);
+}
+
+/* Results below the smallest normal number become 0. Returns the mode before, for the next call. */
+unsigned viscovib_flush_subnormals(void) {
+#if defined(__SSE2__)
+  unsigned before = _mm_getcsr();
+  _mm_setcsr(before | 0x8000u);
+  return before;
+#else
+  return 0;
+#endif
+}
+
+/* The mode of subnormal numbers as it was; other modes and what was raised stay as they are. */
+void viscovib_restore_subnormals(unsigned before) {
+#if defined(__SSE2__)
+  _mm_setcsr((_mm_getcsr() & ~0x8000u) | (before & 0x8000u));
+#else
+  (void)before;
+#endif
+}
