@@ -1,0 +1,98 @@
+"""Native build and wheel side by side: `./run bench --wheel [WHEEL]`.
+
+Both run in processes of their own, by turns, so that a busy machine is busy for both; the table has
+medians of the alternate runs, and the ratio of native to wheel (1: as fast).
+"""
+
+import argparse
+import csv
+import statistics
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+CASES = ROOT / "benchmarks" / "wheel_cases.py"
+
+
+class Worker:
+    """A process that times cases."""
+
+    def __init__(self, python: Path) -> None:
+        # Not in the sources, where another viscovib may be found.
+        self.process = subprocess.Popen(
+            [str(python), str(CASES)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=tempfile.gettempdir(),
+        )
+        self.cases = self.process.stdout.readline().strip().split(",")
+
+    def time(self, case: str) -> float:
+        """Return the seconds that a case takes."""
+        self.process.stdin.write(case + "\n")
+        self.process.stdin.flush()
+        return float(self.process.stdout.readline())
+
+    def end(self) -> None:
+        """Let it end."""
+        self.process.stdin.close()
+        self.process.wait()
+
+
+def installed(wheel: Path) -> Path:
+    """Install a wheel where no compiler and no source is looked for; the interpreter."""
+    folder = ROOT / "build" / "wheel-environment"
+    python = folder / "bin" / "python"
+    if not python.exists():
+        subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
+    pip = [str(python), "-m", "pip", "install", "-q", "--only-binary", ":all:"]
+    subprocess.run([*pip, str(wheel)], check=True)
+    subprocess.run([*pip, "--force-reinstall", "--no-deps", str(wheel)], check=True)
+    return python
+
+
+def newest() -> Path:
+    """Return the newest wheel in dist for this Python."""
+    version = sysconfig.get_config_var("py_version_nodot")
+    found = sorted(
+        ROOT.glob(f"dist/viscovib-*-cp{version}-*.whl"), key=lambda path: path.stat().st_mtime
+    )
+    if not found:
+        sys.exit(f"bench: no wheel for cp{version} in dist: ./run wheel makes one")
+    return found[-1]
+
+
+def main() -> None:
+    """Print the table and write it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="./run bench --wheel")
+    parser.add_argument("wheel", nargs="?", type=Path, help="default: the newest in dist")
+    parser.add_argument("--turns", type=int, default=20)
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "bench")
+    options = parser.parse_args()
+    wheel = options.wheel or newest()
+    workers = {"native": Worker(Path(sys.executable)), "wheel": Worker(installed(wheel))}
+    rows = []
+    print(f"wheel: {wheel.name}; medians of {options.turns} alternate runs")
+    print(f"{'case':24}{'native ms':>12}{'wheel ms':>12}{'speed':>8}")
+    for case in workers["native"].cases:
+        taken: dict[str, list[float]] = {name: [] for name in workers}
+        for turn in range(options.turns):
+            for name in sorted(workers, reverse=turn % 2 == 1):
+                taken[name].append(workers[name].time(case))
+        native, other = (1e3 * statistics.median(taken[name]) for name in ("native", "wheel"))
+        ratio = statistics.median(a / b for a, b in zip(taken["native"], taken["wheel"]))
+        rows.append([case, f"{native:.4g}", f"{other:.4g}", f"{ratio:.3f}"])
+        print(f"{case:24}{native:12.4g}{other:12.4g}{ratio:8.2f}", flush=True)
+    for worker in workers.values():
+        worker.end()
+    options.out.mkdir(parents=True, exist_ok=True)
+    with open(options.out / "wheel.csv", "w", newline="") as file:
+        csv.writer(file).writerows([["case", "native_ms", "wheel_ms", "speed"], *rows])
+
+
+if __name__ == "__main__":
+    main()
