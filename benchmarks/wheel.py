@@ -68,7 +68,9 @@ def newest() -> Path:
 
 def main() -> None:
     """Print the table and write it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="./run bench --wheel")
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0], prog="./run bench --wheel"
+    )
     parser.add_argument("wheel", nargs="?", type=Path, help="default: the newest in dist")
     parser.add_argument("--turns", type=int, default=20)
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "bench")
@@ -84,7 +86,9 @@ def main() -> None:
             for name in sorted(workers, reverse=turn % 2 == 1):
                 taken[name].append(workers[name].time(case))
         native, other = (1e3 * statistics.median(taken[name]) for name in ("native", "wheel"))
-        ratio = statistics.median(a / b for a, b in zip(taken["native"], taken["wheel"]))
+        ratio = statistics.median(
+            a / b for a, b in zip(taken["native"], taken["wheel"], strict=True)
+        )
         rows.append([case, f"{native:.4g}", f"{other:.4g}", f"{ratio:.3f}"])
         print(f"{case:24}{native:12.4g}{other:12.4g}{ratio:8.2f}", flush=True)
     for worker in workers.values():

@@ -295,7 +295,11 @@ contains
     else if (present(default)) then
       values = default
     end if
-    if (self%status%failed()) values = [(0.0_wp, j=1, merge(n, 0, present(n)))]
+    if (self%status%failed()) then
+      last = 0
+      if (present(n)) last = n
+      values = [(0.0_wp, j=1, last)]
+    end if
     call self%echo_reals(key, values)
   end function read_reals
 
