@@ -369,7 +369,7 @@ def _turning(rng, index):
     model.memory = None
     stiff, heavy = model.mounts[0]["stiffness"].max(), model.mass
     speed = np.sqrt(stiff / heavy)
-    end = number(5 / speed)
+    end = number(0.5 / speed)
     start = np.zeros(12)
     start[1::2] = rng.normal(size=6) * speed * np.repeat([0.1, 0.5], 3)
     start = start.round(6)
