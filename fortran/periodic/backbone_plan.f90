@@ -4,6 +4,7 @@ module viscovib_backbone_plan
   use viscovib_free_orders, only: chosen_text, first_chosen, highest_chosen
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
+  use viscovib_loop_samples, only: has_states
   use viscovib_load, only: load_type, new_load
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_modes, only: oscillator_modes
@@ -65,9 +66,9 @@ contains
 
     n = system%n_dof()
     call set_ok(status)
-    if (system%n_rates() > 0) then
-      call fail(status, status_input_error, 'forces', 'forces: some depend on rates, as friction ' &
-                //'does: backbones are of systems without losses')
+    if (system%n_rates() > 0 .or. has_states(system)) then
+      call fail(status, status_input_error, 'forces', 'forces: some depend on rates, or have ' &
+                //'friction: backbones are of systems without losses')
       return
     end if
     allocate (plan%system, source=system)

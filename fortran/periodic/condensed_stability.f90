@@ -6,6 +6,7 @@ module viscovib_condensed_stability
   use viscovib_condensed_roots, only: condensed_zeros, exponent_near, new_zeros
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
+  use viscovib_loop_samples, only: has_states
   use viscovib_structure, only: structure_type
   implicit none
   private
@@ -51,6 +52,8 @@ contains
     exponents = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     n_growing = -1
     slowest = .false.
+    ! How elements with states answer a disturbance is not in the determinant.
+    if (has_states(system)) return
     call self%hill%along(system, nu, x)
     if (.not. self%hill%ready) return
     associate (hill => self%hill, poles => self%hill%poles)

@@ -12,11 +12,13 @@
 !! between the same two tables.
 module viscovib_harmonic_balance
   use viscovib_counters, only: count_unknowns, count_up, counted_loads, counting
+  use viscovib_friction_loop, only: friction_loop
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_loop_samples, only: add_loops, loop_block, loops_of
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_sample_tables, only: new_sample_tables, sample_tables
+  use viscovib_sample_tables, only: new_sample_tables, retain, sample_tables
   implicit none
   private
 
@@ -31,6 +33,8 @@ module viscovib_harmonic_balance
     integer, allocatable, private :: rates(:)
     !> Whether `slopes` are those of the last motion seen.
     logical, private :: bent_known = .false.
+    !> Elements with states, over the cycle.
+    type(friction_loop), allocatable, private :: loops(:)
     !> Frequency (rad/s), and the factor s of the load.
     real(wp) :: nu = 0.0_wp, load_factor = 1.0_wp
     type(sample_tables), private :: tables
@@ -76,6 +80,7 @@ contains
     m = system%n_memory()
     k = size(set%orders)
     balance%set = set
+    balance%loops = loops_of(system)
     call new_sample_tables(balance%tables, set)
     s = balance%tables%n_samples
     balance%n_dof = d
@@ -152,6 +157,7 @@ contains
       end do
     end do
     if (any(system%bent)) call system%deflection_remainder(self%u, self%w)
+    if (size(self%loops) > 0) call add_loops(self%loops, system, self%set, self%u, self%w)
     do j = 1, self%n_memory
       self%kept = 0.0_wp
       if (system%bent(j)) then
@@ -249,19 +255,6 @@ contains
     call add_block(turned, 1.0_wp, a, b, jacobian)
   end subroutine add_rates
 
-  !> Multiply pairs of real and imaginary parts by complex numbers.
-  pure subroutine retain(fraction, parts)
-    complex(wp), intent(in) :: fraction(:)
-    real(wp), intent(inout) :: parts(2*size(fraction))
-    real(wp) :: re
-    integer :: k
-    do k = 1, size(fraction)
-      re = real(fraction(k))*parts(2*k - 1) - aimag(fraction(k))*parts(2*k)
-      parts(2*k) = real(fraction(k))*parts(2*k) + aimag(fraction(k))*parts(2*k - 1)
-      parts(2*k - 1) = re
-    end do
-  end subroutine retain
-
   !> dR/dx at the motion that `residual` saw last.
   subroutine derivatives(self, system, jacobian)
     class(balance_type), intent(inout) :: self
@@ -308,7 +301,31 @@ contains
     do b = 1, size(self%rates)
       call add_rate(self, system, b, jacobian)
     end do
+    if (size(self%loops) > 0) call add_loop_blocks(self, system, jacobian)
   end subroutine derivatives
+
+  !> What elements with states add.
+  subroutine add_loop_blocks(self, system, jacobian)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(inout) :: jacobian(:, :)
+    real(wp) :: samples(self%tables%n_samples), factors(self%n_dof, self%n_dof)
+    integer :: a, b, c, i
+
+    samples = 0.0_wp
+    do i = 1, size(self%loops)
+      do c = 1, size(self%block, 2)
+        call loop_block(self%loops(i), system, self%set%synthesis(c, :), &
+                        samples(:self%set%n_samples), factors)
+        call self%tables%to_parts(samples, self%block(:, c))
+      end do
+      do b = 1, self%n_dof
+        do a = 1, self%n_dof
+          if (abs(factors(a, b)) > 0.0_wp) call add_block(self%block, factors(a, b), a, b, jacobian)
+        end do
+      end do
+    end do
+  end subroutine add_loop_blocks
 
   !> What depends on a rate: a basic motion sin k nu t has the rate k nu cos k nu t.
   subroutine add_rate(self, system, b, jacobian)

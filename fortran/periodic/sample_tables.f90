@@ -7,7 +7,7 @@ module viscovib_sample_tables
   implicit none
   private
 
-  public :: sample_tables, new_sample_tables
+  public :: sample_tables, new_sample_tables, retain
 
   !> Samples are filled up to a multiple of this by zeros.
   integer, parameter :: vector = 4
@@ -88,6 +88,19 @@ contains
       s(-m) = -s(m)
     end do
   end subroutine moments
+
+  !> Multiply pairs of real and imaginary parts by complex numbers.
+  pure subroutine retain(fraction, parts)
+    complex(wp), intent(in) :: fraction(:)
+    real(wp), intent(inout) :: parts(2*size(fraction))
+    real(wp) :: re
+    integer :: k
+    do k = 1, size(fraction)
+      re = real(fraction(k))*parts(2*k - 1) - aimag(fraction(k))*parts(2*k)
+      parts(2*k) = real(fraction(k))*parts(2*k) + aimag(fraction(k))*parts(2*k - 1)
+      parts(2*k - 1) = re
+    end do
+  end subroutine retain
 
   !> y = A x, four columns a turn.
   pure subroutine combine(n, m, a, x, y)

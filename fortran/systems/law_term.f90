@@ -18,6 +18,9 @@ module viscovib_law_term
     !> The kernel behind which it stands (0: none), its parity (see `parity_of`), and its degree as
     !! a polynomial (0: it is none).
     integer :: kernel = 0, parity = 0, degree = 0
+    !> What has a state of its own (0: nothing, 1: a Jenkins element, whose program holds its
+    !! stiffness and limit), and is thus known over whole cycles only.
+    integer :: state = 0
     !> Shape (n_targets), and the hereditary variables of these equations.
     integer, allocatable :: equations(:), variables(:)
     real(wp), allocatable :: weights(:)
@@ -83,7 +86,7 @@ contains
     self%program%n_arguments = count(used)
   end subroutine drop_unread
 
-  !> A law from numbers: arguments, equations, instructions, kernel, parity, degree; A and A'
+  !> A law from numbers: arguments, equations, instructions, kernel, parity, degree, state; A and A'
   !! (arguments n_dof); equation and weight of each target; code and number of each instruction.
   subroutine new_law_term(law, vector, n_dof, used)
     type(law_term), intent(out) :: law
@@ -99,7 +102,8 @@ contains
     law%kernel = nint(vector(4))
     law%parity = nint(vector(5))
     law%degree = nint(vector(6))
-    used = 6
+    law%state = nint(vector(7))
+    used = 7
     law%arguments = reshape(vector(used + 1:used + m*n_dof), [m, n_dof])
     used = used + m*n_dof
     law%rates = reshape(vector(used + 1:used + m*n_dof), [m, n_dof])
@@ -150,6 +154,7 @@ contains
     integer :: i, j
 
     do i = 1, size(laws)
+      if (laws(i)%state > 0) cycle
       associate (law => laws(i))
         call law%program%evaluate(matmul(u, transpose(law%seen)), value)
         do j = 1, size(law%variables)
@@ -170,6 +175,7 @@ contains
     integer :: b, i, j
 
     do i = 1, size(laws)
+      if (laws(i)%state > 0) cycle
       associate (law => laws(i))
         allocate (by_argument(size(u, 1), law%program%n_arguments))
         call law%program%differentiate(matmul(u, transpose(law%seen)), value, by_argument)

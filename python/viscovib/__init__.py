@@ -74,6 +74,7 @@ _NAMES = {
     "systems.characteristic": "CharacteristicRoots",
     "systems.cubic_system": "CubicSystem",
     "systems.elements": "Coupling Spring",
+    "systems.friction": "Jenkins",
     "systems.load": "fourier_coefficients",
     "systems.load_table": "LoadTable",
     "systems.mount": "Mount",
@@ -272,6 +273,9 @@ if TYPE_CHECKING:
     from viscovib.systems.elements import (
         Coupling as Coupling,
         Spring as Spring,
+    )
+    from viscovib.systems.friction import (
+        Jenkins as Jenkins,
     )
     from viscovib.systems.load import fourier_coefficients as fourier_coefficients
     from viscovib.systems.load_table import LoadTable as LoadTable

@@ -5,7 +5,7 @@ from scipy.integrate import solve_ivp
 
 from referee.case import Case, Claim, even, few, number
 
-JUDGES = ("Spring", "Spring.degree")
+JUDGES = ("Spring", "Spring.degree", "Jenkins", "Jenkins.loop", "Jenkins.energy")
 
 #: Texts in x with numbers A and B, and the same for NumPy; all smooth.
 LAWS = {
@@ -175,6 +175,43 @@ multipliers, stable = r.multipliers[0], r.stable[0]
     return Case(call, judge)
 
 
+def _slider(rng, index):
+    k, limit = few(rng, 1, 30), few(rng, 0.05, 0.5)
+    c, load, nu = even(rng, 0.02, 0.2, 3), few(rng, 0.1, 2), few(rng, 0.3, 3, 4)
+    call = f"""slider = vv.Jenkins(on="x1", stiffness={k}, limit={limit})
+s = vv.Structure(mass=[[1.0]], stiffness=[[1.0]], damping=[[{c}]], elements=[slider])
+r = vv.forced_response(s, [{nu}], load=[{load}], method="newton", harmonics=31)
+x, orders, ok, truncation = r.coefficients[0, 0], r.harmonics, r.converged[0], r.truncation[0]
+d = (x @ np.exp(2j * np.pi * np.outer(orders, np.arange(512)) / 512)).imag
+loop, lost = slider.loop(d), float(slider.energy(d))
+"""
+
+    def judge(names, told):
+        if not names["ok"]:
+            return
+        x, orders, d = names["x"], names["orders"], names["d"]
+        # Plasticity with a yield stress, by its return map; the work around the loop.
+        slip, force = 0.0, np.empty(3 * d.size)
+        for i, now in enumerate(np.tile(d, 3)):
+            trial = k * (now - slip)
+            if abs(trial) > limit:
+                slip += (abs(trial) - limit) / k * np.sign(trial)
+            force[i] = k * (now - slip)
+        own = force[-d.size :]
+        yield Claim("loop", names["loop"], own, 1e-9)
+        middle = 0.5 * (own + np.roll(own, 1))
+        work = float(middle @ (d - np.roll(d, 1)))
+        size = max(limit * np.ptp(d), 1e-300)
+        yield Claim("work", 1 + abs(names["lost"] - work) / size, 1.0, 3e-3)
+        fed = -np.pi * load * x[orders == 1][0].imag
+        damped = np.pi * c * nu * float((orders**2 * np.abs(x) ** 2).sum())
+        size = np.pi * load * np.abs(x).sum()
+        allowed = 2e-3 + 10 * max(names["truncation"], 0.0)
+        yield Claim("energy", 1 + abs(fed - damped - work) / size / allowed, 1.0, 1.0, damage=2.0)
+
+    return Case(call, judge)
+
+
 def case(rng, index):
     """Draw a law, and ask for its steady motion, stability, motion in time, or a structure's."""
-    return (_steady, _motion, _element, _multipliers)[index % 4](rng, index // 4)
+    return (_steady, _motion, _element, _multipliers, _slider)[index % 5](rng, index // 5)

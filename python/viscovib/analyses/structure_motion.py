@@ -139,6 +139,11 @@ class StructureMotion:
         if load is None and waved is None and nu is not None:
             raise InputError("nu: must not be given without load or base")
         loaded = structure._loaded(load, waved)
+        if any(place.law.state for place in loaded.condensation.laws.programs):
+            raise InputError(
+                "elements: have a Jenkins, motions in time of such are not available (periodic "
+                "motions are)"
+            )
         if loaded.condensation.rest.losses.any():
             raise InputError(
                 "loss_factor: has no meaning in time, must be 0 for a motion in time (take a "

@@ -11,6 +11,7 @@ from viscovib._native import FloatArray
 from viscovib.common.expression import MAX_DEGREE
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.friction import Jenkins
 from viscovib.systems.laws import Law, read_law
 
 #: What a direction may be: a coordinate, two of them for their difference, weights, or a vector.
@@ -201,9 +202,14 @@ def element_terms(
             coupled = coupling_terms([element], names, places, i)[0]
             found += [ElementTerms(e, {}, 0.0, None) for e in coupled.directions]
             continue
+        if isinstance(element, Jenkins):
+            e = direction_of(f"elements[{i}].on", element.on, len(names), places)
+            found.append(ElementTerms(e, {1: element.stiffness}, 0.0, None, element._law))
+            continue
         if not isinstance(element, Spring):
             raise InputError(
-                f"elements[{i}] = {_native.shown(element)}: must be a Spring or a Coupling"
+                f"elements[{i}] = {_native.shown(element)}: must be a Spring, a Coupling or a "
+                "Jenkins"
             )
         e = direction_of(f"elements[{i}].on", element.on, len(names), places)
         program = element._program  # type: ignore[attr-defined]

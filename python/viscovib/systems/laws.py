@@ -44,6 +44,8 @@ class Law:
     degree: int = 0
     #: How many of the arguments, the last ones, are rates of the others.
     n_rates: int = 0
+    #: 1: a Jenkins element, whose program only holds its numbers.
+    state: int = 0
 
     def __call__(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values, shape (n,), and derivatives, shape (n, n_arguments), at (n, n_arguments)."""
@@ -119,7 +121,8 @@ class Law:
             for code, number in zip(self.code, self.number, strict=True)
             for x in (code, place[int(number)] if code == _ARGUMENT else number)
         ]
-        head = [len(used), len(targets), len(self.code), kernel, self.parity, self.degree]
+        head = [len(used), len(targets), len(self.code), kernel]
+        head += [self.parity, self.degree, self.state]
         rows = [part[list(used)].ravel(order="F").tolist() for part in (of_coordinates, of_rates)]
         pairs = [x for on, weight in targets.items() for x in (on + 1, weight)]
         return [*head, *rows[0], *rows[1], *pairs, *steps]
