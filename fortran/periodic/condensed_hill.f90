@@ -298,8 +298,7 @@ contains
     logical, intent(in) :: about_half
     complex(wp), dimension(self%n_orders) :: s
     complex(wp) :: h(self%n_orders, self%n_dof, self%n_dof)
-    complex(wp) :: kept(self%n_orders, size(self%kernel_of_group))
-    complex(wp) :: factor
+    complex(wp) :: kept(self%n_orders, size(self%kernel_of_group)), factor
     integer :: centre, i, n, p, width
 
     p = self%n_orders - merge(0, 1, about_half)

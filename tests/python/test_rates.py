@@ -201,3 +201,23 @@ def test_what_is_refused(make, told):
     """One line that names it."""
     with pytest.raises(vv.InputError, match=told):
         make()
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_branch_over_a_parameter_of_friction():
+    """The end of a branch over a number of a law with rates is the structure with that number."""
+
+    def structure(c):
+        law = "c*v + c*tanh(v/0.3) + 0.1*d^3"
+        return vv.Structure(
+            mass=[[1.0]], stiffness=[[1.0]], damping=[[0.05]],
+            elements=[vv.Jenkins(on="x1", stiffness=0.1, limit=50),
+                      vv.Spring(on="x1", law=law, parameters={"c": c})],
+        )  # fmt: skip
+
+    branch = vv.trace_response(
+        structure(0.1), nu=1.3, vary="elements[1].c", vary_range=(0.1, 0.4), load=[0.3],
+        harmonics=15,
+    )  # fmt: skip
+    found = vv.forced_response(structure(0.4), [1.3], load=[0.3], method="newton", harmonics=15)
+    np.testing.assert_allclose(branch.coefficients[-1], found.coefficients[0], atol=1e-8)

@@ -11,7 +11,7 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
-from viscovib.systems.elements import ElementTerms, Spring, _law_terms
+from viscovib.systems.elements import Coupling, ElementTerms, Spring, _law_terms
 from viscovib.systems.laws import _ARGUMENT, _MULTIPLY, _NUMBER, _ODD, Law, compile_law
 from viscovib.systems.load import LoadLike
 from viscovib.systems.structure import Structure
@@ -89,7 +89,9 @@ def _element(structure: Structure, name: object) -> tuple[int, str]:
         raise InputError(f"vary = {name!r}: the structure has {len(structure.elements)} elements")
     element = structure.elements[place]
     if not isinstance(element, Spring):
-        raise InputError(f"vary = {name!r}: must be of a Spring, elements[{place}] is a Coupling")
+        raise InputError(
+            f"vary = {name!r}: must be of a Spring, elements[{place}] is a {type(element).__name__}"
+        )
     allowed = ("stiffness", *(element.parameters or ()))
     if key not in allowed:
         raise InputError(f"vary = {name!r}: must be one of {', '.join(allowed)} of this element")
@@ -101,7 +103,7 @@ def _variant(structure: Structure, name: str, place: int, key: str, value: float
     spring = structure.elements[place]
     terms = list(structure._all_elements)
     # A coupling stands for several.
-    at = sum(1 if isinstance(e, Spring) else len(e.on) for e in structure.elements[:place])
+    at = sum(len(e.on) if isinstance(e, Coupling) else 1 for e in structure.elements[:place])
     own = terms[at]
     if key == "stiffness":
         code = (_ARGUMENT, _NUMBER, _MULTIPLY)
