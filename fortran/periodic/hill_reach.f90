@@ -51,7 +51,8 @@ contains
       reached(i) = 0.0_wp
       do m = 1, top
         before = merge(reached(max(i - m, 1)), 1.0_wp, m < i)
-        reached(i) = reached(i) + waves(m)*(more/beyond)*before
+        ! Of large motions it grows by factors for many orders.
+        reached(i) = min(reached(i) + waves(m)*(more/beyond)*before, 1.0e100_wp)
       end do
       ! None of these reaches further.
       if (all(reached(max(i - top + 1, 1):i) <= accurate)) exit
