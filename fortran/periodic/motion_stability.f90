@@ -282,7 +282,11 @@ contains
         call judge_by_hill(self%hill, system, near, exponents, stability%n_growing(i), &
                            stability%slowest(i))
         near = exponents
-        if (n_right_of(0.0_wp, exponents) /= stability%n_growing(i)) exponents = not_a_number()
+        ! Exponents that are not those counted are not told, and then none is the slowest.
+        if (n_right_of(0.0_wp, exponents) /= stability%n_growing(i)) then
+          exponents = not_a_number()
+          stability%slowest(i) = .false.
+        end if
         where (.not. ieee_is_nan(real(exponents)))
           stability%multipliers(:, i) = exp(2.0_wp*pi/nu(i)*exponents)
         end where

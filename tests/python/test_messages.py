@@ -15,7 +15,7 @@ def told(name: str) -> str:
 
 
 def test_long_messages_arrive_whole_on_two_threads_at_once() -> None:
-    names = ["/".join([letter * 200] * 14) + f"/{letter}.nml" for letter in "ab"]
+    names = ["/".join([letter * 200] * 8) + f"/{letter}.nml" for letter in "ab"]
     wrong: list[str] = []
     start = threading.Barrier(2)
 
@@ -26,7 +26,8 @@ def test_long_messages_arrive_whole_on_two_threads_at_once() -> None:
             if message != f"{name}: cannot be read (No such file or directory)":
                 wrong.append(message)
 
-    assert all(len(name) > 2000 for name in names)
+    # Longer than any fixed text of the core; beyond 1900 characters the middle is left out.
+    assert all(len(name) > 1600 for name in names)
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     try:

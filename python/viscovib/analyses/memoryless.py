@@ -87,6 +87,7 @@ def goes_as_pendulum(
     highest = max(load, default=0) if isinstance(load, Mapping) else 1
     return (
         len(system.dof_names) <= _MAX_DOF
+        and isinstance(method, str)
         and method in ("auto", *METHODS)
         and all(given is None for given in (base, held))
         and isinstance(highest, int)

@@ -234,7 +234,7 @@ def _prepare(
     ``judged``: the stability of a branch is wanted.
     """
     check_steady(system, base)
-    if method == "successive":
+    if isinstance(method, str) and method == "successive":
         refuse_turning(system, "the method of successive approximations")
     if nu is None:
         raise InputError("nu: must be given for a mount or a polynomial system")

@@ -98,6 +98,7 @@ def _forces(springs: MountSprings, d: FloatArray) -> tuple[FloatArray, FloatArra
     return force, slope
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _settle(
     springs: MountSprings, kept: FloatArray, weight: FloatArray, u: FloatArray
 ) -> tuple[FloatArray | None, float]:
@@ -107,14 +108,17 @@ def _settle(
     for _ in range(_MAX_STEPS):
         force, slope = _forces(springs, rows @ u)
         left = weight - rows.T @ (kept * force)
-        if not np.isfinite(left).all():
+        tangent = (rows.T * (kept * slope)) @ rows
+        if not (np.isfinite(left).all() and np.isfinite(tangent).all()):
             return None, math.inf
-        step = _solve((rows.T * (kept * slope)) @ rows, left, size)
+        step = _solve(tangent, left, size)
         u = u + step
         if np.abs(step).max() <= _SETTLED * np.abs(u).max():
             break
     force, slope = _forces(springs, rows @ u)
     tangent = (rows.T * (kept * slope)) @ rows
+    if not np.isfinite(tangent).all():
+        return None, math.inf
     residual = float(np.abs(rows.T @ (kept * force) - weight).max()) / size
     squares = np.linalg.eigvalsh(tangent)
     held = squares[0] >= -1e-12 * np.abs(squares).max()

@@ -350,7 +350,9 @@ class LoadedStructure:
         apart = rest.squares * (1 + 1j * rest.losses) + rest.rates * at + at**2
         # In a resonance without damping what is left of the difference is rounding.
         apart = np.where(apart == 0, np.finfo(float).eps * np.abs(rest.squares), apart)
-        t, w = 1 / apart, 1 / (at - rest.poles)
+        # Motions without a place, as a crossing that was not located, have frequencies of NaN.
+        with np.errstate(invalid="ignore"):
+            t, w = 1 / apart, 1 / (at - rest.poles)
         modes = np.zeros((s.size, rest.squares.size), dtype=complex)
         poles = np.zeros((s.size, rest.poles.size), dtype=complex)
         free = np.zeros_like(y)
