@@ -126,8 +126,8 @@ DRAWN = set(RESULTS) - {
 #: Public classes that calls take or that hold others; all else is found, and a value.
 NOT_FOUND = [
     "AbelKernel", "Arrhenius", "Body", "Coupling", "CreepData", "CubicSystem", "ExponentialSum",
-    "Event", "Explorer", "FluidTrack", "Jenkins", "Kernel", "KernelFit", "LoadTable", "Monomial", "Mount",
-    "MountPoint", "MultipleScales", "Past", "Pendulum", "PeriodicMotions", "Plan",
+    "Event", "Explorer", "FluidTrack", "Jenkins", "Kernel", "KernelFit", "LoadTable", "Monomial",
+    "Mount", "MountPoint", "MultipleScales", "Past", "Pendulum", "PeriodicMotions", "Plan",
     "PolynomialSystem", "PronyKernel", "RabotnovKernel", "RelaxationData", "Result",
     "RzhanitsynKernel", "Sample", "Scene", "ShiftLaw", "ShiftTable", "Spring", "Springs",
     "Structure", "SumKernel", "TabulatedKernel", "ThermalKernel", "WLF",

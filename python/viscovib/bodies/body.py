@@ -641,7 +641,7 @@ class Body(PolynomialSystem):
     def _warn_of_units(self) -> None:
         radius = math.sqrt(np.trace(self.inertia) / 2 / self.body_mass)
         for mount in self.mounts:
-            away = math.dist(mount.position, self.center)
+            away = math.dist(np.asarray(mount.position), self.center)
             if away > _FAR * radius:
                 warnings.warn(
                     f"{mount.name}: is {away:g} m from the centre of mass of a body whose radius "
