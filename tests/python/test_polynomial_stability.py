@@ -110,3 +110,16 @@ def test_period_doubling_in_a_well():
         once, twice = np.abs(run.state[-1] - run.state[-2:-4:-1]).max(axis=1)
         assert twice < 1e-9
         assert (once < 1e-9) == (repeats == 1)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_a_multiplier_that_was_counted_but_not_found_is_not_the_slowest():
+    """A strongly growing exponent of a softening spring with memory: counted, not found."""
+    spring = vv.PolynomialSystem(
+        mass=1.69, damping=0.017369, stiffness=1.579, forces="-1.072*x^3 + 0.129*x^2",
+        kernel=vv.RzhanitsynKernel(amplitude=0.0258, alpha=0.651, beta=0.927),
+    )  # fmt: skip
+    branch = vv.trace_response(spring, (0.58, 1.74), load=0.75, max_points=40)
+    told = np.isfinite(np.abs(branch.multipliers)).any(axis=1)
+    assert (branch.growing > 0).any()
+    assert not (branch.slowest & ~told).any()

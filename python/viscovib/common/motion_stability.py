@@ -73,10 +73,12 @@ class Stability(NamedTuple):
                 StabilityWarning,
                 stacklevel=caller(),
             )
-        columns = int((~np.isnan(multipliers)).sum(axis=0).max(initial=0))
+        told = ~np.isnan(multipliers)
+        columns = int(told.sum(axis=0).max(initial=0))
         return cls(
             stable,
             np.ascontiguousarray(multipliers[:columns].T),
             np.ascontiguousarray(exponents[:columns].T),
-            (codes == 0) | (codes == 1),
+            # What grows was counted, but may not have been found.
+            ((codes == 0) & told.any(axis=0)) | (codes == 1),
         )
