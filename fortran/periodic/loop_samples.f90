@@ -9,7 +9,7 @@ module viscovib_loop_samples
   implicit none
   private
 
-  public :: add_loops, has_states, loop_block, loops_of
+  public :: add_loops, has_other_states, has_states, loop_block, loops_of
 
 contains
 
@@ -39,6 +39,21 @@ contains
       has_states = any(system%laws%state > 0)
     end select
   end function has_states
+
+  !> Elements that are not run here.
+  pure logical function has_other_states(system)
+    class(oscillator_type), intent(in) :: system
+    integer :: i
+    has_other_states = .false.
+    select type (system)
+    class is (polynomial_type)
+      has_other_states = any(system%laws%state > 1)
+      do i = 1, size(system%laws)
+        if (system%laws(i)%state == 0) cycle
+        has_other_states = has_other_states .or. size(system%laws(i)%program%number) > 3
+      end do
+    end select
+  end function has_other_states
 
   !> Add their forces, without the linear part, to the variables in which they stand.
   subroutine add_loops(loops, system, set, u, w)

@@ -72,9 +72,10 @@ _NAMES = {
     "sweeps.run_scene": "run",
     "sweeps.sweeping": "sweep",
     "systems.characteristic": "CharacteristicRoots",
+    "systems.contacts": "Gap Stop",
     "systems.cubic_system": "CubicSystem",
     "systems.elements": "Coupling Spring",
-    "systems.friction": "Jenkins",
+    "systems.friction": "BoucWen Dahl Iwan Jenkins",
     "systems.load": "fourier_coefficients",
     "systems.load_table": "LoadTable",
     "systems.mount": "Mount",
@@ -269,12 +270,19 @@ if TYPE_CHECKING:
     from viscovib.sweeps.run_scene import run as run
     from viscovib.sweeps.sweeping import sweep as sweep
     from viscovib.systems.characteristic import CharacteristicRoots as CharacteristicRoots
+    from viscovib.systems.contacts import (
+        Gap as Gap,
+        Stop as Stop,
+    )
     from viscovib.systems.cubic_system import CubicSystem as CubicSystem
     from viscovib.systems.elements import (
         Coupling as Coupling,
         Spring as Spring,
     )
     from viscovib.systems.friction import (
+        BoucWen as BoucWen,
+        Dahl as Dahl,
+        Iwan as Iwan,
         Jenkins as Jenkins,
     )
     from viscovib.systems.load import fourier_coefficients as fourier_coefficients

@@ -176,6 +176,11 @@ SOUND = (
     "vv.Spring(on={'x1': 1, 'x2': -1}, stiffness=1, damping=0.1, law='k*d^3', parameters={'k': 2})",
     "vv.Spring(on='x1', stiffness=1, law='k*v*abs(v) + tanh(v/0.1)', parameters={'k': 2})",
     "vv.Jenkins(on='x1', stiffness=20, limit=1)",
+    "vv.Iwan(on='x1', stiffness=[20, 10], limit=[1, 2])",
+    "vv.BoucWen(on='x1', stiffness=20, ratio=0.1, beta=5, gamma=2, exponent=2)",
+    "vv.Dahl(on='x1', stiffness=20, limit=1, exponent=2)",
+    "vv.Gap(on='x1', stiffness=20, gap=0.5)",
+    "vv.Stop(on='x1', stiffness=20, gap=0.5)",
     f"{CHAIN}.reduce(frequency=0.5, loads=['x1'], method='craig-bampton', "
     "lowest=0.1, max_modes=50)",
     f"{CHAIN}.characteristic_roots(count=2)",

@@ -125,12 +125,13 @@ DRAWN = set(RESULTS) - {
 }  # fmt: skip
 #: Public classes that calls take or that hold others; all else is found, and a value.
 NOT_FOUND = [
-    "AbelKernel", "Arrhenius", "Body", "Coupling", "CreepData", "CubicSystem", "ExponentialSum",
-    "Event", "Explorer", "FluidTrack", "Jenkins", "Kernel", "KernelFit", "LoadTable", "Monomial",
-    "Mount", "MountPoint", "MultipleScales", "Past", "Pendulum", "PeriodicMotions", "Plan",
-    "PolynomialSystem", "PronyKernel", "RabotnovKernel", "RelaxationData", "Result",
-    "RzhanitsynKernel", "Sample", "Scene", "ShiftLaw", "ShiftTable", "Spring", "Springs",
-    "Structure", "SumKernel", "TabulatedKernel", "ThermalKernel", "WLF",
+    "AbelKernel", "Arrhenius", "Body", "BoucWen", "Coupling", "CreepData", "CubicSystem", "Dahl",
+    "Event", "Explorer", "ExponentialSum", "FluidTrack", "Gap", "Iwan", "Jenkins", "Kernel",
+    "KernelFit", "LoadTable", "Monomial", "Mount", "MountPoint", "MultipleScales", "Past",
+    "Pendulum", "PeriodicMotions", "Plan", "PolynomialSystem", "PronyKernel", "RabotnovKernel",
+    "RelaxationData", "Result", "RzhanitsynKernel", "Sample", "Scene", "ShiftLaw", "ShiftTable",
+    "Spring", "Springs", "Stop", "Structure", "SumKernel", "TabulatedKernel", "ThermalKernel",
+    "WLF",
 ]  # fmt: skip
 #: Found by the tests of their own: of curves, of scenes, of amplitudes.
 ELSEWHERE = [

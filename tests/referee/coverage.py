@@ -9,7 +9,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 FAMILIES = (
-    "kernels", "rubber", "fits", "systems", "bodies", "laws", "linear", "roots", "responses",
+    "kernels", "rubber", "fits", "systems", "bodies", "laws", "hysteresis", "linear", "roots", "responses",
     "peaks", "branches", "crossings",
     "stability", "backbones", "steady", "motions", "events", "ensembles", "spectra", "scales", "scenes",
     "structure_motions", "structures", "sweeps", "tables",

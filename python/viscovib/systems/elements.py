@@ -11,7 +11,8 @@ from viscovib._native import FloatArray
 from viscovib.common.expression import MAX_DEGREE
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
-from viscovib.systems.friction import Jenkins
+from viscovib.systems.contacts import Contact
+from viscovib.systems.friction import Hysteresis
 from viscovib.systems.laws import Law, read_law
 
 #: What a direction may be: a coordinate, two of them for their difference, weights, or a vector.
@@ -202,14 +203,22 @@ def element_terms(
             coupled = coupling_terms([element], names, places, i)[0]
             found += [ElementTerms(e, {}, 0.0, None) for e in coupled.directions]
             continue
-        if isinstance(element, Jenkins):
+        if isinstance(element, Hysteresis):
             e = direction_of(f"elements[{i}].on", element.on, len(names), places)
-            found.append(ElementTerms(e, {1: element.stiffness}, 0.0, None, element._law))
+            powers = {1: element._stiffness_at_rest}
+            found.append(ElementTerms(e, powers, 0.0, None, element._law))
+            continue
+        if isinstance(element, Contact):
+            e = direction_of(f"elements[{i}].on", element.on, len(names), places)
+            law = element._law
+            slope = float(law.stiffness_at_rest[0])
+            powers = {1: slope} if slope else {}
+            found.append(ElementTerms(e, powers, 0.0, None, law.remainder()))
             continue
         if not isinstance(element, Spring):
             raise InputError(
-                f"elements[{i}] = {_native.shown(element)}: must be a Spring, a Coupling or a "
-                "Jenkins"
+                f"elements[{i}] = {_native.shown(element)}: must be a Spring, a Coupling, a "
+                "Jenkins, an Iwan, a BoucWen, a Dahl, a Gap or a Stop"
             )
         e = direction_of(f"elements[{i}].on", element.on, len(names), places)
         program = element._program  # type: ignore[attr-defined]

@@ -1,31 +1,85 @@
-"""Elements of a structure that have states of their own: elastic dry friction."""
+"""Elements of a structure that have states of their own: friction and hysteresis."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray
+from viscovib._native import FloatArray, core
 from viscovib.errors import InputError
 from viscovib.systems.laws import Law
 
-#: Instructions of the core that hold numbers, and what it calls a Jenkins element.
-_ARGUMENT, _NUMBER, _JENKINS = 2, 1, 1
-#: Cycles from rest until a loop repeats.
-_CYCLES = 3
+#: Instructions of the core that hold numbers.
+_ARGUMENT, _NUMBER = 2, 1
+#: Elements in parallel, and bounds of exponents.
+_MOST, _EXPONENTS = 200, (1.0, 20.0)
+
+
+class Hysteresis:
+    """An element whose force follows its deflection with a memory of where it turned."""
+
+    #: What the core calls it.
+    _state: ClassVar[int]
+    on: Any
+
+    @property
+    def _numbers(self) -> tuple[float, ...]:
+        """Its numbers in the order of the core."""
+        raise NotImplementedError
+
+    @property
+    def _stiffness_at_rest(self) -> float:
+        raise NotImplementedError
+
+    @property
+    def _law(self) -> Law:
+        """The element as the core takes it: a deflection, and its numbers."""
+        numbers = self._numbers
+        code = (_ARGUMENT, *[_NUMBER] * len(numbers))
+        return Law(type(self).__name__, ("d",), code, (1.0, *numbers), -1, state=self._state)
+
+    def loop(self, d: npt.ArrayLike) -> FloatArray:
+        """Return the force over a cycle of deflections, straight between samples.
+
+        Parameters
+        ----------
+        d : array_like, shape (..., n)
+            Samples of one period, the next of which begins with the first again.
+
+        Returns
+        -------
+        ndarray
+            f, shape (..., n), in the cycle that repeats.
+        """
+        return self._run(d)[0]
+
+    def energy(self, d: npt.ArrayLike) -> FloatArray:
+        """Return the energy lost in a cycle of deflections (J), shape (...); as of `loop`."""
+        return self._run(d)[1]
+
+    def _run(self, d: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        samples = _native.real_array("d", d)
+        if samples.ndim == 0 or samples.shape[-1] < 2:
+            raise InputError(f"d: must have shape (..., n), n > 1, got {samples.shape}")
+        rows = np.asfortranarray(samples.reshape(-1, samples.shape[-1]).T)
+        force, lost = core.hysteresis_loops(self._state, np.array(self._numbers), rows)
+        return (
+            np.asarray(np.reshape(force.T, samples.shape)),
+            np.asarray(np.reshape(lost, samples.shape[:-1])),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Jenkins:
+class Jenkins(Hysteresis):
     """Elastic dry friction on the deflection d = e . u: a spring in series with a slider.
 
     f' = k d' where abs(f) < F_s, else f = F_s or -F_s. Periodic motions (`forced_response`,
-    `trace_response`) take it, with exact derivatives through the cycle, which is run from a slider
-    that has not moved until it repeats. Where a motion hardly slides the steady state may depend on
-    the past; this is the one after that start. Stability is told as unknown, motions in time are
-    refused.
+    `trace_response`) take it, with exact derivatives through the cycle, which is run until it
+    repeats. Where a motion hardly slides the steady state may depend on the past; this is the one
+    that follows a slider which has not moved.
 
     Parameters
     ----------
@@ -51,52 +105,192 @@ class Jenkins:
     on: Any
     stiffness: float
     limit: float
+    _state: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        _take(self, _positive, "stiffness", "limit")
+
+    @property
+    def _numbers(self) -> tuple[float, ...]:
+        return self.stiffness, self.limit
+
+    @property
+    def _stiffness_at_rest(self) -> float:
+        return self.stiffness
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Iwan(Hysteresis):
+    """Elements of dry friction in parallel on one deflection: f = sum_j f_j, each a `Jenkins`.
+
+    Their sliders give way one after the other, so that the loop is round where that of one element
+    has corners (Iwan, J. Appl. Mech. 33, 1966).
+
+    Parameters
+    ----------
+    on : str, int, tuple of two str, mapping or array_like
+        The direction e, as of `Spring`.
+    stiffness : array_like, shape (n,)
+        k_j, each greater than 0 (N/m), at most 200.
+    limit : array_like, shape (n,)
+        F_j, each greater than 0 (N).
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> joint = vv.Iwan(on="x1", stiffness=[10, 10], limit=[1, 3])
+    >>> joint.loop([0, 0.2, 0, -0.2]).tolist()
+    [1.0, 3.0, -1.0, -3.0]
+    """
+
+    on: Any
+    stiffness: npt.ArrayLike
+    limit: npt.ArrayLike
+    _state: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "limit"):
-            value = _native.number(name, getattr(self, name))
-            if value <= 0:
-                raise InputError(f"{name} = {value:g}: must be greater than 0")
-            object.__setattr__(self, name, value)
+            values = _native.real_array(name, getattr(self, name))
+            if values.ndim != 1 or not 0 < values.size <= _MOST:
+                raise InputError(f"{name}: must have shape (n,), n = 1 to {_MOST}, "
+                                 f"got {values.shape}")  # fmt: skip
+            for i, value in enumerate(values.tolist()):
+                _positive(f"{name}[{i}]", value)
+            object.__setattr__(self, name, tuple(values.tolist()))
+        if len(self.stiffness) != len(self.limit):  # type: ignore[arg-type]
+            raise InputError(
+                f"limit: must have one value for each stiffness, {len(self.stiffness)}, "  # type: ignore[arg-type]
+                f"got {len(self.limit)}"  # type: ignore[arg-type]
+            )
 
     @property
-    def _law(self) -> Law:
-        """The element as the core takes it: a deflection, stiffness and limit."""
-        code, number = (_ARGUMENT, _NUMBER, _NUMBER), (1.0, self.stiffness, self.limit)
-        return Law("Jenkins", ("d",), code, number, -1, state=_JENKINS)
+    def _numbers(self) -> tuple[float, ...]:
+        pairs: Sequence[tuple[float, float]] = list(zip(self.stiffness, self.limit, strict=True))  # type: ignore[arg-type]
+        return tuple(x for pair in pairs for x in pair)
 
-    def loop(self, d: npt.ArrayLike) -> FloatArray:
-        """Return the force over a cycle of deflections, straight between samples.
+    @property
+    def _stiffness_at_rest(self) -> float:
+        return float(sum(self.stiffness))  # type: ignore[arg-type]
 
-        Parameters
-        ----------
-        d : array_like, shape (..., n)
-            Samples of one period, the next of which begins with the first again.
 
-        Returns
-        -------
-        ndarray
-            f, shape (..., n), in the cycle that repeats.
-        """
-        return self._run(d)[0]
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoucWen(Hysteresis):
+    """Hysteresis of Bouc and Wen: f = a k d + (1 - a) k z, z' = [1 - (g + b sign(z d')) |z|^n] d'.
 
-    def energy(self, d: npt.ArrayLike) -> FloatArray:
-        """Return the energy lost in a cycle of deflections (J), shape (...); as of `loop`."""
-        return self._run(d)[1]
+    At rest its stiffness is k; far out it goes on with a k, at a height of (1 - a) k z_max,
+    z_max = (b + g)^(-1/n) (Wen, J. Eng. Mech. Div. ASCE 102, 1976).
 
-    def _run(self, d: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        samples = _native.real_array("d", d)
-        if samples.ndim == 0 or samples.shape[-1] < 2:
-            raise InputError(f"d: must have shape (..., n), n > 1, got {samples.shape}")
-        k, limit = self.stiffness, self.limit
-        last = samples[..., -1]
-        f = np.clip(k * last, -limit, limit)
-        force, lost = np.empty_like(samples), np.zeros(samples.shape[:-1])
-        for _ in range(_CYCLES):
-            lost = np.zeros(samples.shape[:-1])
-            for i in range(samples.shape[-1]):
-                wanted = f + k * (samples[..., i] - last)
-                f, last = np.clip(wanted, -limit, limit), samples[..., i]
-                lost = lost + limit * np.abs(wanted - f) / k
-                force[..., i] = f
-        return force, np.asarray(lost)
+    Parameters
+    ----------
+    on : str, int, tuple of two str, mapping or array_like
+        The direction e, as of `Spring`.
+    stiffness : float
+        k, greater than 0 (N/m).
+    ratio : float
+        a, the share that stays elastic, 0 to less than 1.
+    beta, gamma : float
+        b > 0 and -b < g <= b (m^-n); outside no loop would lose energy only.
+    exponent : float
+        n, 1 to 20: how sudden it yields.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> joint = vv.BoucWen(on="x1", stiffness=10, ratio=0.1, beta=5, gamma=5)
+    >>> d = np.sin(2 * np.pi * np.arange(200) / 200)
+    >>> round(float(joint.loop(d).max()), 3), round(float(joint.energy(d)), 3)
+    (1.9, 3.15)
+    """
+
+    on: Any
+    stiffness: float
+    beta: float
+    gamma: float
+    ratio: float = 0.0
+    exponent: float = 1.0
+    _state: ClassVar[int] = 2
+
+    def __post_init__(self) -> None:
+        _take(self, _positive, "stiffness", "beta")
+        _take(self, _native.number, "ratio", "gamma", "exponent")
+        if not 0 <= self.ratio < 1:
+            raise InputError(f"ratio = {self.ratio:g}: must be in [0, 1)")
+        if not -self.beta < self.gamma <= self.beta:
+            raise InputError(
+                f"gamma = {self.gamma:g}: must be greater than -beta and at most beta, "
+                f"{self.beta:g}"
+            )
+        _exponent(self.exponent, *_EXPONENTS)
+
+    @property
+    def _numbers(self) -> tuple[float, ...]:
+        k, a = self.stiffness, self.ratio
+        return a * k, (1 - a) * k, 1.0, self.beta, self.gamma, self.exponent
+
+    @property
+    def _stiffness_at_rest(self) -> float:
+        return self.stiffness
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dahl(Hysteresis):
+    """Friction after Dahl: f' = s (1 - f/F_c)^i d' where d grows, of a stiffness s at first.
+
+    Where d falls it is f' = s (1 + f/F_c)^i d'. Its limit F_c is approached, not reached, unless
+    i < 1 (Dahl, The Aerospace Corporation, TOR-0158, 1968).
+
+    Parameters
+    ----------
+    on : str, int, tuple of two str, mapping or array_like
+        The direction e, as of `Spring`.
+    stiffness : float
+        s, greater than 0 (N/m).
+    limit : float
+        F_c, greater than 0 (N).
+    exponent : float
+        i, 0 to 20; 0 is a `Jenkins` element.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> brake = vv.Dahl(on="x1", stiffness=10, limit=1)
+    >>> [round(f, 6) for f in brake.loop([0, 1, 0, -1])]
+    [0.999909, 1.0, -0.999909, -1.0]
+    """
+
+    on: Any
+    stiffness: float
+    limit: float
+    exponent: float = 1.0
+    _state: ClassVar[int] = 3
+
+    def __post_init__(self) -> None:
+        _take(self, _positive, "stiffness", "limit")
+        _take(self, _native.number, "exponent")
+        _exponent(self.exponent, 0.0, _EXPONENTS[1])
+
+    @property
+    def _numbers(self) -> tuple[float, ...]:
+        return self.stiffness, self.limit, self.exponent
+
+    @property
+    def _stiffness_at_rest(self) -> float:
+        return self.stiffness
+
+
+def _positive(name: str, value: Any) -> float:
+    number = _native.number(name, value)
+    if number <= 0:
+        raise InputError(f"{name} = {number:g}: must be greater than 0")
+    return number
+
+
+def _exponent(value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise InputError(f"exponent = {value:g}: must be {low:g} to {high:g}")
+
+
+def _take(element: Any, read: Any, *names: str) -> None:
+    for name in names:
+        object.__setattr__(element, name, read(name, getattr(element, name)))

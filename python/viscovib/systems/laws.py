@@ -44,7 +44,7 @@ class Law:
     degree: int = 0
     #: How many of the arguments, the last ones, are rates of the others.
     n_rates: int = 0
-    #: 1: a Jenkins element, whose program only holds its numbers.
+    #: What has hysteresis (1: Jenkins, 2: Bouc-Wen, 3: Dahl): its program only holds its numbers.
     state: int = 0
 
     def __call__(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:

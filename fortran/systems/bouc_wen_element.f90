@@ -1,0 +1,255 @@
+!> Bouc's and Wen's hysteresis (Wen, J. Eng. Mech. Div. ASCE 102, 1976):
+!!
+!!   f = elastic d + weight z,   dz/dd = A - (gamma + beta sign(way z)) |z|^n.
+!!
+!! In units of the largest state, (A/(beta + gamma))^(1/n), and along the way it goes, the state s
+!! grows with the path x by ds/dx = 1 - r |s|^n, r = 1 where s > 0 and
+!! r = (gamma - beta)/(gamma + beta) <= 0 where s < 0. For n = 1 that has a closed solution, else
+!! Taylor's series in x is summed over short steps, which end where s changes its sign.
+module viscovib_bouc_wen_element
+  use viscovib_hysteresis, only: hysteresis_type
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: bouc_wen_element, new_bouc_wen
+
+  type, extends(hysteresis_type) :: bouc_wen_element
+    !> A, n, r where s < 0, and the largest state.
+    real(wp), private :: rise = 1.0_wp, exponent = 1.0_wp, back = 0.0_wp, largest = 1.0_wp
+    !> n where it is a whole number, else 0.
+    integer, private :: whole = 1
+  contains
+    procedure :: advance
+    procedure :: slope
+    procedure :: kinks
+  end type bouc_wen_element
+
+  !> Terms of the series, a step times the fastest rate, and times |s| where |s|^n is not smooth
+  !! at 0; a state as good as 0, and a distance from the largest one that is rounding.
+  integer, parameter :: terms = 18
+  real(wp), parameter :: longest = 0.15_wp, of_state = 0.2_wp, nothing = 1.0e-8_wp, &
+                         saturated = 1.0e-15_wp
+
+contains
+
+  !> From elastic, weight, A, beta, gamma, n.
+  pure subroutine new_bouc_wen(element, numbers)
+    type(bouc_wen_element), intent(out) :: element
+    real(wp), intent(in) :: numbers(:)
+    element%elastic = numbers(1)
+    element%weight = numbers(2:2)
+    element%rise = numbers(3)
+    element%exponent = numbers(6)
+    element%whole = 0
+    if (abs(numbers(6) - anint(numbers(6))) <= 0.0_wp) element%whole = nint(numbers(6))
+    element%back = (numbers(5) - numbers(4))/(numbers(5) + numbers(4))
+    element%largest = (numbers(3)/(numbers(4) + numbers(5)))**(1.0_wp/numbers(6))
+  end subroutine new_bouc_wen
+
+  pure subroutine advance(self, change, z, by_z, by_d, work)
+    class(bouc_wen_element), intent(in) :: self
+    real(wp), intent(in) :: change
+    real(wp), intent(inout) :: z(:)
+    real(wp), intent(out) :: by_z(:), by_d(:), work
+    real(wp) :: s, x, first, last, covered
+    integer :: way
+
+    way = merge(1, -1, change >= 0.0_wp)
+    s = min(max(way*z(1)/self%largest, -1.0_wp), 1.0_wp)
+    x = abs(change)*self%rise/self%largest
+    first = rate(self, s)
+    covered = 0.0_wp
+    if (self%whole == 1) then
+      call move_closed(self%back, x, s, covered)
+    else
+      call move_by_series(self, x, s, covered)
+    end if
+    last = rate(self, s)
+    ! All paths are one path, passed from different places on: ds/ds_0 = s'(x)/s'(0).
+    if (first > sqrt(epsilon(1.0_wp))) then
+      by_z(1) = last/first
+    else
+      by_z(1) = exp(-self%exponent*x)
+    end if
+    by_d(1) = self%rise*last
+    z(1) = way*self%largest*s
+    work = self%weight(1)*covered*self%largest**2/self%rise
+  end subroutine advance
+
+  !> ds/dx.
+  pure real(wp) function rate(self, s)
+    class(bouc_wen_element), intent(in) :: self
+    real(wp), intent(in) :: s
+    rate = merge(1.0_wp, self%back, s > 0.0_wp)
+    rate = 1.0_wp - rate*abs(s)**self%exponent
+  end function rate
+
+  !> n = 1: with r = -b where s < 0, 1 - b s = exp(-b x) at s = 0, then 1 - s = exp(-x).
+  pure subroutine move_closed(back, x, s, covered)
+    real(wp), intent(in) :: back, x
+    real(wp), intent(inout) :: s
+    !> Integral of s over x.
+    real(wp), intent(out) :: covered
+    real(wp) :: left, path, grown
+
+    left = x
+    covered = 0.0_wp
+    if (s < 0.0_wp) then
+      ! ds/dx = 1 + back s, back <= 0.
+      if (back < 0.0_wp) then
+        path = log(1.0_wp + back*s)/(-back)
+      else
+        path = -s
+      end if
+      path = min(path, left)
+      if (back < 0.0_wp) then
+        grown = s*exp(back*path) + (exp(back*path) - 1.0_wp)/back
+        covered = (grown - s - path)/back
+      else
+        grown = s + path
+        covered = 0.5_wp*(s + grown)*path
+      end if
+      s = grown
+      left = left - path
+      if (.not. left > 0.0_wp) return
+      s = 0.0_wp
+    end if
+    grown = 1.0_wp - (1.0_wp - s)*exp(-left)
+    covered = covered + left - (grown - s)
+    s = grown
+  end subroutine move_closed
+
+  pure subroutine move_by_series(self, x, s, covered)
+    class(bouc_wen_element), intent(in) :: self
+    real(wp), intent(in) :: x
+    real(wp), intent(inout) :: s
+    real(wp), intent(out) :: covered
+    real(wp) :: series(0:terms + 1), left, h, fastest
+    integer :: k, side
+
+    left = x
+    covered = 0.0_wp
+    do while (left > 0.0_wp)
+      if (s >= 1.0_wp - saturated) then
+        covered = covered + left*s
+        return
+      end if
+      side = merge(1, -1, s >= 0.0_wp)
+      fastest = self%exponent*max(1.0_wp, merge(0.0_wp, -self%back, side > 0))
+      h = min(left, longest/fastest)
+      if (self%whole == 0 .and. abs(s) < nothing) then
+        ! Beside 0 the power is less than rounding.
+        h = min(left, 2.0_wp*nothing)
+        covered = covered + h*(s + 0.5_wp*h)
+        s = s + h
+      else
+        if (self%whole == 0) h = min(h, of_state*abs(s)/fastest)
+        call expand(self, s, side, series)
+        if (side < 0 .and. self%whole > 0) h = first_zero(series, h)
+        covered = covered + h*sum([(series(k)*h**k/(k + 1), k=0, terms + 1)])
+        s = sum([(series(k)*h**k, k=0, terms + 1)])
+        if (side < 0 .and. self%whole > 0 .and. abs(s) <= 4.0_wp*epsilon(1.0_wp)) s = 0.0_wp
+      end if
+      left = left - h
+      if (left <= epsilon(1.0_wp)*x) exit
+    end do
+    s = min(s, 1.0_wp)
+  end subroutine move_by_series
+
+  !> Coefficients of s over x, on its side of 0.
+  pure subroutine expand(self, s, side, series)
+    class(bouc_wen_element), intent(in) :: self
+    real(wp), intent(in) :: s
+    integer, intent(in) :: side
+    real(wp), intent(out) :: series(0:)
+    real(wp) :: powers(0:terms, 20), factor
+    integer :: j, k, m
+
+    ! |s|^n, and ds/dx = 1 - factor |s|^n.
+    factor = merge(1.0_wp, self%back, side > 0)
+    series = 0.0_wp
+    series(0) = s
+    do k = 0, terms
+      if (self%whole > 0) then
+        powers(k, 1) = side*series(k)
+        do m = 2, self%whole
+          powers(k, m) = sum([(powers(j, m - 1)*powers(k - j, 1), j=0, k)])
+        end do
+        m = self%whole
+      else
+        m = 1
+        if (k == 0) then
+          powers(0, 1) = abs(s)**self%exponent
+        else
+          ! s (s^n)' = n s' s^n, coefficient by coefficient.
+          powers(k, 1) = sum([((self%exponent*j - (k - j))*series(j)*powers(k - j, 1), j=1, k)]) &
+                         /(k*s)
+        end if
+      end if
+      series(k + 1) = (merge(1.0_wp, 0.0_wp, k == 0) - factor*powers(k, m))/(k + 1)
+    end do
+  end subroutine expand
+
+  !> Where a growing series becomes 0, at most h.
+  pure real(wp) function first_zero(series, h) result(x)
+    real(wp), intent(in) :: series(0:), h
+    real(wp) :: value, slope
+    integer :: k, turn
+
+    x = h
+    if (sum([(series(k)*h**k, k=0, ubound(series, 1))]) <= 0.0_wp) return
+    do turn = 1, 20
+      value = sum([(series(k)*x**k, k=0, ubound(series, 1))])
+      slope = sum([(k*series(k)*x**(k - 1), k=1, ubound(series, 1))])
+      x = min(max(x - value/slope, 0.0_wp), h)
+      if (abs(value) <= epsilon(1.0_wp)) exit
+    end do
+  end function first_zero
+
+  pure subroutine slope(self, z, way, slopes, by_z)
+    class(bouc_wen_element), intent(in) :: self
+    real(wp), intent(in) :: z(:)
+    integer, intent(in) :: way
+    real(wp), intent(out) :: slopes(:), by_z(:)
+    real(wp) :: s, r
+
+    s = way*z(1)/self%largest
+    slopes(1) = self%rise*rate(self, s)
+    r = merge(1.0_wp, self%back, s > 0.0_wp)
+    by_z(1) = 0.0_wp
+    if (abs(s) > 0.0_wp) then
+      by_z(1) = -self%rise*r*self%exponent*abs(s)**(self%exponent - 1.0_wp)*sign(1.0_wp, s)*way &
+                /self%largest
+    end if
+  end subroutine slope
+
+  !> Where the state changes its sign.
+  pure subroutine kinks(self, z, way, distances)
+    class(bouc_wen_element), intent(in) :: self
+    real(wp), intent(in) :: z(:)
+    integer, intent(in) :: way
+    real(wp), intent(out) :: distances(:)
+    real(wp) :: s, covered, done, x
+    integer :: turn
+
+    distances = huge(1.0_wp)
+    s = way*z(1)/self%largest
+    if (s >= 0.0_wp) return
+    if (self%whole == 1) then
+      done = -s
+      if (self%back < 0.0_wp) done = log(1.0_wp + self%back*s)/(-self%back)
+    else
+      ! 1 <= ds/dx: it is there at x = |s| at the latest.
+      done = 0.0_wp
+      do turn = 1, 50
+        x = -s/rate(self, s)
+        call move_by_series(self, x, s, covered)
+        done = done + x
+        if (s >= -epsilon(1.0_wp)) exit
+      end do
+    end if
+    distances(1) = done*self%largest/self%rise
+  end subroutine kinks
+
+end module viscovib_bouc_wen_element

@@ -1,0 +1,40 @@
+!> The elements with hysteresis that there are, by number.
+module viscovib_hysteresis_catalogue
+  use viscovib_bouc_wen_element, only: bouc_wen_element, new_bouc_wen
+  use viscovib_dahl_element, only: dahl_element, new_dahl
+  use viscovib_hysteresis, only: hysteresis_type
+  use viscovib_jenkins_element, only: jenkins_element, new_jenkins
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: new_hysteresis
+
+  !> What `state` of a law term may be.
+  integer, parameter, public :: state_jenkins = 1, state_bouc_wen = 2, state_dahl = 3
+
+contains
+
+  !> An element from its numbers, in the order that its own constructor tells.
+  subroutine new_hysteresis(element, kind, numbers)
+    class(hysteresis_type), allocatable, intent(out) :: element
+    integer, intent(in) :: kind
+    real(wp), intent(in) :: numbers(:)
+    type(jenkins_element) :: jenkins
+    type(bouc_wen_element) :: bouc_wen
+    type(dahl_element) :: dahl
+
+    select case (kind)
+    case (state_bouc_wen)
+      call new_bouc_wen(bouc_wen, numbers)
+      allocate (element, source=bouc_wen)
+    case (state_dahl)
+      call new_dahl(dahl, numbers)
+      allocate (element, source=dahl)
+    case default
+      call new_jenkins(jenkins, numbers)
+      allocate (element, source=jenkins)
+    end select
+  end subroutine new_hysteresis
+
+end module viscovib_hysteresis_catalogue

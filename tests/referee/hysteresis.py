@@ -1,0 +1,108 @@
+"""Elements with hysteresis and gaps: their loops by SciPy's steps, cycle after cycle."""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from referee.case import Case, Claim, even, few
+
+JUDGES = (
+    "Iwan", "Iwan.loop", "Iwan.energy", "BoucWen", "BoucWen.loop", "BoucWen.energy", "Dahl",
+    "Dahl.loop", "Dahl.energy", "Gap", "Gap.force", "Stop", "Stop.force",
+)  # fmt: skip
+
+
+def _draw(rng, index):
+    """Draw the source of an element, dz/dd of its state, and its elastic and hysteretic part."""
+    k = few(rng, 1, 30)
+    if index % 3 == 0:
+        k = [few(rng, 1, 30), few(rng, 1, 30)]
+        limit = [few(rng, 0.1, 20), few(rng, 0.1, 20)]
+
+        def slope(z, way):
+            return np.where(way * z < limit, k, 0)
+
+        return f"vv.Iwan(on='x1', stiffness={k}, limit={limit})", slope, 0.0, np.ones(2), limit
+    if index % 3 == 1:
+        limit, exponent = few(rng, 0.3, 5), [1, 2, 1.5, 3][int(rng.integers(4))]
+
+        def slope(z, way):
+            return k * np.maximum(1 - way * z / limit, 0) ** exponent
+
+        source = f"vv.Dahl(on='x1', stiffness={k}, limit={limit}, exponent={exponent})"
+        return source, slope, 0.0, np.ones(1), None
+    beta, exponent = few(rng, 0.5, 5), [1, 2, 1.5, 3][int(rng.integers(4))]
+    gamma, ratio = round(beta * even(rng, -0.5, 1, 2), 3), even(rng, 0, 0.5, 2)
+
+    def slope(z, way):
+        return 1 - (gamma + beta * np.sign(way * z)) * np.abs(z) ** exponent
+
+    source = (
+        f"vv.BoucWen(on='x1', stiffness={k}, ratio={ratio}, beta={beta}, gamma={gamma}, "
+        f"exponent={exponent})"
+    )
+    return source, slope, ratio * k, np.array([(1 - ratio) * k]), None
+
+
+def _loop(rng, index):
+    source, slope, elastic, weight, limit = _draw(rng, index)
+    n = int(rng.integers(2, 6))
+    d = [round(x, 3) for x in rng.normal(size=n) * few(rng, 0.5, 3)]
+    call = f"element = {source}\nloop = element.loop({d})\nlost = float(element.energy({d}))\n"
+
+    def judge(names, told):
+        z, _ = _moved(slope, weight, limit, np.zeros(weight.size), d[0])
+        before = np.full(n, np.inf)
+        for _ in range(60):
+            own, work = np.empty(n), 0.0
+            for i in range(n):
+                now = d[(i + 1) % n]
+                z, more = _moved(slope, weight, limit, z, now - d[i])
+                own[(i + 1) % n] = elastic * now + weight @ z
+                work += more
+            if np.abs(own - before).max() < 1e-11 * np.abs(own).max():
+                size = np.abs(own).max()
+                yield Claim("loop", names["loop"], own, 1e-8 * size)
+                yield Claim("energy", names["lost"], work, 1e-8 * size * np.ptp(d))
+                return
+            before = own
+
+    return Case(call, judge)
+
+
+def _moved(slope, weight, limit, z, change):
+    """States after a change of the deflection, and the work of their forces."""
+    way = np.sign(change)
+    if change == 0:
+        return z, 0.0
+    if limit is not None:
+        rate = slope(0 * z, way)
+        wanted = z + rate * change
+        after = np.clip(wanted, -np.array(limit), limit)
+        slid = (wanted - after) / rate
+        return after, float(((after**2 - z**2) / (2 * rate) + after * slid).sum())
+    path = solve_ivp(
+        lambda _, y: way * np.array([*slope(y[:-1], way), weight @ y[:-1]]),
+        (0, abs(change)), [*z, 0.0], "DOP853", rtol=1e-11, atol=1e-13,
+    ).y[:, -1]  # fmt: skip
+    return path[:-1], float(path[-1])
+
+
+def _contact(rng, index):
+    k, gap = few(rng, 1, 100), few(rng, 0.1, 1)
+    d = [round(x, 3) for x in rng.normal(size=20)]
+    call = f"""gap = vv.Gap(on="x1", stiffness={k}, gap={gap}).force({d})
+stop = vv.Stop(on="x1", stiffness={k}, gap={gap}).force({d})
+"""
+
+    def judge(names, told):
+        x = np.array(d)
+        yield Claim("gap", names["gap"], np.where(x > gap, k * (x - gap), 0), 1e-12 * k)
+        beyond = np.sign(x) * (np.abs(x) - gap)
+        yield Claim("stop", names["stop"], np.where(np.abs(x) > gap, k * beyond, 0), 1e-12 * k)
+
+    return Case(call, judge)
+
+
+def case(rng, index):
+    """Draw an element and a cycle of deflections."""
+    return _contact(rng, index) if index % 7 == 6 else _loop(rng, index)
