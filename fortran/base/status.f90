@@ -8,7 +8,7 @@ module viscovib_status
   implicit none
   private
 
-  public :: status_type, set_ok, fail, show, clipped, one_line
+  public :: status_type, set_ok, fail, show, things, clipped, one_line
 
   !> Categories of failure; the driver's exit statuses follow them.
   integer, parameter, public :: status_ok = 0
@@ -141,5 +141,21 @@ contains
       if (text(1:2) == '-.') text = '-0'//text(2:)
     end if
   end function show_real
+
+  !> A number of things in words: 1 fold, 2 folds.
+  pure function things(n, name, many) result(text)
+    integer, intent(in) :: n
+    character(len=*), intent(in) :: name
+    !> Where an s makes no plural.
+    character(len=*), intent(in), optional :: many
+    character(len=:), allocatable :: text
+    text = show(n)//' '//name
+    if (n == 1) return
+    if (present(many)) then
+      text = show(n)//' '//many
+    else
+      text = text//'s'
+    end if
+  end function things
 
 end module viscovib_status

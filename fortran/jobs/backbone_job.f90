@@ -13,7 +13,7 @@ module viscovib_backbone_job
   use viscovib_oscillator, only: oscillator_type
   use viscovib_orbit_multipliers, only: count_larger
   use viscovib_pendulum, only: equations_printed, new_pendulum, pendulum_parameters, pendulum_type
-  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: listed, listed_units, table_type
   implicit none
@@ -80,8 +80,8 @@ contains
     if (job%choose_harmonics) then
       kept = chosen_text(job%harmonics)
     else
-      kept = show(count(kept_orders(pendulum, job%mode, job%harmonics*job%subharmonic, &
-                                    job%subharmonic, job%symmetric)))//' cosines'
+      kept = things(count(kept_orders(pendulum, job%mode, job%harmonics*job%subharmonic, &
+                                      job%subharmonic, job%symmetric)), 'cosine')
     end if
     text = 'computes: free motions of mode '//show(job%mode)//' from ' &
            //trim(backbone_parameters(job%parameter))//' '//show(job%options%start)//' to ' &
@@ -91,9 +91,8 @@ contains
            //trim(merge('computes: Floquet multipliers   ', 'skips: stability (not asked for)', &
                         job%stability))//nl
     if (size(job%switch) > 0) then
-      text = text//'computes: '//show(size(job%switch)) &
-             //trim(merge(' family that leaves it ', ' families that leave it', &
-                          size(job%switch) == 1))//nl
+      text = text//'computes: '//things(size(job%switch), 'family that leaves it', &
+                                        'families that leave it')//nl
     else
       text = text//'skips: families that leave it (no switch)'//nl
     end if
@@ -127,14 +126,15 @@ contains
     end do
     associate (first => families(1))
       report%complete = first%outcome == curve_completed
-      report%summary = trim(curve_outcomes(first%outcome))//', '//show(size(first%nu)) &
-                       //' points, '//show(size(first%folds))//' folds'
-      if (subject%is_pendulum) report%summary = report%summary//', '//show(size(first%branch_p)) &
-                                                //' branch points'
+      report%summary = trim(curve_outcomes(first%outcome))//', ' &
+                       //things(size(first%nu), 'point')//', '//things(size(first%folds), 'fold')
+      if (subject%is_pendulum) report%summary = report%summary//', ' &
+                                                //things(size(first%branch_p), 'branch point')
     end associate
     short = sum([(count(families(i)%truncation > self%options%tolerance), i=1, size(families))])
     report%complete = report%complete .and. short == 0
-    if (short > 0) report%summary = report%summary//', '//show(short)//' with too few harmonics'
+    if (short > 0) report%summary = report%summary//', '//things(short, 'point') &
+                                    //' with too few harmonics'
     if (size(families) > 1) report%summary = report%summary//'; tables of ' &
                                              //show(size(families) - 1)//' more'
   end subroutine run
@@ -210,7 +210,7 @@ contains
         n = abs(job%switch(i))
         if (n > size(first%branch_p)) then
           call fail(status, status_input_error, 'switch', 'switch = '//show(job%switch(i)) &
-                    //': the backbone has '//show(size(first%branch_p))//' branch points')
+                    //': the backbone has '//things(size(first%branch_p), 'branch point'))
           return
         end if
         call follow_family(families(i + 1), system, options, first%branch_x(:, n), status, &

@@ -19,7 +19,7 @@ module viscovib_branch_job
   use viscovib_response, only: response_options
   use viscovib_response_branch, only: follow_response, highest_chosen
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: fail, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: listed, listed_units, table_type
   implicit none
@@ -87,13 +87,13 @@ contains
     integer, intent(in) :: n_orders
     logical, intent(in) :: stability
     character(len=:), allocatable :: text
-    text = show(n_orders)//' harmonics a coordinate'
-    if (n_orders == 0) text = 'harmonics up to '//show(highest_chosen) &
-                              //' as the tolerance needs them at each point'
+    text = things(n_orders, 'harmonic')//' per coordinate'
+    if (n_orders == 0) text = 'harmonics chosen at each point to meet the ' &
+                              //'tolerance, at most '//show(highest_chosen)
     text = 'computes: the branch from '//varies//' = '//show(from)//' to '//show(to)//', ' &
            //text//new_line('a') &
            //trim(merge('computes: stability of each point, and where it changes', &
-                        'skips: stability (not wanted)                          ', stability)) &
+                        'skips: stability (not asked for)                       ', stability)) &
            //new_line('a')
   end function plan_along
 
@@ -128,9 +128,10 @@ contains
     call sink%put(this_kind(), table, status)
     short = count(branch%truncation(:branch%n_points) > self%options%tolerance)
     report%complete = branch%outcome == curve_completed .and. short == 0
-    report%summary = trim(curve_outcomes(branch%outcome))//', '//show(branch%n_points) &
-                     //' points, '//show(branch%folds%n)//' folds'
-    if (short > 0) report%summary = report%summary//', '//show(short)//' with too few harmonics'
+    report%summary = trim(curve_outcomes(branch%outcome))//', ' &
+                     //things(branch%n_points, 'point')//', '//things(branch%folds%n, 'fold')
+    if (short > 0) report%summary = report%summary//', '//things(short, 'point') &
+                                    //' with too few harmonics'
 
   contains
 

@@ -15,7 +15,7 @@ module viscovib_driven_job
   use viscovib_orbit_stability, only: find_orbit_crossings, judge_orbits, orbit_circle
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
-  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: listed, table_type
   use viscovib_torus, only: new_torus, torus_type
@@ -110,25 +110,25 @@ contains
       text = text//'quasi-periodic motions of '//show(self%torus%n_axes)//' base frequencies'
     end if
     if (self%choose_harmonics) then
-      text = text//', as many orders as the tolerance needs, '//show(self%harmonics)//' at first'
+      text = text//', harmonics chosen to meet the tolerance, '//show(self%harmonics)//' at first'
     else
-      text = text//', '//show(size(lattice(self%torus%n_axes, self%harmonics), 2)) &
-             //' orders a coordinate'
+      text = text//', '//things(size(lattice(self%torus%n_axes, self%harmonics), 2), 'harmonic') &
+             //' per coordinate'
     end if
     text = text//new_line('a')
     if (size(self%switch) > 0) then
-      text = text//'computes: '//show(size(self%switch))//' branches that leave it' &
-             //new_line('a')
+      text = text//'computes: '//things(size(self%switch), 'branch that leaves it', &
+                                        'branches that leave it')//new_line('a')
     else
       text = text//'skips: branches that leave it (no switch)'//new_line('a')
     end if
     if (.not. self%stability) then
-      text = text//'skips: stability (not wanted)'//new_line('a')
+      text = text//'skips: stability (not asked for)'//new_line('a')
     else if (self%torus%n_axes == 1) then
       text = text//'computes: stability of each motion, and where it changes'//new_line('a')
     else
-      text = text//'skips: stability (of quasi-periodic motions, only over a duration, in ' &
-             //'Python)'//new_line('a')
+      text = text//'skips: stability (of quasi-periodic motions: only in Python, over a ' &
+             //'duration)'//new_line('a')
     end if
     if (self%symmetric) text = text//'skips: orders that the symmetry of system and loads rules ' &
                               //'out'//new_line('a')
@@ -159,14 +159,17 @@ contains
     short = count(branches%truncation > self%options%tolerance)
     associate (first => branches(1))
       report%complete = first%outcome == curve_completed .and. short == 0
-      report%summary = trim(curve_outcomes(first%outcome))//', '//show(size(first%parameter)) &
-                       //' points, '//show(size(first%folds))//' folds, ' &
-                       //show(size(first%branch_points))//' branch points'
+      report%summary = trim(curve_outcomes(first%outcome))//', ' &
+                       //things(size(first%parameter), 'point')//', ' &
+                       //things(size(first%folds), 'fold')//', ' &
+                       //things(size(first%branch_points), 'branch point')
     end associate
-    if (short > 0) report%summary = report%summary//', '//show(short)//' of '// &
-                                    show(size(branches))//' branches with too few harmonics'
-    if (size(branches) > 1) report%summary = report%summary//'; '//show(size(branches) - 1) &
-                                             //' branches that leave it'
+    if (short > 0) report%summary = report%summary//', '//show(short)//' of ' &
+                                    //things(size(branches), 'branch', 'branches') &
+                                    //' with too few harmonics'
+    if (size(branches) > 1) report%summary = report%summary//'; ' &
+                                             //things(size(branches) - 1, 'branch that leaves it', &
+                                                      'branches that leave it')
   end subroutine run
 
   !> The branch, with as many orders as it needs, then those that leave it.
@@ -189,7 +192,7 @@ contains
       n = abs(job%switch(i))
       if (n > first%branch_points%n) then
         call fail(status, status_input_error, 'switch', 'switch = '//show(job%switch(i)) &
-                  //': the branch has '//show(first%branch_points%n)//' branch points')
+                  //': the branch has '//things(first%branch_points%n, 'branch point'))
         return
       end if
       associate (points => first%branch_points)

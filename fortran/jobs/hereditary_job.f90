@@ -11,11 +11,11 @@ module viscovib_hereditary_job
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_plan_text, only: tell_idle, tell_zeros, things
+  use viscovib_plan_text, only: tell_idle, tell_zeros
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
   use viscovib_simulate, only: run_coarse, run_diverged
-  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_time_load, only: time_load_type
   use viscovib_transient_job, only: make_runs, plan_steps, run_maker, trajectory_type, &
     transient_job
@@ -241,7 +241,8 @@ contains
     logical :: moved(system%n_dof())
 
     text = 'computes: motion to t = '//show(job%t_end)//' by '//hereditary_methods(job%method) &
-           //', accelerations at '//show(nodes(job%method))//' nodes a step'//nl//plan_steps(job)
+           //', accelerations at '//things(nodes(job%method), 'node')//' per step'//nl &
+           //plan_steps(job)
     moved = moved_coordinates(system, driven(job, system, load))
     if (all(moved)) then
       text = text//plan_system(job, system, load)
@@ -287,17 +288,17 @@ contains
                                                  least*table%points(1), reach*job%t_end, weights, &
                                                  rates)
       if (job%past == keep_direct .or. size(rates) == 0) then
-        text = text//'all of the past at every step'//nl
+        text = text//'by the whole past at every step'//nl
       else if (job%dt > 0.0_wp) then
-        text = text//'as '//show(size(rates))//' exponentials'//nl
+        text = text//'as '//things(size(rates), 'exponential')//nl
       else
-        text = text//'as about '//show(size(rates))//' exponentials'//nl
+        text = text//'as about '//things(size(rates), 'exponential')//nl
       end if
     end do
     if (any(abs(job%initial) > 0.0_wp) .or. size(load%orders) == 0) return
     if (all(load%orders > 0) .and. all(abs(aimag(load%force)) <= 0.0_wp) &
         .and. .not. load%moves_base()) then
-      text = text//'skips: panels of a singular start (from rest without load)'//nl
+      text = text//'skips: fine steps at a singular start (it starts from rest without load)'//nl
     end if
   end function plan_system
 

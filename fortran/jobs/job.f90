@@ -3,7 +3,7 @@
 !! The driver and the bindings know jobs by this alone. A new analysis extends `job_type` in a
 !! file of its own, and is named where scenes are read (`viscovib_scene_results`).
 module viscovib_job
-  use viscovib_status, only: show, status_type
+  use viscovib_status, only: status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
   implicit none
@@ -81,7 +81,8 @@ contains
     text = ''
     i = size(subject%coordinates) - size(wanted)
     if (subject%is_structure .and. i > 0) then
-      text = 'skips: '//what//' of '//show(i)//' other coordinates (not asked for)'//new_line('a')
+      text = 'skips: '//what//' of '//things(i, 'other coordinate')//' (not asked for)' &
+             //new_line('a')
       return
     end if
     do i = 1, size(subject%coordinates)

@@ -4,7 +4,7 @@ module viscovib_modes_job
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_oscillator_modes, only: oscillator_modes
-  use viscovib_status, only: set_ok, show, status_type
+  use viscovib_status, only: set_ok, show, status_type, things
   use viscovib_structure_model, only: structure_modes
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
@@ -34,8 +34,9 @@ contains
     type(status_type), intent(out) :: status
 
     call set_ok(status)
-    text = 'computes: natural frequencies and shapes of '//show(subject%n_modes()) &
-           //' modes'//new_line('a')//'skips: damping, memory and loads (modes are those of the ' &
+    text = 'computes: natural frequencies and shapes of ' &
+           //things(subject%n_modes(), 'mode')//new_line('a') &
+           //'skips: damping, memory and loads (modes are those of the ' &
            //'system about rest without them)'//new_line('a') &
            //plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_modes
@@ -76,7 +77,7 @@ contains
       call table%add_reals(trim(subject%coordinates(self%wanted(i))), shapes(self%wanted(i), :))
     end do
     call sink%put(this_kind(), table, status)
-    report%summary = show(n)//' modes, omega = '//show(omega(1))//' to '//show(omega(n))
+    report%summary = things(n, 'mode')//', omega = '//show(omega(1))//' to '//show(omega(n))
   end subroutine run
 
 end module viscovib_modes_job

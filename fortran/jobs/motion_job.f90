@@ -16,7 +16,7 @@ module viscovib_motion_job
   use viscovib_polynomial_job, only: plan_polynomial, run_polynomial_job
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_simulate, only: run_completed, run_names
-  use viscovib_status, only: set_ok, show, status_type
+  use viscovib_status, only: set_ok, show, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: listed_units, table_type
   use viscovib_transient_job, only: trajectory_type, transient_job
@@ -112,11 +112,11 @@ contains
     call put_motion(self, subject, trajectory, method, sink, status)
     report%complete = trajectory%outcome == run_completed .and. kept >= 2
     report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &
-                     //', '//show(size(trajectory%t))//' states'
+                     //', '//things(size(trajectory%t), 'state')
     if (trajectory%error >= 0.0_wp) report%summary = report%summary//', estimated error ' &
                                                      //show(trajectory%error)
-    if (kept < 2) report%summary = report%summary//'; no spectrum: '//show(kept) &
-                                   //' states from discard on, must be at least 2'
+    if (kept < 2) report%summary = report%summary//'; no spectrum: ' &
+                                   //things(kept, 'state')//' from discard on, must be at least 2'
   end subroutine run
 
   !> Integrate.

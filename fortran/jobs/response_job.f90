@@ -7,7 +7,7 @@ module viscovib_response_job
   use viscovib_outcomes, only: outcome_converged, outcome_names
   use viscovib_response, only: response_options, response_type
   use viscovib_response_plan, only: new_response_plan, response_plan_type
-  use viscovib_status, only: show, status_type
+  use viscovib_status, only: show, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
   implicit none
@@ -71,8 +71,10 @@ contains
     short = count(pack(response%truncation, response%outcome == outcome_converged) &
                   > plan%options%tolerance)
     report%complete = found == size(self%nu) .and. short == 0
-    report%summary = show(found)//' of '//show(size(self%nu))//' frequencies solved'
-    if (short > 0) report%summary = report%summary//', '//show(short)//' with too few harmonics'
+    report%summary = show(found)//' of ' &
+                     //things(size(self%nu), 'frequency', 'frequencies')//' solved'
+    if (short > 0) report%summary = report%summary//', '//show(short) &
+                                    //' of them with too few harmonics'
   end subroutine run
 
   !> A row a frequency.

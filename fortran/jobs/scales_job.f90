@@ -7,7 +7,7 @@ module viscovib_scales_job
   use viscovib_pendulum_form, only: new_pendulum_form, ordering_names
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_scales_response, only: response_along, steady_points_type, vary_frequency
-  use viscovib_status, only: set_ok, show, status_type
+  use viscovib_status, only: set_ok, show, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_system_form, only: new_oscillator_form
   use viscovib_table, only: table_type
@@ -47,7 +47,8 @@ contains
     type(status_type), intent(out) :: status
 
     call set_ok(status)
-    text = 'computes: steady motions to third order at '//show(size(self%values))//' values of ' &
+    text = 'computes: steady motions to third order at ' &
+           //things(size(self%values), 'value')//' of ' &
            //trim(self%parameter)//' from '//show(self%values(1))//' to ' &
            //show(self%values(size(self%values)))//', with stability and errors'//new_line('a')
     if (self%ordering > 1 .and. subject%is_pendulum) then
@@ -81,8 +82,9 @@ contains
     call tabulate(self, subject, points, table)
     call sink%put(this_kind(), table, status)
     report%complete = all([(any(points%value(:points%n) == i), i=1, size(self%values))])
-    report%summary = show(points%n)//' steady motions at '//show(size(self%values)) &
-                     //' values, '//show(count(stable_points(points)))//' of them stable'
+    report%summary = things(points%n, 'steady motion')//' at ' &
+                     //things(size(self%values), 'value')//', ' &
+                     //show(count(stable_points(points)))//' of them stable'
   end subroutine run
 
   !> No eigenvalue with a positive real part, but for rounding.

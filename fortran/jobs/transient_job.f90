@@ -470,9 +470,9 @@ contains
       text = text//nl
     end if
     if (job%last_only) text = text//'skips: storing states on the way (only the last is ' &
-                              //'wanted)'//nl
+                              //'asked for)'//nl
     if (job%save_every > 1) text = text//'skips: storing all but one state in ' &
-                                   //show(job%save_every)//' (the others are not wanted)'//nl
+                                   //show(job%save_every)//' (the others are not asked for)'//nl
   end function plan_steps
 
 end module viscovib_transient_job

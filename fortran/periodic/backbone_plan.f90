@@ -10,7 +10,7 @@ module viscovib_backbone_plan
   use viscovib_oscillator_modes, only: oscillator_modes
   use viscovib_response, only: response_options
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
-  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_structure, only: structure_type
   implicit none
   private
@@ -181,7 +181,7 @@ contains
     real(wp), intent(in) :: from, to
     character(len=:), allocatable :: text, kept
     character(len=*), parameter :: nl = new_line('a')
-    kept = show(size(self%set%orders))//' harmonics a coordinate'
+    kept = things(size(self%set%orders), 'harmonic')//' per coordinate'
     if (self%chosen) kept = chosen_text(self%set%orders(size(self%set%orders)))
     text = 'computes: free motions of mode '//show(self%mode)//' from amplitude '//show(from) &
            //' to '//show(to)//', '//kept//nl &

@@ -139,7 +139,7 @@ contains
     !> Highest order at first.
     integer, intent(in) :: first
     character(len=:), allocatable :: text
-    text = 'as many harmonics as the tolerance needs, '//show(first)//' at first'
+    text = 'harmonics chosen to meet the tolerance, '//show(first)//' at first'
   end function chosen_text
 
   subroutine new_newton_step(newton, n)

@@ -11,11 +11,11 @@ module viscovib_response_plan
   use viscovib_limits, only: max_harmonics, max_tolerance, min_tolerance
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_plan_text, only: tell_idle, tell_zeros, things
+  use viscovib_plan_text, only: tell_idle, tell_zeros
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce
   use viscovib_response, only: response_options
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: fail, show, status_input_error, status_type, things
   implicit none
   private
 
@@ -206,11 +206,11 @@ contains
     n_kernels = count([(any(system%kernel_of == i), i=1, size(system%kernels))])
     if (plan%method == method_linear) then
       if (method /= method_linear) call plan%say('skips: the iteration (nothing is nonlinear)')
-      call plan%say('skips: harmonics that the load lacks (a linear system does not answer ' &
-                    //'in them)')
+      call plan%say('skips: harmonics that the load lacks (a linear system does not respond ' &
+                    //'at them)')
     else
       if (.not. plan%chosen) then
-        call plan%say('computes: '//show(plan%set%n_samples)//' samples of ' &
+        call plan%say('computes: '//things(plan%set%n_samples, 'sample')//' of ' &
                       //trim(merge('half a period', 'a period     ', plan%set%half_wave)))
       end if
       if (plan%set%half_wave) call plan%say('skips: even harmonics and half of each period ' &
@@ -227,11 +227,14 @@ contains
     if (plan%options%stability) call plan%say('computes: stability of each motion (' &
                                               //trim(merge('exponents  ', 'multipliers', &
                                                            n_kernels > 0))//')')
-    kept = show(size(plan%set%orders))//' harmonics a coordinate'
-    if (plan%chosen) kept = 'harmonics up to '//show(plan%most)//' as the tolerance needs them' &
-                            //trim(merge(' at each', '        ', plan%method == method_newton))
-    plan%text = 'computes: '//trim(method_names(plan%method))//' response at '//show(n_nu) &
-                //' frequencies, '//kept//new_line('a')//plan%rest
+    kept = things(size(plan%set%orders), 'harmonic')//' per coordinate'
+    if (plan%chosen) then
+      kept = 'harmonics chosen to meet the tolerance, at most '//show(plan%most)
+      if (plan%method == method_newton) kept = 'harmonics chosen at each frequency'//kept(17:)
+    end if
+    plan%text = 'computes: response at '//things(n_nu, 'frequency', 'frequencies') &
+                //' by method '//trim(method_names(plan%method))//', '//kept//new_line('a') &
+                //plan%rest
     if (.not. plan%options%keep_history) plan%text = plan%text &
                                                      //'skips: history of corrections (not ' &
                                                      //'asked for)'//new_line('a')

@@ -2,11 +2,11 @@
 module viscovib_plan_text
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_status, only: show
+  use viscovib_status, only: things
   implicit none
   private
 
-  public :: tell_zeros, tell_idle, things
+  public :: tell_zeros, tell_idle
 
   character(len=*), parameter :: nl = new_line('a')
 
@@ -40,12 +40,4 @@ contains
   end function tell_idle
 
   !> A number of things, '1 term' or '2 terms'.
-  function things(n, name) result(text)
-    integer, intent(in) :: n
-    character(len=*), intent(in) :: name
-    character(len=:), allocatable :: text
-    text = show(n)//' '//name
-    if (n /= 1) text = text//'s'
-  end function things
-
 end module viscovib_plan_text

@@ -6,7 +6,7 @@ module viscovib_structure_model
   use viscovib_load, only: load_type, new_load
   use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: max_coordinates, new_polynomial, polynomial_parameters
-  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_structure, only: structure_type
   use viscovib_structure_elements, only: element_type, find_directions, put_laws
   use viscovib_structure_rest, only: is_symmetric, modal_damping, new_rest, rest_type
@@ -441,14 +441,14 @@ contains
       rigid = count(.not. abs(rest%squares) > 0.0_wp)
       below = count(rest%squares < 0.0_wp)
       if (size(rest%squares) > 0) then
-        text = show(size(rest%squares))//' real modes'
+        text = things(size(rest%squares), 'real mode')
       else
-        text = show(size(rest%poles)/2)//' pairs of complex modes'
+        text = things(size(rest%poles)/2, 'pair of complex modes', 'pairs of complex modes')
       end if
       if (rigid > 0) text = text//', '//show(rigid)//' of rigid bodies'
-      if (below > 0) text = text//', '//show(below)//' that grow without the elements'
-      text = 'computes: '//show(size(self%mass, 1))//' coordinates condensed to '//show(q) &
-             //' deflection'//trim(merge('s', ' ', q > 1))//' by '//text//new_line('a')
+      if (below > 0) text = text//', '//show(below)//' unstable without the elements'
+      text = 'computes: '//things(size(self%mass, 1), 'coordinate')//' condensed to ' &
+             //things(q, 'deflection')//' by '//text//new_line('a')
     end associate
   end function told
 

@@ -59,7 +59,7 @@ def test_orders_are_chosen_in_scenes(solve, tmp_path, method):
         )
         done = solve(scene, "--out", tmp_path)
         assert done.returncode == 1
-        assert "1 of 1 frequencies solved, 1 with too few harmonics" in done.stdout
+        assert "1 of 1 frequency solved, 1 of them with too few harmonics" in done.stdout
 
 
 @pytest.mark.parametrize("harmonics", ["31", "'auto', tolerance = 1e-8"], ids=["31", "auto"])

@@ -50,7 +50,7 @@ def test_branches_of_a_pendulum_agree(solve, tmp_path):
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "completed, " in done.stdout
-    assert "2 folds, 4 branch points; 1 branches that leave it" in done.stdout
+    assert "2 folds, 4 branch points; 1 branch that leaves it" in done.stdout
     result = vv.run(scene)
     assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
     assert len(result.switched) == 1
@@ -93,7 +93,7 @@ def test_stability_may_be_left_out(solve, tmp_path):
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "stable" not in read_csv(tmp_path / "s_branch.csv").dtype.names
-    assert "skips: stability (not wanted)" in solve(scene, "--plan").stdout
+    assert "skips: stability (not asked for)" in solve(scene, "--plan").stdout
     assert vv.run(scene).branch.stable is None
 
 
@@ -102,7 +102,7 @@ def test_quasi_periodic_branch_of_a_scene(solve, tmp_path):
     scene.write_text(TORUS)
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 1, done.stderr
-    assert "1 of 1 branches with too few harmonics" in done.stdout
+    assert "1 of 1 branch with too few harmonics" in done.stdout
     lines = (tmp_path / "torus_branch.csv").read_text().splitlines()
     rows = list(csv.reader(line for line in lines if not line.startswith("#")))
     with pytest.warns(vv.ConvergenceWarning, match="4 orders leave an estimated"):

@@ -15,7 +15,7 @@ def test_a_table_of_points_runs_directly(solve, tmp_path):
     )
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "all of the past" in solve(scene, "--plan").stdout
+    assert "the whole past" in solve(scene, "--plan").stdout
     scene.write_text(scene.read_text().replace("dt=0.1", "dt=0.1, memory='exponentials'"))
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 2

@@ -139,8 +139,8 @@ def test_wrong_sweep_groups_are_told_with_their_line(tmp_path, group, message):
 def test_the_plan_counts_the_points(capsys):
     assert main(["plan", str(MAP)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].endswith("x load.amplitude (7 values 0.02 to 0.5) = 231 points, each:")
-    assert lines[1].startswith("computes: newton response at 200 frequencies")
+    assert lines[0].endswith("x load.amplitude (7 values from 0.02 to 0.5) = 231 points, each:")
+    assert lines[1].startswith("computes: response at 200 frequencies by method newton")
 
 
 def test_a_map_shows_what_was_computed():

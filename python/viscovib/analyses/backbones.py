@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.common.counts import things
 from viscovib.common.motion_stability import STABILITY_NOTE, stability_columns
 from viscovib.common.parameters import MAX_HARMONICS, MAX_UNKNOWNS, CurveOptions, Interval
 from viscovib.common.periodic_motions import PeriodicMotions
@@ -140,14 +141,17 @@ class Backbone(PeriodicMotions, Result):
         return "rad/s" if self.energy is None else ""
 
     def _headline(self) -> str:
-        points = "" if self.energy is None else f", {len(self.branch_points)} branch points"
-        short = f", {self._short} with too few harmonics" if self._short else ""
-        return f"{self.outcome}, {self.nu.size} points, {self.folds.size} folds{points}{short}"
+        points = (
+            "" if self.energy is None else f", {things(len(self.branch_points), 'branch point')}"
+        )
+        short = f", {things(self._short, 'point')} with too few harmonics" if self._short else ""
+        found = f"{things(self.nu.size, 'point')}, {things(self.folds.size, 'fold')}"
+        return f"{self.outcome}, {found}{points}{short}"
 
     def _scope(self) -> list[str]:
         return [
             f"mode {self.mode}, nu: {span(self.nu, self._unit)}; "
-            f"{named(self.dof_names, self.dof_units)}; {self.harmonics.size} harmonics"
+            f"{named(self.dof_names, self.dof_units)}; {things(self.harmonics.size, 'harmonic')}"
         ]
 
     def _details(self) -> list[str]:
@@ -172,7 +176,7 @@ class Backbone(PeriodicMotions, Result):
 
     def _pieces(self) -> tuple[int, str, str]:
         n = self.nu.size
-        return n, f"{n} points of {self.harmonics.size} harmonics", "point"
+        return n, f"{things(n, 'point')} of {things(self.harmonics.size, 'harmonic')}", "point"
 
     def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
         return self.nu, self.harmonics, self.coefficients

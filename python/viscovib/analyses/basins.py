@@ -12,6 +12,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.ensemble import simulate_ensemble
+from viscovib.common.counts import things
 from viscovib.common.results import Result, span
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike
@@ -79,7 +80,8 @@ class Basins(Result):
 
     def _headline(self) -> str:
         settled = int((self.labels >= 0).sum())
-        return f"{len(self.attractors)} attractors, {settled} of {self.labels.size} starts settle"
+        found = things(len(self.attractors), "attractor")
+        return f"{found}, {settled} of {things(self.labels.size, 'start')} settle"
 
     def _scope(self) -> list[str]:
         periods = ", ".join(

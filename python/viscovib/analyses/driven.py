@@ -28,6 +28,7 @@ from viscovib.analyses.torus import (
     place_of,
 )
 from viscovib.analyses.torus_plan import torus_plan
+from viscovib.common.counts import things
 from viscovib.common.parameters import DURATION, MAX_DENOMINATOR, STABILITY, SUBHARMONIC, TOLERANCE
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Result, span
@@ -125,7 +126,7 @@ class DrivenResponse(Result):
         return bool(self.converged.all())
 
     def _headline(self) -> str:
-        return f"{self.converged.sum()} of {self.parameter.size} motions solved"
+        return f"{self.converged.sum()} of {things(self.parameter.size, 'motion')} solved"
 
     def _scope(self) -> list[str]:
         worst = np.nanmax(self.truncation, initial=0.0)
@@ -373,8 +374,9 @@ def _solve(
         stable=stable,
         growth=growth,
         plan=torus_plan(
-            f"computes: steady motions at {rows.size} values of {varies or torus.names[0]}"
-            + (", each with the orders it needs" if bounds[0] < bounds[1] else ""),
+            f"computes: steady motions at {things(rows.size, 'value')} of "
+            + (varies or torus.names[0])
+            + (", each with as many harmonics as it needs" if bounds[0] < bounds[1] else ""),
             pend, torus, kept, varies,
             "not asked for" if not duration else "multipliers" if torus.n_axes == 1 else "rates",
         ),

@@ -417,7 +417,7 @@ def trace_pendulum(
         )
     judged = ("rates" if torus.n_axes > 1 else "multipliers") if span else (
         "not asked for" if torus.n_axes == 1 or not stability
-        else "of quasi-periodic motions, only over a duration"
+        else "of quasi-periodic motions: only over a duration"
     )  # fmt: skip
     plan = torus_plan(
         f"computes: the branch from {varies} = {start:g} to {finish:g}",

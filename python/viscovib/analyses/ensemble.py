@@ -18,6 +18,7 @@ from viscovib.analyses.accuracy import Accuracy, rounding_of
 from viscovib.analyses.members import Members, members_of
 from viscovib.analyses.memoryless import EXPLICIT
 from viscovib.analyses.runs import hopeless
+from viscovib.common.counts import things
 from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar
 from viscovib.common.results import Result, span
@@ -123,7 +124,7 @@ class Ensemble(Result):
     def _headline(self) -> str:
         kinds, counts = np.unique(self.outcome, return_counts=True)
         ends = ", ".join(f"{n} {kind}" for kind, n in zip(kinds, counts, strict=True))
-        return f"{self.t_end.size} motions: {ends}"
+        return f"{things(self.t_end.size, 'motion')}: {ends}"
 
     def _scope(self) -> list[str]:
         varied = ", ".join(f"{name} {span(v)}" for name, v in self.parameters.items()) or "nothing"
@@ -300,17 +301,20 @@ def simulate_ensemble(
 
 def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool) -> Plan:
     n = job.members.n
-    lines = [f"computes: {n} motions of {n_steps} steps, {_LANES} side by side"]
+    lines = [f"computes: {things(n, 'motion')} of {things(n_steps, 'step')}, {_LANES} side by side"]
     if sought is None:
         lines.append("skips: estimate of the error (the step is given)")
     else:
         lines.append(
-            f"computes: the step, halved until last states change by at most {sought.text}"
+            f"computes: the step, halved until the last states change by at most {sought.text}"
         )
     lines.append("skips: storing states on the way (an ensemble keeps what is gathered)")
+    given = (
+        things(job.lines.size, "frequency", "frequencies") if job.lines.size else "any frequencies"
+    )
     for wanted, what in (
         (job.statistics, "peaks, means and rms"),
-        (job.lines.size > 0, f"amplitudes at {job.lines.size or 'any'} frequencies"),
+        (job.lines.size > 0, f"amplitudes at {given}"),
         (sections, "sections"),
         (job.exponents > 0, "Lyapunov exponents"),
     ):

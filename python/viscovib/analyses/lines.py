@@ -14,6 +14,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.line_fit import ROUGH, LineFit
 from viscovib.analyses.signals import read_signal
+from viscovib.common.counts import things
 from viscovib.common.results import Result
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
@@ -77,7 +78,8 @@ class Lines(Result):
     def _headline(self) -> str:
         close = int((~self.resolved).sum())
         apart = f", {close} close to others" if close else ""
-        return f"{self.omega.size} lines, root mean square of the rest {self.residual:.2g}{apart}"
+        found = things(self.omega.size, "line")
+        return f"{found}, root mean square of the rest {self.residual:.2g}{apart}"
 
     def _scope(self) -> list[str]:
         lines = [

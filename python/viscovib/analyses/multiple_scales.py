@@ -13,6 +13,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.analyses.scales_form import ORDERINGS, ScalesForm
 from viscovib.analyses.scales_terms import FlowTerm, free_frequencies
+from viscovib.common.counts import things
 from viscovib.common.plan import Plan
 from viscovib.errors import InputError, RangeWarning, caller
 from viscovib.results.scales import (
@@ -296,8 +297,8 @@ class MultipleScales:
             dof_names=self._names,
             _errors=partial(self._steady_errors, load, vary, where),
             plan=self._plan(
-                f"computes: steady motions to third order at {where.size} values of {parameter} "
-                f"from {where[0]:g} to {where[-1]:g}, with stability"
+                f"computes: steady motions to third order at {things(where.size, 'value')} of "
+                f"{parameter} from {where[0]:g} to {where[-1]:g}, with stability"
             ),
         )
 
@@ -385,7 +386,7 @@ class MultipleScales:
     def _plan(self, first: str) -> Plan:
         """Return a plan that begins with this line."""
         n_loads, quadratic, cubic = (int(self._form.packed[i]) for i in (4, 5, 6))
-        lines = [first, f"computes: {len(self.terms)} terms of the modulation equations"]
+        lines = [first, f"computes: {things(len(self.terms), 'term')} of the modulation equations"]
         if not quadratic:
             lines.append("skips: terms of second order (no quadratic terms)")
         if not cubic:
@@ -445,7 +446,9 @@ class MultipleScales:
             initial=2 * first,
             steps=int(steps),
             outcome=_OUTCOMES[outcome],
-            plan=self._plan(f"computes: amplitudes in time, {times.size} times to {times[-1]:g}"),
+            plan=self._plan(
+                f"computes: amplitudes in time, {things(times.size, 'time')} to {times[-1]:g}"
+            ),
         )
         states = np.ascontiguousarray(motion.transpose(2, 0, 1)[kept].reshape(-1, 2 * n))
         return modulation, states, np.ascontiguousarray(sizes.T[kept]), expected

@@ -10,6 +10,7 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.analyses.backbones import Backbone, BackbonePoint, warn_of_few
 from viscovib.analyses.driven import check_size
 from viscovib.analyses.torus import IntArray
+from viscovib.common.counts import things
 from viscovib.common.parameters import (
     FIRST_FREE,
     MAX_HARMONICS,
@@ -191,8 +192,8 @@ def _place(shape: FloatArray, dof: str | None, mode: int, *, by_energy: bool) ->
 def _kept_text(auto: bool, first: int, n_cosines: int) -> str:
     """Return what the plan says of the orders."""
     if auto:
-        return f"as many harmonics as the tolerance needs, {first} at first"
-    return f"{n_cosines} cosines"
+        return f"harmonics chosen to meet the tolerance, {first} at first"
+    return things(n_cosines, "cosine")
 
 
 def _ends(amplitude: object, energy: object) -> tuple[float, float]:

@@ -14,6 +14,7 @@ from viscovib.analyses.hereditary import NODES, MountMotion, hereditary_run_of, 
 from viscovib.analyses.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
 from viscovib.analyses.runs import Run, Wanted, again, with_estimate
 from viscovib.analyses.structure_motion import StructureMotion, structure_motion_of
+from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
@@ -44,7 +45,7 @@ def known(
     for name, table in (("force", force), ("motion of the base", base)):
         if isinstance(table, LoadTable):
             times = np.asarray(table.times)
-            span = f"{times.size} times, {times[0]:g} to {times[-1]:g}"
+            span = f"{things(times.size, 'time')}, {times[0]:g} to {times[-1]:g}"
             words.append(f"computes: {name} by a table of {span}")
     return _Known(make, np.empty(0) if breaks is None else breaks, tuple(words), watch)
 

@@ -16,6 +16,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy, parts_for_peaks, reason, rounding_of
 from viscovib.analyses.events import NOTHING, ROOM, Watch
+from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.common.plan import Plan
 from viscovib.common.progress import Bar, progress_bar
@@ -286,8 +287,9 @@ class Run(ABC):
             lines = [s for s in str(plan).splitlines() if s != "skips: the load (there is none)"]
             plan = Plan("\n".join([*lines, *self.tables]))
         if want.times is not None:
+            kept = things(want.times.size, "time")
             return plan.and_also(
-                [f"skips: storing states but at {want.times.size} times (not asked for)"]
+                [f"skips: storing other states than those at {kept} (not asked for)"]
             )
         if want.keep == "tail":
             return plan.and_also(

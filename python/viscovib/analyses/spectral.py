@@ -14,6 +14,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.signals import read_signal, windowed
+from viscovib.common.counts import things
 from viscovib.common.parameters import Names
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Result, span
@@ -69,7 +70,7 @@ class Spectrum(Result):
     kind = "spectrum"
 
     def _headline(self) -> str:
-        return f"{self.omega.size} frequencies of {', '.join(self.names)}"
+        return f"{things(self.omega.size, 'frequency', 'frequencies')} of {', '.join(self.names)}"
 
     def _scope(self) -> list[str]:
         width = self.omega[1] if self.omega.size > 1 else math.nan
@@ -179,7 +180,7 @@ def spectrum(
         dt=step,
         names=names,
         plan=Plan(
-            f"computes: spectra of {', '.join(names)}, {n} samples, window {window}\n"
+            f"computes: spectra of {', '.join(names)}, {things(n, 'sample')}, window {window}\n"
             "skips: negative frequencies (signals are real)"
             + ("\nskips: the window (fewer than 10 samples)" if n < 10 else "")
         ),

@@ -16,6 +16,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted
+from viscovib.common.counts import things
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.trajectory import Passages, Trajectory
@@ -427,8 +428,8 @@ class StructureRun(MountRun):
         lines = text.decode().splitlines()
         nodes = NODES[self.method]
         lines[0] = (
-            f"computes: motion to t = {end:g} by {self.method}, forces of elements at {nodes} "
-            "nodes a step, modes exactly"
+            f"computes: motion to t = {end:g} by {self.method}, forces of elements at "
+            f"{things(nodes, 'node')} per step, modes exactly"
         )
         lines.insert(1, f"computes: {motion.loaded.told}")
         return "\n".join(lines).encode()

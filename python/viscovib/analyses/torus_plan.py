@@ -3,6 +3,7 @@
 import numpy as np
 
 from viscovib.analyses.torus import AMPLITUDES, IntArray, Torus
+from viscovib.common.counts import things
 from viscovib.common.plan import Plan
 from viscovib.systems.pendulum import Pendulum
 
@@ -15,15 +16,16 @@ def torus_plan(
     ``kept``: as from `kept_by_symmetry`; ``stability``: "multipliers", "rates", or why there is
     none.
     """
+    base = things(torus.n_axes, "base frequency", "base frequencies")
     axes = ", ".join(torus.names)
     real = np.where(np.arange(len(kept)) > 0, 2, 1)
     n, whole = int(real @ kept.sum(axis=1)), 3 * int(real.sum())
     lines = [
         first,
-        f"computes: {len(kept)} orders of {torus.n_axes} base frequencies ({axes}), {n} unknowns",
+        f"computes: {things(len(kept), 'harmonic')} of {base} ({axes}), {n} unknowns",
     ]
     if torus.n_axes > 1:
-        lines.append(f"computes: samples on a torus of {torus.n_axes} angles")
+        lines.append(f"computes: samples on a torus of {things(torus.n_axes, 'angle')}")
     elif not kept[:, 1:].any():
         lines.append("skips: unknowns of phi and psi (no moment acts and nothing swings them)")
     if n < whole and kept[:, 1:].any():

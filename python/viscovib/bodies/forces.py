@@ -13,6 +13,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.bodies.mount_point import MountPoint
 from viscovib.bodies.springs import MountSprings
 from viscovib.bodies.turning import further_moved
+from viscovib.common.counts import things
 from viscovib.common.results import Panel, Result, span
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.laws import Law
@@ -67,7 +68,8 @@ class MountForces(Result):
 
     def _headline(self) -> str:
         ends = span(self.nu, "rad/s")
-        return f"forces of {len(self.names)} mounts at {self.nu.size} frequencies, {ends}"
+        nu = things(self.nu.size, "frequency", "frequencies")
+        return f"forces of {things(len(self.names), 'mount')} at {nu}, {ends}"
 
     def panels(self) -> list[Panel]:
         """Amplitudes of each mount's force in the direction where it is largest."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.counts import things
 from viscovib.common.results import Number, Panel, Result
 from viscovib.common.tables import Table
 from viscovib.errors import InputError
@@ -75,8 +76,10 @@ class BodyModes(Result):
 
     def _headline(self) -> str:
         rigid = int(np.sum(self.omega == 0))
-        told = f", of {rigid} nothing holds the body" if rigid else ""
-        return f"{self.omega.size} modes from {self.hz[0]:.6g} to {self.hz[-1]:.6g} Hz{told}"
+        told = f", {rigid} of them motions that nothing resists" if rigid else ""
+        return (
+            f"{things(self.omega.size, 'mode')} from {self.hz[0]:.6g} to {self.hz[-1]:.6g} Hz{told}"
+        )
 
     def _scope(self) -> list[str]:
         head = "mode        Hz    loss" + "".join(f"{name:>9}" for name in self.names)

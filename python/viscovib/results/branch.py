@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.common.counts import things
 from viscovib.common.motion_stability import STABILITY_NOTE, codes_of, stability_columns
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
@@ -142,7 +143,7 @@ class Branch(PeriodicMotions, Curve):
 
     def _lacking(self) -> str:
         short = int((self.truncation > self._tolerance).sum())
-        return f", {short} with too few harmonics" if short else ""
+        return f", {things(short, 'point')} with too few harmonics" if short else ""
 
     def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
         return self.nu, self.harmonics, self.coefficients

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.counts import things
 from viscovib.common.parameters import CURVE_OUTCOMES
 from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import listed
@@ -143,16 +144,19 @@ class Curve(Result):
 
     def _headline(self) -> str:
         return (
-            f"{self.outcome}, {self.parameter.size} points, {self.folds.size} folds, "
-            f"{len(self.branch_points)} branch points{self._lacking()}"
+            f"{self.outcome}, {things(self.parameter.size, 'point')}, "
+            f"{things(self.folds.size, 'fold')}, "
+            f"{things(len(self.branch_points), 'branch point')}{self._lacking()}"
         )
 
     def _scope(self) -> list[str]:
         unit = "rad/s" if self.varies == "nu" and "m" in self.dof_units else ""
-        known = "" if self.stable is None else f", stable at {np.sum(self.stable == True)} points"  # noqa: E712
+        known = ""
+        if self.stable is not None:
+            known = f", stable at {things(np.sum(self.stable == True), 'point')}"  # noqa: E712
         return [
             f"{self.varies}: {span(self.parameter, unit)}; {named(self.dof_names, self.dof_units)}",
-            f"{len(self._orders)} harmonics{known}",
+            f"{things(len(self._orders), 'harmonic')}{known}",
         ]
 
     def _details(self) -> list[str]:
@@ -177,7 +181,7 @@ class Curve(Result):
 
     def _pieces(self) -> tuple[int, str, str]:
         n = self.parameter.size
-        return n, f"{n} points of {len(self._orders)} harmonics", "point"
+        return n, f"{things(n, 'point')} of {things(len(self._orders), 'harmonic')}", "point"
 
     def amplitude(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> FloatArray:
         """Size of a harmonic of a coordinate, shape (n,)."""

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.common.counts import things
 from viscovib.common.motion_stability import codes_of
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
@@ -225,8 +226,9 @@ class Response(PeriodicMotions, Result):
         return int((self.truncation > self._tolerance).sum())
 
     def _headline(self) -> str:
-        short = f", {self._short} with too few harmonics" if self._short else ""
-        return f"{self.converged.sum()} of {self.nu.size} frequencies solved{short}"
+        short = f", {self._short} of them with too few harmonics" if self._short else ""
+        asked = things(self.nu.size, "frequency", "frequencies")
+        return f"{self.converged.sum()} of {asked} solved{short}"
 
     def _scope(self) -> list[str]:
         worst = np.nanmax(self.truncation, initial=0.0)
@@ -261,7 +263,7 @@ class Response(PeriodicMotions, Result):
 
     def _pieces(self) -> tuple[int, str, str]:
         n = self.nu.size
-        return n, f"{n} points of {self.harmonics.size} harmonics", "point"
+        return n, f"{things(n, 'point')} of {things(self.harmonics.size, 'harmonic')}", "point"
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset with units."""

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.counts import things
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Result, span
 from viscovib.common.tables import Table
@@ -124,10 +125,10 @@ class Modulation(Result):
         return self.outcome == "complete"
 
     def _headline(self) -> str:
-        return f"{self.outcome}, {self.t.size} times, {self.steps} steps"
+        return f"{self.outcome}, {things(self.t.size, 'time')}, {things(self.steps, 'step')}"
 
     def _scope(self) -> list[str]:
-        return [f"t: {span(self.t)}; {self.frame.size} modes"]
+        return [f"t: {span(self.t)}; {things(self.frame.size, 'mode')}"]
 
     def to_dataset(self) -> xr.Dataset:
         """Amplitudes and phases as an xarray Dataset over t."""
@@ -196,7 +197,8 @@ class ScalesMotion(Result):
     kind = "motion"
 
     def _headline(self) -> str:
-        return f"{self.t.size} states by multiple scales, {self.in_range.sum()} of them in range"
+        found = things(self.t.size, "state")
+        return f"{found} by multiple scales, {self.in_range.sum()} of them in range"
 
     def _scope(self) -> list[str]:
         error = float(self.error_estimate.max(initial=0.0))
@@ -310,7 +312,7 @@ class ScalesResponse(Result):
 
     def _headline(self) -> str:
         return (
-            f"{self.index.size} steady motions at {self.values.size} values, "
+            f"{things(self.index.size, 'steady motion')} at {things(self.values.size, 'value')}, "
             f"{self.stable.sum()} of them stable"
         )
 
@@ -320,9 +322,9 @@ class ScalesResponse(Result):
     def _details(self) -> list[str]:
         outside = int((~self.in_range).sum())
         unsure = int((~self.decided & self.in_range).sum())
-        lines = [f"{outside} of them outside the range of the expansion"] if outside else []
+        lines = [f"{outside} of them are outside the range of the expansion"] if outside else []
         if unsure:
-            lines.append(f"stability of {unsure} others is not decided by this expansion")
+            lines.append(f"this expansion does not decide the stability of {unsure} more")
         return lines
 
     @cached_property

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.counts import things
 from viscovib.common.parameters import Flag
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Number, Panel, Result, named, span
@@ -165,7 +166,7 @@ class Trajectory(Result):
         return self.outcome in ("completed", "event")
 
     def _headline(self) -> str:
-        return f"{self.outcome} at t = {self.t_reached:g}, {self.t.size} states"
+        return f"{self.outcome} at t = {self.t_reached:g}, {things(self.t.size, 'state')}"
 
     def _scope(self) -> list[str]:
         return [
@@ -200,7 +201,7 @@ class Trajectory(Result):
 
     def _pieces(self) -> tuple[int, str, str]:
         n = self.stats["steps"]
-        return n, f"{n} steps", f"step of {self.method}"
+        return n, things(n, "step"), f"step of {self.method}"
 
     @cached_property
     def plan(self) -> Plan:

@@ -17,6 +17,7 @@ from viscovib.analyses.forced import forced_response
 from viscovib.analyses.periodic import trace_response
 from viscovib.analyses.spectral import Spectrum, spectrum
 from viscovib.analyses.transient import simulate
+from viscovib.common.counts import things
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Result
 from viscovib.errors import ConvergenceWarning, InputError, caller
@@ -181,8 +182,8 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
     kept = run.t >= group["discard"] * (1 - 1e-12)
     if kept.sum() < 2:
         warnings.warn(
-            f"no spectrum: {kept.sum()} states from discard = {group['discard']:g} on, must be at "
-            "least 2",
+            f"no spectrum: {things(kept.sum(), 'state')} from discard = {group['discard']:g} on, "
+            "must be at least 2",
             ConvergenceWarning,
             stacklevel=caller(),
         )
@@ -214,6 +215,10 @@ def plan(scene: Scene | str | os.PathLike[str]) -> Plan:
 
 def _plan_sweep(scene: Scene) -> Plan:
     grid = scene.sweep_grid()
-    axes = [f"{name} ({v.size} values {v[0]:g} to {v[-1]:g})" for name, v in grid.items()]
+    axes = [
+        f"{name} ({things(v.size, 'value')} from {v[0]:g} to {v[-1]:g})" for name, v in grid.items()
+    ]
     points = math.prod(v.size for v in grid.values())
-    return Plan(f"sweeps: {' x '.join(axes)} = {points} points, each:\n{plan(scene.override({}))}")
+    return Plan(
+        f"sweeps: {' x '.join(axes)} = {things(points, 'point')}, each:\n{plan(scene.override({}))}"
+    )

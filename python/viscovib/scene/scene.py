@@ -23,6 +23,7 @@ from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven_branch import DrivenBranch
 from viscovib.analyses.multiple_scales import MultipleScales
 from viscovib.analyses.periodic import backbone, trace_response
+from viscovib.common.counts import things
 from viscovib.common.parameters import CURVE_DEFAULTS, FilePath
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import (
@@ -395,7 +396,8 @@ class Scene:
         for number in np.atleast_1d(self._group(name).get("switch", [])).tolist():
             if abs(number) > len(points):
                 raise InputError(
-                    f"{self.path}: switch = {number}: the {name} has {len(points)} branch points"
+                    f"{self.path}: switch = {number}: the {name} has "
+                    f"{things(len(points), 'branch point')}"
                 )
             yield points[abs(number) - 1], number < 0
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Laws
 from viscovib.systems.structure_rest import Rest, Static, static_form
@@ -211,15 +212,19 @@ class LoadedStructure:
         """What was condensed, for a plan."""
         c = self.condensation
         n = c.laws.directions.shape[0]
-        kinds = [f"{c.rest.squares.size} real modes"] if c.rest.squares.size else []
-        kinds += [f"{c.rest.poles.size // 2} pairs of complex modes"] if c.rest.poles.size else []
+        kinds = [things(c.rest.squares.size, "real mode")] if c.rest.squares.size else []
+        kinds += (
+            [things(c.rest.poles.size // 2, "pair of complex modes", "pairs of complex modes")]
+            if c.rest.poles.size
+            else []
+        )
         rigid, below = int((c.rest.squares == 0).sum()), int((c.rest.squares < 0).sum())
         more = f", {rigid} of rigid bodies" if rigid else ""
-        more += f", {below} that grow without the elements" if below else ""
+        more += f", {below} unstable without the elements" if below else ""
         if c.reduced is not None:
             more += c.reduced.told
         return (
-            f"{n} coordinates condensed to {c.q} deflection{'s' if c.q > 1 else ''} by "
+            f"{things(n, 'coordinate')} condensed to {things(c.q, 'deflection')} by "
             f"{' and '.join(kinds)}{more}"
         )
 

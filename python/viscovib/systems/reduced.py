@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.linear_model import LinearModel
 from viscovib.systems.reduction import Reduction, reduce_model
@@ -51,8 +52,8 @@ class ReducedRest:
         found = self.reduction
         more = found.squares.size - found.n_modes
         return (
-            f" ({found.n_modes} of the structure, {more} static corrections), error up to "
-            f"{self.top:.6g} rad/s {found.largest_error:.1e}"
+            f" ({found.n_modes} of the structure, {things(more, 'static correction')}), error up "
+            f"to {self.top:.6g} rad/s {found.largest_error:.1e}"
         )
 
     def left_out(self, nu: FloatArray, orders: Any, y: ComplexArray) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.elements import ElementTerms
 from viscovib.systems.spring_groups import square_matrix
@@ -48,12 +49,14 @@ def told(structure: Any) -> str:
     """A structure in a line."""
     form = "sparse" if is_sparse(structure.mass) else "dense"
     count = len(structure.elements)
-    text = f"{structure.n_coordinates} coordinates in {form} matrices, {count} elements"
+    size = things(structure.n_coordinates, "coordinate")
+    text = f"{size} in {form} matrices, {things(count, 'element')}"
     found = structure.reduction
     if found is not None:
         text += (
-            f", reduced to {found.n_modes} modes and {found.squares.size - found.n_modes} "
-            f"corrections with an error of {found.largest_error:.1e}"
+            f", reduced to {things(found.n_modes, 'mode')} and "
+            f"{things(found.squares.size - found.n_modes, 'correction')} with an error of "
+            f"{found.largest_error:.1e}"
         )
     return f"<Structure: {text}>"
 
