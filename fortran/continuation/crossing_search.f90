@@ -29,6 +29,9 @@ module viscovib_crossing_search
   integer, parameter :: max_depth = 12, max_looks = 8
   !> How far to both sides of a place the number is looked at, in sigma: one after the other.
   real(wp), parameter :: beside(4) = [1.0e-3_wp, 1.0e-4_wp, 1.0e-2_wp, 5.0e-2_wp]
+  !> How far a change may be that belongs to a fold: in points, else in parts of p and x.
+  integer, parameter :: furthest = 1
+  real(wp), parameter :: displaced = 0.02_wp, turned = 0.3_wp
   !> Where dp/dsigma is so small a part of what it is at the ends, p turns back.
   real(wp), parameter :: turning = 0.05_wp
 
@@ -152,24 +155,29 @@ contains
   end subroutine explain_all
 
   !> With few orders exponents vanish a little before or behind where p turns back: a fold that
-  !! no change was found at has the nearest branch point that the equations do not know.
+  !! no change was found at has the nearest change, if it is near, that is at no other fold
+  !! and no branch point that the equations know.
   subroutine give_folds(s)
     type(search_type), intent(inout) :: s
     logical :: free(size(s%crossings)), taken
     integer :: j, m
     free = s%crossings%kind == crossing_branch_point
+    do m = 1, size(s%crossings)
+      if (s%crossings(m)%kind /= crossing_fold) cycle
+      free(m) = .not. any(same(s%folds%p(:s%folds%n), s%crossings(m)))
+    end do
     do m = 1, s%branch_points%n
       free = free .and. s%crossings%before /= s%branch_points%before(m)
     end do
     do j = 1, s%folds%n
       taken = .false.
       do m = 1, size(s%crossings)
-        if (s%crossings(m)%kind == crossing_fold .and. s%crossings(m)%located) then
-          taken = taken .or. .not. abs(s%crossings(m)%p - s%folds%p(j)) > 0.0_wp
-        end if
+        taken = taken .or. (s%crossings(m)%kind == crossing_fold &
+                            .and. same(s%folds%p(j), s%crossings(m)))
       end do
       if (taken .or. .not. any(free)) cycle
       m = minloc(abs(s%crossings%before - s%folds%before(j)), 1, free)
+      if (.not. near_fold(s, j, s%crossings(m))) cycle
       free(m) = .false.
       s%crossings(m)%kind = crossing_fold
       s%crossings(m)%located = .true.
@@ -177,6 +185,27 @@ contains
       s%crossings(m)%x = s%folds%x(:size(s%x, 1), j)
     end do
   end subroutine give_folds
+
+  !> Whether a crossing may be where fold j is.
+  pure logical function near_fold(s, j, crossing)
+    type(search_type), intent(in) :: s
+    integer, intent(in) :: j
+    type(crossing_type), intent(in) :: crossing
+    near_fold = abs(crossing%before - s%folds%before(j)) <= furthest
+    if (near_fold .or. .not. crossing%located) return
+    associate (x => s%folds%x(:size(s%x, 1), j))
+      near_fold = abs(crossing%p - s%folds%p(j)) <= displaced*abs(s%folds%p(j)) &
+                  .and. norm2(crossing%x - x) <= turned*norm2(x)
+    end associate
+  end function near_fold
+
+  !> Whether a crossing is at p.
+  elemental logical function same(p, crossing)
+    real(wp), intent(in) :: p
+    type(crossing_type), intent(in) :: crossing
+    same = crossing%located
+    if (same) same = .not. abs(crossing%p - p) > 0.0_wp
+  end function same
 
   !> Whether a known place explains all that changes: only a real multiplier crosses 1.
   pure logical function alone(s)

@@ -9,7 +9,7 @@ module viscovib_ensemble
   use viscovib_lanes, only: n_lanes
   use viscovib_stopping, only: is_set
   use viscovib_subnormals, only: flushing_type
-  use viscovib_stops, only: find_stop, least_between, run_coarse, run_completed, stop_type
+  use viscovib_stops, only: find_stop, least_between, near, run_coarse, run_completed, stop_type
   use viscovib_tangent_system, only: new_tangent_system, tangent_system_type
   use viscovib_vector_math, only: largest_angle
   implicit none
@@ -202,6 +202,8 @@ contains
     call measure_margin(f, system, block%h)
     doubtful = f%alive .and. .not. (good .and. least_between(margin_before, rate_before, f%margin, &
                                                              f%rate) > 0.0_wp)
+    ! Beside the edge motions are stiff, and steps of explicit methods wrong.
+    doubtful = doubtful .or. (f%alive .and. margin_before <= near)
     if (.not. any(doubtful)) return
     do l = 1, n_lanes
       if (doubtful(l)) call judge_lane(f, system, block, i, l, good(l))
@@ -231,6 +233,13 @@ contains
     call find_stop(system, f%n, l, block%frequencies, f%q_before(l, :), f%v_before(l, :), &
                    real(i - 1, wp)*block%h(l), block%h(l), stop)
     if (stop%outcome == run_completed .or. stop%outcome == run_coarse) then
+      if (stop%outcome == run_completed .and. stop%near_edge .and. system%n_dof == f%n) then
+        f%q(l, :) = stop%q
+        f%v(l, :) = stop%v
+        call f%method%set_lane(l, stop%q, stop%v)
+        call measure_margin(f, system, block%h)
+        return
+      end if
       if (good .and. f%margin(l) > 0.0_wp) return
       stop%outcome = run_coarse
       stop%ahead = 0.0_wp

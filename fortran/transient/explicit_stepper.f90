@@ -18,6 +18,7 @@ module viscovib_explicit_stepper
     type(explicit_type), private :: block
   contains
     procedure :: step
+    procedure :: arrive
     procedure :: change_step
     procedure :: memory_size
     procedure :: save_memory
@@ -35,6 +36,7 @@ contains
     !> Place in `explicit_names`.
     integer, intent(in) :: which
     real(wp), intent(in) :: q(:), v(:), start, h
+    method%explicit = .true.
     method%h = h
     method%q = q
     method%v = v
@@ -58,6 +60,18 @@ contains
     self%q = q(1, :)
     self%v = v(1, :)
   end subroutine step
+
+  !> The state at the end of a step that left the range of numbers; its loads have gone on.
+  subroutine arrive(self, q, v)
+    class(explicit_stepper_type), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    integer :: l
+    do l = 1, n_lanes
+      call self%block%set_lane(l, q, v)
+    end do
+    self%q = q
+    self%v = v
+  end subroutine arrive
 
   subroutine change_step(self, system, h)
     class(explicit_stepper_type), intent(inout) :: self

@@ -57,6 +57,7 @@ module viscovib_gauss
     integer, private :: first = 1
   contains
     procedure :: step
+    procedure :: arrive
     procedure :: change_step
     procedure :: memory_size
     procedure :: save_memory
@@ -152,6 +153,18 @@ contains
     logical, intent(out) :: made
     call self%step_in_room(system, self%room(self%first), made)
   end subroutine step
+
+  !> The state at the end of a step that was not made.
+  subroutine arrive(self, q, v)
+    class(gauss_type), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    self%q = q
+    self%v = v
+    self%q_rest = 0.0_wp
+    self%v_rest = 0.0_wp
+    self%has_history = .false.
+    call self%phases%advance()
+  end subroutine arrive
 
   subroutine step_in_room(self, system, room, converged)
     class(gauss_type), intent(inout) :: self

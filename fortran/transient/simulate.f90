@@ -7,7 +7,7 @@ module viscovib_simulate
   use viscovib_mesh, only: equal_steps, mesh_type
   use viscovib_stepper, only: stepper_type
   use viscovib_stopping, only: stop_wanted
-  use viscovib_stops, only: find_stop, in_range, run_coarse, run_completed, run_diverged, &
+  use viscovib_stops, only: find_stop, in_range, near, run_coarse, run_completed, run_diverged, &
     run_event, run_names, run_stopped, run_unphysical, stop_type
   use viscovib_subnormals, only: flushing_type
   use viscovib_wanted_states, only: wanted_states
@@ -126,10 +126,11 @@ contains
     doubtful = .not. made
     if (made) doubtful = .not. in_range(method%q, method%v)
     if (system%limited .and. .not. doubtful) then
-      doubtful = .not. method%least_margin(system, at%q, at%v) > 0.0_wp
+      doubtful = .not. method%least_margin(system, at%q, at%v) &
+                 > merge(near, 0.0_wp, method%explicit)
     end if
     if (doubtful) then
-      call judge_step(method, system, at%q, at%v, at%from, made, t_reached, outcome)
+      call judge_step(method, system, at%q, at%v, at%from, made, .true., t_reached, outcome)
       if (outcome /= run_completed) return
     end if
     if (wanted%lost) call give_up(method, at, t_reached, outcome)
@@ -181,7 +182,7 @@ contains
       end if
       if (doubtful) then
         call system%take_sides(0*at%sides)
-        call judge_step(method, system, at%q, at%v, at%from, at%made, t_reached, outcome)
+        call judge_step(method, system, at%q, at%v, at%from, at%made, .false., t_reached, outcome)
         call system%take_sides(at%sides)
         if (outcome /= run_completed) return
       end if
@@ -210,11 +211,13 @@ contains
 
   !> Whether a step from (q, v) that was not made, or comes near the edge of the physics,
   !! leads out; if so the state in `method` becomes that at the stop.
-  subroutine judge_step(method, system, q, v, now, made, t_reached, outcome)
+  subroutine judge_step(method, system, q, v, now, made, fills, t_reached, outcome)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: q(:), v(:), now
-    logical, intent(in) :: made
+    !> Whether it was made; whether small steps may stand for it beside the edge, where the
+    !! motion is stiff: nothing else is asked of its inside.
+    logical, intent(in) :: made, fills
     real(wp), intent(out) :: t_reached
     integer, intent(out) :: outcome
     type(stop_type) :: stop
@@ -226,6 +229,13 @@ contains
       sound = made
       if (sound) sound = in_range(method%q, method%v)
       if (sound) sound = system%physical(method%q)
+      if (fills .and. stop%near_edge .and. stop%outcome == run_completed &
+          .and. (method%explicit .or. .not. made)) then
+        call method%arrive(stop%q, stop%v)
+        t_reached = now
+        outcome = run_completed
+        return
+      end if
       outcome = merge(run_completed, run_coarse, sound)
       stop%ahead = 0.0_wp
       stop%q = q

@@ -14,10 +14,13 @@ module viscovib_stepper
     real(wp), allocatable :: q(:), v(:)
     !> Time since the present piece of the load began, at the start of the step.
     real(wp) :: since = 0.0_wp
+    !> Whether steps are wrong where the motion is stiff, though they are made.
+    logical :: explicit = .false.
     !> Evaluations of a block of lanes, all told.
     integer(i8) :: n_evaluations = 0
   contains
     procedure(step_interface), deferred :: step
+    procedure(arrive_interface), deferred :: arrive
     procedure(change_interface), deferred :: change_step
     procedure(size_interface), deferred :: memory_size
     procedure(save_interface), deferred :: save_memory
@@ -37,6 +40,13 @@ module viscovib_stepper
       class(driven_system_type), intent(in) :: system
       logical, intent(out) :: made
     end subroutine step_interface
+
+    !> The state at the end of a step that was not made, found otherwise.
+    subroutine arrive_interface(self, q, v)
+      import :: stepper_type, wp
+      class(stepper_type), intent(inout) :: self
+      real(wp), intent(in) :: q(:), v(:)
+    end subroutine arrive_interface
 
     !> Go on from the present state with another step, as if it were the start; a
     !! copy of a stepper must be told its step so before it is used.

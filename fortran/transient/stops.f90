@@ -4,6 +4,11 @@
 !! Verner's method of order 9 with step doubling, independent of the method of the run:
 !! a step counts only if two of half its length give the same. The place is then found
 !! by bisection of the last of them.
+!!
+!! A damped pendulum reaches its pivot otherwise than by passing it: near it the damping
+!! moment -c phi' takes the angular momentum (1+z)^2 phi' away at the rate c/(1+z)^2, and
+!! z' stays as it is. Steps then shrink with (1+z)^2, and the rest of the way is a straight
+!! line from where the margin is small enough.
 module viscovib_stops
   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_flag, &
     ieee_set_halting_mode
@@ -33,14 +38,20 @@ module viscovib_stops
   !> Where steps become as short as rounding of time, the motion is at the edge of its
   !! physics if its margin is less.
   real(wp), parameter :: edge = 1.0e-6_wp
-  !> Steps after which a step of the run is given up as too large.
-  integer, parameter :: max_steps = 2000
+  !> Steps after which a step of the run is given up as too large, and as many near the
+  !! edge of the physics, where the margin is less.
+  integer, parameter :: max_steps = 2000, max_near = 100000
+  real(wp), parameter, public :: near = 0.1_wp
+  !> Order of the difference of a step and two of half its length, in the step.
+  real(wp), parameter :: order = 10.0_wp
   !> Place of the method in `explicit_names`.
   integer, parameter :: method_place = 4
 
   !> How a motion ends in a step, when and where; `run_completed`: it does not.
   type :: stop_type
     integer :: outcome = run_completed
+    !> Whether the motion came near the edge of the physics.
+    logical :: near_edge = .false.
     !> From the start of the step.
     real(wp) :: ahead = 0.0_wp
     real(wp), allocatable :: q(:), v(:)
@@ -105,28 +116,45 @@ contains
     real(wp), intent(in) :: h
     type(stop_type), intent(out) :: stop
     type(scout_type) :: at, whole, half, double
-    real(wp) :: s, shortest
-    integer :: i
+    real(wp) :: s, shortest, miss, margin, lost
+    integer :: n_far, n_near
 
     at = begin
     s = h
     stop%outcome = run_coarse
     shortest = 4.0_wp*max(spacing(abs(begin%start) + h), tiny(1.0_wp))
-    do i = 1, max_steps
+    n_far = 0
+    n_near = 0
+    do while (n_far < max_steps .and. n_near < max_near)
       s = min(s, h - at%ahead)
+      margin = margin_of(system, at)
       if (s <= shortest) then
         if (h - at%ahead > shortest) then
-          stop%outcome = merge(run_unphysical, run_diverged, margin_of(system, at) <= edge)
+          stop%outcome = merge(run_unphysical, run_diverged, margin <= edge)
         else
           stop%outcome = run_completed
         end if
         exit
       end if
+      lost = (margin - margin_of(system, moved(at, s)))/s
+      if (lost > 0.0_wp) then
+        if (margin <= edge) then
+          ! The straight rest of the way.
+          stop%outcome = run_unphysical
+          at%ahead = min(h, at%ahead + margin/lost)
+          exit
+        end if
+        ! Where it begins does not depend on the run.
+        if (margin <= 2.0_wp*edge) s = min(s, (margin - edge*(1.0_wp - 1.0e-9_wp))/lost)
+      end if
+      if (margin > near) n_far = n_far + 1
+      if (.not. margin > near) n_near = n_near + 1
       whole = stepped(system, at, s)
       half = stepped(system, at, 0.5_wp*s)
       double = stepped(system, half, 0.5_wp*s)
-      if (.not. alike(whole, double, s)) then
-        s = 0.5_wp*s
+      miss = apart(whole, double, h)
+      if (.not. miss <= 1.0_wp) then
+        s = s*max(0.2_wp, 0.9_wp*miss**(-1.0_wp/order))
       else if (leaves(system, whole)) then
         call bisect(system, at, s, stop)
         return
@@ -136,9 +164,10 @@ contains
         s = 0.5_wp*s
       else
         at = double
-        s = 2.0_wp*s
+        s = s*min(4.0_wp, 0.9_wp*max(miss, tiny(1.0_wp))**(-1.0_wp/order))
       end if
     end do
+    stop%near_edge = n_near > 0
     stop%ahead = at%ahead
     stop%q = at%q
     stop%v = at%v
@@ -204,20 +233,26 @@ contains
     next%v = v(at%lane, :)
   end function stepped
 
-  !> Whether two ends of a step agree, and are numbers.
-  pure logical function alike(one, other, s)
+  !> By how much two ends of a step differ, 1: as much as they may; huge if one of them
+  !! is no number.
+  pure real(wp) function apart(one, other, h)
     type(scout_type), intent(in) :: one, other
-    real(wp), intent(in) :: s
+    !> A time by which velocities count.
+    real(wp), intent(in) :: h
     real(wp) :: size_of
+    apart = huge(1.0_wp)
     associate (n => one%n)
-      size_of = maxval(abs(other%q(:n))) + s*maxval(abs(other%v(:n)))
       ! All of them: a largest one skips what is no number.
-      alike = all(abs(one%q(:n) - other%q(:n)) <= closeness*size_of) &
-              .and. all(s*abs(one%v(:n) - other%v(:n)) <= closeness*size_of) &
-              .and. all(abs(other%q(:n)) <= huge(1.0_wp)) &
-              .and. all(abs(other%v(:n)) <= huge(1.0_wp))
+      if (.not. (all(abs(one%q(:n)) <= huge(1.0_wp)) .and. all(abs(one%v(:n)) <= huge(1.0_wp)) &
+                 .and. all(abs(other%q(:n)) <= huge(1.0_wp)) &
+                 .and. all(abs(other%v(:n)) <= huge(1.0_wp)))) return
+      size_of = maxval(abs(other%q(:n))) + h*maxval(abs(other%v(:n)))
+      size_of = max(size_of, tiny(1.0_wp))
+      apart = max(maxval(abs(one%q(:n) - other%q(:n))), &
+                  h*maxval(abs(one%v(:n) - other%v(:n))))/(closeness*size_of)
+      if (.not. apart <= huge(1.0_wp)) apart = huge(1.0_wp)
     end associate
-  end function alike
+  end function apart
 
   !> Whether a state is out of range or out of the physics.
   logical function leaves(system, at)
@@ -250,12 +285,17 @@ contains
     real(wp) function rate(state, margin)
       type(scout_type), intent(in) :: state
       real(wp), intent(in) :: margin
-      type(scout_type) :: moved
-      moved = state
-      moved%q = state%q + s*state%v
-      rate = margin_of(system, moved) - margin
+      rate = margin_of(system, moved(state, s)) - margin
     end function rate
 
   end function least_margin
+
+  !> The state a time s later on a straight line.
+  pure type(scout_type) function moved(state, s)
+    type(scout_type), intent(in) :: state
+    real(wp), intent(in) :: s
+    moved = state
+    moved%q = state%q + s*state%v
+  end function moved
 
 end module viscovib_stops

@@ -70,3 +70,19 @@ def test_two_crossings_within_a_step_have_their_places_whatever_the_step():
         assert [c.kind for c in branch.crossings] == ["branch point"] * 2
         places.append([c.parameter for c in branch.crossings])
     assert np.array(places) == pytest.approx(np.tile([0.516402, 0.519724], (3, 1)), abs=1e-6)
+
+
+def test_a_change_far_from_a_fold_is_no_fold():
+    # The exponent vanishes 1e-8 beside the fold, with 13 orders: the fold is told already.
+    kernel = vv.PronyKernel(weights=[0.0155], rates=[0.181])
+    system = vv.PolynomialSystem(
+        mass=1, damping=0.044, stiffness=1, forces="0.46*x^2 + 0.47*x^3", kernel=kernel
+    )
+    branch = vv.trace_response(
+        system, (0.5, 1.7), load={2: [0.43]}, harmonics=13, symmetric=False, max_points=600
+    )
+    for claim in told_by_crossings(branch):
+        assert claim.ratio() == 0, str(claim)
+    assert [c.kind for c in branch.crossings] == ["fold"] * 2 + ["branch point"] * 2
+    got = [c.parameter for c in branch.crossings if c.kind == "fold"]
+    np.testing.assert_allclose(got, branch.folds, rtol=1e-14)

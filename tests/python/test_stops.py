@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import viscovib as vv
+from referee.models import Swinging
+from referee.pivots import reached
 from scipy.integrate import solve_ivp
 
 
@@ -322,3 +324,36 @@ def test_a_run_goes_on_with_what_it_has_or_refuses_by_name(changes, text):
     job = {"system": vv.PolynomialSystem(mass=1, stiffness=4), "resume": run} | changes
     with pytest.raises(vv.ViscovibError, match=text):
         vv.simulate(job.pop("system"), 10, **job)
+
+
+# Found by a search over 200 pendulums: damping takes the angular momentum near the pivot, where
+# fixed-point iterations and explicit steps are stiff.
+DRAINED = (
+    (
+        {"e": 0.0389, "w2": 0.397, "w3": 1.19, "alpha": 0.663, "f0": 0.29, "p1": 1.06,
+         "c1": 0.00173, "c2": 0.00121, "c3": 0.00183},
+        0.02, 12.0,
+    ),
+    (
+        {"e": 0.038, "w2": 0.591, "w3": 1.13, "alpha": 0.983, "f0": 0.24, "p1": 1.15,
+         "c1": 0.00894, "c2": 0.00337, "c3": 0.0111},
+        0.0027, 12.0,
+    ),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("numbers", "phi", "end"), DRAINED)
+def test_a_pivot_reached_with_no_momentum_left(numbers, phi, end):
+    start = [0.0, 0.0, phi, 0.0, 0.0, 0.0]
+    when, _ = reached(Swinging(**numbers), start, end)
+    pendulum = vv.Pendulum(**numbers)
+    run = vv.simulate(pendulum, end, initial=start, tolerance=1e-6)
+    assert run.outcome == "unphysical"
+    assert abs(run.t_reached - when) < 1e-6
+    for dt in (0.25, 0.01, 0.001):
+        run = vv.simulate(pendulum, end, initial=start, dt=dt, method="gauss16")
+        assert run.outcome == "unphysical"
+        assert abs(run.t_reached - when) < 1e-4
+    many = vv.simulate_ensemble(pendulum, t_end=end, initial=[start, start], tolerance=1e-6)
+    assert set(many.outcome) == {"unphysical"}
+    assert np.abs(many.t_reached - when).max() < 1e-5

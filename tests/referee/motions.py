@@ -6,6 +6,7 @@ import numpy as np
 
 from referee.case import Case, Claim, even, few
 from referee.models import Draft, Term, chain, integrate, interleaved, mount, pendulum, some_prony
+from referee.pivots import case as pivot_case
 
 JUDGES = (
     "simulate", "Trajectory", "Trajectory.coordinate", "LoadTable", "LoadTable.__call__", "Past",
@@ -332,68 +333,6 @@ t_more, state_more = more.t, more.state
     return Case(call, judge)
 
 
-def _stop(rng, index):
-    """A spring that reaches its pivot, or does not; where it does is told."""
-    p = pendulum(rng, (1e-3, 0.02))
-    p = p.__class__(**(vars(p) | {"f0": even(rng, 0.05, 0.5, 2), "p1": even(rng, 0.6, 1.2, 3)}))
-    state = [0.0, 0.0, even(rng, -0.3, 0.3, 2), 0.0, 0.0, 0.0]
-    end = even(rng, 20, 60, 3)
-    step = "" if index % 2 else ", dt=0.25"
-    call = f"""system = {p.source}
-run = vv.simulate(system, {end}, initial={state}, tolerance=1e-6{step})
-t, state, outcome, reached, error = run.t, run.state, run.outcome, run.t_reached, run.error
-"""
-
-    def judge(names, told):
-        grid = np.linspace(0, end, 4001)
-        # Far from the pivot the motion is smooth; it is stopped where z = -1.
-        from scipy.integrate import solve_ivp
-
-        def pivot(t, y):
-            return y[0] + 1 - 1e-9
-
-        pivot.terminal = True
-        found = solve_ivp(
-            lambda t, y: p.right(t, y),
-            (0, end),
-            state,
-            method="DOP853",
-            rtol=1e-11,
-            atol=1e-12,
-            events=pivot,
-            t_eval=grid,
-        )
-        crossed = found.t_events[0].size > 0
-        lowest = found.y[0].min() if found.y.size else 0.0
-        if not crossed and lowest < -0.98:
-            return
-        sensitive = solve_ivp(
-            lambda t, y: p.right(t, y),
-            (0, end),
-            np.array(state) + 1e-9,
-            method="DOP853",
-            rtol=1e-11,
-            atol=1e-12,
-            events=pivot,
-            t_eval=grid,
-        )
-        m = min(found.y.shape[1], sensitive.y.shape[1])
-        if np.abs(found.y[:, :m] - sensitive.y[:, :m]).max(initial=0) > 1e-4:
-            return
-        yield Claim("outcome", names["outcome"], "unphysical" if crossed else "completed")
-        yield Claim(
-            "states kept are numbers",
-            bool(np.isfinite(names["state"]).all() and (names["state"][:-1, 0] > -1).all()),
-            True,
-        )
-        if crossed and names["outcome"] == "unphysical" and index % 2:
-            yield Claim(
-                "time of the stop", names["reached"], float(found.t_events[0][0]), 1e-4, damage=1e-2
-            )
-
-    return Case(call, judge, may_refuse=bool(index % 2 == 0))
-
-
 def _escape(rng, index):
     """A softening spring lets go: "diverged", and when."""
     memory = some_prony(rng, 0.1) if index % 2 else None
@@ -489,7 +428,7 @@ def case(rng, index):
         _table,
         _past,
         _base,
-        _stop,
+        pivot_case,
         _escape,
         _resumed,
         _smooth,

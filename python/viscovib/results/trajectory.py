@@ -62,9 +62,9 @@ class Trajectory(Result):
     outcome : str
         "completed"; "diverged": a coordinate passed 1e6 (of a system that uses the mount's
         integrator: it escapes to infinity, or leaves the range of numbers); "unphysical": z = -1,
-        the spring passes through the pivot; "step too large": the motion goes on, but
-        the given steps do not follow it. Runs that end so hold the states before. "event": an
-        event that ends the run.
+        the spring passes through the pivot or comes within 1e-6 of it; "step too large": the
+        motion goes on, but the given steps do not follow it. Runs that end so hold the states
+        before. "event": an event that ends the run.
     t_reached : float
         Time that was reached: where a motion diverges or becomes unphysical it is found inside
         the step, to rounding. ``keep="last"`` keeps the state there.
