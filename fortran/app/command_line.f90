@@ -50,7 +50,7 @@ contains
         command%count = .true.
         if (.not. counting) then
           call fail(status, status_input_error, 'count', '--count: this build does not count ' &
-                    //'its work, only the one with all checks does')
+                    //'its work, the debug build does')
           return
         end if
       case ('--allow-paths')
@@ -76,7 +76,7 @@ contains
         ! table would go to the root folder.
         command%folder = argument(i)
         if (len(command%folder) == 0) then
-          call fail(status, status_input_error, 'out', '--out lacks its folder; '//usage)
+          call fail(status, status_input_error, 'out', '--out needs a folder; '//usage)
           return
         end if
       case default
@@ -106,7 +106,8 @@ contains
     do i = 1, n
       if (stem(command%scenes(i)%path) /= stem(path)) cycle
       call fail(status, status_input_error, 'scene', clipped(path)//': its tables would have the ' &
-                //'names of those of '//clipped(command%scenes(i)%path)//': give each its own call')
+                //'names of those of '//clipped(command%scenes(i)%path)//': run ' &
+                  //'each by a call of its own')
       return
     end do
     allocate (longer(n + 1))
@@ -152,22 +153,21 @@ contains
     character(len=:), allocatable :: help
     character(len=*), parameter :: nl = new_line('a')
     help = usage//nl//nl &
-           //'Computes what scenes ask for and writes tables (CSV) into DIR (default: out).'//nl &
+           //'Computes what scenes describe; writes tables (CSV) into DIR (default: out).'//nl &
            //'  --plan   print what would be computed and what is skipped, and stop'//nl &
            //'  --quiet  print only warnings and errors'//nl &
-           //'  --count  print how often each kind of work was done (in the build with all ' &
-           //'checks)'//nl &
-           //'  --allow-paths   files that the scene names may be anywhere, not only in its ' &
-           //'folder or below'//nl &
-           //'  --max-seconds S   end after so many seconds with what is done, exit status 1'//nl &
-           //'  --max-memory GB   end, exit status 1, where more memory is needed (default: three' &
+           //'  --count  print how often each kind of work was done (only in the debug ' &
+           //'build)'//nl &
+           //'  --allow-paths   let the scene read files outside its folder'//nl &
+           //'  --max-seconds S   stop after S seconds, keep what is done; exit status 1'//nl &
+           //'  --max-memory GB   stop if more than GB gigabytes are needed; exit status 1' &
            //nl &
-           //'                    quarters of the machine''s; beyond, it swaps or ends programs)' &
+           //'                    (default: three quarters of the memory of the machine)' &
            //nl//nl &
            //'Exit status: 0 done; 1 some points have no solution (the rows say which), or a ' &
-           //'bound was reached;'//nl &
-           //'2 bad input; 3 a file cannot be read or written. Of several scenes each is '//nl &
-           //'tried; the largest status counts.'//nl//nl &
+           //'limit was reached;'//nl &
+           //'2 bad input; 3 a file cannot be read or written. With several scenes each '//nl &
+           //'one is tried, and the largest status is returned.'//nl//nl &
            //'Examples:'//nl &
            //'  viscovib-solve mount.nml                     out/mount_response.csv'//nl &
            //'  viscovib-solve mount.nml --plan              what would be computed'//nl &

@@ -49,7 +49,7 @@ program viscovib_solve
   do i = 1, size(command%scenes)
     if (i > 1 .and. stop_wanted()) then
       write (error_unit, '(3a)') 'viscovib-solve: ', one_line(command%scenes(i)%path), &
-        ': not begun, time is over (--max-seconds)'
+        ': not started, the time limit is reached (--max-seconds)'
       exit_status = max(exit_status, 1)
       cycle
     end if
@@ -101,8 +101,9 @@ contains
     type(scene_report), intent(in) :: report
     character(len=:), allocatable :: told_stop
     told_stop = ''
-    if (stop_wanted() .and. .not. report%complete) told_stop = 'stopped: time is over ' &
-                                                               //'(--max-seconds); '
+    if (stop_wanted() .and. .not. report%complete) then
+      told_stop = 'stopped: the time limit is reached (--max-seconds); '
+    end if
   end function told_stop
 
   subroutine say_counts()

@@ -237,8 +237,8 @@ contains
   subroutine no_stiffness(s, status)
     complex(wp), intent(in) :: s
     type(status_type), intent(out) :: status
-    call fail(status, status_input_error, 'system', 'system: no stiffness at the combined ' &
-              //'frequency '//show(aimag(s))//', which no resonance of a mode explains')
+    call fail(status, status_input_error, 'system', 'system: dynamic stiffness 0 at the combined ' &
+              //'frequency '//show(aimag(s))//', which is no resonance of a mode')
   end subroutine no_stiffness
 
   !> The t(q) that stood before is left out: each factor once.

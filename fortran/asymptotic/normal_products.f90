@@ -258,7 +258,7 @@ contains
     call self%answer(form, s, cmplx(0.5_wp*form%load(:, k), 0.0_wp, wp), acts, u, rates, singular)
     if (singular) then
       call fail(status, status_input_error, 'load', 'load '//show(k)//': no response at ' &
-                //'frequency '//show(p)//', where the system has no stiffness')
+                //'frequency '//show(p)//', where its dynamic stiffness is 0')
       return
     end if
     g = rates(:self%n_modes)

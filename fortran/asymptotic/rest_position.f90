@@ -49,8 +49,8 @@ contains
       if (found) call follow_modes(here, found)
       if (found) cycle
       call fail(status, status_input_error, 'load', 'constant load: the position of rest is lost ' &
-                //'at '//show(real(step, wp)/n_steps)//' of it; must be one that equilibria ' &
-                //'without it lead to')
+                //'at '//show(real(step, wp)/n_steps)//' of it; must be one that positions ' &
+                //'of rest lead to from 0 on')
       return
     end do
     call here%copy_to(form)

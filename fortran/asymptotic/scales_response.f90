@@ -123,8 +123,8 @@ contains
     subroutine refuse_value(i)
       integer, intent(in) :: i
       call fail(status, status_input_error, 'values', 'values (value '//show(i)//') = ' &
-                //show(values(i))//': the loads and the resonances have frequencies that no ' &
-                //'steady motion joins: see modulation, or count fewer as resonant by a ' &
+                //show(values(i))//': no steady motion fits the frequencies of the loads and of ' &
+                //'the resonances: see modulation, or count fewer as resonant by a ' &
                 //'smaller tolerance')
     end subroutine refuse_value
 

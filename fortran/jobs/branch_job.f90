@@ -179,8 +179,8 @@ contains
     integer :: outcome, shape_x(2)
 
     if (plan%method /= method_newton) then
-      call fail(status, status_input_error, 'branch', 'nothing is nonlinear, the response is a ' &
-                //'single curve: ask for &response')
+      call fail(status, status_input_error, 'branch', 'nothing is nonlinear: the response is a ' &
+                //'single curve, which &response computes')
       return
     end if
     select type (system)
@@ -202,7 +202,7 @@ contains
       word = 'from'
       if (job%varies == 'nu') word = 'nu_from'
       call fail(status, status_input_error, word, word//' = '//show(job%curve%start) &
-                //': no solution was found there, begin elsewhere')
+                //': no solution was found there: begin elsewhere')
       return
     end if
     orders = set%orders

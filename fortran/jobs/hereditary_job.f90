@@ -222,11 +222,11 @@ contains
       return
     case (no_exponentials)
       call fail(status, status_input_error, 'memory', 'memory = ''' &
-                //trim(past_names(job%past))//''': a kernel is no sum of exponentials, and ' &
-                //show(real(n, wp))//' steps; must be ''direct''')
+                //trim(past_names(job%past))//''': a kernel is not a sum of ' &
+                //'exponentials, and there are '//show(real(n, wp))//' steps; must be ''direct''')
     case default
-      call fail(status, status_input_error, 'held', 'held: a kernel has no integral, and what ' &
-                //'was held for ever would be forgotten wholly; must be left out')
+      call fail(status, status_input_error, 'held', 'held: a kernel has no integral, so what ' &
+                //'was held for ever would leave no force; must be left out')
     end select
   end subroutine begin
 

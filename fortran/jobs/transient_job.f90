@@ -361,7 +361,8 @@ contains
       text = 'the run is '//trim(run_names(last%outcome))//' at t = '//show(last%t_reached)
     else if (job%tolerance + job%relative*largest < min_time_tolerance*largest &
              .and. change < 1.0e-6_wp*largest) then
-      text = 'the motion is as large as '//show(largest)//', near whose rounding that is: give rtol'
+      text = 'the motion is as large as '//show(largest)//', and the tolerance is near its ' &
+             //'rounding: give rtol'
     else
       text = 'the motion may be chaotic, unstable or too stiff: take a shorter run or a larger ' &
              //'tolerance'

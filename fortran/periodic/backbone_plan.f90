@@ -101,7 +101,7 @@ contains
                                                       method_newton, options, status)
     if (status%failed()) return
     if (planned%method /= method_newton) then
-      call fail(status, status_input_error, 'backbone', 'nothing is nonlinear, the frequency ' &
+      call fail(status, status_input_error, 'backbone', 'nothing is nonlinear: the frequency ' &
                 //'does not depend on amplitude')
       return
     end if

@@ -55,7 +55,7 @@ contains
     units = reader%read_words('units', name_length, most_units, [(repeat('m', 1), i=1, n)])
     if (size(units) /= n) call reader%complain('units', 'units: '//show(size(units)) &
                                                //' texts, must be '//show(n) &
-                                               //', one a coordinate')
+                                               //', one per coordinate')
   end subroutine read_units
 
   pure logical function is_name(text)

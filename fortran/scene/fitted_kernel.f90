@@ -108,7 +108,7 @@ contains
     if (status%failed()) return
     whole = begin_of(text)
     if (word_at(text, member(text, whole, 'format')) /= 'viscovib kernel') then
-      call complain(status, path, "is no fitted kernel: format must be 'viscovib kernel'")
+      call complain(status, path, "is not a fitted kernel: format must be 'viscovib kernel'")
       return
     end if
     call flat_kernel(text, member(text, whole, 'kernel'), .true., numbers, ok)

@@ -115,7 +115,7 @@ contains
       if (sign_of == '*') then
         call multiply(cursor, total, next)
       else if (size(next%coefficients) /= 1 .or. any(next%powers /= 0)) then
-        cursor%fault = 'only numbers other than 0 may divide'
+        cursor%fault = 'it may be divided only by numbers other than 0'
       else if (any(abs(total%coefficients) > 1.0e150_wp) &
                .or. abs(next%coefficients(1)) < 1.0e-150_wp) then
         cursor%fault = 'its coefficients must be below 1e150'

@@ -373,7 +373,7 @@ contains
       element%direction(place) = element%direction(place) + weights(i)
     end do
     if (.not. any(abs(element%direction) > 0.0_wp)) then
-      call reader%complain('weights', 'weights: is no direction, all of them are 0')
+      call reader%complain('weights', 'weights: is not a direction: all of them are 0')
     end if
     element%stiffness = reader%read_real('stiffness', 0.0_wp)
     element%damping = reader%read_real('damping', 0.0_wp)

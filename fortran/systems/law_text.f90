@@ -301,7 +301,7 @@ contains
     if (peek(cursor) == '(') then
       i = place_of(name, functions)
       if (i == 0) then
-        cursor%fault = "'"//name//"' is no function known"//likely(name, functions)
+        cursor%fault = "'"//name//"' is not a known function"//likely(name, functions)
         return
       end if
       code = first_function + i - 1

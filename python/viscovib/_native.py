@@ -312,9 +312,7 @@ def check_range(name: str, given: npt.NDArray[Any], found: npt.NDArray[Any], wha
         return
     i = int(np.flatnonzero(~rows)[0])
     place = f"[{', '.join(str(k) for k in np.unravel_index(i, given.shape))}]" if given.ndim else ""
-    raise InputError(
-        f"{name}{place} = {given.ravel()[i]:g}: {what} is no finite number there, must be elsewhere"
-    )
+    raise InputError(f"{name}{place} = {given.ravel()[i]:g}: {what} is not a finite number there")
 
 
 def check_states(states: FloatArray, found: FloatArray, what: str) -> None:
@@ -325,5 +323,6 @@ def check_states(states: FloatArray, found: FloatArray, what: str) -> None:
     place = f"[{', '.join(map(str, i))}]" if i else ""
     largest = float(np.abs(states[i]).max())
     raise InputError(
-        f"state{place}: {what} of a state of size {largest:g} is no finite number, must be smaller"
+        f"state{place}: {what} of a state of size {largest:g} is not a finite number: "
+        "the state must be smaller"
     )

@@ -297,6 +297,6 @@ def test_several_scenes_and_the_largest_status(solve, tmp_path):
     nothing = tmp_path / "nothing"
     nothing.mkdir()
     done = solve(paper, f"elsewhere/{paper.name}", "--out", nothing)
-    check_failure(done, 2, "its tables would have the names of those of", nothing)
+    check_failure(done, 2, "its tables would have the same names as those of", nothing)
     plans = solve(paper, branch, "--plan").stdout.splitlines()
     assert [line for line in plans if line.endswith(":")] == [f"{paper}:", f"{branch}:"]

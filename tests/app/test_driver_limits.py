@@ -193,7 +193,7 @@ def test_a_bound_on_time_keeps_what_is_done(solve, tmp_path, name):
     scene.write_text(LONG[name])
     done = solve(scene, "--out", tmp_path, "--max-seconds", 0.5)
     assert done.returncode == 1, done
-    assert "stopped: time is over" in done.stdout
+    assert "stopped: the time limit is reached" in done.stdout
     assert done.stderr == ""
     (table,) = tmp_path.glob("*.csv")
     assert "stopped" in table.read_text()
@@ -209,7 +209,7 @@ def test_a_command_has_the_same_bounds(tmp_path):
     scene.write_text(GOOD + "&sweep key='mount.mass', min=1, max=2, count=100000 /\n")
     done = command("sweep", scene, "--out", tmp_path, "--max-seconds", 1, "--quiet")
     assert done.returncode == 1, done
-    assert done.stderr.splitlines()[-1].startswith("viscovib: stopped: 1 s are over")
+    assert done.stderr.splitlines()[-1].startswith("viscovib: stopped: the limit of 1 s is reached")
     done = command("run", SCENES / "mount_paper.nml", "--max-seconds", -1)
     assert done.returncode == 2
 

@@ -72,7 +72,7 @@ def test_steady_motions_by_driver_and_python(solve, tmp_path):
     np.testing.assert_allclose(table["z_re"], result.steady.harmonics[:, 0].real, rtol=1e-11)
     np.testing.assert_array_equal(table["stable"] == 1, result.steady.stable)
     assert solve(scene, "--plan").stdout.strip() == str(vv.plan(scene))
-    with pytest.raises(vv.InputError, match="this scene gave something else"):
+    with pytest.raises(vv.InputError, match="this scene computed another result"):
         _ = result.trajectory
 
 

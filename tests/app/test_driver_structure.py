@@ -190,7 +190,7 @@ ELEMENTS = {
     "on='x1' law='y^3'": "'y' is not a coordinate",
     "on='x1' law='log(d)'": "must be defined around rest",
     "on='x1' kernel=1": "kernel = 1: must be 0 (none) to 0",
-    "on='x1' 'x2' weights=0 0": "is no direction",
+    "on='x1' 'x2' weights=0 0": "is not a direction",
     "law='d^3'": "&element lacks on",
 }
 

@@ -19,7 +19,7 @@ def test_a_table_of_points_runs_directly(solve, tmp_path):
     scene.write_text(scene.read_text().replace("dt=0.1", "dt=0.1, memory='exponentials'"))
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 2
-    assert "no sum of exponentials" in done.stderr
+    assert "not a sum of exponentials" in done.stderr
 
 
 def test_a_system_of_ones_own(solve, tmp_path):

@@ -31,7 +31,7 @@ def test_the_fuzzer_sees_what_is_wrong(tmp_path):
         "done": "mkdir out; printf 'nu,outcome,x\\n1,stalled,nan\\n' >out/a.csv",
         "done with warnings": "echo 'warning: odd' >&2",
         "refused with a line": "echo no >&2; exit 2",
-        "stopped at a given limit": "echo 'a: stopped: time is over'; exit 1",
+        "stopped at a given limit": "echo 'a: stopped: the time limit is reached'; exit 1",
     }
     for verdict, script in ways.items():
         driver = tmp_path / "driver"

@@ -48,7 +48,7 @@ def test_several_scenes_and_the_largest_status(tmp_path, capsys):
         assert one["complete"]
         assert all(Path(path).exists() for path in one["tables"] + one["pictures"])
     assert main(["run", str(PAPER), f"elsewhere/{PAPER.name}", *out]) == 2
-    assert "its tables would have the names of those of" in capsys.readouterr().err
+    assert "its tables would have the same names as those of" in capsys.readouterr().err
 
 
 def test_plans_benchmarks_sweeps_and_pictures_as_json(tmp_path, capsys):

@@ -347,7 +347,7 @@ def test_each_row_is_what_it_is_alone():
 
 
 def test_what_is_not_found_is_told():
-    with pytest.warns(vv.ConvergenceWarning, match="1 of 2 motions were not found"):
+    with pytest.warns(vv.ConvergenceWarning, match="1 of 2 motions not found"):
         r = vv.forced_response(
             vv.Pendulum(**PARAMETRIC), f0=[0.01, 40.0], harmonics=9, stability=True
         )

@@ -372,7 +372,7 @@ class TestFiles:
         ("text", "told"),
         [
             ("{", "is no JSON"),
-            ("[]", "is no fitted kernel"),
+            ("[]", "is not a fitted kernel"),
             ('{"format": "viscovib kernel", "version": 2}', "version = 2: must be 1"),
             ('{"format": "viscovib kernel", "version": 1}', "lacks 'kernel'"),
             ('{"format": "viscovib kernel", "version": 1, "kernel": {"kind": "x"}}', "kind = 'x'"),

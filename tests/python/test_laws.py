@@ -80,7 +80,7 @@ def test_polynomials_stay_polynomials():
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("tanhh(d)", r"'tanhh' is no function known \(did you mean tanh\?\)"),
+        ("tanhh(d)", r"'tanhh' is not a known function \(did you mean tanh\?\)"),
         ("sin(dd)", r"'dd' is neither a variable nor a parameter \(did you mean d\?\)"),
         ("max(d)", r"found where , should be"),
         ("sin(d", r"its end is found where \) should be"),

@@ -70,7 +70,7 @@ WRONG = {
         HARWELL.replace("RSA", "PSA"): "is of type PSA, must be real",
         HARWELL.replace("RSA", "RSE"): "is of type RSE, must be real",
         HARWELL[:-14]: "is cut short",
-        HARWELL.replace("1.5000", "1.5x00"): "holds what is no number",
+        HARWELL.replace("1.5000", "1.5x00"): "holds something that is not a number",
         HARWELL.replace("  1  2  2  3  3", "  1  2  2  3  4"): "has entries outside the matrix",
     },
     "a.npz": {"": "is empty", "hello\n": "cannot be read"},
@@ -106,5 +106,5 @@ def test_missing_files_and_other_names(tmp_path):
     with pytest.raises(vv.InputError, match=r"mass = '.*k.txt': must end in \.mtx"):
         read_matrix("mass", "k.txt")
     (tmp_path / "d.mtx").mkdir()
-    with pytest.raises(vv.FileError, match=r"mass: .*d.mtx is no file"):
+    with pytest.raises(vv.FileError, match=r"mass: .*d.mtx is not a file"):
         read_matrix("mass", tmp_path / "d.mtx")

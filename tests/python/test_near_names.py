@@ -39,7 +39,7 @@ def test_of_pictures():
     response = vv.forced_response(system(), [0.5, 1.0], load=0.1)
     response.plot(harmonic=1)
     with pytest.raises(
-        vv.InputError, match=r"plot: harmonics: is no option .* did you mean harmonic\?"
+        vv.InputError, match=r"plot: harmonics: is not an option .* did you mean harmonic\?"
     ):
         response.plot(harmonics=1)
 

@@ -36,7 +36,7 @@ def test_only_regular_files_are_read(reader, kind, tmp_path):
 def test_only_regular_matrices_are_read(ending, tmp_path):
     path = tmp_path / f"pipe{ending}"
     os.mkfifo(path)
-    with pytest.raises(vv.FileError, match="is no file"):
+    with pytest.raises(vv.FileError, match="is not a file"):
         vv.Structure.read(path, path)
 
 

@@ -94,7 +94,7 @@ def test_other_names(tmp_path):
         ("f,E',E''\nHz,MPa,MPa\n1,2,3\n2,-2,3\n", r"csv:4: column \"E'\": -2e\+06"),
         ("f,E',E''\nHz,MPa,MPa\n1,2,3\n2,2,-3\n", r"csv:4: column \"E''\": -3e\+06"),
         ("f,E',E''\nHz,MPa,MPa\n0,2,3\n", "column 'f': 0 .*greater than 0"),
-        ("f,E',E''\nHz,MPa,MPa\n1,2,3\n1,2,3\n", "stands twice in set 0"),
+        ("f,E',E''\nHz,MPa,MPa\n1,2,3\n1,2,3\n", "is given twice in set 0"),
         ("f,E',E'',set\nHz,MPa,MPa,-\n1,2,3,7\n3,2,3,7\n2,2,3,7\n", "turns back in set 7"),
         ("f,E'\nHz,MPa\n1,2\n", "has storage, must have storage and loss"),
         ("E',E''\nMPa,MPa\n1,2\n", "has no column of frequency"),
@@ -113,7 +113,7 @@ def test_bad_arrays_are_told():
         ({"storage": [2.0, -3.0]}, r"storage\[1\] = -3"),
         ({"loss": [1.0, float("nan")]}, r"loss\[1\] = nan"),
         ({"loss": [1.0]}, "loss has 1 numbers"),
-        ({"frequencies": [1.0, 1.0]}, "stands twice"),
+        ({"frequencies": [1.0, 1.0]}, "is given twice"),
         ({"quantity": "D"}, "quantity"),
     ):
         with pytest.raises(vv.InputError, match=told):

@@ -78,7 +78,7 @@ def test_documented_calls_run(call):
 
 def test_what_a_kind_of_system_lacks_is_refused_by_name():
     for call in documented_calls.REFUSED:
-        with pytest.raises(vv.InputError, match=r"is no argument for a|must be given for a"):
+        with pytest.raises(vv.InputError, match=r"is not an argument for a|must be given for a"):
             call()
 
 
@@ -98,7 +98,7 @@ def test_any_value_of_an_argument_that_is_lacking_is_refused(function, first):
         given = {name: value for name, value in first.items() if name in own}
         for name in set(other) - set(own):
             for value in (0.123, [1, 2], (1.0, 2.0), "x"):
-                with pytest.raises(vv.InputError, match=f"{name}: is no argument for a"):
+                with pytest.raises(vv.InputError, match=f"{name}: is not an argument for a"):
                     function(system, **given, **{name: value})
             default = inspect.signature(function).parameters[name].default
             if function is vv.backbone:

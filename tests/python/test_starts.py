@@ -84,7 +84,7 @@ def test_a_structure_begins_at_the_end_of_its_motion() -> None:
         ({}, "start = {}: must be"),
         ({1: [1.0]}, r"start\[1\]: must have shape \(2,\), got \(1,\)"),
         ({-1: [1.0, 0]}, "start order = -1: must be"),
-        ({1: {"y": 1.0}}, "'y' is no coordinate"),
+        ({1: {"y": 1.0}}, "'y' is not a coordinate"),
     ],
 )
 def test_what_is_no_start(start: object, message: str) -> None:

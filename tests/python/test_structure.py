@@ -377,7 +377,7 @@ def test_polynomial_systems_are_condensed_underneath() -> None:
     ("given", "message"),
     [
         ({"elements": [vv.Spring(on="x9", law="d^3")]}, r"elements\[0\].on = 'x9': must be one"),
-        ({"elements": [vv.Spring(on={}, law="d^3")]}, "is no direction"),
+        ({"elements": [vv.Spring(on={}, law="d^3")]}, "is not a direction"),
         ({"elements": "x1"}, "elements = 'x1': must be a list of Spring"),
         ({"damping": np.eye(2)}, "damping: must have shape"),
         ({"mass": [1, -1, 1]}, "mass: must be symmetric and positive definite"),

@@ -286,7 +286,7 @@ def test_wrong_input_is_told_in_a_line(arguments, options, message):
         (lambda x: None, "must be numbers, words, arrays or a dict"),
         (lambda x: {}, "holds nothing"),
         (lambda x: {"x": 1}, "'x' is a parameter of the grid"),
-        (lambda x: {"a/b": 1}, "'a/b' is no name"),
+        (lambda x: {"a/b": 1}, "'a/b' is not a name"),
         (lambda x: {"point_error": 1}, "a name that the sweep gives itself"),
         (lambda x: xr.Dataset(coords={"t": [x]}, data_vars={"y": ("t", [x])}), "coordinate 't'"),
     ],

@@ -287,7 +287,7 @@ def test_failures_are_kept_or_tried_again(tmp_path):
 
 def test_folders_that_are_no_checkpoint_are_left_alone(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(vv.InputError, match="exists and is no checkpoint"):
+    with pytest.raises(vv.InputError, match="exists and is not a checkpoint"):
         sweep(Counted(), GRID, checkpoint=tmp_path)
     (tmp_path / "file").write_text("mine")
     with pytest.raises(vv.FileError, match=r"checkpoint = .*file: cannot be used"):

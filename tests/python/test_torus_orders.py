@@ -236,7 +236,7 @@ def test_a_small_common_base_is_no_axis_of_three_loads():
 
 def test_a_load_that_throws_the_spring_to_its_pivot():
     thrown = replace(TWO, f0=3.0, p1=1.0)
-    with pytest.warns(vv.ConvergenceWarning, match="1 of 1 motions were not found"):
+    with pytest.warns(vv.ConvergenceWarning, match="1 of 1 motion not found"):
         r = vv.forced_response(thrown, harmonics=8, stability=False)
     assert not r.converged[0]
     assert r.highest[0] == 0

@@ -109,10 +109,13 @@ def follow(**options):
         # Arguments by name, of functions that have several forms too.
         (
             lambda: vv.backbone(CUBIC, mode=0, energy_range=(0.1, 1)),
-            "backbone: energy_range: is no argument for a mount, a polynomial system or a struct",
+            "backbone: energy_range: is not an argument for a mount, a polynomial system or a str",
         ),
-        (lambda: vv.forced_response(pendulum(), 1, load=body()), "load: is no argument for a pend"),
-        (lambda: vv.trace_response(body(), (1, 2), f0=1), "trace_response: f0: is no argument"),
+        (
+            lambda: vv.forced_response(pendulum(), 1, load=body()),
+            "load: is not an argument for a pend",
+        ),
+        (lambda: vv.trace_response(body(), (1, 2), f0=1), "trace_response: f0: is not an argument"),
         (
             lambda: vv.forced_response(body()),
             "nu: must be given for a mount or a polynomial system",
@@ -128,8 +131,8 @@ def follow(**options):
         (lambda: scene().override(1), "values = 1: must be a mapping"),
         (lambda: vv.run(scene()).to_csv("x.csv", 1), "which = 1: must be 0 to 0"),
         (lambda: vv.run(scene()).to_csv(1), "path = 1: must be a path"),
-        (lambda: swing(dt=0.5).to_csv(""), "path = '': is no path of a file"),
-        (lambda: swing(dt=0.5).to_csv("a\0b"), "path = 'a.*b': is no path of a file"),
+        (lambda: swing(dt=0.5).to_csv(""), "path = '': is not a path of a file"),
+        (lambda: swing(dt=0.5).to_csv("a\0b"), "path = 'a.*b': is not a path of a file"),
         (lambda: swing(dt=0.5).to_csv("x", coordinates=5), "coordinates = 5: must be a list or tu"),
         (lambda: swing(dt=0.5).to_dataset(physical=EMPTY), "physical = array"),
         (lambda: swing(dt=0.5, progress=EMPTY), "progress = array"),
@@ -162,10 +165,10 @@ def follow(**options):
             lambda: KERNEL.sum_of_exponentials(t_min=1e-3, t_max=1e300),
             "t_max = 1e[+]300: must be in",
         ),
-        # Values that are no finite number.
+        # Values that are not a finite number.
         (
             lambda: vv.PronyKernel(weights=[1], rates=[2]).laplace([0, -2]),
-            r"s\[1\] = -2.*no finite",
+            r"s\[1\] = -2.*not a finite",
         ),
         (lambda: vv.AbelKernel(amplitude=1, alpha=0.5).laplace(0), "s = 0.*: the transform is no"),
         (lambda: body().dynamic_stiffness([1, 1e308]), r"nu\[1\] = 1e[+]308: the dynamic stiffn"),

@@ -39,7 +39,9 @@ class Accuracy:
             given = default if tolerance is None else TIME_TOLERANCE.check(tolerance)
             return None if given is None else cls(given)
         if tolerance is not None:
-            raise InputError("tolerance, rtol and atol: tolerance is atol alone, give one of both")
+            raise InputError(
+                "tolerance, rtol and atol: tolerance is another name of atol, give one of them"
+            )
         relative = 0.0 if rtol is None else RTOL.check(rtol)
         absolute = 0.0 if atol is None else _native.number("atol", atol)
         if absolute < 0 or (rtol is None and absolute == 0):
@@ -85,15 +87,15 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
                 f"{run.step:.3g} (largest value {np.abs(run.state).max():.3g})"
             )
     if coarse.state.shape != fine.state.shape:
-        return "the runs do not end together"
+        return "the two runs end at different times"
     parts = np.abs(fine.state - coarse.state)
     allowed = want.allowed(fine.state)
     worst = int((parts.max(axis=0) / np.maximum(allowed, 1e-300)).argmax())
     part, size = parts[:, worst], float(np.abs(fine.state[:, worst]).max())
     if allowed[worst] < 1e-13 * size and part.max() < 1e-6 * size:
         return (
-            f"the motion is as large as {size:.3g}, of which that is a part of "
-            f"{allowed[worst] / size:.1e}, too near to rounding: give rtol"
+            f"the motion is as large as {size:.3g}, and the tolerance is "
+            f"{allowed[worst] / size:.1e} of that, too near to rounding: give rtol"
         )
     bad = np.flatnonzero(part > allowed[worst])
     first = int(bad[0])
@@ -102,8 +104,8 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
         grown = part[first:].max() / max(float(part[: first // 2 + 1].max()), 1e-300)
         until = float(t[first - 1])
         return (
-            f"two runs agree to t = {until:.6g} and part by a factor {grown:.1e} after it: the "
-            "motion is chaotic or unstable, take a shorter run or a larger tolerance"
+            f"two runs agree to t = {until:.6g} and differ {grown:.1e} times as much after it: "
+            "the motion is chaotic or unstable, take a shorter run or a larger tolerance"
         )
     return (
         "the fastest motion is not resolved (it is too stiff for this method): take a larger "

@@ -271,7 +271,7 @@ def oscillator_backbone(
         job = (*loaded.job[:5], j, place)
     else:
         if coordinates is not None:
-            raise InputError("coordinates: only those of a structure are chosen")
+            raise InputError("coordinates: can be chosen for a structure only, must be None")
         n_dof = len(names)
         job = (system._flat, *system._kernels, j, place)
     n_kept, text = _native.call(

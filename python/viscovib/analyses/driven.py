@@ -263,7 +263,7 @@ def pendulum_response(
     )
     wanted = TOLERANCE.check(tolerance)
     if not STABILITY.check(stability) and duration is not None:
-        raise InputError(f"duration = {_native.shown(duration)}: goes with stability=True")
+        raise InputError(f"duration = {_native.shown(duration)}: needs stability=True")
     averaged = DURATION.check(_AVERAGED if duration is None else duration)
     span = averaged if stability else 0.0
     multiple = SUBHARMONIC.check(subharmonic)
@@ -303,8 +303,9 @@ def pendulum_response(
     lost = ~result.converged
     if lost.any():
         warnings.warn(
-            f"{lost.sum()} of {lost.size} motions were not found, at {varies or torus.names[0]} = "
-            f"{rows[lost].min():.6g} to {rows[lost].max():.6g}; they hold NaN",
+            f"{lost.sum()} of {things(lost.size, 'motion')} not found, at "
+            f"{varies or torus.names[0]} = {rows[lost].min():.6g} to {rows[lost].max():.6g}; "
+            "they hold NaN",
             ConvergenceWarning,
             stacklevel=caller(),
         )

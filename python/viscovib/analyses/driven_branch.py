@@ -345,7 +345,7 @@ class _Way:
         lost = np.where(kept.T == 1, 0.0, np.abs(self.leave.across)).max()
         if lost > 1e-6 * np.abs(self.leave.across).max():
             raise InputError(
-                "leave: leads to motions that do not share the symmetry, must have symmetric=False"
+                "leave: the motions that leave do not share the symmetry: give symmetric=False"
             )
         return begin, self.leave.parameter / unit, along
 

@@ -96,7 +96,7 @@ class Watch:
         for i, law in enumerate(laws):
             if not law.places:
                 raise InputError(
-                    f"events[{i}] = {own[i].function!r}: depends on nothing, must name "
+                    f"events[{i}] = {own[i].function!r}: depends on no quantity, must name "
                     f"{', '.join(arguments[:6])}{', ...' if len(arguments) > 6 else ''}"
                 )
         return cls(laws, own)

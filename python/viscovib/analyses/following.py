@@ -188,10 +188,10 @@ def trace_mount(
     )  # fmt: skip
     if planned.method != "newton":
         raise InputError(
-            "system: nothing is nonlinear, its response is a single curve: see forced_response"
+            "system: nothing is nonlinear: its response is a single curve, see forced_response"
         )
     if planned.loaded is None and coordinates is not None:
-        raise InputError("coordinates: only those of a structure are chosen")
+        raise InputError("coordinates: can be chosen for a structure only, must be None")
     auto = _native.is_auto(harmonics)
     orders = planned.orders
     if not keeps:

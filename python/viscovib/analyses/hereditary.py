@@ -356,8 +356,8 @@ class MountRun(Run):
     def _refuse(self, reason: int) -> None:
         if reason == _NO_INTEGRAL:
             raise InputError(
-                "held: a kernel has no integral, and what was held for ever would be forgotten "
-                "wholly; must be None"
+                "held: a kernel has no integral, so what was held for ever would leave no "
+                "force; must be None"
             )
 
     def _keep_all(self) -> None:
@@ -368,12 +368,12 @@ class MountRun(Run):
         n = math.ceil(self.motion.end / self.h) if self.mesh is None else self.mesh.count
         if self.motion.memory == "exponentials":
             raise InputError(
-                'memory = "exponentials": a kernel is no sum of exponentials (tables of points '
+                'memory = "exponentials": a kernel is not a sum of exponentials (tables of points '
                 'never are); must be "direct" or "auto"'
             )
         if n > _DIRECT_STEPS:
             raise InputError(
-                f'memory = "auto": a kernel is no sum of exponentials, and {n} steps of all the '
+                f'memory = "auto": a kernel is not a sum of exponentials, and {n} steps of all the '
                 f'past are more than {_DIRECT_STEPS}; ask for "direct", or fit the kernel by '
                 "sum_of_exponentials"
             )

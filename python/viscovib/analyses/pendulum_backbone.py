@@ -245,7 +245,7 @@ def _departure(
     n = kept.size
     if leave._direction.size != n + 2:
         raise InputError(
-            f"leave: has {(leave._direction.size - 2) // 3} cosines a coordinate, must have as "
+            f"leave: has {(leave._direction.size - 2) // 3} cosines per coordinate, must have as "
             f"many as asked for now ({n // 3}): use the same harmonics and subharmonic"
         )
     if not leave._direction.any():
@@ -253,6 +253,6 @@ def _departure(
     lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
     if lost > 1e-6 * np.abs(leave.across).max():
         raise InputError(
-            "leave: leads to motions that do not share the symmetry, must have symmetric=False"
+            "leave: the motions that leave do not share the symmetry: give symmetric=False"
         )
     return leave.coefficients.imag.copy(), (-1 if opposite else 1) * leave._direction

@@ -86,7 +86,7 @@ def check_resumed(
     told += [name for name, value in choices.items() if not _native.is_auto(value)]
     if told:
         raise InputError(
-            f"{', '.join(told)}: as of the run that is resumed, must not be given with resume"
+            f"{', '.join(told)}: taken from the run that is resumed, must not be given with resume"
         )
     if run.outcome != "completed":
         raise InputError(f"resume: that run ended {run.outcome!r}, must be 'completed'")
@@ -109,7 +109,7 @@ def other_loads(
     if isinstance(system, Structure) or structure_motion_of(run) is not None:
         if coordinates is not None:
             raise InputError(
-                "coordinates: as of the run that is resumed, must not be given with resume"
+                "coordinates: taken from the run that is resumed, must not be given with resume"
             )
         known_system: object = run.system
         if known_system is not system:

@@ -129,7 +129,7 @@ def _of_harmonics(start: Mapping[Any, Any], names: tuple[str, ...]) -> Start:
             column = np.zeros(len(names), dtype=complex)
             for name, x in value.items():
                 if name not in names:
-                    raise InputError(f"{where}: {_native.shown(name)} is no coordinate")
+                    raise InputError(f"{where}: {_native.shown(name)} is not a coordinate")
                 column[names.index(name)] = _native.complex_array(f"{where}[{name!r}]", x, ndim=0)
         else:
             column = np.atleast_1d(_native.complex_array(where, value))

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.analyses.starts import StartLike, start_of
+from viscovib.common.counts import things
 from viscovib.common.motion_stability import Stability
 from viscovib.common.parameters import MAX_HARMONICS, MAX_ITERATIONS, PROGRESS, STABILITY, TOLERANCE
 from viscovib.common.plan import Plan
@@ -100,7 +101,7 @@ def mount_response(
         warn_of_reduction(response)
     else:
         if coordinates is not None:
-            raise InputError("coordinates: only those of a structure are chosen")
+            raise InputError("coordinates: can be chosen for a structure only, must be None")
         response = Response(**given)
     _warn_of_gaps(response)
     _warn_of_few_orders(response, options[2])
@@ -240,7 +241,7 @@ def _prepare(
         raise InputError("nu: must be given for a mount or a polynomial system")
     if load is None and base is None:
         raise InputError(
-            "load or base: must be given, as without them every motion is 0 (a load of 0 may be)"
+            "load or base: must be given (0 is allowed): without them every motion is 0"
         )
     frequencies = _native.real_array("nu", nu)
     if frequencies.ndim > 1:
@@ -295,11 +296,13 @@ def _warn_of_gaps(response: Response) -> None:
     lost = ~response.converged
     if not lost.any():
         return
+    asked = things(lost.size, "frequency", "frequencies")
     kinds = ", ".join(
         f"{count} {name}" for name in OUTCOMES[1:] if (count := (response.outcome == name).sum())
     )
     warnings.warn(
-        f"{lost.sum()} of {lost.size} frequencies have no solution ({kinds}), between nu = "
+        f"{lost.sum()} of {asked} {'has' if lost.sum() == 1 else 'have'} no solution ({kinds}), "
+        "between nu = "
         f"{response.nu[lost].min():.6g} and {response.nu[lost].max():.6g}; they hold NaN",
         ConvergenceWarning,
         stacklevel=caller(),
@@ -312,9 +315,9 @@ def _warn_of_few_orders(response: Response, tolerance: float) -> None:
         return
     worst = int(np.nanargmax(response.truncation))
     warnings.warn(
-        f"at {few.sum()} of {few.size} frequencies the orders kept do not reach the "
-        f"tolerance {tolerance:.1e}; worst at nu = {response.nu[worst]:.6g}, where those up to "
-        f"{response.highest[worst]} leave an estimated relative error of "
+        f"at {few.sum()} of {things(few.size, 'frequency', 'frequencies')} the orders kept do "
+        f"not reach the tolerance {tolerance:.1e}; worst at nu = {response.nu[worst]:.6g}, where "
+        f"those up to {response.highest[worst]} leave an estimated relative error of "
         f"{response.truncation[worst]:.1e}",
         ConvergenceWarning,
         stacklevel=caller(),

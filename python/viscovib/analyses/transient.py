@@ -210,7 +210,9 @@ def simulate(
         )
         other = other_loads(system, resume, end, load, nu, base, force, coordinates)
         if events is not None:
-            raise InputError("events: as of the run that is resumed, must not be given with resume")
+            raise InputError(
+                "events: taken from the run that is resumed, must not be given with resume"
+            )
         return go_on(resume, end, want, progress, other, estimated)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")

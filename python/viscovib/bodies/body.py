@@ -686,7 +686,7 @@ def _mounts(value: Any) -> tuple[MountPoint, ...]:
     names = [mount.name for mount in mounts]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"mounts: the name {name!r} stands twice, names must differ")
+            raise InputError(f"mounts: the name {name!r} is given twice, names must differ")
     return mounts
 
 

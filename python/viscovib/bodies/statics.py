@@ -149,7 +149,7 @@ def _integral(kernel: object) -> float:
     if integral >= 1:
         raise InputError(
             f"gravity: the integral of a kernel is {integral:.6g}, must be below 1: its mount "
-            "carries nothing in the end"
+            "carries no load in the end"
         )
     return integral
 

@@ -63,7 +63,7 @@ def turning_energy(mass: FloatArray, springs: MountSprings, states: FloatArray) 
     if any(kernel is not None for kernel in springs.kernels):
         raise InputError("kernel: energy is not defined with memory")
     if any(isinstance(law, Law) for law in springs.laws):
-        raise InputError("law: is no polynomial, its potential is not known")
+        raise InputError("law: is not a polynomial: its potential is unknown")
     u, v = states[..., ::2], states[..., 1::2].copy()
     v[..., 3:6] = spin(u[..., 3:6], v[..., 3:6])
     total: Any = 0.5 * np.einsum("...a,ab,...b", v, mass, v)

@@ -37,8 +37,9 @@ _EXAMPLES = """examples:
   viscovib sweep mount.nml --over mount.stiffness_x=6:14:33
 """
 _STATUS = (
-    "exit status: 0 done; 1 some points have no solution, or a bound was reached; 2 bad input;\n"
-    "3 a file cannot be read or written. Of several scenes each is tried; the largest counts."
+    "exit status: 0 done; 1 some points have no solution, or a limit was reached; 2 bad input;\n"
+    "3 a file cannot be read or written. With several scenes each one is tried, and the\n"
+    "largest status is returned."
 )
 _UNSOLVED, _BAD_INPUT, _BAD_FILE, _INTERRUPTED = 1, 2, 3, 130
 
@@ -122,19 +123,22 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument("scenes", type=Path, nargs="+", metavar="scene",
                                  help="scene files (*.nml)")  # fmt: skip
             command.add_argument(
-                "--json", action="store_true", help="print a line of JSON a scene instead of words"
+                "--json",
+                action="store_true",
+                help="print a line of JSON per scene instead of words",
             )
         command.add_argument(
             "--allow-paths", action="store_true",
-            help="files that the scene names may be anywhere, not only in its folder or below",
+            help="let the scene read files outside its folder",
         )  # fmt: skip
         command.add_argument(
             "--max-seconds", type=float, metavar="S",
-            help="end after so many seconds with what is done, exit status 1",
+            help="stop after so many seconds and keep what is done, exit status 1",
         )  # fmt: skip
         command.add_argument(
             "--max-memory", type=float, metavar="GB",
-            help="end, exit status 1, where more memory is needed (3/4 of the machine's)",
+            help="stop if more than so many GB are needed, exit status 1 (default: 3/4 of the "
+            "memory of the machine)",
         )  # fmt: skip
         if name not in ("plan", "bench"):
             command.add_argument("--out", type=Path, default=Path("out"), help="folder (out)")
@@ -153,8 +157,8 @@ def _each(one: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namesp
             for other in scenes[:i]:
                 if hasattr(options, "out") and other.stem == scene.stem:
                     raise InputError(
-                        f"{scene}: its tables would have the names of those of {other}: "
-                        "give each its own call"
+                        f"{scene}: its tables would have the same names as those of {other}: "
+                        "run each by a call of its own"
                     )
         worst = 0
         for scene in scenes:

@@ -124,7 +124,7 @@ class _Expander:
 
     def _quotient(self, a: Polynomial, b: Polynomial) -> Polynomial:
         if set(b) != {self.one}:
-            raise InputError(f"{self.where}: must be divided by numbers other than 0 only")
+            raise InputError(f"{self.where}: may be divided only by numbers other than 0")
         return {powers: c / b[self.one] for powers, c in a.items()}
 
     def _power(self, base: Polynomial, exponent: Polynomial) -> Polynomial:

@@ -48,7 +48,7 @@ def whole_file(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[str
     """
     target = Path(FilePath("path").check(path))
     if not target.name:
-        raise FileError(f"path = {str(target)!r}: is no path of a file")
+        raise FileError(f"path = {str(target)!r}: is not a path of a file")
     part = target.with_name(target.name + ".part")
     encoding = None if "b" in mode else "utf-8"
     with _WRITING.setdefault(target.absolute(), threading.Lock()):

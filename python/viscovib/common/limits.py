@@ -80,7 +80,10 @@ def limited_seconds(seconds: float | None, *, partial: bool) -> Iterator[None]:
             return
         _thread.interrupt_main()
         if not over.wait(grace):
-            print(f"viscovib: stopped: {bound:g} s are over (--max-seconds)", file=sys.stderr)
+            print(
+                f"viscovib: stopped: the limit of {bound:g} s is reached (--max-seconds)",
+                file=sys.stderr,
+            )
             sys.stderr.flush()
             os._exit(1)
 
@@ -91,7 +94,7 @@ def limited_seconds(seconds: float | None, *, partial: bool) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         if time.monotonic() - started >= bound:
-            raise StoppedError(f"{bound:g} s are over (--max-seconds)") from None
+            raise StoppedError(f"the limit of {bound:g} s is reached (--max-seconds)") from None
         raise
     finally:
         over.set()

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib._native import ComplexArray
+from viscovib.common.counts import things
 from viscovib.errors import StabilityWarning, caller
 
 
@@ -67,9 +68,9 @@ class Stability(NamedTuple):
         lost = unknown if solved is None else unknown & solved
         if lost.any():
             warnings.warn(
-                f"stability of {lost.sum()} of {lost.size} motions is unknown: an exponent lies on "
-                "the imaginary axis to rounding, or the problem is too stiff for the Floquet "
-                "solver",
+                f"stability of {lost.sum()} of {things(lost.size, 'motion')} is unknown: an "
+                "exponent lies on the imaginary axis to rounding, or the problem is too stiff "
+                "for the Floquet solver",
                 StabilityWarning,
                 stacklevel=caller(),
             )

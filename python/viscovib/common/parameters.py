@@ -185,7 +185,7 @@ class FilePath(Parameter[str]):
         except (TypeError, ValueError):
             raise InputError(f"{self.name} = {_native.shown(value)}: must be a path") from None
         if not path or "\0" in path or length > _MAX_PATH:
-            raise FileError(f"{self.name} = {_native.shown(value)}: is no path of a file")
+            raise FileError(f"{self.name} = {_native.shown(value)}: is not a path of a file")
         return path
 
 
@@ -312,6 +312,6 @@ class Taken:
             value = given[name]
             if type(value) is not type(default) or value != default:
                 raise InputError(
-                    f"{self._called}: {name}: is no argument for {self._whose}, must be one of "
+                    f"{self._called}: {name}: is not an argument for {self._whose}, must be one of "
                     f"{', '.join(self._names)}"
                 )

@@ -96,7 +96,7 @@ class Result(Value):
 
     def _pieces(self) -> tuple[int, str, str]:
         """Return how many pieces it took, that in words, and the word for one."""
-        raise InputError("bench: this scene gave nothing that can be timed")
+        raise InputError("bench: this scene has nothing that can be timed")
 
     def plot(self, *args: Any, **options: Any) -> Any:
         """Draw it by the function for results of this kind (`plot_response`, ...); return axes."""

@@ -248,7 +248,7 @@ class Page:
         try:
             text = content.decode()
         except UnicodeError:
-            self.scene_error.text = alert(f"{name}: is no text")
+            self.scene_error.text = alert(f"{name}: is not a text file")
             return
         self._use(text, name)
 

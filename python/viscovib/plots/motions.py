@@ -73,7 +73,7 @@ def plot_trajectory(
 
         figure = plt.figure(figsize=(10, 2.4 * len(names)), layout="constrained")
         ax = motion_axes(figure, len(names))
-    axes = panels(ax, 2 * len(names), "two a coordinate")
+    axes = panels(ax, 2 * len(names), "two per coordinate")
     for d, name in enumerate(names):
         history, plane = axes[2 * d], axes[2 * d + 1]
         for i, run in enumerate(runs):

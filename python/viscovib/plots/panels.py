@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def panels(ax: Any, n: int, each: str = "one a coordinate") -> list[Any]:
+def panels(ax: Any, n: int, each: str = "one per coordinate") -> list[Any]:
     """Return the axes given, which must be so many, or a new figure with n panels above each other.
 
     ``each``: what an axis is for.
@@ -78,7 +78,7 @@ class Labels(Parameter[Sequence[str] | None]):
         """Return them, if there is one for each of n curves."""
         labels = self.check(value)
         if labels is not None and len(labels) < n:
-            raise InputError(f"{self.name}: {len(labels)} given, must be {n}, one a curve")
+            raise InputError(f"{self.name}: {len(labels)} given, must be {n}, one per curve")
         return labels
 
 

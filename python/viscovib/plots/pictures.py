@@ -167,7 +167,7 @@ def plot(result: Result, *args: Any, **options: Any) -> Any:
     for name in options:
         if name not in known and not any(p.kind is p.VAR_KEYWORD for p in parameters):
             raise InputError(
-                f"plot: {name}: is no option of this picture, {near_name(name, known)}"
+                f"plot: {name}: is not an option of this picture, {near_name(name, known)}"
             )
     if len(args) > sum(p.kind is not p.KEYWORD_ONLY for p in parameters):
         raise InputError(f"plot: takes options by name: {', '.join(known)}")

@@ -295,7 +295,7 @@ def _check_order(data: Any, name: str, unit: str) -> None:
         if wrong.size:
             i = rows[wrong[0] + 1]
             raise InputError(
-                f"{name}[{i}] = {values[i]:g} {unit} stands twice in set {label:g}: must be once"
+                f"{name}[{i}] = {values[i]:g} {unit} is given twice in set {label:g}: must be once"
             )
         turns = np.flatnonzero(np.sign(step[1:]) != np.sign(step[:-1]))
         if turns.size:

@@ -273,7 +273,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[str, dict[str, Any]]:
     except ValueError as error:
         raise InputError(f"{name}: cannot be read ({error})") from None
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
-        raise InputError(f"{name}: is no fitted kernel: format must be {_FORMAT!r}")
+        raise InputError(f"{name}: is not a fitted kernel: format must be {_FORMAT!r}")
     if content.get("version") != _VERSION:
         raise InputError(
             f"{name}: version = {_native.shown(content.get('version'))}: must be {_VERSION}"

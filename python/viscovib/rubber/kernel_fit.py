@@ -162,7 +162,7 @@ def _search(model: Model, measured: Measured) -> list[tuple[float, FloatArray]]:
         if math.isfinite(cost):
             ends.append((cost, theta))
     if not ends:
-        raise InputError("data: no start leads anywhere, must be those of a relaxing material")
+        raise InputError("data: no fit converges, must be those of a relaxing material")
     ends.sort(key=lambda end: end[0])
     theta = descend(residual, slopes, ends[0][1])
     left = residual(theta)

@@ -90,7 +90,7 @@ class SceneResult:
     def spectrum_to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the table of the spectrum."""
         if self.spectrum is None:
-            raise InputError("spectrum_to_csv: this scene gave no spectrum")
+            raise InputError("spectrum_to_csv: this scene computed no spectrum")
         self._write(self.spectrum, path)
 
     def _write(self, value: Result, path: str | os.PathLike[str]) -> None:
@@ -103,42 +103,42 @@ class SceneResult:
     def response(self) -> Response:
         """The response of a mount."""
         if not isinstance(self.value, Response):
-            raise InputError("response: this scene gave something else, see value")
+            raise InputError("response: this scene computed another result, see value")
         return self.value
 
     @property
     def branch(self) -> Branch | DrivenBranch:
         """The branch."""
         if not isinstance(self.value, (Branch, DrivenBranch)):
-            raise InputError("branch: this scene gave something else, see value")
+            raise InputError("branch: this scene computed another result, see value")
         return self.value
 
     @property
     def backbone(self) -> Backbone:
         """The free motions of a mode."""
         if not isinstance(self.value, Backbone):
-            raise InputError("backbone: this scene gave something else, see value")
+            raise InputError("backbone: this scene computed another result, see value")
         return self.value
 
     @property
     def sweep(self) -> xr.Dataset:
         """A few numbers at every point of a grid (`viscovib.sweeps.scenes.summary`)."""
         if isinstance(self.value, Result):
-            raise InputError("sweep: this scene gave something else, see value")
+            raise InputError("sweep: this scene computed another result, see value")
         return self.value
 
     @property
     def steady(self) -> ScalesResponse:
         """The steady motions by multiple scales."""
         if not isinstance(self.value, ScalesResponse):
-            raise InputError("steady: this scene gave something else, see value")
+            raise InputError("steady: this scene computed another result, see value")
         return self.value
 
     @property
     def trajectory(self) -> Trajectory:
         """The motion of a pendulum."""
         if not isinstance(self.value, Trajectory):
-            raise InputError("trajectory: this scene gave something else, see value")
+            raise InputError("trajectory: this scene computed another result, see value")
         return self.value
 
 

@@ -61,7 +61,7 @@ class Grid:
         values = {}
         for name, given in grid.items():
             if not isinstance(name, str) or not _is_name(name) or name in (OUTCOME, ERROR):
-                raise InputError(f"grid: {name!r} is no name of a parameter")
+                raise InputError(f"grid: {name!r} is not a name of a parameter")
             array = _native.any_array(f"grid[{name!r}]", given)
             if array.ndim != 1 or not array.size:
                 raise InputError(
@@ -420,7 +420,7 @@ def _values(name: str, value: Any, keep_integers: bool = False) -> tuple[Array, 
     if name in (OUTCOME, ERROR):
         raise InputError(f"result: {name!r} is a name that the sweep gives itself")
     if not _is_name(name):
-        raise InputError(f"result: {name!r} is no name of a variable")
+        raise InputError(f"result: {name!r} is not a name of a variable")
     if kind == "O" and all(isinstance(item, str) for item in array.flat):
         kind = "U"
     if kind in "biuf":

@@ -143,7 +143,7 @@ class DiskStore:
                     self.template = self._read_template(about)
             else:
                 if any(self.path.iterdir()):
-                    raise InputError(f"checkpoint = {self.path}: exists and is no checkpoint")
+                    raise InputError(f"checkpoint = {self.path}: exists and is not a checkpoint")
                 self.chunks = chunks
                 about = {"identity": identity, "chunk": list(chunks.chunk), "variables": None}
                 # Not overwriting: that would make another folder, which the lock does not hold.

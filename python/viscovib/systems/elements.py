@@ -262,7 +262,9 @@ def direction_of(where: str, on: Any, n: int, places: Mapping[str, int]) -> Floa
         if e.shape != (n,):
             raise InputError(f"{where}: must have shape ({n},), got {e.shape}")
     if not e.any():
-        raise InputError(f"{where} = {_native.shown(on)}: is no direction, all its weights are 0")
+        raise InputError(
+            f"{where} = {_native.shown(on)}: is not a direction: all its weights are 0"
+        )
     return e
 
 

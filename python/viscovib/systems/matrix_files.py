@@ -36,7 +36,7 @@ def read_matrix(name: str, path: str | os.PathLike[str]) -> Any:
     try:
         size = file.stat().st_size
         if not file.is_file():
-            raise FileError(f"{name}: {file} is no file")
+            raise FileError(f"{name}: {file} is not a file")
         if size == 0:
             raise FileError(f"{name}: {file} is empty")
         if ending in MATRIX_MARKET:
@@ -137,7 +137,9 @@ def _harwell_boeing(name: str, file: Path) -> Any:
         pointers, places = (np.array([int(v) for v in part]) - 1 for part in found[:2])
         entered = np.array([float(v.upper().replace("D", "E")) for v in found[2]])
     except ValueError as error:
-        raise FileError(f"{name}: {file} holds what is no number ({_first_line(error)})") from None
+        raise FileError(
+            f"{name}: {file} holds something that is not a number ({_first_line(error)})"
+        ) from None
     sound = pointers[0] == 0 and pointers[-1] == entries and (np.diff(pointers) >= 0).all()
     if not sound or places.min(initial=0) < 0 or places.max(initial=0) >= rows:
         raise FileError(f"{name}: {file} has entries outside the matrix")

@@ -197,7 +197,7 @@ class PolynomialSystem:
     def _wanted(self, coordinates: Sequence[str] | None, _: LoadedStructure) -> Any:
         """Places of the coordinates that results hold: all."""
         if coordinates is not None:
-            raise InputError("coordinates: only those of a structure are chosen")
+            raise InputError("coordinates: can be chosen for a structure only, must be None")
         return np.arange(len(self.dof_names))
 
     @property

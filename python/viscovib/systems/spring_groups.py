@@ -25,7 +25,7 @@ class Monomial:
     ----------
     coefficient : float
         Positive where it opposes the motion, as a stiffness does.
-    powers : mapping of coordinate to power, or one power a coordinate
+    powers : mapping of coordinate to power, or one power per coordinate
         {"x1": 2, "x2": 1} or (2, 1): u_1^2 u_2.
     on : str or int
         The equation it stands in, by coordinate.
@@ -96,7 +96,7 @@ def texts_of(name: str, value: Any, n: int) -> tuple[str, ...]:
         raise InputError(f"{name} = {_native.shown(value)}: must be a sequence of {n} texts")
     words = tuple(value) if len(value) == n else ()
     if len(words) != n or not all(isinstance(word, str) for word in words):
-        raise InputError(f"{name} = {_native.shown(value)}: must be {n} texts, one a coordinate")
+        raise InputError(f"{name} = {_native.shown(value)}: must be {n} texts, one per coordinate")
     return words
 
 
@@ -199,7 +199,7 @@ def _powers(where: str, powers: Any, names: tuple[str, ...]) -> tuple[int, ...]:
         powers = [powers.get(name, 0) for name in names]
     if isinstance(powers, str) or not isinstance(powers, (Sequence, np.ndarray)):
         raise InputError(
-            f"{where} = {_native.shown(powers)}: must be one power a coordinate, or a mapping"
+            f"{where} = {_native.shown(powers)}: must be one power per coordinate, or a mapping"
         )
     if len(powers) != len(names):
         raise InputError(f"{where}: has {len(powers)} powers, must be {len(names)}")

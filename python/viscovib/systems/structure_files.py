@@ -48,7 +48,7 @@ def _whole(file: Path) -> dict[str, Any]:
             "the stiffness too"
         )
     if file.exists() and not file.is_file():
-        raise FileError(f"mass: {file} is no file")
+        raise FileError(f"mass: {file} is not a file")
     try:
         with open(file, "rb") as opened, np.load(opened, allow_pickle=False) as held:
             parts = {name: held[name] for name in held.files}
