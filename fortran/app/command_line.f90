@@ -105,9 +105,9 @@ contains
     n = size(command%scenes)
     do i = 1, n
       if (stem(command%scenes(i)%path) /= stem(path)) cycle
-      call fail(status, status_input_error, 'scene', clipped(path)//': its tables would have the ' &
-                //'names of those of '//clipped(command%scenes(i)%path)//': run ' &
-                  //'each by a call of its own')
+      call fail(status, status_input_error, 'scene', clipped(path)//': its tables would have ' &
+                //'the same names as those of '//clipped(command%scenes(i)%path) &
+                //': run each by a call of its own')
       return
     end do
     allocate (longer(n + 1))

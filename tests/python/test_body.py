@@ -337,7 +337,7 @@ def test_wrong_mounts(given, told):
         ({"inertia": (1, 1, -1)}, "principal moments"),
         ({"inertia": [[1, 0.2, 0], [0, 1, 0], [0, 0, 1]]}, "inertia: must be symmetric"),
         ({"mounts": []}, "mounts: must not be empty"),
-        ({"mounts": [vv.MountPoint(**GOOD)] * 2}, "the name 'm' stands twice"),
+        ({"mounts": [vv.MountPoint(**GOOD)] * 2}, "the name 'm' is given twice"),
         ({"geometry": "finite"}, "geometry = 'finite': must be one of"),
         ({"base_direction": "w"}, "base_direction"),
         ({"gravity": (0, 0)}, r"gravity: must have shape \(3,\)"),

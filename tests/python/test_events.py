@@ -138,7 +138,7 @@ def test_bad_events():
     """One line each, naming what is wrong."""
     for events, words in (
         (["y - 1"], "'y'"),
-        (["1 + 2"], "depends on nothing"),
+        (["1 + 2"], "depends on no quantity"),
         ([3], "must be a text or an Event"),
         ([], "1 to 100"),
         (["x -"], r"events\[0\]"),

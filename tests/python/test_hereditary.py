@@ -268,7 +268,7 @@ def test_tables_run_directly_or_as_a_fit(mount):
     assert fit.error < 1e-3
     fitted = vv.simulate(mount(kernel=fit), 10, **job)
     assert np.abs(fitted.state - exact.state).max() < 1e-3
-    with pytest.raises(vv.InputError, match="no sum of exponentials"):
+    with pytest.raises(vv.InputError, match="not a sum of exponentials"):
         vv.simulate(mount(kernel=table), 10, memory="exponentials", **job)
 
 

@@ -310,12 +310,12 @@ def test_ensembles_tell_what_single_runs_tell():
     [
         ({"system": vv.PolynomialSystem(mass=1, stiffness=5)}, "system: must be that of the run"),
         ({"system": vv.Pendulum(e=0.1, w2=0.4, w3=0.8)}, "system: must be that of the run"),
-        ({"dt": 0.2}, "dt: as of the run"),
-        ({"tolerance": 1e-6}, "tolerance: as of the run"),
-        ({"method": "rk4"}, "method: as of the run"),
-        ({"rtol": 1e-6}, "rtol: as of the run"),
+        ({"dt": 0.2}, "dt: taken from the run"),
+        ({"tolerance": 1e-6}, "tolerance: taken from the run"),
+        ({"method": "rk4"}, "method: taken from the run"),
+        ({"rtol": 1e-6}, "rtol: taken from the run"),
         ({"base": 0.1}, "base: this system has no base_direction"),
-        ({"held": [0.1]}, "held: as of the run"),
+        ({"held": [0.1]}, "held: taken from the run"),
         ({"resume": 5}, "resume"),
     ],
 )

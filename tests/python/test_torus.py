@@ -225,7 +225,7 @@ def test_too_much_is_refused():
         vv.forced_response(TWO, harmonics=90)
     with pytest.raises(vv.InputError, match="duration = 0: must be in"):
         vv.forced_response(TWO, stability=True, duration=0)
-    with pytest.raises(vv.InputError, match="duration = 500: goes with stability=True"):
+    with pytest.raises(vv.InputError, match="duration = 500: needs stability=True"):
         vv.forced_response(TWO, duration=500)
 
 
