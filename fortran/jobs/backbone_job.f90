@@ -8,6 +8,7 @@ module viscovib_backbone_job
   use viscovib_curve_columns, only: add_stability, stability_note
   use viscovib_free_family, only: follow_family, free_circle, free_family_type, free_options
   use viscovib_free_orders, only: chosen_text, first_chosen, most_chosen
+  use viscovib_free_structure, only: free_structure
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
@@ -57,16 +58,20 @@ contains
     character(len=:), allocatable, intent(out) :: text
     type(status_type), intent(out) :: status
     type(backbone_plan_type) :: plan
+    type(subject_type), target :: free
+    integer :: dof
 
     call set_ok(status)
+    text = ''
     if (subject%is_pendulum) then
       text = plan_free(self, subject%pendulum)
     else
-      text = ''
-      call new_backbone_plan(plan, subject%oscillator(), self%mode, self%dof, '', &
-                             self%harmonics, self%choose_harmonics, self%options%tolerance, status)
+      call set_free(self, subject, free, dof, status)
       if (status%failed()) return
-      text = plan%text(self%options%start, self%options%finish)
+      call new_backbone_plan(plan, free%oscillator(), self%mode, dof, '', self%harmonics, &
+                             self%choose_harmonics, self%options%tolerance, status)
+      if (status%failed()) return
+      text = free%told()//plan%text(self%options%start, self%options%finish)
     end if
     text = text//plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_backbone
@@ -107,20 +112,27 @@ contains
     type(status_type), intent(out) :: status
     type(free_family_type), allocatable :: families(:)
     type(table_type) :: table
+    type(subject_type), target :: free
     character(len=:), allocatable :: name
-    integer :: i, short
+    integer :: dof, i, short
 
     if (subject%is_pendulum) then
       call run_free(self, subject%pendulum, families, status)
     else
       allocate (families(1))
-      call run_backbone(self, subject%oscillator(), families(1), status)
+      call set_free(self, subject, free, dof, status)
+      if (.not. status%failed()) call run_backbone(self, free%oscillator(), dof, families(1), &
+                                                   status)
     end if
     if (status%failed()) return
     do i = 1, size(families)
       name = this_kind()
       if (i > 1) name = name//'_'//show(i - 1)
-      call tabulate(self, subject, families(i), table)
+      if (subject%is_pendulum) then
+        call tabulate(self, subject, families(i), table)
+      else
+        call tabulate(self, free, families(i), table)
+      end if
       call sink%put(name, table, status)
       if (status%failed()) return
     end do
@@ -139,17 +151,36 @@ contains
                                              //show(size(families) - 1)//' more'
   end subroutine run
 
-  !> The family of a mount or a polynomial system.
-  subroutine run_backbone(job, system, family, status)
+  !> What moves freely, and which of its unknowns the amplitude is of: of a structure one without
+  !! damping, memory and loads, condensed to that coordinate too.
+  subroutine set_free(job, subject, free, dof, status)
+    type(backbone_job), intent(in) :: job
+    type(subject_type), intent(in) :: subject
+    type(subject_type), intent(out) :: free
+    integer, intent(out) :: dof
+    type(status_type), intent(out) :: status
+
+    call set_ok(status)
+    free = subject
+    dof = job%dof
+    if (.not. subject%is_structure) return
+    dof = 1
+    call free_structure(subject%model, job%dof, free%model, free%structure, status)
+    free%load = free%model%load
+  end subroutine set_free
+
+  !> The family of a mount, a polynomial system or a structure.
+  subroutine run_backbone(job, system, dof, family, status)
     type(backbone_job), intent(in) :: job
     class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: dof
     type(free_family_type), intent(out) :: family
     type(status_type), intent(out) :: status
     type(backbone_plan_type), target :: plan
     type(curve_branch_type) :: branch
     integer :: never
 
-    call new_backbone_plan(plan, system, job%mode, job%dof, '', job%harmonics, &
+    call new_backbone_plan(plan, system, job%mode, dof, '', job%harmonics, &
                            job%choose_harmonics, job%options%tolerance, status)
     if (status%failed()) return
     never = 0
@@ -255,8 +286,9 @@ contains
     type(subject_type), intent(in) :: subject
     type(free_family_type), intent(in), target :: family
     type(table_type), intent(out) :: table
+    complex(wp), allocatable :: motions(:, :, :)
     character(len=:), allocatable :: note, varies
-    integer :: i, k
+    integer :: i, k, n
 
     if (counting) call count_up(counted_columns, size(self%wanted))
     varies = trim(backbone_parameters(self%parameter))
@@ -277,14 +309,19 @@ contains
                     //'orders; u = sum_k a_k cos(k nu t); ' &
                     //listed_units(subject%coordinates(self%wanted), subject%units(self%wanted)))
     call table%add_reals('truncation', family%truncation)
-    do i = 1, size(self%wanted)
-      associate (orders => family%orders)
+    n = size(family%nu)
+    associate (orders => family%orders)
+      k = size(orders)
+      motions = cmplx(0.0_wp, reshape(family%x, [k, size(family%x, 1)/k, n]), wp)
+      call subject%show_motions(family%nu, spread(0.0_wp, 1, n), orders, self%wanted, .false., &
+                                motions)
+      do i = 1, size(self%wanted)
         do k = 1, size(orders)
-          call table%add_reals(trim(subject%coordinates(self%wanted(i)))//'_'//show(orders(k)), &
-                               family%x((self%wanted(i) - 1)*size(orders) + k, :))
+          call table%hold_reals(trim(subject%coordinates(self%wanted(i)))//'_'//show(orders(k)), &
+                                aimag(motions(k, i, :)))
         end do
-      end associate
-    end do
+      end do
+    end associate
   end subroutine tabulate
 
 end module viscovib_backbone_job

@@ -10,6 +10,7 @@ module viscovib_hereditary_job
   use viscovib_hereditary_run, only: run_hereditary
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
+  use viscovib_march, only: march_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_plan_text, only: tell_idle, tell_zeros
   use viscovib_polynomial, only: polynomial_type
@@ -22,12 +23,12 @@ module viscovib_hereditary_job
   implicit none
   private
 
-  public :: hereditary_job, run_hereditary_job, plan_hereditary
+  public :: hereditary_job, hereditary_runs, run_hereditary_job, plan_hereditary, plan_forces
 
   !> Methods by their nodes a step, and steps a fastest period to begin with.
   character(len=*), parameter, public :: hereditary_methods(5) = &
     [character(len=6) :: 'gauss8', 'gauss6', 'gauss4', 'gauss3', 'gauss2']
-  integer, parameter :: nodes(5) = [8, 6, 4, 3, 2], per_period(5) = [2, 3, 6, 8, 12]
+  integer, parameter, public :: nodes(5) = [8, 6, 4, 3, 2], per_period(5) = [2, 3, 6, 8, 12]
   !> How the past is kept; 'auto': as exponentials where the kernels are such sums.
   character(len=*), parameter, public :: past_names(3) = &
     [character(len=12) :: 'auto', 'exponentials', 'direct']
@@ -35,7 +36,7 @@ module viscovib_hereditary_job
   !> Steps up to which all of the past is affordable without being asked for.
   integer(i8), parameter :: most_direct = 20000_i8
   !> Kernels as exponentials reach so much further than the run.
-  real(wp), parameter :: reach = 100.0_wp
+  real(wp), parameter, public :: reach = 100.0_wp
   real(wp), parameter :: rounding = 1.0e-15_wp
 
   !> `method` is the place in `hereditary_methods`.
@@ -48,14 +49,42 @@ module viscovib_hereditary_job
     real(wp), allocatable :: held(:)
   end type hereditary_job
 
-  !> Runs of one system under one load.
-  type, extends(run_maker) :: hereditary_runs
+  !> Runs of one system under one load, whatever equations their steps solve.
+  type, abstract, extends(run_maker) :: hereditary_runs
     class(oscillator_type), pointer :: system => null()
     type(time_load_type) :: load
     type(base_motion_type) :: base
+    !> What is kept of the state, at the start, (u_1, u'_1, ...).
+    real(wp), allocatable :: first(:)
   contains
     procedure :: make
+    procedure(start_interface), deferred :: start
   end type hereditary_runs
+
+  abstract interface
+
+    !> A run at its start, in steps h, its past kept as `past` says; `shortest`: the shortest step
+    !! that kernels are fitted for, without: h.
+    subroutine start_interface(self, job, base, past, h, solved, run, reason, shortest)
+      import :: base_motion_type, hereditary_job, hereditary_runs, march_type, wp
+      class(hereditary_runs), intent(in) :: self
+      type(hereditary_job), intent(in) :: job
+      type(base_motion_type), intent(inout) :: base
+      integer, intent(in) :: past
+      !> `solved`: relative error of the kernels as exponentials and of a step's solution.
+      real(wp), intent(in) :: h, solved
+      class(march_type), allocatable, intent(out) :: run
+      integer, intent(out) :: reason
+      real(wp), intent(in), optional :: shortest
+    end subroutine start_interface
+
+  end interface
+
+  !> Runs whose state are the coordinates themselves.
+  type, extends(hereditary_runs) :: coordinate_runs
+  contains
+    procedure :: start => start_coordinates
+  end type coordinate_runs
 
 contains
 
@@ -105,11 +134,12 @@ contains
     real(wp), intent(in) :: fastest
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
-    type(hereditary_runs) :: maker
+    type(coordinate_runs) :: maker
     real(wp) :: frequency
     integer :: k
 
     maker%system => system
+    maker%first = job%initial
     allocate (maker%load%frequencies(size(load%orders)))
     allocate (maker%load%amplitudes(system%n_dof(), size(load%orders)))
     allocate (maker%load%breaks(0), maker%load%pieces(system%n_dof(), 4, 0))
@@ -137,26 +167,23 @@ contains
     integer, intent(in) :: thinning
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
-    type(hereditary_type) :: run
+    class(march_type), allocatable :: run
     type(base_motion_type) :: base
     real(wp), allocatable :: states(:, :), shortest
-    real(wp), dimension(size(job%initial)/2) :: u, v
-    real(wp) :: no_times(0), no_states(size(job%initial), 0)
+    real(wp), dimension(size(self%first)/2) :: u, v
+    real(wp) :: no_times(0), no_states(size(self%first), 0)
     integer(i8) :: every, kept, i
     integer :: reached, reason
 
     if (counting) call count_up(counted_runs, 1)
     every = int(job%save_every, i8)*thinning
     trajectory%h = job%t_end/real(n, wp)
-    allocate (states(size(job%initial), merge(0_i8, n/every, job%last_only)))
+    allocate (states(size(self%first), merge(0_i8, n/every, job%last_only)))
     do i = 1, 2
       base = self%base
-      u = job%initial(1::2)
-      v = job%initial(2::2)
-      call base%add_to(0.0_wp, u, v, share=-1.0_wp)
       select type (job)
       type is (hereditary_job)
-        call begin(self, job, n, u, v, trajectory%h, shortest, run, reason, status)
+        call begin(self, job, base, n, trajectory%h, shortest, run, reason, status)
       end select
       if (status%failed()) return
       if (reason /= begun) then
@@ -173,32 +200,55 @@ contains
     end do
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
-      allocate (trajectory%states(size(job%initial), 1))
-      u = run%u
-      v = run%v
+      allocate (trajectory%states(size(self%first), 1))
+      trajectory%states(:, 1) = self%first
+      if (reason /= begun) return
+      call run%observe(u, v)
       call base%add_to(trajectory%t_reached, u, v)
       trajectory%states(1::2, 1) = u
       trajectory%states(2::2, 1) = v
       return
     end if
     kept = trajectory%n_steps/every
-    allocate (trajectory%states(size(job%initial), kept + 1), trajectory%t(kept + 1))
-    trajectory%states(:, 1) = job%initial
+    allocate (trajectory%states(size(self%first), kept + 1), trajectory%t(kept + 1))
+    trajectory%states(:, 1) = self%first
     trajectory%states(:, 2:) = states(:, :kept)
     do i = 0, kept
       trajectory%t(i + 1) = real(every*i, wp)*trajectory%h
     end do
   end subroutine make
 
+  subroutine start_coordinates(self, job, base, past, h, solved, run, reason, shortest)
+    class(coordinate_runs), intent(in) :: self
+    type(hereditary_job), intent(in) :: job
+    type(base_motion_type), intent(inout) :: base
+    integer, intent(in) :: past
+    real(wp), intent(in) :: h, solved
+    class(march_type), allocatable, intent(out) :: run
+    integer, intent(out) :: reason
+    real(wp), intent(in), optional :: shortest
+    type(hereditary_type), allocatable :: own
+    real(wp), dimension(size(self%first)/2) :: u, v
+
+    u = self%first(1::2)
+    v = self%first(2::2)
+    call base%add_to(0.0_wp, u, v, share=-1.0_wp)
+    allocate (own)
+    call new_hereditary(own, self%system, self%load, nodes(job%method), past, job%held, u, v, h, &
+                        reach*job%t_end, solved, reason, shortest=shortest)
+    call move_alloc(own, run)
+  end subroutine start_coordinates
+
   !> The run at its start, its past kept as the job wants it.
-  subroutine begin(self, job, n, u, v, h, shortest, run, reason, status)
+  subroutine begin(self, job, base, n, h, shortest, run, reason, status)
     class(hereditary_runs), intent(in) :: self
     type(hereditary_job), intent(in) :: job
+    type(base_motion_type), intent(inout) :: base
     integer(i8), intent(in) :: n
-    real(wp), intent(in) :: u(:), v(:), h
+    real(wp), intent(in) :: h
     !> Shortest step that the kernels are fitted for; not allocated: h.
     real(wp), allocatable, intent(in) :: shortest
-    type(hereditary_type), intent(out) :: run
+    class(march_type), allocatable, intent(out) :: run
     integer, intent(out) :: reason
     type(status_type), intent(out) :: status
     real(wp) :: solved
@@ -211,11 +261,9 @@ contains
     solved = max(0.1_wp*solved, rounding)
     past = past_exponentials
     if (job%past == keep_direct) past = past_direct
-    call new_hereditary(run, self%system, self%load, nodes(job%method), past, job%held, &
-                        u, v, h, reach*job%t_end, solved, reason, shortest=shortest)
+    call self%start(job, base, past, h, solved, run, reason, shortest)
     if (reason == no_exponentials .and. job%past == past_auto .and. n <= most_direct) then
-      call new_hereditary(run, self%system, self%load, nodes(job%method), past_direct, job%held, &
-                          u, v, h, reach*job%t_end, solved, reason, shortest=shortest)
+      call self%start(job, base, past_direct, h, solved, run, reason, shortest)
     end if
     select case (reason)
     case (begun, step_too_large)
@@ -245,16 +293,16 @@ contains
            //plan_steps(job)
     moved = moved_coordinates(system, driven(job, system, load))
     if (all(moved)) then
-      text = text//plan_system(job, system, load)
+      text = text//plan_forces(job, system, load)
     else
       call reduce(system, moved, reduced)
-      text = text//plan_system(job, reduced, load)//tell_idle(moved)
+      text = text//plan_forces(job, reduced, load)//tell_idle(moved)
     end if
     text = text//tell_zeros(system, load)
   end function plan_hereditary
 
   !> The lines about forces and what is remembered of them.
-  function plan_system(job, system, load) result(text)
+  function plan_forces(job, system, load) result(text)
     type(hereditary_job), intent(in) :: job
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -300,6 +348,6 @@ contains
         .and. .not. load%moves_base()) then
       text = text//'skips: fine steps at a singular start (it starts from rest without load)'//nl
     end if
-  end function plan_system
+  end function plan_forces
 
 end module viscovib_hereditary_job

@@ -1,11 +1,11 @@
 !> Natural frequencies and mode shapes of any system about rest, without damping and memory.
 module viscovib_modes_job
   use viscovib_constants, only: pi
+  use viscovib_free_structure, only: structure_modes
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_oscillator_modes, only: oscillator_modes
   use viscovib_status, only: set_ok, show, status_type, things
-  use viscovib_structure_model, only: structure_modes
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
   implicit none

@@ -17,6 +17,7 @@ module viscovib_motion_job
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_simulate, only: run_completed, run_names
   use viscovib_status, only: set_ok, show, status_type, things
+  use viscovib_structure_job, only: plan_structure, run_structure_job
   use viscovib_subject, only: subject_type
   use viscovib_table, only: listed_units, table_type
   use viscovib_transient_job, only: trajectory_type, transient_job
@@ -67,7 +68,11 @@ contains
     associate (motion => self%motion)
       select type (motion)
       type is (hereditary_job)
-        text = plan_hereditary(motion, subject%oscillator(), subject%load)
+        if (subject%is_structure) then
+          text = subject%told()//plan_structure(motion, subject%structure, subject%model%load)
+        else
+          text = plan_hereditary(motion, subject%oscillator(), subject%load)
+        end if
       type is (transient_job)
         if (subject%is_pendulum) then
           text = plan_pendulum(motion, subject%pendulum)
@@ -133,8 +138,13 @@ contains
       select type (motion)
       type is (hereditary_job)
         method = trim(hereditary_methods(motion%method))
-        call run_hereditary_job(motion, subject%oscillator(), subject%load, &
-                                fastest_frequency(subject), trajectory, status)
+        if (subject%is_structure) then
+          call run_structure_job(motion, subject%model, subject%structure, places(self), &
+                                 trajectory, status)
+        else
+          call run_hereditary_job(motion, subject%oscillator(), subject%load, &
+                                  fastest_frequency(subject), trajectory, status)
+        end if
       type is (transient_job)
         method = trim(transient_methods(motion%method))
         if (subject%is_pendulum) then
@@ -151,6 +161,19 @@ contains
       end select
     end associate
   end subroutine move
+
+  !> Coordinates that tables hold, and spectra.
+  pure function places(self)
+    class(motion_job), intent(in) :: self
+    integer, allocatable :: places(:)
+    integer :: i
+    places = self%wanted
+    if (.not. self%spectrum%wanted) return
+    do i = 1, size(self%spectrum%transformed)
+      if (any(places == self%spectrum%transformed(i))) cycle
+      places = [places, self%spectrum%transformed(i)]
+    end do
+  end function places
 
   !> Fastest natural frequency of a mount, or an upper bound of the rates of a polynomial
   !! system.
@@ -195,7 +218,7 @@ contains
     type(status_type), intent(out) :: status
     type(table_type) :: table
     character(len=:), allocatable :: name
-    integer :: i
+    integer :: i, row
 
     if (counting) call count_up(counted_columns, size(self%wanted))
     call table%note('method '//method//', step '//trim(exact(trajectory%h))//', ' &
@@ -206,8 +229,9 @@ contains
     call table%add_reals('t', trajectory%t)
     do i = 1, size(self%wanted)
       name = trim(subject%coordinates(self%wanted(i)))
-      call table%add_reals(name, trajectory%states(2*self%wanted(i) - 1, :))
-      call table%add_reals(name//'_dot', trajectory%states(2*self%wanted(i), :))
+      row = trajectory%row_of(self%wanted(i))
+      call table%add_reals(name, trajectory%states(row, :))
+      call table%add_reals(name//'_dot', trajectory%states(row + 1, :))
     end do
     call sink%put(this_kind(), table, status)
   end subroutine put_motion
@@ -234,8 +258,8 @@ contains
                     //'time, phases in rad at the first sample')
     call table%hold_reals('omega', [(2.0_wp*pi/(kept*step)*k, k=0, kept/2)])
     do i = 1, size(self%transformed)
-      call amplitude_spectrum(trajectory%states(2*self%transformed(i) - 1, first:), self%window, &
-                              spectrum)
+      call amplitude_spectrum(trajectory%states(trajectory%row_of(self%transformed(i)), &
+                                                    first:), self%window, spectrum)
       name = trim(subject%coordinates(self%transformed(i)))
       call table%hold_reals(name//'_amplitude', modulus(spectrum))
       call table%hold_reals(name//'_phase', argument(spectrum))

@@ -60,6 +60,8 @@ module viscovib_transient_job
   type :: trajectory_type
     !> Times of the states kept, the start first; states, a column each.
     real(wp), allocatable :: t(:), states(:, :)
+    !> Which coordinates these are; not allocated: all.
+    integer, allocatable :: places(:)
     integer :: outcome = run_completed
     real(wp) :: h = 0.0_wp, t_reached = 0.0_wp
     !> Largest change of a state kept when the step was halved; negative if the
@@ -68,6 +70,7 @@ module viscovib_transient_job
     integer(i8) :: n_steps = 0
   contains
     procedure :: spread_out
+    procedure :: row_of
   end type trajectory_type
 
   !> What makes runs of one motion, with any number of steps.
@@ -112,6 +115,15 @@ contains
     states(pack([(i, i=1, size(states, 1))], state_mask(moved)), :) = self%states
     call move_alloc(states, self%states)
   end subroutine spread_out
+
+  !> Row of the states that holds a coordinate; its velocity is the next.
+  pure integer function row_of(self, coordinate) result(row)
+    class(trajectory_type), intent(in) :: self
+    integer, intent(in) :: coordinate
+    row = coordinate
+    if (allocated(self%places)) row = findloc(self%places, coordinate, 1)
+    row = 2*row - 1
+  end function row_of
 
   subroutine check_transient(job, system, status)
     class(transient_job), intent(in) :: job

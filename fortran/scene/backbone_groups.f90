@@ -5,17 +5,22 @@ module viscovib_backbone_groups
   use viscovib_checks, only: check_positive
   use viscovib_curve_groups, only: check_between, read_curve, read_switch, read_yes
   use viscovib_free_orders, only: most_chosen
+  use viscovib_free_structure, only: free_structure, structure_modes
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_limits, only: max_harmonics
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: equations_printed, pendulum_type
   use viscovib_status, only: show, status_type
+  use viscovib_structure, only: structure_type
+  use viscovib_structure_model, only: structure_model
   implicit none
   private
 
-  public :: read_backbone, read_free
+  public :: read_backbone, read_free, read_structure_backbone
 
+  !> Sizes that count as equal, relative.
+  real(wp), parameter :: equal = 1.0e-9_wp
   character(len=*), parameter :: pendulum_names(3) = [character(len=3) :: 'z', 'phi', 'psi']
 
 contains
@@ -30,6 +35,75 @@ contains
     type(status_type) :: status
     character(len=:), allocatable :: word, name
 
+    call read_common(reader, coordinates, job, name)
+    if (reader%status%failed()) return
+    call new_backbone_plan(plan, system, job%mode, job%dof, name, job%harmonics, &
+                           job%choose_harmonics, job%options%tolerance, status)
+    call reader%place(status)
+    if (status%failed() .or. job%dof > 0) return
+    word = reader%read_text('dof', trim(coordinates(plan%dof)), coordinates, job%dof)
+  end subroutine read_backbone
+
+  !> Of a structure, by the amplitude of any of its coordinates.
+  subroutine read_structure_backbone(reader, model, coordinates, job)
+    type(group_reader), intent(inout) :: reader
+    type(structure_model), intent(in) :: model
+    character(len=*), intent(in) :: coordinates(:)
+    type(backbone_job), intent(out) :: job
+    type(structure_model) :: free
+    type(structure_type) :: system
+    type(backbone_plan_type) :: plan
+    type(status_type) :: status
+    character(len=:), allocatable :: word, name
+    integer :: place
+
+    call read_common(reader, coordinates, job, name)
+    call check_between(reader, 'mode', job%mode, 0, size(model%mass, 1) - 1)
+    if (reader%status%failed()) return
+    place = job%dof
+    if (place == 0) call find_moving_most(model, job%mode, place, status)
+    if (place > 0) call free_structure(model, place, free, system, status)
+    if (.not. status%failed()) then
+      call new_backbone_plan(plan, system, job%mode, 1, name, job%harmonics, &
+                             job%choose_harmonics, job%options%tolerance, status)
+    end if
+    call reader%place(status)
+    if (status%failed() .or. job%dof > 0) return
+    word = reader%read_text('dof', trim(coordinates(place)), coordinates, job%dof)
+  end subroutine read_structure_backbone
+
+  !> The coordinate that moves most in a mode, weighed by the root of its inertia where that is its
+  !! own.
+  subroutine find_moving_most(model, mode, place, status)
+    type(structure_model), intent(in) :: model
+    !> Counted from 0.
+    integer, intent(in) :: mode
+    integer, intent(out) :: place
+    type(status_type), intent(out) :: status
+    real(wp) :: omega(size(model%mass, 1)), shapes(size(model%places, 1), size(model%mass, 1))
+    integer :: d
+
+    place = 0
+    call structure_modes(model, omega, shapes, status)
+    if (status%failed()) return
+    associate (moved => shapes(:, mode + 1))
+      moved = abs(moved)
+      if (.not. model%is_reduced) then
+        moved = moved*sqrt([(model%mass(d, d), d=1, size(moved))])
+      end if
+      place = findloc(moved >= (1.0_wp - equal)*maxval(moved), .true., 1)
+    end associate
+  end subroutine find_moving_most
+
+  !> What all but a pendulum have.
+  subroutine read_common(reader, coordinates, job, name)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: coordinates(:)
+    type(backbone_job), intent(inout) :: job
+    !> Of the coordinate whose amplitude counts; '' if none is named.
+    character(len=:), allocatable, intent(out) :: name
+    character(len=:), allocatable :: word
+
     allocate (job%switch(0))
     job%mode = reader%read_integer('mode', 0)
     call read_ends(reader, job)
@@ -40,13 +114,7 @@ contains
       word = reader%read_text('dof', allowed=coordinates, choice=job%dof)
       if (job%dof > 0) name = trim(coordinates(job%dof))
     end if
-    if (reader%status%failed()) return
-    call new_backbone_plan(plan, system, job%mode, job%dof, name, job%harmonics, &
-                           job%choose_harmonics, job%options%tolerance, status)
-    call reader%place(status)
-    if (status%failed() .or. job%dof > 0) return
-    word = reader%read_text('dof', trim(coordinates(plan%dof)), coordinates, job%dof)
-  end subroutine read_backbone
+  end subroutine read_common
 
   !> Of a pendulum.
   subroutine read_free(reader, pendulum, job)

@@ -102,7 +102,8 @@ contains
       subject%load = load
       return
     end if
-    call put_load(subject%model, load, subject%structure, subject%load, status)
+    call put_load(subject%model, load, place_of(file, 'transient') <= size(file%groups), &
+                  subject%structure, subject%load, status)
     if (status%failed()) status%message = file%path//': '//status%message
   end subroutine read_subject
 

@@ -30,8 +30,8 @@ module viscovib_scene_groups
     [character(len=15) :: 'scene', 'pendulum', 'spectrum', 'sweep'], &
                                  repeatable(6) = &
     [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'sweep'], &
-                                 of_structures(3) = &
-    [character(len=15) :: 'response', 'branch', 'modes']
+                                 of_structures(5) = &
+    [character(len=15) :: 'response', 'branch', 'backbone', 'modes', 'transient']
 
 contains
 
@@ -53,7 +53,8 @@ contains
     if (.not. (is_pendulum .or. is_polynomial .or. has(file, 'mount') &
                .or. has(file, 'structure'))) then
       if (has(file, 'transient')) then
-        call refuse(file, 'transient', '&transient: needs &mount, &system or &pendulum', status)
+        call refuse(file, 'transient', '&transient: needs &mount, &system, &structure or ' &
+                    //'&pendulum', status)
       else
         call refuse_lack(file, 'mount', status)
       end if

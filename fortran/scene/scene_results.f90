@@ -2,7 +2,7 @@
 !!
 !! A new analysis is added here: its name in `viscovib_scene_groups`, its case in `read_result`.
 module viscovib_scene_results
-  use viscovib_backbone_groups, only: read_backbone, read_free
+  use viscovib_backbone_groups, only: read_backbone, read_free, read_structure_backbone
   use viscovib_backbone_job, only: backbone_job
   use viscovib_branch_groups, only: begin_mount, read_branch
   use viscovib_branch_job, only: branch_job
@@ -11,6 +11,7 @@ module viscovib_scene_results
   use viscovib_group_reader, only: group_reader
   use viscovib_hereditary_job, only: hereditary_job
   use viscovib_job, only: job_type
+  use viscovib_kinds, only: wp
   use viscovib_modes_job, only: modes_job
   use viscovib_motion_groups, only: read_frequency, read_hereditary, read_spectrum, read_transient
   use viscovib_motion_job, only: motion_job
@@ -23,6 +24,7 @@ module viscovib_scene_results
   use viscovib_scales_job, only: scales_job
   use viscovib_scene_groups, only: find_result, place_of
   use viscovib_status, only: show, status_type
+  use viscovib_structure_model, only: structure_model
   use viscovib_subject, only: subject_type
   use viscovib_transient_job, only: transient_job
   use viscovib_wanted_coordinates, only: read_wanted
@@ -115,6 +117,8 @@ contains
     allocate (own)
     if (subject%is_pendulum) then
       call read_free(reader, subject%pendulum, own)
+    else if (subject%is_structure) then
+      call read_structure_backbone(reader, subject%model, subject%coordinates, own)
     else
       call read_backbone(reader, subject%oscillator(), subject%coordinates, own)
     end if
@@ -150,9 +154,10 @@ contains
     if (subject%is_pendulum) then
       call read_transient(reader, subject%pendulum, motion)
       call move_alloc(motion, own%motion)
-    else if (subject%remembers()) then
+    else if (subject%is_structure .or. subject%remembers()) then
       allocate (hereditary)
       call read_hereditary(reader, size(subject%coordinates), subject%load, hereditary)
+      if (subject%is_structure) call check_structure(reader, subject%model, hereditary)
       call move_alloc(hereditary, own%motion)
     else
       call read_frequency(reader, subject%load, own%nu)
@@ -166,6 +171,24 @@ contains
     call move_alloc(own, job)
   end subroutine read_motion_job
 
+  !> What a structure in time must not have.
+  subroutine check_structure(reader, model, job)
+    type(group_reader), intent(inout) :: reader
+    type(structure_model), intent(in) :: model
+    type(hereditary_job), intent(in) :: job
+    if (reader%status%failed()) return
+    if (abs(model%modal%loss) > 0.0_wp) then
+      call reader%complain('transient', '&transient: loss_factor has no meaning in time, must be ' &
+                           //'0 for a motion in time (take a kernel, or modal_damping)')
+    else if (model%is_reduced .and. any(abs(job%held) > 0.0_wp)) then
+      call reader%complain('held', 'held: must be 0 of a structure with shapes, whose ' &
+                           //'coordinates do not tell its state')
+    else if (model%is_reduced .and. any(abs(job%initial) > 0.0_wp)) then
+      call reader%complain('initial', 'initial: must be 0 of a structure with shapes, whose ' &
+                           //'coordinates do not tell its state')
+    end if
+  end subroutine check_structure
+
   !> The &spectrum group beside &transient.
   subroutine read_spectrum_of(reader, subject, job)
     type(group_reader), intent(inout) :: reader
@@ -175,7 +198,7 @@ contains
     select type (job)
     type is (motion_job)
       call read_spectrum(reader, job%motion, job%spectrum)
-      call read_wanted(reader, subject%coordinates, job%spectrum%transformed)
+      call read_wanted(reader, subject%coordinates, job%spectrum%transformed, subject%shown())
     end select
   end subroutine read_spectrum_of
 

@@ -121,7 +121,8 @@ contains
     end if
     model%modal%rayleigh = reader%read_reals('rayleigh', 2, [0.0_wp, 0.0_wp])
     model%modal%loss = reader%read_real('loss_factor', 0.0_wp)
-    if (reader%has('shapes')) then
+    model%is_reduced = reader%has('shapes')
+    if (model%is_reduced) then
       call reader%refuse(['base_direction'], 'belongs to a structure in all its coordinates, not ' &
                          //'to one with shapes')
       allocate (model%base_direction(rows), source=0.0_wp)

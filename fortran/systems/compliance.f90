@@ -25,6 +25,8 @@ module viscovib_compliance
   real(wp), parameter :: far = 4.0_wp
   !> Coordinates up to which such polynomials are made.
   integer, parameter :: most_seen = 12
+  !> Loss factor of a mode that is light.
+  real(wp), parameter :: light = 1.0e-4_wp
 
   type :: compliance_type
     !> Coordinates seen.
@@ -44,6 +46,8 @@ module viscovib_compliance
     !> seen times pushed, shape (n, n_seen, n_seen).
     real(wp), allocatable, private :: products(:, :, :)
     logical, private :: symmetric = .false.
+    !> Whether a mode hardly loses anything.
+    logical :: has_light = .false.
     !> Numbers of modes looked at one by one, the |s| up to which they will do, and the polynomials
     !! of the others in s/reach, shape (0:degree, n_seen, n_seen, number of levels).
     integer, allocatable, private :: kept(:)
@@ -55,6 +59,7 @@ module viscovib_compliance
     procedure :: on_axis
     procedure :: answer
     procedure :: least_loss
+    procedure :: leave_out
     procedure, private :: level_for
   end type compliance_type
 
@@ -89,6 +94,8 @@ contains
       end do
     end do
     self%symmetric = all(abs(self%seen - self%pushed) <= 0.0_wp)
+    self%has_light = any(self%rates(:n)*sqrt(abs(self%squares(:n))) + self%losses(:n) &
+                         <= light*abs(self%squares(:n)))
     call add_levels(self)
   end subroutine complete
 
@@ -392,6 +399,15 @@ contains
       end do
     end do
   end subroutine answer
+
+  !> Take real modes out of the sums; none of these may be among those that are but a polynomial.
+  pure subroutine leave_out(self, modes)
+    class(compliance_type), intent(inout) :: self
+    integer, intent(in) :: modes(:)
+    self%seen(modes, :) = 0.0_wp
+    self%pushed(modes, :) = 0.0_wp
+    self%products(modes, :, :) = 0.0_wp
+  end subroutine leave_out
 
   !> The smallest loss factor of all modes that oscillate: 2 zeta.
   pure real(wp) function least_loss(self) result(loss)

@@ -14,6 +14,7 @@ module viscovib_structure
   use viscovib_dense, only: invert
   use viscovib_kinds, only: wp
   use viscovib_polynomial, only: polynomial_type
+  use viscovib_resonant_compliance, only: bordered, bordered_slope, near_modes, without_modes
   implicit none
   private
 
@@ -56,7 +57,7 @@ contains
     call self%rest%on_axis(mu, h)
     do k = 1, size(mu)
       if (abs(mu(k)) > 0.0_wp) then
-        call invert_compliance(h(:, :, k), stiffness(:, :, k))
+        call invert_at(self, mu(k), h(:, :, k), stiffness(:, :, k))
       else
         stiffness(:, :, k) = self%rest%stiffness_at_rest
       end if
@@ -70,6 +71,27 @@ contains
       end do
     end do
   end subroutine dynamic_stiffness
+
+  !> H(i mu)^-1, from H where no mode is next to a resonance.
+  pure subroutine invert_at(self, mu, h, stiffness)
+    class(structure_type), intent(in) :: self
+    real(wp), intent(in) :: mu
+    complex(wp), intent(in) :: h(:, :)
+    complex(wp), intent(out) :: stiffness(:, :)
+    complex(wp), allocatable :: x(:, :)
+    integer, allocatable :: near(:)
+    integer :: q
+
+    allocate (near, source=near_modes(self%rest, mu))
+    if (size(near) == 0) then
+      call invert_compliance(h, stiffness)
+      return
+    end if
+    q = size(h, 1)
+    allocate (x(q + size(near), q + size(near)))
+    call bordered(self%rest, near, mu, x)
+    stiffness = x(:q, :q)
+  end subroutine invert_at
 
   pure subroutine invert_compliance(h, stiffness)
     complex(wp), intent(in) :: h(:, :)
@@ -103,6 +125,11 @@ contains
         p = self%loads(j)%at_rest
         return
       end if
+      if (size(near_modes(self%rest, order*nu)) > 0) then
+        p = near_forces(self, near_modes(self%rest, order*nu), order*nu, 0.0_wp*p, self%loads(j), &
+                        -1.0_wp)
+        cycle
+      end if
       call deflections(self, self%loads(j), order*nu, y)
       if (present(stiffness) .and. present(fraction)) then
         p = matmul(stiffness, y)
@@ -117,6 +144,44 @@ contains
       end if
     end do
   end function load_coefficient
+
+  !> H^-1 (Y - s Y0) next to resonances, and its derivative by mu.
+  pure function near_forces(self, near, mu, y, load, factor, slope) result(forces)
+    class(structure_type), intent(in) :: self
+    integer, intent(in) :: near(:)
+    real(wp), intent(in) :: mu
+    complex(wp), intent(in) :: y(:)
+    type(structure_load), intent(in) :: load
+    real(wp), intent(in) :: factor
+    !> Whether the derivative is wanted instead.
+    logical, intent(in), optional :: slope
+    complex(wp) :: forces(size(y))
+    complex(wp), dimension(size(y) + size(near), size(y) + size(near)) :: x, bend
+    complex(wp), dimension(size(y) + size(near)) :: right, right_slope
+    type(structure_load) :: others
+    type(structure_type) :: rest
+    integer :: q
+
+    q = size(y)
+    call bordered(self%rest, near, mu, x)
+    rest%rest = self%rest
+    call rest%rest%leave_out(near)
+    others = load
+    others%force = without_modes(load%force, near)
+    others%base = without_modes(load%base, near)
+    call deflections(rest, others, mu, right(:q), right_slope(:q))
+    right(q + 1:) = load%force%modes(near) + mu**2*load%base%modes(near)
+    right_slope(q + 1:) = 2.0_wp*mu*load%base%modes(near)
+    right = -factor*right
+    right_slope = -factor*right_slope
+    right(:q) = right(:q) + y
+    right = matmul(x, right)
+    if (present(slope)) then
+      call bordered_slope(self%rest, near, mu, bend)
+      right = matmul(x, right_slope - matmul(bend, right))
+    end if
+    forces = right(:q)
+  end function near_forces
 
   !> Y0 of one harmonic, and its derivative by mu.
   pure subroutine deflections(self, load, mu, y, slope)
@@ -152,11 +217,22 @@ contains
     complex(wp), dimension(size(y, 2), size(y, 2), size(orders)) :: h, slope
     complex(wp) :: inverse(size(y, 2), size(y, 2))
     complex(wp), dimension(size(y, 2)) :: free, free_slope, moved
+    type(structure_load) :: nothing
+    integer, allocatable :: near(:)
     integer :: j, k
 
     call self%rest%on_axis(orders*nu, h, slope)
     do k = 1, size(orders)
       if (orders(k) == 0) cycle
+      near = near_modes(self%rest, orders(k)*nu)
+      if (size(near) > 0) then
+        j = findloc(self%loads%order, orders(k), 1)
+        if (j > 0) nothing = self%loads(j)
+        if (j == 0) nothing = no_load(self)
+        total(k, :) = total(k, :) + orders(k)*near_forces(self, near, orders(k)*nu, y(k, :), &
+                                                          nothing, factor, .true.)
+        cycle
+      end if
       call invert_compliance(h(:, :, k), inverse)
       moved = y(k, :)
       free_slope = (0.0_wp, 0.0_wp)
@@ -171,6 +247,19 @@ contains
     associate (not_needed => [size(load_orders), size(force), size(base)])
     end associate
   end subroutine add_frequency_slope
+
+  pure type(structure_load) function no_load(self)
+    class(structure_type), intent(in) :: self
+    complex(wp) :: none(size(self%gather, 2))
+
+    none = (0.0_wp, 0.0_wp)
+    no_load%force%modes = spread((0.0_wp, 0.0_wp), 1, self%rest%n_modes)
+    no_load%force%poles = 0.0_wp*self%rest%poles
+    no_load%force%flexible = none
+    no_load%force%flexible_rate = none
+    call self%rest%complete_push(no_load%force)
+    no_load%base = no_load%force
+  end function no_load
 
   !> All: the rest lies between them.
   pure function coupling(self) result(coupled)

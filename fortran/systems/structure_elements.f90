@@ -19,6 +19,8 @@ module viscovib_structure_elements
     type(law_term), allocatable :: laws(:)
     !> 0: none.
     integer :: kernel = 0
+    !> Not a force: its deflection is one of those left.
+    logical :: is_watched = .false.
     !> e in terms of the directions found, shape (n_directions), where it is active.
     real(wp), allocatable :: mix(:)
   contains
@@ -34,7 +36,7 @@ contains
   !> Whether it is more than elastic.
   pure logical function is_active(self)
     class(element_type), intent(in) :: self
-    is_active = size(self%laws) > 0 .or. any(abs(self%powers) > 0.0_wp) &
+    is_active = self%is_watched .or. size(self%laws) > 0 .or. any(abs(self%powers) > 0.0_wp) &
                 .or. (self%kernel > 0 .and. abs(self%stiffness) > 0.0_wp)
   end function is_active
 

@@ -6,6 +6,7 @@ module viscovib_structure_model
   use viscovib_load, only: load_type, new_load
   use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: max_coordinates, new_polynomial, polynomial_parameters
+  use viscovib_resonant_compliance, only: bordered, near_modes
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_structure, only: structure_type
   use viscovib_structure_elements, only: element_type, find_directions, put_laws
@@ -14,7 +15,7 @@ module viscovib_structure_model
   implicit none
   private
 
-  public :: structure_model, condense, put_load, expand, structure_modes
+  public :: structure_model, condense, put_load, expand, add_linear
 
   !> Monomials that all elements together may have.
   integer, parameter :: most_terms = 20000
@@ -28,6 +29,8 @@ module viscovib_structure_model
     !! coordinates, shape (n_places, n): of a reduced structure its shapes, else the unit matrix.
     real(wp), allocatable :: mass(:, :), damping(:, :), stiffness(:, :), places(:, :)
     type(modal_damping) :: modal
+    !> Whether the places are but some of what its coordinates stand for.
+    logical :: is_reduced = .false.
     !> How the places move with the base, shape (n_places).
     real(wp), allocatable :: base_direction(:)
     type(element_type), allocatable :: elements(:)
@@ -41,6 +44,7 @@ module viscovib_structure_model
     real(wp), allocatable, private :: held(:, :), turn(:, :)
   contains
     procedure :: told
+    procedure :: all_damping
     procedure, private :: at_rest
   end type structure_model
 
@@ -166,36 +170,13 @@ contains
     end do
   end subroutine add_linear
 
-  !> Undamped modes with the linear stiffness of elements.
-  subroutine structure_modes(model, omega, shapes, status)
-    type(structure_model), intent(in) :: model
-    !> Circular frequencies (rad/s), negative where the square is; shapes of the places, the
-    !! largest entry of each 1, shape (n_places, n).
-    real(wp), intent(out) :: omega(:), shapes(:, :)
-    type(status_type), intent(out) :: status
-    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping
-    type(rest_type) :: rest
-    type(modal_damping) :: none
-    integer :: i
-
-    call add_linear(model, stiffness, damping)
-    damping = 0.0_wp
-    if (.not. is_symmetric(stiffness)) then
-      call fail(status, status_input_error, 'stiffness', 'stiffness: must be symmetric for modes ' &
-                //'without damping')
-      return
-    end if
-    none%ratios = 0.0_wp*model%modal%ratios
-    call new_rest(rest, model%mass, damping, stiffness, model%places, none, status)
-    if (status%failed()) return
-    omega = sign(sqrt(abs(rest%squares)), rest%squares)
-    do i = 1, size(omega)
-      associate (largest => rest%shapes(maxloc(abs(rest%shapes(:, i)), 1), i))
-        shapes(:, i) = rest%shapes(:, i)
-        if (abs(largest) > 0.0_wp) shapes(:, i) = rest%shapes(:, i)/largest
-      end associate
-    end do
-  end subroutine structure_modes
+  !> C with the dampers of elements and Rayleigh's factors.
+  function all_damping(self) result(damping)
+    class(structure_model), intent(in) :: self
+    real(wp), dimension(size(self%mass, 1), size(self%mass, 1)) :: damping, stiffness
+    call add_linear(self, stiffness, damping)
+    damping = damping + self%modal%rayleigh(1)*self%mass + self%modal%rayleigh(2)*stiffness
+  end function all_damping
 
   !> The limit of H^-1 at rest: y = elastic h + seen eta, 0 = seen^T h + loads of rigid bodies, with
   !! forces h and rigid bodies eta.
@@ -257,9 +238,11 @@ contains
   end subroutine find_static
 
   !> Loads on the places, and those of the condensed coordinates that stand for them.
-  subroutine put_load(model, load, system, condensed, status)
+  subroutine put_load(model, load, in_time, system, condensed, status)
     type(structure_model), intent(inout) :: model
     type(load_type), intent(in) :: load
+    !> A motion in time is wanted, which needs no position of rest.
+    logical, intent(in) :: in_time
     type(structure_type), intent(inout) :: system
     !> It only tells which orders there are, and where the base is.
     type(load_type), intent(out) :: condensed
@@ -286,7 +269,7 @@ contains
         own%force%modes = push
         own%force%poles = pole
         own%at_rest = nothing
-        if (own%order == 0) then
+        if (own%order == 0 .and. .not. in_time) then
           call model%at_rest(system, nothing, push, pole, own%at_rest, eta, status)
           if (status%failed()) return
           own%at_rest = -own%at_rest
@@ -364,7 +347,9 @@ contains
     complex(wp), intent(in) :: y(:, :)
     !> Absolute, shape (n_orders, n_wanted).
     complex(wp), intent(out) :: u(:, :)
-    complex(wp), allocatable :: push(:), pole(:), h(:), eta(:), t(:), w(:), y0(:)
+    complex(wp), allocatable :: push(:), pole(:), h(:), eta(:), t(:), w(:), y0(:), amplitudes(:)
+    complex(wp), allocatable :: found(:)
+    integer, allocatable :: near(:)
     complex(wp) :: c(size(y, 2), size(y, 2)), s, base
     type(status_type) :: status
     integer :: j, k, q
@@ -396,11 +381,22 @@ contains
           where (.not. abs(t) > 0.0_wp) t = epsilon(1.0_wp)*abs(rest%squares) + tiny(1.0_wp)
           t = 1.0_wp/t
           w = 1.0_wp/(s - rest%poles)
+          near = near_modes(system%rest, aimag(s))
+          amplitudes = push(near)
+          ! Modes next to a resonance are unknowns of their own.
+          t(near) = 0.0_wp
           y0 = matmul(t*push, seen) + matmul(w*pole, system%rest%left)
-          call system%rest%evaluate(s, c)
-          h = forces(c, y(k, :) - y0)
+          if (size(near) > 0) then
+            found = near_answer(system, near, aimag(s), [y(k, :) - y0, -amplitudes])
+            h = found(:q)
+            amplitudes = found(q + 1:)
+          else
+            call system%rest%evaluate(s, c)
+            h = forces(c, y(k, :) - y0)
+          end if
         end if
         push = t*(push + matmul(seen, h))
+        if (orders(k) /= 0) push(near) = amplitudes
         if (orders(k) == 0) push = unpack(eta, .not. abs(rest%squares) > 0.0_wp, push)
         pole = w*(pole + matmul(system%rest%right, h))
         u(k, :) = matmul(rest%shapes(wanted, :), push) + matmul(rest%left(wanted, :), pole) &
@@ -409,6 +405,17 @@ contains
       deallocate (h)
     end do
   end subroutine expand
+
+  !> Forces on the rest, and amplitudes of modes next to a resonance.
+  function near_answer(system, near, mu, right) result(x)
+    type(structure_type), intent(in) :: system
+    integer, intent(in) :: near(:)
+    real(wp), intent(in) :: mu
+    complex(wp), intent(in) :: right(:)
+    complex(wp) :: x(size(right)), inverse(size(right), size(right))
+    call bordered(system%rest, near, mu, inverse)
+    x = matmul(inverse, right)
+  end function near_answer
 
   !> H^-1 y.
   pure function forces(h, y) result(x)

@@ -113,6 +113,7 @@ contains
     do k = 1, doublings + 1
       start%ends(k) = scale(h, k - 1 - doublings)
     end do
+    local = 0.0_wp
     do k = 1, size(system%kernels)
       if (.not. any(channels%kernel_of == k)) cycle
       call local_weights(system%kernels(k)%kernel, system%memory_scale, start%table, &

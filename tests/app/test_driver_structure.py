@@ -214,8 +214,10 @@ def test_refused_element(solve, tmp_path, given):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (GOOD.format("") + "&load amplitude=1 /\n&transient t_end=1 /\n", "computed by Python"),
-        (GOOD.format("") + "&backbone from=0.1 to=1 /\n", "(Scene.structure), here are &response"),
+        (
+            GOOD.format("") + "&load amplitude=1 /\n&multiple_scales nu_from=1 nu_to=2 /\n",
+            "(Scene.structure), here are &response",
+        ),
         ("&element on='x1' /\n&mount mass=1 /\n" + END, "&element: needs &structure"),
         (GOOD.format("") + "&mount mass=1 /\n" + END, "give one of them"),
         (

@@ -339,6 +339,69 @@ def test_backbone_is_that_of_the_whole_chain(dof: str | None) -> None:
         assert abs(b.nu[0] / whole.natural_frequencies()[mode] - 1) < 1e-4
 
 
+@pytest.mark.parametrize("dof", ["x1", "x4", "x6"])
+def test_small_free_motions_are_those_of_perturbation(dof: str) -> None:
+    """nu^2 = w^2 + A^2 lambda, u = A (u0 + A^2 u1) of the first order, next to a resonance.
+
+    There the compliance of the deflections x1 - x2, x2, x4 is that of one mode alone; x1 depends
+    on them.
+    """
+    n, at = 6, int(dof[1]) - 1
+    k = chain(n) + np.diag(np.linspace(0, 1, n))
+    elements = [
+        vv.Spring(on=("x1", "x2"), law="0.5*d^3"), vv.Spring(on="x2", law="0.3*d^3"),
+        vv.Spring(on="x4", law="0.3*d^3"),
+    ]  # fmt: skip
+    structure = vv.Structure(mass=np.eye(n), stiffness=k, elements=elements)
+    free = vv.backbone(structure, 0, (1e-6, 3e-5), dof=dof, harmonics=1)
+    squares, v = np.linalg.eigh(k)
+    u0 = v[:, 0] / v[at, 0]
+    force = np.zeros(n)
+    force[:2] = np.array([1, -1]) * 0.75 * 0.5 * (u0[0] - u0[1]) ** 3
+    force[[1, 3]] += 0.75 * 0.3 * u0[[1, 3]] ** 3
+    slope = (v[:, 0] @ force) / (v[:, 0] @ u0)
+    u1 = v[:, 1:] @ ((v[:, 1:].T @ (slope * u0 - force)) / (squares[1:] - squares[0]))
+    u1 -= u0 * u1[at]
+    size = free.coefficients[:, at, 0].imag
+    true = size[:, np.newaxis] * (u0 + np.outer(size**2, u1))
+    assert (np.abs(free.coefficients[:, :, 0].imag - true).max(axis=1) < 1e-13 * size).all()
+    assert np.abs(free.nu**2 - squares[0] - slope * size**2).max() < 1e-14
+
+
+def test_peaks_of_a_sum_of_deflections() -> None:
+    """Peaks of x1 with elements along x1 - x2 and x2, against the same by elements along x1, x2."""
+    n, law = 6, "0.5*d^3"
+    elements = [vv.Spring(on=("x1", "x2"), law=law), vv.Spring(on="x2", law="3*tanh(d) + d^4")]
+    given = {"mass": np.eye(n), "stiffness": chain(n), "damping": 0.03 * chain(n)}
+    more = [*elements, vv.Spring(on="x1", law="1e-40*d^3")]
+    peaks = [
+        vv.trace_response(
+            vv.Structure(**given, elements=own), (0.2, 0.7), load=np.full(n, 0.05)
+        ).peak("x1")[:2]
+        for own in (elements, more)
+    ]
+    assert peaks[0] == pytest.approx(peaks[1], rel=1e-9)
+
+
+def test_forced_in_a_resonance_without_damping() -> None:
+    """In the very frequency of a mode; the whole system as the judge."""
+    n = 6
+    k = chain(n) + np.diag(np.linspace(0, 1, n))
+    elements = [vv.Spring(on=f"x{i}", law="0.5*d^3") for i in (1, 2, 4)]
+    structure = vv.Structure(mass=np.eye(n), stiffness=k, elements=elements)
+    forces = [f"0.5*x{i}^3" if i in (1, 2, 4) else "0" for i in range(1, n + 1)]
+    # A force that is too small to matter, on too many coordinates to condense.
+    forces = [f"{law} + 1e-40*x{i + 1}^3" for i, law in enumerate(forces)]
+    whole = vv.PolynomialSystem(mass=np.eye(n), stiffness=k, forces=forces)
+    nu = np.sqrt(np.linalg.eigvalsh(k)[[1, 3]])
+    load = np.linspace(0.02, 0.1, n)
+    given = {"load": load, "method": "newton", "harmonics": 5, "start": {1: 0.3j * np.ones(n)}}
+    a, b = (vv.forced_response(s, nu, **given) for s in (whole, structure))
+    assert a.converged.all()
+    assert b.converged.all()
+    assert np.abs(a.coefficients - b.coefficients).max() < 1e-11 * np.abs(a.coefficients).max()
+
+
 def test_polynomial_systems_are_condensed_underneath() -> None:
     """Also where the whole one has more coordinates than the core takes."""
     n = 12

@@ -240,6 +240,8 @@ def _watched(
     watched, row = view.loaded.watching(int(view.places[d]))
     moved = factor * view.loaded.base_motion(result.harmonics[kept])
     own = result._condensed[places][:, :, kept] + moved
-    if row == own.shape[1]:
-        own = np.concatenate([own, result.coefficients[places][:, d : d + 1, kept]], axis=1)
+    # Another one, or in place of one.
+    after = slice(row + 1 if row < own.shape[1] else row, None)
+    this = result.coefficients[places][:, d : d + 1, kept]
+    own = np.concatenate([own[:, :row], this, own[:, after]], axis=1)
     return watched, own, row

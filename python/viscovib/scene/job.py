@@ -26,7 +26,7 @@ from viscovib.results.response import Response
 from viscovib.results.scales import ScalesResponse
 from viscovib.results.trajectory import Trajectory, given_plan
 from viscovib.scene.scene import Scene, read_text, texts
-from viscovib.scene.table import TableResult, run_table
+from viscovib.scene.table import TableResult, run_tables
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -61,7 +61,7 @@ class SceneResult:
         Response | Branch | DrivenBranch | Backbone | Trajectory | ScalesResponse | TableResult
         | xr.Dataset
     )  # fmt: skip
-    spectrum: Spectrum | None = None
+    spectrum: Spectrum | TableResult | None = None
     switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] = ()
 
     @property
@@ -169,9 +169,11 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
 
 
 def _by_core(scene: Scene, planned: Plan) -> SceneResult:
-    """Let the core do all of it: the table of the standalone driver, read back."""
-    kind = next(name for name in scene.groups if name not in _SUBJECTS and scene.groups[name])
-    return SceneResult(scene, run_table(scene, kind, planned))
+    """Let the core do all of it: the tables of the standalone driver, read back."""
+    kinds = [name for name in scene.groups if name not in _SUBJECTS and scene.groups[name]]
+    kinds.sort(key="spectrum".__eq__)
+    first, *others = run_tables(scene, kinds, planned)
+    return SceneResult(scene, first, others[0] if others else None)
 
 
 def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:

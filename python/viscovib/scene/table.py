@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -87,8 +88,11 @@ class TableResult(Result):
         return Table(list(self.notes), dict(self.columns))
 
 
-def run_table(scene: Scene, kind: str, plan: Plan) -> TableResult:
-    """Let the core do what a scene asks for, as the standalone driver does, and read its table."""
+def run_tables(scene: Scene, kinds: Sequence[str], plan: Plan) -> list[TableResult]:
+    """Let the core do what a scene asks for, as the standalone driver does, and read its tables.
+
+    ``kinds``: their names, as in those of the files.
+    """
     with TemporaryDirectory(prefix="viscovib") as folder:
         text, length, complete = _native.call(
             core.scene_run,
@@ -97,20 +101,35 @@ def run_table(scene: Scene, kind: str, plan: Plan) -> TableResult:
             folder.encode(),
             4096,
         )
-        path = Path(folder) / f"{scene.path.stem}_{kind}.csv"
-        lines = path.read_text(encoding="utf-8").splitlines()
+        told = bytes(text.tobytes()[:length]).decode()
+        return [
+            _read(scene, kind, Path(folder), plan, complete=bool(complete), told=told)
+            for kind in kinds
+            if complete or _path(scene, kind, Path(folder)).exists()
+        ]
+
+
+def _path(scene: Scene, kind: str, folder: Path) -> Path:
+    return folder / f"{scene.path.stem}_{kind}.csv"
+
+
+def _read(
+    scene: Scene, kind: str, folder: Path, plan: Plan, *, complete: bool, told: str
+) -> TableResult:
+    """One of the tables."""
+    lines = _path(scene, kind, folder).read_text(encoding="utf-8").splitlines()
     notes = [line.removeprefix("# ") for line in lines if line.startswith("#")]
     title = scene.groups.get("scene", {}).get("title", "")
-    told = {f"viscovib {version('viscovib')}, scene {scene.path}", title, *str(plan).splitlines()}
+    known = {f"viscovib {version('viscovib')}, scene {scene.path}", title, *str(plan).splitlines()}
     names, *rows = csv.reader(line for line in lines if not line.startswith("#"))
     values = map(_numbers, zip(*rows, strict=True))
     return TableResult(
         kind=kind,
         columns=dict(zip(names, values, strict=True)),
-        notes=tuple(note for note in notes if note not in told),
+        notes=tuple(note for note in notes if note not in known),
         plan=plan,
-        complete=bool(complete),
-        _told=bytes(text.tobytes()[:length]).decode(),
+        complete=complete,
+        _told=told,
     )
 
 

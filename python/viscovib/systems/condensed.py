@@ -282,10 +282,11 @@ class LoadedStructure:
         for row, direction in enumerate(c.laws.directions.T):
             if (direction == one).all():
                 return self, row
-        more = Condensation(c.rest, c.laws.watching(one), c.reduced)
+        laws, row = c.laws.watching(one)
+        more = Condensation(c.rest, laws, c.reduced)
         return LoadedStructure(
             more, self.orders, self.forces, self.base, self._inertia, self.direction
-        ), c.q
+        ), row
 
     def expand(
         self,

@@ -42,8 +42,51 @@ class Laws(NamedTuple):
     #: Laws that are no polynomials.
     programs: tuple[LawPlace, ...] = ()
 
-    def watching(self, direction: FloatArray) -> "Laws":
-        """The same with one more coordinate, in which no force acts."""
+    def watching(self, direction: FloatArray) -> tuple["Laws", int]:
+        """The same with a direction among those of the coordinates, and which one it is.
+
+        One more, in which no force acts; or in place of another where it depends on them.
+        """
+        q = self.directions.shape[1]
+        weights = np.linalg.lstsq(self.directions, direction, rcond=None)[0]
+        left = np.linalg.norm(direction - self.directions @ weights)
+        if left > _DEPENDENT * np.linalg.norm(direction):
+            return self._with_one_more(direction), q
+        # y_j, in which there is most of it, from the new coordinate and the others.
+        j = int(np.abs(weights).argmax())
+        turn = np.eye(q)
+        turn[j] = -weights / weights[j]
+        turn[j, j] = 1 / weights[j]
+        chosen = self.directions.copy()
+        chosen[:, j] = direction
+        return self._turned(turn, chosen), j
+
+    def _turned(self, turn: FloatArray, directions: FloatArray) -> "Laws":
+        """The same in other coordinates, y = turn z: forces turn^T g(turn z)."""
+        q = turn.shape[0]
+        mixes = [{int(i): float(row[i]) for i in np.flatnonzero(row)} for row in turn]
+        forces = []
+        for group in self.forces:
+            own: Monomials = {}
+            for (on, powers), c in group.items():
+                factors = [(mixes[b], power) for b, power in enumerate(powers) if power]
+                _add_force(own, c, mixes[on], factors, q)
+            forces.append(own)
+        programs = []
+        for one in self.programs:
+            weights = np.zeros(q)
+            weights[list(one.targets)] = list(one.targets.values())
+            targets = turn.T @ weights
+            programs.append(
+                one._replace(
+                    reads=one.reads @ turn,
+                    targets={int(i): float(targets[i]) for i in np.flatnonzero(targets)},
+                )
+            )
+        stiffness = tuple(turn.T @ k @ turn for k in self.stiffness)
+        return Laws(directions, self.kernels, stiffness, tuple(forces), tuple(programs))
+
+    def _with_one_more(self, direction: FloatArray) -> "Laws":
         more = np.concatenate([self.directions, direction[:, np.newaxis]], axis=1)
         wider = tuple(np.pad(k, (0, 1)) for k in self.stiffness)
         forces = tuple(

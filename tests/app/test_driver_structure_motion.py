@@ -1,0 +1,177 @@
+"""Structures in scenes: motions in time, spectra and backbones, by the driver and by Python."""
+
+import os
+
+import numpy as np
+import pytest
+import viscovib as vv
+from driver import SCENES, read_csv
+from scipy.integrate import solve_ivp
+
+CHAIN = "&structure size=4 mass=1 2 1 1 stiffness={} {} /\n"
+FIXED = "2 -1 0 0 -1 2 -1 0 0 -1 2 -1 0 0 -1 2"
+FREE = "1 -1 0 0 -1 2 -1 0 0 -1 2 -1 0 0 -1 1"
+KERNELS = (
+    "&kernel kind='prony' weights=0.3 rates=1.5 /\n"
+    "&kernel kind='rzhanitsyn' amplitude=0.048 alpha=0.1 beta=0.05 /\n"
+)
+START = "initial=0.1 0 0 0.2 0 0 -0.1 0.3"
+#: Dampers that couple the modes, memory, a base that moves; a mean load on a body that nothing
+#: holds; what was held; gyroscopic forces.
+MOTIONS = {
+    "coupled": CHAIN.format(FIXED, "damping=0.1 0.01 0.02 0 base_direction=4*1")
+    + KERNELS
+    + "&element on='x4' 'X3' law='0.5*d^3 + 0.1*d^2 + 0.2*d' kernel=2 /\n"
+    "&element on='x1' damping=0.2 law='Tanh(2*d)' kernel=0 /\n"
+    "&load on='x1' amplitude=0.2 phase=0.4 /\n&load kind='base' amplitude=0.05 phase=0.3 /\n"
+    f"&transient nu=0.7 t_end=12 tolerance=1e-10 coordinates='x1' 'x3' {START} /\n"
+    "&spectrum coordinates='x4' discard=4 /\n",
+    "rigid": CHAIN.format(FREE, "rayleigh=0.02 0.03")
+    + "&element on='x4' 'x1' law='0.5*d^3 + 0.2*d^2' /\n&load on='x3' amplitude=0.05 order=0 /\n"
+    f"&transient t_end=6 dt=0.05 save_every=3 {START} /\n",
+    "held": CHAIN.format(FIXED, "modal_damping=0.02")
+    + KERNELS
+    + "&element on='x4' stiffness=1.5 law='0.5*d^3' kernel=1 /\n"
+    "&transient t_end=6 held=0.1 0.2 0.3 0.4 keep='last' /\n",
+    "whirling": "&structure size=2 mass=1 1 stiffness=1 0.3 -0.3 1 damping=0.1 0.5 -0.5 0.1 /\n"
+    "&element on='x1' law='d^3' /\n&load on='x2' amplitude=0.2 /\n"
+    "&transient nu=0.9 t_end=10 initial=0.3 0 -0.2 0.1 /\n",
+}
+
+
+def _same(one, other):
+    """Byte for byte, where both programs are of one build."""
+    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
+        assert one.read_bytes() == other.read_bytes()
+    a, b = (read_csv(path) for path in (one, other))
+    for name in a.dtype.names:
+        size = np.abs(a[name]).max()
+        if "_phase" not in name:
+            assert a[name] == pytest.approx(b[name], abs=1e-9 * size + 1e-14)
+
+
+def _direct(scene):
+    """The same motion as `vv.simulate` finds it."""
+    group = scene.groups["transient"]
+    given = {name: load for name, load in scene.loads().items() if load}
+    fixed = {"dt": group["dt"]} if group["dt"] else {}
+    return vv.simulate(
+        scene.structure(), group["t_end"], **given, **fixed, nu=group.get("nu"),
+        initial=group["initial"], held=group["held"] if any(np.atleast_1d(group["held"])) else None,
+        save_every=group["save_every"], keep=group["keep"],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_motion(solve, tmp_path, name):
+    path = tmp_path / f"{name}.nml"
+    path.write_text(MOTIONS[name])
+    done = solve(path, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / f"{name}_transient.csv")
+    scene = vv.Scene.read(path)
+    direct = _direct(scene)
+    at = np.atleast_1d(table["t"])
+    seen = 0
+    for d, dof in enumerate(scene._names()):
+        for column, row in ((dof, 2 * d), (f"{dof}_dot", 2 * d + 1)):
+            if column in table.dtype.names:
+                # Times at which states are kept may differ by what else is kept.
+                own = np.interp(direct.t, at, np.atleast_1d(table[column]))
+                same = np.isclose(direct.t[:, np.newaxis], at[np.newaxis], rtol=1e-12).any(axis=1)
+                assert same.sum() >= min(20, at.size)
+                assert own[same] == pytest.approx(direct.state[same, row], abs=1e-9)
+                seen += 1
+    assert seen >= 4
+    assert str(vv.plan(path)).splitlines() == solve(path, "--plan").stdout.splitlines()
+    assert scene.override({}).canonical == scene.canonical
+
+
+def test_motion_is_that_of_the_equations(solve, tmp_path):
+    """Gyroscopic forces and a follower force, against DOP853 on x and y."""
+    (tmp_path / "whirling.nml").write_text(MOTIONS["whirling"])
+    assert solve(tmp_path / "whirling.nml", "--out", tmp_path).returncode == 0
+    table = read_csv(tmp_path / "whirling_transient.csv")
+    k = np.array([[1, 0.3], [-0.3, 1]])
+    c = np.array([[0.1, 0.5], [-0.5, 0.1]])
+
+    def rates(t, state):
+        u, v = state[:2], state[2:]
+        force = -k @ u - c @ v - [u[0] ** 3, -0.2 * np.sin(0.9 * t)]
+        return [*v, *force]
+
+    true = solve_ivp(
+        rates, (0, 10), [0.3, -0.2, 0, 0.1], "DOP853", table["t"], rtol=1e-12, atol=1e-13
+    ).y
+    for name, row in zip(("x1", "x2", "x1_dot", "x2_dot"), true, strict=True):
+        assert table[name] == pytest.approx(row, abs=1e-9)
+
+
+def test_python_writes_the_same(solve, tmp_path):
+    path = tmp_path / "coupled.nml"
+    path.write_text(MOTIONS["coupled"])
+    assert solve(path, "--out", tmp_path).returncode == 0
+    result = vv.run(path)
+    result.to_csv(tmp_path / "own.csv")
+    _same(tmp_path / "own.csv", tmp_path / "coupled_transient.csv")
+    result.spectrum_to_csv(tmp_path / "own.csv")
+    _same(tmp_path / "own.csv", tmp_path / "coupled_spectrum.csv")
+
+
+@pytest.mark.parametrize("dof", ["x15", "x13", None])
+def test_backbone(solve, tmp_path, dof):
+    """By the amplitude of the element's deflection, of another coordinate, of the largest one."""
+    text = (SCENES / "beam_branch.nml").read_text()
+    for name in ("mass", "stiffness"):
+        (tmp_path / f"beam_{name}.mtx").write_bytes((SCENES / f"beam_{name}.mtx").read_bytes())
+    path = tmp_path / "beam.nml"
+    named = "" if dof is None else f"dof='{dof}'"
+    path.write_text(
+        text[: text.index("&load")]
+        + f"&backbone from=1e-5 to=1e-3 {named} harmonics=7 coordinates='x7' 'x15' /\n"
+    )
+    done = solve(path, "--out", tmp_path)
+    assert done.returncode in (0, 1), done.stderr
+    table = read_csv(tmp_path / "beam_backbone.csv")
+    scene = vv.Scene.read(path)
+    with pytest.warns(vv.ConvergenceWarning):
+        true = vv.backbone(
+            scene.structure(), 0, (1e-5, 1e-3), dof=dof, harmonics=7, coordinates=["x7", "x15"]
+        )
+    assert table["nu"] == pytest.approx(true.nu, rel=1e-10)
+    for name in ("x7", "x15"):
+        for k in (1, 3, 5, 7):
+            assert table[f"{name}_{k}"] == pytest.approx(true.coefficient(name, k).imag, abs=1e-12)
+    vv.run(path).to_csv(tmp_path / "own.csv")
+    _same(tmp_path / "own.csv", tmp_path / "beam_backbone.csv")
+    assert scene.override({}).canonical == scene.canonical
+    assert str(vv.plan(path)).splitlines() == solve(path, "--plan").stdout.splitlines()
+
+
+SHAPES = "&structure mass=1 1 stiffness=1 3 modal_damping=0.01 shapes=1 1 1 -1 0.5 0.2 /\n"
+FINE = "&structure mass=1 2 stiffness=2 3 {} /\n&element on='x1' law='d^3' /\n"
+REFUSED = {
+    SHAPES + "&transient t_end=1 initial=1 0 0 0 0 0 /\n": "initial: must be 0 of a structure with",
+    SHAPES + "&transient t_end=1 held=1 0 0 /\n": "held: must be 0 of a structure with shapes",
+    FINE.format("loss_factor=0.1") + "&transient t_end=1 /\n": "loss_factor has no meaning in time",
+    FINE.format("") + "&transient t_end=1 nu=2 /\n": "is the frequency of a load, and none has one",
+    FINE.format("") + "&backbone from=0.1 to=1 mode=2 /\n": "mode = 2: must be 0 to 1",
+    FINE.format("") + "&backbone from=0.1 to=1 mode=1 dof='x2' /\n": "stands still in mode 1",
+    FINE.format("") + "&backbone from=0.1 to=1 dof='y' /\n": "must be one of",
+    FINE.format("") + "&backbone from=1 to=0.1 /\n": "to = 0.1: must be greater than from",
+    FINE.replace("d^3", "v^3").format("") + "&backbone from=0.1 to=1 /\n": "some depend on rates",
+    FINE.replace("d^3", "d").format("") + "&backbone from=0.1 to=1 /\n": "nothing is nonlinear",
+}
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_refused(solve, tmp_path, text):
+    path = tmp_path / "bad.nml"
+    path.write_text(text)
+    done = solve(path, "--out", tmp_path)
+    assert done.returncode == 2, done.stdout
+    assert REFUSED[text] in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    with pytest.raises(vv.InputError) as problem:
+        vv.run(path)
+    assert REFUSED[text] in str(problem.value)
