@@ -322,3 +322,29 @@ def test_absurd_parameters_never_give_a_wrong_number():
             assert np.isnan(r.coefficients[~r.converged]).all()
             seen.update(r.outcome)
     assert {"converged", "diverged", "overflow", "singular"} <= seen
+
+
+def test_linear_motions_beside_antiresonances_keep_their_digits():
+    # Springs at two of several masses: where these two hardly move, what they move tells little
+    # of the others.
+    rng = np.random.default_rng(8)
+    worst = 0.0
+    for _ in range(60):
+        n = int(rng.integers(4, 8))
+        mass, k = rng.uniform(0.5, 2, n), rng.uniform(0.5, 2, n + 1)
+        stiffness = np.diag(k[:-1] + k[1:]) - np.diag(k[1:-1], 1) - np.diag(k[1:-1], -1)
+        first, second = sorted(rng.choice(n, 2, replace=False))
+        system = vv.PolynomialSystem(
+            mass=np.diag(mass), stiffness=stiffness, damping=1e-3 * stiffness,
+            forces={f"x{first + 1}": f"x{first + 1}^3", f"x{second + 1}": f"x{second + 1}^3"},
+        )  # fmt: skip
+        held = np.delete(np.arange(n), [first, second])
+        inside = stiffness[np.ix_(held, held)] / mass[held, np.newaxis]
+        nu = np.sqrt(rng.choice(np.linalg.eigvals(inside).real))
+        load = rng.normal(size=n)
+        found = vv.forced_response(system, [nu], load={1: load.tolist()}, method="linear")
+        whole = stiffness * (1 + 1e-3j * nu) - nu**2 * np.diag(mass)
+        true = np.linalg.solve(whole, load)
+        off = np.abs(found.coefficients[0, :, 0] - true).max() / np.abs(true).max()
+        worst = max(worst, off / np.linalg.cond(whole))
+    assert worst < 1e-15

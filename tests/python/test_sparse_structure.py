@@ -192,3 +192,38 @@ REFUSED = {
 def test_wrong_reductions(steel, message):
     with pytest.raises(vv.InputError, match=message):
         mounted(steel).reduce(**{"frequency": TOP, "loads": ["x1"]} | REFUSED[message])
+
+
+@pytest.mark.filterwarnings("ignore:.*was not reduced")
+@pytest.mark.parametrize("seed", range(30))
+def test_a_basis_holds_nothing_twice(seed):
+    # In a small chain with massless coordinates static parts are soon all that there is.
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(6, 48))
+    k = rng.uniform(0.5, 2, n + 1)
+    stiffness = diags_array([k[:-1] + k[1:], -k[1:-1], -k[1:-1]], offsets=[0, 1, -1])
+    mass = rng.uniform(0.5, 2, n)
+    mass[rng.integers(0, n, 3)] = 0.0
+    ends = (int(rng.integers(n)), int(rng.integers(n)))
+    on = (
+        {f"x{ends[0] + 1}": 1.0}
+        if ends[0] == ends[1]
+        else dict(zip([f"x{e + 1}" for e in ends], (1.0, -1.0), strict=True))
+    )
+    spring = vv.Spring(on=on, stiffness=0.06, law="0.4*d^3")
+    whole = vv.Structure(
+        mass=mass, stiffness=csc_array(stiffness), rayleigh=(0.005, 0.002), elements=[spring]
+    )
+    load, nu = {f"x{int(rng.integers(n)) + 1}": 0.01}, [float(rng.uniform(0.1, 0.6))]
+    asked = {"load": load, "method": "newton", "harmonics": 5}
+    every = list(whole.dof_names)
+    for method in ("modes", "craig-bampton"):
+        small = whole.reduce(frequency=0.65, tolerance=1e-4, loads=list(load), method=method)
+        r = vv.forced_response(small, nu, coordinates=every, **asked)
+        dense = vv.Structure(
+            mass=np.diag(mass), stiffness=stiffness.toarray(), rayleigh=(0.005, 0.002),
+            elements=[spring],
+        )  # fmt: skip
+        true = vv.forced_response(dense, nu, coordinates=every, **asked)
+        off = np.abs(r.coefficients - true.coefficients).max()
+        assert off < 3e-3 * np.abs(true.coefficients).max()

@@ -396,8 +396,10 @@ state, energy, momentum = r.state[-1], body.energy(r.state), body.angular_moment
                 pull[2] += m["cubic"] * d[2] ** 3
                 force -= axes @ pull
                 moment -= np.cross(arm, axes @ pull)
+            # About axes of the body: the matrix of a step tried too long is no rotation.
             inertia = turn @ model.inertia @ turn.T
-            spin = np.linalg.solve(inertia, moment - np.cross(w, inertia @ w))
+            rest = turn.T @ (moment - np.cross(w, inertia @ w))
+            spin = turn @ np.linalg.solve(model.inertia, rest)
             turned = np.cross(np.broadcast_to(w, (3, 3)), turn.T).T
             return np.concatenate([v, force / model.mass, turned.ravel(), spin])
 

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from referee.balance import Balance, load_rows
 from referee.case import Case, Claim, even, few
 from referee.models import chain, mount
 from referee.responses import refined
@@ -10,6 +11,92 @@ from referee.responses import refined
 JUDGES = ("Peak", "Response.peak", "Branch.peak", "DrivenBranch.peak")
 #: A peak that says it is enclosed is refined by solving.
 EXACT = 1e-6
+#: Turn of the phase a step, and most steps.
+_TURN, _STEPS = 0.04, 120
+
+
+def _turned(balance, a, nu, load, phase):
+    """Motion near another whose first coordinate has a phase in order 1; its nu is unknown.
+
+    The phase is single-valued along a branch where nu is not: at folds and at the summit.
+    """
+    size = a.size
+    for _ in range(12):
+        r, jac = balance.residual(a, nu, load)
+        d = 1e-6 * nu
+        by_nu = (
+            balance.residual(a, nu + d, load, False)[0]
+            - balance.residual(a, nu - d, load, False)[0]
+        ).ravel() / (2 * d)
+        m = np.zeros((size + 1, size + 1))
+        m[:size, :size], m[:size, -1] = jac, by_nu
+        # Im(X exp(-i phase)) of X = s_1 + i c_1, in rows 1 and 2 of the first coordinate.
+        row = np.zeros(a.shape)
+        row[1, 0], row[2, 0] = -np.sin(phase), np.cos(phase)
+        m[-1, :size] = row.ravel()
+        off = (row * a).sum()
+        try:
+            change = np.linalg.solve(m, np.append(r.ravel(), off))
+        except np.linalg.LinAlgError:
+            return None
+        a, nu = a - change[:-1].reshape(a.shape), nu - change[-1]
+        if not (np.isfinite(a).all() and np.isfinite(nu) and nu > 0):
+            return None
+        if np.abs(change[:-1]).max() <= 1e-11 * np.abs(a).max() and abs(change[-1]) < 1e-11 * nu:
+            return a, nu
+    return None
+
+
+def _summit(model, coefficients, orders, nu, load, highest):
+    """Return the next summit of the first coordinate's order 1 uphill from a motion; nu, size."""
+    balance = Balance(model, highest)
+    rows = load_rows(balance, load)
+    a = balance.solve(balance.real(np.nan_to_num(coefficients), orders), nu, rows)
+    if a is None:
+        return None
+
+    def size(motion):
+        return np.hypot(*motion[0][1:3, 0])
+
+    phase = np.arctan2(a[2, 0], a[1, 0])
+    here = (a, nu)
+    ways = [_turned(balance, a, nu, rows, phase + s * _TURN) for s in (-1, 1)]
+    steps = [s * _TURN for s, m in zip((-1, 1), ways, strict=True) if m and size(m) > size(here)]
+    if None in ways or len(steps) > 1:
+        return None
+    if steps:
+        for _ in range(_STEPS):
+            phase += steps[0]
+            there = _turned(balance, *here, rows, phase)
+            if there is None or abs(size(there) / size(here) - 1) > 0.3:
+                return None
+            if size(there) < size(here):
+                break
+            here = there
+        else:
+            return None
+    found = {}
+
+    def low(x):
+        motion = _turned(balance, *here, rows, x)
+        found[x] = motion
+        return 0.0 if motion is None else -size(motion)
+
+    best = minimize_scalar(
+        low, bounds=(phase - 2.2 * _TURN, phase + 2.2 * _TURN), method="bounded",
+        options={"xatol": 1e-8},
+    )  # fmt: skip
+    top = found.get(best.x)
+    return None if top is None else (top[1], size(top))
+
+
+def _of_summit(names, best, close):
+    """Claims of a peak, by the summit found."""
+    if best is None:
+        return
+    yield Claim("peak is the summit", names["amplitude"], best[1], close * best[1], damage=1e-4)
+    # A summit is flat: its place is known by the root of its height.
+    yield Claim("place of the summit", names["at"], best[0], 1e-4 * best[0], damage=1e-2)
 
 
 def _linear(rng, index):
@@ -83,21 +170,10 @@ found, nu, orders, near = r.amplitude({dof!r}), r.nu, r.harmonics, r.coefficient
             return
         load = {1: np.array([size] + [0.0] * (model.n - 1))}
         i = int(np.nanargmax(found))
-        best = None
-        for j in (i, i - 1, i + 1):
-            if 0 <= j < len(found) and np.isfinite(found[j]):
-                top = max(11, int(names["orders"].max()))
-                x = refined(model, names["near"][j], names["orders"], names["at"], load, top)
-                if x is not None and abs(abs(x[0, 1]) - names["amplitude"]) < abs(
-                    (best or 1e9) - names["amplitude"]
-                ):
-                    best = abs(x[0, 1])
-        if best is None:
-            yield Claim("a motion is at the peak", False, True)
-        else:
-            yield Claim(
-                "peak lies on the motion", names["amplitude"], best, 1e-5 * best, damage=1e-4
-            )
+        top = max(11, int(names["orders"].max()))
+        if np.isfinite(found[i]):
+            best = _summit(model, names["near"][i], names["orders"], names["nu"][i], load, top)
+            yield from _of_summit(names, best, 1e-5)
 
     return Case(call, judge)
 
@@ -120,15 +196,12 @@ near, orders, there, outcome = branch.coefficients[i], branch.harmonics, branch.
             return
         load = {1: np.array([size])}
         d = 2e-4 * names["at"]
-        # Before the fold behind the peak the motion is one of nu; from the point on.
         beside = []
         for x in (names["at"] - d, names["at"], names["at"] + d):
             found = refined(model, names["near"], names["orders"], x, load, 11)
             beside.append(np.nan if found is None else abs(found[0, 1]))
-        if np.isfinite(beside[1]):
-            yield Claim(
-                "peak of a branch", names["amplitude"], beside[1], 1e-6 * beside[1], damage=1e-5
-            )
+        best = _summit(model, names["near"], names["orders"], names["there"], load, 11)
+        yield from _of_summit(names, best, EXACT)
         known = [b for b in beside if np.isfinite(b)]
         if known:
             yield Claim(
@@ -149,7 +222,7 @@ branch = vv.trace_response(system, p1=(0.7, 1.5), harmonics=12, symmetric=True, 
 peak = branch.peak("z")
 at, amplitude, enclosed = float(peak.nu), float(peak.amplitude), peak.enclosed
 i = int(branch.amplitude("z").argmax())
-near, orders = branch.coefficients[i], branch.harmonics
+near, orders, there = branch.coefficients[i], branch.harmonics, float(branch.nu[i])
 """
 
     def judge(names, told):
@@ -163,9 +236,8 @@ near, orders = branch.coefficients[i], branch.harmonics
             [Term(alpha, (3,), 0), Term(3 * zr * alpha, (2,), 0)],
         ).model()  # fmt: skip
         load = {1: np.array([1j * f0])}
-        found = refined(model, names["near"][:1], names["orders"], names["at"], load, 14)
-        own = np.nan if found is None else abs(found[0, 1])
-        yield Claim("peak of a driven branch", names["amplitude"], own, 1e-6 * own, damage=1e-5)
+        best = _summit(model, names["near"][:1], names["orders"], names["there"], load, 14)
+        yield from _of_summit(names, best, EXACT)
 
     return Case(call, judge)
 

@@ -23,6 +23,7 @@ from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.load import LoadLike
 from viscovib.systems.oscillators import Steady, check_steady, oscillator_job, refuse_turning
+from viscovib.systems.polynomial_system import PolynomialSystem
 
 METHODS = ("linear", "successive", "newton")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])
@@ -260,6 +261,9 @@ def _prepare(
     if chosen and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
     judged = judged or stability
+    if method == "linear" and isinstance(system, PolynomialSystem):
+        # What condensing spares is nonlinear; on the way back it costs digits near antiresonances.
+        whole = whole or system._may_be_whole
     job, loaded = oscillator_job(system, load, base, flat, whole=whole, stability=judged)
     options = (
         METHODS.index(_native.choice("method", method, METHODS)) + 1,

@@ -29,7 +29,7 @@ from viscovib.systems.spring_groups import (
 )
 
 #: In dense matrices; and where forces or memory act in more than half of them.
-_MAX_COORDINATES, _MAX_WHOLE = 2000, 64
+_MAX_COORDINATES, _MAX_WHOLE, _FEW = 2000, 64, 8
 #: Kernel kind in x by which the core knows that the vector holds all kernels.
 _KERNELS_IN_VECTOR = -2
 
@@ -175,6 +175,11 @@ class PolynomialSystem:
         from viscovib.systems.polynomial_laws import condensation_of
 
         return condensation_of(self._mass_matrix, self._damping, self.groups)
+
+    @property
+    def _may_be_whole(self) -> bool:
+        """Whether linear motions take no longer in all coordinates."""
+        return len(self.dof_names) <= _FEW
 
     def _condenses(self, stability: bool) -> bool:
         """Whether its motions, and their stability if wanted, take less time condensed."""

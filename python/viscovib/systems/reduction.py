@@ -42,6 +42,8 @@ _SAME = 0.02
 _COLUMNS = 24
 #: A vector is held by V if less of it is left than this.
 _HELD = 1e-9
+#: Squares of vectors next to the largest of their common parts: below is rounding of the products.
+_ALIKE = 1e-13
 #: A mode has no mass if phi' M phi / phi' (K - sigma M) phi is below this part of the largest.
 _MASSLESS = 1e-14
 _TINY = np.finfo(float).tiny
@@ -113,7 +115,7 @@ class _Basis:
             new = self._freed(new)
         values, mix = np.linalg.eigh(new.T @ self.pencil.apply(new))
         # Rounding is left of a vector that V holds: added, it would be noise.
-        kept = np.abs(values) > _HELD**2
+        kept = np.abs(values) > max(_HELD**2, _ALIKE * np.abs(values).max())
         new = self._freed(new @ (mix[:, kept] / np.sqrt(np.abs(values[kept]))))
         mass, *others = self.model.matrices
         pushed = [np.asarray(mass @ new), *(_image(matrix, new) for matrix in others)]

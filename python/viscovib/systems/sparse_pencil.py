@@ -217,7 +217,9 @@ class Pencil:
         left = np.asarray(right - exact @ found.astype(np.longdouble), dtype=float)
         lost = np.einsum("ij,ij->j", left, self.solve(left))
         whole = np.einsum("ij,ij->j", right, found)
-        return float(np.sqrt(np.abs(lost / whole)).max())
+        # Nothing of a load may be left, nor of what it does: that is exact.
+        some = whole > 0
+        return float(np.sqrt(np.abs(lost[some] / whole[some])).max(initial=0.0))
 
 
 class HeldPencil:
