@@ -2,6 +2,7 @@
 !! result.
 module viscovib_scene_groups
   use viscovib_namelist, only: namelist_type
+  use viscovib_near_words, only: closest
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
   private
@@ -73,8 +74,7 @@ contains
     name = file%groups(i)%name
     if (.not. (any(oscillator_groups == name) .or. any(other_groups == name) &
                .or. any(results%name == name))) then
-      call refuse_at(file, i, 'unknown group &'//name//': must be one of ' &
-                     //listed([oscillator_groups, other_groups, results%name]), status)
+      call refuse_at(file, i, 'unknown group &'//name//likely_group(name), status)
       return
     end if
     if (.not. any(repeatable == name) .and. place_of(file, name) < i) then
@@ -188,6 +188,21 @@ contains
     call fail(status, status_input_error, file%groups(i)%name, file%path//':' &
               //show(file%groups(i)%line)//': '//why)
   end subroutine refuse_at
+
+  !> Which group an unknown one may have been meant to be.
+  function likely_group(name) result(text)
+    character(len=*), intent(in) :: name
+    character(len=:), allocatable :: text
+    character(len=15), allocatable :: known(:)
+    integer :: near
+    known = [oscillator_groups, other_groups, results%name]
+    near = closest(name, known)
+    if (near > 0) then
+      text = '; did you mean &'//trim(known(near))//'?'
+    else
+      text = ': must be one of '//listed(known)
+    end if
+  end function likely_group
 
   !> The results that may be wanted.
   pure function wanted(of_pendulum)

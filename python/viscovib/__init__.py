@@ -314,7 +314,9 @@ else:
         elif name in {module.partition(".")[0] for module in _NAMES}:
             value = import_module(f"viscovib.{name}")
         else:
-            raise AttributeError(f"module 'viscovib' has no attribute {name!r}", name=name)
+            from viscovib.errors import no_attribute
+
+            raise no_attribute(name, __all__)
         globals()[name] = value
         return value
 

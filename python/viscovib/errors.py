@@ -63,6 +63,13 @@ def near_name(wrong: str, known: Iterable[str]) -> str:
     return f"did you mean {near[0]}?" if near else f"must be one of {', '.join(known)}"
 
 
+def no_attribute(name: str, known: Iterable[str]) -> AttributeError:
+    """Return the error of a name that the package lacks; it names the one that is near."""
+    near = "" if name.startswith("_") else near_name(name, known)
+    meant = f": {near}" if near.startswith("did you mean") else ""
+    return AttributeError(f"module 'viscovib' has no attribute {name!r}{meant}", name=name)
+
+
 def named_near(module: ModuleType, name: str) -> Any:
     """Return a public name of a module; a misspelt keyword of its call is told the one meant."""
     value = getattr(module, name)

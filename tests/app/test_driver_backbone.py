@@ -22,7 +22,11 @@ BAD_BACKBONES = {
     "and motion": (MOTION + "&backbone from=0.1, to=1 /", 3, "has &transient already"),
     "and spectrum": (SWING + "&spectrum /", 3, "&spectrum: needs &transient"),
     "twice": (FREE + "&backbone from=0.1, to=1 /", 3, "a second &backbone"),
-    "typo of the group": (FREE.replace("&backbone", "&backbon"), 2, "unknown group &backbon"),
+    "typo of the group": (
+        FREE.replace("&backbone", "&backbon"),
+        2,
+        "unknown group &backbon; did you mean &backbone?",
+    ),
     "typo": (FREE.replace("to=0.3", "to=0.3, harmonic=3"), 2, "did you mean 'harmonics'?"),
     "typo of what is needed": (FREE.replace("from", "form"), 2, "did you mean 'from'?"),
     "without an end": (FREE.replace(", to=0.3", ""), 2, "&backbone lacks to"),

@@ -179,7 +179,7 @@ contains
       call wrong_law("x^1.5", "must be defined around rest")
       call wrong_law("x^-2", "must be defined around rest")
       call wrong_law("1/x", "must be defined around rest")
-      call wrong_law("x^2/0", "only numbers other than 0 may divide")
+      call wrong_law("x^2/0", "it may be divided only by numbers other than 0")
       call wrong_law("1e999*x^2", "'1e999' is not a finite number")
       call wrong_law("x^2/1e-200", "must be defined around rest")
       call wrong_law(repeat('(', 200)//'x', "it must not be nested deeper than 100")
@@ -228,7 +228,9 @@ contains
       call wrong(mount//response, ': no &load group')
       call wrong(load//response, ': no &mount group')
       call wrong(mount//load//response//mount, ':4: a second &mount')
-      call wrong(mount//load//response//'&pendulums /', ':4: unknown group &pendulums')
+      call wrong(mount//load//response//'&pendulums /', &
+                 ':4: unknown group &pendulums; did you mean &pendulum?')
+      call wrong(mount//load//response//'&zebra /', ':4: unknown group &zebra: must be one of &')
       call wrong(mount//kernel//kernel//load//response, ":3: acts_on = 'both': this spring has")
       call wrong(mount//"&kernel acts_on='x', kind='abel', amplitude=0.1, alpha=1 /"//nl//kernel &
                  //load//response, ":3: acts_on = 'both': this spring has")

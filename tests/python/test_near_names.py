@@ -68,3 +68,10 @@ def test_functions_stay_what_they_are():
     assert "harmonics" in inspect.signature(vv.forced_response).parameters
     with pytest.raises(TypeError, match="missing"):
         vv.simulate()
+
+
+def test_of_the_package():
+    with pytest.raises(AttributeError, match=r"'forced_respons': did you mean forced_response\?"):
+        _ = vv.forced_respons
+    with pytest.raises(AttributeError, match=r"no attribute 'zzzzzz'$"):
+        _ = vv.zzzzzz

@@ -246,7 +246,7 @@ class Response(PeriodicMotions, Result):
             peak = self.peak(name)
             lines.append(f"largest |{name}_1| = {peak.amplitude:.6g} {unit} at nu = {peak.nu:.6g}")
             if not peak.enclosed:
-                lines[-1] += " (of the motions found; no summit)"
+                lines[-1] += " (the largest of the motions found, not a peak)"
         return lines
 
     def numbers(self) -> dict[str, Number]:

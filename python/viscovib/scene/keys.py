@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from viscovib.errors import InputError
+from viscovib.errors import InputError, near_name
 
 #: A value as the compiled reader writes it: a text, its quotes doubled, or a number.
 _VALUE = re.compile(r"'((?:[^']|'')*)'|(\S+)")
@@ -70,7 +70,7 @@ def with_key(groups: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
     place = max(which, 1) - 1
     group = dict(several[place])
     if entry not in group:
-        raise InputError(f"{key!r}: &{name} has no {entry} here, must be one of {', '.join(group)}")
+        raise InputError(f"{key!r}: &{name} has no {entry} here, {near_name(entry, group)}")
     before = group[entry]
     if isinstance(value, np.generic):
         value = value.item()
