@@ -18,8 +18,9 @@ subroutine polynomial_check(flat, n_flat, status)
   call report(outcome, status)
 end subroutine polynomial_check
 
-!> Motion of a system without memory; the load and its frequency as in mount_binding,
-!! all else as in `pendulum_simulate`; moves, breaks, pieces, ends and made_by as in
+!> Motion of a system without memory; the load and its frequency as in mount_binding, all else as
+!! in `pendulum_simulate`, but resume = 2: under other loads, elements remembering; the last number
+!! of kept: how many of it are the method's. moves, breaks, pieces, ends and made_by as in
 !! `mount_simulate`, with less than two breaks there is no load but the periodic one.
 subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, nu, breaks, &
                                pieces, n_breaks, ends, made_by, n_ends, method, moves, initial, &
@@ -102,6 +103,8 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
     call new_stepper(stepper, motion, method, initial(2*dofs - 1), initial(2*dofs), start, &
                      mesh%h(mesh%piece_of(first)), tolerance)
     if (resume == 1) call stepper%load_memory(memory(:stepper%memory_size()))
+    i = stepper%memory_size()
+    if (resume > 0) call motion%recall_switches(memory(i + 1:i + motion%n_switches()))
     if (n_watch > 1) then
       ! All coordinates are computed then.
       call new_watch(watch, watched, sides)
@@ -120,7 +123,10 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
       states(rows, :) = some_states
       at_times(rows, :) = some_at_times
     end if
-    kept(:stepper%memory_size()) = stepper%save_memory()
+    i = stepper%memory_size()
+    kept(:i) = stepper%save_memory()
+    kept(i + 1:i + motion%n_switches()) = motion%keep_switches()
+    kept(n_memory) = i
     last(2*dofs - 1) = stepper%q
     last(2*dofs) = stepper%v
     n_evaluations = stepper%n_evaluations

@@ -1,11 +1,12 @@
-!> Sine and cosine for the vector unit: no branch, no call.
+!> Sine, cosine, exponential, hyperbolic tangent and logarithm for the vector unit: no branch, no
+!! call.
 module viscovib_vector_math
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
   implicit none
   private
 
-  public :: sine_cosine, sine_cosine_lanes
+  public :: exponential_lanes, logarithm_lanes, sine_cosine, sine_cosine_lanes, tangent_lanes
 
   !> Largest angle for which the reduction below keeps every digit.
   real(wp), parameter, public :: largest_angle = 1.0e6_wp
@@ -17,7 +18,85 @@ module viscovib_vector_math
   real(wp), parameter :: part_1 = 1.57079632673412561417e0_wp
   real(wp), parameter :: part_2 = 6.077100506506192e-11_wp
 
+  !> log(2) in two parts, the first of 33 bits.
+  real(wp), parameter :: log_1 = 6.93147180369123816490e-1_wp, log_2 = 1.90821492927058770002e-10_wp
+  !> 1/k!, k = 2 ... 13: of exp(x) for |x| <= log(2)/2 the rest is 4e-18.
+  real(wp), parameter :: inverse(2:13) = [0.5_wp, 1.0_wp/6.0_wp, 1.0_wp/24.0_wp, 1.0_wp/120.0_wp, &
+    1.0_wp/720.0_wp, 1.0_wp/5040.0_wp, 1.0_wp/40320.0_wp, 1.0_wp/362880.0_wp, &
+    1.0_wp/3628800.0_wp, 1.0_wp/39916800.0_wp, 1.0_wp/479001600.0_wp, 1.0_wp/6227020800.0_wp]
+
 contains
+
+  !> exp(x) for -700 <= x <= 700, to about an ulp.
+  pure subroutine exponential_lanes(x, e)
+    real(wp), intent(in) :: x(n_lanes)
+    real(wp), intent(out) :: e(n_lanes)
+    real(wp) :: part, power
+    integer :: l
+    do l = 1, n_lanes
+      call split_exponential(x(l), part, power)
+      e(l) = power + power*part
+    end do
+  end subroutine exponential_lanes
+
+  !> tanh(x), to about two ulps: t/(t + 2) with t = exp(2 |x|) - 1, which is 1 from |x| = 20 on.
+  pure subroutine tangent_lanes(x, y)
+    real(wp), intent(in) :: x(n_lanes)
+    real(wp), intent(out) :: y(n_lanes)
+    real(wp) :: part, power, t
+    integer :: l
+    do l = 1, n_lanes
+      call split_exponential(2.0_wp*min(abs(x(l)), 20.0_wp), part, power)
+      t = power*part + (power - 1.0_wp)
+      y(l) = sign(t/(t + 2.0_wp), x(l))
+    end do
+  end subroutine tangent_lanes
+
+  !> exp(x) = power (1 + part), power being a power of 2: reduction to |x| <= log(2)/2 and Taylor's
+  !! polynomial.
+  elemental subroutine split_exponential(x, part, power)
+    real(wp), intent(in) :: x
+    real(wp), intent(out) :: part, power
+    real(wp) :: turned, n, r, s, low, high
+    integer(i8) :: whole
+
+    turned = x*1.44269504088896338700_wp + rounder
+    n = turned - rounder
+    r = (x - n*log_1) - n*log_2
+    s = r*r
+    low = (inverse(2) + inverse(3)*r) + s*((inverse(4) + inverse(5)*r) &
+                                           + s*(inverse(6) + inverse(7)*r))
+    high = (inverse(8) + inverse(9)*r) + s*((inverse(10) + inverse(11)*r) &
+                                            + s*(inverse(12) + inverse(13)*r))
+    part = r + s*(low + s*s*s*high)
+    whole = transfer(turned, 0_i8) - transfer(rounder, 0_i8)
+    power = transfer(shiftl(whole + 1023_i8, 52), 0.0_wp)
+  end subroutine split_exponential
+
+  !> log(x) for x > 1e-300, to about an ulp: x = 2^k (1 + f), sqrt(1/2) <= 1 + f < sqrt(2), and the
+  !! polynomial of FDLIBM (Sun Microsystems) in s = f/(2 + f).
+  pure subroutine logarithm_lanes(x, y)
+    real(wp), intent(in) :: x(n_lanes)
+    real(wp), intent(out) :: y(n_lanes)
+    real(wp) :: k, f, s, z, half, r
+    integer(i8) :: bits, exponent_bits
+    integer :: l
+    do l = 1, n_lanes
+      bits = transfer(x(l), 0_i8)
+      ! 0x3fe6a09e667f3bcd is sqrt(1/2).
+      exponent_bits = shifta(bits - 4604544271217802189_i8, 52)
+      f = transfer(bits - shiftl(exponent_bits, 52), 0.0_wp) - 1.0_wp
+      k = real(exponent_bits, wp)
+      s = f/(2.0_wp + f)
+      z = s*s
+      half = 0.5_wp*f*f
+      r = z*(6.666666666666735130e-01_wp + z*(3.999999999940941908e-01_wp &
+          + z*(2.857142874366239149e-01_wp + z*(2.222219843214978396e-01_wp &
+          + z*(1.818357216161805012e-01_wp + z*(1.531383769920937332e-01_wp &
+          + z*1.479819860511658591e-01_wp))))))
+      y(l) = k*log_1 - ((half - (s*(half + r) + k*log_2)) - f)
+    end do
+  end subroutine logarithm_lanes
 
   !> The same for a block of lanes: here the compiler sees the loop whole.
   pure subroutine sine_cosine_lanes(x, sine, cosine)

@@ -30,12 +30,22 @@ module viscovib_driven_system
     !> Surfaces on which the equations have kinks or jumps: where a signal changes its sign. Not
     !! allocated: none.
     type(signal_type), allocatable :: signals(:)
+    !> Length of the steps of a run.
+    real(wp) :: step_length = 0.0_wp
+    !> On which side of each the motion is when a run begins again, and which it is on; not
+    !! allocated: as its state tells.
+    integer, allocatable :: sides(:)
+    logical, allocatable :: fresh(:)
   contains
+    procedure :: settle
     procedure(acceleration_interface), deferred :: acceleration
     procedure(margin_interface), deferred :: margin
     procedure :: physical
     procedure :: enter
     procedure :: take_sides
+    procedure :: signal_at
+    procedure :: meet
+    procedure :: drive_at
   end type driven_system_type
 
   !> One that knows its derivatives too.
@@ -99,10 +109,64 @@ contains
   !! of that side.
   subroutine take_sides(self, sides)
     class(driven_system_type), intent(inout) :: self
-    !> 1 or -1 for each signal, 0: whichever the state is on.
+    !> 1 or -1 for each signal, 0: whichever the state is on, `slides`: the motion stays on it.
     integer, intent(in) :: sides(:)
     if (size(sides) > 0) self%signals = self%signals
   end subroutine take_sides
+
+  !> A motion begins at this state.
+  subroutine settle(self, q, v)
+    class(driven_system_type), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    ! A system without elements has nothing to remember.
+    self%step_length = self%step_length + 0.0_wp*(q(1) + v(1))
+  end subroutine settle
+
+  !> What is watched of a surface at states: its signal, or, where the motion slides on it, what is
+  !! positive until it leaves.
+  subroutine signal_at(self, k, t, q, v, g)
+    class(driven_system_type), intent(in) :: self
+    integer, intent(in) :: k
+    !> Shapes (n) and (n, n_dof).
+    real(wp), intent(in) :: t(:), q(:, :), v(:, :)
+    real(wp), intent(out) :: g(:)
+    call self%signals(k)%at(t, q, v, g)
+  end subroutine signal_at
+
+  !> The motion has come to a surface, or is about to leave it: where it is from now on.
+  subroutine meet(self, k, t, q, v, sides, touched)
+    class(driven_system_type), intent(inout) :: self
+    integer, intent(in) :: k
+    real(wp), intent(in) :: t, q(:)
+    !> Velocities, which an impact changes.
+    real(wp), intent(inout) :: v(:)
+    !> As for `take_sides`; and which surfaces the motion is on.
+    integer, intent(inout) :: sides(:)
+    logical, intent(inout) :: touched(:)
+    touched(k) = .true.
+    sides(k) = -sides(k)
+    ! A system without elements has no impacts.
+    v = v + 0.0_wp*(t*q)
+    call self%take_sides(sides)
+  end subroutine meet
+
+  !> Loads at times.
+  pure function drive_at(self, t) result(drive)
+    class(driven_system_type), intent(in) :: self
+    real(wp), intent(in) :: t(:)
+    real(wp) :: drive(size(t), size(self%drives))
+    integer :: i, m
+    m = size(self%drives)
+    do i = 1, m
+      drive(:, i) = self%drives(i)*t
+      if (allocated(self%quarters)) then
+        drive(:, i) = merge(sin(drive(:, i)), cos(drive(:, i)), self%quarters(i) == 3)
+      else
+        drive(:, i) = cos(drive(:, i))
+      end if
+    end do
+    if (self%timed) drive(:, m) = t - self%present_piece(1)
+  end function drive_at
 
   !> Whether one state is within what the equations describe.
   pure logical function physical(self, q)

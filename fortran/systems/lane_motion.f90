@@ -9,6 +9,7 @@ module viscovib_lane_motion
   use viscovib_driven_system, only: differentiable_system_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_law_lanes, only: evaluate_lanes
   use viscovib_law_term, only: law_term
   use viscovib_load, only: load_type
   use viscovib_polynomial, only: monomial_type, multiply, polynomial_type
@@ -122,7 +123,7 @@ contains
       end do
     end do
     do i = 1, size(self%laws)
-      call self%laws(i)%program%evaluate(read_by(self%laws(i), q, v), product)
+      call evaluate_lanes(self%laws(i)%program, read_by(self%laws(i), q, v), product)
       do d = 1, self%n_dof
         a(:, d) = a(:, d) - self%law_weights(:, d, i)*product
       end do
@@ -132,7 +133,8 @@ contains
   !> Arguments of a law from coordinates and rates.
   pure function read_by(law, q, v) result(read_values)
     type(law_term), intent(in) :: law
-    real(wp), intent(in) :: q(:, :), v(:, :)
+    real(wp), intent(in) :: q(n_lanes, size(law%arguments, 2))
+    real(wp), intent(in) :: v(n_lanes, size(law%arguments, 2))
     real(wp) :: read_values(n_lanes, size(law%arguments, 1))
     integer :: b, k
     read_values = 0.0_wp

@@ -12,10 +12,30 @@ module viscovib_law_branches
   implicit none
   private
 
-  public :: signal_type, find_signals, held
+  public :: signal_type, watched_function, find_signals, held
+
+  !> Where a motion is beside a surface: on a side of it, 1 or -1, or on it.
+  integer, parameter, public :: slides = 2
+
+  !> A function of a state and the time of which passages through 0 are looked for.
+  type, abstract :: watched_function
+  contains
+    procedure(at_interface), deferred :: at
+  end type watched_function
+
+  abstract interface
+    !> Its value at states.
+    subroutine at_interface(self, t, q, v, g)
+      import :: watched_function, wp
+      class(watched_function), intent(in) :: self
+      !> Shapes (n) and (n, n_dof).
+      real(wp), intent(in) :: t(:), q(:, :), v(:, :)
+      real(wp), intent(out) :: g(:)
+    end subroutine at_interface
+  end interface
 
   !> A function of a state that is watched: the law changes its branch where it is 0.
-  type :: signal_type
+  type, extends(watched_function) :: signal_type
     type(law_program) :: program
     !> Arguments from coordinates and rates, shape (n_arguments, n_dof); not allocated: the
     !! arguments are the state (q_1, v_1, q_2, ...) and the time.

@@ -10,12 +10,11 @@ module viscovib_polynomial_motion
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
-  use viscovib_law_branches, only: find_signals, held, signal_type
-  use viscovib_law_program, only: law_program
-  use viscovib_law_term, only: law_term
+  use viscovib_law_branches, only: slides
   use viscovib_load, only: load_type
   use viscovib_polynomial, only: monomial_type, multiply, polynomial_type
   use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_switched_laws, only: new_switched_laws, switched_laws
   implicit none
   private
 
@@ -23,8 +22,7 @@ module viscovib_polynomial_motion
 
   type, extends(driven_system_type) :: polynomial_motion_type
     type(monomial_type), allocatable, private :: monomials(:)
-    !> The laws, with their branches held, and as they are.
-    type(law_term), allocatable, private :: laws(:), free_laws(:)
+    type(switched_laws), private :: laws
     !> M^(-1), M^(-1) K and M^(-1) C, shape (n_dof, n_dof).
     real(wp), allocatable, private :: inverse(:, :), stiffness(:, :), damping(:, :)
     !> M^(-1) P_k, shape (n_dof, size(orders)), and orders, ascending.
@@ -40,6 +38,13 @@ module viscovib_polynomial_motion
     procedure :: add_table
     procedure :: enter
     procedure :: take_sides
+    procedure :: signal_at
+    procedure :: meet
+    procedure :: settle
+    procedure :: n_switches
+    procedure :: keep_switches
+    procedure :: recall_switches
+    procedure, private :: but_laws
   end type polynomial_motion_type
 
 contains
@@ -68,7 +73,6 @@ contains
     if (status%failed()) return
     motion%n_dof = system%n_dof()
     motion%monomials = system%monomials
-    motion%laws = system%laws
     call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
     motion%inverse = real(inverse)
     motion%stiffness = matmul(motion%inverse, system%stiffness_at_rest())
@@ -78,60 +82,239 @@ contains
     motion%drives = [(nu, i=1, 2)]
     motion%quarters = [0, 3]
     motion%limited = .false.
-    motion%free_laws = motion%laws
-    call find_surfaces(motion, [integer ::])
+    call new_switched_laws(motion%laws, system%laws, motion%inverse)
+    if (size(motion%laws%holds) > 0) motion%signals = motion%laws%signals
   end subroutine new_polynomial_motion
 
-  !> Hold the laws on one side of each of their surfaces.
+  !> Hold the laws on one side of each of their surfaces, or on it.
   subroutine take_sides(self, sides)
     class(polynomial_motion_type), intent(inout) :: self
     integer, intent(in) :: sides(:)
-    integer :: i, k, n
-
-    k = 0
-    do i = 1, size(self%free_laws)
-      associate (law => self%free_laws(i)%program)
-        n = law%n_surfaces()
-        self%laws(i)%program = held(law, sides(k + 1:k + n))
-        k = k + n
-      end associate
-    end do
-    call find_surfaces(self, sides)
+    if (size(sides) == 0) return
+    call self%laws%take(sides)
+    self%signals = self%laws%signals
   end subroutine take_sides
 
-  !> The surfaces of all laws, seen from these sides.
-  subroutine find_surfaces(self, sides)
-    class(polynomial_motion_type), intent(inout) :: self
-    integer, intent(in) :: sides(:)
-    type(signal_type), allocatable :: signals(:)
-    type(law_program), allocatable :: programs(:)
-    integer :: i, j, k, n
+  !> Where the motion slides on a surface: 1 - lambda^2, lambda being -1 and 1 on its sides.
+  subroutine signal_at(self, k, t, q, v, g)
+    class(polynomial_motion_type), intent(in) :: self
+    integer, intent(in) :: k
+    real(wp), intent(in) :: t(:), q(:, :), v(:, :)
+    real(wp), intent(out) :: g(:)
+    real(wp) :: mu(size(t), self%laws%n_slides()), d(size(t)), rate(size(t))
+    integer :: j
 
-    n = 0
-    do i = 1, size(self%free_laws)
-      n = n + self%free_laws(i)%program%n_surfaces()
-    end do
-    if (n == 0) return
-    allocate (signals(n))
-    k = 0
-    do i = 1, size(self%free_laws)
-      associate (law => self%free_laws(i))
-        n = law%program%n_surfaces()
-        if (size(sides) > 0) then
-          call find_signals(law%program, sides(k + 1:k + n), programs)
-        else
-          call find_signals(law%program, sides, programs)
-        end if
-        do j = 1, n
-          signals(k + j)%program = programs(j)
-          signals(k + j)%by_q = law%arguments
-          signals(k + j)%by_v = law%rates
+    if (self%laws%holds(k) /= slides) then
+      if (self%laws%law_of(k) > 0) then
+        call self%signals(k)%at(t, q, v, g)
+        return
+      end if
+      associate (i => self%laws%element_of(k))
+        d = self%laws%deflection(i, q)
+        rate = self%laws%deflection(i, v)
+        do j = 1, size(t)
+          g(j) = self%laws%elements(i)%surface(self%laws%which(k), d(j), rate(j))
         end do
-        k = k + n
       end associate
+      return
+    end if
+    g = 1.0_wp
+    j = self%laws%place_of(k)
+    ! Surfaces that are one are watched once.
+    if (j == 0) return
+    call weights_between(self, t, q, v, mu)
+    g = mu(:, j)
+    if (self%laws%law_of(k) > 0) g = g*(2.0_wp - g)
+  end subroutine signal_at
+
+  !> Where between both sides of its surface each slide is, at states.
+  subroutine weights_between(self, t, q, v, mu)
+    class(polynomial_motion_type), intent(in) :: self
+    real(wp), intent(in) :: t(:), q(:, :), v(:, :)
+    real(wp), intent(out) :: mu(:, :)
+    real(wp), dimension(n_lanes, self%n_dof) :: some_q, some_v, a
+    real(wp) :: times(n_lanes), some_mu(n_lanes, size(mu, 2))
+    integer :: i, l, from
+
+    do from = 1, size(t), n_lanes
+      do l = 1, n_lanes
+        i = min(from + l - 1, size(t))
+        times(l) = t(i)
+        some_q(l, :) = q(i, :)
+        some_v(l, :) = v(i, :)
+      end do
+      call self%but_laws(some_q, some_v, self%drive_at(times), a)
+      call self%laws%add(some_q, some_v, a, some_mu)
+      i = min(n_lanes, size(t) - from + 1)
+      mu(from:from + i - 1, :) = some_mu(:i, :)
     end do
-    call move_alloc(signals, self%signals)
-  end subroutine find_surfaces
+  end subroutine weights_between
+
+  !> Across a surface, or onto it where both sides push there, or off it.
+  subroutine meet(self, k, t, q, v, sides, touched)
+    class(polynomial_motion_type), intent(inout) :: self
+    integer, intent(in) :: k
+    real(wp), intent(in) :: t, q(:)
+    real(wp), intent(inout) :: v(:)
+    integer, intent(inout) :: sides(:)
+    logical, intent(inout) :: touched(:)
+    integer :: before(size(sides)), beyond(size(sides)), one
+    real(wp) :: mu(1, self%laws%n_slides())
+
+    logical :: same(size(sides))
+
+    same = self%laws%leader == self%laws%leader(k)
+    touched = touched .or. same
+    one = self%laws%sense(k)
+    if (self%laws%element_of(k) > 0) then
+      call meet_element(self, k, t, q, v, sides)
+    else if (sides(k) == slides) then
+      call weights_between(self, [t], reshape(q, [1, size(q)]), reshape(v, [1, size(v)]), mu)
+      if (mu(1, self%laws%place_of(self%laws%leader(k))) > 1.0_wp) one = -one
+      sides = merge(one*self%laws%sense(k)*self%laws%sense, sides, same)
+    else
+      before = sides
+      beyond = merge(-sides(k)*one*self%laws%sense, sides, same)
+      sides = beyond
+      if (sides_push(before) .and. sides_push(beyond)) sides = merge(slides, sides, same)
+    end if
+    call self%take_sides(sides)
+
+  contains
+
+    !> Whether the motion is pushed to the surface on these sides.
+    logical function sides_push(there)
+      integer, intent(in) :: there(:)
+      real(wp), dimension(n_lanes, self%n_dof) :: a
+      call self%take_sides(there)
+      call self%acceleration(spread(q, 1, n_lanes), spread(v, 1, n_lanes), &
+                             self%drive_at(spread(t, 1, n_lanes)), a)
+      sides_push = there(k)*self%laws%rate(k, q, v, a(1, :)) < 0.0_wp
+    end function sides_push
+
+  end subroutine meet
+
+  !> A turn or a kink of hysteresis; an impact, or the end of a rest against a stop.
+  subroutine meet_element(self, k, t, q, v, sides)
+    class(polynomial_motion_type), intent(inout) :: self
+    integer, intent(in) :: k
+    real(wp), intent(in) :: t, q(:)
+    real(wp), intent(inout) :: v(:)
+    integer, intent(inout) :: sides(:)
+    real(wp) :: d(1), n(size(q)), b(size(q)), away, press, height, lost
+    real(wp), dimension(n_lanes, self%n_dof) :: a
+
+    associate (element => self%laws%elements(self%laws%element_of(k)), which => self%laws%which(k))
+      d = self%laws%deflection(self%laws%element_of(k), reshape(q, [1, size(q)]))
+      if (.not. element%is_stop) then
+        call element%turn(which, d(1))
+        if (which == 1) sides(k) = -sides(k)
+        return
+      end if
+      if (sides(k) == slides) then
+        sides(k) = 1
+        element%since(which) = -1.0_wp
+        return
+      end if
+      call self%laws%normal(k, n, b)
+      v = v - (1.0_wp + element%restitution)*(min(dot_product(n, v), 0.0_wp)/dot_product(n, b))*b
+      call push_on(self, k, v, sides)
+      sides(k) = 1
+      call self%take_sides(sides)
+      call self%acceleration(spread(q, 1, n_lanes), spread(v, 1, n_lanes), &
+                             self%drive_at(spread(t, 1, n_lanes)), a)
+      away = dot_product(n, v)
+      press = -dot_product(n, a(1, :))
+      ! Beside the gap, or what the motion falls in a step.
+      height = 4.0_wp*epsilon(1.0_wp)*max(abs(element%gap), abs(press)*self%step_length**2)
+      if (press > 0.0_wp .and. away**2 <= 2.0_wp*press*height) then
+        lost = max(1.0_wp - element%restitution, epsilon(1.0_wp))
+        element%since(which) = t + merge(0.0_wp, 2.0_wp*away/(press*lost), &
+                                         element%restitution >= 1.0_wp)
+        v = v - (away/dot_product(n, b))*b
+        sides(k) = slides
+      end if
+    end associate
+  end subroutine meet_element
+
+  !> What an impact does to stops against which the motion rests: they answer one after the other.
+  subroutine push_on(self, first, v, sides)
+    class(polynomial_motion_type), intent(inout) :: self
+    integer, intent(in) :: first
+    real(wp), intent(inout) :: v(:)
+    integer, intent(inout) :: sides(:)
+    integer, parameter :: most = 100
+    real(wp) :: n(size(v)), b(size(v)), away
+    integer :: i, k
+    logical :: settled
+
+    do i = 1, most
+      settled = .true.
+      do k = 1, size(sides)
+        if (self%laws%element_of(k) == 0 .or. (sides(k) /= slides .and. k /= first)) cycle
+        call self%laws%normal(k, n, b)
+        away = dot_product(n, v)
+        if (abs(away) <= 1.0e-14_wp*sum(abs(n*v))) cycle
+        if (away > 0.0_wp) then
+          sides(k) = 1
+          self%laws%elements(self%laws%element_of(k))%since(self%laws%which(k)) = -1.0_wp
+        else
+          settled = .false.
+          v = v - (1.0_wp + self%laws%elements(self%laws%element_of(k))%restitution) &
+              *(away/dot_product(n, b))*b
+        end if
+      end do
+      if (settled) return
+    end do
+  end subroutine push_on
+
+  !> Elements that know what was begin here.
+  subroutine settle(self, q, v)
+    class(polynomial_motion_type), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    real(wp) :: d(1), rate(1)
+    integer :: i
+    do i = 1, size(self%laws%elements)
+      d = self%laws%deflection(i, reshape(q, [1, size(q)]))
+      rate = self%laws%deflection(i, reshape(v, [1, size(v)]))
+      call self%laws%elements(i)%set(d(1), rate(1))
+    end do
+  end subroutine settle
+
+  !> How many numbers say what elements know, stops first, and on which side of every surface the
+  !! motion is.
+  pure integer function n_switches(self)
+    class(polynomial_motion_type), intent(in) :: self
+    n_switches = 2*size(self%laws%holds) + self%laws%n_known()
+  end function n_switches
+
+  function keep_switches(self) result(kept)
+    class(polynomial_motion_type), intent(in) :: self
+    real(wp) :: kept(self%n_switches())
+    integer :: m, n
+
+    kept = 0.0_wp
+    n = size(self%laws%holds)
+    if (n == 0 .or. .not. allocated(self%sides)) return
+    m = self%laws%n_known()
+    kept(:m) = self%laws%known()
+    kept(m + 1:m + n) = self%sides
+    kept(m + n + 1:) = merge(1.0_wp, 0.0_wp, self%fresh)
+  end function keep_switches
+
+  subroutine recall_switches(self, kept)
+    class(polynomial_motion_type), intent(inout) :: self
+    real(wp), intent(in) :: kept(:)
+    integer :: m, n
+
+    n = size(self%laws%holds)
+    m = self%laws%n_known()
+    if (n == 0) return
+    if (all(abs(kept(m + 1:m + n)) <= 0.0_wp)) return
+    call self%laws%recall(kept(:m))
+    self%sides = nint(kept(m + 1:m + n))
+    self%fresh = kept(m + n + 1:) > 0.0_wp
+  end subroutine recall_switches
 
   !> A force in time besides the periodic load, as cubics between breaks.
   subroutine add_table(self, breaks, pieces)
@@ -181,6 +364,16 @@ contains
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(in) :: drive(n_lanes, size(self%drives))
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    call self%but_laws(q, v, drive, a)
+    call self%laws%add(q, v, a)
+  end subroutine acceleration
+
+  !> Accelerations by all but the laws.
+  pure subroutine but_laws(self, q, v, drive, a)
+    class(polynomial_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: drive(n_lanes, size(self%drives))
+    real(wp), intent(out) :: a(n_lanes, self%n_dof)
     real(wp) :: product(n_lanes), c(n_lanes), s(n_lanes), part(n_lanes)
     integer :: b, d, i, j, k, order
 
@@ -204,15 +397,6 @@ contains
         end do
       end associate
     end do
-    do i = 1, size(self%laws)
-      associate (law => self%laws(i))
-        call law%program%evaluate(matmul(q, transpose(law%arguments)) &
-                                  + matmul(v, transpose(law%rates)), product)
-        do d = 1, self%n_dof
-          a(:, d) = a(:, d) - dot_product(self%inverse(d, law%equations), law%weights)*product
-        end do
-      end associate
-    end do
     ! cos and sin of the order reached so far.
     order = 0
     c = 1.0_wp
@@ -233,7 +417,7 @@ contains
       a(:, d) = a(:, d) + (((self%piece(d, 1)*drive(:, 3) + self%piece(d, 2))*drive(:, 3) &
                             + self%piece(d, 3))*drive(:, 3) + self%piece(d, 4))
     end do
-  end subroutine acceleration
+  end subroutine but_laws
 
   !> The equations hold everywhere.
   pure function margin(self, q)

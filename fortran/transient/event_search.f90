@@ -5,7 +5,7 @@
 !! leave no trace at its ends.
 module viscovib_event_search
   use viscovib_kinds, only: wp
-  use viscovib_law_branches, only: signal_type
+  use viscovib_law_branches, only: watched_function
   use viscovib_step_path, only: step_path
   implicit none
   private
@@ -21,7 +21,7 @@ contains
 
   !> The signal at places of a step.
   subroutine signal_along(signal, path, x, g)
-    type(signal_type), intent(in) :: signal
+    class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
     real(wp), intent(in) :: x(:)
     real(wp), intent(out) :: g(:)
@@ -32,7 +32,7 @@ contains
 
   !> The first place after `from` at which a signal leaves its side of 0.
   subroutine first_passage(signal, path, from, side, fresh, found, place)
-    type(signal_type), intent(in) :: signal
+    class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
     real(wp), intent(in) :: from
     !> 1 or -1, the sign at `from`; whether it has just come there from the other side.
@@ -75,7 +75,7 @@ contains
 
   !> Of what begins on the surface, a place where it is on its side, if there is one before x.
   subroutine leave_start(signal, path, side, from, x, low)
-    type(signal_type), intent(in) :: signal
+    class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
     integer, intent(in) :: side
     real(wp), intent(in) :: from, x
@@ -92,7 +92,7 @@ contains
 
   !> Whether a signal passes 0 between two places at which it has not.
   subroutine dip(signal, path, side, from, to, fresh, found, low, high)
-    type(signal_type), intent(in) :: signal
+    class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
     integer, intent(in) :: side
     real(wp), intent(in) :: from, to
@@ -147,7 +147,7 @@ contains
   !> The place of a change of sign: secants through both ends, that which stays counting half
   !! (Illinois), with bisection where they are slow.
   real(wp) function passage(signal, path, side, from, to) result(x)
-    type(signal_type), intent(in) :: signal
+    class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
     integer, intent(in) :: side
     real(wp), intent(in) :: from, to

@@ -20,6 +20,7 @@ module viscovib_explicit_stepper
     procedure :: step
     procedure :: arrive
     procedure :: change_step
+    procedure :: put
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
@@ -80,6 +81,17 @@ contains
     self%h = h
     call self%block%change_steps(spread(system%drives, 1, n_lanes), spread(h, 1, n_lanes))
   end subroutine change_step
+
+  subroutine put(self, q, v)
+    class(explicit_stepper_type), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    integer :: l
+    self%q = q
+    self%v = v
+    do l = 1, n_lanes
+      call self%block%set_lane(l, q, v)
+    end do
+  end subroutine put
 
   pure integer function memory_size(self)
     class(explicit_stepper_type), intent(in) :: self

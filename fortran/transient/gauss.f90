@@ -59,6 +59,7 @@ module viscovib_gauss
     procedure :: step
     procedure :: arrive
     procedure :: change_step
+    procedure :: put
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
@@ -145,6 +146,16 @@ contains
     call self%phases%set_step(system%drives, h, self%table%nodes(:, :self%table%n_blocks))
     call furnish(self%table, h, self%plan, self%room(self%first))
   end subroutine change_step
+
+  subroutine put(self, q, v)
+    class(gauss_type), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    self%q = q
+    self%v = v
+    self%q_rest = 0.0_wp
+    self%v_rest = 0.0_wp
+    self%has_history = .false.
+  end subroutine put
 
   !> One step; not made if the iteration settles from neither start.
   subroutine step(self, system, made)

@@ -146,7 +146,7 @@ contains
       path%q(i, :) = u
       path%v(i, :) = v
     end do
-    call watch%look(path, found)
+    call watch%look(path, .false., found)
     do i = 1, size(found)
       call state_at(found(i)%place)
       t_reached = from + found(i)%place*path%h

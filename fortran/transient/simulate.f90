@@ -66,7 +66,15 @@ contains
     if (first > 0) now = ends%time(piece, first)
     if (ends%is_broken()) call enter_piece(method, system, ends, piece, now)
     if (.not. present(watch)) call new_watch(unwatched, [real(wp) ::], [integer ::])
-    at%sides = sides_of(system, now, method%q, method%v)
+    system%step_length = method%h
+    if (allocated(system%sides)) then
+      at%sides = system%sides
+      at%fresh = system%fresh
+    else
+      call system%settle(method%q, method%v)
+      at%sides = sides_of(system, now, method%q, method%v)
+      at%fresh = spread(.false., 1, size(at%sides))
+    end if
     call system%take_sides(at%sides)
     do i = 1, n_steps
       t_reached = now
@@ -102,6 +110,10 @@ contains
       call wanted%keep_between(method, system, now)
     else if (outcome /= run_stopped) then
       wanted%n_reached = min(wanted%n_reached, count(times <= t_reached))
+    end if
+    if (allocated(system%signals)) then
+      system%sides = at%sides
+      system%fresh = at%fresh
     end if
     n_reached = wanted%n_reached
     at_times(:, :n_reached) = wanted%states(:, :n_reached)
@@ -163,7 +175,6 @@ contains
 
     outcome = run_completed
     at%n_passed = 0
-    at%last = 0
     more = .true.
     do while (more)
       call step_watched(at, method, system, watch, wanted, more)

@@ -22,6 +22,7 @@ module viscovib_stepper
     procedure(step_interface), deferred :: step
     procedure(arrive_interface), deferred :: arrive
     procedure(change_interface), deferred :: change_step
+    procedure(put_interface), deferred :: put
     procedure(size_interface), deferred :: memory_size
     procedure(save_interface), deferred :: save_memory
     procedure(load_interface), deferred :: load_memory
@@ -56,6 +57,13 @@ module viscovib_stepper
       class(driven_system_type), intent(in) :: system
       real(wp), intent(in) :: h
     end subroutine change_interface
+
+    !> Go on from another state at the same time, as after an impact.
+    subroutine put_interface(self, q, v)
+      import :: stepper_type, wp
+      class(stepper_type), intent(inout) :: self
+      real(wp), intent(in) :: q(:), v(:)
+    end subroutine put_interface
 
     !> Length of all that a run must know to go on bit for bit.
     pure integer function size_interface(self)

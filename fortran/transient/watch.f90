@@ -11,6 +11,8 @@ module viscovib_watch
 
   !> Part of its largest value on a step that a signal at the start must have to be on a side.
   real(wp), parameter :: on_surface = 1.0e-13_wp
+  !> Part of its largest value so far within which a signal of a motion that sticks counts as 0.
+  real(wp), parameter :: at_rest = 1.0e-11_wp
   !> Passages of one signal that are looked for in a step.
   integer, parameter :: most_in_step = 200
 
@@ -25,8 +27,9 @@ module viscovib_watch
     !> Passages that count: upwards 1, downwards -1, 0 both; whether the run ends there.
     integer, allocatable :: direction(:)
     logical, allocatable :: terminal(:)
-    !> On which side of 0 each signal was last, 0: not known yet.
+    !> On which side of 0 each signal was last, 0: not known yet; and its largest value so far.
     integer, allocatable :: sides(:)
+    real(wp), allocatable :: largest(:)
     !> What was found: signal and time, and states, shapes (n) and (2 n_dof, n).
     integer :: n_found = 0
     integer, allocatable :: which(:)
@@ -44,6 +47,7 @@ contains
   subroutine new_watch(watch, vector, sides)
     type(watch_type), intent(out) :: watch
     real(wp), intent(in) :: vector(:)
+    !> Of each, its side and a power of 2 not above its largest value so far.
     integer, intent(in) :: sides(:)
     integer :: i, k, m, n
 
@@ -51,6 +55,10 @@ contains
     if (size(vector) > 0) n = nint(vector(1))
     allocate (watch%signals(n), watch%direction(n), watch%terminal(n))
     watch%sides = sides(:n)
+    allocate (watch%largest(n), source=0.0_wp)
+    do i = 1, n
+      if (watch%sides(i) /= 0) watch%largest(i) = scale(1.0_wp, sides(n + i))
+    end do
     k = 1
     do i = 1, n
       watch%direction(i) = nint(vector(k + 1))
@@ -65,23 +73,30 @@ contains
   end subroutine new_watch
 
   !> Passages in a step that count, ascending; after one that ends the run none.
-  subroutine look(self, path, found)
+  subroutine look(self, path, sticks, found)
     class(watch_type), intent(inout) :: self
     type(step_path), intent(in) :: path
+    !> Whether the motion sticks to a surface of the system, or comes to one at the end of the step:
+    !! what is 0 there, but for rounding, has not passed 0.
+    logical, intent(in) :: sticks
     type(passage_type), allocatable, intent(out) :: found(:)
     type(passage_type) :: next
-    real(wp) :: place, before
+    real(wp) :: place, before, g(size(path%points))
     integer :: i, k
     logical :: passes
 
     allocate (found(0))
     do i = 1, size(self%signals)
+      call self%signals(i)%at(path%start + path%h*path%points, path%q, path%v, g)
+      self%largest(i) = max(self%largest(i), maxval(abs(g)))
+      if (sticks .and. maxval(abs(g)) <= at_rest*self%largest(i)) cycle
       if (self%sides(i) == 0) self%sides(i) = first_side(self%signals(i), path)
       place = 0.0_wp
       do k = 1, most_in_step
         before = place
         call first_passage(self%signals(i), path, before, self%sides(i), k > 1, passes, place)
         if (.not. passes .or. (k > 1 .and. place <= before)) exit
+        if (sticks .and. comes_to_rest(place)) exit
         self%sides(i) = -self%sides(i)
         if (self%direction(i)*self%sides(i) < 0) cycle
         next%which = i
@@ -96,6 +111,15 @@ contains
       found = found(:i)
       return
     end do
+
+  contains
+
+    !> Whether a signal stays at 0 from a place on.
+    logical function comes_to_rest(from)
+      real(wp), intent(in) :: from
+      comes_to_rest = all(abs(g) <= at_rest*self%largest(i) .or. path%points < from)
+    end function comes_to_rest
+
   end subroutine look
 
   !> On which side a run begins; on the surface: where it goes.
@@ -153,7 +177,9 @@ contains
     !> How many there are, even if there is less room.
     integer, intent(out) :: n_found
     integer :: n
-    sides(:size(self%sides)) = self%sides
+    n = size(self%sides)
+    sides(:n) = self%sides
+    sides(n + 1:2*n) = exponent(max(self%largest, tiny(1.0_wp))) - 1
     n_found = self%n_found
     n = min(n_found, size(found, 2))
     if (n == 0) return

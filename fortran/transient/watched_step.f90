@@ -7,7 +7,7 @@ module viscovib_watched_step
   use viscovib_driven_system, only: driven_system_type
   use viscovib_event_search, only: first_passage, signal_along
   use viscovib_kinds, only: wp
-  use viscovib_law_branches, only: signal_type
+  use viscovib_law_branches, only: slides, watched_function
   use viscovib_step_path, only: step_path
   use viscovib_stepper, only: stepper_type
   use viscovib_stops, only: in_range
@@ -25,25 +25,48 @@ module viscovib_watched_step
   !> How far they may lead, as a part of the step.
   real(wp), parameter :: furthest = 0.1_wp
 
+  !> A surface of a system as it is now: its signal, or until when the motion slides on it.
+  type, extends(watched_function) :: surface_type
+    class(driven_system_type), pointer :: system => null()
+    integer :: which = 0
+  contains
+    procedure :: at => surface_at
+  end type surface_type
+
   !> A step on its way.
   type :: watched_step_type
     !> Where its present part begins, and the step ends.
     real(wp) :: from = 0.0_wp, until = 0.0_wp
     !> State where the present part begins.
     real(wp), allocatable :: q(:), v(:)
-    !> Sides of the surfaces of the system.
+    !> Sides of the surfaces of the system, or `slides`; whether the motion was just on one.
     integer, allocatable :: sides(:)
+    logical, allocatable :: fresh(:)
     !> The last part was made; an event ends the run; the part of the step that was passed.
     logical :: made = .false., ended = .false.
     !> The motion stays on a surface, as where dry friction sticks: no part leads on.
     logical :: stuck = .false.
-    !> Of what was passed last, and how often in this step.
-    integer :: last = 0, n_passed = 0
+    !> How many surfaces were passed in this step.
+    integer :: n_passed = 0
     real(wp), allocatable :: memory(:)
     type(step_path) :: path
   end type watched_step_type
 
 contains
+
+  !> What is watched of a surface at states.
+  subroutine surface_at(self, t, q, v, g)
+    class(surface_type), intent(in) :: self
+    real(wp), intent(in) :: t(:), q(:, :), v(:, :)
+    real(wp), intent(out) :: g(:)
+    call self%system%signal_at(self%which, t, q, v, g)
+  end subroutine surface_at
+
+  !> The sign of what is watched of a surface.
+  integer function sign_of(side)
+    integer, intent(in) :: side
+    sign_of = merge(1, side, side == slides)
+  end function sign_of
 
   !> Sides of the surfaces at a state.
   function sides_of(system, t, q, v) result(sides)
@@ -55,7 +78,7 @@ contains
     allocate (sides(0))
     if (.not. allocated(system%signals)) return
     do i = 1, size(system%signals)
-      call system%signals(i)%at([t], reshape(q, [1, size(q)]), reshape(v, [1, size(v)]), g)
+      call system%signal_at(i, [t], reshape(q, [1, size(q)]), reshape(v, [1, size(v)]), g)
       sides = [sides, merge(1, -1, g(1) >= 0.0_wp)]
     end do
   end function sides_of
@@ -65,10 +88,11 @@ contains
   subroutine step_watched(at, method, system, watch, wanted, more)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
-    class(driven_system_type), intent(inout) :: system
+    class(driven_system_type), intent(inout), target :: system
     type(watch_type), intent(inout) :: watch
     type(wanted_states), intent(inout) :: wanted
     logical, intent(out) :: more
+    type(surface_type) :: surface
     real(wp) :: place
     integer :: which
     logical :: passes
@@ -85,7 +109,9 @@ contains
     call first_surface(at, system, which, place)
     if (which > 0) then
       call method%load_memory(at%memory)
-      call correct(method, system, system%signals(which), at%sides(which), at, place, passes)
+      surface%system => system
+      surface%which = which
+      call correct(method, system, surface, sign_of(at%sides(which)), at, place, passes)
       if (passes) then
         call pass(at, method, system, watch, wanted, which, place*method%h, more)
         return
@@ -95,7 +121,8 @@ contains
       if (.not. at%made) return
     end if
     if (wanted%within(at%from, method%h)) call keep_before(at, method, system, wanted)
-    call note_events(at, method, system, watch)
+    call note_events(at, method, system, watch, any(at%sides == slides))
+    at%fresh = .false.
   end subroutine step_watched
 
   !> The polynomial of the last part.
@@ -141,23 +168,35 @@ contains
       call method%step(system, at%made)
       if (.not. at%made) return
       call trace(at, method, system)
-      call note_events(at, method, system, watch)
+      call note_events(at, method, system, watch, .true.)
       if (at%ended) return
       at%from = at%from + length
+      at%fresh = .false.
     end if
-    at%sides(which) = -at%sides(which)
-    at%last = which
-    call system%take_sides(at%sides)
+    call meet(at, method, system, which)
     more = at%until - at%from > 4.0_wp*spacing(at%until)
     if (more) call method%change_step(system, at%until - at%from)
   end subroutine pass
 
+  !> On a surface: where the motion is from now on.
+  subroutine meet(at, method, system, which)
+    type(watched_step_type), intent(inout) :: at
+    class(stepper_type), intent(inout) :: method
+    class(driven_system_type), intent(inout) :: system
+    integer, intent(in) :: which
+    real(wp) :: v(size(method%v))
+    v = method%v
+    call system%meet(which, at%from, method%q, v, at%sides, at%fresh)
+    if (any(abs(v - method%v) > 0.0_wp)) call method%put(method%q, v)
+  end subroutine meet
+
   !> The surface that the last part passes first; 0: none.
   subroutine first_surface(at, system, which, place)
     type(watched_step_type), intent(in) :: at
-    class(driven_system_type), intent(in) :: system
+    class(driven_system_type), intent(in), target :: system
     integer, intent(out) :: which
     real(wp), intent(out) :: place
+    type(surface_type) :: surface
     real(wp) :: here
     integer :: i
     logical :: found
@@ -165,8 +204,10 @@ contains
     which = 0
     place = 1.0_wp
     if (.not. allocated(system%signals)) return
+    surface%system => system
     do i = 1, size(system%signals)
-      call first_passage(system%signals(i), at%path, 0.0_wp, at%sides(i), i == at%last, found, here)
+      surface%which = i
+      call first_passage(surface, at%path, 0.0_wp, sign_of(at%sides(i)), at%fresh(i), found, here)
       if (.not. found .or. (which > 0 .and. here >= place)) cycle
       which = i
       place = here
@@ -179,7 +220,7 @@ contains
   subroutine correct(method, system, signal, side, at, place, passes, q, v)
     class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in) :: system
-    type(signal_type), intent(in) :: signal
+    class(watched_function), intent(in) :: signal
     !> The sign of the signal before.
     integer, intent(in) :: side
     type(watched_step_type), intent(in) :: at
@@ -240,11 +281,13 @@ contains
   end subroutine correct
 
   !> Events of the last part; one that ends the run leaves the method there.
-  subroutine note_events(at, method, system, watch)
+  subroutine note_events(at, method, system, watch, sticks)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(in) :: system
     type(watch_type), intent(inout) :: watch
+    !> As of `look`.
+    logical, intent(in) :: sticks
     type(passage_type), allocatable :: found(:)
     class(stepper_type), allocatable :: start
     real(wp) :: q(size(at%q)), v(size(at%q)), place, t(1), here(1, size(at%q))
@@ -253,7 +296,7 @@ contains
     logical :: passes
 
     if (size(watch%signals) == 0) return
-    call watch%look(at%path, found)
+    call watch%look(at%path, sticks, found)
     if (size(found) == 0) return
     allocate (start, source=method)
     call start%load_memory(at%memory)

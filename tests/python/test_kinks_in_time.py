@@ -115,10 +115,140 @@ def test_resumed_on_the_same_side():
     np.testing.assert_allclose(again.state[-1], whole.state[-1], atol=1e-13)
 
 
-def test_sticking_is_told():
-    """Where sign(v) sticks no step leads on: the run says so, and nothing is made up."""
-    sticks = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.3*sign(x_dot)")
-    run = vv.simulate(sticks, 20.0, load=0.5, nu=0.8, dt=0.1)
-    assert run.outcome == "step too large"
-    with pytest.raises(vv.InputError, match="not met"):
-        vv.simulate(sticks, 20.0, load=0.5, nu=0.8)
+def dry(k, c, limit, load, nu, t_end, start):
+    """A block under dry friction by SciPy, phase by phase: it slides, or sticks while it can."""
+
+    def push(t, x):
+        return load * np.sin(nu * t) - k * x
+
+    t, y, way = 0.0, np.array(start, dtype=float), 0
+    while t < t_end:
+        if way == 0:
+
+            def off(t, y):
+                return limit**2 - push(t, y[0]) ** 2
+
+            off.terminal, off.direction = True, -1
+            if off(t, y) <= 0:
+                way = int(np.sign(push(t, y[0])))
+                continue
+            grid = np.linspace(t, t_end, 20_000)
+            loose = np.flatnonzero(np.abs(push(grid, y[0])) > limit)
+            if not loose.size:
+                return np.array([y[0], 0.0])
+            # The position is held, so that the end of sticking is a root of the load alone.
+            from scipy.optimize import brentq
+
+            i = loose[0]
+            t = brentq(lambda s, off=off, y=y: off(s, y), grid[i - 1], grid[i], xtol=1e-15)
+            way = int(np.sign(push(t, y[0])))
+            y = np.array([y[0], 0.0])
+            continue
+
+        def stop(t, y, way=way):
+            return way * y[1]
+
+        stop.terminal, stop.direction = True, -1
+        run = solve_ivp(
+            lambda t, y, way=way: [y[1], push(t, y[0]) - c * y[1] - way * limit],
+            (t, t_end), y, "DOP853", rtol=1e-13, atol=1e-15, events=stop, max_step=0.05,
+        )  # fmt: skip
+        t, y = run.t[-1], run.y[:, -1]
+        if run.status == 1:
+            y[1] = 0.0
+            way = -way if abs(push(t, y[0])) > limit else 0
+    return y
+
+
+@pytest.mark.parametrize(
+    ("method", "order", "steps"), [("gauss2", 4, 200), ("gauss3", 6, 100), ("verner9", 9, 50)]
+)
+def test_order_through_sticking(method, order, steps):
+    """Halving the step of an oscillator that sticks gains the order of the method."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.3*sign(x_dot)")
+    expected = dry(1, 0.05, 0.3, 0.5, 0.8, 30.0, [0.0, 0.0])
+    assert np.abs(expected).max() > 0.1
+    errors = []
+    for n in (steps, 2 * steps):
+        run = vv.simulate(system, 30.0, dt=30.0 / n, load=0.5, nu=0.8, method=method, keep="last")
+        errors.append(np.abs(run.state[-1] - expected).max())
+    assert np.log2(errors[0] / errors[1]) > order - 0.5
+    run = vv.simulate(system, 30.0, load=0.5, nu=0.8, tolerance=1e-11)
+    assert run.error < 1e-11
+    np.testing.assert_allclose(run.state[-1], expected, atol=1e-11)
+
+
+@pytest.mark.parametrize(("nu", "limit"), [(0.8, 0.2), (1.2, 0.3)])
+def test_den_hartog(nu, limit):
+    """The closed form of dry friction without stops (Den Hartog 1931), to 1e-10."""
+    ratio = np.sin(np.pi / nu) / (nu * (1 + np.cos(np.pi / nu)))
+    expected = np.sqrt(1 / (1 - nu**2) ** 2 - (limit * ratio) ** 2)
+    block = vv.PolynomialSystem(mass=1, stiffness=1, forces=f"{limit}*sign(x_dot)")
+    period = 2 * np.pi / nu
+    run = vv.simulate(
+        block, 400 * period, dt=period / 16, load={1: 1j}, nu=nu, keep="last", events="x_dot"
+    )
+    x = run.events[0].state[-2:, 0]
+    assert abs(x[0] - x[1]) / 2 == pytest.approx(expected, abs=1e-10)
+
+
+def test_block_on_a_slope_stays():
+    """A push below the limit moves nothing; above, the motion is uniformly accelerated."""
+    block = vv.PolynomialSystem(mass=2, forces="3*sign(x_dot)")
+    held = vv.simulate(block, 10.0, load={0: 2.9j}, nu=1.0, dt=0.5)
+    assert np.abs(held.state).max() == 0
+    moves = vv.simulate(block, 10.0, load={0: 3.5j}, nu=1.0, dt=0.5)
+    np.testing.assert_allclose(moves.state[:, 0], 0.125 * moves.t**2, rtol=1e-12)
+
+
+def test_two_blocks_that_rub():
+    """One friction force in two equations, as two texts: momentum is kept, both come to rest."""
+    blocks = vv.PolynomialSystem(
+        mass=[1, 3],
+        forces={"x1": "0.4*sign(x1_dot - x2_dot)", "x2": "0.4*sign(x2_dot - x1_dot)"},
+    )
+    run = vv.simulate(blocks, 12.0, initial=[0, 2.0, 0, 0], dt=0.1)
+    v = run.state[:, 1::2]
+    np.testing.assert_allclose(v @ [1, 3], 2.0, atol=1e-13)
+    # The relative velocity falls by 0.4 (1 + 1/3) a unit of time, from 2 to 0.
+    np.testing.assert_allclose(
+        v[:, 0] - v[:, 1], np.maximum(2 - 0.4 * 4 / 3 * run.t, 0), atol=1e-13
+    )
+
+
+def test_belt():
+    """A block on a belt sticks until the spring pulls with all the friction, and slips back."""
+    block = vv.PolynomialSystem(
+        mass=1, stiffness=1, forces="sign(x_dot - 0.5)/(1 + 2*abs(x_dot - 0.5))"
+    )
+    run = vv.simulate(block, 60.0, dt=0.05, events=["x_dot - 0.5", vv.Event("x", direction="up")])
+    assert run.outcome == "completed"
+    # It never runs ahead of the belt: what sticks has not passed its speed.
+    assert run.events[0].t.size == 0
+
+    def again(t, y):
+        return y[1] - 0.5
+
+    again.terminal, again.direction = True, 1
+    slip = solve_ivp(
+        lambda t, y: [y[1], -y[0] + 1 / (2 - 2 * y[1])], (0, 30), [1.0, 0.5 - 1e-14], "DOP853",
+        rtol=1e-13, atol=1e-14, events=again, max_step=0.02,
+    )  # fmt: skip
+    period = slip.t[-1] + (1 - slip.y[0, -1]) / 0.5
+    passed = run.events[1].t
+    assert passed.size > 5
+    np.testing.assert_allclose(np.diff(passed[1:]), period, atol=1e-6)
+    stuck = run.state[np.abs(run.state[:, 1] - 0.5) < 1e-12, 0]
+    assert stuck.size > 50
+    assert stuck.max() <= 1 + 1e-12
+
+
+def test_goes_on_sticking_bit_for_bit():
+    """A run that is cut where it sticks, slides or turns is the run that never stopped."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.3*sign(x_dot)")
+    whole = vv.simulate(system, 20.0, dt=0.1, load=0.5, nu=0.8)
+    assert (np.abs(whole.state[1:, 1]) < 1e-12).sum() > 5
+    for cut in (1.0, 3.7, 8.3, 12.0):
+        part = vv.simulate(system, cut, dt=0.1, load=0.5, nu=0.8)
+        again = vv.simulate(system, 20.0, resume=part)
+        np.testing.assert_array_equal(again.state[-1], whole.state[-1])

@@ -19,6 +19,8 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.oscillators import refuse_turning
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+from viscovib.systems.whole import of_few
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,6 +29,8 @@ UNSETTLED, LEFT = -1, -2
 _MOST_RUNS = 10_000_000
 #: Motions by which the step is found, and how exact they are.
 _PROBES, _PROBED = 16, 1e-6
+#: Disturbances by which an attractor is told from a saddle, and their negatives.
+_PUSHES = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,8 +40,9 @@ class Basins(Result):
     Attributes
     ----------
     labels : ndarray of int, shape (n_y, n_x)
-        Place in ``attractors``; -1: has not settled (slow, chaotic or of a longer period); -2: the
-        run did not reach its end (it diverged).
+        Place in ``attractors``; -1: has not settled (slow, chaotic, of a longer period, or on a
+        motion that does not attract, such as a saddle); -2: the run did not reach its end (it
+        diverged).
     attractors : tuple of ndarray, shape (period, 2 n_dof)
         States of each attractor, one a period of the load, those with more starts first; of a
         system without a load its state of rest.
@@ -102,7 +107,7 @@ class Basins(Result):
 
 
 def basins(
-    system: Pendulum | PolynomialSystem,
+    system: Pendulum | PolynomialSystem | Structure,
     starts: Mapping[str, npt.ArrayLike],
     *,
     n_periods: int | None = None,
@@ -124,7 +129,7 @@ def basins(
 
     Parameters
     ----------
-    system : Pendulum or PolynomialSystem
+    system : Pendulum, PolynomialSystem or Structure
         As for `simulate_ensemble`.
     starts : mapping of two names to array_like
         {"x": values, "x_dot": values}: coordinates or velocities and their starts, x and y.
@@ -161,9 +166,11 @@ def basins(
     >>> len(found.attractors)
     2
     """
+    system = of_few(system)
     if not isinstance(system, Pendulum | PolynomialSystem):
         raise InputError(
-            f"system = {_native.shown(system)}: must be a Pendulum or a PolynomialSystem"
+            f"system = {_native.shown(system)}: must be a Pendulum, a PolynomialSystem or a "
+            "Structure"
         )
     refuse_turning(system, "a map of basins")
     names, x, y, states = _grid(system, starts, others)
@@ -176,10 +183,12 @@ def basins(
     if isinstance(system, PolynomialSystem):
         call |= {"load": load, "nu": nu}
     call["dt"] = _step(system, states, call) if _native.is_auto(dt) else dt
+    length: dict[str, Any]
     if loaded:
         if t_end is not None or n_periods is None:
             raise InputError("n_periods: must be given under a load, instead of t_end")
         count = _native.integer("n_periods", n_periods, 2 * most + 1, 10**9)
+        length = {"n_periods": count, "sections": sections, "discard": count - 1}
         run = simulate_ensemble(
             system, initial=states, n_periods=count, sections=sections,
             discard=count - 2 * most, **call,
@@ -190,14 +199,47 @@ def basins(
         if n_periods is not None or t_end is None:
             raise InputError("t_end: must be given without a load, instead of n_periods")
         end = _native.number("t_end", t_end)
+        length = {"t_end": end}
         run = simulate_ensemble(system, initial=states, t_end=end, **call)
         more = simulate_ensemble(system, initial=run.state, t_end=0.1 * end, **call)
         points, most = np.stack([run.state, more.state], axis=1), 1
     ended = run.outcome == "completed"
     scale = np.abs(np.concatenate([states, *points[ended]])).max(axis=0)
     labels, attractors = _classes(points, ended, most, near, scale)
+    labels, attractors = _only_stable(system, labels, attractors, near, scale, call | length)
     share = np.array([(labels == i).mean() for i in range(len(attractors))])
     return Basins(labels.reshape(y.size, x.size), attractors, share, names, x, y, near, system)
+
+
+def _only_stable(
+    system: Pendulum | PolynomialSystem,
+    labels: npt.NDArray[np.intp],
+    orbits: tuple[FloatArray, ...],
+    near: float,
+    largest: FloatArray,
+    call: Mapping[str, Any],
+) -> tuple[npt.NDArray[np.intp], tuple[FloatArray, ...]]:
+    """Leave out motions that repeat but do not attract: disturbed a little they go elsewhere.
+
+    A start may lie on a saddle, or on what leads to one.
+    """
+    if not orbits:
+        return labels, orbits
+    scale = np.maximum(largest, 1e-9 * max(float(largest.max()), 1e-290))
+    # No direction is special.
+    pushed = np.random.default_rng(1).uniform(0.5, 1.0, (_PUSHES, scale.size))
+    pushed *= np.resize([1.0, -1.0, -1.0], pushed.shape)
+    pushed = 3 * near * scale * np.concatenate([pushed, -pushed])
+    starts = np.concatenate([orbit[-1] + pushed for orbit in orbits])
+    run = simulate_ensemble(system, initial=starts, **call)
+    ends = run.state.reshape(len(orbits), -1, scale.size)
+    stays = [
+        bool((np.abs(end[:, None] - orbit) / scale).max(axis=2).min(axis=1).max() <= 10 * near)
+        for end, orbit in zip(ends, orbits, strict=True)
+    ]
+    place = np.where(stays, np.cumsum(stays) - 1, UNSETTLED)
+    labels = np.where(labels >= 0, place[np.maximum(labels, 0)], labels)
+    return labels, tuple(orbit for orbit, stable in zip(orbits, stays, strict=True) if stable)
 
 
 def _step(

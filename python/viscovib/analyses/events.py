@@ -67,7 +67,8 @@ class Watch:
             numbers += [_DIRECTIONS[event.direction], int(event.terminal), len(law.code)]
             numbers += [x for pair in zip(law.code, law.number, strict=True) for x in pair]
         self.vector = np.array(numbers, dtype=float)
-        self.sides = np.zeros(len(events), dtype=np.intc)
+        # Of each, its side and a power of 2 not above its largest value so far.
+        self.sides = np.zeros(2 * len(events), dtype=np.intc)
         self.found: list[FloatArray] = []
 
     @classmethod

@@ -18,6 +18,7 @@ from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike, load_series
 from viscovib.systems.pendulum import PARAMETERS, Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.whole import of_few
 
 #: Numbers of a polynomial system that may vary; scales in the order of the core.
 _SCALES = ("load_scale", "stiffness_scale", "damping_scale", "forces_scale")
@@ -194,9 +195,12 @@ def members_of(
             if value is not None:
                 raise InputError(f"{name}: a Pendulum has its loads in itself, must be None")
         return PendulumMembers(system, initial, given)
+    system = of_few(system)
     if isinstance(system, PolynomialSystem):
         return PolynomialMembers(system, initial, given, load, nu)
-    raise InputError(f"system = {_native.shown(system)}: must be a Pendulum or a PolynomialSystem")
+    raise InputError(
+        f"system = {_native.shown(system)}: must be a Pendulum, a PolynomialSystem or a Structure"
+    )
 
 
 def _steps(spans: FloatArray, fastest: FloatArray) -> int:

@@ -30,7 +30,7 @@ METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
 #: Numbers that a run needs to go on; the core uses as many as the method has.
 _MEMORY = 256
 #: Coordinates of a polynomial system that the methods of a pendulum take.
-_MAX_DOF = 6
+MAX_DOF = 6
 
 
 def pendulum_runs(
@@ -86,7 +86,7 @@ def goes_as_pendulum(
         return False
     highest = max(load, default=0) if isinstance(load, Mapping) else 1
     return (
-        len(system.dof_names) <= _MAX_DOF
+        len(system.dof_names) <= MAX_DOF
         and isinstance(method, str)
         and method in ("auto", *METHODS)
         and all(given is None for given in (base, held))
@@ -126,10 +126,10 @@ def polynomial_runs(
     driven = (series[:-1] != 0).any(axis=1) | (state.reshape(n, 2) != 0).any(axis=1)
     moves = moving(system, driven | pieces.any(axis=(1, 2)))
     job = (system._flat, orders, series, frequency, breaks, pieces, moves, force)
-    return partial(_PolynomialRun.of_job, system, name, state, solved, job), steps
+    return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
 
-class _PolynomialRun(Run):
+class PolynomialRun(Run):
     """A run of a polynomial system without memory."""
 
     counts = "evaluations"
@@ -156,9 +156,14 @@ class _PolynomialRun(Run):
         solved: float,
         job: tuple[Any, ...],
         h: float,
-    ) -> "_PolynomialRun":
+    ) -> "PolynomialRun":
         """The same, the step last."""
         return cls(system, method, state, h, solved, job)
+
+    def adopt(self, earlier: Run) -> None:
+        """Go on from the end of an earlier run: elements remember."""
+        super().adopt(earlier)
+        self.memory = earlier.memory
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""
@@ -179,7 +184,9 @@ class _PolynomialRun(Run):
         return text
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
-        resume = self.memory is not None and not self.anew
+        resume = 0 if self.memory is None else 2 if self.anew else 1
+        # Every surface and every state of an element has at least two numbers in the vector.
+        room = _MEMORY + 2 * self.job[0].size
         return Piece(
             *_native.call_either(
                 count > _native.MANY_STEPS,
@@ -194,8 +201,8 @@ class _PolynomialRun(Run):
                 self.done,
                 count,
                 every,
-                int(resume),
-                self.memory if resume else np.zeros(_MEMORY),
+                resume,
+                self.memory if resume else np.zeros(room),
                 times,
                 columns,
                 *self._watched(),

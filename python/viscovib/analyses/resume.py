@@ -14,6 +14,7 @@ from viscovib.analyses.hereditary import NODES, MountMotion, hereditary_run_of, 
 from viscovib.analyses.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
 from viscovib.analyses.runs import Run, Wanted, again, with_estimate
 from viscovib.analyses.structure_motion import StructureMotion, structure_motion_of
+from viscovib.analyses.whole_structure import WholeRun, whole_runs
 from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.errors import InputError
@@ -170,6 +171,12 @@ def _other_loads_of_structure(
     """The same of a structure, whose modes the run knows."""
     if not loaded:
         return None
+    if isinstance(run, WholeRun):
+        if base is not None:
+            raise InputError("base: a structure with elements that switch has none in time")
+        given: Any = run.system
+        make, _ = whole_runs(given, end, None, run.method, load, nu, force, run.solved)
+        return known(make, breaks_of(force, None, len(given.dof_names)), force, None)
     before = structure_motion_of(run)
     assert before is not None
     system = before.mount

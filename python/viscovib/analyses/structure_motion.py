@@ -50,12 +50,17 @@ class StructureTrajectory(Trajectory):
     ----------
     deflections, rates : ndarray, shape (n, q)
         Deflections of the elements, as `Structure.deflections` names them, relative to the base,
-        and their rates. Further attributes are those of `Trajectory`; ``state`` holds the
+        and their rates.
+    resting_since : ndarray, shape (n_stops, 2)
+        Of rigid stops (elements with a restitution): since when the motion rests against each at
+        gap and at -gap, the end of impacts without end; nan where it does not rest at the end.
+        Further attributes are those of `Trajectory`; ``state`` holds the
         coordinates that `dof_names` lists.
     """
 
     deflections: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     rates: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    resting_since: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     _names: tuple[str, ...] = ()
     _units: tuple[str, ...] = ()
 

@@ -30,6 +30,7 @@ from viscovib.analyses.structure_motion import (
     goes_condensed,
     structure_motion_of,
 )
+from viscovib.analyses.whole_structure import goes_whole, whole_runs
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, caller
@@ -280,6 +281,10 @@ def _runs(
                 raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
         _native.choice("memory", given.memory, ("auto",))
         return *pendulum_runs(system, end, initial, method, solved), 1
+    if goes_whole(system, method, base, held, given.memory):
+        if given.coordinates is not None:
+            raise InputError("coordinates: of a structure of so few all are kept, must be None")
+        return *whole_runs(system, end, initial, method, load, nu, force, solved), 1
     if isinstance(system, Structure) or goes_condensed(system):
         shape = StructureMotion.checked(
             system, end, initial, method, load, nu, base, force, held, given.memory,

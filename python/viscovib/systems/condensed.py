@@ -119,6 +119,11 @@ class Condensation:
         ``direction``: how these move with the base, shape (q,).
         """
         laws, q = self.laws, self.q
+        if any(place.law.text == "restitution" for place in laws.programs):
+            raise InputError(
+                "elements: a stop with restitution is for motions in time (simulate), must have "
+                "a stiffness instead here"
+            )
         kernels = [kernel for kernel in laws.kernels if kernel is not None]
         springs: list[Any] = []
         monomials: list[Any] = []

@@ -1,28 +1,55 @@
 """Elements of a structure that touch and leave: springs behind a gap, and stops."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 from viscovib import _native
 from viscovib.errors import InputError
 from viscovib.systems.laws import Law, read_law
+
+#: Instructions of the core that hold numbers, and what it calls a stop with restitution.
+_ARGUMENT, _NUMBER, _STOP = 2, 1, 100
 
 
 class Contact:
     """An element with a law of its deflection that is 0 inside a gap."""
 
     on: Any
-    stiffness: float
     gap: float
+    stiffness: float | None
+    restitution: float | None
+    #: Whether it stands on both sides.
+    _both: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        for name in ("stiffness", "gap"):
-            object.__setattr__(self, name, _native.number(name, getattr(self, name)))
-        if self.stiffness <= 0:
-            raise InputError(f"stiffness = {self.stiffness:g}: must be greater than 0")
+        object.__setattr__(self, "gap", _native.number("gap", self.gap))
+        if (self.stiffness is None) == (self.restitution is None):
+            raise InputError("stiffness, restitution: one of them must be given, and only one")
+        if self.stiffness is not None:
+            object.__setattr__(self, "stiffness", _native.number("stiffness", self.stiffness))
+            if self.stiffness <= 0:
+                raise InputError(f"stiffness = {self.stiffness:g}: must be greater than 0")
+            return
+        value = _native.number("restitution", self.restitution)
+        if not 0 <= value <= 1:
+            raise InputError(f"restitution = {value:g}: must be in [0, 1]")
+        object.__setattr__(self, "restitution", value)
+
+    def _rigid(self) -> Law:
+        """A rigid stop as the core takes it: a deflection, gap, restitution, 1 if on both sides."""
+        assert self.restitution is not None
+        numbers = (1.0, self.gap, self.restitution, float(self._both))
+        code = (_ARGUMENT, _NUMBER, _NUMBER, _NUMBER)
+        return Law("restitution", ("d",), code, numbers, -int(self._both), state=_STOP)
+
+    def _elastic(self) -> float:
+        """The stiffness, which a force needs."""
+        if self.stiffness is None:
+            raise InputError("stiffness: is None, a rigid stop has no force of its deflection")
+        return self.stiffness
 
     def _read(self, text: str) -> Law:
-        law = read_law("law", text, ("d",), {"k": self.stiffness, "gap": self.gap}, ("v",))
+        law = read_law("law", text, ("d",), {"k": self._elastic(), "gap": self.gap}, ("v",))
         assert isinstance(law, Law)
         return law
 
@@ -43,6 +70,9 @@ class Gap(Contact):
         The direction e, as of `Spring`; it touches where d > gap.
     stiffness : float
         k, greater than 0 (N/m).
+    restitution : float
+        Instead of the stiffness, for motions in time: a rigid stop, which returns the part e of the
+        speed, 0 to 1. Impacts that would follow each other without end (e < 1) end in contact.
     gap : float
         Of any sign (m); a negative gap is a preload, f = -k gap at rest, of which plans tell.
 
@@ -54,16 +84,19 @@ class Gap(Contact):
     """
 
     on: Any
-    stiffness: float
     gap: float
+    stiffness: float | None = None
+    restitution: float | None = None
 
     @property
     def _law(self) -> Law:
+        if self.restitution is not None:
+            return self._rigid()
         return self._read("k*max(d - gap, 0)")
 
     def force(self, d: Any) -> Any:
         """Return f at deflections of any shape."""
-        return self.stiffness * (_native.real_array("d", d) - self.gap).clip(0)
+        return self._elastic() * (_native.real_array("d", d) - self.gap).clip(0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,6 +109,8 @@ class Stop(Contact):
         The direction e, as of `Spring`.
     stiffness : float
         k of the contacts, greater than 0 (N/m).
+    restitution : float
+        Instead of the stiffness, for motions in time, as of `Gap`.
     gap : float
         At least 0 (m), on either side.
 
@@ -87,8 +122,10 @@ class Stop(Contact):
     """
 
     on: Any
-    stiffness: float
     gap: float
+    stiffness: float | None = None
+    restitution: float | None = None
+    _both: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,10 +134,12 @@ class Stop(Contact):
 
     @property
     def _law(self) -> Law:
+        if self.restitution is not None:
+            return self._rigid()
         # Odd, which its text does not show.
         return replace(self._read("k*(max(d - gap, 0) - max(-d - gap, 0))"), parity=-1)
 
     def force(self, d: Any) -> Any:
         """Return f at deflections of any shape."""
         x = _native.real_array("d", d)
-        return self.stiffness * (x - x.clip(-self.gap, self.gap))
+        return self._elastic() * (x - x.clip(-self.gap, self.gap))

@@ -131,12 +131,12 @@ def element_laws(
             stiffness[i] += element.powers.get(1, 0.0) * np.outer(column, column)
         for power, c in element.powers.items():
             if power > 1:
-                _add_force(forces[group_of(element.kernel)], c, mix, [(mix, power)], q)
+                add_force(forces[group_of(element.kernel)], c, mix, [(mix, power)], q)
     for coupling, own in zip(couplings, mixes, strict=True):
         i = group_of(coupling.kernel)
         for (on, powers), c in coupling.forces.items():
             factors = [(own[j], power) for j, power in enumerate(powers) if power]
-            _add_force(forces[i], c, own[on], factors, q)
+            add_force(forces[i], c, own[on], factors, q)
     programs = [
         LawPlace(kernel_place(kernels, element.kernel), _rows([mix], q), mix, element.law)
         for element, mix in zip(active, weights, strict=True)
@@ -183,7 +183,7 @@ def _in_terms_of(chosen: list[FloatArray], direction: FloatArray) -> dict[int, f
     return {len(chosen) - 1: 1.0}
 
 
-def _add_force(forces: Monomials, c: float, on: dict[int, float], factors: Any, q: int) -> None:
+def add_force(forces: Monomials, c: float, on: dict[int, float], factors: Any, q: int) -> None:
     """Add g_a = on_a c prod_j (sum_b w_jb y_b)^p_j, by the multinomial theorem."""
     product: dict[tuple[int, ...], float] = {(0,) * q: c}
     for mix, power in factors:

@@ -211,6 +211,9 @@ def element_terms(
         if isinstance(element, Contact):
             e = direction_of(f"elements[{i}].on", element.on, len(names), places)
             law = element._law
+            if law.state:
+                found.append(ElementTerms(e, {}, 0.0, None, law))
+                continue
             slope = float(law.stiffness_at_rest[0])
             powers = {1: slope} if slope else {}
             found.append(ElementTerms(e, powers, 0.0, None, law.remainder()))

@@ -229,6 +229,12 @@ class Structure:
         return Condensation(self._rest, laws, self._reduced)
 
     @property
+    def _element_directions(self) -> FloatArray:
+        """Directions of the deflections that results tell, shape (n, q)."""
+        couplings = coupling_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
+        return element_laws(self._all_elements, self.n_coordinates, couplings).directions
+
+    @property
     def _inertia(self) -> FloatArray:
         """M b, b being the direction in which the base moves."""
         mass: Any = self.mass

@@ -1,0 +1,177 @@
+!> A force law over a block of lanes: what `law_program` gives, written for the vector unit.
+!!
+!! Each instruction is a loop over lanes without a branch; sin, cos, exp, tanh, log, roots and
+!! powers that are whole or half are computed in the vector unit (viscovib_vector_math), the others
+!! one by one.
+module viscovib_law_lanes
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_law_program, only: add, divide, f_abs, f_atleast, f_atmost, f_cos, f_exp, &
+    f_heaviside, f_less, f_log, f_max, f_min, f_more, f_sign, f_sin, f_sqrt, f_tanh, f_where, &
+    first_of_two, known_power, law_program, multiply, negate, number_for_one, number_for_two, &
+    of_one, of_two, operands, put_argument, put_number, second_of_two, square, steepest, subtract, &
+    wall
+  use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
+    sine_cosine_lanes, tangent_lanes
+  implicit none
+  private
+
+  public :: evaluate_lanes
+
+  !> Beyond this a power is computed as one of a real number.
+  real(wp), parameter :: highest_power = 32.0_wp
+
+contains
+
+  !> The law in every lane.
+  pure subroutine evaluate_lanes(law, arguments, value)
+    type(law_program), intent(in) :: law
+    !> Shape (n_lanes, n_arguments).
+    real(wp), intent(in) :: arguments(n_lanes, *)
+    real(wp), intent(out) :: value(n_lanes)
+    real(wp) :: x(n_lanes, law%depth + 2)
+    integer :: i, top
+
+    top = 0
+    do i = 1, size(law%code)
+      top = top - operands(law%code(i)) + 1
+      call instruct(law%code(i), law%number(i), arguments, x(1, top))
+    end do
+    value = x(:, 1)
+  end subroutine evaluate_lanes
+
+  !> One instruction: its operands stand in the columns of x, its value goes in the first.
+  pure subroutine instruct(code, number, arguments, x)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: number, arguments(n_lanes, *)
+    real(wp), intent(inout) :: x(n_lanes, 3)
+    integer :: l
+
+    select case (code)
+    case (put_number, number_for_one, number_for_two)
+      x(:, 1) = number
+    case (put_argument)
+      x(:, 1) = arguments(:, nint(number))
+    case (add)
+      x(:, 1) = x(:, 1) + x(:, 2)
+    case (subtract)
+      x(:, 1) = x(:, 1) - x(:, 2)
+    case (multiply)
+      x(:, 1) = min(max(x(:, 1)*x(:, 2), -wall), wall)
+    case (square)
+      x(:, 1) = min(x(:, 1)**2, wall)
+    case (negate)
+      x(:, 1) = -x(:, 1)
+    case (divide)
+      do l = 1, n_lanes
+        x(l, 1) = merge(wall, x(l, 1)/merge(1.0_wp, x(l, 2), abs(x(l, 2)) <= abs(x(l, 1))/wall), &
+                        abs(x(l, 2)) <= abs(x(l, 1))/wall)
+      end do
+    case (first_of_two)
+      return
+    case (second_of_two)
+      x(:, 1) = x(:, 2)
+    case (f_where)
+      x(:, 1) = merge(x(:, 2), x(:, 3), abs(x(:, 1)) > 0.0_wp)
+    case (f_abs)
+      x(:, 1) = abs(x(:, 1))
+    case (f_min)
+      x(:, 1) = merge(x(:, 1), x(:, 2), x(:, 1) <= x(:, 2))
+    case (f_max)
+      x(:, 1) = merge(x(:, 2), x(:, 1), x(:, 1) <= x(:, 2))
+    case (f_less)
+      x(:, 1) = merge(1.0_wp, 0.0_wp, x(:, 1) < x(:, 2))
+    case (f_atmost)
+      x(:, 1) = merge(1.0_wp, 0.0_wp, x(:, 1) <= x(:, 2))
+    case (f_more)
+      x(:, 1) = merge(1.0_wp, 0.0_wp, x(:, 1) > x(:, 2))
+    case (f_atleast)
+      x(:, 1) = merge(1.0_wp, 0.0_wp, x(:, 1) >= x(:, 2))
+    case (f_sign)
+      x(:, 1) = merge(sign(1.0_wp, x(:, 1)), 0.0_wp, abs(x(:, 1)) > 0.0_wp)
+    case (f_heaviside)
+      x(:, 1) = merge(merge(1.0_wp, 0.0_wp, x(:, 1) > 0.0_wp), 0.5_wp, abs(x(:, 1)) > 0.0_wp)
+    case default
+      call transcend(code, number, x)
+    end select
+  end subroutine instruct
+
+  !> Functions that take more than a few operations.
+  pure subroutine transcend(code, number, x)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: number
+    real(wp), intent(inout) :: x(n_lanes, 3)
+    real(wp) :: other(n_lanes), by(2)
+    integer :: l
+
+    select case (code)
+    case (f_sin, f_cos)
+      if (all(abs(x(:, 1)) <= largest_angle)) then
+        if (code == f_sin) then
+          call sine_cosine_lanes(x(:, 1), other, x(:, 2))
+        else
+          call sine_cosine_lanes(x(:, 1), x(:, 2), other)
+        end if
+        x(:, 1) = other
+        return
+      end if
+    case (f_exp)
+      call exponential_lanes(min(max(x(:, 1), -700.0_wp), steepest), other)
+      x(:, 1) = merge(wall, other, x(:, 1) > steepest)
+      return
+    case (f_tanh)
+      call tangent_lanes(x(:, 1), other)
+      x(:, 1) = other
+      return
+    case (f_log)
+      call logarithm_lanes(max(x(:, 1), 1.0_wp/wall), other)
+      x(:, 1) = merge(wall, other, x(:, 1) <= 1.0_wp/wall)
+      return
+    case (f_sqrt)
+      other = sqrt(abs(x(:, 1)))
+      x(:, 1) = merge(wall, other, x(:, 1) < 0.0_wp)
+      return
+    case (known_power)
+      if (abs(number) <= highest_power .and. abs(2.0_wp*number - anint(2.0_wp*number)) <= 0.0_wp &
+          .and. all(abs(x(:, 1)) > 1.0e-4_wp .and. abs(x(:, 1)) < 1.0e4_wp)) then
+        if (mod(nint(2.0_wp*number), 2) == 0 .or. all(x(:, 1) > 0.0_wp)) then
+          call raise(nint(2.0_wp*number), x)
+          return
+        end if
+      end if
+    case default
+      other = 0.0_wp
+    end select
+    if (operands(code) == 2) then
+      do l = 1, n_lanes
+        call of_two(code, x(l, 1), x(l, 2), other(l), by)
+      end do
+    else
+      do l = 1, n_lanes
+        call of_one(code, number, x(l, 1), other(l), by(1))
+      end do
+    end if
+    x(:, 1) = other
+  end subroutine transcend
+
+  !> x^(halves/2), of numbers whose powers are in range.
+  pure subroutine raise(halves, x)
+    integer, intent(in) :: halves
+    real(wp), intent(inout) :: x(n_lanes, 3)
+    real(wp) :: product(n_lanes), factor(n_lanes)
+    integer :: n
+
+    n = abs(halves)/2
+    product = 1.0_wp
+    if (mod(abs(halves), 2) == 1) product = sqrt(x(:, 1))
+    factor = x(:, 1)
+    do while (n > 0)
+      if (mod(n, 2) == 1) product = product*factor
+      n = n/2
+      if (n > 0) factor = factor*factor
+    end do
+    if (halves < 0) product = 1.0_wp/product
+    x(:, 1) = product
+  end subroutine raise
+
+end module viscovib_law_lanes

@@ -1,0 +1,449 @@
+!> Force laws and elements of a motion in time, each on one side of its surfaces or sliding on it.
+!!
+!! A jump, such as that of sign(v), is set-valued on its surface g = 0 (Filippov): where the motion
+!! is pushed there from both sides it stays, and the law takes the value between both for which it
+!! does. With the force on the one side, a_+, and by what it differs from that on the other, 2 b_j
+!! for surface j,
+!!
+!!   a = a_+ + sum_j mu_j b_j,  0 <= mu_j <= 2,  d g_j/dt = c_j + n_j . a = 0,
+!!
+!! c_j = dg_j/dq . v and n_j = dg_j/dv: linear equations for mu (the equivalent control, V. I.
+!! Utkin, Sliding Modes in Control and Optimization, 1992). The motion leaves a surface where mu_j
+!! leaves this interval. In the same way a stop pushes with b = M^(-1) n and any mu >= 0 while the
+!! motion rests against it.
+module viscovib_switched_laws
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_law_branches, only: find_signals, held, signal_type, slides
+  use viscovib_law_lanes, only: evaluate_lanes
+  use viscovib_law_program, only: law_program, wall
+  use viscovib_law_term, only: law_term
+  use viscovib_moving_element, only: moving_element, new_moving_element
+  implicit none
+  private
+
+  public :: switched_laws, new_switched_laws
+
+  !> The other value of a law that slides: which law, and its program on the other side.
+  type :: other_side
+    integer :: law = 0
+    type(law_program) :: program
+  end type other_side
+
+  !> Surfaces that are one, on which the motion slides: the first of them, and what jumps there.
+  type :: slide_type
+    integer :: leader = 0
+    type(other_side), allocatable :: others(:)
+    !> The stop against which it rests instead, 0: none.
+    integer :: stop = 0
+  end type slide_type
+
+  type :: switched_laws
+    integer :: n_dof = 0
+    type(law_term), allocatable :: laws(:)
+    !> Elements that know what was.
+    type(moving_element), allocatable :: elements(:)
+    !> Of each surface, its law or behind those its element (the other is 0), which one of it, the
+    !! first surface that is the same, and whether both signals have the same sign (1) or not (-1).
+    integer, allocatable :: law_of(:), element_of(:), which(:), leader(:), sense(:)
+    !> Where each surface is the motion: on a side, 1 or -1; not known, 0; on it, `slides`.
+    integer, allocatable :: holds(:)
+    type(signal_type), allocatable :: signals(:)
+    type(law_term), allocatable, private :: free(:)
+    !> M^(-1) w of each law, shape (n_dof, n_laws).
+    real(wp), allocatable, private :: weights(:, :)
+    type(slide_type), allocatable, private :: sliding(:)
+  contains
+    procedure :: take
+    procedure :: add
+    procedure :: rate
+    procedure :: n_slides
+    procedure :: place_of
+    procedure :: n_known
+    procedure :: known
+    procedure :: recall
+    procedure :: normal
+    procedure :: deflection
+  end type switched_laws
+
+contains
+
+  subroutine new_switched_laws(self, laws, inverse)
+    type(switched_laws), intent(out) :: self
+    type(law_term), intent(in) :: laws(:)
+    !> M^(-1).
+    real(wp), intent(in) :: inverse(:, :)
+    integer :: i, j, k, n
+
+    self%n_dof = size(inverse, 1)
+    self%free = pack(laws, laws%state == 0)
+    self%laws = self%free
+    allocate (self%weights(self%n_dof, size(self%free)), self%elements(count(laws%state > 0)))
+    allocate (self%law_of(0), self%element_of(0), self%which(0))
+    do i = 1, size(self%free)
+      associate (law => self%free(i))
+        self%weights(:, i) = matmul(inverse(:, law%equations), law%weights)
+        n = law%program%n_surfaces()
+        self%law_of = [self%law_of, spread(i, 1, n)]
+        self%which = [self%which, (j, j=1, n)]
+      end associate
+    end do
+    self%element_of = 0*self%law_of
+    j = 0
+    do i = 1, size(laws)
+      if (laws(i)%state == 0) cycle
+      j = j + 1
+      call new_moving_element(self%elements(j), laws(i), inverse)
+      n = self%elements(j)%n_surfaces()
+      self%law_of = [self%law_of, spread(0, 1, n)]
+      self%element_of = [self%element_of, spread(j, 1, n)]
+      self%which = [self%which, (k, k=1, n)]
+    end do
+    n = size(self%law_of)
+    allocate (self%holds(n), self%sense(n), source=0)
+    self%leader = [(i, i=1, n)]
+    self%sense = 1
+    call self%take(self%holds)
+    do i = 2, count(self%law_of > 0)
+      do j = 1, i - 1
+        if (self%leader(j) /= j) cycle
+        self%sense(i) = likeness(self%signals(j), self%signals(i), size(inverse, 1))
+        if (self%sense(i) /= 0) then
+          self%leader(i) = j
+          exit
+        end if
+      end do
+      if (self%leader(i) == i) self%sense(i) = 1
+    end do
+  end subroutine new_switched_laws
+
+  !> Whether two signals differ by a constant factor only: its sign, else 0. They are compared at
+  !! places that no law prefers.
+  integer function likeness(one, other, n_dof)
+    type(signal_type), intent(in) :: one, other
+    integer, intent(in) :: n_dof
+    integer, parameter :: n = 5
+    real(wp) :: q(n, n_dof), v(n, n_dof), g(n), f(n), factor
+    integer :: d, i
+
+    do d = 1, n_dof
+      do i = 1, n
+        q(i, d) = sin(1.7_wp*i + 2.3_wp*d + 0.4_wp*i*d)
+        v(i, d) = cos(2.9_wp*i - 1.3_wp*d + 0.7_wp*i*d)
+      end do
+    end do
+    likeness = 0
+    call one%at([(0.0_wp, i=1, n)], q, v, g)
+    call other%at([(0.0_wp, i=1, n)], q, v, f)
+    if (maxval(abs(g)) >= wall .or. maxval(abs(f)) >= wall) return
+    i = maxloc(abs(g), 1)
+    if (.not. min(abs(g(i)), abs(f(i))) > 0.0_wp) return
+    factor = f(i)/g(i)
+    if (all(abs(f - factor*g) <= 1.0e-12_wp*maxval(abs(f)))) likeness = nint(sign(1.0_wp, factor))
+  end function likeness
+
+  !> Hold the laws where the motion is.
+  subroutine take(self, holds)
+    class(switched_laws), intent(inout) :: self
+    !> Of each surface: 1, -1, 0 or `slides`.
+    integer, intent(in) :: holds(:)
+    type(law_program), allocatable :: programs(:)
+    integer :: sides(size(self%law_of)), other(size(self%law_of)), i, j, k, n
+
+    self%holds = holds
+    sides = merge(self%sense, holds, holds == slides)
+    if (allocated(self%signals)) deallocate (self%signals)
+    allocate (self%signals(size(holds)))
+    k = 0
+    do i = 1, size(self%free)
+      associate (law => self%free(i))
+        n = law%program%n_surfaces()
+        if (n == 0) cycle
+        self%laws(i)%program = held(law%program, sides(k + 1:k + n))
+        call find_signals(law%program, sides(k + 1:k + n), programs)
+        do j = 1, n
+          self%signals(k + j)%program = programs(j)
+          self%signals(k + j)%by_q = law%arguments
+          self%signals(k + j)%by_v = law%rates
+        end do
+        k = k + n
+      end associate
+    end do
+    if (allocated(self%sliding)) deallocate (self%sliding)
+    n = 0
+    do k = 1, size(holds)
+      if (holds(k) /= slides) cycle
+      if (self%leader(k) == k) n = n + 1
+    end do
+    allocate (self%sliding(n))
+    j = 0
+    do k = 1, size(holds)
+      if (holds(k) /= slides) cycle
+      if (self%leader(k) /= k) cycle
+      j = j + 1
+      if (self%element_of(k) > 0) then
+        self%sliding(j)%leader = k
+        self%sliding(j)%stop = self%element_of(k)
+        allocate (self%sliding(j)%others(0))
+      else
+        other = merge(-sides, sides, self%leader == k)
+        call slide_on(self, k, other, self%sliding(j))
+      end if
+    end do
+  end subroutine take
+
+  !> What jumps on a surface.
+  subroutine slide_on(self, k, other, slide)
+    class(switched_laws), intent(in) :: self
+    integer, intent(in) :: k, other(:)
+    type(slide_type), intent(out) :: slide
+    integer :: first, i, m, n
+
+    slide%leader = k
+    allocate (slide%others(size(self%free)))
+    m = 0
+    first = 0
+    do i = 1, size(self%free)
+      n = count(self%law_of == i)
+      if (any(self%leader(first + 1:first + n) == k)) then
+        m = m + 1
+        slide%others(m)%law = i
+        slide%others(m)%program = held(self%free(i)%program, other(first + 1:first + n))
+      end if
+      first = first + n
+    end do
+    slide%others = slide%others(:m)
+  end subroutine slide_on
+
+  !> On how many surfaces the motion slides.
+  pure integer function n_slides(self)
+    class(switched_laws), intent(in) :: self
+    n_slides = 0
+    if (allocated(self%sliding)) n_slides = size(self%sliding)
+  end function n_slides
+
+  !> Which slide a surface leads, 0: none.
+  pure integer function place_of(self, k)
+    class(switched_laws), intent(in) :: self
+    integer, intent(in) :: k
+    integer :: j
+    place_of = 0
+    do j = 1, self%n_slides()
+      if (self%sliding(j)%leader == k) place_of = j
+    end do
+  end function place_of
+
+  !> How many numbers elements must know to go on.
+  pure integer function n_known(self)
+    class(switched_laws), intent(in) :: self
+    integer :: i
+    n_known = 0
+    do i = 1, size(self%elements)
+      n_known = n_known + self%elements(i)%n_kept()
+    end do
+  end function n_known
+
+  !> These numbers, those of stops first.
+  function known(self) result(kept)
+    class(switched_laws), intent(in) :: self
+    real(wp) :: kept(self%n_known())
+    integer :: i, m, n, turn
+    n = 0
+    do turn = 1, 2
+      do i = 1, size(self%elements)
+        if (self%elements(i)%is_stop .neqv. turn == 1) cycle
+        m = self%elements(i)%n_kept()
+        kept(n + 1:n + m) = self%elements(i)%keep()
+        n = n + m
+      end do
+    end do
+  end function known
+
+  subroutine recall(self, kept)
+    class(switched_laws), intent(inout) :: self
+    real(wp), intent(in) :: kept(:)
+    integer :: i, m, n, turn
+    n = 0
+    do turn = 1, 2
+      do i = 1, size(self%elements)
+        if (self%elements(i)%is_stop .neqv. turn == 1) cycle
+        m = self%elements(i)%n_kept()
+        call self%elements(i)%recall(kept(n + 1:n + m))
+        n = n + m
+      end do
+    end do
+  end subroutine recall
+
+  !> Take the laws from the accelerations that all else gives.
+  pure subroutine add(self, q, v, a, mu)
+    class(switched_laws), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(inout) :: a(n_lanes, self%n_dof)
+    !> Where between both sides each slide is, shape (n_lanes, n_slides).
+    real(wp), intent(out), optional :: mu(:, :)
+    real(wp) :: value(n_lanes)
+    integer :: d, i, l
+
+    do i = 1, size(self%elements)
+      if (self%elements(i)%is_stop) cycle
+      value = self%deflection(i, q)
+      do l = 1, n_lanes
+        value(l) = self%elements(i)%force(value(l))
+      end do
+      do d = 1, self%n_dof
+        a(:, d) = a(:, d) - self%elements(i)%weights(d)*value
+      end do
+    end do
+    do i = 1, size(self%laws)
+      call evaluate_lanes(self%laws(i)%program, read_by(self%laws(i), q, v), value)
+      do d = 1, size(a, 2)
+        a(:, d) = a(:, d) - self%weights(d, i)*value
+      end do
+    end do
+    if (self%n_slides() == 0) return
+    call slide_along(self, q, v, a, mu)
+  end subroutine add
+
+  !> Deflections of an element.
+  pure function deflection(self, i, q) result(d)
+    class(switched_laws), intent(in) :: self
+    integer, intent(in) :: i
+    real(wp), intent(in) :: q(:, :)
+    real(wp) :: d(size(q, 1))
+    integer :: j
+    d = 0.0_wp
+    do j = 1, self%n_dof
+      if (abs(self%elements(i)%e(j)) > 0.0_wp) d = d + self%elements(i)%e(j)*q(:, j)
+    end do
+  end function deflection
+
+  !> The normal of the surface of a stop, and M^(-1) times it.
+  pure subroutine normal(self, k, n, b)
+    class(switched_laws), intent(in) :: self
+    integer, intent(in) :: k
+    real(wp), intent(out) :: n(self%n_dof), b(self%n_dof)
+    real(wp) :: way
+    way = merge(-1.0_wp, 1.0_wp, self%which(k) == 1)
+    n = way*self%elements(self%element_of(k))%e
+    b = way*self%elements(self%element_of(k))%weights
+  end subroutine normal
+
+  !> Arguments of a law from coordinates and rates.
+  pure function read_by(law, q, v) result(values)
+    type(law_term), intent(in) :: law
+    real(wp), intent(in) :: q(n_lanes, size(law%arguments, 2))
+    real(wp), intent(in) :: v(n_lanes, size(law%arguments, 2))
+    real(wp) :: values(n_lanes, size(law%arguments, 1))
+    integer :: b, k
+    values = 0.0_wp
+    do b = 1, size(q, 2)
+      do k = 1, size(law%arguments, 1)
+        if (abs(law%arguments(k, b)) > 0.0_wp) then
+          values(:, k) = values(:, k) + law%arguments(k, b)*q(:, b)
+        end if
+        if (abs(law%rates(k, b)) > 0.0_wp) then
+          values(:, k) = values(:, k) + law%rates(k, b)*v(:, b)
+        end if
+      end do
+    end do
+  end function read_by
+
+  !> Keep the motion on the surfaces on which it slides.
+  pure subroutine slide_along(self, q, v, a, mu)
+    class(switched_laws), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(inout) :: a(n_lanes, self%n_dof)
+    real(wp), intent(out), optional :: mu(:, :)
+    real(wp) :: b(n_lanes, self%n_dof, size(self%sliding)), one(n_lanes), other(n_lanes)
+    real(wp) :: c(n_lanes, size(self%sliding)), n(n_lanes, self%n_dof, size(self%sliding))
+    real(wp) :: m(size(self%sliding), size(self%sliding)), x(size(self%sliding))
+    integer :: d, i, j, k, l
+
+    b = 0.0_wp
+    do j = 1, size(self%sliding)
+      if (self%sliding(j)%stop > 0) then
+        call self%normal(self%sliding(j)%leader, n(1, :, j), b(1, :, j))
+        n(:, :, j) = spread(n(1, :, j), 1, n_lanes)
+        b(:, :, j) = spread(b(1, :, j), 1, n_lanes)
+        c(:, j) = 0.0_wp
+        cycle
+      end if
+      do k = 1, size(self%sliding(j)%others)
+        associate (pair => self%sliding(j)%others(k))
+          associate (law => self%laws(pair%law))
+            call evaluate_lanes(law%program, read_by(law, q, v), one)
+            call evaluate_lanes(pair%program, read_by(law, q, v), other)
+          end associate
+          do d = 1, size(a, 2)
+            b(:, d, j) = b(:, d, j) + self%weights(d, pair%law)*(0.5_wp*(one - other))
+          end do
+        end associate
+      end do
+      call gradient(self%signals(self%sliding(j)%leader), q, v, c(:, j), n(:, :, j))
+    end do
+    do i = 1, size(a, 1)
+      do j = 1, size(x)
+        x(j) = -(c(i, j) + dot_product(n(i, :, j), a(i, :)))
+        m(j, :) = matmul(n(i, :, j), b(i, :, :))
+      end do
+      call solve(m, x)
+      do l = 1, size(a, 2)
+        a(i, l) = a(i, l) + dot_product(b(i, l, :), x)
+      end do
+      if (present(mu)) mu(i, :) = x
+    end do
+  end subroutine slide_along
+
+  !> What a signal changes by along the motion: c by the velocities, n by the accelerations.
+  pure subroutine gradient(signal, q, v, c, n)
+    type(signal_type), intent(in) :: signal
+    real(wp), intent(in) :: q(:, :), v(:, :)
+    real(wp), intent(out) :: c(:), n(:, :)
+    real(wp) :: slopes(size(c), size(signal%by_q, 1)), value(size(c)), by_q(size(c), size(n, 2))
+    call signal%program%differentiate(matmul(q, transpose(signal%by_q)) &
+                                      + matmul(v, transpose(signal%by_v)), value, slopes)
+    by_q = matmul(slopes, signal%by_q)
+    c = sum(by_q*v, 2)
+    n = matmul(slopes, signal%by_v)
+  end subroutine gradient
+
+  !> Few equations, by elimination with pivots; where there is no answer one too high for any step.
+  pure subroutine solve(m, x)
+    real(wp), intent(inout) :: m(:, :), x(:)
+    real(wp) :: row(size(x)), factor
+    integer :: i, j, p
+
+    do i = 1, size(x)
+      p = i - 1 + maxloc(abs(m(i:, i)), 1)
+      if (.not. abs(m(p, i)) > 1.0e-14_wp*maxval(abs(m))) then
+        x = wall
+        return
+      end if
+      row = m(p, :)
+      m(p, :) = m(i, :)
+      m(i, :) = row
+      factor = x(p)
+      x(p) = x(i)
+      x(i) = factor
+      do j = i + 1, size(x)
+        factor = m(j, i)/m(i, i)
+        m(j, :) = m(j, :) - factor*m(i, :)
+        x(j) = x(j) - factor*x(i)
+      end do
+    end do
+    do i = size(x), 1, -1
+      x(i) = (x(i) - dot_product(m(i, i + 1:), x(i + 1:)))/m(i, i)
+    end do
+  end subroutine solve
+
+  !> How fast a signal changes at one state with these accelerations.
+  real(wp) function rate(self, k, q, v, a)
+    class(switched_laws), intent(in) :: self
+    integer, intent(in) :: k
+    real(wp), intent(in) :: q(:), v(:), a(:)
+    real(wp) :: c(1), n(1, size(q))
+    call gradient(self%signals(k), reshape(q, [1, size(q)]), reshape(v, [1, size(v)]), c, n)
+    rate = c(1) + dot_product(n(1, :), a)
+  end function rate
+
+end module viscovib_switched_laws

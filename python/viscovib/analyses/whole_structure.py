@@ -1,0 +1,109 @@
+"""Structures of few coordinates in time by their whole equations: steps end where laws switch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, ClassVar, TypeGuard
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib._native import FloatArray
+from viscovib.analyses.memoryless import MAX_DOF, METHODS, PolynomialRun, polynomial_runs
+from viscovib.analyses.runs import Run, Wanted
+from viscovib.analyses.structure_motion import StructureTrajectory
+from viscovib.errors import InputError
+from viscovib.results.trajectory import Trajectory
+from viscovib.systems.load import LoadLike
+from viscovib.systems.load_table import LoadTable
+from viscovib.systems.structure import Structure
+from viscovib.systems.whole import switches, whole_system
+
+
+def goes_whole(
+    system: object, method: str, base: object, held: object, memory: str
+) -> TypeGuard[Structure]:
+    """Whether a structure is small, without memory, and has laws with kinks or states."""
+    if not isinstance(system, Structure) or not switches(system):
+        return False
+    told = None
+    if len(system.dof_names) > MAX_DOF:
+        told = f"is for structures of at most {MAX_DOF} coordinates, has {len(system.dof_names)}"
+    elif system._active_kernels:
+        told = "is for structures without kernels"
+    elif system._reduced is not None:
+        told = "is for structures that are not reduced"
+    elif base is not None or held is not None:
+        told = "takes neither base nor held"
+    elif not (isinstance(method, str) and method in ("auto", *METHODS)) or memory != "auto":
+        told = f"has the methods auto, {', '.join(METHODS)}, and memory 'auto'"
+    if told is None:
+        return True
+    if any(element.law is not None and element.law.state for element in system._all_elements):
+        raise InputError(f"elements: a motion in time with hysteresis or restitution {told}")
+    return False
+
+
+def whole_runs(
+    structure: Structure,
+    end: float,
+    initial: npt.ArrayLike | None,
+    method: str,
+    load: LoadLike | None,
+    nu: float | None,
+    force: LoadTable | None,
+    solved: float,
+) -> tuple[Callable[[float], Run], int]:
+    """Return what makes a run with a step, and the steps to begin with."""
+    whole = whole_system(structure)
+    make, steps = polynomial_runs(whole, end, initial, method, load, nu, force, solved)
+    check_outside(structure, make(1.0).state)
+    return partial(_of_structure, structure, make), steps
+
+
+def check_outside(structure: Structure, state: FloatArray) -> None:
+    """Refuse a start beyond a stop that is rigid."""
+    for i, element in enumerate(structure._all_elements):
+        if element.law is None or element.law.text != "restitution":
+            continue
+        gap, _, both = element.law.number[1:]
+        d = float(element.direction @ state[::2])
+        if d > gap or (both and d < -gap):
+            raise InputError(
+                f"initial: element {i} has the deflection {d:g}, beyond its stop at {gap:g}"
+            )
+
+
+def _of_structure(structure: Structure, make: Callable[[float], Run], h: float) -> WholeRun:
+    run = make(h)
+    assert isinstance(run, PolynomialRun)
+    return WholeRun(structure, run)
+
+
+class WholeRun(PolynomialRun):
+    """A run of a structure by its whole equations."""
+
+    power: ClassVar[Any] = None
+
+    def __init__(self, structure: Structure, like: PolynomialRun) -> None:
+        super().__init__(like.system, like.method, like.state, like.h, like.solved, like.job)
+        self.system = structure  # type: ignore[assignment]
+
+    def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
+        """Make n steps."""
+        run = super().steps(n, want, progress)
+        structure: Any = self.system
+        directions = structure._element_directions
+        given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
+        stops = [one.law for one in structure._all_elements if one.law is not None]
+        count = sum(law.text == "restitution" for law in stops)
+        assert self.memory is not None
+        # Since when it rests against each side of each stop, as the core keeps it.
+        begin = int(self.memory[-1])
+        since = self.memory[begin : begin + 2 * count].reshape(count, 2)
+        return StructureTrajectory(
+            **given, deflections=run.state[:, ::2] @ directions,
+            rates=run.state[:, 1::2] @ directions, _names=structure.dof_names,
+            _units=structure.dof_units, resting_since=np.where(since < 0, np.nan, since),
+        )  # fmt: skip

@@ -1,0 +1,103 @@
+"""Structures of few coordinates as polynomial systems in all of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+from viscovib.systems.element_laws import Monomials, add_force
+from viscovib.systems.elements import coupling_terms
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+from viscovib.systems.structure_matrices import dense_of, with_elements
+
+#: Coordinates of an ensemble at most.
+_MOST = 6
+
+
+def switches(structure: Structure) -> bool:
+    """Whether some law has kinks or jumps, or some element knows what was."""
+    laws = [element.law for element in structure._all_elements if element.law is not None]
+    for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
+        laws += [law for _, law in coupling.programs]
+    return any(law.state or law.branches for law in laws)
+
+
+def of_few(system: Any) -> Any:
+    """Return a structure of few coordinates, without memory, as a polynomial system of them."""
+    if not isinstance(system, Structure):
+        return system
+    n = system.n_coordinates
+    if n > _MOST or system._active_kernels or system._reduced is not None:
+        kernels = ", with kernels" if system._active_kernels else ""
+        reduced = ", reduced" if system._reduced is not None else ""
+        raise InputError(
+            f"system: a structure of {n} coordinates{kernels}{reduced}: must have at most {_MOST}, "
+            "no kernel, and not be reduced"
+        )
+    if switches(system):
+        raise InputError(
+            "elements: a law with kinks or jumps (max, min, abs, sign, comparisons), hysteresis or "
+            "a stop is not computed in ensembles, whose steps would pass them; must be smooth, or "
+            "use simulate, whose steps end there"
+        )
+    return whole_system(system)
+
+
+def whole_system(structure: Structure) -> PolynomialSystem:
+    """Return the same system in all its coordinates, without memory.
+
+    Modal damping becomes C = M Phi diag(2 zeta omega) Phi^T M, Phi^T M Phi = 1.
+    """
+    n = structure.n_coordinates
+    mass = dense_of(structure.mass)
+    if not mass.any(axis=1).all():
+        raise InputError("mass: must be positive for a motion in time by the whole equations")
+    elements = structure._all_elements
+    stiffness, damping = with_elements(structure.stiffness, structure.damping, elements)
+    modal = structure._uncoupled
+    if modal is not None:
+        from scipy.linalg import eigh
+
+        if np.any(modal.loss):
+            raise InputError(
+                "loss_factor: has no meaning in time, must be 0 for a motion in time (take a "
+                "kernel, or modal_damping)"
+            )
+        squares, shapes = eigh(stiffness, mass)
+        pushed = mass @ shapes
+        damping = damping + (pushed * modal.rates(squares)) @ pushed.T
+    forces: Monomials = {}
+    laws: list[list[float]] = []
+    for element in elements:
+        mix = _mix(element.direction)
+        for power, c in element.powers.items():
+            if power > 1:
+                add_force(forces, c, mix, [(mix, power)], n)
+        if element.law is not None:
+            laws.append(element.law.numbers(element.direction[np.newaxis], mix, 0))
+    for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
+        own = [_mix(e) for e in coupling.directions]
+        for (on, powers), c in coupling.forces.items():
+            add_force(forces, c, own[on], [(own[j], p) for j, p in enumerate(powers) if p], n)
+        reads = np.array(coupling.directions)
+        laws += [law.numbers(reads, own[on], 0) for on, law in coupling.programs]
+    whole = PolynomialSystem(mass=mass, stiffness=stiffness, damping=damping)
+    monomials = [[c, on + 1, 0, *powers] for (on, powers), c in forces.items()]
+    parts: list[Any] = [
+        [n, 1, len(monomials), 0, 1.0], mass.ravel(order="F"), damping.ravel(order="F"),
+        np.zeros(n), [0], stiffness.ravel(order="F"), *monomials,
+        *([[len(laws)]] if laws else []), *laws,
+    ]  # fmt: skip
+    vector = np.concatenate([np.asarray(part, dtype=float) for part in parts])
+    whole.__dict__.update(
+        _vector=vector, dof_names=structure.dof_names, dof_units=structure.dof_units
+    )
+    return whole
+
+
+def _mix(direction: FloatArray) -> dict[int, float]:
+    return {int(i): float(direction[i]) for i in np.flatnonzero(direction)}

@@ -1,0 +1,251 @@
+"""Elements that switch in time, hysteresis and rigid stops: against SciPy and closed forms."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+GRAVITY = 9.81
+
+
+def body(*elements, k=1.0, c=0.05, n=1):
+    """Masses of 1 on springs to the ground, with elements."""
+    eye = np.eye(n)
+    return vv.Structure(mass=eye, stiffness=k * eye, damping=c * eye, elements=list(elements))
+
+
+def ball(restitution):
+    """A ball over a rigid floor at 0."""
+    return body(vv.Gap(on={"x1": -1}, gap=0.0, restitution=restitution), k=0.0, c=0.0)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 0.8, 0.95])
+def test_infinitely_many_impacts(e):
+    """They end at t_0 (1 + e)/(1 - e), t_0 the time of the first fall; then the ball rests."""
+    fall = np.sqrt(2 / GRAVITY)
+    end = fall * (1 + e) / (1 - e)
+    run = vv.simulate(
+        ball(e), 1.2 * end + 1, dt=0.05, initial=[1.0, 0.0], load={0: -1j * GRAVITY}, nu=1.0
+    )
+    assert run.outcome == "completed"
+    assert run.resting_since[0, 0] == pytest.approx(end, abs=2e-12)
+    assert np.isnan(run.resting_since[0, 1])
+    assert run.state[:, 0].min() > -1e-14
+    after = run.state[run.t > end]
+    assert np.abs(after).max() < 1e-14
+    # Before, each flight is a parabola: it rises to e^(2 n).
+    t = run.t[run.t < end - 1e-6]
+    n = np.floor(np.log1p(-(t - fall) * (1 - e) / (2 * e * fall)) / np.log(e)) if e else 0 * t - 1
+    n = np.where(t < fall, -1, n)
+    begin = np.where(n < 0, 0, fall * (1 + 2 * e * (1 - e ** np.maximum(n, 0)) / (1 - e)))
+    speed = np.where(n < 0, 0.0, GRAVITY * fall * e ** (n + 1.0))
+    height = np.where(n < 0, 1.0, 0.0) + speed * (t - begin) - GRAVITY * (t - begin) ** 2 / 2
+    np.testing.assert_allclose(run.state[: t.size, 0], height, atol=1e-11)
+
+
+def test_ball_is_thrown_again():
+    """A floor that pushes no longer lets go; the time of rest is then not told."""
+    table = vv.LoadTable(times=[0.0, 8.0, 9.0, 20.0], values=[-1.0, -1.0, 1.0, 1.0])
+    run = vv.simulate(ball(0.5), 12.0, initial=[1.0, 0.0], force=table, dt=0.1)
+    late = run.state[-1]
+    # The load is 0 at t = 8.5, where the ball leaves; then it grows to 1 at t = 9.
+    v = 0.25 + (12 - 9)
+    x = 0.5**3 / 3 + 0.25 * 3 + 4.5
+    np.testing.assert_allclose(late, [x, v], atol=1e-11)
+    assert np.isnan(run.resting_since).all()
+
+
+def impacts(e, gap, load, nu, t_end, start):
+    """An oscillator between rigid stops by SciPy, from impact to impact."""
+    t, y = 0.0, np.array(start, dtype=float)
+    while t < t_end:
+
+        def hit(t, y):
+            return gap - abs(y[0])
+
+        hit.terminal, hit.direction = True, -1
+        run = solve_ivp(
+            lambda t, y: [y[1], load * np.sin(nu * t) - 0.05 * y[1] - y[0]], (t, t_end), y,
+            "DOP853", rtol=1e-13, atol=1e-14, events=hit, max_step=0.05,
+        )  # fmt: skip
+        t, y = run.t[-1], run.y[:, -1].copy()
+        if run.status == 1:
+            y = np.array([np.sign(y[0]) * gap * (1 - 1e-15), -e * y[1]])
+    return y
+
+
+@pytest.mark.parametrize(("method", "order", "steps"), [("gauss2", 4, 300), ("verner9", 9, 60)])
+def test_order_through_impacts(method, order, steps):
+    """Halving the step of an oscillator between stops gains the order of the method."""
+    system = body(vv.Stop(on="x1", gap=0.7, restitution=0.8))
+    expected = impacts(0.8, 0.7, 0.6, 0.7, 25.0, [0.0, 0.0])
+    errors = []
+    for n in (steps, 2 * steps):
+        run = vv.simulate(system, 25.0, dt=25 / n, load=[0.6], nu=0.7, method=method, keep="last")
+        errors.append(np.abs(run.state[-1] - expected).max())
+    assert np.log2(errors[0] / errors[1]) > order - 0.6
+    run = vv.simulate(system, 25.0, load=[0.6], nu=0.7, tolerance=1e-10)
+    np.testing.assert_allclose(run.state[-1], expected, atol=1e-9)
+
+
+def test_impact_between_two_masses():
+    """Momentum is kept, energy too for e = 1, the relative velocity turns by -e."""
+    for e in (1.0, 0.6):
+        pair = vv.Structure(
+            mass=[1.0, 3.0], stiffness=np.zeros((2, 2)),
+            elements=[vv.Gap(on=("x1", "x2"), gap=0.2, restitution=e)],
+        )  # fmt: skip
+        run = vv.simulate(pair, 2.0, dt=0.1, initial=[0, 1.0, 0, 0])
+        v = run.state[-1, 1::2]
+        assert v @ [1, 3] == pytest.approx(1.0, abs=1e-14)
+        assert v[1] - v[0] == pytest.approx(e, abs=1e-14)
+
+
+def jenkins(k, limit, t_end):
+    """The oscillator of `body` under a Jenkins element, phase by phase."""
+    t, y, z, mode = 0.0, np.zeros(2), 0.0, 0
+    while t < t_end - 1e-14:
+        x0, z0 = y[0], z
+
+        def force(x, mode=mode, x0=x0, z0=z0):
+            return z0 + k * (x - x0) if mode == 0 else mode * limit
+
+        def switch(t, y, mode=mode, force=force):
+            return limit - abs(force(y[0])) if mode == 0 else mode * y[1]
+
+        switch.terminal, switch.direction = True, -1
+        run = solve_ivp(
+            lambda t, y, force=force: [
+                y[1], np.sin(1.3 * t) - 0.05 * y[1] - y[0] - force(y[0])
+            ],
+            (t, t_end), y, "DOP853", rtol=1e-13, atol=1e-15, events=switch, max_step=0.02,
+        )  # fmt: skip
+        t, y = run.t[-1], run.y[:, -1]
+        z = float(np.clip(force(y[0]), -limit, limit))
+        if run.status == 1:
+            mode = int(np.sign(z)) if mode == 0 else 0
+            z = z * (1 - 1e-15)
+    return y
+
+
+@pytest.mark.parametrize(("method", "order", "steps"), [("gauss2", 4, 200), ("verner9", 9, 32)])
+def test_order_through_stick_and_slip(method, order, steps):
+    """Halving the step of an oscillator with a Jenkins element gains the order of the method."""
+    system = body(vv.Jenkins(on="x1", stiffness=5, limit=0.3))
+    expected = jenkins(5.0, 0.3, 20.0)
+    errors = []
+    for n in (steps, 2 * steps):
+        run = vv.simulate(system, 20.0, dt=20 / n, load=[1.0], nu=1.3, method=method, keep="last")
+        errors.append(np.abs(run.state[-1] - expected).max())
+    assert np.log2(errors[0] / errors[1]) > order - 0.6
+    run = vv.simulate(system, 20.0, load=[1.0], nu=1.3, tolerance=1e-11)
+    np.testing.assert_allclose(run.state[-1], expected, atol=2e-11)
+
+
+def test_iwan_is_its_sliders():
+    """Elements in parallel are one with as many sliders."""
+    given = {"load": [1.0], "nu": 1.3, "dt": 0.1}
+    one = vv.simulate(body(vv.Iwan(on="x1", stiffness=[3, 2], limit=[0.2, 0.3])), 20.0, **given)
+    other = vv.simulate(
+        body(
+            vv.Jenkins(on="x1", stiffness=3, limit=0.2),
+            vv.Jenkins(on="x1", stiffness=2, limit=0.3),
+        ),
+        20.0, **given,
+    )  # fmt: skip
+    np.testing.assert_allclose(one.state, other.state, atol=1e-13)
+
+
+def test_bouc_wen():
+    """Against its differential equation."""
+    joint = vv.BoucWen(on="x1", stiffness=5, ratio=0.1, beta=5, gamma=3, exponent=1)
+    run = vv.simulate(body(joint), 15.0, load=[1.0], nu=1.3, tolerance=1e-10)
+    found = solve_ivp(
+        lambda t, y: [
+            y[1],
+            np.sin(1.3 * t) - 0.05 * y[1] - y[0] - 0.5 * y[0] - 4.5 * y[2],
+            (1 - (3 + 5 * np.sign(y[2] * y[1])) * abs(y[2])) * y[1],
+        ],
+        (0, 15), [0, 0, 0], "DOP853", rtol=1e-11, atol=1e-13, max_step=0.01,
+    )  # fmt: skip
+    np.testing.assert_allclose(run.state[-1], found.y[:2, -1], atol=1e-8)
+
+
+def test_three_masses_of_nlvib():
+    """First harmonics of NLvib's example 07 by integration (two programs of our own)."""
+    chain = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 2]])
+    masses = vv.Structure(
+        mass=np.eye(3), stiffness=chain, damping=0.02 * chain,
+        elements=[
+            vv.Jenkins(on="x1", stiffness=20, limit=1),
+            vv.Jenkins(on=("x2", "x1"), stiffness=20, limit=1),
+            vv.Spring(on="x2", law="d^3"), vv.Spring(on=("x3", "x2"), law="d^3"),
+            vv.Spring(on="x3", law="max(d - 0.25, 0)"),
+        ],
+    )  # fmt: skip
+    period = 2 * np.pi / 0.9
+    run = vv.simulate(
+        masses, 150 * period, dt=period / 64, load=[0, 1, 0], nu=0.9, keep="tail", tail=period
+    )
+    x = run.state[-64:, ::2]
+    first = np.abs(np.exp(-2j * np.pi * np.arange(64) / 64) @ x) / 32
+    np.testing.assert_allclose(first, [0.051207, 0.101376, 0.085174], atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        vv.Jenkins(on="x1", stiffness=5, limit=0.3),
+        vv.Iwan(on="x1", stiffness=[3, 2], limit=[0.2, 0.3]),
+        vv.Stop(on="x1", gap=0.2, restitution=0.3),
+        vv.BoucWen(on="x1", stiffness=5, beta=5, gamma=3),
+    ],
+)
+def test_goes_on_bit_for_bit(element):
+    """What elements know goes on with a run, in pieces or resumed."""
+    system = body(element)
+    whole = vv.simulate(system, 16.0, dt=0.0625, load=[1.0], nu=1.3)
+    for cut in (1.0, 5.25, 9.75):
+        part = vv.simulate(system, cut, dt=0.0625, load=[1.0], nu=1.3)
+        again = vv.simulate(system, 16.0, resume=part)
+        np.testing.assert_array_equal(again.state[-1], whole.state[-1])
+    freed = vv.simulate(system, 20.0, resume=whole, load=0)
+    assert freed.outcome == "completed"
+    np.testing.assert_allclose(whole(whole.t[::40]), whole.state[::40], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: vv.Gap(on="x1", gap=0.1), "stiffness, restitution: one of them"),
+        (lambda: vv.Stop(on="x1", gap=0.1, stiffness=1, restitution=1), "only one"),
+        (lambda: vv.Stop(on="x1", gap=0.1, restitution=1.5), r"restitution = 1.5: must be in \[0"),
+        (lambda: vv.Stop(on="x1", gap=0.1, restitution=0.5).force(1), "a rigid stop has no force"),
+        (
+            lambda: vv.simulate(
+                body(vv.Stop(on="x1", gap=0.1, restitution=0.5)), 1, initial=[0.2, 0]
+            ),
+            "beyond its stop at 0.1",
+        ),
+        (
+            lambda: vv.forced_response(
+                body(vv.Stop(on="x1", gap=0.1, restitution=0.5)), [1.0], load=[1.0], method="newton"
+            ),
+            "a stop with restitution is for motions in time",
+        ),
+        (
+            lambda: vv.simulate(body(vv.Jenkins(on="x1", stiffness=1, limit=1), n=7), 1, dt=0.1),
+            "at most 6 coordinates, has 7",
+        ),
+        (
+            lambda: vv.simulate(
+                body(vv.Jenkins(on="x1", stiffness=1, limit=1)), 1, dt=0.1, memory="direct"
+            ),
+            "memory 'auto'",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_refused(call, told):
+    """One line that names it."""
+    with pytest.raises(vv.InputError, match=told):
+        call()
