@@ -153,6 +153,10 @@ contains
       call self%hill%along(system, nu, x)
       call follow_exponent(self%hill, system, near, exponent, made)
     end if
+    ! Conjugates are exponents too; what is found is one of the two.
+    if (made) then
+      if (abs(conjg(exponent) - near) < abs(exponent - near)) exponent = conjg(exponent)
+    end if
   end subroutine follow
 
   !> By the argument principle on the determinant of the elements.

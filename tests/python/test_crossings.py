@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from referee.crossings import told_by_crossings
+from referee.crossings import case as crossings_case, told_by_crossings
+from referee.worker import answer, generator
 
 pytestmark = pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 
@@ -86,3 +87,14 @@ def test_a_change_far_from_a_fold_is_no_fold():
     assert [c.kind for c in branch.crossings] == ["fold"] * 2 + ["branch point"] * 2
     got = [c.parameter for c in branch.crossings if c.kind == "fold"]
     np.testing.assert_allclose(got, branch.folds, rtol=1e-14)
+
+
+@pytest.mark.parametrize("index", [34, 84])
+def test_pairs_of_condensed_systems_with_memory_have_places(index):
+    # Followed exponents may come back as their conjugates.
+    case = crossings_case(generator(77, "crossings", index), index)
+    claims, ended, _ = answer(case)
+    assert ended == "answered"
+    assert any("Neimark-Sacker" in claim.what for claim in claims)
+    for claim in claims:
+        assert claim.ratio() <= claim.limit, str(claim)

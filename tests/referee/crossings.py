@@ -4,6 +4,7 @@ import numpy as np
 
 from referee.balance import Balance, load_rows, multipliers
 from referee.case import Case, Claim, even, few
+from referee.hidden import hidden
 from referee.models import Draft, Term, chain, mount, some_prony
 
 JUDGES = ("Crossing", "BranchPoint", "trace_response")
@@ -45,6 +46,9 @@ def case(rng, index):
     elif index % 5 == 1:
         # Parametric resonance and period doubling: a load of order 2 at half its frequency.
         model = Draft([1.0], [[few(rng, 0.02, 0.1, 2)]], [[1.0]], [Term(even(rng, 0.2, 1, 2), (2,), 0), Term(even(rng, 0.3, 1, 2), (3,), 0)], memory).model()  # fmt: skip
+    elif index % 10 == 4:
+        memory = some_prony(rng)
+        model = hidden(rng, few(rng, 0.01, 0.06, 2), memory)
     else:
         model = chain(
             rng,

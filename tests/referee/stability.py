@@ -7,6 +7,7 @@ import numpy as np
 
 from referee.balance import multipliers
 from referee.case import Case, Claim, even, few
+from referee.hidden import hidden
 from referee.models import chain, mount, prony, rzhanitsyn, some_prony, spread
 from referee.responses import refined
 
@@ -27,7 +28,10 @@ def case(rng, index):
         return _singular(rng)
     if index % 4 == 2:
         return _barely_damped(rng)
-    if index % 6 == 5:
+    if index % 16 in (3, 7):
+        model = hidden(rng, few(rng, 1e-5, 0.05, 2), memory if index % 32 < 24 else None)
+        remembers = any(g.memory is not None for g in model.groups)
+    elif index % 6 == 5:
         model = mount(rng, damped=damping, memory=memory)
     else:
         n = int(rng.integers(1, 4))
