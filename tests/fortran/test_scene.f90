@@ -215,7 +215,8 @@ contains
       call wrong(system//load//response//'&transient initial=0 0, t_end=1, nu=1 /', &
                  ':3: &response: this scene has &transient already')
       call wrong(mount//load//'&transient t_end=1 /', ':3: &transient lacks nu')
-      call wrong(load//'&transient t_end=1 /', ':2: &transient: needs &mount, &system, &structure or')
+      call wrong(load//'&transient t_end=1 /', &
+                 ':2: &transient: needs &mount, &system, &structure or')
       call wrong(system//load//response//'&spectrum /', ':4: &spectrum: needs &transient')
       call wrong(system//load//"&transient initial=0 0, t_end=1, nu=1, memory='auto' /", &
                  ':3: unknown key ''memory''')

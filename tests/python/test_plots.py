@@ -49,3 +49,14 @@ def test_what_cannot_be_drawn_is_told():
     run = vv.simulate(body, 1, dt=0.5, initial=START)
     with pytest.raises(vv.InputError, match="must be Axes"):
         vv.plot_trajectory(run, ax=[1, 2])
+
+
+def test_a_harmonic_that_rounding_made_has_no_panel():
+    """The spring of a swinging pendulum moves in even harmonics: its first is rounding."""
+    swung = vv.Pendulum(
+        e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.02, c2=0.02, c3=0.02, m01=0.005, p2=0.37
+    )
+    branch = vv.trace_response(swung, p2=(0.3, 0.45), harmonics=15, tolerance=1e-4, stability=False)
+    assert [axis.get_ylabel().count("varphi") for axis in vv.plot_branch(branch)] == [1, 0]
+    assert len(vv.plot_branch(branch, harmonic=2)) == 1
+    plt.close("all")

@@ -129,6 +129,15 @@ def _sizes(curve: Any) -> FloatArray:
     return np.asarray(np.abs(curve.coefficients).max(axis=2, initial=0.0))
 
 
+def _drawn_sizes(branch: Branch | DrivenBranch, harmonic: Any) -> FloatArray:
+    """Return the sizes of the harmonic that is drawn, shape (n, n_dof).
+
+    A coordinate may move in other harmonics only, such as that of a spring under a swinging body.
+    """
+    places = (branch._place(name, order_of(harmonic, name)) for name in branch.dof_names)
+    return np.abs(np.stack([branch.coefficients[:, d, j] for d, j in places], axis=1))
+
+
 def _whole(
     curve: Response | DrivenResponse, shown: Shown, at: FloatArray, values: FloatArray
 ) -> list[FloatArray]:
@@ -188,7 +197,8 @@ def plot_branch(
     _native.check_instance("branch", branch, Branch, DrivenBranch)
     shown = Shown.checked(x, y, reference)
     units = dict(zip(branch.dof_names, branch.dof_units, strict=True))
-    names, axes = chosen_panels(ax, branch.dof_names, moving(branch.dof_names, _sizes(branch)))
+    sizes = _sizes(branch) if ax is not None else _drawn_sizes(branch, harmonic)
+    names, axes = chosen_panels(ax, branch.dof_names, moving(branch.dof_names, sizes))
     circular = isinstance(branch, Branch) and branch.varies == "nu"
     for axis, name in zip(axes, names, strict=True):
         order = order_of(harmonic, name)

@@ -70,7 +70,7 @@ class Laws(NamedTuple):
             own: Monomials = {}
             for (on, powers), c in group.items():
                 factors = [(mixes[b], power) for b, power in enumerate(powers) if power]
-                _add_force(own, c, mixes[on], factors, q)
+                add_force(own, c, mixes[on], factors, q)
             forces.append(own)
         programs = []
         for one in self.programs:
