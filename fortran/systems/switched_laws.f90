@@ -357,14 +357,15 @@ contains
     real(wp) :: b(n_lanes, self%n_dof, size(self%sliding)), one(n_lanes), other(n_lanes)
     real(wp) :: c(n_lanes, size(self%sliding)), n(n_lanes, self%n_dof, size(self%sliding))
     real(wp) :: m(size(self%sliding), size(self%sliding)), x(size(self%sliding))
+    real(wp), dimension(self%n_dof) :: normal, push
     integer :: d, i, j, k, l
 
     b = 0.0_wp
     do j = 1, size(self%sliding)
       if (self%sliding(j)%stop > 0) then
-        call self%normal(self%sliding(j)%leader, n(1, :, j), b(1, :, j))
-        n(:, :, j) = spread(n(1, :, j), 1, n_lanes)
-        b(:, :, j) = spread(b(1, :, j), 1, n_lanes)
+        call self%normal(self%sliding(j)%leader, normal, push)
+        n(:, :, j) = spread(normal, 1, n_lanes)
+        b(:, :, j) = spread(push, 1, n_lanes)
         c(:, j) = 0.0_wp
         cycle
       end if

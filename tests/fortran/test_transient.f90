@@ -6,12 +6,24 @@ module test_transient
   use viscovib_gauss_table, only: gauss_table_type, new_gauss_table
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_law_lanes, only: evaluate_lanes
+  use viscovib_law_program, only: law_program, put_argument, put_number
+  use viscovib_law_term, only: law_term
+  use viscovib_law_text, only: compile_law
+  use viscovib_load, only: load_type, new_load
+  use viscovib_method_catalogue, only: new_stepper
+  use viscovib_moving_element, only: state_stop
+  use viscovib_oscillator, only: kernel_holder
   use viscovib_pendulum, only: equations_exact, equations_printed, new_pendulum, &
     pendulum_parameters, pendulum_type
   use viscovib_phases, only: new_phases, phases_type
+  use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
+  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_simulate, only: run_coarse, run_completed, run_unphysical, simulate
   use viscovib_status, only: status_type
-  use viscovib_vector_math, only: largest_angle, sine_cosine
+  use viscovib_stepper, only: stepper_type
+  use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
+    sine_cosine, tangent_lanes
   implicit none
   private
 
@@ -35,6 +47,9 @@ contains
 
   subroutine run_transient()
     if (begin('sine and cosine to an ulp')) call compare_sines()
+    if (begin('exp, tanh and log to two ulps')) call compare_exponentials()
+    if (begin('laws over lanes are the laws')) call compare_laws()
+    if (begin('friction, hysteresis and stops switch')) call switch_on()
     if (begin('collocation integrates polynomials')) call integrate_powers()
     if (begin('phases after a million steps')) call long_phases()
     if (begin('every equation runs and keeps to its start at rest')) call rest()
@@ -52,6 +67,134 @@ contains
                        'cosine', floor=0.1_wp)
     end do
   end subroutine compare_sines
+
+  subroutine compare_exponentials()
+    real(wp) :: x(n_lanes), y(n_lanes)
+    integer :: i, l
+    do i = 1, 500
+      x = [(sin(1.7_wp*(n_lanes*i + l))*10.0_wp**mod(n_lanes*i + l, 3), l=1, n_lanes)]
+      call exponential_lanes(7.0_wp*x, y)
+      do l = 1, n_lanes
+        call check_close(y(l), exp(7.0_wp*x(l)), 4.5e-16_wp, 'exp')
+      end do
+      x = x*10.0_wp**(1 - mod(i, 8))
+      call tangent_lanes(x, y)
+      do l = 1, n_lanes
+        call check_close(y(l), tanh(x(l)), 7.0e-16_wp, 'tanh')
+      end do
+      x = exp(0.2_wp*x)
+      call logarithm_lanes(x, y)
+      do l = 1, n_lanes
+        call check_close(y(l), log(x(l)), 4.5e-16_wp, 'log', floor=1.0e-3_wp)
+      end do
+    end do
+  end subroutine compare_exponentials
+
+  !> Inside and outside the domain of each function.
+  subroutine compare_laws()
+    character(len=*), parameter :: texts(18) = [character(len=48) :: &
+      'sin(x)*cos(y) - x/y', 'exp(x) + tanh(3*y)', 'log(x)', 'sqrt(y) + x^2', 'x^(-1.5) + y^3', &
+      'x^0.7', 'abs(x - y) + sign(x*y)', 'min(x, y) - max(x, 0.3)', 'where(x > y, x, y^5)', &
+      '(x < y) + (x <= 0) + (y >= x)', 'heaviside(x)*y', 'asin(x) + atan(y)', 'sinh(x) - cosh(y)', &
+      'atan2(x, y)', 'pow(abs(x), y)', 'x/(x^2 + 0.1)^1.5', 'exp(200*x)', 'acosh(y) + atanh(x)']
+    type(law_program) :: law
+    character(len=:), allocatable :: fault
+    real(wp) :: at(n_lanes, 2), one(n_lanes), other(n_lanes)
+    integer :: degree, i, k, l, parity
+
+    do i = 1, size(texts)
+      call compile_law(trim(texts(i)), ['x', 'y'], [character(len=1) ::], [real(wp) ::], law, &
+                       parity, degree, fault)
+      call check(fault == '', 'compiles '//trim(texts(i))//': '//fault)
+      do k = 1, 40
+        at(:, 1) = [(2.0_wp*sin(2.3_wp*(n_lanes*k + l)), l=1, n_lanes)]
+        at(:, 2) = [(3.0_wp*cos(1.9_wp*(n_lanes*k + l)), l=1, n_lanes)]
+        if (mod(k, 5) == 0) at(3:5, 1) = 0.0_wp
+        if (mod(k, 7) == 0) at(4:6, 2) = 0.0_wp
+        call law%evaluate(at, one)
+        call evaluate_lanes(law, at, other)
+        do l = 1, n_lanes
+          call check_close(other(l), one(l), 2.0e-15_wp, trim(texts(i)), floor=1.0_wp)
+        end do
+      end do
+    end do
+  end subroutine compare_laws
+
+  !> A mass on a spring under sin(0.8 t)/2 with dry friction, a Jenkins element, a rigid floor: by
+  !! two methods, one of which rests at the end.
+  subroutine switch_on()
+    real(wp) :: one(2), other(2)
+    type(law_term) :: law
+    character(len=:), allocatable :: fault
+    integer :: degree, parity
+
+    call compile_law('0.3*sign(v)', ['v'], [character(len=1) ::], [real(wp) ::], law%program, &
+                     parity, degree, fault)
+    call check(fault == '', 'compiles: '//fault)
+    law%arguments = reshape([0.0_wp], [1, 1])
+    law%rates = reshape([1.0_wp], [1, 1])
+    law%parity = -1
+    call run_with(law, 1, one)
+    call run_with(law, 8, other)
+    call check_close(one(1), 0.62441508_wp, 1.0e-8_wp, 'sticks, by gauss8')
+    call check_close(other(1), one(1), 1.0e-9_wp, 'sticks, by verner9')
+    law%arguments = reshape([1.0_wp], [1, 1])
+    law%rates = reshape([0.0_wp], [1, 1])
+    law%program%code = [put_argument, put_number, put_number]
+    law%program%number = [1.0_wp, 5.0_wp, 0.3_wp]
+    law%state = 1
+    call run_with(law, 1, one)
+    call run_with(law, 8, other)
+    call check_close(other(1), one(1), 1.0e-9_wp, 'a slider', floor=1.0_wp)
+    law%program%code = [put_argument, put_number, put_number, put_number]
+    law%program%number = [1.0_wp, 0.2_wp, 0.0_wp, 1.0_wp]
+    law%state = state_stop
+    call run_with(law, 1, one)
+    call run_with(law, 8, other)
+    call check_close(other(1), one(1), 1.0e-9_wp, 'a stop', floor=1.0_wp)
+    call check(abs(one(1)) <= 0.2_wp + 1.0e-12_wp, 'within the stops')
+  end subroutine switch_on
+
+  subroutine run_with(law, method, state)
+    type(law_term), intent(in) :: law
+    integer, intent(in) :: method
+    real(wp), intent(out) :: state(2)
+    type(polynomial_parameters) :: p
+    type(polynomial_type) :: system
+    type(polynomial_motion_type) :: motion
+    type(kernel_holder) :: none(0)
+    type(load_type) :: load
+    class(stepper_type), allocatable :: stepper
+    type(status_type) :: status
+    real(wp) :: nothing(2, 0), at_times(2, 0), t_reached
+    integer(i8) :: n_done
+    integer :: n_reached, outcome
+
+    p%mass = reshape([1.0_wp], [1, 1])
+    p%damping = reshape([0.05_wp], [1, 1])
+    ! A slider that sticks is a spring, which belongs to the stiffness.
+    p%stiffness = reshape([merge(6.0_wp, 1.0_wp, law%state == 1)], [1, 1, 1])
+    p%spring_kernel = [0]
+    allocate (p%coefficient(0), p%on(0), p%monomial_kernel(0), p%powers(1, 0), p%laws(1))
+    p%base_direction = [0.0_wp]
+    p%laws(1) = law
+    p%laws(1)%equations = [1]
+    p%laws(1)%variables = [0]
+    p%laws(1)%weights = [1.0_wp]
+    p%laws(1)%program%n_arguments = 1
+    call p%laws(1)%program%measure()
+    call new_polynomial(system, p, none, status)
+    call check_ok(status)
+    call new_load(load, 1, [1], reshape([(0.5_wp, 0.0_wp)], [1, 1]), [(0.0_wp, 0.0_wp)], status)
+    call check_ok(status)
+    call new_polynomial_motion(motion, system, load, 0.8_wp, status)
+    call check_ok(status)
+    call new_stepper(stepper, motion, method, [0.0_wp], [0.0_wp], 0.0_wp, 0.1_wp, 1.0e-15_wp)
+    call simulate(stepper, motion, 0_i8, 200_i8, 1_i8, [real(wp) ::], nothing, at_times, n_done, &
+                  n_reached, t_reached, outcome)
+    call check(outcome == run_completed, 'completed')
+    state = [stepper%q(1), stepper%v(1)]
+  end subroutine run_with
 
   !> sum_j b_j c_j^k = 1/(k+1) up to k = 2s-1; sum_j a_ij c_j^k = c_i^(k+1)/(k+1)
   !! up to k = s-1; the same twice for the square of a.

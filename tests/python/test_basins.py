@@ -25,6 +25,33 @@ def test_two_wells():
     assert found.to_dataset()["label"].shape == (12, 12)
 
 
+def test_a_saddle_attracts_nothing():
+    """Starts on a saddle, or on what leads to it exactly, settle nowhere."""
+    wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
+    grid = np.linspace(-1.5, 1.5, 7)
+    found = vv.basins(wells, {"x": grid, "x_dot": grid}, t_end=100.0)
+    assert len(found.attractors) == 2
+    assert (found.labels == -1).sum() == 1
+    assert found.labels[3, 3] == -1
+    assert not found.complete
+
+
+def test_structures_have_basins():
+    """A structure of few coordinates is the polynomial system of the same equations."""
+    beam = vv.Structure(
+        mass=[[1.0]], stiffness=[[-1.0]], damping=[[0.3]], elements=[vv.Spring(on="x1", law="d^3")]
+    )
+    wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
+    one = vv.basins(beam, {"x1": GRID, "x1_dot": GRID}, t_end=60.0, dt=0.1)
+    other = vv.basins(wells, {"x": GRID, "x_dot": GRID}, t_end=60.0, dt=0.1)
+    np.testing.assert_array_equal(one.labels, other.labels)
+    stops = vv.Structure(
+        mass=[[1.0]], stiffness=[[1.0]], elements=[vv.Spring(on="x1", law="max(d - 1, 0)")]
+    )
+    with pytest.raises(vv.InputError, match="kinks or jumps"):
+        vv.basins(stops, {"x1": GRID, "x1_dot": GRID}, t_end=60.0)
+
+
 def test_two_amplitudes_of_a_duffing_oscillator():
     """The attractors are the stable responses; single motions go where the grid says."""
     duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
