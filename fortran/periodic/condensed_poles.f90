@@ -246,10 +246,13 @@ contains
   !> 1 - exp(x), to rounding near 0 too.
   elemental complex(wp) function gap(x)
     complex(wp), intent(in) :: x
-    real(wp) :: a, b
-    a = 0.5_wp*real(x)
-    b = 0.5_wp*aimag(x)
-    gap = -2.0_wp*exp(0.5_wp*x)*cmplx(sinh(a)*cos(b), cosh(a)*sin(b), wp)
+    real(wp) :: half, less, sine, cosine
+    ! exp(a) - 1 = 2 sinh(a/2) exp(a/2) and 1 - cos b = 2 sin(b/2)^2 lose no digits.
+    half = 0.5_wp*real(x)
+    less = 2.0_wp*sinh(half)*exp(half)
+    sine = sin(0.5_wp*aimag(x))
+    cosine = cos(0.5_wp*aimag(x))
+    gap = cmplx(2.0_wp*(1.0_wp + less)*sine**2 - less, -2.0_wp*(1.0_wp + less)*sine*cosine, wp)
   end function gap
 
 end module viscovib_condensed_poles

@@ -378,7 +378,7 @@ contains
       call hill%determinant(system, lambda, value, about_half)
       do k = 1, size(known)
         factor = gap(2.0_wp*pi/hill%period*(known(k) - lambda))
-        if (abs(factor) > 0.0_wp) value = value/factor
+        if (abs(real(factor)) + abs(aimag(factor)) > 0.0_wp) value = value/factor
       end do
     end subroutine reduced
 
