@@ -99,3 +99,38 @@ def test_cheaper_judge_is_taken():
         assert cubic(n, q, kernel)._condenses(True)
     assert not cubic(3, 1)._condenses(False)
     assert not cubic(8, 5)._condenses(False)
+
+
+@pytest.mark.parametrize(
+    ("n", "square", "cubic", "zeta", "load", "span", "kinds"),
+    [
+        (4, 0.75, 0.82, 0.018, 0.33, (1.5, 2.6), {"fold": 2, "Neimark-Sacker": 4}),
+        (2, 1.11, 0.78, 0.018, 0.52, (1.5, 2.6), {"fold": 2, "period doubling": 2}),
+        (2, 0.0, 1.12, 0.011, 3.74, (0.25, 0.8),
+         {"fold": 4, "branch point": 2, "symmetry breaking": 2}),
+    ],
+)  # fmt: skip
+def test_crossings_of_all_kinds_are_located(n, square, cubic, zeta, load, span, kinds):
+    """Where stability changes, as the multipliers of the whole system tell."""
+    k = np.diag(np.linspace(1.5, 2.5, n)) - 0.6 * (np.eye(n, k=1) + np.eye(n, k=-1))
+    squares, shapes = np.linalg.eigh(k)
+    w, end = np.sqrt(squares), f"x{n}"
+    given = {
+        "mass": np.eye(n), "stiffness": k, "damping": shapes * (2 * zeta * w) @ shapes.T,
+    }  # fmt: skip
+    spring = vv.Spring(on=end, law=f"{square}*d^2 + {cubic}*d^3")
+    structure = vv.Structure(**given, elements=[spring])
+    whole = vv.PolynomialSystem(**given, forces={end: f"{square}*{end}^2 + {cubic}*{end}^3"})
+    whole.__dict__["_condensation"] = None
+    one, other = (
+        vv.trace_response(
+            system, (span[0] * w[0], span[1] * w[0]), load=np.eye(n)[-1] * load, harmonics=15,
+            max_points=600,
+        )
+        for system in (structure, whole)
+    )  # fmt: skip
+    names = [crossing.kind for crossing in one.crossings]
+    assert {kind: names.count(kind) for kind in names} == kinds
+    assert names == [crossing.kind for crossing in other.crossings]
+    places = [[crossing.parameter for crossing in branch.crossings] for branch in (one, other)]
+    assert places[0] == pytest.approx(places[1], rel=1e-10)
