@@ -163,13 +163,12 @@ contains
     do k = 1, max_halvings
       if (given_up(cancel)) return
       if (upward) then
-        here = upper(hi%eta(place))
+        here = hi%eta(place)
         call spectrum%follow(curve, lo%at%p, lo%at%x, here, there, made)
       else
-        here = upper(lo%eta(place))
+        here = lo%eta(place)
         call spectrum%follow(curve, hi%at%p, hi%at%x, here, there, made)
       end if
-      there = upper(there)
       if (made) made = real(there) < 0.0_wp .and. real(here) > 0.0_wp &
                        .and. line_of(here) == line_of(there)
       if (made) exit
@@ -207,7 +206,6 @@ contains
       found = ends(1) + (ends(2) - ends(1))*((sigma - sides(1))/(sides(2) - sides(1)))
       call spectrum%follow(curve, root%at%p, root%at%x, found, there, made)
       if (.not. made) return
-      there = upper(there)
       side = merge(1, 2, real(there)*values(1) > 0.0_wp)
       sides(side) = sigma
       ends(side) = there
@@ -223,12 +221,6 @@ contains
     located = k <= max_evaluations
     root%eta(1) = there
   end subroutine bracket_by_following
-
-  !> Of a pair always the same one: between one and the other there is nothing.
-  pure complex(wp) function upper(exponent)
-    complex(wp), intent(in) :: exponent
-    upper = cmplx(real(exponent), abs(aimag(exponent)), wp)
-  end function upper
 
   !> 0 on the real axis, 1 on i pi, 2 elsewhere.
   pure integer function line_of(exponent)
