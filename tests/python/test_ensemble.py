@@ -94,6 +94,8 @@ def test_sections_are_states_at_whole_periods():
         method="verner9",
     )  # fmt: skip
     assert many.sections.shape == (2, 4, 6)
+    np.testing.assert_allclose(many.dt, 2 * np.pi / np.array(p1), rtol=1e-14)
+    assert (many.step <= 0.2).all()
     for i in range(2):
         alone = vv.Pendulum(**(P1R | {"p1": p1[i]}))
         times = 2 * np.pi / p1[i] * np.arange(3, 7)

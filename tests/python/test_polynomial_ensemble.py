@@ -54,7 +54,7 @@ def test_forces_scale_and_statistics():
         alone = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces=f"{scale}*x^3")
         period = 2 * np.pi / 1.2
         run = vv.simulate(
-            alone, 20 * period, dt=many.dt[i], initial=[0.1, 0.2], method="verner9", **call
+            alone, 20 * period, dt=many.step[i], initial=[0.1, 0.2], method="verner9", **call
         )
         late = run.t > 5 * period + 1e-9
         np.testing.assert_allclose(many.peak[i], np.abs(run.state[late]).max(0), rtol=1e-9)

@@ -32,7 +32,7 @@ def _lanes(rng, index):
 many = vv.simulate_ensemble(
     system, initial={states.tolist()}, t_end={end}, parameters={{"f0": {varied.tolist()}}}, {step}, sample_every={every}
 )
-state, outcome, error, dt = many.state, many.outcome, many.error, many.dt
+state, outcome, error, dt = many.state, many.outcome, many.error, many.step
 peak, mean, rms, lyapunov = many.peak, many.mean, many.rms, many.lyapunov
 table = many.to_dataset()["state"].values
 """

@@ -257,7 +257,7 @@ def _step(
     probe = simulate_ensemble(
         system, initial=some, t_end=3 * 2 * np.pi / fastest, rtol=_PROBED, **call
     )
-    return float(probe.dt[0])
+    return float(probe.step[0])
 
 
 def _grid(

@@ -54,8 +54,11 @@ class Ensemble(Result):
     outcome : ndarray of str, shape (n,)
         "completed", "diverged", "unphysical" or "step too large", as for a Trajectory; of runs
         that stop early the last state is that at ``t_reached``.
+    step : ndarray, shape (n,)
+        The steps of the method.
     dt : ndarray, shape (n,)
-        The steps.
+        Spacing of the states kept: the periods between ``sections``; NaN without, as only last
+        states are kept.
     peak, mean, rms : ndarray, shape (n, 2 n_dof), or None
         Largest size, mean and root mean square of the states sampled; of a run that stopped,
         until then (NaN if before any sample).
@@ -100,6 +103,7 @@ class Ensemble(Result):
     t_reached: FloatArray
     state: FloatArray
     outcome: npt.NDArray[np.str_]
+    step: FloatArray
     dt: FloatArray
     peak: FloatArray | None
     mean: FloatArray | None
@@ -283,7 +287,8 @@ def simulate_ensemble(
         t_reached=raw.t_reached,
         state=raw.state,
         outcome=names[raw.ended],
-        dt=h,
+        step=h,
+        dt=length.spacing,
         peak=raw.peak,
         mean=raw.mean,
         rms=raw.rms,
@@ -393,6 +398,11 @@ class _Length:
         if skipped >= periods:
             raise InputError(f"discard: {skipped} of {periods} periods, leaves none")
         return cls(periods * period, 0.0, periods, skipped)
+
+    @property
+    def spacing(self) -> FloatArray:
+        """Periods between sections, NaN without."""
+        return self.span / (math.nan if self.periods is None else self.periods)
 
     def steps(self, dt: float | str, members: Members) -> int:
         """Steps of each run: so many a period, where there are such."""
