@@ -87,6 +87,12 @@ def test_three_magnets():
     grid = np.linspace(-1.2, 1.2, 5)
     found = vv.basins(magnets, {"x1": grid, "x2": grid}, t_end=100.0, tolerance=1e-3, dt=0.05)
     assert len(found.attractors) == 3
+    # From the middle no magnet is nearer: that rest is a saddle.
+    assert [tuple(at) for at in np.argwhere(found.labels < 0)] == [(2, 2)]
+    # Each stops beside its magnet.
+    for states in found.attractors:
+        place = states[0, [0, 2]]
+        assert min(np.hypot(*(place - at)) for at in places) < 0.15
     mirrored = {
         i: int(
             np.argmin(

@@ -150,3 +150,22 @@ def test_bad_events():
     run = vv.simulate(DUFFING, 1.0, dt=0.1, initial=START)
     with pytest.raises(vv.InputError, match=r"t = 1\.5"):
         run(1.5)
+
+
+def test_events_of_a_mount_that_remembers():
+    """Passages of a motion with memory: as many as changes of sign of run(t), and there it is 0."""
+    rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    mount = vv.Mount(
+        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=rubber
+    )
+    run = vv.simulate(
+        mount, 12.0, dt=0.05, load=0.3, nu=2.1,
+        events=["x - 0.01", vv.Event("phi_dot", direction="up")],
+    )  # fmt: skip
+    fine = run(np.linspace(0.001, 12, 4001))
+    for event, g in zip(run.events, (fine[:, 0] - 0.01, fine[:, 3]), strict=True):
+        ups = (g[:-1] < 0) & (g[1:] >= 0)
+        downs = (g[:-1] >= 0) & (g[1:] < 0)
+        assert event.t.size == (ups | downs if event is run.events[0] else ups).sum()
+    np.testing.assert_allclose(run(run.events[0].t)[:, 0], 0.01, atol=1e-13)
+    np.testing.assert_allclose(run(run.events[1].t)[:, 3], 0.0, atol=1e-12)

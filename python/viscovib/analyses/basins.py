@@ -146,8 +146,8 @@ def basins(
     max_period : int
         The longest period looked for.
     tolerance : float
-        How near states must be to count as the same, relative to the largest value of each in the
-        starts and at the ends.
+        How near states must be to count as the same, relative to the largest value of each
+        coordinate in the starts and at the ends, velocities to that times the fastest frequency.
     dt : float or "auto"
         Step. "auto": that by which some of the motions are exact to 1e-6 over three periods; those
         that settle forget the errors of their steps.
@@ -205,10 +205,23 @@ def basins(
         points, most = np.stack([run.state, more.state], axis=1), 1
     ended = run.outcome == "completed"
     scale = np.abs(np.concatenate([states, *points[ended]])).max(axis=0)
+    # Starts at rest that end at rest: what counts as slow follows from the displacements.
+    fastest = _fastest(system, call)
+    if fastest > 0:
+        pair = np.maximum(scale[::2], scale[1::2] / fastest)
+        scale = np.stack([pair, fastest * pair], axis=1).ravel()
     labels, attractors = _classes(points, ended, most, near, scale)
     labels, attractors = _only_stable(system, labels, attractors, near, scale, call | length)
     share = np.array([(labels == i).mean() for i in range(len(attractors))])
     return Basins(labels.reshape(y.size, x.size), attractors, share, names, x, y, near, system)
+
+
+def _fastest(system: Pendulum | PolynomialSystem, call: Mapping[str, Any]) -> float:
+    """Frequency of the fastest linear motion, or of a load."""
+    if isinstance(system, Pendulum):
+        return max(float(system.natural_frequencies().max()), system.p1, system.p2, system.p3)
+    nu = call.get("nu")
+    return max(system._fastest(), 0.0 if nu is None else _native.number("nu", nu))
 
 
 def _only_stable(
@@ -246,11 +259,7 @@ def _step(
     system: Pendulum | PolynomialSystem, states: FloatArray, call: Mapping[str, Any]
 ) -> float:
     """The step that follows some of the motions over three periods of the fastest linear one."""
-    if isinstance(system, Pendulum):
-        fastest = max(float(system.natural_frequencies().max()), system.p1, system.p2, system.p3)
-    else:
-        nu = call.get("nu")
-        fastest = max(system._fastest(), 0.0 if nu is None else _native.number("nu", nu))
+    fastest = _fastest(system, call)
     if not fastest > 0:
         raise InputError('dt = "auto": the system has no linear period, must be a number')
     some = states[:: max(1, states.shape[0] // _PROBES)]

@@ -75,7 +75,7 @@ class Structure:
         K (1 + i loss_factor sign(nu)), for harmonic methods only: in time it has no meaning.
         Modal damping, Rayleigh's and this one are of the structure with the linear parts of its
         elements.
-    elements : sequence of Spring, Coupling and Jenkins
+    elements : sequence of Spring, Coupling, Jenkins, Iwan, BoucWen, Dahl, Gap and Stop
         Local elements. Their linear stiffness and damping add to K and C.
     names, units : sequence of str, optional
         Of the coordinates; default "x1", "x2", ..., and "m".
