@@ -2,9 +2,9 @@
 !!
 !!   coordinates n, springs, kernels, whether loads turn with it (1); M (n^2); C (n^2); base
 !!   direction (n); of each spring: kernel (0: none), whether it holds rotations (1), direction (3),
-!!   arm (3), stiffness, damping, coordinate of its track (0: none), number of coefficients of d^2,
-!!   d^3, ... and these, number of laws that are no polynomials, and each (`new_law_term`, of one
-!!   coordinate); of each kernel: kind, number of data, data.
+!!   arm (3), stiffness, damping, what it carries at rest, coordinate of its track (0: none), number
+!!   of coefficients of d^2, d^3, ... and these, number of laws that are no polynomials, and each
+!!   (`new_law_term`, of one coordinate); of each kernel: kind, number of data, data.
 !!
 !! Matrices are column by column.
 module viscovib_body_vector
@@ -65,18 +65,19 @@ contains
 
     subroutine next_spring(spring)
       type(body_spring), intent(out) :: spring
-      real(wp) :: head(12)
+      real(wp) :: head(13)
       integer :: j, used
 
-      head = next(12)
+      head = next(13)
       spring%kernel = nint(head(1))
       spring%turning = nint(head(2)) == 1
       spring%direction = head(3:5)
       spring%arm = head(6:8)
       spring%stiffness = head(9)
       spring%damping = head(10)
-      spring%track = nint(head(11))
-      spring%coefficient = next(nint(head(12)))
+      spring%preload = head(11)
+      spring%track = nint(head(12))
+      spring%coefficient = next(nint(head(13)))
       head(:1) = next(1)
       allocate (spring%laws(nint(head(1))))
       do j = 1, size(spring%laws)

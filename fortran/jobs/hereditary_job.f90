@@ -59,6 +59,7 @@ module viscovib_hereditary_job
   contains
     procedure :: make
     procedure(start_interface), deferred :: start
+    procedure :: align
   end type hereditary_runs
 
   abstract interface
@@ -239,6 +240,26 @@ contains
     call move_alloc(own, run)
   end subroutine start_coordinates
 
+  !> Bodies that turn far are told by one of two vectors; others stay.
+  subroutine align(self, run, like)
+    class(hereditary_runs), intent(in) :: self
+    type(trajectory_type), intent(inout) :: run
+    type(trajectory_type), intent(in) :: like
+    real(wp) :: u(size(run%states, 1)/2), v(size(run%states, 1)/2)
+    logical :: renamed
+    integer :: i
+
+    if (.not. self%system%moving) return
+    do i = 1, min(size(run%t), size(like%t))
+      u = run%states(1::2, i)
+      v = run%states(2::2, i)
+      call self%system%rename_state(u, v, renamed, like%states(1::2, i))
+      if (.not. renamed) cycle
+      run%states(1::2, i) = u
+      run%states(2::2, i) = v
+    end do
+  end subroutine align
+
   !> The run at its start, its past kept as the job wants it.
   subroutine begin(self, job, base, n, h, shortest, run, reason, status)
     class(hereditary_runs), intent(in) :: self
@@ -259,6 +280,8 @@ contains
     if (job%relative > 0.0_wp) solved = job%relative
     if (job%tolerance > 0.0_wp) solved = min(solved, job%tolerance)
     solved = max(0.1_wp*solved, rounding)
+    ! Without memory the step alone shall decide the error.
+    if (job%dt <= 0.0_wp .and. .not. any(self%system%kernel_of > 0)) solved = rounding
     past = past_exponentials
     if (job%past == keep_direct) past = past_direct
     call self%start(job, base, past, h, solved, run, reason, shortest)

@@ -181,7 +181,9 @@ contains
     type(subject_type), intent(in), target :: subject
     real(wp) :: omega(2), shapes(2, 2)
 
-    if (subject%is_polynomial) then
+    if (subject%is_turning) then
+      fastest = largest_rate(subject%turning, subject%turning%n_dof())
+    else if (subject%is_polynomial) then
       fastest = largest_rate(subject%polynomial, subject%polynomial%n_dof())
     else
       call subject%mount%natural_modes(omega, shapes)

@@ -10,6 +10,7 @@ module viscovib_subject
   use viscovib_structure, only: structure_type
   use viscovib_structure_model, only: expand, structure_model
   use viscovib_tabulated, only: tabulated_unseen, unseen_integral
+  use viscovib_turning_body, only: turning_body
   implicit none
   private
 
@@ -21,12 +22,17 @@ module viscovib_subject
   integer, parameter :: all_shown = 64
 
   type :: subject_type
-    !> A pendulum with loads of its own; else a mount, a polynomial system or a structure under
+    !> A pendulum with loads of its own; else a mount, a polynomial system, a structure or a body under
     !! `load`.
     logical :: is_pendulum = .false., is_polynomial = .false., is_structure = .false.
+    !> A body under finite rotations; one under small ones is a polynomial system.
+    logical :: is_turning = .false.
+    !> What reading found worth a warning, a line each.
+    character(len=:), allocatable :: warned
     type(pendulum_type) :: pendulum
     type(mount_type) :: mount
     type(polynomial_type) :: polynomial
+    type(turning_body) :: turning
     !> A structure as it is written down, and condensed to the deflections of its elements: of these
     !! is `load`.
     type(structure_model) :: model
@@ -52,6 +58,8 @@ contains
     class(oscillator_type), pointer :: oscillator
     if (self%is_structure) then
       oscillator => self%structure
+    else if (self%is_turning) then
+      oscillator => self%turning
     else if (self%is_polynomial) then
       oscillator => self%polynomial
     else
@@ -65,6 +73,8 @@ contains
     real(wp), allocatable :: base_direction(:)
     if (self%is_structure) then
       base_direction = self%model%base_direction
+    else if (self%is_turning) then
+      base_direction = self%turning%base_direction
     else if (self%is_polynomial) then
       base_direction = self%polynomial%base_direction
     else
@@ -152,6 +162,7 @@ contains
     integer :: i
 
     text = ''
+    if (allocated(self%warned)) text = self%warned
     if (self%is_pendulum) return
     system => self%oscillator()
     do i = 1, size(system%kernels)

@@ -77,6 +77,7 @@ module viscovib_transient_job
   type, abstract :: run_maker
   contains
     procedure(make_interface), deferred :: make
+    procedure :: align
   end type run_maker
 
   abstract interface
@@ -259,6 +260,7 @@ contains
       if (n*factor > max_steps) exit
       call maker%make(job, int(n, i8)*factor, factor, trajectory, status)
       if (status%failed() .or. trajectory%outcome == run_stopped) return
+      call maker%align(coarse, trajectory)
       change = change_of(coarse, trajectory)
       if (change < huge(1.0_wp) .and. trajectory%outcome == run_completed) then
         met = all(maxval(abs(trajectory%states - coarse%states), 2) &
@@ -289,6 +291,15 @@ contains
               //show(n*factor)//' steps (states still change by '//show(change)//'): ' &
               //cause(job, trajectory, change))
   end subroutine make_runs
+
+  !> Tell states of a run by numbers that can be compared to those of another.
+  subroutine align(self, run, like)
+    class(run_maker), intent(in) :: self
+    type(trajectory_type), intent(inout) :: run
+    type(trajectory_type), intent(in) :: like
+    associate (not_needed => [same_type_as(self, self), size(run%t) == size(like%t)])
+    end associate
+  end subroutine align
 
   !> Whether a run of n steps is affordable, before the first of them.
   subroutine check_work(job, n, status)

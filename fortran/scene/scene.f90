@@ -1,5 +1,6 @@
 !> A scene: the system, its load and the results wanted, as one namelist file.
 module viscovib_scene
+  use viscovib_body_groups, only: read_body
   use viscovib_group_reader, only: group_reader
   use viscovib_job, only: job_type
   use viscovib_kernel_groups, only: read_kernels
@@ -81,7 +82,10 @@ contains
     end if
     subject%is_polynomial = place_of(file, 'system') <= size(file%groups)
     subject%is_structure = place_of(file, 'structure') <= size(file%groups)
-    if (subject%is_structure) then
+    subject%warned = ''
+    if (place_of(file, 'body') <= size(file%groups)) then
+      call read_body(file, subject, canonical, status)
+    else if (subject%is_structure) then
       call read_structure(file, subject%model, subject%structure, subject%coordinates, &
                           subject%units, canonical, status)
     else if (subject%is_polynomial) then

@@ -24,13 +24,13 @@ module viscovib_scene_groups
                                                 result_name('transient', .true., .false.)]
 
   !> Other groups: those of a mount or a system of one's own, and those of any scene.
-  character(len=*), parameter :: oscillator_groups(8) = &
-    [character(len=15) :: 'mount', 'system', 'spring', 'force', 'structure', 'element', 'kernel', &
-     'load'], &
+  character(len=*), parameter :: oscillator_groups(10) = &
+    [character(len=15) :: 'mount', 'system', 'spring', 'force', 'structure', 'element', 'body', &
+     'mount_point', 'kernel', 'load'], &
                                  other_groups(4) = &
     [character(len=15) :: 'scene', 'pendulum', 'spectrum', 'sweep'], &
-                                 repeatable(6) = &
-    [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'sweep'], &
+                                 repeatable(7) = &
+    [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'mount_point', 'sweep'], &
                                  of_structures(5) = &
     [character(len=15) :: 'response', 'branch', 'backbone', 'modes', 'transient']
 
@@ -52,9 +52,9 @@ contains
       if (status%failed()) return
     end do
     if (.not. (is_pendulum .or. is_polynomial .or. has(file, 'mount') &
-               .or. has(file, 'structure'))) then
+               .or. has(file, 'structure') .or. has(file, 'body'))) then
       if (has(file, 'transient')) then
-        call refuse(file, 'transient', '&transient: needs &mount, &system, &structure or ' &
+        call refuse(file, 'transient', '&transient: needs &mount, &system, &structure, &body or ' &
                     //'&pendulum', status)
       else
         call refuse_lack(file, 'mount', status)
@@ -90,12 +90,17 @@ contains
     else if (name == 'structure' .and. (is_polynomial .or. has(file, 'mount'))) then
       call refuse_at(file, i, '&structure: this scene has &mount or &system already, give one of ' &
                      //'them', status)
+    else if (name == 'body' .and. (is_polynomial .or. is_structure .or. has(file, 'mount'))) then
+      call refuse_at(file, i, '&body: this scene has &mount, &system or &structure already, give ' &
+                     //'one of them', status)
     else if (is_structure .and. any(results%name == name) &
              .and. .not. any(of_structures == name)) then
       call refuse_at(file, i, '&'//name//': of a &structure it is computed by Python ' &
                      //'(Scene.structure), here are '//listed(of_structures), status)
     else if (name == 'element' .and. .not. is_structure) then
       call refuse_at(file, i, '&element: needs &structure', status)
+    else if (name == 'mount_point' .and. .not. has(file, 'body')) then
+      call refuse_at(file, i, '&mount_point: needs &body', status)
     else if (any(['spring', 'force '] == name) .and. .not. is_polynomial) then
       call refuse_at(file, i, '&'//name//': needs &system', status)
     else if (name == 'spectrum' .and. .not. has(file, 'transient')) then
@@ -169,7 +174,7 @@ contains
     character(len=*), intent(in) :: name
     type(status_type), intent(inout) :: status
     call fail(status, status_input_error, name, file%path//': no &'//name//' group: a scene ' &
-              //'needs &mount, &system, &structure or &pendulum, a wanted result (' &
+              //'needs &mount, &system, &structure, &body or &pendulum, a wanted result (' &
               //wanted(.false.)//') and, for all but a pendulum, &load with most of them')
   end subroutine refuse_lack
 

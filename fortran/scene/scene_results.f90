@@ -48,6 +48,10 @@ contains
 
     n = find_result(file)
     call reader%start(file%path, file%groups(n))
+    if (subject%is_turning .and. any(['backbone       ', 'multiple_scales'] == job_name(n))) then
+      call reader%complain(trim(job_name(n)), '&'//trim(job_name(n))//": of a &body with geometry " &
+                           //"= 'exact' it is not computed, must be 'small'")
+    end if
     select case (file%groups(n)%name)
     case ('response')
       call read_response_job(reader, job)
@@ -77,6 +81,14 @@ contains
       call job%plan(subject, plan, status)
       if (status%failed()) call place_failure(file, subject, job%kind(), status)
     end if
+
+  contains
+
+    character(len=15) function job_name(i)
+      integer, intent(in) :: i
+      job_name = file%groups(i)%name
+    end function job_name
+
   end subroutine read_result
 
   subroutine read_response_job(reader, job)
@@ -102,7 +114,7 @@ contains
       call move_alloc(driven, job)
     else
       allocate (own)
-      call read_branch(reader, own, .not. subject%is_polynomial)
+      call read_branch(reader, own, .not. (subject%is_polynomial .or. subject%is_turning))
       call begin_mount(reader, own, subject%mount)
       call move_alloc(own, job)
     end if

@@ -62,6 +62,7 @@ module viscovib_oscillator
     procedure :: moving_remainder
     procedure :: moving_slopes
     procedure :: load_along
+    procedure :: rename_state
     procedure :: n_dof
     procedure :: n_memory
     procedure :: n_rates
@@ -182,6 +183,19 @@ contains
     associate (not_needed => [self%n_dof(), shape(u), shape(rate), shape(acceleration), shape(v)])
     end associate
   end subroutine load_along
+
+  !> The same state by other numbers, of systems whose coordinates end somewhere, near where they do.
+  subroutine rename_state(self, u, v, renamed, like)
+    class(oscillator_type), intent(in) :: self
+    !> Coordinates and rates, shape (n_dof).
+    real(wp), intent(inout) :: u(:), v(:)
+    logical, intent(out) :: renamed
+    !> The numbers wanted are those nearest to these coordinates, shape (n_dof).
+    real(wp), intent(in), optional :: like(:)
+    renamed = .false.
+    associate (not_needed => [self%n_dof(), size(u), size(v)], nor => present(like))
+    end associate
+  end subroutine rename_state
 
   pure integer function n_dof(self)
     class(oscillator_type), intent(in) :: self

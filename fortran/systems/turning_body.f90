@@ -11,7 +11,12 @@
 !! so that masses are constant, and what is left of it depends on rates and loads too:
 !!
 !!   M u'' + C u' + B v + r(u, u', v, load) = load.
+!!
+!! Coordinates count from a position where the weight rests on the mounts: each carries a constant
+!! P_j there, which remembers nothing and whose moment turns with the body, in v_j's place above.
+!! What is linear of these moments stands in three further variables, on theta.
 module viscovib_turning_body
+  use viscovib_constants, only: pi
   use viscovib_dense, only: invert
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: law_term
@@ -20,10 +25,12 @@ module viscovib_turning_body
   implicit none
   private
 
-  public :: body_spring, new_turning_body, turning_body
+  public :: body_spring, new_turning_body, row_of, turning_body
 
   !> A complex step, whose square is nothing.
   real(wp), parameter :: tiny_step = 1.0e-100_wp
+  !> Beyond this angle, well after pi, the same rotation is told from the other side.
+  real(wp), parameter :: far_turned = 3.5_wp
 
   type :: body_spring
     integer :: kernel = 0
@@ -31,8 +38,8 @@ module viscovib_turning_body
     logical :: turning = .false.
     !> e and p (m).
     real(wp) :: direction(3) = 0.0_wp, arm(3) = 0.0_wp
-    !> k, with the slope of its law, and c.
-    real(wp) :: stiffness = 0.0_wp, damping = 0.0_wp
+    !> k, with the slope of its law, and c; what it carries at rest.
+    real(wp) :: stiffness = 0.0_wp, damping = 0.0_wp, preload = 0.0_wp
     !> Coordinate of a fluid track that it holds too (0: none).
     integer :: track = 0
     !> g(d): coefficients by power from 2 on, and laws that are no polynomials.
@@ -46,6 +53,8 @@ module viscovib_turning_body
     logical :: loads_turn = .false.
     real(wp) :: inertia(3, 3) = 0.0_wp
     real(wp), private :: inverse(3, 3) = 0.0_wp
+    !> Whether a rotation and what is turned once more are the same to all springs.
+    logical, private :: winds = .false.
   contains
     procedure :: deflection_remainder
     procedure :: force_remainder
@@ -54,6 +63,7 @@ module viscovib_turning_body
     procedure :: moving_remainder
     procedure :: moving_slopes
     procedure :: load_along
+    procedure :: rename_state
   end type turning_body
 
 contains
@@ -67,11 +77,13 @@ contains
     complex(wp) :: inverse(3, 3)
     real(wp) :: row(size(mass, 1))
     logical :: singular
-    integer :: j, m, n
+    real(wp) :: bend(3, 3)
+    integer :: i, j, m, n
 
     n = size(mass, 1)
     m = size(springs)
     body%springs = springs
+    body%winds = .not. any(springs%turning)
     body%mass = mass
     body%damping = damping
     body%base_direction = base_direction
@@ -80,7 +92,18 @@ contains
     body%inverse = real(inverse)
     call copy_kernels(kernels, body%kernels)
     body%kernel_of = springs%kernel
-    allocate (body%gather(m, n), body%spread(n, m), body%bent(m))
+    bend = 0.0_wp
+    if (any(abs(springs%preload) > 0.0_wp)) then
+      bend = stiffness_of_preload(springs)
+      body%kernel_of = [body%kernel_of, 0, 0, 0]
+    end if
+    allocate (body%gather(size(body%kernel_of), n), source=0.0_wp)
+    allocate (body%spread(n, size(body%kernel_of)), source=0.0_wp)
+    allocate (body%bent(size(body%kernel_of)), source=.false.)
+    do i = m + 1, size(body%kernel_of)
+      body%gather(i, 4:6) = bend(i - m, :)
+      body%spread(3 + i - m, i) = 1.0_wp
+    end do
     do j = 1, m
       row = row_of(springs(j), n)
       body%gather(j, :) = springs(j)%stiffness*row
@@ -92,6 +115,27 @@ contains
     body%moving = .true.
     call body%drop_zero_kernels()
   end subroutine new_turning_body
+
+  !> What moments of constant forces at points that turn change by with theta, in axes of the body;
+  !! symmetric where they are in balance.
+  pure function stiffness_of_preload(springs) result(bend)
+    type(body_spring), intent(in) :: springs(:)
+    real(wp) :: bend(3, 3)
+    complex(wp) :: theta(3), moment(3)
+    type(rotation_type) :: turn
+    integer :: b, j
+
+    do b = 1, 3
+      theta = (0.0_wp, 0.0_wp)
+      theta(b) = cmplx(0.0_wp, tiny_step, wp)
+      turn = new_rotation(theta)
+      moment = (0.0_wp, 0.0_wp)
+      do j = 1, size(springs)
+        moment = moment + springs(j)%preload*moment_of(springs(j), turn)
+      end do
+      bend(:, b) = -aimag(moment)/tiny_step
+    end do
+  end function stiffness_of_preload
 
   !> What a small motion deflects.
   pure function row_of(spring, n) result(row)
@@ -247,7 +291,10 @@ contains
         y(b) = rate(i, b)
       end do
       turn = new_rotation(x(4:6))
-      do b = 1, size(v, 2)
+      do b = size(self%springs) + 1, size(v, 2)
+        by_v(i, 4:6, b) = -self%spread(4:6, b)
+      end do
+      do b = 1, size(self%springs)
         found(:3) = matmul(self%inverse, moment_of(self%springs(b), turn))
         by_v(i, 4:6, b) = -matmul(self%inertia, real(turn%unspin(found(:3)))) &
                           - self%spread(4:6, b)
@@ -282,7 +329,7 @@ contains
           held = v(i, j) + spring%damping*(sum(spring%direction*rate(i, :3)) &
                                            - sum(real(pull*omega)))
           if (.not. spring%turning) force = force + held*spring%direction
-          moment = moment - pull*held
+          moment = moment - pull*(held + spring%preload)
         end associate
       end do
       if (self%loads_turn) force = turn%turned_back(force)
@@ -291,6 +338,38 @@ contains
       load(i, 4:6) = real(moment)
     end do
   end subroutine load_along
+
+  !> The other vector of the rotation where the angle is large: at 2 pi a vector says no more how the
+  !! body is turned. Springs that hold rotations know one of both only, and keep it. With `like`, it
+  !! is the one that is nearer to these coordinates.
+  subroutine rename_state(self, u, v, renamed, like)
+    class(turning_body), intent(in) :: self
+    real(wp), intent(inout) :: u(:), v(:)
+    logical, intent(out) :: renamed
+    real(wp), intent(in), optional :: like(:)
+    real(wp) :: other(3)
+
+    renamed = .false.
+    if (.not. self%winds .or. .not. norm2(u(4:6)) > 0.0_wp) return
+    other = u(4:6)*(1.0_wp - 2.0_wp*pi/norm2(u(4:6)))
+    renamed = norm2(u(4:6)) > far_turned
+    if (present(like)) renamed = norm2(other - like(4:6)) < norm2(u(4:6) - like(4:6))
+    if (renamed) call take_other(u(4:6), v(4:6), other)
+  end subroutine rename_state
+
+  !> theta' of the other vector follows from the same spin.
+  pure subroutine take_other(theta, rate, other)
+    real(wp), intent(inout) :: theta(3), rate(3)
+    real(wp), intent(in) :: other(3)
+    type(rotation_type) :: before, after
+    complex(wp) :: speed(3)
+
+    before = new_rotation(cmplx(theta, 0.0_wp, wp))
+    after = new_rotation(cmplx(other, 0.0_wp, wp))
+    speed = rate
+    rate = real(after%unspin(before%spin(speed)))
+    theta = other
+  end subroutine take_other
 
   !> Moment that the force of a mount gives, in axes of the body.
   pure function moment_of(spring, turn) result(moment)
@@ -327,7 +406,7 @@ contains
     do j = 1, size(self%springs)
       associate (spring => self%springs(j))
         pull = moment_of(spring, turn)
-        moment = moment + pull*v(j)
+        moment = moment + pull*(v(j) + spring%preload)
         if (.not. spring%damping > 0.0_wp) cycle
         ! d' = e . x' + (p x R^T e) . omega.
         resisted = spring%damping*(sum(spring%direction*rate(:3)) - sum(pull*omega))

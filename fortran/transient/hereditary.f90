@@ -216,6 +216,7 @@ contains
     s = self%table%s
     n = size(self%u)
     if (counting) call count_up(counted_coordinates, n)
+    if (system%moving) call rename_start(self, system)
     associate (z => self%equations%z, map => self%maps(self%now))
       z(:n) = self%u
       z(n + 1:2*n) = self%v
@@ -264,6 +265,24 @@ contains
     call self%clock%advance(until)
     self%rolling = .true.
   end subroutine plain_step
+
+  !> Begin with other numbers for the same state where the system has such.
+  subroutine rename_start(self, system)
+    type(hereditary_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp) :: u(size(self%u)), v(size(self%u))
+    logical :: renamed
+
+    u = self%u + self%u_rest
+    v = self%v + self%v_rest
+    call system%rename_state(u, v, renamed)
+    if (.not. renamed) return
+    self%u = u
+    self%v = v
+    self%u_rest = 0.0_wp
+    self%v_rest = 0.0_wp
+    call self%stand_still(system)
+  end subroutine rename_start
 
   !> Make room for the panels of a step.
   subroutine begin_panels(self, ends)

@@ -16,6 +16,8 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy, parts_for_peaks, reason, rounding_of
 from viscovib.analyses.events import NOTHING, ROOM, Watch
+from viscovib.bodies.body import Body
+from viscovib.bodies.turning import told_like
 from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.common.plan import Plan
@@ -98,6 +100,7 @@ def hopeless(changes: list[float]) -> bool:
 def difference(coarse: Trajectory, fine: Trajectory) -> float:
     """Largest difference of the states of two runs, and of the times at which they stop."""
     n, m = coarse.t.size, fine.t.size
+    coarse = _told_like(coarse, fine)
     if coarse.outcome == "completed" == fine.outcome and n == m:
         return float(np.abs(fine.state - coarse.state).max())
     if coarse.outcome != fine.outcome or coarse.outcome == "step too large" or abs(n - m) > 1:
@@ -107,6 +110,14 @@ def difference(coarse: Trajectory, fine: Trajectory) -> float:
         n -= 1  # where a coordinate passes its bound it changes faster than any time is known
     moved = abs(fine.t_reached - coarse.t_reached)
     return max(moved, float(np.abs(fine.state[:n] - coarse.state[:n]).max(initial=0.0)))
+
+
+def _told_like(run: Trajectory, like: Trajectory) -> Trajectory:
+    """The run, of a body that turns far by those rotation vectors that can be compared."""
+    turns = isinstance(run.system, Body) and run.system._winds
+    if not turns or run.state.shape != like.state.shape:
+        return run
+    return replace(run, state=told_like(run.state, like.state))
 
 
 def with_estimate(run: Trajectory, fine: Trajectory | None, how: str) -> Trajectory:
@@ -159,7 +170,7 @@ def by_tolerance(
         before, coarse = coarse, fine
     raise InputError(
         f"{want}: not met with {n * factor} steps (states still change by {changes[-1]:.1e}): "
-        f"{reason(before, coarse, want)}"
+        f"{reason(_told_like(before, coarse), coarse, want)}"
     )
 
 
@@ -176,7 +187,7 @@ def agree(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> bool:
     """Whether two runs differ by no more than is allowed."""
     if coarse.state.shape != fine.state.shape:
         return False
-    parts = np.abs(fine.state - coarse.state).max(axis=0)
+    parts = np.abs(fine.state - _told_like(coarse, fine).state).max(axis=0)
     return bool((parts <= want.allowed(fine.state)).all())
 
 

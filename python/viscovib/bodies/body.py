@@ -25,8 +25,10 @@ from viscovib.bodies.springs import (
 from viscovib.bodies.statics import Sag, find_sag, geometric_stiffness
 from viscovib.bodies.turning import (
     BODY_IN_VECTOR,
+    about_turned,
     angular_momentum,
     further_moved,
+    turned,
     turning_energy,
     turning_vector,
 )
@@ -76,10 +78,13 @@ class Body(PolynomialSystem):
     geometry : str, optional
         "small": rotations are small, the mounts are nonlinear. "exact": rotations are finite, and
         rx, ry, rz are the rotation vector, the angle (below 2 pi) times the unit vector of the axis
-        about which the body is turned; all inertia terms are kept. Mounts act along directions
-        fixed in the floor, d = e . (u + R p - p), and what holds rotations is deflected by the
-        rotation vector. Motions in time and periodic ones are computed then; modes and what is
-        linear are those of small motions.
+        about which the body is turned; all inertia terms are kept. A body that goes on turning is
+        told by the other vector of the same rotation, theta (1 - 2 pi/|theta|), after a step that
+        ends beyond 3.5 rad. Mounts act along directions fixed in the floor,
+        d = e . (u + R p - p), and what holds rotations is deflected by the rotation vector: such a
+        body keeps its vector, whose angle stays below 2 pi (near it steps must be short). Motions
+        in time and periodic ones are computed then; modes and what is linear are those of small
+        motions.
     load_axes : str, optional
         With ``geometry="exact"``: "body": forces and torques turn with the body, such as the
         torque of an engine; "space": they keep their directions (a torque that does has no
@@ -139,9 +144,13 @@ class Body(PolynomialSystem):
         if self.gravity is not None:
             weight = np.zeros(n)
             weight[:3] = self.body_mass * self.gravity
-            sag = find_sag(springs, weight)
-            springs = springs.about(springs.rows @ sag.displacement)
-            preload = geometric_stiffness(self.mounts, self.center, sag.forces, n)
+            sag = find_sag(springs, weight, turns=self._turns)
+            springs = springs.about(sag._deflection)
+            if self._turns:
+                springs = about_turned(springs, sag.displacement, sag._carried)
+                turn = turned(sag.displacement[3:6], np.eye(3)).T
+                matrix[3:6, 3:6] = turn @ self.inertia @ turn.T
+            preload = geometric_stiffness(springs, sag._carried)
         own(self, "_sag", sag)
         own(self, "_mount_springs", springs)
         direction = None if base_direction is None else _direction(base_direction, n)
@@ -173,11 +182,6 @@ class Body(PolynomialSystem):
     def _check_geometry(self, direction: FloatArray | None) -> None:
         if self.geometry == "small":
             return
-        if self.gravity is not None:
-            raise InputError(
-                "gravity: must be None with geometry = 'exact': give the weight as a constant load "
-                "(order 0, load_axes = 'space')"
-            )
         for mount in self.mounts:
             if any(isinstance(law, Law) and max(law.places, default=0) for law in mount.laws):
                 raise InputError(
@@ -195,6 +199,11 @@ class Body(PolynomialSystem):
     @property
     def _turns(self) -> bool:
         return self.geometry == "exact"
+
+    @property
+    def _winds(self) -> bool:
+        """Whether what is turned once more is the same: nothing holds rotations."""
+        return self._turns and bool(self._mount_springs.rows[:, :3].any(axis=1).all())
 
     @property
     def _flat(self) -> FloatArray:
@@ -229,9 +238,24 @@ class Body(PolynomialSystem):
         small.
         """
         states = self._states(state)
+        inertia = self._mass_matrix[3:6, 3:6]
         if not self._turns:
-            return np.asarray(states[..., 7:12:2] @ self.inertia)
-        return angular_momentum(self.inertia, states)
+            return np.asarray(states[..., 7:12:2] @ inertia)
+        return angular_momentum(inertia, states)
+
+    def _arm(self, name: str, place: npt.ArrayLike | None) -> FloatArray:
+        """From the centre of mass to a point of the body, in the axes of the coordinates."""
+        if place is None:
+            return np.zeros(3)
+        arm = _vector(name, place) - self.center
+        return np.asarray(self._loaded_axes @ arm)
+
+    @property
+    def _loaded_axes(self) -> FloatArray:
+        """How the body at rest is turned out of the position without weight, shape (3, 3)."""
+        if not self._turns or self._sag is None:
+            return np.eye(3)
+        return np.asarray(turned(self._sag.displacement[3:6], np.eye(3)).T)
 
     def _states(self, state: npt.ArrayLike) -> FloatArray:
         states = _native.real_array("state", state)
@@ -300,7 +324,7 @@ class Body(PolynomialSystem):
         ndarray, shape (3,)
             A unit vector in body axes.
         """
-        axis = np.linalg.solve(self.inertia, _axis("about", about))
+        axis = np.linalg.solve(self._mass_matrix[3:6, 3:6], _axis("about", about))
         return np.asarray(axis / np.linalg.norm(axis))
 
     def roll_share(self, about: str | npt.ArrayLike = "x") -> FloatArray:
@@ -339,7 +363,8 @@ class Body(PolynomialSystem):
             system = np.trace(block) * np.eye(3) - block
             if np.linalg.cond(system) > 1e12:
                 raise InputError(f"mounts: leave the centre of {what} undetermined")
-            places.append(self.center + np.linalg.solve(system, sign * twist))
+            found = np.linalg.solve(system, sign * twist)
+            places.append(self.center + self._loaded_axes.T @ found)
         return places[0], places[1]
 
     def load(
@@ -356,7 +381,7 @@ class Body(PolynomialSystem):
             For ``load=`` of `forced_response`, `trace_response` and `simulate`.
         """
         pushed = _complex_vector("force", force)
-        arm = np.zeros(3) if at is None else _vector("at", at) - self.center
+        arm = self._arm("at", at)
         if self._turns and self.load_axes == "space" and arm.any():
             raise InputError(
                 "at: with geometry = 'exact' and load_axes = 'space' the arm of a force turns with "
@@ -413,7 +438,7 @@ class Body(PolynomialSystem):
             Coefficients (m) like ``result.coefficients``; times -(k nu)^2 they are the
             acceleration. Where the floor moves they are absolute too.
         """
-        arm = _vector("point", point) - self.center
+        arm = self._arm("point", point)
         rows = np.hstack([np.eye(3), -crossing(arm)])
         body = self._coefficients(result)[:, :6]
         moved = np.einsum("ad,ndk->nak", rows, body)
@@ -492,7 +517,7 @@ class Body(PolynomialSystem):
         direction[:3] = along
         push = frequencies[..., None] ** 2 * (self._mass_matrix @ direction)
         moved = self._solved(frequencies, push)
-        arm = np.zeros(3) if point is None else _vector("point", point) - self.center
+        arm = self._arm("point", point)
         answer = moved[..., :6] @ np.hstack([np.eye(3), -crossing(arm)]).T
         return np.asarray(answer if _native.flag("relative", relative) else answer + along)
 

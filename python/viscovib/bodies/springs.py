@@ -40,6 +40,8 @@ class MountSprings:
     #: Mass and damping of the tracks' own coordinates, shape (n_dof, n_dof).
     mass_of_tracks: FloatArray
     damping_of_tracks: FloatArray
+    #: What each carries where the coordinates are 0 (N, N m), shape (n_springs,).
+    preload: FloatArray
 
     @property
     def damping_matrix(self) -> FloatArray:
@@ -109,7 +111,7 @@ def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSpri
             own += 1
     return MountSprings(
         np.array(rows), np.array(arms), np.array(stiffness), np.array(damping), tuple(kernels),
-        tuple(laws), tuple(first), mass_of_tracks, damping_of_tracks,
+        tuple(laws), tuple(first), mass_of_tracks, damping_of_tracks, np.zeros(len(rows)),
     )  # fmt: skip
 
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from viscovib._native import FloatArray
-from viscovib.bodies.mount_point import MountPoint
 from viscovib.bodies.springs import MountSprings
+from viscovib.bodies.turning import place_along
 from viscovib.common.values import Value
 from viscovib.errors import InputError
 from viscovib.systems.laws import Law
+
+_Place = Callable[[MountSprings, FloatArray], tuple[FloatArray, FloatArray, Any]]
 
 _MAX_STEPS = 30
 #: Newton's method ends where a step is this part of the displacement, and has found a position if
@@ -54,20 +57,25 @@ class Sag(Value):
     deflections: FloatArray
     forces: FloatArray
     residual: float
+    #: Of each spring, those that hold rotations and tracks among them.
+    _deflection: FloatArray = field(repr=False)
+    _carried: FloatArray = field(repr=False)
 
 
-def find_sag(springs: MountSprings, weight: FloatArray) -> Sag:
-    """Solve sum_j e_j (1 - I_j) [k_j d_j + g_j(d_j)] = weight, I_j the integral of R_j.
+def find_sag(springs: MountSprings, weight: FloatArray, *, turns: bool = False) -> Sag:
+    """Solve sum_j dd_j/dq (1 - I_j) [k_j d_j + g_j(d_j)] = weight, I_j the integral of R_j.
 
     The weight is put on little by little, Newton's method at each part, so that what is found is
-    where the body comes to rest and not another solution of the equations.
+    where the body comes to rest and not another solution of the equations. ``turns``: by as much
+    as it does, else by little.
     """
     kept = np.array([1.0 - _integral(kernel) for kernel in springs.kernels])
-    u = np.zeros(springs.rows.shape[1])
+    q = np.zeros(springs.rows.shape[1])
+    place = place_along if turns else _place_nearby
     done, step = 0.0, 1.0
     while done < 1.0:
         part = min(done + step, 1.0)
-        settled, residual = _settle(springs, kept, part * weight, u)
+        settled, residual = _settle(springs, kept, part * weight, q, place)
         if settled is None:
             step /= 2
             if step < _SMALLEST_PART:
@@ -76,11 +84,17 @@ def find_sag(springs: MountSprings, weight: FloatArray) -> Sag:
                     "position at rest is known beyond"
                 )
             continue
-        u, done = settled, part
-    d = springs.rows @ u
+        q, done = settled, part
+    d = place(springs, q)[0]
     force = kept * _forces(springs, d)[0]
     places = np.array(springs.first)[:, None] + np.arange(3)
-    return Sag(u, d[places], -force[places], residual)
+    return Sag(q, d[places], -force[places], residual, d, force)
+
+
+def _place_nearby(springs: MountSprings, q: FloatArray) -> tuple[FloatArray, FloatArray, Any]:
+    """Deflections of small rotations: `place_along` with what is linear alone."""
+    n = q.size
+    return springs.rows @ q, springs.rows, lambda _: np.zeros((n, n))
 
 
 def _forces(springs: MountSprings, d: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -100,44 +114,49 @@ def _forces(springs: MountSprings, d: FloatArray) -> tuple[FloatArray, FloatArra
 
 @np.errstate(over="ignore", invalid="ignore")
 def _settle(
-    springs: MountSprings, kept: FloatArray, weight: FloatArray, u: FloatArray
+    springs: MountSprings, kept: FloatArray, weight: FloatArray, q: FloatArray, place: _Place
 ) -> tuple[FloatArray | None, float]:
     """Position under a weight from one near it, and what is left; none if it is not held there."""
-    rows = springs.rows
     size = float(np.abs(weight).max()) or 1.0
+
+    def balance(q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        d, slopes, bends = place(springs, q)
+        force, slope = _forces(springs, d)
+        tangent = (slopes.T * (kept * slope)) @ slopes
+        if not (np.isfinite(force).all() and np.isfinite(tangent).all()):
+            return np.full(q.size, np.inf), tangent
+        return weight - slopes.T @ (kept * force), tangent + bends(kept * force)
+
     for _ in range(_MAX_STEPS):
-        force, slope = _forces(springs, rows @ u)
-        left = weight - rows.T @ (kept * force)
-        tangent = (rows.T * (kept * slope)) @ rows
+        left, tangent = balance(q)
         if not (np.isfinite(left).all() and np.isfinite(tangent).all()):
             return None, math.inf
         step = _solve(tangent, left, size)
-        u = u + step
-        if np.abs(step).max() <= _SETTLED * np.abs(u).max():
+        q = q + step
+        if np.linalg.norm(q[3:6]) > math.pi and place is place_along:
+            return None, math.inf
+        if np.abs(step).max() <= _SETTLED * np.abs(q).max():
             break
-    force, slope = _forces(springs, rows @ u)
-    tangent = (rows.T * (kept * slope)) @ rows
-    if not np.isfinite(tangent).all():
+    left, tangent = balance(q)
+    if not (np.isfinite(left).all() and np.isfinite(tangent).all()):
         return None, math.inf
-    residual = float(np.abs(rows.T @ (kept * force) - weight).max()) / size
+    residual = float(np.abs(left).max()) / size
     squares = np.linalg.eigvalsh(tangent)
     held = squares[0] >= -1e-12 * np.abs(squares).max()
-    return (u if held and residual < _ACCURATE else None), residual
+    return (q if held and residual < _ACCURATE else None), residual
 
 
-def geometric_stiffness(
-    mounts: Sequence[MountPoint], center: FloatArray, forces: FloatArray, n: int
-) -> FloatArray:
-    """Stiffness against rotation that forces of constant size and direction give.
+def geometric_stiffness(springs: MountSprings, carried: FloatArray) -> FloatArray:
+    """Stiffness against rotation that forces of constant size and direction give, shape (n, n).
 
     A force F on a body at p does the work F . [theta x p + theta x (theta x p)/2] to second order,
     so that it adds (p . F) 1 - (p F^T + F p^T)/2 to the stiffness against theta. It is the force's
     own, of the present: no material stands behind it, and nothing of it is remembered.
     """
+    n = springs.rows.shape[1]
     matrix = np.zeros((n, n))
-    for mount, force in zip(mounts, forces, strict=True):
-        p = np.asarray(mount.position) - center
-        f = mount.rotation @ force
+    for row, p, size in zip(springs.rows, springs.arms, carried, strict=True):
+        f = -size * row[:3]
         matrix[3:6, 3:6] += (p @ f) * np.eye(3) - (np.outer(p, f) + np.outer(f, p)) / 2
     return matrix
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,8 @@ def turning_vector(
                 powers[power - 2] = c
         parts += [
             [0 if kernel is None else kernels.index(kernel) + 1, float(turning)],
-            row[3:6] if turning else row[:3], arm, [stiffness, springs.damping[j]],
+            row[3:6] if turning else row[:3], arm,
+            [stiffness, springs.damping[j], springs.preload[j]],
             [7 + own[0] if own.size else 0, powers.size], powers, [float(bool(programs))], programs,
         ]  # fmt: skip
     for kernel in kernels:
@@ -73,6 +75,8 @@ def turning_energy(mass: FloatArray, springs: MountSprings, states: FloatArray) 
         if row[:3].any():
             moved = turned(u[..., 3:6], arm) - arm - np.cross(u[..., 3:6], arm)
             d = d + moved @ row[:3]
+        # Constant forces and the weight are in balance along the coordinates.
+        total = total + springs.preload[j] * (d - u[..., :3] @ row[:3])
         total = total + 0.5 * springs.stiffness[j] * d**2
         for power, c in law.items():  # type: ignore[union-attr]
             total = total + c * d ** (power + 1) / (power + 1)
@@ -84,6 +88,36 @@ def spin(theta: FloatArray, rate: FloatArray) -> FloatArray:
     b, c = _versine(theta)
     across = np.cross(theta, rate)
     return np.asarray(rate - b * across + c * np.cross(theta, across))
+
+
+def unspin_transposed(theta: FloatArray, vector: FloatArray) -> FloatArray:
+    """T^-T v, shape (..., 3): the moment, in axes of the body, of v along the rotation vector."""
+    b, c = _versine(theta)
+    square = (theta**2).sum(axis=-1, keepdims=True)
+    near = square < _SMALL**2
+    safe = np.where(near, 1.0, square)
+    # T^-1 = 1 + S/2 + d S^2.
+    d = np.where(near, 1 / 12 + square / 720, (1 - (1 - square * c) / (2 * b)) / safe)
+    across = np.cross(theta, vector)
+    return np.asarray(vector - across / 2 + d * np.cross(theta, across))
+
+
+def told_like(states: FloatArray, like: FloatArray) -> FloatArray:
+    """States whose rotation vectors are those, of two of each rotation, nearer to others.
+
+    The other vector is theta (1 - 2 pi/|theta|); its rate has the same spin. Shapes (..., 2 n).
+    """
+    theta, rate = states[..., 6:12:2], states[..., 7:12:2]
+    angle = np.linalg.norm(theta, axis=-1, keepdims=True)
+    other = theta * (1 - 2 * np.pi / np.where(angle > 0, angle, np.inf))
+    near = like[..., 6:12:2]
+    apart = np.linalg.norm(theta - near, axis=-1, keepdims=True)
+    takes = (angle > 0) & (np.linalg.norm(other - near, axis=-1, keepdims=True) < apart)
+    found = states.copy()
+    found[..., 6:12:2] = np.where(takes, other, theta)
+    # T^-1 is T^-T of the opposite rotation.
+    found[..., 7:12:2] = np.where(takes, unspin_transposed(-other, spin(theta, rate)), rate)
+    return found
 
 
 def turned(theta: FloatArray, vector: FloatArray) -> FloatArray:
@@ -122,11 +156,65 @@ def _versine(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(1 - cos t)/t^2 and (t - sin t)/t^3 of the angle t, shape (..., 1)."""
     square = (theta**2).sum(axis=-1, keepdims=True)
     t = np.sqrt(square)
-    near = t < _SMALL
+    near = np.abs(t) < _SMALL
     safe = np.where(near, 1.0, t)
     b = np.where(near, 0.5 - square / 24 + square**2 / 720, (1 - np.cos(safe)) / safe**2)
     series = 1 / 6 - square / 120 + square**2 / 5040
     return b, np.where(near, series, (safe - np.sin(safe)) / safe**3)
+
+
+def place_along(springs: MountSprings, q: FloatArray) -> tuple[FloatArray, FloatArray, Any]:
+    """Deflections of springs of a body at q, how they change, and how that changes.
+
+    d = e . (u + R p - p) and e . theta, dd/dtheta = T^T (p x R^T e) and e; with the derivatives of
+    the former by complex steps.
+
+    Returns
+    -------
+    d : ndarray, shape (n_springs,)
+    slopes : ndarray, shape (n_springs, n_dof)
+    bends : function of forces, shape (n_springs,)
+        sum_j f_j d^2 d_j/(dq dq), shape (n_dof, n_dof).
+    """
+    points = springs.rows[:, :3].any(axis=1)
+    e, arms = springs.rows[:, :3], springs.arms
+
+    def by_turning(theta: Any) -> Any:
+        back = turned(-theta, e)
+        pull = np.cross(arms, back)
+        b, c = _versine(theta)
+        across = np.cross(theta, pull)
+        return pull + b * across + c * np.cross(theta, across)
+
+    theta = q[3:6]
+    moved = turned(theta, arms) - arms - np.cross(theta, arms)
+    d = springs.rows @ q + (e * moved).sum(axis=1)
+    slopes = springs.rows.copy()
+    slopes[points, 3:6] = by_turning(theta)[points]
+
+    def bends(force: FloatArray) -> FloatArray:
+        matrix = np.zeros((q.size, q.size))
+        for b in range(3):
+            along = theta + 1e-100j * np.eye(3)[b]
+            matrix[3:6, 3 + b] = (force * points) @ (by_turning(along).imag / 1e-100)
+        return matrix
+
+    return d, slopes, bends
+
+
+def about_turned(springs: MountSprings, q: FloatArray, preload: FloatArray) -> MountSprings:
+    """Springs of a body at q, in axes that stand as those of the floor do there.
+
+    Arms are R p, what holds rotations is deflected along R T^-T e, which is how its deflection
+    grows there; each carries ``preload``.
+    """
+    theta = q[3:6]
+    arms = turned(theta, springs.arms)
+    rows = springs.rows.copy()
+    points = rows[:, :3].any(axis=1)
+    rows[points, 3:6] = np.cross(arms[points], rows[points, :3])
+    rows[~points, 3:6] = turned(theta, unspin_transposed(theta, rows[~points, 3:6]))
+    return replace(springs, rows=rows, arms=arms, preload=preload)
 
 
 def angular_momentum(inertia: FloatArray, states: FloatArray) -> FloatArray:

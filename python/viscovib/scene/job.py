@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 #: Groups of a scene that ask for nothing.
 _SUBJECTS = (
     "scene", "mount", "system", "pendulum", "kernel", "spring", "force", "structure", "element",
-    "load", "sweep",
+    "body", "mount_point", "load", "sweep",
 )  # fmt: skip
 
 
@@ -44,8 +44,8 @@ class SceneResult:
 
     Response or branch of a mount; motion of a pendulum and its spectra, or a branch of its motions
     and those that leave it, ``switched``; free motions (of a pendulum with families that leave
-    them) or steady motions of either; a table of a sweep. Of a structure a table: `Scene.structure`
-    gives the structure itself, for all else that Python does with it.
+    them) or steady motions of either; a table of a sweep. Of a structure or a body a table:
+    `Scene.structure` and `Scene.body` give these themselves, for all else that Python does.
 
     Examples
     --------
@@ -145,7 +145,7 @@ class SceneResult:
 def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     """Compute what a scene without &sweep asks for."""
     planned = plan(scene)
-    if "structure" in scene.groups:
+    if "structure" in scene.groups or "body" in scene.groups:
         return _by_core(scene, planned)
     if "multiple_scales" in scene.groups:
         return SceneResult(scene, replace(scene._steady(), plan=planned))

@@ -23,6 +23,7 @@ from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven_branch import DrivenBranch
 from viscovib.analyses.multiple_scales import MultipleScales
 from viscovib.analyses.periodic import backbone, trace_response
+from viscovib.bodies.body import Body
 from viscovib.common.counts import things
 from viscovib.common.parameters import CURVE_DEFAULTS, FilePath
 from viscovib.errors import InputError
@@ -35,6 +36,7 @@ from viscovib.kernels.relaxation import (
 )
 from viscovib.kernels.tabulated import TabulatedKernel
 from viscovib.results.scales import ScalesResponse
+from viscovib.scene.body import body_of, coordinates_of
 from viscovib.scene.keys import groups_of, namelist_text, with_key
 from viscovib.systems.elements import Spring
 from viscovib.systems.mount import Mount
@@ -52,7 +54,7 @@ _KERNELS: dict[str, type[Kernel]] = {
     "tabulated": TabulatedKernel,
 }
 #: Groups that a scene may have any number of.
-_REPEATABLE = ("kernel", "load", "spring", "force", "element", "sweep")
+_REPEATABLE = ("kernel", "load", "spring", "force", "element", "mount_point", "sweep")
 _LISTS = ("weights", "rates", "times", "values")
 
 #: Keys of a pendulum's &branch that `trace_response` has under the same names.
@@ -146,7 +148,9 @@ class Scene:
         return Pendulum(**self._group("pendulum"))
 
     def oscillator(self) -> Oscillator:
-        """Build the mount or the polynomial system."""
+        """Build the mount, the polynomial system or the body."""
+        if "body" in self.groups:
+            return self.body()
         return self.polynomial_system() if "system" in self.groups else self.mount()
 
     def polynomial_system(self) -> PolynomialSystem:
@@ -230,6 +234,11 @@ class Scene:
             **more,
         )
 
+    def body(self) -> Body:
+        """Build the body on its mounts."""
+        kernels: list[Kernel | None] = [None, *(_kernel(group) for group in self.groups["kernel"])]
+        return body_of(self._group("body"), self.groups["mount_point"], kernels)
+
     def _shapes(self) -> FloatArray | None:
         """Named coordinates of a reduced structure in terms of its modes."""
         given = self.groups.get("structure", {})
@@ -298,6 +307,8 @@ class Scene:
         for name in ("system", "structure"):
             if name in self.groups:
                 return texts(self.groups[name]["coordinates"])
+        if "body" in self.groups:
+            return coordinates_of(self.groups["mount_point"])
         return ("z", "phi", "psi") if self.is_pendulum else ("x", "phi")
 
     def _group(self, name: str) -> Mapping[str, Any]:

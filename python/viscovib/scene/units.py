@@ -4,6 +4,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from viscovib.scene.body import coordinates_of
+
 _MOUNT = {
     "mass": "kg",
     "inertia": "kg m^2",
@@ -11,6 +13,11 @@ _MOUNT = {
     "stiffness_x": "N/m",
     "stiffness_phi": "N m",
 }
+_BODY = {"mass": "kg", "inertia": "kg m^2", "center": "m", "gravity": "m/s^2"}
+_MOUNT_POINT = {
+    "position": "m", "stiffness": "N/m", "angles": "rad", "damping": "N s/m",
+    "rotational_stiffness": "N m",
+}  # fmt: skip
 #: What a load on a coordinate of this unit is measured in.
 _FORCES = {"m": "N", "rad": "N m"}
 #: Entries of matrices, by the units of two coordinates.
@@ -45,6 +52,11 @@ def unit_of(groups: Mapping[str, Any], key: str) -> str:
         return _matrix_unit(_coordinates(groups)[0], own.get(entry), entry, element)
     if group == "mount":
         return _MOUNT.get(entry, "")
+    if group == "body":
+        return _BODY.get(entry, "")
+    if group == "mount_point":
+        track = ("kg", "N s/m", "N/m")
+        return track[element - 1] if entry == "track" else _MOUNT_POINT.get(entry, "")
     if group == "kernel":
         return _kernel_unit(own, entry)
     if group == "load":
@@ -113,6 +125,8 @@ def _names(groups: Mapping[str, Any]) -> list[str]:
         return ["x", "phi"]
     if groups.get("pendulum"):
         return ["z", "phi", "psi"]
+    if groups.get("body"):
+        return list(coordinates_of(groups["mount_point"]))
     found = (groups.get("system") or {}).get("coordinates", "x")
     return list(found) if isinstance(found, list) else [found]
 
@@ -124,7 +138,10 @@ def _coordinates(groups: Mapping[str, Any]) -> tuple[list[str], list[str]]:
     if groups.get("pendulum"):
         return ["L", "rad", "rad"], ["L omega_1", "rad omega_1", "rad omega_1"]
     names = _names(groups)
-    units = (groups.get("system") or {}).get("units", "m")
-    listed = list(units) if isinstance(units, list) else [units] * len(names)
+    if groups.get("body"):
+        units = [*3 * ["m"], *3 * ["rad"], *(len(names) - 6) * ["m"]]
+        return units, [f"{unit}/s" for unit in units]
+    told = (groups.get("system") or {}).get("units", "m")
+    listed = list(told) if isinstance(told, list) else [told] * len(names)
     listed += [""] * (len(names) - len(listed))
     return listed, [f"{unit}/s" if unit else "" for unit in listed]

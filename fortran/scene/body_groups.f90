@@ -1,0 +1,403 @@
+!> The groups of a scene that make up a body in space: &body, &mount_point.
+module viscovib_body_groups
+  use viscovib_coordinate_names, only: read_kernel_place
+  use viscovib_group_reader, only: group_reader
+  use viscovib_growing_text, only: growing_text
+  use viscovib_kernel_groups, only: read_system_kernels
+  use viscovib_kinds, only: wp
+  use viscovib_law_program, only: put_argument
+  use viscovib_law_term, only: law_term
+  use viscovib_law_text, only: compile_law
+  use viscovib_mounted_body, only: build_small, build_turning, mounted_body, rest_type
+  use viscovib_namelist, only: lower, namelist_type
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_polynomial, only: max_degree
+  use viscovib_polynomial_text, only: expand, terms_type
+  use viscovib_scene_groups, only: place_of
+  use viscovib_spring_products, only: n_products
+  use viscovib_status, only: clipped, show, status_type
+  use viscovib_subject, only: name_length, subject_type
+  use viscovib_symmetric_modes, only: find_symmetric_modes
+  use viscovib_turning_body, only: body_spring
+  implicit none
+  private
+
+  public :: read_body
+
+  !> Most mounts; longest name of one; most products of coordinates of one power of a law.
+  integer, parameter :: max_mounts = 100, mount_name = 14
+  real(wp), parameter :: max_products = 10000.0_wp, no_inertia = 1.0e-9_wp
+  !> So many radii of gyration away a mount looks like millimetres given as metres.
+  real(wp), parameter :: far_away = 50.0_wp
+
+contains
+
+  !> A body, and the system made of it about where it rests.
+  subroutine read_body(file, subject, echo, status)
+    type(namelist_type), intent(in) :: file
+    type(subject_type), intent(inout) :: subject
+    !> Gets the canonical text of the groups added.
+    character(len=:), allocatable, intent(inout) :: echo
+    type(status_type), intent(out) :: status
+    type(mounted_body) :: body
+    type(kernel_holder), allocatable :: kernels(:)
+    type(rest_type) :: rest
+    type(group_reader) :: reader
+    type(growing_text) :: text
+    type(status_type) :: built
+    real(wp) :: center(3)
+    character(len=name_length), allocatable :: names(:)
+    integer :: i, n
+
+    call read_system_kernels(file, kernels, echo, status)
+    if (status%failed()) return
+    call reader%start(file%path, file%groups(place_of(file, 'body')))
+    call read_masses(reader, body, center)
+    call finish_group()
+    if (status%failed()) return
+    n = count([(file%groups(i)%name == 'mount_point', i=1, size(file%groups))])
+    allocate (body%springs(0), body%track_mass(0), body%track_damping(0), names(0))
+    subject%coordinates = [character(len=name_length) :: 'x', 'y', 'z', 'rx', 'ry', 'rz']
+    subject%units = [character(len=name_length) :: 'm', 'm', 'm', 'rad', 'rad', 'rad']
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name /= 'mount_point') cycle
+      call reader%start(file%path, file%groups(i))
+      if (n > max_mounts) call reader%complain('name', '&mount_point: '//show(n)//' of them, ' &
+                                               //'must be at most '//show(max_mounts))
+      call read_mount_point(reader, body, center, names, subject, size(kernels))
+      call finish_group()
+      if (status%failed()) return
+    end do
+    echo = echo//text%text()
+    call reader%start(file%path, file%groups(place_of(file, 'body')))
+    if (n == 0) call reader%complain('mass', '&body: needs &mount_point, what it stands on')
+    body%base_direction = [body%base_direction, (0.0_wp, i=1, size(body%track_mass))]
+    if (.not. reader%status%failed()) then
+      call body%find_rest(kernels, rest, built)
+      if (.not. built%failed() .and. body%exact) then
+        call build_turning(body, kernels, rest, subject%turning)
+      else if (.not. built%failed()) then
+        call build_small(body, kernels, rest, subject%polynomial, built)
+      end if
+      call reader%place(built)
+    end if
+    subject%is_polynomial = .not. body%exact
+    subject%is_turning = body%exact
+    status = reader%status
+
+  contains
+
+    subroutine finish_group()
+      call reader%finish()
+      status = reader%status
+      call text%add(reader%echo)
+    end subroutine finish_group
+
+  end subroutine read_body
+
+  !> The &body group.
+  subroutine read_masses(reader, body, center)
+    type(group_reader), intent(inout) :: reader
+    type(mounted_body), intent(inout) :: body
+    real(wp), intent(out) :: center(3)
+    real(wp), allocatable :: inertia(:)
+    real(wp) :: zero(6)
+    character(len=:), allocatable :: word
+    integer :: geometry, axes, i
+
+    zero = 0.0_wp
+    geometry = 1
+    axes = 1
+    body%mass = reader%read_real('mass')
+    if (.not. reader%status%failed() .and. .not. body%mass > 0.0_wp) then
+      call reader%complain('mass', 'mass = '//show(body%mass)//': must be greater than 0')
+    end if
+    allocate (inertia(0))
+    inertia = reader%read_reals('inertia')
+    center = reader%read_reals('center', 3, zero(:3))
+    body%gravity = reader%read_reals('gravity', 3, zero(:3))
+    word = reader%read_text('geometry', 'small', [character(len=5) :: 'small', 'exact'], geometry)
+    word = reader%read_text('load_axes', 'body', [character(len=5) :: 'body', 'space'], axes)
+    body%base_direction = reader%read_reals('base_direction', 6, zero)
+    if (reader%status%failed()) return
+    body%exact = geometry == 2
+    body%loads_turn = axes == 1
+    if (size(inertia) == 3) then
+      do i = 1, 3
+        body%inertia(i, i) = inertia(i)
+      end do
+    else if (size(inertia) == 9) then
+      body%inertia = reshape(inertia, [3, 3], order=[2, 1])
+    else
+      call reader%complain('inertia', 'inertia has '//show(size(inertia))//' values: must be 3 ' &
+                           //'(a diagonal) or 9 (row by row)')
+    end if
+    if (.not. reader%status%failed()) call check_inertia(reader, body%inertia)
+    if (.not. body%exact) return
+    if (any(abs(body%base_direction(4:6)) > 0.0_wp)) then
+      call reader%complain('base_direction', 'base_direction: must not turn the floor with ' &
+                           //"geometry = 'exact'")
+    else if (any(abs(body%base_direction) > 0.0_wp) .and. body%loads_turn) then
+      call reader%complain('load_axes', "load_axes = 'body': must be 'space' where the floor " &
+                           //"moves with geometry = 'exact'")
+    end if
+  end subroutine read_masses
+
+  !> Symmetric, its principal moments those of a body.
+  subroutine check_inertia(reader, inertia)
+    type(group_reader), intent(inout) :: reader
+    real(wp), intent(in) :: inertia(3, 3)
+    real(wp) :: unit(3, 3), moments(3), axes(3, 3)
+    integer :: i
+
+    if (maxval(abs(inertia - transpose(inertia))) > no_inertia*maxval(abs(inertia))) then
+      call reader%complain('inertia', 'inertia: must be symmetric')
+      return
+    end if
+    unit = 0.0_wp
+    do i = 1, 3
+      unit(i, i) = 1.0_wp
+    end do
+    call find_symmetric_modes(unit, inertia, moments, axes)
+    if (.not. moments(1) > 0.0_wp) then
+      call reader%complain('inertia', 'inertia: has the principal moment '//show(moments(1)) &
+                           //', must be greater than 0')
+    else if (moments(3) > (moments(1) + moments(2))*(1.0_wp + no_inertia)) then
+      call reader%complain('inertia', 'inertia: has the principal moments '//show(moments(1)) &
+                           //', '//show(moments(2))//', '//show(moments(3))//'; no body has one ' &
+                           //'that is larger than the sum of the other two')
+    end if
+  end subroutine check_inertia
+
+  !> One &mount_point: springs along its axes, about them, and the track of a fluid mount.
+  subroutine read_mount_point(reader, body, center, names, subject, n_kernels)
+    type(group_reader), intent(inout) :: reader
+    type(mounted_body), intent(inout) :: body
+    real(wp), intent(in) :: center(3)
+    !> Of the mounts so far; gets this one.
+    character(len=name_length), allocatable, intent(inout) :: names(:)
+    !> Gets the coordinate of a track, and warnings.
+    type(subject_type), intent(inout) :: subject
+    integer, intent(in) :: n_kernels
+    type(body_spring) :: springs(3), turning(3)
+    real(wp) :: arm(3), axes(3, 3), angles(3), zero(3), stiffness(3), damping(3), held(3), radius
+    real(wp), allocatable :: track(:)
+    character(len=:), allocatable :: name, word
+    integer :: kernel_of(3), along, i, j
+
+    zero = 0.0_wp
+    name = reader%read_text('name')
+    arm = reader%read_reals('position', 3) - center
+    stiffness = reader%read_reals('stiffness', 3)
+    angles = reader%read_reals('angles', 3, zero)
+    damping = reader%read_reals('damping', 3, zero)
+    held = reader%read_reals('rotational_stiffness', 3, zero)
+    call read_kernels_of(reader, n_kernels, kernel_of)
+    call check_numbers(reader, name, names, stiffness, damping, held)
+    if (reader%status%failed()) return
+    names = [character(len=name_length) :: names, lower(name)]
+    axes = turned_axes(angles)
+    do j = 1, 3
+      springs(j)%kernel = kernel_of(j)
+      springs(j)%direction = axes(:, j)
+      springs(j)%arm = arm
+      springs(j)%stiffness = stiffness(j)
+      springs(j)%damping = damping(j)
+      call read_law(reader, 'law_'//'xyz'(j:j), body%exact, springs(j))
+      allocate (turning(j)%coefficient(0), turning(j)%laws(0))
+      turning(j)%kernel = kernel_of(j)
+      turning(j)%turning = .true.
+      turning(j)%direction = axes(:, j)
+      turning(j)%stiffness = held(j)
+    end do
+    allocate (track(0))
+    track = reader%read_reals('track', default=zero)
+    along = 3
+    word = reader%read_text('track_axis', 'z', ['x', 'y', 'z'], along)
+    if (reader%status%failed()) return
+    do j = 1, 3
+      call append(body%springs, springs(j))
+    end do
+    do j = 1, 3
+      if (held(j) > 0.0_wp) call append(body%springs, turning(j))
+    end do
+    if (size(track) /= 3) then
+      call reader%complain('track', 'track has '//show(size(track))//' values: must be 3, mass, ' &
+                           //'damping and stiffness')
+    else if (any(abs(track) > 0.0_wp)) then
+      if (.not. track(1) > 0.0_wp .or. track(2) < 0.0_wp .or. .not. track(3) > 0.0_wp) then
+        call reader%complain('track', 'track: mass and stiffness must be greater than 0, damping ' &
+                             //'not negative')
+        return
+      end if
+      body%track_mass = [body%track_mass, track(1)]
+      body%track_damping = [body%track_damping, track(2)]
+      call append(body%springs, track_spring(springs(along), track(3), body%n_dof()))
+      subject%coordinates = [character(len=name_length) :: subject%coordinates, &
+                             lower(name)//'_y']
+      subject%units = [character(len=name_length) :: subject%units, 'm']
+    else if (.not. any(stiffness > 0.0_wp) .and. .not. any(held > 0.0_wp) .and. &
+             .not. any([(size(springs(i)%coefficient) + size(springs(i)%laws) > 0, i=1, 3)])) then
+      call reader%complain('stiffness', name//': stiffness = 0 0 0: must not be 0 in every ' &
+                           //'direction')
+    end if
+    radius = sqrt((body%inertia(1, 1) + body%inertia(2, 2) + body%inertia(3, 3)) &
+                  /(2.0_wp*body%mass))
+    if (norm2(arm) > far_away*radius .and. subject%warned == '') then
+      subject%warned = name//': is '//show(norm2(arm))//' m from the centre of mass of a body ' &
+                       //'whose radius of gyration is '//show(radius)//' m: positions are in m' &
+                       //new_line('a')
+    end if
+  end subroutine read_mount_point
+
+  !> The name is a new one, and nothing is negative.
+  subroutine check_numbers(reader, name, names, stiffness, damping, held)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: name, names(:)
+    real(wp), intent(in) :: stiffness(:), damping(:), held(:)
+    character(len=*), parameter :: letters = 'abcdefghijklmnopqrstuvwxyz_', digits = '0123456789'
+
+    if (reader%status%failed()) return
+    if (verify(lower(name), letters//digits) > 0 .or. len(name) > mount_name .or. &
+        scan(name//' ', digits//' ') == 1) then
+      call reader%complain('name', "name = '"//clipped(name)//"': must be letters, digits and " &
+                           //'_, not begin with a digit, and have at most '//show(mount_name) &
+                           //' characters')
+    else if (any(names == lower(name))) then
+      call reader%complain('name', "name = '"//name//"': stands twice, names of mounts must differ")
+    else if (any(stiffness < 0.0_wp)) then
+      call reader%complain('stiffness', name//': stiffness = '//show(minval(stiffness)) &
+                           //': must not be negative')
+    else if (any(damping < 0.0_wp)) then
+      call reader%complain('damping', name//': damping = '//show(minval(damping)) &
+                           //': must not be negative')
+    else if (any(held < 0.0_wp)) then
+      call reader%complain('rotational_stiffness', name//': rotational_stiffness = ' &
+                           //show(minval(held))//': must not be negative')
+    end if
+  end subroutine check_numbers
+
+  !> One &kernel for all three directions, or one for each.
+  subroutine read_kernels_of(reader, n_kernels, kernel_of)
+    type(group_reader), intent(inout) :: reader
+    integer, intent(in) :: n_kernels
+    integer, intent(out) :: kernel_of(3)
+    integer, allocatable :: given(:)
+
+    kernel_of = 0
+    allocate (given(0))
+    if (.not. reader%has('kernels')) then
+      kernel_of = read_kernel_place(reader, n_kernels)
+      return
+    end if
+    call reader%refuse(['kernel'], 'kernels has one for each direction already')
+    given = reader%read_integers('kernels', 3)
+    if (reader%status%failed()) return
+    if (any(given < 0) .or. any(given > n_kernels)) then
+      call reader%complain('kernels', 'kernels: must be 0 (none) to '//show(n_kernels) &
+                           //', places of &kernel groups')
+    else
+      kernel_of = given
+    end if
+  end subroutine read_kernels_of
+
+  !> g(d) of a direction: a polynomial, or another law, whole.
+  subroutine read_law(reader, key, exact, spring)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: key
+    logical, intent(in) :: exact
+    type(body_spring), intent(inout) :: spring
+    character(len=name_length) :: none(0)
+    character(len=:), allocatable :: text, fault, other
+    real(wp) :: no_values(0), powers(max_degree), value(1)
+    type(terms_type) :: terms
+    type(law_term) :: law
+    integer :: effort, i, power
+
+    allocate (spring%coefficient(0), spring%laws(0))
+    text = reader%read_text(key, '0')
+    if (reader%status%failed()) return
+    effort = 100000
+    call expand(text, ['d'], terms, fault, effort)
+    if (fault /= '') then
+      call compile_law(lower(text), ['d', 'v'], none, no_values, law%program, law%parity, &
+                       law%degree, other)
+      if (other /= '') then
+        if (scan(text, '(<>vV') > 0) fault = other
+        call reader%complain(key, key//" = '"//clipped(text)//"': "//fault)
+        return
+      end if
+      if (exact .and. any(law%program%code == put_argument &
+                            .and. nint(law%program%number) == 2)) then
+        call reader%complain(key, key//" = '"//clipped(text)//"': must not depend on the rate v " &
+                             //"with geometry = 'exact'")
+        return
+      end if
+      call law%program%evaluate(reshape([0.0_wp, 0.0_wp], [1, 2]), value)
+      if (abs(value(1)) > 0.0_wp) then
+        call reader%complain(key, key//" = '"//clipped(text)//"': is "//show(value(1)) &
+                             //' at d = 0, must be 0')
+        return
+      end if
+      spring%laws = [law]
+      return
+    end if
+    powers = 0.0_wp
+    do i = 1, size(terms%coefficients)
+      power = terms%powers(1, i)
+      if (power < 1 .or. power > max_degree) then
+        call reader%complain(key, key//" = '"//clipped(text)//"': has the power "//show(power) &
+                             //', must be 1 to '//show(max_degree))
+        return
+      end if
+      powers(power) = terms%coefficients(i)
+    end do
+    spring%stiffness = spring%stiffness + powers(1)
+    power = findloc(abs(powers) > 0.0_wp, .true., 1, back=.true.)
+    if (power < 2) return
+    spring%coefficient = powers(2:power)
+    if (.not. exact .and. 6*n_products(6, power) > max_products) then
+      call reader%complain(key, key//" = '"//clipped(text)//"': has the power "//show(power) &
+                           //", too many products of six coordinates, must be at most 8 with " &
+                           //"geometry = 'small'")
+    end if
+  end subroutine read_law
+
+  !> The spring of a chamber behind which a column of fluid moves.
+  pure function track_spring(spring, stiffness, coordinate) result(track)
+    type(body_spring), intent(in) :: spring
+    real(wp), intent(in) :: stiffness
+    integer, intent(in) :: coordinate
+    type(body_spring) :: track
+    track%direction = spring%direction
+    track%arm = spring%arm
+    track%stiffness = stiffness
+    track%track = coordinate
+    allocate (track%coefficient(0), track%laws(0))
+  end function track_spring
+
+  subroutine append(springs, spring)
+    type(body_spring), allocatable, intent(inout) :: springs(:)
+    type(body_spring), intent(in) :: spring
+    type(body_spring), allocatable :: more(:)
+    integer :: i
+    allocate (more(size(springs) + 1))
+    do i = 1, size(springs)
+      more(i) = springs(i)
+    end do
+    more(size(more)) = spring
+    call move_alloc(more, springs)
+  end subroutine append
+
+  !> Rz Ry Rx of angles about x, y and z.
+  pure function turned_axes(angles) result(axes)
+    real(wp), intent(in) :: angles(3)
+    real(wp) :: axes(3, 3), c(3), s(3)
+    c = cos(angles)
+    s = sin(angles)
+    axes(:, 1) = [c(3)*c(2), s(3)*c(2), -s(2)]
+    axes(:, 2) = [c(3)*s(2)*s(1) - s(3)*c(1), s(3)*s(2)*s(1) + c(3)*c(1), c(2)*s(1)]
+    axes(:, 3) = [c(3)*s(2)*c(1) + s(3)*s(1), s(3)*s(2)*c(1) - c(3)*s(1), c(2)*c(1)]
+  end function turned_axes
+
+end module viscovib_body_groups

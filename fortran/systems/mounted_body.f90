@@ -1,0 +1,463 @@
+!> A rigid body in space on mounts, as it is written down, where it rests under its weight, and the
+!! systems made of it about that position.
+!!
+!! Small rotations make a polynomial system, d_j = e_j . u with rows e_j; finite ones a body that
+!! turns (`viscovib_turning_body`). The weight W rests where
+!!
+!!   sum_j dd_j/dq (1 - I_j) [k_j d_j + g_j(d_j)] = W,
+!!
+!! I_j the integral of the kernel: all relaxation is over.
+module viscovib_mounted_body
+  use viscovib_kinds, only: wp
+  use viscovib_law_program, only: add, put_argument, put_number, subtract
+  use viscovib_law_term, only: about_rest, law_term
+  use viscovib_oscillator, only: kernel_holder
+  use viscovib_polynomial, only: max_degree, new_polynomial, polynomial_parameters, polynomial_type
+  use viscovib_rotation, only: cross, new_rotation, rotation_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_spring_products, only: add_products
+  use viscovib_symmetric_modes, only: find_symmetric_modes
+  use viscovib_turning_body, only: body_spring, new_turning_body, row_of, turning_body
+  implicit none
+  private
+
+  public :: build_small, build_turning, mounted_body, rest_type, spring_about
+
+  !> Springs are as they are written down: laws are whole, of d and its rate.
+  type :: mounted_body
+    real(wp) :: mass = 0.0_wp, inertia(3, 3) = 0.0_wp, gravity(3) = 0.0_wp
+    !> Whether rotations are finite, and loads turn with the body.
+    logical :: exact = .false., loads_turn = .false.
+    real(wp), allocatable :: base_direction(:)
+    type(body_spring), allocatable :: springs(:)
+    !> Of the columns of fluid, each a coordinate of its own.
+    real(wp), allocatable :: track_mass(:), track_damping(:)
+  contains
+    procedure :: n_dof
+    procedure :: masses
+    procedure :: find_rest
+    procedure, private :: settle
+    procedure, private :: balance
+  end type mounted_body
+
+  !> Where it rests: coordinates, deflections of springs, and what these carry.
+  type :: rest_type
+    real(wp), allocatable :: q(:), d(:), carried(:)
+  end type rest_type
+
+  !> Newton's method ends where a step is this part of the displacement; what may be left of the
+  !! weight; the least part of the weight that is put on at once; what is no stiffness.
+  real(wp), parameter :: settled = 1.0e-15_wp, accurate = 1.0e-9_wp, least_part = 1.0e-4_wp, &
+                         no_stiffness = 1.0e-12_wp
+  integer, parameter :: max_steps = 30
+  real(wp), parameter :: tiny_step = 1.0e-100_wp, half_turn = 3.141592653589793_wp
+
+contains
+
+  pure integer function n_dof(self)
+    class(mounted_body), intent(in) :: self
+    n_dof = 6 + size(self%track_mass)
+  end function n_dof
+
+  !> M about the centre of mass.
+  pure function masses(self)
+    class(mounted_body), intent(in) :: self
+    real(wp) :: masses(6 + size(self%track_mass), 6 + size(self%track_mass))
+    integer :: i
+    masses = 0.0_wp
+    do i = 1, size(masses, 1)
+      if (i <= 3) masses(i, i) = self%mass
+      if (i > 6) masses(i, i) = self%track_mass(i - 6)
+    end do
+    masses(4:6, 4:6) = self%inertia
+  end function masses
+
+  !> Where the body rests, the weight put on little by little; at 0 without weight.
+  subroutine find_rest(self, kernels, rest, status)
+    class(mounted_body), intent(in) :: self
+    type(kernel_holder), intent(in) :: kernels(:)
+    type(rest_type), intent(out) :: rest
+    type(status_type), intent(out) :: status
+    real(wp) :: kept(size(self%springs)), weight(self%n_dof()), q(self%n_dof()), done, part, step
+    logical :: found
+
+    call set_ok(status)
+    allocate (rest%q(self%n_dof()), rest%d(size(self%springs)), rest%carried(size(self%springs)))
+    rest%q = 0.0_wp
+    rest%d = 0.0_wp
+    rest%carried = 0.0_wp
+    if (.not. any(abs(self%gravity) > 0.0_wp)) return
+    call find_kept(self%springs, kernels, kept, status)
+    if (status%failed()) return
+    weight = 0.0_wp
+    weight(:3) = self%mass*self%gravity
+    done = 0.0_wp
+    step = 1.0_wp
+    do while (done < 1.0_wp)
+      part = min(done + step, 1.0_wp)
+      q = rest%q
+      call self%settle(kept, part*weight, q, rest%d, rest%carried, found, status)
+      if (status%failed()) return
+      if (found) then
+        rest%q = q
+        done = part
+        cycle
+      end if
+      step = step/2.0_wp
+      if (step >= least_part) cycle
+      call fail(status, status_input_error, 'gravity', 'gravity: the mounts give way under ' &
+                //show(100.0_wp*done)//' % of the weight, no position at rest is known beyond')
+      return
+    end do
+  end subroutine find_rest
+
+  !> 1 - I_j.
+  subroutine find_kept(springs, kernels, kept, status)
+    type(body_spring), intent(in) :: springs(:)
+    type(kernel_holder), intent(in) :: kernels(:)
+    real(wp), intent(out) :: kept(:)
+    type(status_type), intent(out) :: status
+    integer :: j
+
+    call set_ok(status)
+    kept = 1.0_wp
+    do j = 1, size(springs)
+      if (springs(j)%kernel == 0) cycle
+      kept(j) = 1.0_wp - kernels(springs(j)%kernel)%kernel%integral()
+      if (kept(j) > 0.0_wp) cycle
+      if (kept(j) < -huge(1.0_wp)) then
+        call fail(status, status_input_error, 'gravity', 'gravity: a kernel has no integral, its ' &
+                  //'mount never comes to rest')
+      else
+        call fail(status, status_input_error, 'gravity', 'gravity: the integral of a kernel is ' &
+                  //show(1.0_wp - kept(j))//', must be below 1: its mount carries nothing in ' &
+                  //'the end')
+      end if
+      return
+    end do
+  end subroutine find_kept
+
+  !> Newton's method from a position near by. `found` is false where it leads nowhere, or to a
+  !! position that is not held.
+  subroutine settle(self, kept, weight, q, d, carried, found, status)
+    class(mounted_body), intent(in) :: self
+    real(wp), intent(in) :: kept(:), weight(:)
+    real(wp), intent(inout) :: q(:)
+    real(wp), intent(out) :: d(:), carried(:)
+    logical, intent(out) :: found
+    type(status_type), intent(out) :: status
+    real(wp) :: left(size(q)), tangent(size(q), size(q)), squares(size(q))
+    real(wp) :: shapes(size(q), size(q)), push(size(q)), step(size(q)), mass(size(q), size(q))
+    integer :: turn
+
+    call set_ok(status)
+    mass = self%masses()
+    do turn = 1, max_steps
+      call self%balance(kept, weight, q, d, carried, left, tangent)
+      found = all(abs(tangent) < huge(1.0_wp)) .and. all(abs(left) < huge(1.0_wp))
+      if (.not. found) return
+      call find_symmetric_modes(mass, tangent, squares, shapes)
+      push = matmul(left, shapes)
+      where (abs(squares) > no_stiffness*maxval(abs(squares)))
+        push = push/squares
+      elsewhere
+        ! What is free to move without being pushed stays.
+        push = 0.0_wp
+      end where
+      step = matmul(shapes, push)
+      q = q + step
+      found = .not. (self%exact .and. norm2(q(4:6)) > half_turn)
+      if (.not. found) return
+      if (maxval(abs(step)) <= settled*maxval(abs(q))) exit
+    end do
+    call self%balance(kept, weight, q, d, carried, left, tangent)
+    call find_symmetric_modes(mass, tangent, squares, shapes)
+    push = matmul(left, shapes)
+    where (abs(squares) > no_stiffness*maxval(abs(squares))) push = 0.0_wp
+    if (maxval(abs(matmul(mass, matmul(shapes, push)))) > 1.0e-6_wp*maxval(abs(weight))) then
+      call fail(status, status_input_error, 'gravity', 'gravity: nothing carries the weight in a ' &
+                //'direction left free by mounts')
+      return
+    end if
+    found = squares(1) >= -no_stiffness*maxval(abs(squares)) &
+            .and. maxval(abs(left)) < accurate*maxval(abs(weight))
+  end subroutine settle
+
+  !> What is left of the weight at q, and how that changes.
+  subroutine balance(self, kept, weight, q, d, carried, left, tangent)
+    class(mounted_body), intent(in) :: self
+    real(wp), intent(in) :: kept(:), weight(:), q(:)
+    real(wp), intent(out) :: d(:), carried(:), left(:), tangent(:, :)
+    real(wp) :: row(size(q)), slope
+    integer :: b, j
+
+    left = weight
+    tangent = 0.0_wp
+    do j = 1, size(self%springs)
+      call place(self%springs(j), self%exact, q, d(j), row)
+      call force_of(self%springs(j), d(j), carried(j), slope)
+      carried(j) = kept(j)*carried(j)
+      left = left - row*carried(j)
+      do b = 1, size(q)
+        tangent(:, b) = tangent(:, b) + (kept(j)*slope*row(b))*row
+      end do
+      if (self%exact .and. .not. self%springs(j)%turning) then
+        tangent(4:6, 4:6) = tangent(4:6, 4:6) + carried(j)*bend_of(self%springs(j), q(4:6))
+      end if
+    end do
+    tangent = (tangent + transpose(tangent))/2.0_wp
+  end subroutine balance
+
+  !> Deflection of a spring, and its slopes: e . (u + R p - p) and T^T (p x R^T e).
+  pure subroutine place(spring, exact, q, d, row)
+    type(body_spring), intent(in) :: spring
+    logical, intent(in) :: exact
+    real(wp), intent(in) :: q(:)
+    real(wp), intent(out) :: d, row(:)
+    type(rotation_type) :: turn
+    complex(wp) :: p(3)
+
+    row = row_of(spring, size(q))
+    d = sum(row*q)
+    if (.not. exact .or. spring%turning) return
+    p = spring%arm
+    turn = new_rotation(cmplx(q(4:6), 0.0_wp, wp))
+    d = d + sum(spring%direction*real(turn%moved(p)))
+    row(4:6) = real(slope_by_turning(spring, turn))
+  end subroutine place
+
+  pure function slope_by_turning(spring, turn) result(slope)
+    type(body_spring), intent(in) :: spring
+    type(rotation_type), intent(in) :: turn
+    complex(wp) :: slope(3), e(3), p(3)
+    e = spring%direction
+    p = spring%arm
+    slope = turn%spin_transposed(cross(p, turn%turned_back(e)))
+  end function slope_by_turning
+
+  !> Second derivatives of a deflection by theta.
+  pure function bend_of(spring, theta) result(bend)
+    type(body_spring), intent(in) :: spring
+    real(wp), intent(in) :: theta(3)
+    real(wp) :: bend(3, 3)
+    complex(wp) :: along(3)
+    integer :: b
+    do b = 1, 3
+      along = theta
+      along(b) = cmplx(theta(b), tiny_step, wp)
+      bend(:, b) = aimag(slope_by_turning(spring, new_rotation(along)))/tiny_step
+    end do
+  end function bend_of
+
+  !> k d + g(d) without memory, and its slope.
+  subroutine force_of(spring, d, force, slope)
+    type(body_spring), intent(in) :: spring
+    real(wp), intent(in) :: d
+    real(wp), intent(out) :: force, slope
+    real(wp) :: value(1), by(1, 2)
+    integer :: i, power
+
+    force = spring%stiffness*d
+    slope = spring%stiffness
+    do power = 2, size(spring%coefficient) + 1
+      associate (c => spring%coefficient(power - 1))
+        force = force + c*d**power
+        slope = slope + power*c*d**(power - 1)
+      end associate
+    end do
+    do i = 1, size(spring%laws)
+      call spring%laws(i)%program%differentiate(reshape([d, 0.0_wp], [1, 2]), value, by)
+      force = force + value(1)
+      slope = slope + by(1, 1)
+    end do
+  end subroutine force_of
+
+  !> The spring as seen from a deflection: what its force differs by, linear part and rest.
+  function spring_about(spring, at) result(seen)
+    type(body_spring), intent(in) :: spring
+    real(wp), intent(in) :: at
+    type(body_spring) :: seen
+    real(wp) :: force, slope, slopes(2), ways, series(2:max_degree)
+    logical :: defined
+    integer :: i, p, power
+
+    seen = spring
+    call force_of(spring, at, force, slope)
+    series = 0.0_wp
+    do power = 2, size(spring%coefficient) + 1
+      associate (c => spring%coefficient(power - 1))
+        ways = power
+        seen%stiffness = seen%stiffness + ways*c*at**(power - 1)
+        do p = 2, power
+          ways = ways*(power - p + 1)/p
+          series(p) = series(p) + ways*c*at**(power - p)
+        end do
+      end associate
+    end do
+    seen%coefficient = series(:size(spring%coefficient) + 1)
+    do i = 1, size(seen%laws)
+      associate (law => seen%laws(i))
+        call shift(law, at)
+        law%kernel = spring%kernel
+        call about_rest(law, slopes, defined)
+        law%arguments = reshape([1.0_wp, 0.0_wp], [2, 1])
+        law%rates = reshape([0.0_wp, 1.0_wp], [2, 1])
+        seen%stiffness = seen%stiffness + slopes(1)
+        seen%damping = seen%damping + slopes(2)
+      end associate
+    end do
+  end function spring_about
+
+  !> f(at + d) - f(at).
+  subroutine shift(law, at)
+    type(law_term), intent(inout) :: law
+    real(wp), intent(in) :: at
+    integer, allocatable :: code(:)
+    real(wp), allocatable :: number(:)
+    real(wp) :: value(1), by(1, 2)
+    integer :: i
+
+    if (.not. abs(at) > 0.0_wp) return
+    call law%program%differentiate(reshape([at, 0.0_wp], [1, 2]), value, by)
+    allocate (code(0), number(0))
+    do i = 1, size(law%program%code)
+      code = [code, law%program%code(i)]
+      number = [number, law%program%number(i)]
+      if (law%program%code(i) /= put_argument .or. nint(law%program%number(i)) /= 1) cycle
+      code = [code, put_number, add]
+      number = [number, at, 0.0_wp]
+    end do
+    law%program%code = [code, put_number, subtract]
+    law%program%number = [number, value(1), 0.0_wp]
+    call law%program%measure()
+    law%parity = 0
+  end subroutine shift
+
+  !> Small rotations about the position at rest: springs by kernel, the first without memory, which
+  !! the stiffness that the preload gives joins.
+  subroutine build_small(self, kernels, rest, system, status)
+    type(mounted_body), intent(in) :: self
+    type(kernel_holder), intent(in) :: kernels(:)
+    type(rest_type), intent(in) :: rest
+    type(polynomial_type), intent(out) :: system
+    type(status_type), intent(out) :: status
+    type(polynomial_parameters) :: p
+    type(body_spring) :: seen(size(self%springs))
+    real(wp) :: rows(size(self%springs), self%n_dof()), force(3)
+    integer :: b, i, j, n
+
+    n = self%n_dof()
+    p%mass = self%masses()
+    p%base_direction = self%base_direction
+    allocate (p%damping(n, n), p%stiffness(n, n, size(kernels) + 1), source=0.0_wp)
+    p%spring_kernel = [(i, i=0, size(kernels))]
+    allocate (p%laws(0))
+    do i = 1, size(self%track_damping)
+      p%damping(6 + i, 6 + i) = self%track_damping(i)
+    end do
+    do j = 1, size(seen)
+      seen(j) = spring_about(self%springs(j), rest%d(j))
+      rows(j, :) = row_of(seen(j), n)
+      i = seen(j)%kernel + 1
+      do b = 1, n
+        p%damping(:, b) = p%damping(:, b) + (seen(j)%damping*rows(j, b))*rows(j, :)
+        p%stiffness(:, b, i) = p%stiffness(:, b, i) + (seen(j)%stiffness*rows(j, b))*rows(j, :)
+      end do
+      if (.not. seen(j)%turning) then
+        force = -rest%carried(j)*seen(j)%direction
+        p%stiffness(4:6, 4:6, 1) = p%stiffness(4:6, 4:6, 1) + stiffness_of(seen(j)%arm, force)
+      end if
+      call add_laws_of(seen(j), rows(j, :), p%laws)
+    end do
+    call add_products(seen, rows, size(kernels), p)
+    call new_polynomial(system, p, kernels, status)
+  end subroutine build_small
+
+  !> Of a force F at a point p of the body, to second order in theta: the work is F . (theta x p +
+  !! theta x (theta x p)/2).
+  pure function stiffness_of(p, force) result(bend)
+    real(wp), intent(in) :: p(3), force(3)
+    real(wp) :: bend(3, 3)
+    integer :: b
+    do b = 1, 3
+      bend(:, b) = -(p*force(b) + force*p(b))/2.0_wp
+      bend(b, b) = bend(b, b) + sum(p*force)
+    end do
+  end function stiffness_of
+
+  !> Laws that are no polynomials, on all equations that feel the spring.
+  subroutine add_laws_of(spring, row, laws)
+    type(body_spring), intent(in) :: spring
+    real(wp), intent(in) :: row(:)
+    type(law_term), allocatable, intent(inout) :: laws(:)
+    type(law_term), allocatable :: more(:)
+    integer :: i, j
+
+    do j = 1, size(spring%laws)
+      allocate (more(size(laws) + 1))
+      do i = 1, size(laws)
+        more(i) = laws(i)
+      end do
+      associate (law => more(size(more)))
+        law = spring%laws(j)
+        deallocate (law%arguments, law%rates)
+        allocate (law%arguments(2, size(row)), law%rates(2, size(row)), source=0.0_wp)
+        law%arguments(1, :) = row
+        law%rates(2, :) = row
+        law%equations = pack([(i, i=1, size(row))], abs(row) > 0.0_wp)
+        law%weights = row(law%equations)
+        allocate (law%variables(size(law%equations)), source=0)
+        call law%drop_unread()
+      end associate
+      call move_alloc(more, laws)
+    end do
+  end subroutine add_laws_of
+
+  !> Finite rotations about the position at rest, in axes that stand as those of the floor there:
+  !! arms are R p, and what holds rotations is deflected along R T^-T e, as it grows there.
+  subroutine build_turning(self, kernels, rest, system)
+    type(mounted_body), intent(in) :: self
+    type(kernel_holder), intent(in) :: kernels(:)
+    type(rest_type), intent(in) :: rest
+    type(turning_body), intent(out) :: system
+    type(body_spring) :: seen(size(self%springs))
+    type(rotation_type) :: turn
+    real(wp) :: mass(self%n_dof(), self%n_dof()), damping(self%n_dof(), self%n_dof())
+    real(wp) :: axes(3, 3), row(self%n_dof())
+    complex(wp) :: v(3)
+    integer :: b, j
+
+    turn = new_rotation(cmplx(rest%q(4:6), 0.0_wp, wp))
+    do b = 1, 3
+      v = (0.0_wp, 0.0_wp)
+      v(b) = (1.0_wp, 0.0_wp)
+      axes(:, b) = real(turn%turned(v))
+    end do
+    mass = self%masses()
+    mass(4:6, 4:6) = matmul(axes, matmul(self%inertia, transpose(axes)))
+    mass = (mass + transpose(mass))/2.0_wp
+    damping = 0.0_wp
+    do j = 1, size(self%track_damping)
+      damping(6 + j, 6 + j) = self%track_damping(j)
+    end do
+    do j = 1, size(seen)
+      seen(j) = spring_about(self%springs(j), rest%d(j))
+      do b = 1, size(seen(j)%laws)
+        call seen(j)%laws(b)%drop_unread()
+      end do
+      seen(j)%preload = rest%carried(j)
+      v = seen(j)%direction
+      v = turn%unspin_transposed(v)
+      if (seen(j)%turning) seen(j)%direction = real(turn%turned(v))
+      v = seen(j)%arm
+      if (.not. seen(j)%turning) seen(j)%arm = real(turn%turned(v))
+      row = row_of(seen(j), size(row))
+      do b = 1, size(row)
+        damping(:, b) = damping(:, b) + (seen(j)%damping*row(b))*row
+      end do
+    end do
+    call new_turning_body(system, mass, damping, self%base_direction, seen, kernels)
+    system%loads_turn = self%loads_turn
+  end subroutine build_turning
+
+end module viscovib_mounted_body

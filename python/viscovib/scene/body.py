@@ -1,0 +1,55 @@
+"""A body of a scene: what &body and &mount_point say."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from viscovib.bodies.body import NAMES, Body
+from viscovib.bodies.mount_point import FluidTrack, MountPoint
+from viscovib.kernels.relaxation import Kernel
+
+#: Keys of a &mount_point that `MountPoint` has under the same names.
+_SAME = ("position", "stiffness", "angles", "damping", "rotational_stiffness")
+
+
+def body_of(
+    given: Mapping[str, Any],
+    mount_points: Sequence[Mapping[str, Any]],
+    kernels: Sequence[Kernel | None],
+) -> Body:
+    """Build it; ``kernels`` by their places, None first."""
+    inertia = np.asarray(given["inertia"], dtype=float)
+    return Body(
+        mass=given["mass"],
+        inertia=inertia if inertia.size == 3 else inertia.reshape(3, 3),
+        mounts=[_mount_point(group, kernels) for group in mount_points],
+        center=given["center"],
+        gravity=given["gravity"] if any(given["gravity"]) else None,
+        geometry=given["geometry"],
+        load_axes=given["load_axes"],
+        base_direction=given["base_direction"] if any(given["base_direction"]) else None,
+    )
+
+
+def _mount_point(group: Mapping[str, Any], kernels: Sequence[Kernel | None]) -> MountPoint:
+    which = group["kernels"] if "kernels" in group else [group["kernel"]] * 3
+    laws = [group[f"law_{axis}"].lower() for axis in "xyz"]
+    track = None
+    if any(group["track"]):
+        mass, damping, stiffness = group["track"]
+        axis = "xyz".index(group["track_axis"])
+        track = FluidTrack(mass=mass, damping=damping, stiffness=stiffness, axis=axis)
+    return MountPoint(
+        name=group["name"].lower(),
+        **{key: group[key] for key in _SAME},
+        kernel=[kernels[place] for place in which],
+        law=[None if law == "0" else law for law in laws],
+        track=track,
+    )
+
+
+def coordinates_of(mount_points: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Names of its coordinates: six, and one for each track."""
+    tracked = [group["name"].lower() for group in mount_points if any(group["track"])]
+    return (*NAMES, *(f"{name}_y" for name in tracked))

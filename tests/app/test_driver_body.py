@@ -1,0 +1,198 @@
+"""Bodies in scenes: the driver against Python's own building of them, and what is refused."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from driver import SCENES
+
+MASSES = (
+    "mass=163.9 inertia=9.91 -0.813 -0.472 -0.813 4.12 1.34 -0.472 1.34 9.09 center=0.01 0.02 -0.03"
+)
+KERNELS = (
+    "&kernel kind='rzhanitsyn' amplitude=0.6 alpha=0.4 beta=20 /\n"
+    "&kernel kind='prony' weights=0.3 rates=4 /\n"
+)
+MOUNTS = """&mount_point name='Left' position=-0.066 0.463 0.156 stiffness=349e3 370e3 453e3
+  angles=0.2 -0.3 1.57 law_z='1E10*D^3 + 1e8*d^2' law_x='1e5*sinh(d/0.1)' damping=100 20 30
+  rotational_stiffness=100 0 300 track=20 300 1e5 track_axis='y' /
+&mount_point name='right' position=-0.004 -0.456 0.101 stiffness=141e3 57e3 367e3 kernel=2
+  law_z='1e10*d^3' /
+&mount_point name='rear' position=0.25 -0.045 -0.2 stiffness=640e3 450e3 225e3 kernels=0 1 2
+  angles=0 -0.17 0 law_y='2e8*d^2' /
+"""
+LOADS = (
+    "&load on='ry' amplitude=200 /\n&load on='left_y' amplitude=20 order=2 phase=0.3 /\n"
+    "&load on='z' amplitude=150 order=0 /\n"
+)
+
+
+def body(options="", loads=LOADS):
+    return f"&body {MASSES} {options} /\n" + KERNELS + MOUNTS + loads
+
+
+def run_both(solve, folder, text, kind):
+    """The driver's table and Python's, which must be the same bytes; the scene and its table."""
+    path = folder / "body.nml"
+    path.write_text(text)
+    done = solve(path, "--out", folder / "out")
+    assert done.returncode == 0, done.stderr
+    result = vv.run(path)
+    result.to_csv(folder / "same.csv")
+    table = (folder / "out" / f"body_{kind}.csv").read_bytes()
+    # The path of the scene stands in the header, as it was given.
+    assert table == (folder / "same.csv").read_bytes()
+    return result
+
+
+@pytest.mark.parametrize("gravity", ["", "gravity=2 1 -9.81"])
+@pytest.mark.parametrize("geometry", ["small", "exact"])
+def test_as_python_builds_it(solve, tmp_path, geometry, gravity):
+    """Kernels, laws, dampers, rotational springs, a track and gravity: two programs build them."""
+    what = "&response nu=30 80 method='newton' harmonics=5 tolerance=5e-2 /\n"
+    options = f"geometry='{geometry}' {gravity}"
+    result = run_both(solve, tmp_path, body(options) + what, "response")
+    system, loads = result.scene.body(), result.scene.loads()
+    found = vv.forced_response(
+        system, [30.0, 80.0], **loads, method="newton", harmonics=5, tolerance=5e-2
+    )
+    columns = result.value.columns
+    table = np.array([
+        [columns[f"{name}_{k}_re"] + 1j * columns[f"{name}_{k}_im"] for k in found.harmonics]
+        for name in system.dof_names
+    ])  # fmt: skip
+    assert np.isfinite(table).all()
+    size = np.abs(table).max()
+    np.testing.assert_allclose(table, found.coefficients.transpose(1, 2, 0), atol=1e-9 * size)
+    if gravity:
+        # A progressive preload has a mean and even orders.
+        assert np.abs(columns["z_2_re"]).max() > 1e-6
+    modes = run_both(solve, tmp_path, body(options, "") + "&modes /\n", "modes")
+    np.testing.assert_allclose(modes.value.columns["frequency"], system.modes().hz, rtol=1e-10)
+
+
+@pytest.mark.parametrize("geometry", ["small", "exact"])
+def test_in_time_on_a_moving_floor(solve, tmp_path, geometry):
+    options = f"geometry='{geometry}' load_axes='space' base_direction=0 0 1 0 0 0"
+    loads = LOADS + "&load kind='base' amplitude=0.001 /\n"
+    what = "&transient t_end=0.2 nu=80 tolerance=1e-8 /\n"
+    result = run_both(solve, tmp_path, body(options, loads) + what, "transient")
+    scene = result.scene
+    found = vv.simulate(scene.body(), 0.2, nu=80.0, **scene.loads(), dt="auto", tolerance=1e-8)
+    columns = result.value.columns
+    for d, name in enumerate(found.dof_names):
+        end = np.abs(found.state[-1, 2 * d] - columns[name][-1])
+        assert end < 1e-8, name
+
+
+def test_a_tumble_by_the_driver(solve, tmp_path):
+    """Turns beyond 2 pi, the step found: the error is not that of another name of a rotation."""
+    text = (
+        "&body mass=3 inertia=1 2 2.6 geometry='exact' /\n"
+        "&mount_point name='foot' position=0 0 0 stiffness=1e-12 0 0 /\n"
+        "&transient t_end=20 initial=0 0.3 0 0 0 0 0 0.02 0 1.2 0 0.03 tolerance=1e-9 /\n"
+    )
+    result = run_both(solve, tmp_path, text, "transient")
+    columns = result.value.columns
+    state = np.array([[columns[name], columns[f"{name}_dot"]] for name in ("rx", "ry", "rz")])
+    whole = np.zeros((state.shape[2], 12))
+    whole[:, 6:] = state.transpose(2, 0, 1).reshape(-1, 6)
+    momentum = result.scene.body().angular_momentum(whole)
+    np.testing.assert_allclose(momentum, momentum[:1].repeat(len(momentum), 0), atol=1e-8)
+    assert np.linalg.norm(whole[:, 6::2], axis=1).max() < 2 * np.pi - 1
+
+
+def test_the_engine_of_the_samples(solve, tmp_path):
+    """At 24 Hz the amplitudes of the reference, through the scene."""
+    scene = vv.Scene.read(SCENES / "engine.nml")
+    assert [m.name for m in scene.body().mounts] == ["left", "right", "rear"]
+    done = solve(SCENES / "engine.nml", "--out", tmp_path)
+    assert done.returncode == 0
+    assert "completed" in done.stdout
+
+
+def test_sweep_over_a_mount(tmp_path):
+    path = tmp_path / "swept.nml"
+    path.write_text(
+        body(loads="")
+        + "&modes /\n&sweep key='mount_point(2).stiffness(3)' values=3e5 4e5 5e5 /\n"
+    )
+    found = vv.run(path).sweep
+    assert found["mount_point(2).stiffness(3)"].attrs["units"] == "N/m"
+    values = []
+    for k in (3e5, 4e5, 5e5):
+        scene = vv.Scene.read(path).override({"mount_point(2).stiffness(3)": k})
+        values.append(scene.body().modes().hz[0])
+    np.testing.assert_allclose(found["frequency"].values, values, rtol=1e-12)
+
+
+WANTED = "&modes /\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (f"&body {MASSES} / {WANTED}", "needs &mount_point"),
+        (f"&body mass=1 inertia=1 1 3 / {MOUNTS} {WANTED}", "larger than the sum of the other two"),
+        (f"&body mass=1 inertia=1 1 -1 / {MOUNTS} {WANTED}", "principal moment -1"),
+        (f"&body mass=0 inertia=1 1 1 / {MOUNTS} {WANTED}", "mass = 0: must be greater than 0"),
+        (f"&body {MASSES} / {KERNELS} {MOUNTS} {MOUNTS} {WANTED}", "'Left': stands twice"),
+        (
+            f"&body {MASSES} / &mount_point name='a' position=0 0 0 stiffness=0 0 0 / {WANTED}",
+            "stiffness = 0 0 0: must not be 0 in every direction",
+        ),
+        (
+            f"&body {MASSES} / &mount_point name='a' position=0 0 stiffness=1 0 0 / {WANTED}",
+            "position has 2 values: must be 3",
+        ),
+        (
+            f"&body {MASSES} / &mount_point name='a' position=0 0 0 stiffness=1 1 1 law_x='1 + d' /"
+            + WANTED,
+            "has the power 0",
+        ),
+        (
+            f"&body {MASSES} geometry='exact' / &mount_point name='a' position=0 0 0 "
+            f"stiffness=1 1 1 law_x='v*abs(v)' / {WANTED}",
+            "must not depend on the rate v",
+        ),
+        (
+            f"&body {MASSES} gravity=0 0 -10 / &mount_point name='a' position=0 0 0 "
+            f"stiffness=1 0 0 / {WANTED}",
+            "nothing carries the weight",
+        ),
+        (
+            f"&body {MASSES} gravity=0 0 -10 / &kernel kind='prony' weights=2 rates=1 / "
+            f"&mount_point name='a' position=0 0 0 stiffness=1 1 1 / {WANTED}",
+            "integral of a kernel is 2, must be below 1",
+        ),
+        (
+            body("geometry='exact'") + "&backbone from=0.001 to=0.01 /",
+            "must be 'small'",
+        ),
+        (f"&mount_point name='a' position=0 0 0 stiffness=1 1 1 / {WANTED}", "needs &body"),
+        (
+            f"&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 / "
+            f"&body {MASSES} / {WANTED}",
+            "give one of them",
+        ),
+    ],
+)
+def test_refused(solve, tmp_path, text, told):
+    """One line that names it, with its place."""
+    path = tmp_path / "bad.nml"
+    path.write_text(text)
+    done = solve(path, "--out", tmp_path / "out")
+    assert done.returncode == 2, done
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1
+    assert told in lines[0]
+    with pytest.raises(vv.InputError, match="bad.nml"):
+        vv.Scene.read(path)
+
+
+def test_millimetres_are_told(solve, tmp_path):
+    path = tmp_path / "far.nml"
+    path.write_text(
+        "&body mass=1 inertia=1 1 1 / "
+        f"&mount_point name='a' position=300 0 0 stiffness=1 1 1 / {WANTED}"
+    )
+    assert "positions are in m" in solve(path, "--out", tmp_path / "out").stderr
