@@ -22,8 +22,8 @@ module viscovib_subject
   integer, parameter :: all_shown = 64
 
   type :: subject_type
-    !> A pendulum with loads of its own; else a mount, a polynomial system, a structure or a body under
-    !! `load`.
+    !> A pendulum with loads of its own; else a mount, a polynomial system, a structure or a body
+    !! under `load`.
     logical :: is_pendulum = .false., is_polynomial = .false., is_structure = .false.
     !> A body under finite rotations; one under small ones is a polynomial system.
     logical :: is_turning = .false.

@@ -130,7 +130,7 @@ contains
                   //'mount never comes to rest')
       else
         call fail(status, status_input_error, 'gravity', 'gravity: the integral of a kernel is ' &
-                  //show(1.0_wp - kept(j))//', must be below 1: its mount carries nothing in ' &
+                  //show(1.0_wp - kept(j))//', must be below 1: its mount carries no load in ' &
                   //'the end')
       end if
       return
@@ -160,7 +160,7 @@ contains
       push = matmul(left, shapes)
       where (abs(squares) > no_stiffness*maxval(abs(squares)))
         push = push/squares
-      elsewhere
+      else where
         ! What is free to move without being pushed stays.
         push = 0.0_wp
       end where

@@ -184,7 +184,7 @@ contains
     end associate
   end subroutine load_along
 
-  !> The same state by other numbers, of systems whose coordinates end somewhere, near where they do.
+  !> The same state by other numbers, of systems whose coordinates end somewhere, near that place.
   subroutine rename_state(self, u, v, renamed, like)
     class(oscillator_type), intent(in) :: self
     !> Coordinates and rates, shape (n_dof).

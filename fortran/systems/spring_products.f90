@@ -17,7 +17,7 @@ contains
   end function n_products
 
   !> sum_j c_j e_j (e_j . u)^p by kernel.
-  pure subroutine add_products(springs, rows, n_kernels, p)
+  subroutine add_products(springs, rows, n_kernels, p)
     type(body_spring), intent(in) :: springs(:)
     !> e_j, shape (size(springs), n).
     real(wp), intent(in) :: rows(:, :)
@@ -42,29 +42,35 @@ contains
         powers = 0
         powers(n) = power
         do
-          if (all(felt .or. powers == 0)) then
-            parts = 0.0_wp
-            do j = 1, size(springs)
-              if (bent(j)) parts(j) = springs(j)%coefficient(power - 1)*ways(powers) &
-                                      *product(rows(j, :)**powers)
-            end do
-            do on = 1, n
-              total = sum(parts*rows(:, on))
-              if (.not. abs(total) > 0.0_wp) cycle
-              if (m == size(p%on)) call resize(p, 2*m + 64)
-              m = m + 1
-              p%coefficient(m) = total
-              p%on(m) = on
-              p%monomial_kernel(m) = kernel
-              p%powers(:, m) = powers
-            end do
-          end if
+          if (all(felt .or. powers == 0)) call add_product()
           if (powers(1) == power) exit
           call next_powers(powers)
         end do
       end do
     end do
     call resize(p, m)
+
+  contains
+
+    !> What springs of one kernel give of one product, on every equation.
+    subroutine add_product()
+      parts = 0.0_wp
+      do j = 1, size(springs)
+        if (bent(j)) parts(j) = springs(j)%coefficient(power - 1)*ways(powers) &
+                                *product(rows(j, :)**powers)
+      end do
+      do on = 1, n
+        total = sum(parts*rows(:, on))
+        if (.not. abs(total) > 0.0_wp) cycle
+        if (m == size(p%on)) call resize(p, 2*m + 64)
+        m = m + 1
+        p%coefficient(m) = total
+        p%on(m) = on
+        p%monomial_kernel(m) = kernel
+        p%powers(:, m) = powers
+      end do
+    end subroutine add_product
+
   end subroutine add_products
 
   pure subroutine resize(p, n)

@@ -13,7 +13,7 @@ JUDGES = (
     "Body", "Body.modes", "Body.sag", "Body.torque_roll_axis", "Body.roll_share", "Body.centers",
     "Body.load", "Body.unbalance", "Body.motion_of", "Body.mount_forces",
     "Body.base_transmissibility", "Body.random_floor", "Body.engine_orders", "Body.force_transmissibility", "Body.scatter",
-    "Body.energy", "Body.angular_momentum", "BodyModes",
+    "Body.energy", "Body.angular_momentum", "BodyModes", "Scene.body",
     "BodyModes.hz", "BodyModes.decoupling", "FluidTrack", "FluidTrack.dynamic_stiffness",
     "MountForces", "MountForces.lost_power", "MountForces.amplitude", "MountPoint",
     "MountPoint.dynamic_stiffness", "MountPoint.static_stiffness", "Sag",
@@ -396,12 +396,10 @@ state, energy, momentum = r.state[-1], body.energy(r.state), body.angular_moment
                 pull[2] += m["cubic"] * d[2] ** 3
                 force -= axes @ pull
                 moment -= np.cross(arm, axes @ pull)
-            # About axes of the body: the matrix of a step tried too long is no rotation.
-            inertia = turn @ model.inertia @ turn.T
-            rest = turn.T @ (moment - np.cross(w, inertia @ w))
-            spin = turn @ np.linalg.solve(model.inertia, rest)
-            turned = np.cross(np.broadcast_to(w, (3, 3)), turn.T).T
-            return np.concatenate([v, force / model.mass, turned.ravel(), spin])
+            # w along the body, so that nothing is inverted but its own inertia.
+            own = turn.T @ moment - np.cross(w, model.inertia @ w)
+            spin = np.linalg.solve(model.inertia, own)
+            return np.concatenate([v, force / model.mass, np.cross(turn, w).ravel(), spin])
 
         begin = np.concatenate([start[:6:2], start[1:6:2], np.eye(3).ravel(), start[7::2]])
         run = solve_ivp(rates, (0, float(end)), begin, method="DOP853", rtol=1e-12, atol=1e-13)
@@ -421,6 +419,53 @@ state, energy, momentum = r.state[-1], body.energy(r.state), body.angular_moment
     return Case(call, judge)
 
 
+def _scene(rng, index):
+    """A body as a scene: the driver's own building of it beside the forces as vectors."""
+    model = _Model(rng)
+    load = (rng.normal(size=6) * model.mass).round(3)
+    nu = few(rng, 20, 200)
+
+    def row(values):
+        return " ".join(map(repr, np.ravel(values).tolist()))
+
+    kernel = ""
+    if model.memory is not None:
+        weights, rates = row(model.memory.weights), row(model.memory.rates)
+        kernel = f"&kernel kind = 'prony', weights = {weights}, rates = {rates} /\n"
+    text = (
+        f"&body mass = {float(model.mass)!r}, inertia = {row(model.inertia)}, "
+        f"center = {row(model.center)} /\n{kernel}"
+    )
+    for i, m in enumerate(model.mounts):
+        text += (
+            f"&mount_point name = 'm{i}', position = {row(m['position'])}\n"
+            f"  stiffness = {row(m['stiffness'])}, angles = {row(m['angles'])}\n"
+            f"  damping = {row(m['damping'])}, law_z = '{m['cubic']!r}*d^3' /\n"
+        )
+    for name, size in zip(("x", "y", "z", "rx", "ry", "rz"), load.tolist(), strict=True):
+        text += f"&load on = '{name}', amplitude = {size!r} /\n"
+    text += f"&response nu = {nu!r}, method = 'linear' /\n"
+    call = f"""import pathlib, tempfile
+text = {text!r}
+path = pathlib.Path(tempfile.mkdtemp()) / "scene.nml"
+path.write_text(text)
+table = vv.run(path).value.columns
+found = np.array([table[f"{{n}}_1_re"][0] + 1j * table[f"{{n}}_1_im"][0] for n in "x y z rx ry rz".split()])
+masses = [[m.stiffness, m.rotation @ np.ones(3)] for m in vv.Scene.read(path).body().mounts]
+"""
+
+    def judge(names, told):
+        d = model.dynamic(nu)
+        true = np.linalg.solve(d, load)
+        far = np.abs(true).max() * np.linalg.cond(d) * 1e-13
+        yield Claim("scene", names["found"], true, far)
+        for mount, (stiffness, turned) in zip(model.mounts, names["masses"], strict=True):
+            yield Claim("Scene.body", stiffness, mount["stiffness"], 1e-9)
+            yield Claim("Scene.body", turned, model.axes(mount) @ np.ones(3), 1e-13)
+
+    return Case(call, judge)
+
+
 def case(rng, index):
-    """Draw a body, and ask for its modes, answers to loads, sag, mount forces or a motion."""
-    return (_modes, _loads, _sag, _laws, _turning)[index % 5](rng, index // 5)
+    """Draw a body: its modes, answers to loads, sag, mount forces, a motion, or as a scene."""
+    return (_modes, _loads, _sag, _laws, _turning, _scene)[index % 6](rng, index // 6)

@@ -13,6 +13,17 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.bodies.checks import (
+    NAMES,
+    checked_axis,
+    checked_complex_vector,
+    checked_direction,
+    checked_gravity,
+    checked_inertia,
+    checked_mounts,
+    checked_vector,
+    inverse_of,
+)
 from viscovib.bodies.forces import MountForces, mount_forces
 from viscovib.bodies.modes import BodyModes, find_modes
 from viscovib.bodies.mount_point import MountPoint, crossing
@@ -38,14 +49,11 @@ from viscovib.systems.laws import Law
 from viscovib.systems.load import LoadLike, load_series
 from viscovib.systems.polynomial_system import PolynomialSystem
 
-NAMES = ("x", "y", "z", "rx", "ry", "rz")
 _UNITS = ("m", "m", "m", "rad", "rad", "rad")
 _GEOMETRIES = ("small", "exact")
 _LOAD_AXES = ("body", "space")
 #: Mounts farther away than so many radii of gyration look like millimetres given as metres.
 _FAR = 50.0
-#: Part of a principal moment of inertia that is rounding.
-_ROUNDING = 1e-9
 
 
 class Body(PolynomialSystem):
@@ -127,12 +135,12 @@ class Body(PolynomialSystem):
         own(self, "body_mass", _native.number("mass", mass))
         if not self.body_mass > 0:
             raise InputError(f"mass = {self.body_mass:g}: must be greater than 0")
-        own(self, "inertia", _inertia(inertia))
-        own(self, "mounts", _mounts(mounts))
-        own(self, "center", _vector("center", center))
+        own(self, "inertia", checked_inertia(inertia))
+        own(self, "mounts", checked_mounts(mounts))
+        own(self, "center", checked_vector("center", center))
         own(self, "geometry", _native.choice("geometry", geometry, _GEOMETRIES))
         own(self, "load_axes", _native.choice("load_axes", load_axes, _LOAD_AXES))
-        own(self, "gravity", _gravity(gravity))
+        own(self, "gravity", checked_gravity(gravity))
         self._warn_of_units()
         springs = mount_springs(self.mounts, self.center)
         matrix = springs.mass_of_tracks
@@ -153,7 +161,7 @@ class Body(PolynomialSystem):
             preload = geometric_stiffness(springs, sag._carried)
         own(self, "_sag", sag)
         own(self, "_mount_springs", springs)
-        direction = None if base_direction is None else _direction(base_direction, n)
+        direction = None if base_direction is None else checked_direction(base_direction, n)
         self._check_geometry(direction)
         names = (*NAMES, *(f"{mount.name}_y" for mount in self.mounts if mount.track))
         first, *others = spring_groups(springs, preload, names)
@@ -247,7 +255,7 @@ class Body(PolynomialSystem):
         """From the centre of mass to a point of the body, in the axes of the coordinates."""
         if place is None:
             return np.zeros(3)
-        arm = _vector(name, place) - self.center
+        arm = checked_vector(name, place) - self.center
         return np.asarray(self._loaded_axes @ arm)
 
     @property
@@ -324,7 +332,7 @@ class Body(PolynomialSystem):
         ndarray, shape (3,)
             A unit vector in body axes.
         """
-        axis = np.linalg.solve(self._mass_matrix[3:6, 3:6], _axis("about", about))
+        axis = np.linalg.solve(self._mass_matrix[3:6, 3:6], checked_axis("about", about))
         return np.asarray(axis / np.linalg.norm(axis))
 
     def roll_share(self, about: str | npt.ArrayLike = "x") -> FloatArray:
@@ -354,7 +362,7 @@ class Body(PolynomialSystem):
         places = []
         for what, matrix, sign, corner in (
             ("stiffness", stiffness, -1.0, slice(0, 3)),
-            ("compliance", _inverse(stiffness), 1.0, slice(3, 6)),
+            ("compliance", inverse_of(stiffness), 1.0, slice(3, 6)),
         ):
             block = matrix[corner, corner]
             off = matrix[:3, 3:]
@@ -380,7 +388,7 @@ class Body(PolynomialSystem):
         ndarray, shape (n,)
             For ``load=`` of `forced_response`, `trace_response` and `simulate`.
         """
-        pushed = _complex_vector("force", force)
+        pushed = checked_complex_vector("force", force)
         arm = self._arm("at", at)
         if self._turns and self.load_axes == "space" and arm.any():
             raise InputError(
@@ -389,7 +397,7 @@ class Body(PolynomialSystem):
             )
         total = np.zeros(len(self.dof_names), dtype=complex)
         total[:3] = pushed
-        total[3:6] = _complex_vector("torque", torque) + crossing(arm) @ pushed
+        total[3:6] = checked_complex_vector("torque", torque) + crossing(arm) @ pushed
         return total
 
     def unbalance(
@@ -413,7 +421,7 @@ class Body(PolynomialSystem):
         """
         speed = _native.number("nu", nu)
         size = _native.number("mass_eccentricity", mass_eccentricity) * speed**2
-        along = _axis("axis", axis)
+        along = checked_axis("axis", axis)
         # Some vector across, then the third of the right-handed three.
         second = np.roll(np.eye(3)[np.abs(along).argmax()], 1)
         second -= along * (along @ second)
@@ -512,7 +520,7 @@ class Body(PolynomialSystem):
             Along x, y and z; ``20*log10(abs(...))`` are decibels.
         """
         frequencies = _native.real_array("nu", nu)
-        along = _axis("axis", axis)
+        along = checked_axis("axis", axis)
         direction = np.zeros(len(self.dof_names))
         direction[:3] = along
         push = frequencies[..., None] ** 2 * (self._mass_matrix @ direction)
@@ -545,7 +553,8 @@ class Body(PolynomialSystem):
         """
         frequencies = _native.real_array("nu", nu)
         push = np.broadcast_to(
-            self.load(_axis("axis", axis), at=at), (*frequencies.shape, 0 + len(self.dof_names))
+            self.load(checked_axis("axis", axis), at=at),
+            (*frequencies.shape, 0 + len(self.dof_names)),
         )
         moved = self._solved(frequencies, push)
         # What does not accelerate the body goes to the floor.
@@ -685,82 +694,3 @@ class Body(PolynomialSystem):
                 StabilityWarning,
                 stacklevel=caller(),
             )
-
-
-def _inertia(value: npt.ArrayLike) -> FloatArray:
-    given = _native.real_array("inertia", value)
-    tensor = np.diag(given) if given.shape == (3,) else given.copy()
-    if tensor.shape != (3, 3):
-        raise InputError(f"inertia: must have shape (3,) or (3, 3), got {given.shape}")
-    if np.abs(tensor - tensor.T).max() > 1e-9 * np.abs(tensor).max():
-        raise InputError("inertia: must be symmetric")
-    moments = np.linalg.eigvalsh(tensor)
-    told = ", ".join(f"{moment:.6g}" for moment in moments)
-    if not moments[0] > 0:
-        raise InputError(f"inertia: has the principal moments {told}, must be greater than 0")
-    if moments[2] > (moments[0] + moments[1]) * (1 + _ROUNDING):
-        raise InputError(
-            f"inertia: has the principal moments {told}; no body has one that is larger than the "
-            "sum of the other two"
-        )
-    return np.asarray(tensor)
-
-
-def _mounts(value: Any) -> tuple[MountPoint, ...]:
-    mounts = tuple(_native.several("mounts", value, MountPoint))
-    names = [mount.name for mount in mounts]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"mounts: the name {name!r} is given twice, names must differ")
-    return mounts
-
-
-def _gravity(value: Any) -> FloatArray | None:
-    if value is None:
-        return None
-    if np.ndim(value) == 0:
-        return np.array([0.0, 0.0, -_native.number("gravity", value)])
-    return _vector("gravity", value)
-
-
-def _vector(name: str, value: npt.ArrayLike) -> FloatArray:
-    vector = _native.real_array(name, value).copy()
-    if vector.shape != (3,):
-        raise InputError(f"{name}: must have shape (3,), got {vector.shape}")
-    return np.asarray(vector)
-
-
-def _complex_vector(name: str, value: npt.ArrayLike) -> ComplexArray:
-    vector = _native.complex_array(name, value)
-    if vector.shape != (3,):
-        raise InputError(f"{name}: must have shape (3,), got {vector.shape}")
-    return np.asarray(vector)
-
-
-def _axis(name: str, value: str | npt.ArrayLike) -> FloatArray:
-    """Return a unit vector."""
-    if isinstance(value, str):
-        return np.asarray(np.eye(3)["xyz".index(_native.choice(name, value, ("x", "y", "z")))])
-    vector = _vector(name, value)
-    length = float(np.linalg.norm(vector))
-    if not length > 0:
-        raise InputError(f"{name} = 0 0 0: must have a direction")
-    return np.asarray(vector / length)
-
-
-def _direction(value: str | npt.ArrayLike, n: int) -> FloatArray:
-    direction = np.zeros(n)
-    if isinstance(value, str):
-        direction[NAMES.index(_native.choice("base_direction", value, NAMES))] = 1.0
-        return direction
-    given = _native.real_array("base_direction", value)
-    if given.shape != (6,):
-        raise InputError(f"base_direction: must be one of {NAMES} or have shape (6,)")
-    direction[:6] = given
-    return direction
-
-
-def _inverse(matrix: FloatArray) -> FloatArray:
-    if np.linalg.cond(matrix) > 1e14:
-        raise InputError("mounts: leave the body free to move, there is no centre of compliance")
-    return np.asarray(np.linalg.inv(matrix))

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from viscovib.bodies.body import NAMES, Body
+from viscovib.bodies.body import Body
+from viscovib.bodies.checks import NAMES
 from viscovib.bodies.mount_point import FluidTrack, MountPoint
 from viscovib.kernels.relaxation import Kernel
 

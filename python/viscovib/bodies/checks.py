@@ -1,0 +1,101 @@
+"""Checks of what makes up a body, and of places, directions and loads on it."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.bodies.mount_point import MountPoint
+from viscovib.errors import InputError
+
+NAMES = ("x", "y", "z", "rx", "ry", "rz")
+#: Part of a principal moment of inertia that is rounding.
+_ROUNDING = 1e-9
+
+
+def checked_inertia(value: npt.ArrayLike) -> FloatArray:
+    """The tensor of inertia of a body that can exist, shape (3, 3)."""
+    given = _native.real_array("inertia", value)
+    tensor = np.diag(given) if given.shape == (3,) else given.copy()
+    if tensor.shape != (3, 3):
+        raise InputError(f"inertia: must have shape (3,) or (3, 3), got {given.shape}")
+    if np.abs(tensor - tensor.T).max() > 1e-9 * np.abs(tensor).max():
+        raise InputError("inertia: must be symmetric")
+    moments = np.linalg.eigvalsh(tensor)
+    told = ", ".join(f"{moment:.6g}" for moment in moments)
+    if not moments[0] > 0:
+        raise InputError(f"inertia: has the principal moments {told}, must be greater than 0")
+    if moments[2] > (moments[0] + moments[1]) * (1 + _ROUNDING):
+        raise InputError(
+            f"inertia: has the principal moments {told}; no body has one that is larger than the "
+            "sum of the other two"
+        )
+    return np.asarray(tensor)
+
+
+def checked_mounts(value: Any) -> tuple[MountPoint, ...]:
+    """Mounts whose names differ."""
+    mounts = tuple(_native.several("mounts", value, MountPoint))
+    names = [mount.name for mount in mounts]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"mounts: the name {name!r} is given twice, names must differ")
+    return mounts
+
+
+def checked_gravity(value: Any) -> FloatArray | None:
+    """An acceleration, shape (3,): a number points along -z."""
+    if value is None:
+        return None
+    if np.ndim(value) == 0:
+        return np.array([0.0, 0.0, -_native.number("gravity", value)])
+    return checked_vector("gravity", value)
+
+
+def checked_vector(name: str, value: npt.ArrayLike) -> FloatArray:
+    """Three numbers."""
+    vector = _native.real_array(name, value).copy()
+    if vector.shape != (3,):
+        raise InputError(f"{name}: must have shape (3,), got {vector.shape}")
+    return np.asarray(vector)
+
+
+def checked_complex_vector(name: str, value: npt.ArrayLike) -> ComplexArray:
+    """Three complex numbers."""
+    vector = _native.complex_array(name, value)
+    if vector.shape != (3,):
+        raise InputError(f"{name}: must have shape (3,), got {vector.shape}")
+    return np.asarray(vector)
+
+
+def checked_axis(name: str, value: str | npt.ArrayLike) -> FloatArray:
+    """Return a unit vector."""
+    if isinstance(value, str):
+        return np.asarray(np.eye(3)["xyz".index(_native.choice(name, value, ("x", "y", "z")))])
+    vector = checked_vector(name, value)
+    length = float(np.linalg.norm(vector))
+    if not length > 0:
+        raise InputError(f"{name} = 0 0 0: must have a direction")
+    return np.asarray(vector / length)
+
+
+def checked_direction(value: str | npt.ArrayLike, n: int) -> FloatArray:
+    """How all coordinates move with the floor, shape (n,)."""
+    direction = np.zeros(n)
+    if isinstance(value, str):
+        direction[NAMES.index(_native.choice("base_direction", value, NAMES))] = 1.0
+        return direction
+    given = _native.real_array("base_direction", value)
+    if given.shape != (6,):
+        raise InputError(f"base_direction: must be one of {NAMES} or have shape (6,)")
+    direction[:6] = given
+    return direction
+
+
+def inverse_of(matrix: FloatArray) -> FloatArray:
+    """The inverse of a stiffness, if nothing is free to move."""
+    if np.linalg.cond(matrix) > 1e14:
+        raise InputError("mounts: leave the body free to move, there is no centre of compliance")
+    return np.asarray(np.linalg.inv(matrix))
