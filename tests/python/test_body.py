@@ -517,3 +517,31 @@ def test_condensed_judge_agrees_with_the_whole(laws, order):
             # Modulo i nu.
             lines = np.exp(2 * np.pi * theirs[np.isfinite(theirs)] / at)
             assert np.abs(lines - np.exp(2 * np.pi * s / at)).min() < 1e-6
+
+
+def test_a_mode_moves(tmp_path):
+    """The box of the film is where the mode moves its corners; files are films."""
+    from PIL import Image
+
+    body = engine()
+    film = body.animate_mode(5, tmp_path / "mode.gif", frames=4)
+    with Image.open(tmp_path / "mode.gif") as written:
+        assert written.n_frames == 4
+    axis = film._fig.axes[0]
+    boxes = []
+    for frame in range(4):
+        film._func(frame)
+        boxes.append(np.array([line.get_data_3d() for line in axis.lines[-15:-3]]))
+    np.testing.assert_allclose(boxes[0], boxes[2], atol=1e-12)
+    assert "mode 5" in axis.get_title()
+    u = body.modes().shapes[:, 4]
+    moved = boxes[1] - boxes[0]
+    # u + theta x p at the ends of all edges, up to one factor.
+    arms = boxes[0] - body.center[:, np.newaxis]
+    true = u[:3, np.newaxis] + np.cross(u[3:], arms, axisb=1, axisc=1)
+    factor = np.abs(moved).max() / np.abs(true).max()
+    np.testing.assert_allclose(moved, factor * true, atol=1e-12)
+    with pytest.raises(vv.InputError, match="mode = 7: must be"):
+        body.animate_mode(7)
+    with pytest.raises(vv.InputError, match=r"must end in \.gif"):
+        body.animate_mode(1, tmp_path / "mode.png")

@@ -30,6 +30,7 @@ NOTHING_TO_JUDGE = {
     "Explorer.stop": "ends a server",
     "explore": "a page: numbers are those of the scene it shows",
     "animate": _PICTURE,
+    "Body.animate_mode": _PICTURE,
     "plot_backbone": _PICTURE,
     "plot_body": _PICTURE,
     "plot_branch": _PICTURE,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -303,6 +305,39 @@ class Body(PolynomialSystem):
             If the position at rest is unstable.
         """
         return find_modes(self)
+
+    def animate_mode(
+        self,
+        mode: int = 1,
+        path: str | os.PathLike[str] | None = None,
+        *,
+        frames: int = 40,
+        fps: float = 20.0,
+    ) -> Any:
+        """Show a mode as a moving picture in space, its largest swing a quarter of the picture.
+
+        Parameters
+        ----------
+        mode : int
+            Which, from 1.
+        path : path, optional
+            Where to write it: ``.gif``, ``.html`` or ``.mp4`` (as of `animate`). None: not written.
+        frames : int
+            Pictures of one period.
+        fps : float
+            Pictures per second, up to 200.
+
+        Returns
+        -------
+        matplotlib.animation.FuncAnimation
+
+        Raises
+        ------
+        InputError
+            If there is no such mode, the rest is unstable, or the file cannot be of this kind.
+        """
+        films = import_module("viscovib.plots.body_films")
+        return films.film_of_mode(self, mode, path, frames, fps)
 
     def sag(self) -> Sag:
         """Where the body rests under gravity, and what each mount carries.

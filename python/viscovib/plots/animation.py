@@ -85,17 +85,17 @@ def animate(
     """
     rate = _RATE.check(fps)
     count = None if frames is None else _FRAMES.check(frames)
-    target = None if path is None else _checked(path)
+    target = None if path is None else checked_path(path)
     t, coordinates, names, units, about = _motion(motion, point, count)
     known = system if system is not None else getattr(motion, "system", None)
     drawing = drawing_of(coordinates, names, units, known)
     made = _animation(drawing, t, coordinates, names, units, about, rate)
     if target is not None:
-        _write(made, target, rate)
+        write_film(made, target, rate)
     return made
 
 
-def _checked(path: str | os.PathLike[str]) -> Path:
+def checked_path(path: str | os.PathLike[str]) -> Path:
     """Return a path of a kind that can be written here."""
     target = Path(FilePath("path").check(path))
     if target.suffix.lower() not in _SUFFIXES:
@@ -218,7 +218,7 @@ def _figure() -> tuple[Figure, Any]:
     return figure, figure.subplots(2, 1, height_ratios=[2, 1])
 
 
-def _write(made: FuncAnimation, path: Path, rate: float) -> None:
+def write_film(made: FuncAnimation, path: Path, rate: float) -> None:
     """Write a film whole or not at all."""
     from matplotlib.animation import PillowWriter
 

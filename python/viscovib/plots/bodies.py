@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: Edges of a box by its corners, which are numbered by the bits of x, y, z.
-_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
+EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
 #: How far a mode moves the picture, of its size.
-_SWING = 0.25
+SWING = 0.25
 
 
 def plot_body(
@@ -68,20 +68,22 @@ def plot_body(
         raise InputError("ax: must be three-dimensional, add_subplot(projection='3d')")
     axis: Any = ax
     points = np.array([np.asarray(mount.position) for mount in body.mounts])
-    corners = _box(body) + body.center
+    corners = box_of(body) + body.center
     size = float(np.ptp(np.vstack([points, corners]), axis=0).max())
     _draw_box(axis, corners, COLOURS[0], "-")
     axis.plot(*body.center[:, None], marker="o", color=COLOURS[0], linestyle="none")
-    _draw_mounts(axis, body, size)
+    draw_mounts(axis, body, size)
     if mode is not None:
         modes = body.modes()
         number = _native.integer("mode", mode, 1, modes.omega.size)
         shape = modes.shapes[:6, number - 1]
-        moved = _moved(corners, body.center, shape)
-        swing = _SWING * size / max(np.abs(moved - corners).max(), 1e-300)
-        _draw_box(axis, _moved(corners, body.center, swing * shape), COLOURS[2], (0, (4, 1.5)))
+        moved = moved_by(corners, body.center, shape)
+        swing = SWING * size / max(np.abs(moved - corners).max(), 1e-300)
+        _draw_box(axis, moved_by(corners, body.center, swing * shape), COLOURS[2], (0, (4, 1.5)))
         told = f"mode {number}: {modes.hz[number - 1]:.4g} Hz"
-        axis.set_title(f"{told}, {modes.decoupling[number - 1]:.0f} % {_main(modes, number)}")
+        axis.set_title(
+            f"{told}, {modes.decoupling[number - 1]:.0f} % {main_coordinate(modes, number)}"
+        )
     if torque_about is not None:
         along = 0.6 * size * body.torque_roll_axis(torque_about)
         ends = np.array([body.center - along, body.center + along])
@@ -224,7 +226,7 @@ def plain_hertz(ax: Axes) -> None:
     ax.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _box(body: Body) -> FloatArray:
+def box_of(body: Body) -> FloatArray:
     """Corners of the box of equal mass and inertia about its centre, shape (8, 3)."""
     moments, axes = np.linalg.eigh(body.inertia)
     squares = 6 / body.body_mass * (moments.sum() - 2 * moments)
@@ -233,16 +235,18 @@ def _box(body: Body) -> FloatArray:
     return np.asarray((signs * half) @ axes.T)
 
 
-def _moved(points: FloatArray, center: FloatArray, shape: FloatArray) -> FloatArray:
+def moved_by(points: FloatArray, center: FloatArray, shape: FloatArray) -> FloatArray:
+    """Points of a body under a small displacement and rotation, shape (n, 3)."""
     return np.asarray(points + shape[:3] + np.cross(shape[3:6], points - center))
 
 
 def _draw_box(axis: Any, corners: FloatArray, colour: str, style: Any) -> None:
-    for a, b in _EDGES:
+    for a, b in EDGES:
         axis.plot(*corners[[a, b]].T, color=colour, linestyle=style, linewidth=1)
 
 
-def _draw_mounts(axis: Any, body: Body, size: float) -> None:
+def draw_mounts(axis: Any, body: Body, size: float) -> None:
+    """Draw mounts by their three axes, each as long as its stiffness."""
     largest = max(float(np.max(np.asarray(mount.stiffness))) for mount in body.mounts) or 1.0
     for mount in body.mounts:
         at = np.asarray(mount.position)
@@ -253,5 +257,6 @@ def _draw_mounts(axis: Any, body: Body, size: float) -> None:
         axis.text(*np.add(at, (0, 0, 0.06 * size)), mount.name)
 
 
-def _main(modes: BodyModes, number: int) -> str:
+def main_coordinate(modes: BodyModes, number: int) -> str:
+    """The coordinate with most of a mode's energy."""
     return modes.names[int(modes.energy[:, number - 1].argmax())]
