@@ -264,7 +264,8 @@ contains
                            //'_, not begin with a digit, and have at most '//show(mount_name) &
                            //' characters')
     else if (any(names == lower(name))) then
-      call reader%complain('name', "name = '"//name//"': is given twice, names of mounts must differ")
+      call reader%complain('name', "name = '"//name//"': is given twice, names " &
+                           //'must differ')
     else if (any(stiffness < 0.0_wp)) then
       call reader%complain('stiffness', name//': stiffness = '//show(minval(stiffness)) &
                            //': must not be negative')

@@ -340,8 +340,8 @@ contains
   end subroutine load_along
 
   !> The other vector of the rotation where the angle is large: at 2 pi a vector says no more how
-  !! the body is turned. Springs that hold rotations know one of both only, and keep it. With `like`, it
-  !! is the one that is nearer to these coordinates.
+  !! the body is turned. Springs that hold rotations know one of both only, and keep it. With
+  !! `like`, it is the one that is nearer to these coordinates.
   subroutine rename_state(self, u, v, renamed, like)
     class(turning_body), intent(in) :: self
     real(wp), intent(inout) :: u(:), v(:)
