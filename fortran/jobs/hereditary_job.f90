@@ -243,8 +243,7 @@ contains
   !> Bodies that turn far are told by one of two vectors; others stay.
   subroutine align(self, run, like)
     class(hereditary_runs), intent(in) :: self
-    type(trajectory_type), intent(inout) :: run
-    type(trajectory_type), intent(in) :: like
+    type(trajectory_type), intent(inout) :: run, like
     real(wp) :: u(size(run%states, 1)/2), v(size(run%states, 1)/2)
     logical :: renamed
     integer :: i

@@ -295,10 +295,8 @@ contains
   !> Tell states of a run by numbers that can be compared to those of another.
   subroutine align(self, run, like)
     class(run_maker), intent(in) :: self
-    type(trajectory_type), intent(inout) :: run
-    type(trajectory_type), intent(in) :: like
-    associate (not_needed => [same_type_as(self, self), size(run%t) == size(like%t)])
-    end associate
+    type(trajectory_type), intent(inout) :: run, like
+    if (same_type_as(self, self) .and. size(run%t) == size(like%t)) return
   end subroutine align
 
   !> Whether a run of n steps is affordable, before the first of them.
