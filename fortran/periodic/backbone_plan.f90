@@ -4,7 +4,7 @@ module viscovib_backbone_plan
   use viscovib_free_orders, only: chosen_text, first_chosen, highest_chosen
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
-  use viscovib_loop_samples, only: has_states
+  use viscovib_cycle_terms, only: has_states
   use viscovib_load, only: load_type, new_load
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_modes, only: oscillator_modes

@@ -6,7 +6,7 @@ module viscovib_condensed_stability
   use viscovib_condensed_roots, only: condensed_zeros, exponent_near, new_zeros
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
-  use viscovib_loop_samples, only: has_states
+  use viscovib_cycle_terms, only: has_states
   use viscovib_structure, only: structure_type
   implicit none
   private

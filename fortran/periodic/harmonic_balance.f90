@@ -12,11 +12,12 @@
 !! between the same two tables.
 module viscovib_harmonic_balance
   use viscovib_counters, only: count_unknowns, count_up, counted_loads, counting
-  use viscovib_friction_loop, only: friction_loop
+  use viscovib_cycle_terms, only: cycle_term, cycles_of, find_blocks, find_parts, has_kinks, law_of
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_loop_samples, only: add_loops, loop_block, loops_of
+  use viscovib_law_term, only: law_term
+  use viscovib_moment_block, only: add_sandwich_of, rate_columns
   use viscovib_oscillator, only: oscillator_type
   use viscovib_sample_tables, only: new_sample_tables, retain, sample_tables
   implicit none
@@ -33,8 +34,11 @@ module viscovib_harmonic_balance
     integer, allocatable, private :: rates(:)
     !> Whether `slopes` are those of the last motion seen.
     logical, private :: bent_known = .false.
-    !> Elements with states, over the cycle.
-    type(friction_loop), allocatable, private :: loops(:)
+    !> Laws that are no polynomials, and what they have of the harmonics of each variable.
+    type(cycle_term), allocatable :: cycles(:)
+    !> Some of them have kinks or jumps.
+    logical :: kinked = .false.
+    real(wp), allocatable, private :: lawful(:, :)
     !> Frequency (rad/s), and the factor s of the load.
     real(wp) :: nu = 0.0_wp, load_factor = 1.0_wp
     type(sample_tables), private :: tables
@@ -80,7 +84,8 @@ contains
     m = system%n_memory()
     k = size(set%orders)
     balance%set = set
-    balance%loops = loops_of(system)
+    call cycles_of(system, set, balance%cycles)
+    balance%kinked = has_kinks(system)
     call new_sample_tables(balance%tables, set)
     s = balance%tables%n_samples
     balance%n_dof = d
@@ -91,7 +96,7 @@ contains
     allocate (balance%u(s, seen), balance%w(s, m), balance%f(s, d), balance%slopes(s, m, seen), &
               balance%by_u(s, d, d), balance%by_v(s, d, m), balance%bent(2*k, m), &
               balance%kept(2*k), balance%f_parts(2*k), balance%block(2*k, 2*k), &
-              balance%memory(2*k, 2*k, m), source=0.0_wp)
+              balance%memory(2*k, 2*k, m), balance%lawful(2*k, m), source=0.0_wp)
     if (system%moving) then
       allocate (balance%rate(s, d), balance%push(s, d), balance%by_rate(s, d, d), &
                 balance%by_load(2*k, d), source=0.0_wp)
@@ -156,12 +161,14 @@ contains
         end do
       end do
     end do
-    if (any(system%bent)) call system%deflection_remainder(self%u, self%w)
-    if (size(self%loops) > 0) call add_loops(self%loops, system, self%set, self%u, self%w)
+    if (any(system%bent)) call system%sampled_remainder(self%u, self%w)
+    if (size(self%cycles) > 0) call find_parts(self%cycles, system, self%set, self%tables, self%mu, &
+                                               x, self%u, self%lawful)
     do j = 1, self%n_memory
       self%kept = 0.0_wp
       if (system%bent(j)) then
         call self%tables%to_parts(self%w(:, j), self%bent(:, j))
+        if (size(self%cycles) > 0) self%bent(:, j) = self%bent(:, j) + self%lawful(:, j)
         self%kept = self%bent(:, j)
         if (system%kernel_of(j) > 0) call retain(self%fraction(:, j), self%kept)
         do a = 1, self%n_dof
@@ -243,16 +250,10 @@ contains
     class(balance_type), intent(inout) :: self
     integer, intent(in) :: a, b
     real(wp), intent(inout) :: jacobian(:, :)
-    real(wp) :: turned(size(self%block, 1), size(self%block, 2))
-    integer :: k
 
     self%block = 0.0_wp
     call add_sandwich(self, self%by_rate(:, a, b), 1.0_wp, 1, 1, self%block)
-    do k = 1, size(self%mu)
-      turned(:, 2*k - 1) = self%mu(k)*self%block(:, 2*k)
-      turned(:, 2*k) = -self%mu(k)*self%block(:, 2*k - 1)
-    end do
-    call add_block(turned, 1.0_wp, a, b, jacobian)
+    call add_block(rate_columns(self%mu, self%block), 1.0_wp, a, b, jacobian)
   end subroutine add_rates
 
   !> dR/dx at the motion that `residual` saw last.
@@ -269,7 +270,7 @@ contains
         call add_stiffness(self, a, b, jacobian)
       end do
     end do
-    if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
+    if (any(system%bent)) call system%sampled_slopes(self%u, self%slopes)
     self%bent_known = .true.
     if (.not. system%separable) call find_slopes(self, system)
     do b = 1, self%n_dof
@@ -301,31 +302,52 @@ contains
     do b = 1, size(self%rates)
       call add_rate(self, system, b, jacobian)
     end do
-    if (size(self%loops) > 0) call add_loop_blocks(self, system, jacobian)
+    do j = 1, size(self%cycles)
+      call add_cycle(self, system, self%cycles(j), jacobian)
+    end do
   end subroutine derivatives
 
-  !> What elements with states add.
-  subroutine add_loop_blocks(self, system, jacobian)
+  !> What a law that is no polynomial adds.
+  subroutine add_cycle(self, system, one, jacobian)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
+    type(cycle_term), intent(inout) :: one
     real(wp), intent(inout) :: jacobian(:, :)
-    real(wp) :: samples(self%tables%n_samples), factors(self%n_dof, self%n_dof)
-    integer :: a, b, c, i
+    type(law_term), pointer :: law
+    integer :: j, k, m
 
-    samples = 0.0_wp
-    do i = 1, size(self%loops)
-      do c = 1, size(self%block, 2)
-        call loop_block(self%loops(i), system, self%set%synthesis(c, :), &
-                        samples(:self%set%n_samples), factors)
-        call self%tables%to_parts(samples, self%block(:, c))
-      end do
-      do b = 1, self%n_dof
-        do a = 1, self%n_dof
-          if (abs(factors(a, b)) > 0.0_wp) call add_block(self%block, factors(a, b), a, b, jacobian)
+    call find_blocks(one, system, self%set, self%tables, self%nu)
+    law => law_of(one, system)
+    do j = 1, size(law%variables)
+      associate (v => law%variables(j))
+        do m = 1, size(one%blocks, 3)
+          self%block = one%blocks(:, :, m)
+          if (system%kernel_of(v) > 0) then
+            do k = 1, size(self%block, 2)
+              call retain(self%fraction(:, v), self%block(:, k))
+            end do
+          end if
+          call add_of(system%spread(:, v), law%weights(j)*law%arguments(m, :))
+          if (.not. any(abs(law%rates(m, :)) > 0.0_wp)) cycle
+          self%block = rate_columns(self%mu, self%block)
+          call add_of(system%spread(:, v), law%weights(j)*law%rates(m, :))
+        end do
+      end associate
+    end do
+
+  contains
+
+    subroutine add_of(on, by)
+      real(wp), intent(in) :: on(:), by(:)
+      integer :: a, b
+      do b = 1, size(by)
+        do a = 1, size(on)
+          if (abs(on(a)*by(b)) > 0.0_wp) call add_block(self%block, on(a)*by(b), a, b, jacobian)
         end do
       end do
-    end do
-  end subroutine add_loop_blocks
+    end subroutine add_of
+
+  end subroutine add_cycle
 
   !> What depends on a rate: a basic motion sin k nu t has the rate k nu cos k nu t.
   subroutine add_rate(self, system, b, jacobian)
@@ -334,7 +356,6 @@ contains
     !> Place among the rates.
     integer, intent(in) :: b
     real(wp), intent(inout) :: jacobian(:, :)
-    real(wp) :: column(size(self%block, 1))
     integer :: a, j, k
 
     do j = 1, self%n_memory
@@ -342,11 +363,7 @@ contains
       if (.not. any(abs(self%slopes(:, j, self%n_dof + b)) > 0.0_wp)) cycle
       self%block = 0.0_wp
       call add_sandwich(self, self%slopes(:, j, self%n_dof + b), 1.0_wp, 1, 1, self%block)
-      do k = 1, size(self%mu)
-        column = self%block(:, 2*k - 1)
-        self%block(:, 2*k - 1) = self%mu(k)*self%block(:, 2*k)
-        self%block(:, 2*k) = -self%mu(k)*column
-      end do
+      self%block = rate_columns(self%mu, self%block)
       if (system%kernel_of(j) > 0) then
         do k = 1, size(self%block, 2)
           call retain(self%fraction(:, j), self%block(:, k))
@@ -430,40 +447,19 @@ contains
   end subroutine add_inseparable
 
   !> Add harmonics of slope(t) times each basic motion, times a factor, to the block of
-  !! coordinates a, b. Products of two of these are sums of two others, so the Fourier
-  !! moments of the slope are enough; at the samples that is an identity, aliasing and
-  !! all.
+  !! coordinates a, b.
   subroutine add_sandwich(self, slope, factor, a, b, jacobian)
     class(balance_type), intent(inout) :: self
     real(wp), intent(in) :: slope(:), factor
     integer, intent(in) :: a, b
     real(wp), intent(inout) :: jacobian(:, :)
-    real(wp) :: half
-    integer :: i, j, k, l, row, column, n, shift
+    integer :: m
 
     if (.not. abs(factor) > 0.0_wp) return
     call self%tables%moments(slope, self%c, self%s)
-    n = size(self%set%orders)
-    ! Half of what is even, for strides of 2.
-    shift = self%tables%stride - 1
-    do j = 1, n
-      l = self%set%orders(j)
-      column = 2*(j + n*(b - 1))
-      do i = 1, n
-        row = 2*(i + n*(a - 1))
-        k = self%set%orders(i)
-        half = merge(0.5_wp, 1.0_wp, k == 0)*factor
-        associate (minus => shifta(k - l, shift), plus => shifta(k + l, shift))
-          jacobian(row - 1, column - 1) = jacobian(row - 1, column - 1) &
-                                          + half*(self%c(minus) - self%c(plus))
-          jacobian(row, column - 1) = jacobian(row, column - 1) &
-                                      + half*(self%s(plus) - self%s(minus))
-          jacobian(row - 1, column) = jacobian(row - 1, column) &
-                                      + half*(self%s(plus) + self%s(minus))
-          jacobian(row, column) = jacobian(row, column) + half*(self%c(minus) + self%c(plus))
-        end associate
-      end do
-    end do
+    m = 2*size(self%set%orders)
+    call add_sandwich_of(self%set, self%c, self%s, factor, &
+                         jacobian(m*(a - 1) + 1:m*a, m*(b - 1) + 1:m*b))
   end subroutine add_sandwich
 
   !> dR/ds, s the factor of the load.
@@ -501,11 +497,36 @@ contains
     end do
     if (any(system%kernel_of > 0)) call add_memory_slope(self, system, y, slope)
     if (size(self%rates) > 0) call add_rate_slope(self, system, slope)
+    do k = 1, size(self%cycles)
+      if (size(self%rates) > 0) call add_cycle_slope(self, system, self%cycles(k), slope)
+    end do
     if (system%moving) call add_moving_slope(self, system, slope)
     do k = 1, size(self%set%orders)
       if (self%set%orders(k) == 0) slope(2*k - 1, :) = 0.0_wp
     end do
   end subroutine frequency_derivative
+
+  !> The same of a law that is no polynomial.
+  subroutine add_cycle_slope(self, system, one, slope)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(cycle_term), intent(inout) :: one
+    real(wp), intent(inout) :: slope(2*size(self%set%orders), self%n_dof)
+    type(law_term), pointer :: law
+    integer :: a, j
+
+    call find_blocks(one, system, self%set, self%tables, self%nu)
+    law => law_of(one, system)
+    do j = 1, size(law%variables)
+      associate (v => law%variables(j))
+        self%kept = law%weights(j)*one%by_nu
+        if (system%kernel_of(v) > 0) call retain(self%fraction(:, v), self%kept)
+        do a = 1, self%n_dof
+          slope(:, a) = slope(:, a) + system%spread(a, v)*self%kept
+        end do
+      end associate
+    end do
+  end subroutine add_cycle_slope
 
   !> What rates add: they are in proportion to nu.
   subroutine add_rate_slope(self, system, slope)
@@ -515,7 +536,7 @@ contains
     real(wp) :: samples(size(self%u, 1))
     integer :: a, b, j
 
-    if (.not. self%bent_known) call system%deflection_slopes(self%u, self%slopes)
+    if (.not. self%bent_known) call system%sampled_slopes(self%u, self%slopes)
     self%bent_known = .true.
     do j = 1, self%n_memory
       if (.not. system%bent(j)) cycle

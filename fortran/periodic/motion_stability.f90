@@ -14,6 +14,8 @@ module viscovib_motion_stability
   use viscovib_hill_path, only: hill_path_type, new_hill_path
   use viscovib_hill_roots, only: complete, find_exponents, follow_exponent, leftmost
   use viscovib_kinds, only: wp
+  use viscovib_kinked_motion, only: is_kinked
+  use viscovib_kinked_stability, only: kinked_multipliers
   use viscovib_lanes, only: n_lanes
   use viscovib_orbit_multipliers, only: told_apart
   use viscovib_oscillator, only: oscillator_type
@@ -56,6 +58,9 @@ module viscovib_motion_stability
     logical :: complete = .true.
     integer :: n_slots = 0
     logical, private :: half_wave = .false.
+    !> Laws with kinks, or states: judged between these.
+    logical, private :: kinked = .false.
+    type(harmonic_set_type), private :: set
     type(hill_type), private :: hill
     type(floquet_type), private :: floquet
     !> Of a condensed structure.
@@ -66,6 +71,7 @@ module viscovib_motion_stability
     procedure, private :: by_condensed
     procedure, private :: by_floquet
     procedure, private :: by_hill
+    procedure, private :: by_pieces
   end type judge_type
 
 contains
@@ -91,6 +97,8 @@ contains
     judge%remembers = any(system%kernel_of > 0) .or. system%moving
     judge%half_wave = set%half_wave
     judge%n_slots = stability_slots(system)
+    judge%kinked = is_kinked(system)
+    judge%set = set
     judge%complete = .not. judge%remembers
     select type (system)
     class is (structure_type)
@@ -124,6 +132,7 @@ contains
     allocate (stability%slowest(size(nu)), source=self%complete)
     allocate (stability%exponents(self%n_slots, size(nu)), &
               stability%multipliers(self%n_slots, size(nu)), source=not_a_number())
+    if (self%kinked) call self%by_pieces(system, nu, x, stability, cancel)
     if (allocated(self%condensed)) then
       call self%by_condensed(system, nu, x, stability, cancel)
     else if (self%remembers) then
@@ -174,7 +183,7 @@ contains
         if (present(cancel)) then
           if (is_set(cancel)) return
         end if
-        if (ieee_is_nan(x(1, 1, i))) cycle
+        if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0) cycle
         associate (exponents => stability%exponents(:, i))
           call self%condensed%judge(system, nu(i), x(:, :, i), exponents, stability%n_growing(i), &
                                     stability%slowest(i))
@@ -185,6 +194,34 @@ contains
       end do
     end select
   end subroutine by_condensed
+
+  !> Of motions with kinked laws and states; those that it cannot judge stay unknown here.
+  subroutine by_pieces(self, system, nu, x, stability, cancel)
+    class(judge_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu(:), x(:, :, :)
+    type(stability_type), intent(inout) :: stability
+    integer, intent(inout), optional :: cancel
+    complex(wp), allocatable :: roots(:)
+    integer :: i, n
+    logical :: found
+
+    do i = 1, size(nu)
+      if (present(cancel)) then
+        if (is_set(cancel)) return
+      end if
+      if (ieee_is_nan(x(1, 1, i))) cycle
+      call kinked_multipliers(system, self%set, nu(i), x(:, :, i), roots, found)
+      if (.not. found) cycle
+      n = min(size(roots), self%n_slots)
+      stability%exponents(:n, i) = merge(1.0_wp, 0.5_wp, self%half_wave)*nu(i)/pi &
+                                   *logarithm(roots(:n))
+      if (self%half_wave) roots = roots**2
+      stability%multipliers(:n, i) = roots(:n)
+      stability%n_growing(i) = count(abs(roots) > 1.0_wp + circle)
+      stability%slowest(i) = .true.
+    end do
+  end subroutine by_pieces
 
   !> Eigenvalues of monodromy matrices, of half a period under half-wave symmetry.
   subroutine by_floquet(self, system, nu, x, stability, cancel)
@@ -199,7 +236,7 @@ contains
     integer :: first, i, k, n
     logical :: found
 
-    known = pack([(i, i=1, size(nu))],.not. ieee_is_nan(x(1, 1, :)))
+    known = pack([(i, i=1, size(nu))], stability%n_growing < 0 .and. .not. ieee_is_nan(x(1, 1, :)))
     do first = 1, size(known), n_lanes
       n = min(n_lanes, size(known) - first + 1)
       associate (these => known(first:first + n - 1))

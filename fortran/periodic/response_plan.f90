@@ -7,7 +7,7 @@ module viscovib_response_plan
   use viscovib_checks, only: check_finite, check_positive
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
-  use viscovib_loop_samples, only: has_other_states, has_states
+  use viscovib_cycle_terms, only: has_states
   use viscovib_limits, only: max_harmonics, max_tolerance, min_tolerance
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
@@ -100,14 +100,9 @@ contains
     type(status_type), intent(inout) :: status
     integer :: n, highest
 
-    if (has_other_states(system)) then
-      call fail(status, status_input_error, 'elements', 'elements: have other hysteresis than ' &
-                //'Jenkins, which periodic motions do not take yet')
-      return
-    end if
     if (has_states(system) .and. method == method_successive) then
       call fail(status, status_input_error, 'method', "method = 'successive': does not take " &
-                //"elements with friction, take 'newton'")
+                //"elements with hysteresis, take 'newton'")
       return
     end if
     plan%method = merge(method_linear, method, system%is_linear())

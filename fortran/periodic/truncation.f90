@@ -8,6 +8,10 @@
 !! forces are no polynomials, the aliasing of the fewer samples. The residual left in the
 !! orders left out tells how much of them was found: fixed-point iterations of factor
 !! rho fall short by 1/(1 - rho).
+!!
+!! Where a law has kinks or jumps, orders fall off as k^-p only, and those beyond the larger set
+!! count too. What an order changes falls off as k^-(p - 1), as a rate does, so that all of them
+!! make K/(p - 2) times the next one; p is measured.
 module viscovib_truncation
   use viscovib_dense, only: solve
   use viscovib_harmonic_balance, only: balance_type
@@ -21,6 +25,9 @@ module viscovib_truncation
 
   !> Largest factor between two turns that is believed.
   real(wp), parameter :: slowest = 0.9_wp
+  !> Powers with which harmonics fall off beside kinks: at least so much is assumed, and beyond so
+  !! much they fall off geometrically; and how uncertain it is.
+  real(wp), parameter :: slowest_fall = 2.5_wp, fastest_fall = 12.0_wp, safety = 2.0_wp
 
 contains
 
@@ -81,9 +88,34 @@ contains
     rest = weighted_norm(system, change(n + 1:, :) - y(n + 1:, :))
     short = 1.0_wp
     if (first > 0.0_wp) short = 1.0_wp/(1.0_wp - min(rest/first, slowest))
+    if (probe%kinked) short = short*tail(system, x, probe%set%orders)
     outside = 0.0_wp
     if (norm > 0.0_wp) outside = first*short/norm
   end subroutine find_left_out
+
+  !> How many times the orders that were looked at all orders left out count.
+  pure real(wp) function tail(system, x, orders)
+    class(oscillator_type), intent(in) :: system
+    !> Shape (2 n_orders, n_dof).
+    real(wp), intent(in) :: x(:, :)
+    !> Of the larger set.
+    integer, intent(in) :: orders(:)
+    real(wp) :: low, high, fall
+    integer :: n
+
+    n = size(x, 1)/2
+    tail = 1.0_wp
+    if (n < 4) return
+    low = weighted_norm(system, x(2*(n/4) + 1:2*(n/2), :))
+    high = weighted_norm(system, x(2*(n/2) + 1:, :))
+    if (.not. high > 0.0_wp) return
+    ! Sums of squares over twice as many orders, twice as far out.
+    fall = log(low/high)/log(2.0_wp) + 0.5_wp
+    if (fall > fastest_fall) return
+    fall = max(fall, slowest_fall)
+    tail = safety*orders(n)/((fall - 2.0_wp)*(orders(size(orders)) - orders(n)))
+    tail = max(tail, 1.0_wp)
+  end function tail
 
   !> Subtract -D^-1 r.
   pure subroutine add_left_out(compliance, r, change)

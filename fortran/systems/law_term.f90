@@ -144,8 +144,10 @@ contains
   end subroutine read_rates
 
   !> Add the laws to the hereditary variables in which they stand.
-  subroutine add_laws(laws, u, w)
+  subroutine add_laws(laws, polynomials, u, w)
     type(law_term), intent(in) :: laws(:)
+    !> Of those that are polynomials, or of the others.
+    logical, intent(in) :: polynomials
     !> Coordinates and the rates that laws read, shape (n_samples, n_seen), and variables,
     !! (n_samples, n_memory).
     real(wp), intent(in) :: u(:, :)
@@ -154,7 +156,7 @@ contains
     integer :: i, j
 
     do i = 1, size(laws)
-      if (laws(i)%state > 0) cycle
+      if (laws(i)%state > 0 .or. (laws(i)%degree > 0 .neqv. polynomials)) cycle
       associate (law => laws(i))
         call law%program%evaluate(matmul(u, transpose(law%seen)), value)
         do j = 1, size(law%variables)
@@ -165,8 +167,9 @@ contains
   end subroutine add_laws
 
   !> Their derivatives by the coordinates and rates.
-  subroutine add_law_slopes(laws, u, slopes)
+  subroutine add_law_slopes(laws, polynomials, u, slopes)
     type(law_term), intent(in) :: laws(:)
+    logical, intent(in) :: polynomials
     real(wp), intent(in) :: u(:, :)
     !> Shape (n_samples, n_memory, n_seen).
     real(wp), intent(inout) :: slopes(:, :, :)
@@ -175,7 +178,7 @@ contains
     integer :: b, i, j
 
     do i = 1, size(laws)
-      if (laws(i)%state > 0) cycle
+      if (laws(i)%state > 0 .or. (laws(i)%degree > 0 .neqv. polynomials)) cycle
       associate (law => laws(i))
         allocate (by_argument(size(u, 1), law%program%n_arguments))
         call law%program%differentiate(matmul(u, transpose(law%seen)), value, by_argument)

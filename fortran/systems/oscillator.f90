@@ -59,6 +59,8 @@ module viscovib_oscillator
     procedure(force_remainder_interface), deferred :: force_remainder
     procedure(deflection_slopes_interface), deferred :: deflection_slopes
     procedure(force_slopes_interface), deferred :: force_slopes
+    procedure :: sampled_remainder
+    procedure :: sampled_slopes
     procedure :: moving_remainder
     procedure :: moving_slopes
     procedure :: load_along
@@ -149,6 +151,23 @@ contains
       self%n_silent = self%n_silent + 1
     end do
   end subroutine drop_zero_kernels
+
+  !> What a harmonic balance takes at samples of w(u) - W u: all, unless a system says what is
+  !! integrated in another way.
+  subroutine sampled_remainder(self, u, w)
+    class(oscillator_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :)
+    real(wp), intent(inout), contiguous :: w(:, :)
+    call self%deflection_remainder(u, w)
+  end subroutine sampled_remainder
+
+  !> Its derivatives.
+  subroutine sampled_slopes(self, u, slopes)
+    class(oscillator_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :)
+    real(wp), intent(inout), contiguous :: slopes(:, :, :)
+    call self%deflection_slopes(u, slopes)
+  end subroutine sampled_slopes
 
   !> F(u, u', v, load) - B v of systems that are `moving`; of others F(u, v) - B v.
   subroutine moving_remainder(self, u, rate, v, load, f)

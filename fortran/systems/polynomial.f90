@@ -52,6 +52,8 @@ module viscovib_polynomial
     procedure :: deflection_remainder
     procedure :: force_remainder
     procedure :: deflection_slopes
+    procedure :: sampled_remainder
+    procedure :: sampled_slopes
     procedure :: force_slopes
     procedure :: coupling
     procedure :: stiffness_at_rest
@@ -237,6 +239,15 @@ contains
     class(polynomial_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :)
     real(wp), intent(inout), contiguous :: w(:, :)
+    call self%sampled_remainder(u, w)
+    if (size(self%laws) > 0) call add_laws(self%laws, .false., u, w)
+  end subroutine deflection_remainder
+
+  !> Its polynomials: what else there is a harmonic balance integrates by itself.
+  subroutine sampled_remainder(self, u, w)
+    class(polynomial_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :)
+    real(wp), intent(inout), contiguous :: w(:, :)
     real(wp) :: product(size(u, 1))
     integer :: i, j
 
@@ -254,8 +265,8 @@ contains
         w(:, m%variable) = w(:, m%variable) + product
       end associate
     end do
-    if (size(self%laws) > 0) call add_laws(self%laws, u, w)
-  end subroutine deflection_remainder
+    if (size(self%laws) > 0) call add_laws(self%laws, .true., u, w)
+  end subroutine sampled_remainder
 
   !> product x^power.
   pure subroutine multiply(product, x, power)
@@ -287,8 +298,17 @@ contains
     end associate
   end subroutine force_remainder
 
-  !> c p_b u_b^(p_b - 1) prod_d/=b u_d^p_d.
+  !> c p_b u_b^(p_b - 1) prod_d/=b u_d^p_d, and derivatives of laws.
   subroutine deflection_slopes(self, u, slopes)
+    class(polynomial_type), intent(in) :: self
+    real(wp), intent(in), contiguous :: u(:, :)
+    real(wp), intent(inout), contiguous :: slopes(:, :, :)
+    call self%sampled_slopes(u, slopes)
+    if (size(self%laws) > 0) call add_law_slopes(self%laws, .false., u, slopes)
+  end subroutine deflection_slopes
+
+  !> Of the polynomials.
+  subroutine sampled_slopes(self, u, slopes)
     class(polynomial_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :)
     real(wp), intent(inout), contiguous :: slopes(:, :, :)
@@ -313,8 +333,8 @@ contains
         end do
       end associate
     end do
-    if (size(self%laws) > 0) call add_law_slopes(self%laws, u, slopes)
-  end subroutine deflection_slopes
+    if (size(self%laws) > 0) call add_law_slopes(self%laws, .true., u, slopes)
+  end subroutine sampled_slopes
 
   subroutine force_slopes(self, u, v, by_u, by_v)
     class(polynomial_type), intent(in) :: self

@@ -84,7 +84,7 @@ def test_energy_of_a_loop():
         ),
         (
             lambda: vv.forced_response(slider(), [1.0], load=[1.0], method="successive"),
-            "does not take elements with friction",
+            "does not take elements with hysteresis",
         ),
         (
             lambda: vv.backbone(

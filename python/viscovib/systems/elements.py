@@ -13,7 +13,7 @@ from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.contacts import Contact
 from viscovib.systems.friction import Hysteresis
-from viscovib.systems.laws import Law, read_law
+from viscovib.systems.laws import Law, parameter_values, read_law
 
 #: What a direction may be: a coordinate, two of them for their difference, weights, or a vector.
 On = "str | int | tuple[str, str] | Mapping[str, float] | npt.ArrayLike"
@@ -128,7 +128,7 @@ class Coupling:
         if not (self.kernel is None or isinstance(self.kernel, Kernel)):
             raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
         taken = tuple(self.on)
-        values = _parameter_values(self.parameters, (*taken, *(f"{one}_dot" for one in taken)))
+        values = parameter_values(self.parameters, (*taken, *(f"{one}_dot" for one in taken)))
         if not isinstance(self.law, Mapping) or not self.law:
             raise InputError(f"law = {_native.shown(self.law)}: must be a mapping to texts")
         names = tuple(self.on)
@@ -295,7 +295,7 @@ def _law_terms(
         return {}, None, 0.0
     if not isinstance(law, str):
         raise InputError(f"law = {_native.shown(law)}: must be a text such as 'k3*d^3'")
-    found = read_law("law", law, ("d",), _parameter_values(parameters, ("d", "v")), ("v",))
+    found = read_law("law", law, ("d",), parameter_values(parameters, ("d", "v")), ("v",))
     if isinstance(found, Law):
         slope = float(found.stiffness_at_rest[0])
         damping = float(found.damping_at_rest(remembers=remembers)[0])
@@ -307,19 +307,3 @@ def _law_terms(
     if max(terms, default=0) > MAX_DEGREE:
         raise InputError(f"law: has degree {max(terms)}, must be at most {MAX_DEGREE}")
     return terms, None, 0.0
-
-
-def _parameter_values(parameters: Any, taken: Sequence[str]) -> dict[str, float]:
-    """Numbers of a law by name."""
-    if parameters is None:
-        return {}
-    if not isinstance(parameters, Mapping):
-        raise InputError(f"parameters = {_native.shown(parameters)}: must be a mapping to numbers")
-    values = {}
-    for name, value in parameters.items():
-        if not isinstance(name, str) or not name.isidentifier() or name in taken:
-            raise InputError(
-                f"parameters: {_native.shown(name)} must be a name, other than {', '.join(taken)}"
-            )
-        values[name] = _native.number(f"parameters[{name!r}]", value)
-    return values

@@ -195,6 +195,22 @@ def read_law(
     return result
 
 
+def parameter_values(parameters: object, taken: Sequence[str]) -> dict[str, float]:
+    """Numbers of a law by name."""
+    if parameters is None:
+        return {}
+    if not isinstance(parameters, Mapping):
+        raise InputError(f"parameters = {_native.shown(parameters)}: must be a mapping to numbers")
+    values = {}
+    for name, value in parameters.items():
+        if not isinstance(name, str) or not name.isidentifier() or name in taken:
+            raise InputError(
+                f"parameters: {_native.shown(name)} must be a name, other than {', '.join(taken)}"
+            )
+        values[name] = _native.number(f"parameters[{name!r}]", value)
+    return values
+
+
 def _fields(names: Sequence[str]) -> str:
     for name in names:
         if len(name) > _FIELD:

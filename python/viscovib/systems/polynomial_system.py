@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -17,6 +17,7 @@ from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
 from viscovib.systems.condensed import Condensation, LoadedStructure
+from viscovib.systems.laws import parameter_values
 from viscovib.systems.load import LoadLike, load_series
 from viscovib.systems.mount import check_dynamic_frequencies, warn_of_creep
 from viscovib.systems.spring_groups import (
@@ -71,6 +72,9 @@ class PolynomialSystem:
     base_direction : array_like, shape (n,), optional
         How the coordinates move with the base without deforming a spring, such as ones for a
         chain of masses; None: the base is fixed.
+    parameters : mapping of str to float, optional
+        Numbers that forces name, those of ``springs`` too; each may vary along a branch
+        (``vary="k3"``).
 
     Warns
     -----
@@ -99,6 +103,7 @@ class PolynomialSystem:
     names: Sequence[str] | None = None
     units: Sequence[str] | None = None
     base_direction: npt.ArrayLike | None = None
+    parameters: Mapping[str, float] | None = None
 
     time_unit: ClassVar[str] = "s"
     dof_names: tuple[str, ...] = field(init=False, repr=False)
@@ -129,11 +134,15 @@ class PolynomialSystem:
         if not isinstance(self.springs, (list, tuple)):
             raise InputError("springs: must be a sequence of Springs, such as [Springs(...)]")
         own = Springs(stiffness=self.stiffness, forces=self.forces, kernel=self.kernel)
-        groups = [spring_group("", own, self.dof_names)]
+        rates = [f"{name}_dot" for name in self.dof_names]
+        values = parameter_values(self.parameters, (*self.dof_names, *rates))
+        self._set("parameters", values or None)
+        self._set("_given_stiffness", self.stiffness)
+        groups = [spring_group("", own, self.dof_names, values)]
         for i, springs in enumerate(self.springs):
             if not isinstance(springs, Springs):
                 raise InputError(f"springs[{i}] = {_native.shown(springs)}: must be Springs")
-            groups.append(spring_group(f"springs[{i}].", springs, self.dof_names))
+            groups.append(spring_group(f"springs[{i}].", springs, self.dof_names, values))
         self._set("stiffness", groups[0].stiffness)
         self._set("groups", tuple(groups))
         if self.base_direction is not None:
@@ -147,6 +156,12 @@ class PolynomialSystem:
         else:
             self._check_large()
         warn_of_creep([kernel.integral for kernel in self._active_kernels])
+
+    def _with_parameter(self, name: str, value: float) -> PolynomialSystem:
+        """Return the system with another value of one of its parameters."""
+        given: Any = self.__dict__["_given_stiffness"]
+        values = {**(self.parameters or {}), name: value}
+        return replace(self, stiffness=given, parameters=values)
 
     def _check_large(self) -> None:
         """Of more coordinates than the core takes: those with forces or memory must be few."""

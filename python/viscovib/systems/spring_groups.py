@@ -100,7 +100,9 @@ def texts_of(name: str, value: Any, n: int) -> tuple[str, ...]:
     return words
 
 
-def spring_group(prefix: str, springs: Springs, names: tuple[str, ...]) -> SpringGroup:
+def spring_group(
+    prefix: str, springs: Springs, names: tuple[str, ...], parameters: Mapping[str, float]
+) -> SpringGroup:
     """Understand springs: polynomials apart from other laws, linear terms in the stiffness."""
     if not (springs.kernel is None or isinstance(springs.kernel, Kernel)):
         raise InputError(
@@ -110,7 +112,7 @@ def spring_group(prefix: str, springs: Springs, names: tuple[str, ...]) -> Sprin
     forces: dict[tuple[int, tuple[int, ...]], float] = {}
     laws = []
     slopes, damping = np.zeros_like(stiffness), np.zeros_like(stiffness)
-    for where, on, polynomial in _by_equation(f"{prefix}forces", springs.forces, names):
+    for where, on, polynomial in _by_equation(f"{prefix}forces", springs.forces, names, parameters):
         if isinstance(polynomial, Law):
             remembers = springs.kernel is not None
             slopes[on] += polynomial.stiffness_at_rest
@@ -134,7 +136,7 @@ def spring_group(prefix: str, springs: Springs, names: tuple[str, ...]) -> Sprin
 
 
 def _by_equation(
-    where: str, forces: Any, names: tuple[str, ...]
+    where: str, forces: Any, names: tuple[str, ...], parameters: Mapping[str, float]
 ) -> list[tuple[str, int, Polynomial | Law]]:
     """Polynomials or other laws, each with its equation and what an error calls it."""
     if forces is None:
@@ -161,7 +163,7 @@ def _by_equation(
                 raise InputError(
                     f"{place} = {_native.shown(text)}: must be a text such as '2*{names[0]}^3'"
                 )
-            law = read_law(place, text, names, {}, [f"{name}_dot" for name in names])
+            law = read_law(place, text, names, parameters, [f"{name}_dot" for name in names])
             result.append((place, _equation(place, key, names), law))
         return result
     if not isinstance(forces, Sequence):

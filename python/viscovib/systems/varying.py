@@ -1,6 +1,7 @@
 """Numbers of a system that may vary along a branch, by name."""
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -22,6 +23,8 @@ _ENTRIES = {
 }  # fmt: skip
 #: In the vector of a polynomial system: numbers before its matrices, and the factor of kernels.
 _HEAD, _MEMORY = 5, 4
+#: Part of the largest number by which a vector that is affine in p differs from itself: rounding.
+_ROUNDING = 1e-13
 _NAMES = "'memory_scale', 'mass_scale', 'damping_scale', 'stiffness_scale' or 'forces_scale'"
 
 
@@ -46,10 +49,28 @@ def varied(system: Oscillator, name: object, start: float, finish: float) -> Var
             replace(system, **changes)
         return _entries(key, system._flat, {_ENTRIES[key] - 1: 1.0})
     assert isinstance(system, PolynomialSystem)
+    if isinstance(name, str) and name in (system.parameters or ()):
+        return affine(
+            name, name, lambda p: system._with_parameter(str(name), p)._flat, start, finish
+        )
     found = _of_polynomial(system, name)
     for value in (finish, start):
         _native.call(core.polynomial_check, found.rest + value * found.direction)
     return found
+
+
+def affine(
+    name: str, key: str, numbers: Callable[[float], FloatArray], start: float, finish: float
+) -> Varied:
+    """What numbers of a system that depend on p are, if they are ``rest + p direction``."""
+    unit = max(abs(start), abs(finish))
+    first, second, third = (numbers(unit * i) for i in (1.0, 2.0, 3.0))
+    direction = (second - first) / unit if second.size == first.size else first
+    if first.size == third.size == second.size:
+        left = np.abs(third - first - 2 * unit * direction)
+        if (left <= _ROUNDING * np.maximum(np.abs(first), np.abs(third))).all():
+            return Varied(name, first - unit * direction, direction)
+    raise InputError(f"vary = {name!r}: {key} must stand in the law as a number of its own")
 
 
 def _entries(
@@ -77,6 +98,11 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
             f"vary = {_native.shown(name)}: must be {_NAMES}, an entry such as {entry} of mass, "
             f"damping or stiffness, or a coefficient such as {force}; with 'springs[0].' before "
             "it, of those springs"
+            + (
+                f"; or a parameter of its forces, {', '.join(system.parameters)}"
+                if system.parameters
+                else ""
+            )
         )
     group = 0 if form[1] is None else int(form[1]) + 1
     what, kind = form[2], form[3] or ""

@@ -9,18 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from viscovib import _native
-from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.elements import Coupling, ElementTerms, Spring, _law_terms
 from viscovib.systems.laws import _ARGUMENT, _MULTIPLY, _NUMBER, _ODD, Law, compile_law
 from viscovib.systems.load import LoadLike
 from viscovib.systems.structure import Structure
-from viscovib.systems.varying import Varied
+from viscovib.systems.varying import Varied, affine
 
 #: Where the factor of all kernels stands in the laws of q coordinates.
 _MEMORY = 4
-#: Part of the largest number by which a vector that is affine in p differs from itself: rounding.
-_ROUNDING = 1e-13
 
 
 class VariedStructure(NamedTuple):
@@ -57,21 +54,13 @@ def varied_structure(
         )
     place, key = _element(structure, name)
 
-    def at(value: float) -> tuple[Structure, FloatArray]:
-        variant = _variant(structure, str(name), place, key, value)
-        return variant, variant._loaded(load, base).job[0]
+    def at(value: float) -> Structure:
+        return _variant(structure, str(name), place, key, value)
 
-    unit = max(abs(start), abs(finish))
-    (system, first), (_, second), (_, third) = (at(unit * i) for i in (1.0, 2.0, 3.0))
-    direction = (second - first) / unit
-    affine = first.size == third.size
-    if affine:
-        left = np.abs(third - first - 2 * unit * direction)
-        affine = bool((left <= _ROUNDING * np.maximum(np.abs(first), np.abs(third))).all())
-    if not affine:
-        raise InputError(f"vary = {name!r}: {key} must stand in the law as a number of its own")
-    rest = first - unit * direction
-    return VariedStructure(Varied(str(name), rest, direction), system)
+    numbers = affine(
+        str(name), key, lambda p: np.asarray(at(p)._loaded(load, base).job[0]), start, finish
+    )
+    return VariedStructure(numbers, at(max(abs(start), abs(finish))))
 
 
 def _element(structure: Structure, name: object) -> tuple[int, str]:

@@ -1,0 +1,252 @@
+!> Elements with hysteresis over a cycle of a motion d, exactly.
+!!
+!! States follow d from one turning point to the next whatever lies between, so that the cycle that
+!! repeats is known from the deflections at these (`viscovib_hysteresis_loop`). From there the force
+!! is integrated over pieces that end where d turns or a state has a kink. A state in the stretch
+!! after a turning point t moves by
+!!
+!!   dz = p dz_t + z' (dd - dd_t),   p = dz/dz_t,   z' = dz/dd,
+!!
+!! and a turning point that moves in time moves nothing, as d' = 0 there.
+module viscovib_hysteresis_cycle
+  use viscovib_constants, only: pi
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_hysteresis, only: hysteresis_type
+  use viscovib_hysteresis_loop, only: find_start
+  use viscovib_kinds, only: wp
+  use viscovib_phase_panels, only: add_moments, add_parts, is_resolved, longest_panel, motion_at, &
+                                   new_panel, nodes, panel_type, wave_sum, waves_at, &
+                                   weigh
+  use viscovib_phase_roots, only: along_motion, find_phases, phase_list, root
+  implicit none
+  private
+
+  public :: cycle_sums, find_kinks, find_turns, run_cycle
+
+  !> Shortest piece, in units of the longest one.
+  real(wp), parameter :: shortest = 1.0e-4_wp
+
+  !> What the derivatives of the force along a motion are made of.
+  type :: cycle_sums
+    !> Moments of the tangent stiffness, shape (-reach:reach), and what the past adds to the
+    !! derivatives of the harmonics, (n_parts, n_parts).
+    real(wp), allocatable :: c(:), s(:), past(:, :)
+  end type cycle_sums
+
+  !> d' or d - a level along a motion.
+  type, extends(along_motion) :: motion_along
+    type(harmonic_set_type), pointer :: set => null()
+    real(wp), allocatable :: y(:)
+    real(wp) :: level = 0.0_wp
+  contains
+    procedure :: at
+  end type motion_along
+
+contains
+
+  real(wp) function at(self, theta)
+    class(motion_along), intent(in) :: self
+    real(wp), intent(in) :: theta
+    at = wave_sum(self%set, self%y, theta) - self%level
+  end function at
+
+  !> Harmonics of the force without its linear part at rest, what is lost in a period, and
+  !! derivatives.
+  subroutine run_cycle(element, set, y, parts, lost, multiplier, sums)
+    class(hysteresis_type), intent(in) :: element
+    type(harmonic_set_type), intent(in), target :: set
+    !> Harmonics of the deflection, shape (n_parts).
+    real(wp), intent(in) :: y(:)
+    real(wp), intent(out) :: parts(:), lost
+    !> What is left of a state after the cycle, shape (n_states).
+    real(wp), intent(out) :: multiplier(:)
+    type(cycle_sums), intent(inout), optional :: sums
+    type(phase_list) :: turns
+    real(wp), allocatable :: d(:), by_d(:, :), waves(:, :)
+    real(wp), dimension(element%n_states()) :: z, left, by_z, by_change
+    real(wp) :: state_by_y(element%n_states(), size(y)), ending, work, to
+    integer :: i, j, n, turn
+
+    turn = merge(-1, 1, set%half_wave)
+    ending = merge(pi, 2.0_wp*pi, set%half_wave)
+    call find_turns(set, y, turns)
+    n = turns%n
+    allocate (d(n), by_d(element%n_states(), n), waves(size(y), n + 1))
+    do i = 1, n
+      waves(:, i) = waves_at(set, turns%theta(i))
+      d(i) = sum(waves(:, i)*y)
+    end do
+    waves(:, n + 1) = turn*waves(:, 1)
+    call find_start(element, d, turn, z, by_d, multiplier)
+    parts = 0.0_wp
+    lost = 0.0_wp
+    if (present(sums)) call clear(sums, set)
+    state_by_y = matmul(by_d, transpose(waves(:, :n)))
+    do i = 1, n
+      to = ending
+      if (i < n) to = turns%theta(i + 1)
+      left = z
+      call stretch(element, set, y, turns%theta(i), to, d(i), waves(:, i), z, state_by_y, parts, &
+                   sums)
+      ! The end of the stretch follows from its beginning.
+      z = left
+      if (i < n) then
+        call element%advance(d(i + 1) - d(i), z, by_z, by_change, work)
+      else
+        call element%advance(turn*d(1) - d(i), z, by_z, by_change, work)
+      end if
+      lost = lost + work
+      do j = 1, size(y)
+        state_by_y(:, j) = by_z*state_by_y(:, j) + by_change*(waves(j, i + 1) - waves(j, i))
+      end do
+    end do
+    if (set%half_wave) lost = 2.0_wp*lost
+    call weigh(set, parts)
+    parts = parts + (element%elastic - element%stiffness_at_rest())*y
+    if (.not. present(sums)) return
+    do j = 1, size(y)
+      call weigh(set, sums%past(:, j))
+    end do
+    sums%c(0) = sums%c(0) + element%elastic - element%stiffness_at_rest()
+    do j = 1, ubound(sums%c, 1)
+      sums%c(-j) = sums%c(j)
+      sums%s(-j) = -sums%s(j)
+    end do
+  end subroutine run_cycle
+
+  pure subroutine clear(sums, set)
+    type(cycle_sums), intent(inout) :: sums
+    type(harmonic_set_type), intent(in) :: set
+    integer :: n, reach
+    n = 2*size(set%orders)
+    reach = 2*maxval(set%orders)/merge(2, 1, set%half_wave)
+    if (allocated(sums%c)) deallocate (sums%c, sums%s, sums%past)
+    allocate (sums%c(-reach:reach), sums%s(-reach:reach), sums%past(n, n), source=0.0_wp)
+  end subroutine clear
+
+  !> The beginning of the cycle, and where d turns back.
+  subroutine find_turns(set, y, turns)
+    type(harmonic_set_type), intent(in), target :: set
+    real(wp), intent(in) :: y(:)
+    type(phase_list), intent(out) :: turns
+    type(motion_along) :: rate
+    type(phase_list) :: found
+    real(wp) :: g(set%n_samples + 1)
+    integer :: i
+
+    rate%set => set
+    allocate (rate%y(size(y)))
+    rate%y(1::2) = -set%orders*y(2::2)
+    rate%y(2::2) = set%orders*y(1::2)
+    g(:set%n_samples) = matmul(rate%y, set%synthesis)
+    g(size(g)) = merge(-1.0_wp, 1.0_wp, set%half_wave)*g(1)
+    call turns%put(0.0_wp, 1)
+    call find_phases(rate, set, g, 1, found)
+    do i = 1, found%n
+      if (found%theta(i) > 0.0_wp) call turns%put(found%theta(i), 1)
+    end do
+  end subroutine find_turns
+
+  !> From a turning point to the next; the states are left somewhere near its end.
+  subroutine stretch(element, set, y, from, to, d_from, waves, z, state_by_y, parts, sums)
+    class(hysteresis_type), intent(in) :: element
+    type(harmonic_set_type), intent(in), target :: set
+    real(wp), intent(in) :: y(:), from, to, d_from
+    !> Of the beginning, shape (n_parts).
+    real(wp), intent(in) :: waves(:)
+    real(wp), intent(inout) :: z(:)
+    !> How the states at the beginning move with the motion, shape (n_states, n_parts).
+    real(wp), intent(in) :: state_by_y(:, :)
+    real(wp), intent(inout) :: parts(:)
+    type(cycle_sums), intent(inout), optional :: sums
+    type(phase_list) :: ends
+    type(panel_type) :: panel
+    real(wp), dimension(size(z)) :: at_start, by_z, by_change, kept, kept_here
+    real(wp) :: of_states(size(y), size(z)), of_start(size(y))
+    real(wp) :: d(nodes), f(nodes), tangent(nodes), left(nodes, size(z))
+    real(wp) :: at, until, length, longest, last, size_of, work, last_panel
+    integer :: i, j, k
+
+    call find_kinks(element, set, y, from, to, d_from, z, ends)
+    longest = longest_panel(set)
+    of_states = 0.0_wp
+    of_start = 0.0_wp
+    at = from
+    last = d_from
+    kept = 1.0_wp
+    size_of = maxval(abs(element%weight*z))
+    do i = 1, ends%n + 1
+      until = to
+      if (i <= ends%n) until = min(ends%theta(i), to)
+      length = (until - at)/max(1, ceiling((until - at)/longest))
+      do while (until - at > 4.0_wp*epsilon(1.0_wp)*until)
+        length = min(length, until - at)
+        call new_panel(panel, set, at, at + length)
+        d = motion_at(panel, y)
+        at_start = z
+        kept_here = kept
+        last_panel = last
+        do j = 1, nodes
+          call element%advance(d(j) - last, z, by_z, by_change, work)
+          last = d(j)
+          kept = kept*by_z
+          f(j) = sum(element%weight*z)
+          tangent(j) = sum(element%weight*by_change)
+          left(j, :) = element%weight*kept
+        end do
+        if (length > shortest*longest) then
+          if (.not. is_resolved(f, size_of)) then
+            z = at_start
+            kept = kept_here
+            last = last_panel
+            length = 0.5_wp*length
+            cycle
+          end if
+        end if
+        size_of = max(size_of, maxval(abs(f)))
+        call add_parts(panel, f, parts)
+        if (present(sums)) then
+          call add_moments(panel, set, tangent, sums%c(0:), sums%s(0:))
+          call add_parts(panel, tangent, of_start)
+          do k = 1, size(z)
+            if (any(abs(left(:, k)) > 0.0_wp)) call add_parts(panel, left(:, k), of_states(:, k))
+          end do
+        end if
+        at = at + length
+        length = (until - at)/max(1, ceiling((until - at)/min(longest, 2.0_wp*length)))
+      end do
+      at = until
+    end do
+    if (.not. present(sums)) return
+    sums%past = sums%past + matmul(of_states, state_by_y)
+    do k = 1, size(y)
+      sums%past(:, k) = sums%past(:, k) - of_start*waves(k)
+    end do
+  end subroutine stretch
+
+  !> Where states have kinks on the way.
+  subroutine find_kinks(element, set, y, from, to, d_from, z, ends)
+    class(hysteresis_type), intent(in) :: element
+    type(harmonic_set_type), intent(in), target :: set
+    real(wp), intent(in) :: y(:), from, to, d_from, z(:)
+    type(phase_list), intent(out) :: ends
+    type(motion_along) :: motion
+    real(wp) :: distances(size(z)), d_to, a, b
+    integer :: j, way
+
+    motion%set => set
+    motion%y = y
+    d_to = motion%at(to)
+    way = merge(1, -1, d_to >= d_from)
+    call element%kinks(z, way, distances)
+    do j = 1, size(z)
+      if (.not. distances(j) < abs(d_to - d_from)) cycle
+      motion%level = d_from + way*distances(j)
+      a = motion%at(from)
+      b = motion%at(to)
+      if ((a > 0.0_wp) .eqv. (b > 0.0_wp)) cycle
+      call ends%put(root(motion, from, to, a, b), j)
+    end do
+  end subroutine find_kinks
+
+end module viscovib_hysteresis_cycle

@@ -1,0 +1,225 @@
+!> Disturbances of a motion whose force laws have kinks or states, over a period.
+!!
+!! The linear rest is written as s' = A_0 s - B f with the coordinates y = Y s. A disturbance feels
+!!
+!!   s' = A_0 s - B S(t) (Y s, Y A_0 s) - B w z,   z_j' = g_z v z_j + g (d/dt)(e . Y s),
+!!
+!! S being the derivatives of the laws along the motion and z the states of elements with
+!! hysteresis. All of it is smooth between the phases at which a law changes its branch. There a
+!! continuous law lets a disturbance through unchanged; a slider that begins to slide forgets it,
+!! z_j = 0, and so its multiplier is exactly 0. One that sticks all the time is a spring: that it
+!! might stick elsewhere as well is a multiplier 1, which is left out.
+module viscovib_kinked_motion
+  use viscovib_constants, only: pi
+  use viscovib_cycle_terms, only: has_kinks, has_states
+  use viscovib_dense, only: invert
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_hysteresis, only: hysteresis_type
+  use viscovib_hysteresis_catalogue, only: new_hysteresis
+  use viscovib_hysteresis_cycle, only: find_kinks, find_turns
+  use viscovib_hysteresis_loop, only: find_start
+  use viscovib_kinds, only: wp
+  use viscovib_law_branches, only: find_signals
+  use viscovib_law_cycle, only: find_switches
+  use viscovib_law_program, only: f_atleast, f_heaviside, f_less, f_sign, law_program
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_phase_panels, only: wave_sum
+  use viscovib_phase_roots, only: phase_list
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_structure, only: structure_type
+  implicit none
+  private
+
+  public :: element_along, is_kinked, linear_rest, new_rest, prepare_elements
+
+  !> The rest without the laws, and its outputs.
+  type :: linear_rest
+    !> A_0 (n, n), B (n, n_dof), Y and Y A_0 (n_dof, n).
+    real(wp), allocatable :: a(:, :), b(:, :), y(:, :), rate(:, :)
+    !> Of the fastest mode (rad/s), by which rates are divided among the states.
+    real(wp) :: fastest = 0.0_wp
+  end type linear_rest
+
+  !> One element with hysteresis along the motion.
+  type :: element_along
+    class(hysteresis_type), allocatable :: element
+    integer :: law = 0
+    !> Harmonics of its deflection.
+    real(wp), allocatable :: d(:)
+    !> States, and deflection, at the place reached; at the beginning; and which of them never slide.
+    real(wp), allocatable :: z(:), start(:)
+    real(wp) :: at = 0.0_wp
+    logical, allocatable :: sticks(:)
+  end type element_along
+
+  !> A state that keeps this of itself over a cycle, but for rounding, sticks.
+  real(wp), parameter :: as_one = 1.0e-6_wp
+  !> States of a rest at most.
+  integer, parameter :: most_states = 40
+
+contains
+
+  !> Whether this is the judge of a system: laws with kinks that do not jump, or states, no memory.
+  logical function is_kinked(system)
+    class(oscillator_type), intent(in) :: system
+    integer :: i
+
+    is_kinked = .false.
+    if (any(system%kernel_of > 0) .or. system%moving .or. .not. has_kinks(system)) return
+    select type (system)
+    class is (polynomial_type)
+      is_kinked = .true.
+      do i = 1, size(system%laws)
+        associate (code => system%laws(i)%program%code)
+          if (any(code == f_sign .or. code == f_heaviside &
+                  .or. (code >= f_less .and. code <= f_atleast))) is_kinked = has_states(system)
+        end associate
+      end do
+    end select
+  end function is_kinked
+
+  !> As a system of first order; not found where its modes are no real ones of a few.
+  subroutine new_rest(rest, system, found)
+    type(linear_rest), intent(out) :: rest
+    class(oscillator_type), intent(in) :: system
+    logical, intent(out) :: found
+    complex(wp) :: inverse(size(system%mass, 1), size(system%mass, 1))
+    real(wp), allocatable :: stiffness(:, :), damping(:, :), spread(:, :), seen(:, :)
+    integer :: i, d, m
+    logical :: singular
+
+    d = system%n_dof()
+    select type (system)
+    class is (structure_type)
+      associate (own => system%rest)
+        m = own%n_modes
+        found = m > 0 .and. size(own%poles) == 0 .and. 2*m <= most_states &
+                .and. .not. any(abs(own%flexibility) > 0.0_wp) &
+                .and. .not. any(abs(own%losses(:m)) > 0.0_wp)
+        if (.not. found) return
+        allocate (stiffness(m, m), damping(m, m), source=0.0_wp)
+        do i = 1, m
+          stiffness(i, i) = own%squares(i)
+          damping(i, i) = own%rates(i)
+        end do
+        seen = transpose(own%seen(:m, :size(system%gather, 2)))
+        spread = own%pushed(:m, :size(system%gather, 2))
+      end associate
+    class default
+      m = d
+      found = 2*m <= most_states
+      if (.not. found) return
+      call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
+      found = .not. singular
+      stiffness = matmul(real(inverse), matmul(system%spread, system%gather))
+      damping = matmul(real(inverse), system%damping)
+      spread = real(inverse)
+      allocate (seen(m, m), source=0.0_wp)
+      do i = 1, m
+        seen(i, i) = 1.0_wp
+      end do
+    end select
+    rest%fastest = max(sqrt(maxval(sum(abs(stiffness), 2))), maxval(sum(abs(damping), 2)), &
+                       tiny(1.0_wp))
+    allocate (rest%a(2*m, 2*m), rest%b(2*m, d), rest%y(d, 2*m), rest%rate(d, 2*m), source=0.0_wp)
+    do i = 1, m
+      rest%a(i, m + i) = rest%fastest
+    end do
+    rest%a(m + 1:, :m) = -stiffness/rest%fastest
+    rest%a(m + 1:, m + 1:) = -damping
+    rest%b(m + 1:, :) = spread/rest%fastest
+    rest%y(:, :m) = seen
+    rest%rate(:, m + 1:) = seen*rest%fastest
+  end subroutine new_rest
+
+  !> Elements along a motion, and all phases at which something changes its branch.
+  subroutine prepare_elements(system, set, x, mu, elements, breaks, jumps)
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    !> Harmonics, shape (2 n_orders, n_dof), and frequencies of the orders.
+    real(wp), intent(in) :: x(:, :), mu(:)
+    type(element_along), allocatable, intent(out) :: elements(:)
+    type(phase_list), intent(out) :: breaks
+    !> Whether a law that jumps does so on the way.
+    logical, intent(out) :: jumps
+    real(wp), allocatable :: y(:, :), turned(:, :), scan(:, :)
+    type(law_program), allocatable :: signals(:)
+    type(phase_list) :: found
+    integer :: i, j, k, none(0)
+
+    jumps = .false.
+    select type (system)
+    class is (polynomial_type)
+      allocate (elements(count(system%laws%state > 0)))
+      k = 0
+      do i = 1, size(system%laws)
+        associate (law => system%laws(i))
+          turned = matmul(x, transpose(law%rates))
+          y = turned
+          y(1::2, :) = -spread(mu, 2, size(y, 2))*turned(2::2, :)
+          y(2::2, :) = spread(mu, 2, size(y, 2))*turned(1::2, :)
+          y = y + matmul(x, transpose(law%arguments))
+          if (law%state > 0) then
+            k = k + 1
+            elements(k)%law = i
+            elements(k)%d = y(:, 1)
+            call new_hysteresis(elements(k)%element, law%state, law%program%number(2:))
+            call start_element(elements(k), set, breaks)
+          else
+            call find_signals(law%program, none, signals)
+            if (size(signals) == 0) cycle
+            scan = matmul(transpose(set%synthesis), y)
+            call find_switches(signals, set, y, scan, found)
+            do j = 1, found%n
+              call breaks%put(found%theta(j), 0)
+            end do
+            jumps = jumps .or. (found%n > 0 .and. any(law%program%code == f_sign &
+                                                      .or. law%program%code == f_heaviside &
+                                                      .or. (law%program%code >= f_less &
+                                                            .and. law%program%code <= f_atleast)))
+          end if
+        end associate
+      end do
+    end select
+    if (.not. allocated(elements)) allocate (elements(0))
+  end subroutine prepare_elements
+
+  !> The cycle that repeats, its turning points and its kinks.
+  subroutine start_element(one, set, breaks)
+    type(element_along), intent(inout) :: one
+    type(harmonic_set_type), intent(in) :: set
+    type(phase_list), intent(inout) :: breaks
+    type(phase_list) :: turns, ends
+    real(wp), allocatable :: d(:), by_d(:, :), multiplier(:), by_z(:), by_change(:)
+    real(wp) :: work, ending, to
+    integer :: i, j, n, turn
+
+    turn = merge(-1, 1, set%half_wave)
+    ending = merge(pi, 2.0_wp*pi, set%half_wave)
+    call find_turns(set, one%d, turns)
+    n = turns%n
+    d = [(wave_sum(set, one%d, turns%theta(i)), i=1, n)]
+    j = one%element%n_states()
+    allocate (by_d(j, n), multiplier(j), by_z(j), by_change(j), one%z(j))
+    call find_start(one%element, d, turn, one%z, by_d, multiplier)
+    one%start = one%z
+    one%at = d(1)
+    one%sticks = abs(1.0_wp - turn*multiplier) <= as_one
+    do i = 1, n
+      to = ending
+      if (i < n) to = turns%theta(i + 1)
+      call find_kinks(one%element, set, one%d, turns%theta(i), to, d(i), one%z, ends)
+      call breaks%put(turns%theta(i), 0)
+      do j = 1, ends%n
+        call breaks%put(ends%theta(j), 0)
+      end do
+      if (i < n) then
+        call one%element%advance(d(i + 1) - d(i), one%z, by_z, by_change, work)
+      else
+        call one%element%advance(turn*d(1) - d(i), one%z, by_z, by_change, work)
+      end if
+    end do
+    one%z = one%start
+  end subroutine start_element
+
+end module viscovib_kinked_motion

@@ -1,0 +1,326 @@
+!> Floquet multipliers of motions with kinked laws and elements with states, without memory.
+!!
+!! Disturbances (`viscovib_kinked_motion`) are integrated from one phase at which a law changes its
+!! branch to the next, over pieces on which the equation Y' = A(t) Y is solved at the sixteen points
+!! of Gauss, Y = Y_0 + integral of A Y, by iteration; a piece that sixteen points do not tell is
+!! halved.
+module viscovib_kinked_stability
+  use viscovib_constants, only: pi
+  use viscovib_eigenvalues, only: eigenvalues
+  use viscovib_gauss_points, only: points_16, weights_16
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_kinds, only: wp
+  use viscovib_kinked_motion, only: element_along, linear_rest, new_rest, prepare_elements
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_phase_panels, only: is_resolved, longest_panel, motion_at, new_panel, nodes, &
+                                   panel_type, wave_sum
+  use viscovib_phase_roots, only: phase_list
+  use viscovib_polynomial, only: polynomial_type
+  implicit none
+  private
+
+  public :: kinked_multipliers
+
+  !> Angle that the fastest mode turns in a piece at most, iterations, and pieces.
+  real(wp), parameter :: angle_a_piece = 1.5_wp, settled = 1.0e-14_wp
+  integer, parameter :: most_turns = 60, most_pieces = 4000
+
+contains
+
+  !> Eigenvalues over a period, or minus half a one under half-wave symmetry, largest first.
+  subroutine kinked_multipliers(system, set, nu, x, roots, found)
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    !> Frequency (rad/s); harmonics, shape (2 n_orders, n_dof).
+    real(wp), intent(in) :: nu, x(:, :)
+    complex(wp), allocatable, intent(out) :: roots(:)
+    !> Not where a law jumps on the way, or the rest is too large or no sum of real modes.
+    logical, intent(out) :: found
+    type(linear_rest) :: rest
+    type(element_along), allocatable :: elements(:)
+    type(phase_list) :: breaks
+    real(wp), allocatable :: y(:, :)
+    real(wp) :: integral(nodes, nodes), from, to, ending, length, longest
+    integer :: i, n, pieces
+    logical :: jumps, done
+
+    call new_rest(rest, system, found)
+    if (.not. found) return
+    call prepare_elements(system, set, x, set%orders*nu, elements, breaks, jumps)
+    found = .not. jumps
+    if (.not. found) return
+    n = size(rest%a, 1)
+    do i = 1, size(elements)
+      n = n + size(elements(i)%z)
+    end do
+    allocate (y(n, n), source=0.0_wp)
+    do i = 1, n
+      y(i, i) = 1.0_wp
+    end do
+    call integration(integral)
+    ending = merge(pi, 2.0_wp*pi, set%half_wave)
+    longest = min(longest_panel(set), angle_a_piece*nu/rest%fastest)
+    pieces = 0
+    from = 0.0_wp
+    do i = 1, breaks%n + 1
+      to = ending
+      if (i <= breaks%n) to = min(breaks%theta(i), ending)
+      length = (to - from)/max(1, ceiling((to - from)/longest))
+      do while (to - from > 8.0_wp*epsilon(1.0_wp)*ending)
+        length = min(length, to - from)
+        pieces = pieces + 1
+        found = pieces <= most_pieces
+        if (.not. found) return
+        call one_piece(system, set, nu, x, rest, elements, integral, from, from + length, &
+                       length <= 1.0e-4_wp*longest, y, done)
+        if (.not. done) then
+          length = 0.5_wp*length
+          cycle
+        end if
+        from = from + length
+        length = (to - from)/max(1, ceiling((to - from)/min(longest, 2.0_wp*length)))
+      end do
+      from = to
+    end do
+    call take_roots(y, size(rest%a, 1), elements, set%half_wave, roots, found)
+  end subroutine kinked_multipliers
+
+  !> Integrals from 0 to each point of the Lagrange polynomials of all points.
+  pure subroutine integration(integral)
+    real(wp), intent(out) :: integral(:, :)
+    real(wp) :: legendre(nodes, 0:nodes), x(nodes)
+    integer :: i, j, k
+
+    x = 2.0_wp*points_16 - 1.0_wp
+    legendre(:, 0) = 1.0_wp
+    legendre(:, 1) = x
+    do k = 1, nodes - 1
+      legendre(:, k + 1) = ((2*k + 1)*x*legendre(:, k) - k*legendre(:, k - 1))/(k + 1)
+    end do
+    do j = 1, nodes
+      do i = 1, nodes
+        integral(i, j) = x(i) + 1.0_wp
+        do k = 1, nodes - 1
+          integral(i, j) = integral(i, j) + legendre(j, k)*(legendre(i, k + 1) - legendre(i, k - 1))
+        end do
+        integral(i, j) = 0.5_wp*weights_16(j)*integral(i, j)
+      end do
+    end do
+  end subroutine integration
+
+  !> Bring the disturbances over one piece, unless sixteen points do not tell them.
+  subroutine one_piece(system, set, nu, x, rest, elements, integral, from, to, last, y, done)
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    real(wp), intent(in) :: nu, x(:, :), integral(:, :), from, to
+    type(linear_rest), intent(in) :: rest
+    type(element_along), intent(inout) :: elements(:)
+    !> Whether the piece is taken as it is.
+    logical, intent(in) :: last
+    real(wp), intent(inout) :: y(:, :)
+    logical, intent(out) :: done
+    real(wp), dimension(size(y, 1), size(y, 2), nodes) :: stage, slope, next
+    real(wp) :: a(size(y, 1), size(y, 1), nodes), kept(size(y, 1), size(elements)), &
+                places(size(elements)), entry(nodes), size_of, h
+    integer :: i, j, k, turn
+
+    do i = 1, size(elements)
+      kept(:size(elements(i)%z), i) = elements(i)%z
+      places(i) = elements(i)%at
+    end do
+    call matrices(system, set, nu, x, rest, elements, from, to, a, y)
+    h = (to - from)/nu
+    do i = 1, nodes
+      stage(:, :, i) = y
+    end do
+    done = .false.
+    do turn = 1, most_turns
+      do i = 1, nodes
+        slope(:, :, i) = h*matmul(a(:, :, i), stage(:, :, i))
+      end do
+      do i = 1, nodes
+        next(:, :, i) = y
+        do k = 1, nodes
+          next(:, :, i) = next(:, :, i) + integral(i, k)*slope(:, :, k)
+        end do
+      end do
+      size_of = maxval(abs(next))
+      done = maxval(abs(next - stage)) <= settled*size_of
+      stage = next
+      if (done) exit
+    end do
+    if (done .and. .not. last) then
+      do j = 1, size(y, 2)
+        do k = 1, size(y, 1)
+          entry = slope(k, j, :)
+          if (done) done = is_resolved(entry, size_of)
+        end do
+      end do
+    end if
+    done = done .or. last
+    if (.not. done) then
+      do i = 1, size(elements)
+        elements(i)%z = kept(:size(elements(i)%z), i)
+        elements(i)%at = places(i)
+      end do
+      return
+    end if
+    do k = 1, nodes
+      y = y + weights_16(k)*slope(:, :, k)
+    end do
+    call to_end(set, elements, to)
+  end subroutine one_piece
+
+  !> Elements from the last point on to the end of a piece.
+  subroutine to_end(set, elements, theta)
+    type(harmonic_set_type), intent(in) :: set
+    type(element_along), intent(inout) :: elements(:)
+    real(wp), intent(in) :: theta
+    real(wp) :: d, work
+    integer :: i
+
+    do i = 1, size(elements)
+      associate (one => elements(i))
+        d = wave_sum(set, one%d, theta)
+        block
+          real(wp), dimension(size(one%z)) :: by_z, by_change
+          call one%element%advance(d - one%at, one%z, by_z, by_change, work)
+        end block
+        one%at = d
+      end associate
+    end do
+  end subroutine to_end
+
+  !> A(t) at the points, elements being brought along; disturbances of states that begin to slide
+  !! are taken out.
+  subroutine matrices(system, set, nu, x, rest, elements, from, to, a, y)
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    real(wp), intent(in) :: nu, x(:, :), from, to
+    type(linear_rest), intent(in) :: rest
+    type(element_along), intent(inout) :: elements(:)
+    real(wp), intent(out) :: a(:, :, :)
+    real(wp), intent(inout) :: y(:, :)
+    type(panel_type) :: panel
+    real(wp) :: u(nodes, size(x, 2) + system%n_rates()), turned(size(x, 1))
+    real(wp) :: slopes(nodes, system%n_memory(), size(u, 2)), s(size(x, 2), size(x, 2))
+    integer :: b, i, j, n
+
+    call new_panel(panel, set, from, to)
+    do b = 1, size(x, 2)
+      u(:, b) = motion_at(panel, x(:, b))
+    end do
+    do b = 1, system%n_rates()
+      turned(1::2) = -set%orders*nu*x(2::2, system%rates(b))
+      turned(2::2) = set%orders*nu*x(1::2, system%rates(b))
+      u(:, size(x, 2) + b) = motion_at(panel, turned)
+    end do
+    slopes = 0.0_wp
+    if (any(system%bent)) call system%deflection_slopes(u, slopes)
+    n = size(rest%a, 1)
+    a = 0.0_wp
+    do i = 1, nodes
+      s = matmul(system%spread, slopes(i, :, :size(x, 2)))
+      a(:n, :n, i) = rest%a - matmul(rest%b, matmul(s, rest%y))
+      do b = 1, system%n_rates()
+        associate (by_rate => matmul(rest%b, matmul(system%spread, slopes(i, :, size(x, 2) + b))))
+          do j = 1, n
+            a(:n, j, i) = a(:n, j, i) - by_rate*rest%rate(system%rates(b), j)
+          end do
+        end associate
+      end do
+    end do
+    do i = 1, size(elements)
+      call add_element(system, panel, set, nu, rest, elements(i), n, a, y)
+      n = n + size(elements(i)%z)
+    end do
+  end subroutine matrices
+
+  !> What one element adds; its states stand behind the first n.
+  subroutine add_element(system, panel, set, nu, rest, one, n, a, y)
+    class(oscillator_type), intent(in) :: system
+    type(panel_type), intent(in) :: panel
+    type(harmonic_set_type), intent(in) :: set
+    real(wp), intent(in) :: nu
+    type(linear_rest), intent(in) :: rest
+    type(element_along), intent(inout) :: one
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: a(:, :, :), y(:, :)
+    real(wp), dimension(size(one%z)) :: slopes, by_z, by_change, by_state
+    real(wp) :: d(nodes), v(nodes), turned(size(one%d)), work, elastic
+    real(wp) :: on(size(rest%a, 1)), read_by(size(rest%a, 1)), rate_by(size(rest%a, 1))
+    integer :: i, j, way
+
+    d = motion_at(panel, one%d)
+    turned(1::2) = -set%orders*nu*one%d(2::2)
+    turned(2::2) = set%orders*nu*one%d(1::2)
+    v = motion_at(panel, turned)
+    way = merge(1, -1, v(nodes/2) >= 0.0_wp)
+    select type (system)
+    class is (polynomial_type)
+      associate (law => system%laws(one%law))
+        on = 0.0_wp
+        do j = 1, size(law%equations)
+          on = on + rest%b(:, law%equations(j))*law%weights(j)
+        end do
+        read_by = matmul(law%arguments(1, :), rest%y)
+        rate_by = matmul(law%arguments(1, :), rest%rate)
+      end associate
+    end select
+    do i = 1, nodes
+      call one%element%advance(d(i) - one%at, one%z, by_z, by_change, work)
+      one%at = d(i)
+      call one%element%slope(one%z, way, slopes, by_z)
+      if (i == 1) then
+        do j = 1, size(one%z)
+          if (.not. abs(slopes(j)) > 0.0_wp .and. .not. abs(by_z(j)) > 0.0_wp) y(n + j, :) = 0.0_wp
+        end do
+      end if
+      by_state = merge(0.0_wp, one%element%weight, one%sticks)
+      elastic = one%element%elastic - one%element%stiffness_at_rest() &
+                + sum(one%element%weight*slopes, one%sticks)
+      do j = 1, size(on)
+        a(:size(on), j, i) = a(:size(on), j, i) - elastic*on*read_by(j)
+      end do
+      do j = 1, size(one%z)
+        a(:size(on), n + j, i) = -by_state(j)*on
+        if (one%sticks(j)) cycle
+        a(n + j, :size(on), i) = slopes(j)*rate_by
+        a(n + j, n + j, i) = by_z(j)*v(i)
+      end do
+    end do
+  end subroutine add_element
+
+  !> Eigenvalues without those of states that stick.
+  subroutine take_roots(y, n, elements, half_wave, roots, found)
+    real(wp), intent(in) :: y(:, :)
+    integer, intent(in) :: n
+    type(element_along), intent(in) :: elements(:)
+    logical, intent(in) :: half_wave
+    complex(wp), allocatable, intent(out) :: roots(:)
+    logical, intent(out) :: found
+    integer, allocatable :: places(:)
+    complex(wp) :: next
+    integer :: i, j, at
+
+    places = [(i, i=1, n)]
+    at = n
+    do i = 1, size(elements)
+      places = [places, pack([(at + j, j=1, size(elements(i)%z))],.not. elements(i)%sticks)]
+      at = at + size(elements(i)%z)
+    end do
+    allocate (roots(size(places)))
+    call eigenvalues(merge(-1.0_wp, 1.0_wp, half_wave)*y(places, places), roots, found)
+    do i = 2, size(roots)
+      next = roots(i)
+      j = i - 1
+      do while (j > 0)
+        if (abs(roots(j)) >= abs(next)) exit
+        roots(j + 1) = roots(j)
+        j = j - 1
+      end do
+      roots(j + 1) = next
+    end do
+  end subroutine take_roots
+
+end module viscovib_kinked_stability

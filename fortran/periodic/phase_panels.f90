@@ -1,0 +1,185 @@
+!> Pieces of a period, sixteen points of Gauss each, and what is integrated over them.
+!!
+!! A function that is smooth inside a piece is integrated there as exactly as it is known, however
+!! it bends at the ends; samples at equal distances would fold all of its high harmonics back.
+module viscovib_phase_panels
+  use viscovib_constants, only: pi
+  use viscovib_gauss_points, only: points_16, weights_16
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: add_moments, add_parts, is_resolved, longest_panel, motion_at, new_panel, panel_type, &
+            wave_sum, waves_at, &
+            weigh
+
+  integer, parameter, public :: nodes = 16
+  !> Length of a piece times the highest order at most: of products of two such waves sixteen
+  !! points leave 1e-13.
+  real(wp), parameter :: phase_at_most = 10.0_wp
+  !> Part that the last two Legendre polynomials may have in a function that is told by its points.
+  real(wp), parameter :: resolved = 1.0e-11_wp
+
+  type :: panel_type
+    real(wp) :: theta(nodes), weight(nodes)
+    !> Cosines and sines of the orders kept, shape (nodes, n_orders).
+    real(wp), allocatable :: c(:, :), s(:, :)
+  end type panel_type
+
+contains
+
+  pure real(wp) function longest_panel(set)
+    type(harmonic_set_type), intent(in) :: set
+    longest_panel = phase_at_most/max(1, maxval(set%orders))
+  end function longest_panel
+
+  !> The piece from one phase to another.
+  subroutine new_panel(panel, set, from, to)
+    type(panel_type), intent(inout) :: panel
+    type(harmonic_set_type), intent(in) :: set
+    real(wp), intent(in) :: from, to
+    real(wp) :: c1(nodes), s1(nodes)
+    integer :: i, n, first
+
+    n = size(set%orders)
+    if (.not. allocated(panel%c)) allocate (panel%c(nodes, n), panel%s(nodes, n))
+    panel%theta = from + (to - from)*points_16
+    panel%weight = (to - from)*weights_16
+    first = merge(1, 0, set%half_wave)
+    c1 = cos(panel%theta)
+    s1 = sin(panel%theta)
+    if (first == 0) then
+      panel%c(:, 1) = 1.0_wp
+      panel%s(:, 1) = 0.0_wp
+    else
+      panel%c(:, 1) = c1
+      panel%s(:, 1) = s1
+      s1 = 2.0_wp*s1*c1
+      c1 = 2.0_wp*c1*c1 - 1.0_wp
+    end if
+    do i = 2, n
+      panel%c(:, i) = panel%c(:, i - 1)*c1 - panel%s(:, i - 1)*s1
+      panel%s(:, i) = panel%s(:, i - 1)*c1 + panel%c(:, i - 1)*s1
+    end do
+  end subroutine new_panel
+
+  !> A motion at the points.
+  pure function motion_at(panel, y) result(d)
+    type(panel_type), intent(in) :: panel
+    !> Real and imaginary parts by turns.
+    real(wp), intent(in) :: y(:)
+    real(wp) :: d(nodes)
+    integer :: i
+    d = 0.0_wp
+    do i = 1, size(panel%c, 2)
+      d = d + y(2*i - 1)*panel%s(:, i) + y(2*i)*panel%c(:, i)
+    end do
+  end function motion_at
+
+  !> Whether sixteen points tell a function: its last two Legendre coefficients are small.
+  pure logical function is_resolved(f, size_of)
+    real(wp), intent(in) :: f(nodes), size_of
+    real(wp) :: x(nodes), before(nodes), now(nodes), next(nodes), last(2)
+    integer :: k
+
+    x = 2.0_wp*points_16 - 1.0_wp
+    before = 1.0_wp
+    now = x
+    do k = 1, nodes - 2
+      next = ((2*k + 1)*x*now - k*before)/(k + 1)
+      before = now
+      now = next
+    end do
+    last(1) = (2*nodes - 3)*sum(weights_16*before*f)
+    last(2) = (2*nodes - 1)*sum(weights_16*now*f)
+    is_resolved = maxval(abs(last)) <= resolved*max(size_of, maxval(abs(f)))
+  end function is_resolved
+
+  !> Add what a function has of each harmonic, before `weigh`.
+  pure subroutine add_parts(panel, f, parts)
+    type(panel_type), intent(in) :: panel
+    real(wp), intent(in) :: f(nodes)
+    real(wp), intent(inout) :: parts(:)
+    real(wp) :: weighted(nodes)
+    integer :: i
+    weighted = panel%weight*f
+    do i = 1, size(panel%c, 2)
+      parts(2*i - 1) = parts(2*i - 1) + sum(weighted*panel%s(:, i))
+      parts(2*i) = parts(2*i) + sum(weighted*panel%c(:, i))
+    end do
+  end subroutine add_parts
+
+  !> From integrals over the period, or half of it, to harmonics.
+  pure subroutine weigh(set, parts)
+    type(harmonic_set_type), intent(in) :: set
+    real(wp), intent(inout) :: parts(:)
+    parts = parts*merge(2.0_wp, 1.0_wp, set%half_wave)/pi
+    if (set%orders(1) == 0) parts(:2) = 0.5_wp*parts(:2)
+  end subroutine weigh
+
+  !> Add to mean values of a function times cos and sin of m strides, m = 0, 1, ..., reach.
+  pure subroutine add_moments(panel, set, f, c, s)
+    type(panel_type), intent(in) :: panel
+    type(harmonic_set_type), intent(in) :: set
+    real(wp), intent(in) :: f(nodes)
+    real(wp), intent(inout) :: c(0:), s(0:)
+    real(wp) :: weighted(nodes), c1(nodes), s1(nodes), cm(nodes), sm(nodes), turned(nodes)
+    integer :: m
+
+    weighted = panel%weight*f*merge(1.0_wp, 0.5_wp, set%half_wave)/pi
+    if (set%half_wave) then
+      s1 = 2.0_wp*panel%s(:, 1)*panel%c(:, 1)
+      c1 = 2.0_wp*panel%c(:, 1)**2 - 1.0_wp
+    else
+      s1 = panel%s(:, 2)
+      c1 = panel%c(:, 2)
+    end if
+    cm = weighted
+    sm = 0.0_wp
+    do m = 0, ubound(c, 1)
+      c(m) = c(m) + sum(cm)
+      s(m) = s(m) + sum(sm)
+      turned = cm*c1 - sm*s1
+      sm = sm*c1 + cm*s1
+      cm = turned
+    end do
+  end subroutine add_moments
+
+  !> sin and cos of the orders at one phase, by turns.
+  pure function waves_at(set, theta) result(waves)
+    type(harmonic_set_type), intent(in) :: set
+    real(wp), intent(in) :: theta
+    real(wp) :: waves(2*size(set%orders))
+    waves(1::2) = sin(set%orders*theta)
+    waves(2::2) = cos(set%orders*theta)
+  end function waves_at
+
+  !> A motion at one phase.
+  pure real(wp) function wave_sum(set, y, theta)
+    type(harmonic_set_type), intent(in) :: set
+    real(wp), intent(in) :: y(:), theta
+    real(wp) :: c, s, c1, s1, turned
+    integer :: i
+
+    c1 = cos(theta)
+    s1 = sin(theta)
+    if (set%half_wave) then
+      c = c1
+      s = s1
+      s1 = 2.0_wp*s*c
+      c1 = 2.0_wp*c*c - 1.0_wp
+    else
+      c = 1.0_wp
+      s = 0.0_wp
+    end if
+    wave_sum = 0.0_wp
+    do i = 1, size(set%orders)
+      wave_sum = wave_sum + y(2*i - 1)*s + y(2*i)*c
+      turned = c*c1 - s*s1
+      s = s*c1 + c*s1
+      c = turned
+    end do
+  end function wave_sum
+
+end module viscovib_phase_panels

@@ -1,0 +1,138 @@
+!> Phases at which a function along a periodic motion is 0.
+module viscovib_phase_roots
+  use viscovib_constants, only: pi
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: along_motion, find_phases, phase_list, root
+
+  !> What is sought the zeros of.
+  type, abstract :: along_motion
+  contains
+    procedure(at_interface), deferred :: at
+  end type along_motion
+
+  abstract interface
+    real(wp) function at_interface(self, theta)
+      import :: along_motion, wp
+      class(along_motion), intent(in) :: self
+      real(wp), intent(in) :: theta
+    end function at_interface
+  end interface
+
+  !> Phases found, ascending, and which function each is of.
+  type :: phase_list
+    integer :: n = 0
+    real(wp), allocatable :: theta(:)
+    integer, allocatable :: of(:)
+  contains
+    procedure :: put
+  end type phase_list
+
+  integer, parameter :: most_turns = 60
+
+contains
+
+  !> Add a phase in its place; one that is there already counts once.
+  subroutine put(self, theta, of)
+    class(phase_list), intent(inout) :: self
+    real(wp), intent(in) :: theta
+    integer, intent(in) :: of
+    real(wp), allocatable :: longer(:)
+    integer, allocatable :: wider(:)
+    integer :: i
+
+    if (.not. allocated(self%theta)) allocate (self%theta(16), self%of(16))
+    do i = self%n, 1, -1
+      if (self%theta(i) <= theta) exit
+    end do
+    if (i > 0) then
+      if (theta - self%theta(i) <= 4.0_wp*epsilon(1.0_wp) .and. self%of(i) == of) return
+    end if
+    if (self%n == size(self%theta)) then
+      allocate (longer(2*self%n), wider(2*self%n))
+      longer(:self%n) = self%theta
+      wider(:self%n) = self%of
+      call move_alloc(longer, self%theta)
+      call move_alloc(wider, self%of)
+    end if
+    self%theta(i + 2:self%n + 1) = self%theta(i + 1:self%n)
+    self%of(i + 2:self%n + 1) = self%of(i + 1:self%n)
+    self%theta(i + 1) = theta
+    self%of(i + 1) = of
+    self%n = self%n + 1
+  end subroutine put
+
+  !> The zeros of a function that is given at the samples of a set, and at the end.
+  subroutine find_phases(motion, set, g, of, found)
+    class(along_motion), intent(in) :: motion
+    type(harmonic_set_type), intent(in) :: set
+    !> Shape (n_samples + 1).
+    real(wp), intent(in) :: g(:)
+    integer, intent(in) :: of
+    type(phase_list), intent(inout) :: found
+    real(wp) :: step, theta, vertex, value, half
+    integer :: i, n
+
+    n = size(g) - 1
+    step = merge(pi, 2.0_wp*pi, set%half_wave)/n
+    do i = 1, n
+      theta = (i - 1)*step
+      if (.not. abs(g(i)) > 0.0_wp) then
+        call found%put(theta, of)
+      else if (abs(g(i + 1)) > 0.0_wp .and. (g(i) > 0.0_wp .neqv. g(i + 1) > 0.0_wp)) then
+        call found%put(root(motion, theta, theta + step, g(i), g(i + 1)), of)
+      end if
+      if (i == 1) cycle
+      ! Beside grazing a function may be across for less than a sample.
+      if (abs(g(i)) >= min(abs(g(i - 1)), abs(g(i + 1)))) cycle
+      if ((g(i - 1) > 0.0_wp) .neqv. (g(i) > 0.0_wp)) cycle
+      if ((g(i + 1) > 0.0_wp) .neqv. (g(i) > 0.0_wp)) cycle
+      half = g(i - 1) - 2.0_wp*g(i) + g(i + 1)
+      vertex = 0.5_wp*(g(i - 1) - g(i + 1))/half
+      if (abs(g(i) + 0.25_wp*(g(i + 1) - g(i - 1))*vertex) > 0.3_wp*abs(half)) cycle
+      value = motion%at(theta + vertex*step)
+      if ((value > 0.0_wp .eqv. g(i) > 0.0_wp) .or. .not. abs(value) > 0.0_wp) cycle
+      call found%put(root(motion, theta - step, theta + vertex*step, g(i - 1), value), of)
+      call found%put(root(motion, theta + vertex*step, theta + step, value, g(i + 1)), of)
+    end do
+  end subroutine find_phases
+
+  !> Between two phases with values of different sign: the Illinois method, then halving.
+  real(wp) function root(motion, from, to, at_from, at_to)
+    class(along_motion), intent(in) :: motion
+    real(wp), intent(in) :: from, to, at_from, at_to
+    real(wp) :: a, b, fa, fb, f, x
+    integer :: turn, side
+
+    a = from
+    b = to
+    fa = at_from
+    fb = at_to
+    side = 0
+    root = 0.5_wp*(a + b)
+    do turn = 1, most_turns
+      x = (fa*b - fb*a)/(fa - fb)
+      if (turn > 20 .or. .not. (x > a .and. x < b)) x = 0.5_wp*(a + b)
+      f = motion%at(x)
+      root = x
+      if (.not. abs(f) > 0.0_wp) return
+      if ((f > 0.0_wp) .eqv. (fa > 0.0_wp)) then
+        a = x
+        fa = f
+        if (side == 1) fb = 0.5_wp*fb
+        side = 1
+      else
+        b = x
+        fb = f
+        if (side == -1) fa = 0.5_wp*fa
+        side = -1
+      end if
+      if (b - a <= 4.0_wp*epsilon(1.0_wp)*max(1.0_wp, abs(b))) return
+      if (abs(f) <= 4.0_wp*epsilon(1.0_wp)*max(abs(at_from), abs(at_to))) return
+    end do
+  end function root
+
+end module viscovib_phase_roots
