@@ -162,8 +162,8 @@ contains
       end do
     end do
     if (any(system%bent)) call system%sampled_remainder(self%u, self%w)
-    if (size(self%cycles) > 0) call find_parts(self%cycles, system, self%set, self%tables, self%mu, &
-                                               x, self%u, self%lawful)
+    if (size(self%cycles) > 0) call find_parts(self%cycles, system, self%set, self%tables, &
+                                               self%mu, x, self%u, self%lawful)
     do j = 1, self%n_memory
       self%kept = 0.0_wp
       if (system%bent(j)) then

@@ -46,7 +46,7 @@ module viscovib_kinked_motion
     integer :: law = 0
     !> Harmonics of its deflection.
     real(wp), allocatable :: d(:)
-    !> States, and deflection, at the place reached; at the beginning; and which of them never slide.
+    !> States and deflection at the place reached; states at the beginning; which never slide.
     real(wp), allocatable :: z(:), start(:)
     real(wp) :: at = 0.0_wp
     logical, allocatable :: sticks(:)
@@ -59,7 +59,7 @@ module viscovib_kinked_motion
 
 contains
 
-  !> Whether this is the judge of a system: laws with kinks that do not jump, or states, no memory.
+  !> Whether a system is judged so: laws with kinks that do not jump, or states, no memory.
   logical function is_kinked(system)
     class(oscillator_type), intent(in) :: system
     integer :: i
@@ -97,13 +97,13 @@ contains
                 .and. .not. any(abs(own%flexibility) > 0.0_wp) &
                 .and. .not. any(abs(own%losses(:m)) > 0.0_wp)
         if (.not. found) return
-        allocate (stiffness(m, m), damping(m, m), source=0.0_wp)
+        allocate (stiffness(m, m), damping(m, m), seen(d, m), spread(m, d), source=0.0_wp)
         do i = 1, m
           stiffness(i, i) = own%squares(i)
           damping(i, i) = own%rates(i)
         end do
-        seen = transpose(own%seen(:m, :size(system%gather, 2)))
-        spread = own%pushed(:m, :size(system%gather, 2))
+        seen(:, :) = transpose(own%seen(:m, :d))
+        spread(:, :) = own%pushed(:m, :d)
       end associate
     class default
       m = d
@@ -111,10 +111,10 @@ contains
       if (.not. found) return
       call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
       found = .not. singular
-      stiffness = matmul(real(inverse), matmul(system%spread, system%gather))
-      damping = matmul(real(inverse), system%damping)
-      spread = real(inverse)
-      allocate (seen(m, m), source=0.0_wp)
+      allocate (stiffness(m, m), damping(m, m), seen(m, m), spread(m, m), source=0.0_wp)
+      stiffness(:, :) = matmul(real(inverse), matmul(system%spread, system%gather))
+      damping(:, :) = matmul(real(inverse), system%damping)
+      spread(:, :) = real(inverse)
       do i = 1, m
         seen(i, i) = 1.0_wp
       end do

@@ -300,16 +300,18 @@ contains
     complex(wp), allocatable, intent(out) :: roots(:)
     logical, intent(out) :: found
     integer, allocatable :: places(:)
+    logical :: counts(size(y, 1))
     complex(wp) :: next
     integer :: i, j, at
 
-    places = [(i, i=1, n)]
+    counts = .true.
     at = n
     do i = 1, size(elements)
-      places = [places, pack([(at + j, j=1, size(elements(i)%z))],.not. elements(i)%sticks)]
+      counts(at + 1:at + size(elements(i)%z)) = .not. elements(i)%sticks
       at = at + size(elements(i)%z)
     end do
-    allocate (roots(size(places)))
+    allocate (places(count(counts)), roots(count(counts)))
+    places(:) = pack([(i, i=1, size(y, 1))], counts)
     call eigenvalues(merge(-1.0_wp, 1.0_wp, half_wave)*y(places, places), roots, found)
     do i = 2, size(roots)
       next = roots(i)

@@ -21,6 +21,22 @@ module viscovib_phase_panels
   !> Part that the last two Legendre polynomials may have in a function that is told by its points.
   real(wp), parameter :: resolved = 1.0e-11_wp
 
+  !> Coefficients of a function by the Legendre polynomials 14 and 15, from its values:
+  !! (2 k + 1) w_i P_k(x_i).
+  real(wp), parameter :: last_two(nodes, 2) = reshape([ &
+    0.06270545045312346224_wp, -0.2049354038701399205_wp, 0.3541214949557947067_wp, &
+    -0.4628447876645263636_wp, 0.4977022367517182479_wp, -0.4435406121078920673_wp, &
+    0.3058334374396040079_wp, -0.1090418159576820733_wp, -0.1090418159576820733_wp, &
+    0.3058334374396040079_wp, -0.4435406121078920673_wp, 0.4977022367517182479_wp, &
+    -0.4628447876645263636_wp, 0.3541214949557947067_wp, -0.2049354038701399205_wp, &
+    0.06270545045312346224_wp, &
+    -0.03278130486396173942_wp, 0.1122209124505884013_wp, -0.2115985306318844377_wp, &
+    0.3169196177972208307_wp, -0.4166403770259613652_wp, 0.5008933497159644381_wp, &
+    -0.56174614482927911_wp, 0.5936159289428018117_wp, -0.5936159289428018117_wp, &
+    0.56174614482927911_wp, -0.5008933497159644381_wp, 0.4166403770259613652_wp, &
+    -0.3169196177972208307_wp, 0.2115985306318844377_wp, -0.1122209124505884013_wp, &
+    0.03278130486396173942_wp], [nodes, 2])
+
   type :: panel_type
     real(wp) :: theta(nodes), weight(nodes)
     !> Cosines and sines of the orders kept, shape (nodes, n_orders).
@@ -80,20 +96,7 @@ contains
   !> Whether sixteen points tell a function: its last two Legendre coefficients are small.
   pure logical function is_resolved(f, size_of)
     real(wp), intent(in) :: f(nodes), size_of
-    real(wp) :: x(nodes), before(nodes), now(nodes), next(nodes), last(2)
-    integer :: k
-
-    x = 2.0_wp*points_16 - 1.0_wp
-    before = 1.0_wp
-    now = x
-    do k = 1, nodes - 2
-      next = ((2*k + 1)*x*now - k*before)/(k + 1)
-      before = now
-      now = next
-    end do
-    last(1) = (2*nodes - 3)*sum(weights_16*before*f)
-    last(2) = (2*nodes - 1)*sum(weights_16*now*f)
-    is_resolved = maxval(abs(last)) <= resolved*max(size_of, maxval(abs(f)))
+    is_resolved = maxval(abs(matmul(f, last_two))) <= resolved*max(size_of, maxval(abs(f)))
   end function is_resolved
 
   !> Add what a function has of each harmonic, before `weigh`.

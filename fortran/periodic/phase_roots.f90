@@ -85,7 +85,9 @@ contains
       else if (abs(g(i + 1)) > 0.0_wp .and. (g(i) > 0.0_wp .neqv. g(i + 1) > 0.0_wp)) then
         call found%put(root(motion, theta, theta + step, g(i), g(i + 1)), of)
       end if
-      if (i == 1) cycle
+    end do
+    do i = 2, n
+      theta = (i - 1)*step
       ! Beside grazing a function may be across for less than a sample.
       if (abs(g(i)) >= min(abs(g(i - 1)), abs(g(i + 1)))) cycle
       if ((g(i - 1) > 0.0_wp) .neqv. (g(i) > 0.0_wp)) cycle
