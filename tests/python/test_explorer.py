@@ -134,6 +134,17 @@ def test_curves_are_those_of_the_result():
     assert f"{branch.nu[100]:.5g} rad/s" in motion.about
 
 
+def test_curves_of_a_structure_are_columns_of_its_table():
+    curves = curves_of(vv.run(SCENES / "beam_branch.nml").value)
+    assert [(curve.name, curve.order) for curve in curves] == [("x7", 1), ("x15", 1)]
+    found = vv.trace_response(
+        vv.Scene.read(SCENES / "beam_branch.nml").structure(), (120, 360), load={"x15": 1.0},
+        tolerance=1e-8, coordinates=["x7", "x15"],
+    )  # fmt: skip
+    assert np.nanmax(curves[1].y) == pytest.approx(found.amplitude("x15").max(), rel=1e-3)
+    assert set(curves[1].stability) == {0, 1}
+
+
 def test_a_motion_on_a_branch_that_leaves_is_its_own():
     scene = vv.Scene.read(SCENES / "pendulum_backbone.nml")
     result = vv.run(scene)

@@ -1,6 +1,7 @@
 """What the explorer draws of a result: curves with stability and marks, and motions as frames."""
 
 import math
+import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,12 +18,16 @@ from viscovib.plots.outlines import Drawing, drawing_of
 from viscovib.results.scales import ScalesResponse
 from viscovib.results.trajectory import Trajectory
 from viscovib.scene.scene import Scene
+from viscovib.scene.table import TableResult
 from viscovib.sweeps.points import quiet
 
 #: Frames of one period, and of a whole motion in time.
 _FRAMES, _MOST_FRAMES = 60, 400
 _GREEK = {r"\nu": "ν", r"\tau": "τ", r"\omega": "ω", r"\varphi": "φ", r"\psi": "ψ"}
 _BELOW = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+#: The real part of a harmonic of a coordinate, as a column of a table.
+_HARMONIC = re.compile(r"(.+)_(\d+)_re")
 
 #: Stability of a point as a number: unstable, stable, unknown.
 UNSTABLE, STABLE, UNKNOWN = 0, 1, 2
@@ -73,6 +78,8 @@ def curves_of(value: Any, others: Sequence[Any] = ()) -> list[Curve]:
     """Return one curve a coordinate; branches that leave the first follow it after a gap."""
     if isinstance(value, ScalesResponse):
         return _of_scales(value)
+    if isinstance(value, TableResult) and (found := _of_table(value)):
+        return found
     try:
         panels = value.panels()
         more = [other.panels() for other in others]
@@ -130,6 +137,29 @@ def _of_scales(value: ScalesResponse) -> list[Curve]:
     ]  # fmt: skip
 
 
+def _of_table(value: TableResult) -> list[Curve]:
+    """Return the lowest harmonic of each coordinate of a table, if it has columns of such."""
+    first, x = next(iter(value.columns.items()))
+    stable = value.columns.get("stable", np.ones(x.size))
+    known = np.select([stable == 1, stable == 0], [STABLE, UNSTABLE], UNKNOWN).astype(np.int8)
+    label = "ν (rad/s)" if first == "nu" else first
+    lowest: dict[str, int] = {}
+    for column in value.columns:
+        parts = _HARMONIC.fullmatch(column)
+        if parts is not None and f"{parts[1]}_{parts[2]}_im" in value.columns:
+            order = int(parts[2])
+            if order > 0:
+                lowest[parts[1]] = min(order, lowest.get(parts[1], order))
+    return [
+        Curve(
+            name, "", order, label, False, x.astype(float),
+            np.hypot(value.columns[f"{name}_{order}_re"], value.columns[f"{name}_{order}_im"]),
+            known,
+        )
+        for name, order in lowest.items()
+    ]  # fmt: skip
+
+
 def _stability(result: Any, n: int) -> npt.NDArray[np.int8]:
     stable = getattr(result, "stable", None)
     if stable is None:
@@ -176,6 +206,8 @@ def motion_of(
     scene: Scene, value: Any, others: Sequence[Any], curve: Curve, point: int
 ) -> Motion | None:
     """Return the motion at a point of a curve; None where there is none to show."""
+    if isinstance(value, TableResult):
+        return None
     system = _system(scene)
     if isinstance(value, Trajectory):
         if value.t.size < 2:

@@ -6,6 +6,7 @@ import numpy as np
 
 from viscovib.explorer.drawn import STABLE, UNKNOWN, UNSTABLE, Curve
 from viscovib.explorer.state import State
+from viscovib.scene.table import TableResult
 from viscovib.sweeps.scenes import summary
 
 _LINE = (
@@ -23,6 +24,9 @@ _SIGNS = {
 
 def peaks(state: State) -> str:
     """Return peaks, and how they changed since the scene was read, as HTML."""
+    if isinstance(state.result.value, TableResult) and state.result.value.kind != "modes":
+        # The first row of a table of harmonics tells nothing.
+        return ""
     try:
         now, before = summary(state.result), state.first_numbers
     except ValueError:
