@@ -15,7 +15,7 @@ chain = vv.PolynomialSystem(mass=np.ones(n), stiffness=stiffness, damping=0.02 *
 nu = np.linspace(0.05, 2.2, 1000)
 response = vv.forced_response(chain, nu, load=0.01)
 fig, ax = plt.subplots()
-for name in ("x1", "x5", "x10"):
-    ax.semilogy(nu, response.amplitude(name), label=name)
+for name, style in (("x1", "-"), ("x5", "--"), ("x10", ":")):
+    ax.semilogy(nu, response.amplitude(name), style, label=name)
 ax.set(xlabel="circular frequency (rad/s)", ylabel="amplitude (m)")
 ax.legend()

@@ -28,6 +28,7 @@ from viscovib.explorer.state import State
 from viscovib.explorer.widgets import HANDLE, NumberRow, Saver, alert, card, flow, player, words
 from viscovib.explorer.words import legend, peaks
 from viscovib.plots.pictures import save_picture
+from viscovib.scene.table import TableResult
 
 #: Seconds of computing from which a moving slider is waited for, and how long it has to rest (ms).
 _SLOW, _REST = 0.05, 200
@@ -372,7 +373,10 @@ class Page:
         self.address.data = {"query": [self._query()]}
 
     def _tell_legend(self) -> None:
-        known = getattr(self.state.result.value, "stable", None) is not None
+        value = self.state.result.value
+        known = getattr(value, "stable", None) is not None or (
+            isinstance(value, TableResult) and "stable" in value.columns
+        )
         self.legend.text = legend(self.curves, known, bool(self._frozen), bool(self._measured))
 
     def _query(self) -> str:
