@@ -357,3 +357,12 @@ def test_a_pivot_reached_with_no_momentum_left(numbers, phi, end):
     many = vv.simulate_ensemble(pendulum, t_end=end, initial=[start, start], tolerance=1e-6)
     assert set(many.outcome) == {"unphysical"}
     assert np.abs(many.t_reached - when).max() < 1e-5
+
+
+def test_a_near_passage_is_followed_whatever_the_step():
+    pendulum = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, f0=0.005, p1=0.93)
+    start = [0.0, -3.0, 0.3, 0.0, -0.2, 0.0]
+    coarse = vv.simulate(pendulum, 2.5, initial=start, dt=0.25)
+    own = Swinging(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, f0=0.005, p1=0.93)
+    true = own.motion(np.array(start), coarse.t)
+    assert np.abs(coarse.state - true).max() < 1e-6
