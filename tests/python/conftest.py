@@ -3,8 +3,13 @@
 import signal
 import subprocess
 
+import hypothesis
 import pytest
 import viscovib as vv
+
+# The same inputs each time, however long a busy machine takes over one.
+hypothesis.settings.register_profile("viscovib", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("viscovib")
 
 # Begun in the background of a shell, these tests and all they start would ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -130,7 +130,11 @@ def test_bars_only_on_terminals(tmp_path):
         "import sys; from viscovib.common import progress; progress._PATIENCE = 0.0;"
         "from viscovib.cli.commands import main; sys.exit(main(sys.argv[1:]))"
     )
-    scene = SCENES / "pendulum_branch.nml"
+    scene = tmp_path / "short.nml"
+    text = (SCENES / "pendulum_branch.nml").read_text()
+    long = "to = 1.2\n  subharmonic = 2, harmonics = 30\n  switch = 1"
+    assert long in text
+    scene.write_text(text.replace(long, "to = 0.95, harmonics = 6"))
     command = [sys.executable, "-c", impatient, "run", str(scene)]
     assert " points [" in _told_by_terminal(command, tmp_path)
     said = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)

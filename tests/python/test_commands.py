@@ -82,7 +82,7 @@ def test_options_of_the_sweep(tmp_path, capsys):
 
 
 def test_ctrl_c_says_how_to_go_on(start, tmp_path):
-    scene = small_map(tmp_path, "&sweep key='mount.stiffness_x', min=8, max=12, count=100000 /\n")
+    scene = small_map(tmp_path, "&sweep key='mount.stiffness_x', min=8, max=12, count=20000 /\n")
     command = [
         sys.executable,
         "-m",

@@ -55,11 +55,11 @@ with tempfile.TemporaryDirectory() as folder:
 }
 #: Short and long, in steps or in values of the first parameter.
 LENGTHS = {
-    "last state": (400_000, 4_000_000),
-    "tail": (400_000, 4_000_000),
-    "thinned": (400_000, 4_000_000),
+    "last state": (40_000, 400_000),
+    "tail": (40_000, 400_000),
+    "thinned": (40_000, 400_000),
     "ensemble": (20_000, 200_000),
-    "sweep on disk": (30, 300),
+    "sweep on disk": (20, 140),
     "ensembles in chunks": (20, 200),
 }
 #: What the allocator may add, far below what the longer job would add if it kept its states.
