@@ -31,8 +31,6 @@ module viscovib_curve_branch
   real(wp), parameter :: first_step = 0.01_wp, smallest_step = 1.0e-9_wp, edge_step = 1.0e-5_wp
   !> The determinant may change its sign over a step this long.
   real(wp), parameter :: careful_step = 0.01_wp
-  !> Wanted angle between successive tangents.
-  real(wp), parameter :: wanted_angle = 0.12_wp
   !> How far a point may lie off its prediction, as a part of each order of the motion, and how
   !! far it is wanted to lie, which goes with the fourth power of the step.
   real(wp), parameter :: most_surprise = 0.3_wp, wanted_surprise = 0.2_wp
@@ -223,7 +221,7 @@ contains
     f%angle = angle_between(f%corrector, f%here, f%next)
     call compare(f%curve, f%corrector, f%here, f%step, f%next, f%off, drift)
     it_is = f%step <= 1.0e3_wp*smallest_step .or. .not. ( &
-            f%angle > 4.0_wp*wanted_angle .or. f%off > most_surprise &
+            f%angle > 4.0_wp*f%options%angle .or. f%off > most_surprise &
             .or. (drift > most_drift .and. .not. leaving(f, branch)))
     ! A long step may have met another branch, which the determinant tells.
     if (f%step > careful_step) it_is = it_is .and. .not. sign_changes(f, branch)
@@ -274,7 +272,7 @@ contains
     f%next => spare
     if (associated(f%sized)) call change_size(f, branch)
     call aim(f%corrector, f%before, f%here)
-    f%step = f%step*rounded_factor(min(wanted_angle/max(f%angle, 1.0e-12_wp), &
+    f%step = f%step*rounded_factor(min(f%options%angle/max(f%angle, 1.0e-12_wp), &
                                        sqrt(sqrt(wanted_surprise/max(f%off, 1.0e-12_wp)))))
     if (f%here%iterations > 6) f%step = 0.6_wp*f%step
     f%step = min(f%step, f%options%max_step)

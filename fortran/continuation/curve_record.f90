@@ -29,11 +29,12 @@ module viscovib_curve_record
   end type option_type
 
   !> All of them, in the order in which callers pass their values.
-  type(option_type), parameter, public :: curve_table(4) = &
+  type(option_type), parameter, public :: curve_table(5) = &
     [option_type('tolerance', 1.0e-10_wp, min_tolerance, max_tolerance, .false.), &
      option_type('max_points', 2000.0_wp, 2.0_wp, 1.0e5_wp, .true.), &
      option_type('max_step', 0.1_wp, 1.0e-4_wp, 1.0_wp, .false.), &
-     option_type('max_folds', 1.0e5_wp, 1.0_wp, 1.0e5_wp, .true.)]
+     option_type('max_folds', 1.0e5_wp, 1.0_wp, 1.0e5_wp, .true.), &
+     option_type('angle', 0.12_wp, 0.01_wp, 0.3_wp, .false.)]
 
   type :: curve_options
     !> Where p begins and ends; the branch also ends if p falls back behind its
@@ -48,6 +49,8 @@ module viscovib_curve_record
     real(wp), allocatable :: stops(:)
     !> The branch ends behind so many folds.
     integer :: max_folds = int(curve_table(4)%default)
+    !> Wanted angle between successive tangents (rad).
+    real(wp) :: angle = curve_table(5)%default
   contains
     procedure :: values
     procedure :: set
@@ -84,7 +87,8 @@ contains
   pure function values(self)
     class(curve_options), intent(in) :: self
     real(wp) :: values(size(curve_table))
-    values = [self%tolerance, real(self%max_points, wp), self%max_step, real(self%max_folds, wp)]
+    values = [self%tolerance, real(self%max_points, wp), self%max_step, real(self%max_folds, wp), &
+              self%angle]
   end function values
 
   pure subroutine set(self, values)
@@ -94,6 +98,7 @@ contains
     self%max_points = nint(values(2))
     self%max_step = values(3)
     self%max_folds = nint(values(4))
+    self%angle = values(5)
   end subroutine set
 
   !> Options as callers pack them: start, finish, the values of `curve_table`, stops.

@@ -116,6 +116,7 @@ BAD_SCENES = {
     "branch to nowhere": (BRANCH.replace("nu_to=4", "nu_to=1"), 4, "must differ from nu_from"),
     "branch from zero": (BRANCH.replace("nu_from=1", "nu_from=0"), 4, "nu_from = 0: must be"),
     "branch of one": (BRANCH.rstrip()[:-1] + ", max_points=1 /", 4, "must be 2 to"),
+    "branch angle": (BRANCH.rstrip()[:-1] + ", angle=1 /", 4, "angle = 1: must be in"),
     "branch folds": (BRANCH.rstrip()[:-1] + ", max_folds=0 /", 4, "max_folds = 0: must be 1 to"),
     "branch step": (BRANCH.rstrip()[:-1] + ", max_step=0 /", 4, "max_step = 0: must be in"),
     "branch harmonics": (BRANCH.rstrip()[:-1] + ", harmonics=0 /", 4, "harmonics = 0: must be"),

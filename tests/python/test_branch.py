@@ -834,6 +834,25 @@ def test_a_branch_ends_behind_as_many_folds_as_wanted():
     assert free.outcome == "completed"
 
 
+def test_a_smaller_angle_gives_a_finer_curve():
+    body = vv.PolynomialSystem(mass=[[1]], stiffness=[[1]], damping=[[0.1]], forces="x^3")
+    coarse, usual, fine = (
+        vv.trace_response(body, (0.4, 2.5), load=0.3, max_step=1, harmonics=5, angle=angle)
+        for angle in (0.24, 0.12, 0.03)
+    )
+    assert coarse.nu.size < usual.nu.size < 0.5 * fine.nu.size
+    for other in (coarse, fine):
+        np.testing.assert_allclose(other.folds, usual.folds, rtol=1e-10)
+    default = vv.trace_response(body, (0.4, 2.5), load=0.3, max_step=1, harmonics=5)
+    np.testing.assert_array_equal(default.coefficients, usual.coefficients)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.31, np.nan])
+def test_a_wrong_angle_is_refused(angle):
+    with pytest.raises(vv.InputError, match="angle"):
+        vv.trace_response(damped(), (0.5, 1), load=0.5, angle=angle)
+
+
 @pytest.mark.parametrize("most", [0, 1.5, 10**6])
 def test_a_wrong_number_of_folds_is_refused(most):
     with pytest.raises(vv.InputError, match=f"max_folds = {most}: must be"):

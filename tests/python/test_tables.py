@@ -30,7 +30,7 @@ MORE = {
     "folded": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
 &force on='x' law='x^3' /
 &load amplitude=0.3 /
-&branch nu_from=0.4 nu_to=2.5 max_folds=1 /
+&branch nu_from=0.4 nu_to=2.5 max_folds=1 angle=0.06 /
 """,
     "diverged": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &load amplitude=2 /

@@ -32,6 +32,7 @@ class _CurveOptions(TypedDict, total=False):
     max_points: int
     max_step: float
     max_folds: int
+    angle: float
 
 
 class _TraceOptions(_CurveOptions, total=False):
@@ -101,6 +102,7 @@ def trace_response(
     max_points: int = 2000,
     max_step: float = 0.1,
     max_folds: int = 100000,
+    angle: float = 0.12,
     stability: bool = True,
     duration: float | None = None,
     subharmonic: int = 1,
@@ -170,6 +172,9 @@ def trace_response(
         Largest step as a part of the present point, 1e-4 to 1.
     max_folds : int
         Folds behind which the curve ends with "fold limit", 1 to 100000, which is no limit.
+    angle : float
+        Angle between the curve's directions at two points that steps aim at (rad), 0.01 to 0.3:
+        a smaller one gives finer curves where they bend.
     stability : bool
         Compute Floquet multipliers; with memory, exponents from Hill's determinant, those that grow
         counted by the argument principle; with many coordinates that takes longer than the branch
@@ -262,6 +267,7 @@ def backbone(
     max_points: int = 2000,
     max_step: float = 0.1,
     max_folds: int = 100000,
+    angle: float = 0.12,
     stability: bool | None = None,
     subharmonic: int = 1,
     coordinates: Sequence[str] | None = None,
@@ -306,6 +312,9 @@ def backbone(
         Largest step as a part of the present point, 1e-4 to 1.
     max_folds : int
         Folds behind which the curve ends with "fold limit", 1 to 100000, which is no limit.
+    angle : float
+        Angle between the curve's directions at two points that steps aim at (rad), 0.01 to 0.3:
+        a smaller one gives finer curves where they bend.
     stability : bool
         Of a pendulum: compute Floquet multipliers, unless this is False.
     subharmonic : int
