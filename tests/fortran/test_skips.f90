@@ -145,7 +145,7 @@ contains
     end if
 
     if (begin('from rest without load there are no panels of a start')) then
-      call compare(work(mount//kernel//load//motion//slash, 'skips: panels'), &
+      call compare(work(mount//kernel//load//motion//slash, 'skips: fine steps'), &
                    work(mount//kernel//load//motion//nl//'initial = 0.1 0 0 0'//slash), &
                    [counted_panels])
     end if
