@@ -1,6 +1,7 @@
 """The library as other programs find it: installed, then linked from C, Fortran and CMake."""
 
 import ctypes
+import fcntl
 import os
 import re
 import shutil
@@ -37,17 +38,11 @@ def call(*command, **environment):
 def prefix(tmp_path_factory):
     """Return the folder into which the library is installed, and the environment to use it."""
     root = tmp_path_factory.mktemp("installed")
-    call(
-        "meson",
-        "install",
-        "-C",
-        BUILD,
-        "--no-rebuild",
-        "--tags",
-        "library,devel",
-        "--destdir",
-        root,
-    )
+    wanted = ("--no-rebuild", "--tags", "library,devel", "--destdir", root)
+    # Meson works in a folder once at a time; tests may run in several processes.
+    with (tmp_path_factory.getbasetemp().parent / "installing").open("w") as turn:
+        fcntl.flock(turn, fcntl.LOCK_EX)
+        call("meson", "install", "-C", BUILD, *wanted)
     (pc,) = root.rglob("viscovib.pc")
     return {
         "root": root,
