@@ -7,6 +7,7 @@ module test_condensed
   use viscovib_constants, only: pi
   use viscovib_compliance, only: compliance_type
   use viscovib_compliance_band, only: compliance_band, new_band
+  use viscovib_counters, only: counting
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
   use viscovib_motion_stability, only: judge_type, new_judge, stability_type
@@ -19,8 +20,9 @@ module test_condensed
 
   public :: run_condensed
 
-  !> Random systems, and motions of each, neighbours of each other.
-  integer, parameter :: n_systems = 60, n_motions = 4
+  !> Random systems, and motions of each, neighbours of each other. With every check of the debug
+  !! build a system takes ten times as long: the optimised build sees to their number.
+  integer, parameter :: n_systems = merge(16, 60, counting), n_motions = 4
   real(wp) :: seed = 12345.0_wp
 
   type :: tally_type

@@ -144,18 +144,6 @@ class Names(Parameter[tuple[str, ...]]):
 
 
 @dataclass(frozen=True)
-class Instance(Parameter[Any]):
-    """An object of one of some classes."""
-
-    types: tuple[type, ...]
-
-    def check(self, value: Any) -> Any:
-        """Return it."""
-        _native.check_instance(self.name, value, *self.types)
-        return value
-
-
-@dataclass(frozen=True)
 class Interval(Parameter[FloatArray]):
     """Two finite numbers; with ``above`` ascending and greater than it."""
 

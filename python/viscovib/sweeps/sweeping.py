@@ -35,7 +35,7 @@ from viscovib.sweeps.points import (
     quiet,
 )
 from viscovib.sweeps.scenes import scene_job
-from viscovib.sweeps.store import DiskStore, MemoryStore, is_begun
+from viscovib.sweeps.store import DiskStore, MemoryStore, Store, is_begun
 from viscovib.sweeps.workers import DaskWorkers, Threads, Workers
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ class _Sweep:
         progress: bool,
     ) -> xr.Dataset:
         if checkpoint is None:
-            store: MemoryStore | DiskStore = MemoryStore(self.grid, self._chunks(wanted))
+            store: Store = MemoryStore(self.grid, self._chunks(wanted))
             self._fill(store, np.zeros(len(store.chunks), dtype=bool), progress)
             return self._named(store.dataset())
         path = _path(checkpoint)
@@ -221,9 +221,7 @@ class _Sweep:
             )
         return Chunks.of_about(self.grid.shape, max(wanted, least, 1))
 
-    def _fill(
-        self, store: MemoryStore | DiskStore, done: npt.NDArray[np.bool_], progress: bool
-    ) -> None:
+    def _fill(self, store: Store, done: npt.NDArray[np.bool_], progress: bool) -> None:
         """Compute what is missing: a few chunks under way at a time, written as they come."""
         points = math.prod(store.chunks.chunk)
         with progress_bar(
@@ -237,9 +235,7 @@ class _Sweep:
                 store.write(i, part)
                 bar.update(part.outcome.size)
 
-    def _parts(
-        self, store: MemoryStore | DiskStore, missing: list[int]
-    ) -> Iterator[tuple[int, Computed]]:
+    def _parts(self, store: Store, missing: list[int]) -> Iterator[tuple[int, Computed]]:
         """Chunks in the order in which they are done, a few under way at a time."""
         first, self.first = self.first, None
         if first is not None and math.prod(store.chunks.chunk) == 1:
@@ -272,9 +268,7 @@ class _Sweep:
                 f"at {_words(columns, k)}: {part.errors[k]}", _point(columns, k)
             ) from part.cause
 
-    def _agree(
-        self, store: MemoryStore | DiskStore, template: Template, columns: dict[str, Any]
-    ) -> None:
+    def _agree(self, store: Store, template: Template, columns: dict[str, Any]) -> None:
         """Make room for the first result; later ones must be like it."""
         if store.template is None:
             _check_names(template, self.grid)
