@@ -100,7 +100,7 @@ contains
     real(wp), intent(out), contiguous :: points(0:, :)
     logical, intent(out) :: made, doubtful
     real(wp), dimension(size(maps%condensed%by_input, 1)) :: linear, forces
-    integer :: j, n, n_rows, n_swings, r, s
+    integer :: at_poles, j, n, n_rows, n_swings, r, s
 
     s = table%s
     n = size(state%q)/mode_block
@@ -108,6 +108,9 @@ contains
     n_rows = (s + 1)*r
     n_swings = 0
     if (size(sections%frequencies) > 0) n_swings = 2
+    ! Without loads that swing nothing stands there.
+    at_poles = size(swing)
+    if (n_swings > 0) at_poles = n_rows + n_swings*n*mode_block
     doubtful = .false.
     associate (map => maps%condensed%step, z => equations%z, modal => maps%modal)
       associate (a => z(map%at_load + 1:map%at_load + n_rows))
@@ -153,7 +156,7 @@ contains
                       sections%pushed, part%forces, n_swings, swing(n_rows + 1:), &
                       state%q, state%v, state%q_rest, state%v_rest, state%furthest, made)
       if (made) call move_poles(modal%poles, sections%others, part%forces, &
-                                swing(n_rows + n_swings*n*mode_block + 1:), state%z, &
+                                swing(at_poles + 1:), state%z, &
                                 state%z_rest, made)
     end associate
     if (.not. made) then

@@ -17,7 +17,7 @@ KERNELS = (
 )
 START = "initial=0.1 0 0 0.2 0 0 -0.1 0.3"
 #: Dampers that couple the modes, memory, a base that moves; a mean load on a body that nothing
-#: holds; what was held; gyroscopic forces.
+#: holds; what was held; gyroscopic forces; dampers that couple the modes, without a load.
 MOTIONS = {
     "coupled": CHAIN.format(FIXED, "damping=0.1 0.01 0.02 0 base_direction=4*1")
     + KERNELS
@@ -36,6 +36,8 @@ MOTIONS = {
     "whirling": "&structure size=2 mass=1 1 stiffness=1 0.3 -0.3 1 damping=0.1 0.5 -0.5 0.1 /\n"
     "&element on='x1' law='d^3' /\n&load on='x2' amplitude=0.2 /\n"
     "&transient nu=0.9 t_end=10 initial=0.3 0 -0.2 0.1 /\n",
+    "free": CHAIN.format(FIXED, "damping=0.1 0.01 0.02 0")
+    + f"&element on='x4' law='0.5*d^3' /\n&transient t_end=6 {START} /\n",
 }
 
 
