@@ -388,7 +388,7 @@ PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "motion": (of_motion, 1200),
     "memory": (of_memory, 900),
     "scales": (of_scales, 600),
-    "bodies": (of_bodies, 600),
+    "body": (of_bodies, 600),
     "structures": (of_structures, 900),
     "rubber": (of_rubber, 600),
     "floors": (of_floors, 600),
