@@ -13,7 +13,7 @@ program viscovib_solve
   use viscovib_scene, only: read_scene, scene_type
   use viscovib_kinds, only: wp
   use viscovib_status, only: one_line, status_type
-  use viscovib_stopping, only: stop_wanted
+  use viscovib_stopping, only: cut_short, stop_wanted
   use viscovib_version, only: version
   implicit none
 
@@ -88,6 +88,7 @@ contains
     if (.not. command%quiet) then
       write (output_unit, '(a)') one_line(report%path//': '//told_stop(report)//report%summary)
     end if
+    if (cut_short()) report%complete = .false.
     if (.not. report%complete) status_of = 1
   end function status_of
 

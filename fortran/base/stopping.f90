@@ -5,13 +5,17 @@ module viscovib_stopping
   implicit none
   private
 
-  public :: stop_wanted, want_stop, set_unfinished, begin_piece, pieces_begun, is_set
+  public :: stop_wanted, want_stop, set_unfinished, begin_piece, pieces_begun, is_set, &
+    given_up, cut_short
 
   integer(c_int), bind(c, name='viscovib_stop'), volatile :: stop_flag
 
   !> Pieces of long work begun since the program started, which tells that it goes on; about, with
   !! several threads.
   integer(c_int), volatile :: pieces = 0
+
+  !> Whether something was left out since the program shall stop.
+  logical, volatile :: cut = .false.
 
   interface
     integer(c_int) function c_is_set(flag) bind(c, name='viscovib_is_set')
@@ -38,6 +42,22 @@ contains
     integer(c_int), intent(inout) :: flag
     is_set = c_is_set(flag) /= 0_c_int
   end function is_set
+
+  !> Whether a loop shall leave out what is left: the caller has cancelled, or the program shall
+  !! stop, which is noted.
+  logical function given_up(cancel)
+    integer(c_int), intent(inout), optional :: cancel
+    given_up = .false.
+    if (present(cancel)) given_up = is_set(cancel)
+    if (given_up .or. .not. stop_wanted()) return
+    cut = .true.
+    given_up = .true.
+  end function given_up
+
+  !> Whether a loop has left something out since the program shall stop.
+  logical function cut_short()
+    cut_short = cut
+  end function cut_short
 
   !> Called by a loop before each piece that takes long: a point of a curve, a value.
   subroutine begin_piece()

@@ -6,11 +6,11 @@ module viscovib_crossing_roots
   use viscovib_crossing_nodes, only: look_at, node_type, put_between, spectrum_type
   use viscovib_curve, only: curve_type
   use viscovib_kinds, only: wp
-  use viscovib_stopping, only: is_set
+  use viscovib_stopping, only: given_up
   implicit none
   private
 
-  public :: bracket, given_up
+  public :: bracket
 
   integer, parameter :: max_evaluations = 60, max_halvings = 12
   !> Wanted part of the distance between the two neighbours, and of a real part.
@@ -229,11 +229,5 @@ contains
     if (abs(aimag(exponent)) <= on_line) line_of = 0
     if (abs(pi - abs(aimag(exponent))) <= on_line) line_of = 1
   end function line_of
-
-  logical function given_up(cancel)
-    integer, intent(inout), optional :: cancel
-    given_up = .false.
-    if (present(cancel)) given_up = is_set(cancel)
-  end function given_up
 
 end module viscovib_crossing_roots

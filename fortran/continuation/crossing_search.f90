@@ -12,10 +12,11 @@ module viscovib_crossing_search
   use viscovib_constants, only: pi
   use viscovib_crossing_dips, only: find_dip, n_tests, tests_of
   use viscovib_crossing_nodes, only: look_at, node_type, spectrum_type
-  use viscovib_crossing_roots, only: bracket, given_up, on_line
+  use viscovib_crossing_roots, only: bracket, on_line
   use viscovib_curve, only: curve_type
   use viscovib_curve_events, only: special_points
   use viscovib_kinds, only: wp
+  use viscovib_stopping, only: given_up
   implicit none
   private
 

@@ -11,6 +11,7 @@ module viscovib_curve_corrector
   use viscovib_curve_point, only: angle_between, curve_metric, curve_point, metric, normalize
   use viscovib_dense, only: factorize_blocks, factorize_padded, largest_in_rows, solve_padded
   use viscovib_kinds, only: wp
+  use viscovib_stopping, only: given_up
   implicit none
   private
 
@@ -159,6 +160,7 @@ contains
     before = 0.0_wp
     rate = 0.0_wp
     do k = 1, max_iterations
+      if (.not. exact .and. given_up()) return
       if (fresh) then
         call curve%equations(next%x, next%p, c%r, c%matrix, c%slope_p, inside)
       else

@@ -14,7 +14,8 @@ module viscovib_curve_columns
   !> What the columns about stability are.
   character(len=*), parameter, public :: &
     stability_note = '; stable: 1, not: 0, unknown: -1; growing: multipliers outside the unit ' &
-                     //'circle, unknown: -1; multiplier: size of the largest'
+                     //'circle, unknown: -1; multiplier: size of the largest, nan: unknown or ' &
+                     //'too large for a number'
 
 contains
 

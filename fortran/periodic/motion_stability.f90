@@ -20,7 +20,7 @@ module viscovib_motion_stability
   use viscovib_orbit_multipliers, only: told_apart
   use viscovib_oscillator, only: oscillator_type
   use viscovib_product_eigenvalues, only: product_eigenvalues, product_type
-  use viscovib_stopping, only: is_set
+  use viscovib_stopping, only: given_up
   use viscovib_structure, only: structure_type
   implicit none
   private
@@ -48,7 +48,7 @@ module viscovib_motion_stability
     !! under half-wave symmetry; largest real part first. With memory those that grow are
     !! complete, or all NaN; of others some may lack, NaN behind the last. Shape (slots, n).
     complex(wp), allocatable :: exponents(:, :)
-    !> exp(2 pi lambda/nu).
+    !> exp(2 pi lambda/nu), NaN also where that is too large for a number.
     complex(wp), allocatable :: multipliers(:, :)
   end type stability_type
 
@@ -180,16 +180,12 @@ contains
     select type (system)
     class is (structure_type)
       do i = 1, size(nu)
-        if (present(cancel)) then
-          if (is_set(cancel)) return
-        end if
+        if (given_up(cancel)) return
         if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0) cycle
         associate (exponents => stability%exponents(:, i))
           call self%condensed%judge(system, nu(i), x(:, :, i), exponents, stability%n_growing(i), &
                                     stability%slowest(i))
-          where (.not. ieee_is_nan(real(exponents)))
-            stability%multipliers(:, i) = exp(2.0_wp*pi/nu(i)*exponents)
-          end where
+          stability%multipliers(:, i) = multiplier(nu(i), exponents)
         end associate
       end do
     end select
@@ -207,9 +203,7 @@ contains
     logical :: found
 
     do i = 1, size(nu)
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (given_up(cancel)) return
       if (ieee_is_nan(x(1, 1, i))) cycle
       call kinked_multipliers(system, self%set, nu(i), x(:, :, i), roots, found)
       if (.not. found) cycle
@@ -222,6 +216,16 @@ contains
       stability%slowest(i) = .true.
     end do
   end subroutine by_pieces
+
+  !> exp(2 pi/nu lambda); NaN if it leaves the range of numbers, and if lambda (1/s) is not known.
+  elemental complex(wp) function multiplier(nu, exponent)
+    real(wp), intent(in) :: nu
+    complex(wp), intent(in) :: exponent
+    multiplier = not_a_number()
+    if (ieee_is_nan(real(exponent))) return
+    if (real(exponent) > largest_log*nu/(2.0_wp*pi)) return
+    multiplier = exp(2.0_wp*pi/nu*exponent)
+  end function multiplier
 
   !> Eigenvalues of monodromy matrices, of half a period under half-wave symmetry.
   subroutine by_floquet(self, system, nu, x, stability, cancel)
@@ -242,9 +246,7 @@ contains
       associate (these => known(first:first + n - 1))
         call self%floquet%monodromies(system, nu(these), x(:, :, these), matrices(:, :, :n), cancel)
       end associate
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (given_up(cancel)) return
       do k = 1, n
         i = known(first + k - 1)
         found = .not. ieee_is_nan(matrices(1, 1, k))
@@ -309,9 +311,7 @@ contains
     period = -1.0_wp
     if (present(beside)) near = beside
     do i = 1, size(nu)
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (given_up(cancel)) return
       if (ieee_is_nan(x(1, 1, i))) cycle
       ! Those at i d/2 stay there.
       where (abs(aimag(near) - 0.5_wp*period) <= 0.0_wp)
@@ -328,9 +328,7 @@ contains
           exponents = not_a_number()
           stability%slowest(i) = .false.
         end if
-        where (.not. ieee_is_nan(real(exponents)))
-          stability%multipliers(:, i) = exp(2.0_wp*pi/nu(i)*exponents)
-        end where
+        stability%multipliers(:, i) = multiplier(nu(i), exponents)
       end associate
     end do
   end subroutine by_hill

@@ -3,7 +3,7 @@
 module viscovib_scene_groups
   use viscovib_namelist, only: namelist_type
   use viscovib_near_words, only: closest
-  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_status, only: clipped, fail, set_ok, show, status_input_error, status_type
   implicit none
   private
 
@@ -74,7 +74,7 @@ contains
     name = file%groups(i)%name
     if (.not. (any(oscillator_groups == name) .or. any(other_groups == name) &
                .or. any(results%name == name))) then
-      call refuse_at(file, i, 'unknown group &'//name//likely_group(name), status)
+      call refuse_at(file, i, 'unknown group &'//clipped(name)//likely_group(name), status)
       return
     end if
     if (.not. any(repeatable == name) .and. place_of(file, name) < i) then

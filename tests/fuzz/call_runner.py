@@ -90,7 +90,11 @@ def call(text: str, files: Mapping[str, str] | None = None) -> dict[str, Any]:
         if not issubclass(warning.category, _TOLD) and _inside(warning.filename):
             where = f"{Path(warning.filename).name}:{warning.lineno}"
             return _ending("message", f"{warning.category.__name__} {where}: {warning.message}")
-    fault = not_finite(last, value, space.get("this"))
+    try:
+        fault = not_finite(last, value, space.get("this"))
+    except Exception as error:
+        # What a result computes when it is asked for.
+        return _ending(*_of_python(error, ""))
     if fault:
         return _ending("not finite", fault)
     return _ending("done with warnings" if told else "done", type(value).__name__)
@@ -109,7 +113,9 @@ def _of_python(error: Exception, last: str) -> tuple[str, str]:
     if not [name for name in names if name != "errors.py"]:
         # Raised while the arguments were made, or by Python for a call that fits no signature.
         return "refused with a line", f"{type(error).__name__}: {error}"
-    if "lambda" in last and frames[-1].filename == "<call>":
+    of_caller = "lambda" in last and frames[-1].filename == "<call>"
+    # One that is written in C has no frame of its own.
+    if of_caller or (isinstance(error, TypeError) and last.find("function=int") >= 0):
         # A function of the caller's raised, and what it raised came back.
         return "refused with a line", f"{type(error).__name__}: {error}"
     place = f"{Path(inside[-1].filename).name}:{inside[-1].lineno} {inside[-1].name}"

@@ -14,6 +14,7 @@ import argparse
 import importlib
 import json
 import random
+import signal
 import sys
 import time
 from collections import Counter
@@ -24,6 +25,8 @@ from verdicts import BAD, GOOD
 
 #: Modules with parts.
 MODULES = ("scenes", "api", "checkpoints")
+#: Seconds between two tables of a run that goes on.
+_PAUSE = 30.0
 
 
 def main() -> int:
@@ -39,6 +42,10 @@ def main() -> int:
     started = time.monotonic()
     used = dict.fromkeys(tables, 0.0)
     left = list(chosen)
+    written = started
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # In the background of a shell, Ctrl-C would be ignored.
+        signal.signal(number, signal.default_int_handler)
     while left and time.monotonic() < until:
         # Each has the same share of the time, whatever its cases take.
         part = min(left, key=lambda one: used[one.name])
@@ -50,14 +57,22 @@ def main() -> int:
             break
         used[part.name] += time.monotonic() - began
         counts[case.ending.verdict] += 1
+        if time.monotonic() - written > _PAUSE:
+            # What a run of hours has found is kept, whatever ends it.
+            _write(out, tables)
+            written = time.monotonic()
         if not case.ending.good:
             print(f"{case.seed}: {case.ending.verdict}: {case.write(out / 'findings')}")
             print(f"  {case.ending.detail[:300]}", flush=True)
         if options.cases and sum(counts.values()) >= options.cases:
             left.remove(part)
     print(table(tables, time.monotonic() - started))
-    (out / "table.json").write_text(json.dumps(tables, indent=1))
+    _write(out, tables)
     return int(any(n for counts in tables.values() for v, n in counts.items() if v in BAD))
+
+
+def _write(out: Path, tables: dict[str, Counter[str]]) -> None:
+    (out / "table.json").write_text(json.dumps(tables, indent=1))
 
 
 def _case(part: Any, seed: str, number: int) -> Any:

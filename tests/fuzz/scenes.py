@@ -127,8 +127,9 @@ def _tables(out: Path) -> Ending | None:
     return None
 
 
-#: Columns that may be unknown (NaN) beside a motion that was found, and which says so.
-_UNKNOWN = {"multiplier": ("growing", "-1")}
+#: Columns that may be NaN beside a motion that was found, and by what another says so: nothing is
+#: known of its stability, or what grows is too large for a number.
+_UNKNOWN = {"multiplier": ("stable", ("-1", "0"))}
 
 
 def not_finite(path: Path) -> str:
@@ -151,8 +152,8 @@ def not_finite(path: Path) -> str:
         if not went_well:
             continue
         for name, text in found.items():
-            other, unknown = _UNKNOWN.get(name, ("", ""))
-            if other and found.get(other) == unknown:
+            other, unknown = _UNKNOWN.get(name, ("", ()))
+            if found.get(other) in unknown and not math.isinf(float(text)):
                 continue
             if _is_number(text) and not math.isfinite(float(text)):
                 return f"row {i}: {name} = {text}"

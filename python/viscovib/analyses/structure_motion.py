@@ -32,6 +32,7 @@ from viscovib.systems.structure_loads import (
     table_columns,
     warn_of_creeping,
 )
+from viscovib.systems.structure_rest import in_modes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -250,7 +251,8 @@ class StructureMotion:
             "waves": rest.shapes.T @ forces,
             "base_waves": self.loaded.base if self.frequencies.size else np.zeros(1, complex),
             "shown": shown, "direction": direction, "inner": rest.shapes.T @ inertia,
-            "start": rest.shapes.T @ (mass @ start), "start_rates": rest.shapes.T @ (mass @ rates),
+            "start": in_modes(rest.shapes, mass, start),
+            "start_rates": in_modes(rest.shapes, mass, rates),
         }  # fmt: skip
         if not rest.squares.size:
             # One that does not move.

@@ -630,9 +630,15 @@ class Body(PolynomialSystem):
         if given.shape != frequencies.shape or (given < 0).any():
             raise InputError(f"density: must have shape {frequencies.shape}, none negative")
         answer = self.base_transmissibility(2 * math.pi * frequencies, axis, point)
-        densities = np.abs(answer) ** 2 * given[:, np.newaxis]
-        mean = (densities[1:] + densities[:-1]) / 2 * np.diff(frequencies)[:, np.newaxis]
-        return densities, np.sqrt(mean.sum(axis=0))
+        with np.errstate(over="ignore"):
+            densities = np.abs(answer) ** 2 * given[:, np.newaxis]
+            mean = (densities[1:] + densities[:-1]) / 2 * np.diff(frequencies)[:, np.newaxis]
+            total = mean.sum(axis=0)
+        if not np.isfinite(total).all():
+            raise InputError(
+                f"density = {given.max():g}: the mean square is no finite number, must be smaller"
+            )
+        return densities, np.sqrt(total)
 
     def engine_orders(
         self, speeds: npt.ArrayLike, orders: npt.ArrayLike, loads: npt.ArrayLike

@@ -49,9 +49,10 @@ def checked_gravity(value: Any) -> FloatArray | None:
     """An acceleration, shape (3,): a number points along -z."""
     if value is None:
         return None
-    if np.ndim(value) == 0:
-        return np.array([0.0, 0.0, -_native.number("gravity", value)])
-    return checked_vector("gravity", value)
+    given = _native.real_array("gravity", value)
+    if given.ndim == 0:
+        return np.array([0.0, 0.0, -float(given)])
+    return checked_vector("gravity", given)
 
 
 def checked_vector(name: str, value: npt.ArrayLike) -> FloatArray:
@@ -75,10 +76,13 @@ def checked_axis(name: str, value: str | npt.ArrayLike) -> FloatArray:
     if isinstance(value, str):
         return np.asarray(np.eye(3)["xyz".index(_native.choice(name, value, ("x", "y", "z")))])
     vector = checked_vector(name, value)
-    length = float(np.linalg.norm(vector))
-    if not length > 0:
+    largest = float(np.abs(vector).max())
+    if not largest > 0:
         raise InputError(f"{name} = 0 0 0: must have a direction")
-    return np.asarray(vector / length)
+    # Squares of what is very large or small leave the range of numbers.
+    if not 1e-100 < largest < 1e100:
+        vector = vector / largest
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def checked_direction(value: str | npt.ArrayLike, n: int) -> FloatArray:

@@ -145,7 +145,9 @@ class MountPoint:
         self._set("rotation", self._rotation())
         stiffness = self._vector("stiffness", self.stiffness, positive=True)
         damping = _native.real_array("damping", self.damping)
-        self._set("damping", self._vector("damping", damping * np.ones(3), positive=True))
+        if damping.ndim == 0:
+            damping = np.full(3, float(damping))
+        self._set("damping", self._vector("damping", damping, positive=True))
         turning = self._vector("rotational_stiffness", self.rotational_stiffness, positive=True)
         self._set("rotational_stiffness", turning)
         self._set("kernels", self._each("kernel", self.kernel, Kernel))

@@ -19,7 +19,7 @@ def codes_of(stable: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
 #: What the columns about stability are.
 STABILITY_NOTE = (
     "; stable: 1, not: 0, unknown: -1; growing: multipliers outside the unit circle, unknown: -1; "
-    "multiplier: size of the largest"
+    "multiplier: size of the largest, nan: unknown or too large for a number"
 )
 
 

@@ -67,7 +67,7 @@ def jenkins_stiffness(amplitude: npt.ArrayLike, *, stiffness: float, slip: float
 
 
 def _jenkins(x: FloatArray, k: float, s: float) -> ComplexArray:
-    angle = np.arccos(1 - 2 * np.minimum(s, x) / x)
+    angle = np.arccos(1 - 2 * (np.minimum(s, x) / x))
     parts = angle - np.sin(2 * angle) / 2 + 1j * np.sin(angle) ** 2
     return np.asarray(k / math.pi * parts)
 

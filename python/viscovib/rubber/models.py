@@ -156,10 +156,9 @@ class Model:
     def back(self, name: str, value: float) -> float:
         """A parameter from where `turned` takes it."""
         with np.errstate(over="ignore"):
-            power = float(np.exp(value))
-        if name.startswith("alpha"):
-            return float(LEAST_ALPHA + (1 - LEAST_ALPHA) / (1 + np.exp(-value)))
-        return power
+            if name.startswith("alpha"):
+                return float(LEAST_ALPHA + (1 - LEAST_ALPHA) / (1 + np.exp(-value)))
+            return float(np.exp(value))
 
     def turned_slopes(self, theta: FloatArray) -> FloatArray:
         """Derivatives of `turned` by the unknowns, shape (size, size), by central differences."""

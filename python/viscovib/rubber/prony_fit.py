@@ -179,11 +179,11 @@ def fit_prony(
             "kind = 'prony': creep has no linear fit, must be rabotnov or another kind"
         )
     low, high = -measured.log_rates.max(), -measured.log_rates.min()
-    if terms == "auto":
+    if isinstance(terms, str) and terms == "auto":
         grids = [grid_of_times(math.exp(low), math.exp(high), density) for density in _DENSITIES]
     else:
         grids = [np.geomspace(math.exp(low), math.exp(high), _TERMS.check(terms))]
-    chosen = _SMOOTH.check(0.0 if smooth == "L-curve" else smooth)
+    chosen = _SMOOTH.check(0.0 if isinstance(smooth, str) and smooth == "L-curve" else smooth)
     # A criterion takes what is left for noise; where it is not, the closest fit is asked for.
     densest = _weighed(measured, grids[-1], chosen, given, weights)
     if densest[1] == "data" and weights == "model":

@@ -310,7 +310,7 @@ class LoadedStructure:
         if not nu.size:
             return np.empty((0, len(places), orders.size), dtype=complex)
         c, rest = self.condensation, self.condensation.rest
-        u = np.empty((nu.size, len(places), orders.size), dtype=complex)
+        u = np.full((nu.size, len(places), orders.size), np.nan, dtype=complex)
         shapes, left = rest.shapes[places].T, rest.left[places].T
         flexible, flexible_rate = c.flexible[places], c.flexible_rate[places]
         size = max(1, _AT_ONCE // max(rest.squares.size + rest.poles.size, 1))
@@ -320,7 +320,9 @@ class LoadedStructure:
                 u[:, :, k] = self._at_rest(y[:, :, k], j, places, factors)
             else:
                 for first in range(0, nu.size, size):
-                    part = slice(first, first + size)
+                    # Motions that were not found have none; their frequency may be any.
+                    part = np.flatnonzero(np.isfinite(y[first : first + size, :, k]).all(axis=1))
+                    part += first
                     s = 1j * order * nu[part]
                     modes, poles, g = self._forced(s, y[part, :, k], j, factors[part])
                     u[part, :, k] = modes @ shapes + poles @ left

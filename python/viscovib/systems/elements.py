@@ -120,7 +120,11 @@ class Coupling:
     kernel: Kernel | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.on, Mapping) or not self.on:
+        if (
+            not isinstance(self.on, Mapping)
+            or not self.on
+            or not all(isinstance(name, str) for name in self.on)
+        ):
             raise InputError(
                 f"on = {_native.shown(self.on)}: must be a mapping of names to directions, such as "
                 "{'a': 'x3'}"

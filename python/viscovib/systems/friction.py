@@ -66,6 +66,11 @@ class Hysteresis:
             raise InputError(f"d: must have shape (..., n), n > 1, got {samples.shape}")
         rows = np.asfortranarray(samples.reshape(-1, samples.shape[-1]).T)
         force, lost = core.hysteresis_loops(self._state, np.array(self._numbers), rows)
+        if not (_native.all_finite(force) and _native.all_finite(lost)):
+            raise InputError(
+                f"d = {np.abs(samples).max():g}: force or energy is no finite number, must be "
+                "smaller"
+            )
         return (
             np.asarray(np.reshape(force.T, samples.shape)),
             np.asarray(np.reshape(lost, samples.shape[:-1])),

@@ -246,3 +246,14 @@ def _inverse(matrix: FloatArray) -> FloatArray:
             "elements: the coordinates they act on see too few modes of the structure to be "
             "independent (more elements than modes?)"
         ) from None
+
+
+def in_modes(shapes: FloatArray, mass: Any, start: FloatArray) -> FloatArray:
+    """Phi^T M u: coordinates of modes of unit modal mass."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = np.asarray(shapes.T @ (mass @ start))
+    if not np.isfinite(found).all():
+        raise InputError(
+            f"initial = {np.abs(start).max():g}: no finite number in modes, must be smaller"
+        )
+    return found
