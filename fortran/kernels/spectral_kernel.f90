@@ -150,6 +150,11 @@ contains
         best_mass = total
       end if
     end do
+    if (best == most_fast) then
+      ! No sum does: masses leave the range of numbers.
+      allocate (weights(0), rates(0))
+      return
+    end if
     call nodes_of_recurrence(n_slow, best_diagonal(:n_slow), best_beside(:n_slow), &
                              here(:n_slow), mass(:n_slow))
     allocate (weights(n_slow + n_fast), rates(n_slow + n_fast))
@@ -259,7 +264,10 @@ contains
     rates = exp(place - place(1))
     masses = held
     fall = self%tail_power*h
-    if (.not. self%self_similar) fall = log(masses(n - 1)/masses(n))
+    if (.not. self%self_similar) then
+      ! The smallest masses there are have no ratio.
+      if (masses(n) > tiny(fall)) fall = log(masses(n - 1)/masses(n))
+    end if
     masses(n) = masses(n)/shrinking(fall)
     rates(n) = rates(n)*shrinking(fall)/shrinking(fall + h)
   end subroutine tail_of

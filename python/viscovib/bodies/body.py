@@ -455,7 +455,9 @@ class Body(PolynomialSystem):
             m e (kg m).
         """
         speed = _native.number("nu", nu)
-        size = _native.number("mass_eccentricity", mass_eccentricity) * speed**2
+        size = _native.number("mass_eccentricity", mass_eccentricity) * speed * speed
+        if not math.isfinite(size):
+            raise InputError(f"nu = {speed:g}: the force is no finite number, must be smaller")
         along = checked_axis("axis", axis)
         # Some vector across, then the third of the right-handed three.
         second = np.roll(np.eye(3)[np.abs(along).argmax()], 1)

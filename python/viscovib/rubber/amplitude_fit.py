@@ -337,10 +337,11 @@ def fit_progressive(
             "all the way: take another degree"
         )
     scaled = {p: float(c / size**p) for c, p in zip(found, powers, strict=True)}
-    left = rows @ found - f
+    largest = max(float(np.abs(f).max()), 1e-300)
+    left = (rows @ found - f) / largest
     return ProgressiveLaw(
         stiffness=scaled[1],
         law=" + ".join(f"k{p}*d^{p}" for p in powers[1:]) or "0*d",
         parameters={f"k{p}": scaled[p] for p in powers[1:]},
-        residual=float(np.sqrt(np.mean(left**2)) / max(np.abs(f).max(), 1e-300)),
+        residual=float(np.sqrt(np.mean(left**2))),
     )

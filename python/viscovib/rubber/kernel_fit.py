@@ -30,8 +30,8 @@ _NOISE = 0.15
 _PASSES, _SETTLED = 12, 1e-10
 #: An instantaneous modulus so far beyond the largest one measured is told.
 _BEYOND = 1.6
-_ALLOW, _SHARE = Flag("allow_creep"), Number("storage_weight", lowest=0)
-_LOSS_SHARE, _MODULUS = Number("loss_weight", lowest=0), Number("modulus", above=0)
+_ALLOW, _SHARE = Flag("allow_creep"), Number("storage_weight", lowest=0, highest=1e100)
+_LOSS_SHARE, _MODULUS = Number("loss_weight", lowest=0, highest=1e100), Number("modulus", above=0)
 
 
 def fit_kernel(
