@@ -2,8 +2,10 @@
 module viscovib_c_analyses
   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_int, &
     c_loc, c_null_char, c_null_ptr, c_ptr
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_amplitude_spectrum, only: amplitude_spectrum
-  use viscovib_c_systems, only: c_system, numbers_text, read_call, system_of, text_of, told
+  use viscovib_c_systems, only: c_system, numbers_text, read_call, room_of, &
+    system_of, text_of, told
   use viscovib_job, only: job_report
   use viscovib_kept_result, only: kept_result, new_text
   use viscovib_kinds, only: wp
@@ -19,6 +21,8 @@ module viscovib_c_analyses
   character(len=*), parameter :: nl = new_line('a')
   !> As in include/viscovib.h.
   integer(c_int), parameter :: this_interface = 1
+  !> A list of a scene is no longer, and no record.
+  integer, parameter :: max_values = 1000000, max_signal = 2**28
   character(kind=c_char, len=*), parameter :: version_text = version//c_null_char
   character(kind=c_char, len=len(version_text)), target :: kept_version = version_text
 
@@ -60,31 +64,38 @@ contains
   end subroutine compute
 
   !> As `compute`, of a system and one more group.
-  integer(c_int) function computed(system_handle, group, handle)
-    type(c_ptr), intent(in) :: system_handle
+  integer(c_int) function computed(system_handle, group, room)
+    type(c_ptr), intent(in) :: system_handle, room
     character(len=*), intent(in) :: group
-    type(c_ptr), intent(out) :: handle
+    type(c_ptr), pointer :: handle
     type(c_system), pointer :: system
     type(status_type) :: status
 
-    handle = c_null_ptr
-    call system_of(system_handle, system, status)
+    call room_of(room, handle, status)
+    if (.not. status%failed()) call system_of(system_handle, system, status)
     if (.not. status%failed()) call compute(system%text//group//' /'//nl, handle, status)
     computed = told(status)
   end function computed
 
   integer(c_int) function response(system, method, n, nu, keys, result) &
     bind(c, name='viscovib_response')
-    type(c_ptr), value :: system, method, nu, keys
+    type(c_ptr), value :: system, method, nu, keys, result
     integer(c_int), value :: n
-    type(c_ptr), intent(out) :: result
+    type(c_ptr), pointer :: handle
     real(c_double), pointer :: values(:)
     type(status_type) :: status
 
-    result = c_null_ptr
-    if (n < 1 .or. .not. c_associated(nu)) then
-      call fail(status, status_input_error, 'nu', 'nu: must be one or more frequencies, n = ' &
-                //show(int(n)))
+    call room_of(result, handle, status)
+    if (.not. status%failed()) then
+      if (n < 1 .or. .not. c_associated(nu)) then
+        call fail(status, status_input_error, 'nu', 'nu: must be one or more frequencies, n = ' &
+                  //show(int(n)))
+      else if (n > max_values) then
+        call fail(status, status_input_error, 'n', 'n = '//show(int(n))//': must be at most ' &
+                  //show(max_values)//' frequencies')
+      end if
+    end if
+    if (status%failed()) then
       response = told(status)
       return
     end if
@@ -95,31 +106,35 @@ contains
 
   integer(c_int) function branch(system, nu_from, nu_to, keys, result) &
     bind(c, name='viscovib_branch')
-    type(c_ptr), value :: system, keys
+    type(c_ptr), value :: system, keys, result
     real(c_double), value :: nu_from, nu_to
-    type(c_ptr), intent(out) :: result
     branch = computed(system, '&branch'//numbers_text('nu_from', [nu_from]) &
                       //numbers_text('nu_to', [nu_to])//' '//text_of(keys), result)
   end function branch
 
   integer(c_int) function motion(system, nu, t_end, initial, keys, result) &
     bind(c, name='viscovib_motion')
-    type(c_ptr), value :: system, initial, keys
+    type(c_ptr), value :: system, initial, keys, result
     real(c_double), value :: nu, t_end
-    type(c_ptr), intent(out) :: result
+    type(c_ptr), pointer :: handle
     type(c_system), pointer :: moved
     type(status_type) :: status
     real(c_double), pointer :: values(:)
     character(len=:), allocatable :: group
 
-    result = c_null_ptr
-    call system_of(system, moved, status)
+    call room_of(result, handle, status)
+    if (.not. status%failed()) call system_of(system, moved, status)
     if (status%failed()) then
       motion = told(status)
       return
     end if
     group = '&transient'//numbers_text('t_end', [t_end])
-    if (abs(nu) > 0.0_wp) group = group//numbers_text('nu', [nu])
+    ! What is not a number is refused as any other.
+    if (.not. ieee_is_finite(nu)) then
+      group = group//numbers_text('nu', [nu])
+    else if (abs(nu) > 0.0_wp) then
+      group = group//numbers_text('nu', [nu])
+    end if
     if (c_associated(initial)) then
       call c_f_pointer(initial, values, [2*moved%n_coordinates])
       group = group//numbers_text('initial', values)
@@ -128,16 +143,16 @@ contains
   end function motion
 
   integer(c_int) function analyse(system, group, keys, result) bind(c, name='viscovib_analyse')
-    type(c_ptr), value :: system, group, keys
-    type(c_ptr), intent(out) :: result
+    type(c_ptr), value :: system, group, keys, result
     analyse = computed(system, '&'//text_of(group)//' '//text_of(keys), result)
   end function analyse
 
   integer(c_int) function run_text(scene, result) bind(c, name='viscovib_run')
-    type(c_ptr), value :: scene
-    type(c_ptr), intent(out) :: result
+    type(c_ptr), value :: scene, result
+    type(c_ptr), pointer :: handle
     type(status_type) :: status
-    call compute(text_of(scene)//nl, result, status)
+    call room_of(result, handle, status)
+    if (.not. status%failed()) call compute(text_of(scene)//nl, handle, status)
     run_text = told(status)
   end function run_text
 
@@ -149,8 +164,9 @@ contains
     complex(wp), allocatable :: amplitudes(:)
     type(status_type) :: status
 
-    if (n < 1) then
-      call fail(status, status_input_error, 'n', 'n = '//show(int(n))//': must be 1 or more values')
+    if (n < 1 .or. n > max_signal) then
+      call fail(status, status_input_error, 'n', 'n = '//show(int(n))//': must be 1 to ' &
+                //show(max_signal)//' values')
     else if (window < 1 .or. window > size(window_names)) then
       call fail(status, status_input_error, 'window', 'window = '//show(int(window)) &
                 //': must be 1 to '//show(size(window_names)))
@@ -159,6 +175,11 @@ contains
       call fail(status, status_input_error, 'signal', 'signal, real, imaginary: must not be NULL')
     else
       call c_f_pointer(signal, values, [n])
+      if (.not. all(ieee_is_finite(values))) then
+        call fail(status, status_input_error, 'signal', 'signal: must be finite numbers')
+        spectrum = told(status)
+        return
+      end if
       call c_f_pointer(real_part, x, [n/2 + 1])
       call c_f_pointer(imaginary_part, y, [n/2 + 1])
       allocate (amplitudes(n/2 + 1))

@@ -14,7 +14,7 @@ module viscovib_c_systems
   implicit none
   private
 
-  public :: c_system, told, text_of, numbers_text, read_call, system_of
+  public :: c_system, told, text_of, numbers_text, read_call, room_of, system_of
 
   character(len=*), parameter :: nl = new_line('a')
   !> What messages of calls begin with, which is taken off, since no file is read.
@@ -112,6 +112,23 @@ contains
     end if
   end subroutine system_of
 
+  !> Where a call puts the handle that it makes, nothing yet; a failure if the caller has no room.
+  subroutine room_of(room, handle, status)
+    type(c_ptr), intent(in) :: room
+    type(c_ptr), pointer, intent(out) :: handle
+    type(status_type), intent(out) :: status
+
+    call set_ok(status)
+    nullify (handle)
+    if (c_associated(room)) then
+      call c_f_pointer(room, handle)
+      handle = c_null_ptr
+    else
+      call fail(status, status_input_error, 'handle', 'the room for the handle: is NULL, must be' &
+                //' the address of one')
+    end if
+  end subroutine room_of
+
   !> Read groups as a scene. Files that they name may be anywhere: a program asks for them.
   subroutine read_call(groups, scene, status)
     character(len=*), intent(in) :: groups
@@ -133,7 +150,7 @@ contains
     if (.not. status%failed()) n = size(scene%subject%coordinates)
   end subroutine check_system
 
-  !> Make a handle of groups that were checked.
+  !> Make a handle of groups, if they are a system.
   subroutine make_handle(groups, handle, status)
     character(len=*), intent(in) :: groups
     type(c_ptr), intent(out) :: handle
@@ -150,16 +167,20 @@ contains
     handle = c_loc(system)
   end subroutine make_handle
 
-  integer(c_int) function system_new(n, mass, damping, stiffness, handle) &
+  integer(c_int) function system_new(n, mass, damping, stiffness, room) &
     bind(c, name='viscovib_system_new')
     integer(c_int), value :: n
-    type(c_ptr), value :: mass, damping, stiffness
-    type(c_ptr), intent(out) :: handle
+    type(c_ptr), value :: mass, damping, stiffness, room
+    type(c_ptr), pointer :: handle
     type(status_type) :: status
     character(len=:), allocatable :: text
     integer :: i
 
-    handle = c_null_ptr
+    call room_of(room, handle, status)
+    if (status%failed()) then
+      system_new = told(status)
+      return
+    end if
     if (n < 1 .or. n > max_coordinates) then
       call fail(status, status_input_error, 'n', 'n = '//show(int(n))//': must be 1 to ' &
                 //show(max_coordinates)//' coordinates')
@@ -190,12 +211,13 @@ contains
     text = numbers_text(name, values)
   end function matrix_text
 
-  integer(c_int) function system_read(groups, handle) bind(c, name='viscovib_system_read')
-    type(c_ptr), value :: groups
-    type(c_ptr), intent(out) :: handle
+  integer(c_int) function system_read(groups, room) bind(c, name='viscovib_system_read')
+    type(c_ptr), value :: groups, room
+    type(c_ptr), pointer :: handle
     type(status_type) :: status
 
-    call make_handle(text_of(groups)//nl, handle, status)
+    call room_of(room, handle, status)
+    if (.not. status%failed()) call make_handle(text_of(groups)//nl, handle, status)
     system_read = told(status)
   end function system_read
 

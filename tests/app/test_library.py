@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -300,6 +301,17 @@ def test_mistakes_are_told_and_change_nothing(library):
         table(library, handle_of(library, library.viscovib_analyse, system, b"modes", None))["mode"]
         is not None
     )
+
+
+def test_misuse_never_crashes(prefix):
+    """Null pointers, counts of no size, what is no number, texts that are none."""
+    program = Path(__file__).with_name("library_misuse.py")
+    shared = prefix["lib"] / "libviscovib.so"
+    done = subprocess.run(
+        [sys.executable, program, shared], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert int(done.stdout) > 2000
 
 
 @pytest.mark.parametrize("point", [",", "\u066b", "."])

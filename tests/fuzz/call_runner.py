@@ -1,8 +1,10 @@
 """What a worker does: runs calls, judges how they ended and what they gave."""
 
+import contextlib
 import dataclasses
 import gc
 import hashlib
+import importlib
 import math
 import traceback
 import warnings
@@ -19,6 +21,11 @@ import viscovib as vv
 import xarray as xr
 from calls import FILES, SOUND, public
 from damage import checkpoint
+
+# Modules whose import Ctrl-C cuts short stay as they are, half made, for all calls that follow.
+for _late in ("dask.array", "matplotlib.pyplot"):
+    with contextlib.suppress(ImportError):
+        importlib.import_module(_late)
 
 _PACKAGE = str(Path(vv.__file__).parent)
 #: Warnings that users are told of; others are noise from inside.

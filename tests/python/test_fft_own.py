@@ -118,7 +118,7 @@ def test_boxes(own, shape):
 
 
 def test_sizes_of_numbers(own):
-    """Small and large signals keep their relative accuracy; what is not a number spoils its line."""
+    """Small and large signals keep their relative accuracy; NaN spoils all of its line."""
     u = np.random.default_rng(2).standard_normal(134)
     for size in (1e-290, 1e290):
         assert away(forward(own, size * u) / size, np.fft.rfft(u)) < 4 * BOUND

@@ -1,5 +1,6 @@
 """Ctrl-C in native calls that would take minutes, or whose work must go on apart."""
 
+import contextlib
 import signal
 import threading
 import time
@@ -100,3 +101,92 @@ def test_parts_are_the_whole(monkeypatch):
     for one, other in zip(whole, found(), strict=True):
         assert one.shape == other.shape
         assert (one == other).all()
+
+
+DOUBLE_WELL = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3", names=("x",))
+TURNING = vv.Body(
+    mass=10, inertia=[0.2, 0.2, 0.3], geometry="exact",
+    mounts=[
+        vv.MountPoint(name="f", position=[0.1, 0.1, -0.1], stiffness=[1e5, 1e5, 2e5],
+                      damping=[1, 1, 1], law="1e10*d^3", rotational_stiffness=[1e3] * 3)
+    ],
+)  # fmt: skip
+CHAIN = {
+    "mass": [1] * 6, "stiffness": 2 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1),
+    "rayleigh": (0.01, 0.01),
+}  # fmt: skip
+SOFT = vv.Structure(**CHAIN, elements=[vv.Spring(on="x3", law="0.1*tanh(3*d)")])
+STICKING = vv.Structure(**CHAIN, elements=[vv.Jenkins(on="x3", stiffness=2, limit=0.1)])
+LOAD = {"x1": 0.3}
+#: Each way of analysis with the systems that came last, as short as may be.
+SHORT = {
+    "basins": lambda: vv.basins(
+        DOUBLE_WELL, {"x": [0.5, -0.5], "x_dot": [0.1, 0.2]}, t_end=5, dt=0.1
+    ),
+    "Lyapunov": lambda: vv.simulate_ensemble(
+        DOUBLE_WELL, t_end=5, dt=0.1, initial=np.ones((3, 2)), lyapunov="all"
+    ),
+    "turning branch": lambda: vv.trace_response(
+        TURNING, (1, 3), load=10 * TURNING.load([0, 0, 1]), harmonics=3
+    ),
+    "turning response": lambda: vv.forced_response(
+        TURNING, [1, 2], load=10 * TURNING.load([0, 0, 1]), method="newton", harmonics=3,
+        stability=True,
+    ),
+    "structure branch": lambda: vv.trace_response(SOFT, (0.05, 0.2), load=LOAD, harmonics=3),
+    "structure response": lambda: vv.forced_response(
+        SOFT, [0.1, 0.2], load=LOAD, method="newton", harmonics=3, stability=True
+    ),
+    "structure backbone": lambda: vv.backbone(
+        SOFT, mode=0, amplitude_range=(1e-3, 0.1), harmonics=3
+    ),
+    "friction branch": lambda: vv.trace_response(STICKING, (0.05, 0.2), load=LOAD, harmonics=3),
+}  # fmt: skip
+#: Plans and readers, which take microseconds.
+QUICK = {"branch_plan", "law_compile", "mount_plan", "oscillator_backbone_plan"}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", SHORT)
+def test_what_may_take_long_is_called_apart(monkeypatch, name):
+    """Only plans are made in the thread that hears Ctrl-C."""
+    here, apart = set(), set()
+
+    def watched(routine, function):
+        def called(*arguments):
+            alone = threading.current_thread() is threading.main_thread()
+            (here if alone else apart).add(routine)
+            return function(*arguments)
+
+        return called
+
+    for routine in dir(_native.core):
+        if not routine.startswith("_"):
+            found = watched(routine, getattr(_native.core, routine))
+            monkeypatch.setattr(_native.core, routine, found)
+    SHORT[name]()
+    assert apart
+    assert here <= QUICK
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", [name for name in SHORT if "branch" in name])
+def test_what_is_cancelled_begins_no_piece(monkeypatch, name):
+    """Native loops look at the flag that Ctrl-C sets before each of their pieces."""
+    SHORT[name]()
+    pieces = []
+    apart = _native.apart
+
+    def cancelled(work, cancel=None):
+        before = _native.core.pieces_of_work()
+        if cancel is not None:
+            cancel[0] = 1
+        try:
+            return apart(work, cancel)
+        finally:
+            pieces.append(_native.core.pieces_of_work() - before)
+
+    monkeypatch.setattr(_native, "apart", cancelled)
+    with contextlib.suppress(vv.InputError):
+        SHORT[name]()
+    assert pieces == [0]

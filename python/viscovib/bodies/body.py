@@ -637,9 +637,7 @@ class Body(PolynomialSystem):
             mean = (densities[1:] + densities[:-1]) / 2 * np.diff(frequencies)[:, np.newaxis]
             total = mean.sum(axis=0)
         if not np.isfinite(total).all():
-            raise InputError(
-                f"density = {given.max():g}: the mean square is no finite number, must be smaller"
-            )
+            raise InputError(f"density = {given.max():g}: no finite mean, must be smaller")
         return densities, np.sqrt(total)
 
     def engine_orders(

@@ -38,7 +38,7 @@ def symbol(name: str) -> str:
 def harmonic_of(name: str, order: int | tuple[int, ...]) -> str:
     """Write the order below a letter, above a name that has an index of its own."""
     plain = name in SYMBOLS or len(name) == 1
-    text = str(order) if isinstance(order, int) else ",".join(map(str, order))
+    text = ",".join(map(str, order)) if isinstance(order, tuple) else str(order)
     return f"{symbol(name)}_{{{text}}}" if plain else f"{symbol(name)}^{{({text})}}"
 
 
