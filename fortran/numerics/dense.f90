@@ -115,6 +115,8 @@ contains
 
     singular = .false.
     column = 0.0_wp
+    ! Rows that there are, also for who solves with what is singular.
+    pivots = [(k, k=1, n)]
     do k = 1, n
       largest = 0.0_wp
       do i = k, n
@@ -171,7 +173,7 @@ contains
     integer :: first, last, j, k
 
     singular = .false.
-    pivots = 0
+    pivots = [(k, k=1, n)]
     do first = 1, n, block_width
       last = min(first + block_width - 1, n)
       call factorize_panel(n, first, last, matrix(:, first:last), pivots, singular)

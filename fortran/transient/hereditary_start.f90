@@ -241,17 +241,20 @@ contains
     integer :: pivots(size(self%u)), n, i, k, turn, s
     logical :: singular
 
+    made = .false.
+    points = 0.0_wp
+    g = 0.0_wp
+    mass = system%mass
+    n = size(self%u)
+    call factorize(n, mass, pivots, singular)
+    if (singular) return
     s = table%s
     do i = 1, s
       call load%at(now + table%points(i)*length, row)
       f(i, :) = row
     end do
-    mass = system%mass
-    n = size(self%u)
-    call factorize(n, mass, pivots, singular)
     a = 0.0_wp
     before = huge(1.0_wp)
-    made = .false.
     bend = 0.0_wp
     do turn = 1, max_iterations
       do k = 1, n
