@@ -1,7 +1,7 @@
 """`./run fuzz`: random cases until the time is over, and a table of how they ended.
 
     ./run fuzz [--minutes N | --cases N] [--first N] [--seed S] [--parts scenes,...]
-               [--builds release,...]
+               [--builds release,release,debug]   a build named twice has twice the share
     ./run fuzz --again scenes:SEED:NUMBER
 
 Each part of the fuzzer is a module beside this one with a function `parts(folder, builds)`, which
@@ -13,9 +13,11 @@ written into OUT/findings; once mended, their scenes go to tests/fuzz/found, whi
 import argparse
 import importlib
 import json
+import os
 import random
 import signal
 import sys
+import tempfile
 import time
 from collections import Counter
 from pathlib import Path
@@ -32,8 +34,16 @@ _PAUSE = 30.0
 def main() -> int:
     """Run, print the table; the exit status is 1 if there is a finding."""
     options = _options()
+    # In memory where there is such a place: a disk waits for each file that is written anew.
+    memory = Path("/dev/shm")
+    place = memory if os.access(memory, os.W_OK) else options.out
+    with tempfile.TemporaryDirectory(prefix="viscovib-fuzz-", dir=place) as work:
+        return _run(options, Path(work))
+
+
+def _run(options: argparse.Namespace, work: Path) -> int:
     out: Path = options.out
-    every = [part for name in MODULES for part in _parts(name, out / "work", options.builds)]
+    every = [part for name in MODULES for part in _parts(name, work, options.builds)]
     if options.again:
         return _again(every, options.again, out)
     chosen = [part for part in every if not options.parts or part.name in options.parts]
