@@ -30,6 +30,8 @@ np.empty(2**24, dtype=np.uint8)
 _IO_ERROR = 3
 #: Entries of a list that are looked at one by one, at a cost like that of reading them.
 _LONG_LIST = 1000
+#: Entries that a range may have, which takes no memory before it becomes an array.
+_LONG_RANGE = 10**8
 #: Lists within lists that may be an array.
 _DEEPEST = 32
 #: Seconds that a call which was asked to stop is given; one that cannot is left behind.
@@ -93,6 +95,10 @@ def any_array(name: str, value: object) -> npt.NDArray[Any]:
     """Return ``value`` as an array of any kind; the only way in for arrays of users."""
     if type(value) is np.ndarray:
         return value
+    if type(value) is range and value:
+        entries = (value[-1] - value[0]) // value.step + 1
+        if entries > _LONG_RANGE:
+            raise InputError(f"{name}: has {entries} entries, must have at most {_LONG_RANGE}")
     # Of a long list single entries are not looked at: one that is masked becomes NaN.
     long = isinstance(value, (list, tuple)) and len(value) > _LONG_LIST
     if not long:

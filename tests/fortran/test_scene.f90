@@ -216,7 +216,7 @@ contains
                  ':3: &response: this scene has &transient already')
       call wrong(mount//load//'&transient t_end=1 /', ':3: &transient lacks nu')
       call wrong(load//'&transient t_end=1 /', &
-                 ':2: &transient: needs &mount, &system, &structure or')
+                 ':2: &transient: needs &mount, &system, &structure, &body or')
       call wrong(system//load//response//'&spectrum /', ':4: &spectrum: needs &transient')
       call wrong(system//load//"&transient initial=0 0, t_end=1, nu=1, memory='auto' /", &
                  ':3: unknown key ''memory''')

@@ -165,6 +165,8 @@ def follow(**options):
             lambda: KERNEL.sum_of_exponentials(t_min=1e-3, t_max=1e300),
             "t_max = 1e[+]300: must be in",
         ),
+        # A range takes no memory, the array it stands for does.
+        (lambda: vv.spectrum(range(10**30), 1), "signal: has 10{30} entries, must have at most"),
         # Values that are not a finite number.
         (
             lambda: vv.PronyKernel(weights=[1], rates=[2]).laplace([0, -2]),

@@ -261,7 +261,7 @@ def _prepare(
     if chosen and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
     judged = judged or stability
-    if method == "linear" and isinstance(system, PolynomialSystem):
+    if isinstance(method, str) and method == "linear" and isinstance(system, PolynomialSystem):
         # What condensing spares is nonlinear; on the way back it costs digits near antiresonances.
         whole = whole or system._may_be_whole
     job, loaded = oscillator_job(system, load, base, flat, whole=whole, stability=judged)
