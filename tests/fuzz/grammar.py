@@ -53,6 +53,35 @@ SEEDS = {
 &load on='x1' amplitude=0.3 /
 &response nu_min=0.3 nu_max=2 nu_count=5 harmonics=3 /
 """,
+    "body": """&body mass=10 inertia=0.3 0.01 0 0.01 0.2 0 0 0 0.4 gravity=0 0 -9.81 /
+&kernel kind='prony' weights=0.3 rates=1.5 /
+&mount_point name='a' position=0.1 0.2 0 stiffness=1e4 1e4 2e4 angles=0 0.1 0 kernel=1 /
+&mount_point name='b' position=-0.1 0.1 0 stiffness=1e4 1e4 2e4 law_z='1e8*d^3' kernels=0 0 1 /
+&mount_point name='c' position=0 -0.2 0.1 stiffness=1e4 1e4 2e4 damping=1 2 3
+  rotational_stiffness=1 1 1 /
+&load on='z' amplitude=5 /
+&branch nu_from=20 nu_to=30 harmonics=3 max_points=20 stability='no' /
+""",
+    "body_fluid": """&body mass=10 inertia=0.3 0.2 0.4 base_direction=0 0 1 0 0 0 /
+&mount_point name='a' position=0.1 0.2 0 stiffness=1e4 1e4 2e4 track=1 20 5e3 track_axis='z' /
+&mount_point name='b' position=-0.1 0.1 0 stiffness=1e4 1e4 2e4 /
+&mount_point name='c' position=0 -0.2 0.1 stiffness=1e4 1e4 2e4 /
+&load kind='base' amplitude=0.001 /
+&response nu_min=20 nu_max=60 nu_count=6 method='linear' /
+""",
+    "body_exact": """&body mass=10 inertia=0.3 0.2 0.4 geometry='exact' load_axes='body' /
+&mount_point name='a' position=0.1 0.2 0 stiffness=1e4 1e4 2e4 damping=10 10 10 /
+&mount_point name='b' position=-0.1 0.1 0 stiffness=1e4 1e4 2e4 damping=10 10 10 /
+&mount_point name='c' position=0 -0.2 0.1 stiffness=1e4 1e4 2e4 damping=10 10 10 /
+&load on='ry' amplitude=1 /
+&response nu=30 method='newton' harmonics=3 /
+""",
+    "body_motion": """&body mass=10 inertia=0.3 0.2 0.4 /
+&mount_point name='a' position=0.1 0.2 0 stiffness=1e2 1e2 2e2 damping=10 10 10 /
+&mount_point name='b' position=-0.1 0.1 0 stiffness=1e2 1e2 2e2 law_x='1e3*d^3' /
+&mount_point name='c' position=0 -0.2 0.1 stiffness=1e2 1e2 2e2 /
+&transient initial=0.01 0 0 0 0 0 0 0 0 0 0 0 t_end=2 tolerance=1e-5 /
+""",
     "structure": """&structure size=3 mass=1 1 1 stiffness=2 -1 0 -1 2 -1 0 -1 2 rayleigh=0.02 0.01
   shapes=1 0 0 0 0 1 /
 &kernel kind='prony' weights=0.3 rates=1.5 /

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from viscovib.cli.commands import main
+from viscovib.explorer import sheet
 from viscovib.explorer.drawn import UNSTABLE, curves_of, motion_of
 from viscovib.explorer.measured import read_measured
 from viscovib.explorer.numbers import numbers
@@ -132,6 +133,39 @@ def test_curves_are_those_of_the_result():
     scene = vv.Scene.read(SCENES / "mount_branch.nml")
     motion = motion_of(scene, branch, (), x, 100)
     assert f"{branch.nu[100]:.5g} rad/s" in motion.about
+
+
+def test_a_body_has_sliders_curves_and_a_sheet(tmp_path, capsys, monkeypatch):
+    path = tmp_path / "body.nml"
+    path.write_text(
+        "&body mass=10 inertia=0.3 0.01 0 0.01 0.2 0 0 0 0.4 base_direction=0 0 1 0 0 0 /\n"
+        "&mount_point name='fluid' position=0.1 0.2 0 stiffness=1e4 1e4 2e4 track=1 20 5e3 /\n"
+        "&mount_point name='b' position=-0.1 0.1 0 stiffness=1e4 1e4 2e4 law_z='1e8*d^3' /\n"
+        "&mount_point name='c' position=0 -0.2 0.1 stiffness=1e4 1e4 2e4 /\n"
+        "&load on='z' amplitude=5 /\n&branch nu_from=20 nu_to=30 harmonics=3 tolerance=1e-3 /\n"
+    )
+    state = State(vv.Scene.read(path))
+    # What stands on both sides of the diagonal is one slider; units are those of a body.
+    assert "body.inertia(4)" not in state.numbers
+    assert state.numbers["body.inertia(2)"].unit == "kg m^2"
+    known = numbers(state.now.scene)
+    assert known["mount_point(1).track(3)"].label == "track stiffness"
+    assert known["body.base_direction(3)"].label == "base_direction [z]"
+    before = curves_of(state.result.value)[2]
+    state.set("mount_point(2).stiffness(3)", 2.5e4)
+    after = curves_of(state.result.value)[2]
+    assert before.name == after.name == "z"
+    assert after.y[0] < before.y[0]
+    keys = "body.mass,body.inertia(2)"
+    moved = []
+    run_one = sheet.run_one
+    monkeypatch.setattr(sheet, "run_one", lambda one: moved.append(one) or run_one(one))
+    # `fluid_y` is a name with what mathematics would read as an index.
+    assert main(["explore", str(path), "--sheet", "--keys", keys, "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "body_explore.png").stat().st_size > 10000
+    # Both halves of the inertia moved together, or it would be refused and nothing drawn.
+    assert {one.groups["body"]["inertia"][3] for one in moved} == {0.008, 0.01, 0.0125}
+    capsys.readouterr()
 
 
 def test_curves_of_a_structure_are_columns_of_its_table():

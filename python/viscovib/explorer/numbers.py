@@ -5,20 +5,24 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from viscovib.bodies.checks import NAMES as BODY
 from viscovib.errors import InputError
 from viscovib.scene.scene import Scene, texts
 from viscovib.scene.units import unit_of
 
 #: Groups whose numbers say what the system is and what loads it.
-_PHYSICS = ("mount", "system", "spring", "force", "kernel", "pendulum", "load")
+_PHYSICS = (
+    "mount", "body", "mount_point", "system", "spring", "element", "force", "kernel", "pendulum",
+    "load",
+)  # fmt: skip
 #: Where and how long results are computed, of the other groups.
 _RANGES = (
     "nu", "nu_min", "nu_max", "nu_from", "nu_to", "nu_count", "from", "to", "count", "t_end", "dt",
     "initial", "mode", "discard",
 )  # fmt: skip
 #: Integers of the first groups that are names of a kind, not quantities.
-_NAMES = ("kernel", "order", "powers")
-_MATRICES = ("mass", "stiffness", "damping")
+_NAMES = ("kernel", "kernels", "order", "powers")
+_MATRICES = ("mass", "stiffness", "damping", "inertia")
 #: Where 0 is the least there is, and what small numbers of a pendulum are measured against.
 _NOT_NEGATIVE = ("damping", "c1", "c2", "c3", "p1", "p2", "p3")
 _SMALL = {**dict.fromkeys(("c1", "c2", "c3", "f0", "m01", "m02"), 0.1), "p1": 2, "p2": 2, "p3": 2}
@@ -95,7 +99,7 @@ def _of_key(scene: Scene, place: str, title: str, key: str, value: Any) -> list[
         scale = _SMALL.get(key, scale)
     whole = all(isinstance(one, int) for one in values)
     size = math.isqrt(len(values))
-    names = _names(scene.groups)
+    names = _names(scene.groups, title)
     square = key in _MATRICES and size == len(names) > 1 and size**2 == len(values)
     symmetric = square and all(
         values[i * size + j] == values[j * size + i] for i in range(size) for j in range(i)
@@ -122,12 +126,19 @@ def _of_key(scene: Scene, place: str, title: str, key: str, value: Any) -> list[
 def _entry(key: str, i: int, n: int, names: tuple[str, ...]) -> str:
     if key == "initial" and n == 2 * len(names):
         return f"{key} {names[i // 2]}" + ("'" if i % 2 else "")
+    if key == "track":
+        return f"{key} {('mass', 'damping', 'stiffness')[i]}"
+    if key == "base_direction" and n == len(BODY):
+        return f"{key} [{BODY[i]}]"
     if n == len(names):
         return f"{key} [{names[i]}]"
     return f"{key} {i + 1}"
 
 
-def _names(groups: Mapping[str, Any]) -> tuple[str, ...]:
+def _names(groups: Mapping[str, Any], title: str) -> tuple[str, ...]:
+    if title.startswith(("body", "mount_point")):
+        # Everything in them is along three axes, or about them.
+        return ("x", "y", "z")
     if "system" in groups:
         return texts(groups["system"]["coordinates"])
     return ("z", "phi", "psi") if "pendulum" in groups else ("x", "phi")

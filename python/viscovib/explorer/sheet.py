@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from viscovib.common.files import whole_file
-from viscovib.common.results import Panel
-from viscovib.errors import InputError, ViscovibError
-from viscovib.explorer.numbers import chosen
+from viscovib.errors import ViscovibError
+from viscovib.explorer.drawn import Curve, curves_of
+from viscovib.explorer.numbers import Number, chosen
 from viscovib.plots.axes import logarithmic
-from viscovib.plots.style import COLOURS, STYLES, SYMBOLS, bare
-from viscovib.scene.job import SceneResult, run_one
+from viscovib.plots.style import COLOURS, STYLES, bare, harmonic_of, in_brackets, symbol
+from viscovib.scene.job import run_one
 from viscovib.scene.scene import Scene
 from viscovib.sweeps.points import quiet
 
@@ -18,18 +18,16 @@ from viscovib.sweeps.points import quiet
 _MOST, _FACTOR = 12, 1.25
 
 
-def _curves(result: SceneResult) -> list[Panel]:
-    try:
-        return result.value.panels()
-    except InputError as error:
-        raise InputError(f"explore: {error}") from None
+def _label(curve: Curve) -> str:
+    unit = in_brackets(curve.unit) if curve.unit else ""
+    if curve.order is None:
+        return f"${symbol(curve.name)}${unit}"
+    return f"$|{harmonic_of(curve.name, curve.order)}|${unit}"
 
 
-def _label(panel: Panel) -> str:
-    symbol = SYMBOLS.get(panel.name, panel.name)
-    if panel.order is None:
-        return f"${symbol}$"
-    return f"$|{symbol}_{{{panel.order}}}|$ ({panel.unit})"
+def _values(number: Number, factor: float) -> dict[str, float]:
+    """Return a number times a factor; of a symmetric matrix the entry across moves with it."""
+    return {key: number.value * factor for key in (number.key, number.mirror) if key is not None}
 
 
 def save_sheet(scene: Scene, path: Path, keys: Sequence[str] | None = None) -> None:
@@ -38,16 +36,15 @@ def save_sheet(scene: Scene, path: Path, keys: Sequence[str] | None = None) -> N
     from matplotlib.figure import Figure
 
     one = scene.override({})
-    start = {key: number.value for key, number in chosen(one, keys).items() if number.value}
-    start = dict(list(start.items())[:_MOST])
+    moved = [number for number in chosen(one, keys).values() if number.value][:_MOST]
     with warnings.catch_warnings():
         quiet()
-        middle = _curves(run_one(one))
+        middle = curves_of(run_one(one).value)
         n = len(middle)
-        figure = Figure(figsize=(4.2 * n, 1.9 * len(start) + 0.6), layout="constrained")
+        figure = Figure(figsize=(4.2 * n, 1.9 * len(moved) + 0.6), layout="constrained")
         FigureCanvasAgg(figure)
-        axes = figure.subplots(len(start), n, sharex=True, squeeze=False)
-        for row, (key, value) in zip(axes, start.items(), strict=True):
+        axes = figure.subplots(len(moved), n, sharex=True, squeeze=False)
+        for row, number in zip(axes, moved, strict=True):
             for factor, colour, style in (
                 (1 / _FACTOR, COLOURS[3], STYLES[1]),
                 (1.0, "0.3", "-"),
@@ -57,13 +54,13 @@ def save_sheet(scene: Scene, path: Path, keys: Sequence[str] | None = None) -> N
                     found = (
                         middle
                         if factor == 1
-                        else _curves(run_one(one.override({key: value * factor})))
+                        else curves_of(run_one(one.override(_values(number, factor))).value)
                     )
                 except ViscovibError:
                     # Out of range on this side: the others show.
                     continue
                 for axis, curve in zip(row, found, strict=True):
-                    label = f"{key} = {value * factor:.4g}"
+                    label = f"{number.key} = {number.value * factor:.4g}"
                     axis.plot(
                         curve.x, curve.y, color=colour, linestyle=style, linewidth=1.1, label=label
                     )
@@ -72,9 +69,12 @@ def save_sheet(scene: Scene, path: Path, keys: Sequence[str] | None = None) -> N
                 if curve.log:
                     logarithmic(axis)
                 bare(axis)
-            row[0].legend(
+            legend = row[0].legend(
                 frameon=False, fontsize=7, loc="lower left", bbox_to_anchor=(0, 1), ncols=3
             )
+            # Above its row, which a title without words keeps free; it would widen the column.
+            legend.set_in_layout(False)
+            row[0].set_title(" ", fontsize=9)
     for axis, curve in zip(axes[-1], middle, strict=True):
         axis.set_xlabel(curve.x_label)
     with whole_file(path, "wb") as file:
