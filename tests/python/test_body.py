@@ -399,6 +399,21 @@ def test_report(tmp_path):
     assert page.count("data:image/png") == 4
     for word in ("m1", "Sag", "Kinetic energies", "torque-roll axis", f"{body.modes().hz[0]:.4f}"):
         assert word in page
+    # Laws by their axis, memory with its parameters.
+    assert "z: 1e+10 d^3" in page
+    assert "PronyKernel(weights=" in page
+    assert "rates=" in page
+    assert "rotational stiffness" not in page
+    track = vv.FluidTrack(mass=62.8, damping=2666, stiffness=436950)
+    foot = vv.MountPoint(
+        name="f", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+        rotational_stiffness=(1, 2, 3), track=track,
+    )  # fmt: skip
+    vv.report(vv.Body(mass=10, inertia=(1, 1, 1), mounts=[foot]), tmp_path / "fluid.html")
+    page = (tmp_path / "fluid.html").read_text()
+    assert "1, 2, 3 N m/rad" in page
+    assert "fluid track along z" in page
+    assert "62.8 kg, 2666 N s/m, 436950 N/m" in page
     vv.report(body, tmp_path / "engine.pdf")
     assert (tmp_path / "engine.pdf").read_bytes().startswith(b"%PDF")
     with pytest.raises(vv.InputError, match=r"must end in \.html or \.pdf"):

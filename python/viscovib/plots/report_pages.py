@@ -43,6 +43,8 @@ th:first-child, td:first-child { text-align: left }
 img { max-width: 100% }
 """
 
+#: Parameters of memory are written up to so many letters; dots stand for the rest.
+_LONGEST = 110
 #: A table: its caption, names of columns, and rows.
 _Table = tuple[str, list[str], list[list[str]]]
 
@@ -110,7 +112,7 @@ def report(
         ),
         ("Mount forces", lambda ax: _plot_forces(body, ax, frequencies, push), False),
     ]
-    foot = f"viscovib {version('viscovib')}. SI units; angles in rad."
+    foot = f"viscovib {version('viscovib')}. SI units and rad unless said."
     if place.suffix.lower() == ".html":
         _write_html(place, title, tables, pictures, foot)
     else:
@@ -154,6 +156,8 @@ def _tables(body: Body, torque_about: str | npt.ArrayLike | None) -> list[_Table
             mounts,
         ),
     ]  # fmt: skip
+    if further := _further(body):
+        tables.append(("Further data of the mounts", ["", ""], further))
     if body.gravity is not None:
         sag = body.sag()
         rows = [
@@ -161,8 +165,8 @@ def _tables(body: Body, torque_about: str | npt.ArrayLike | None) -> list[_Table
             for mount, d, f in zip(body.mounts, sag.deflections, sag.forces, strict=True)
         ]
         moved = (
-            f"Sag: {_row(1e3 * sag.displacement[:3])} mm, "
-            f"{_row(np.rad2deg(sag.displacement[3:6]))} degrees"
+            f"Sag: x, y, z {_row(1e3 * sag.displacement[:3])} mm; "
+            f"rx, ry, rz {_row(np.rad2deg(sag.displacement[3:6]))} degrees"
         )
         tables.append((moved, ["mount", "deflection (mm)", "force on the body (N)"], rows))
     modes = body.modes()
@@ -199,6 +203,29 @@ def _kernel(kernel: object) -> str:
     return "none" if kernel is None else type(kernel).__name__.removesuffix("Kernel")
 
 
+def _further(body: Body) -> list[list[str]]:
+    """Return what few mounts have: parameters of memory, rotational stiffness, fluid tracks."""
+    kernels = {
+        f"{kernel!r}": _kernel(kernel)
+        for mount in body.mounts
+        for kernel in mount.kernels
+        if kernel is not None
+    }
+    lines = [
+        [f"memory: {name}", text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."]
+        for text, name in kernels.items()
+    ]
+    for mount in body.mounts:
+        if np.any(np.asarray(mount.rotational_stiffness)):
+            size = _row(np.asarray(mount.rotational_stiffness))
+            lines.append([f"{mount.name}: rotational stiffness", f"{size} N m/rad"])
+        if mount.track is not None:
+            track = mount.track
+            size = f"{track.mass:.6g} kg, {track.damping:.6g} N s/m, {track.stiffness:.6g} N/m"
+            lines.append([f"{mount.name}: fluid track along {'xyz'[track.axis]}", size])
+    return lines
+
+
 def _law(laws: tuple[dict[int, float] | Law, ...]) -> str:
     texts = [
         f"{axis}: "
@@ -207,7 +234,7 @@ def _law(laws: tuple[dict[int, float] | Law, ...]) -> str:
             if isinstance(law, Law)
             else " + ".join(f"{c:.4g} d^{p}" for p, c in law.items())
         )
-        for axis, law in zip("123", laws, strict=True)
+        for axis, law in zip("xyz", laws, strict=True)
         if law
     ]
     return "; ".join(texts) or "linear"
@@ -229,7 +256,7 @@ def _plot_forces(body: Body, ax: Axes, hz: npt.NDArray[np.float64], load: Any) -
     ax.set_yscale("log")
     ax.set_xlim(hz[0], hz[-1])
     ax.set_xlabel("frequency (Hz)")
-    ax.set_ylabel("force at the mount, first order (N)")
+    ax.set_ylabel("force, first order (N)")
     ax.legend(frameon=False)
     plain_hertz(ax)
 
@@ -237,7 +264,11 @@ def _plot_forces(body: Body, ax: Axes, hz: npt.NDArray[np.float64], load: Any) -
 def _figure(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="constrained")
+    if height > width:
+        # A sheet of paper, with room at its edges for a punch.
+        figure.set_layout_engine("constrained", rect=(0.06, 0.04, 0.88, 0.92))
+    return figure
 
 
 def _write_html(
@@ -281,12 +312,14 @@ def _write_pdf(
             axis = second.add_subplot(grid[place], projection="3d" if in_space else None)
             draw(axis)
             axis.set_title(caption, fontsize=9)
+            # Labels of full size are longer than these low panels.
+            axis.yaxis.label.set_fontsize(7)
         pages.savefig(second)
 
 
 def _page_of_tables(title: str, tables: list[_Table], foot: str) -> Figure:
     page = _figure(8.27, 11.69)
-    page.suptitle(title)
+    page.suptitle(title, y=0.97)
     heights = [len(rows) + 2.5 for _, _, rows in tables]
     axes = page.subplots(len(tables) + 1, 1, height_ratios=[*heights, max(40 - sum(heights), 0.1)])
     axes[-1].axis("off")
