@@ -15,6 +15,7 @@ module viscovib_law_text
   use viscovib_law_program, only: add, degree_of, divide, f_atleast, f_atmost, f_less, f_more, &
     f_pow, first_function, functions, known_power, law_program, multiply, negate, operands, &
     parity_of, power, put_argument, put_number, square, subtract, wall
+  use viscovib_near_words, only: distance
   use viscovib_number_text, only: parse_real
   use viscovib_status, only: show
   implicit none
@@ -357,38 +358,23 @@ contains
     call emit(cursor, put_number, value)
   end subroutine read_number
 
-  !> The name that is written most alike, as a question; nothing if none is.
+  !> The name that is written most alike, as a question; nothing if none is. Of those as near, one
+  !! of as many letters is meant.
   pure function likely(name, names) result(question)
     character(len=*), intent(in) :: name, names(:)
     character(len=:), allocatable :: question
-    integer :: best, distance, i
+    integer :: best, far, i
 
     question = ''
-    best = max(len(name)/2, 1) + 1
+    best = 2*max(len(name)/2, 1) + 2
     do i = 1, size(names)
-      distance = edits(name, trim(names(i)))
-      if (distance >= best) cycle
-      best = distance
+      far = 2*distance(name, trim(names(i))) &
+            + merge(0, 1, len(name) == len_trim(names(i)))
+      if (far >= best) cycle
+      best = far
       question = ' (did you mean '//trim(names(i))//'?)'
     end do
   end function likely
 
-  !> How many letters are to be changed, added or left out (Levenshtein's distance).
-  pure integer function edits(a, b)
-    character(len=*), intent(in) :: a, b
-    integer :: row(0:len(b)), last, above, i, j
-
-    row = [(j, j=0, len(b))]
-    do i = 1, len(a)
-      last = row(0)
-      row(0) = i
-      do j = 1, len(b)
-        above = row(j)
-        row(j) = min(above + 1, row(j - 1) + 1, last + merge(0, 1, a(i:i) == b(j:j)))
-        last = above
-      end do
-    end do
-    edits = row(len(b))
-  end function edits
 
 end module viscovib_law_text

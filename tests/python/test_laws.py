@@ -81,7 +81,15 @@ def test_polynomials_stay_polynomials():
     ("text", "told"),
     [
         ("tanhh(d)", r"'tanhh' is not a known function \(did you mean tanh\?\)"),
-        ("sin(dd)", r"'dd' is neither a variable nor a parameter \(did you mean d\?\)"),
+        ("tahn(d)", r"'tahn' is not a known function \(did you mean tanh\?\)"),
+        ("snih(d)", r"\(did you mean sinh\?\)"),
+        ("sin(dd)", r"'dd' is neither a variable \(d, v\) nor a parameter \(did you mean d\?\)"),
+        (
+            "k3*d^3",
+            r"^law = 'k3\*d\^3': 'k3' is neither a variable \(d, v\) nor a parameter"
+            r".*; to make it one, give parameters=\{'k3': its value\}$",
+        ),
+        ("F0*tanh(d)", r"'F0' is neither .* give parameters=\{'F0': its value\}"),
         ("max(d)", r"found where , should be"),
         ("sin(d", r"its end is found where \) should be"),
         ("tanh(d)/0", "it divides by 0"),

@@ -154,7 +154,7 @@ class MountPoint:
         laws: list[dict[int, float] | Law] = []
         for j, text in enumerate(self._each("law", self.law, str)):
             where = f"{self.name}: law[{j}]"
-            terms = {} if text is None else read_law(where, text, ("d",), {}, ("v",))
+            terms = {} if text is None else read_law(where, text, ("d",), {}, ("v",), named=False)
             if isinstance(terms, Law):
                 at_rest = float(terms(np.zeros((1, 2)))[0][0])
                 if at_rest != 0:

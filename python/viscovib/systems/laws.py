@@ -22,6 +22,8 @@ _ODD = -1
 _BRANCHES = (26, 27, 28, 30, 31, 32, 33, 34, 35)
 #: What the core gives outside a domain, and how near to rest a law must have a value.
 _WALL, _NEAR = 1e60, 1e-9
+#: Variables that a message lists.
+_LISTED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +161,13 @@ def read_law(
     arguments: Sequence[str],
     parameters: Mapping[str, float],
     rates: Sequence[str] = (),
+    *,
+    named: bool = True,
 ) -> Polynomial | Law:
     """Return a text as a polynomial in its arguments if it is one, else compiled.
 
-    ``rates``: names for the rates of the arguments, one each; what has any is compiled.
+    ``rates``: names for the rates of the arguments, one each; what has any is compiled. ``named``:
+    whether the caller can give it parameters.
     """
     names = [*arguments, *parameters]
     try:
@@ -171,6 +176,7 @@ def read_law(
         try:
             law = compile_law(where, text, [*arguments, *rates], parameters, len(rates))
         except InputError as other:
+            _complain_of_name(other, [*arguments, *rates], named=named)
             # Of a text with a function the other reader knows what is wrong.
             told = re.search(r"[A-Za-z_]\w*\s*\(|[<>]", text) or any(
                 re.search(rf"\b{name}\b", text) for name in rates
@@ -193,6 +199,19 @@ def read_law(
         own = powers[: len(arguments)]
         result[own] = result.get(own, 0.0) + factor
     return result
+
+
+def _complain_of_name(error: InputError, variables: Sequence[str], *, named: bool) -> None:
+    """If a name is unknown, say which there are, and how it may become a parameter."""
+    parts = re.fullmatch(r"(.*)'(\w+)' is neither a variable nor a parameter(.*)", str(error))
+    if parts is None:
+        return
+    place, name, near = parts.groups()
+    listed = ", ".join(variables[:_LISTED]) + ", ..." * (len(variables) > _LISTED)
+    hint = f"; to make it one, give parameters={{{name!r}: its value}}" if named else ""
+    raise InputError(
+        f"{place}{name!r} is neither a variable ({listed}) nor a parameter{near}{hint}"
+    ) from None
 
 
 def parameter_values(parameters: object, taken: Sequence[str]) -> dict[str, float]:
