@@ -55,6 +55,8 @@ _UNITS = ("m", "m", "m", "rad", "rad", "rad")
 _GEOMETRIES = ("small", "exact")
 _LOAD_AXES = ("body", "space")
 #: Mounts farther away than so many radii of gyration look like millimetres given as metres.
+#: Radius of gyration (m) above which one that is far larger than distances of mounts is doubted.
+_LARGE = 20.0
 _FAR = 50.0
 
 
@@ -715,8 +717,18 @@ class Body(PolynomialSystem):
 
     def _warn_of_units(self) -> None:
         radius = math.sqrt(np.trace(self.inertia) / 2 / self.body_mass)
+        farthest = 0.0
         for mount in self.mounts:
+            largest = float(np.abs(np.asarray(mount.angles)).max())
+            if largest > 2 * math.pi:
+                warnings.warn(
+                    f"{mount.name}: angles: {largest:g} is more than a whole turn: angles are in "
+                    "rad, those in degrees are to be multiplied by units.degree",
+                    StabilityWarning,
+                    stacklevel=caller(),
+                )
             away = math.dist(np.asarray(mount.position), self.center)
+            farthest = max(farthest, away)
             if away > _FAR * radius:
                 warnings.warn(
                     f"{mount.name}: is {away:g} m from the centre of mass of a body whose radius "
@@ -726,6 +738,14 @@ class Body(PolynomialSystem):
                     stacklevel=caller(),
                 )
                 return
+        if radius > max(_FAR * farthest, _LARGE) and farthest > 0:
+            warnings.warn(
+                f"inertia: the radius of gyration is {radius:.3g} m, the farthest mount is "
+                f"{farthest:.3g} m from the centre of mass: inertia is in kg m^2, that in kg mm^2 "
+                "is to be multiplied by units.mm**2",
+                StabilityWarning,
+                stacklevel=caller(),
+            )
 
     def _warn_of_instability(self) -> None:
         squares = np.linalg.eigvalsh(self._stiffness_at_rest)

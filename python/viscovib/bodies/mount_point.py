@@ -215,8 +215,11 @@ class MountPoint:
         return np.asarray(vector)
 
     def _rotation(self) -> FloatArray:
+        angles = self._vector("angles", self.angles)
         if self.axes is None:
-            return rotation_of(self._vector("angles", self.angles))
+            return rotation_of(angles)
+        if angles.any():
+            raise InputError(f"{self.name}: angles, axes: say the same twice, give one of them")
         axes = _native.real_array(f"{self.name}: axes", self.axes).copy()
         if axes.shape != (3, 3):
             raise InputError(f"{self.name}: axes: must have shape (3, 3), got {axes.shape}")

@@ -1,0 +1,112 @@
+"""Bodies under loads that occur: random floors, a terminal sawtooth; numbers in wrong units."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+PLACES = {"a": (0.3, 0.2, -0.1), "b": (-0.3, 0.25, -0.1), "c": (0.05, -0.3, -0.12)}
+STIFFNESS, DAMPING = np.array([2e4, 3e4, 6e4]), np.array([150.0, 200.0, 300.0])
+MASS, INERTIA = 12.0, np.diag([0.5, 0.4, 0.6])
+
+
+def body(**options):
+    mounts = [
+        vv.MountPoint(name=name, position=place, stiffness=STIFFNESS, damping=DAMPING)
+        for name, place in PLACES.items()
+    ]
+    return vv.Body(**{"mass": MASS, "inertia": INERTIA, "mounts": mounts} | options)
+
+
+def test_random_floor_is_the_mean_over_random_motions_in_time():
+    """Floors of random phases, in time: their mean square is the integral of |H|^2 S.
+
+    With lines df apart the mean over a period 1/df is that sum for all phases; the acceleration
+    of the last period is taken from its Fourier coefficients.
+    """
+    df, level, n = 1.0, 0.3, 2000
+    lines = np.arange(4.0, 31.0, df)
+    hz = np.r_[lines[0] - df, lines, lines[-1] + df]
+    density = np.r_[0.0, np.full(lines.size, level), 0.0]
+    shaken = body(base_direction="z")
+    _, expected = shaken.random_floor(hz, density, "z")
+    rng = np.random.default_rng(11)
+    t = np.arange(0, 4 * n + 1) / (n * df)
+    found = []
+    for _ in range(3):
+        omega = 2 * math.pi * lines
+        phase = rng.uniform(0, 2 * math.pi, lines.size)
+        waves = np.sqrt(2 * level * df) / omega**2 * np.sin(np.outer(t, omega) + phase)
+        floor = waves.sum(axis=1) * np.clip(t * df, 0, 1) ** 3
+        table = vv.LoadTable(times=t, values=floor, interpolation="cubic")
+        run = vv.simulate(shaken, t[-1], base=table, dt=4 / (n * df))
+        last = run.state[-n // 4 :, :6:2]
+        order = np.fft.rfftfreq(len(last), 4 / (n * df)) * 2 * math.pi
+        lines_of = np.fft.rfft(last, axis=0) / len(last)
+        found.append(2 * (order[:, np.newaxis] ** 4 * np.abs(lines_of) ** 2)[:40].sum(axis=0))
+    np.testing.assert_allclose(np.sqrt(found), np.tile(expected, (3, 1)), rtol=1e-4)
+
+
+def test_terminal_sawtooth():
+    """A force that rises in 11 ms and is gone, against SciPy with the equations written anew."""
+    end, peak, at = 0.011, 900.0, np.array([0.1, 0.0, 0.05])
+    shocked = body()
+    push = np.r_[0, 0, peak, np.cross(at, [0, 0, peak])]
+    np.testing.assert_allclose(shocked.load(force=(0, 0, peak), at=at), push, atol=1e-12)
+    table = vv.LoadTable(times=[0, end, end * (1 + 1e-9)], values=[np.zeros(6), push, np.zeros(6)])
+    stiff, damp, mass = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+    for place in PLACES.values():
+        for j, axis in enumerate(np.eye(3)):
+            row = np.r_[axis, np.cross(place, axis)]
+            stiff += STIFFNESS[j] * np.outer(row, row)
+            damp += DAMPING[j] * np.outer(row, row)
+    mass[:3, :3], mass[3:, 3:] = MASS * np.eye(3), INERTIA
+
+    def rate(t, y, size):
+        load = push * size * t / end
+        return np.r_[y[6:], np.linalg.solve(mass, load - stiff @ y[:6] - damp @ y[6:])]
+
+    options = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-14}
+    first = solve_ivp(rate, (0, end), np.zeros(12), args=(1.0,), **options).y[:, -1]
+    t = np.linspace(0, 0.3, 31)
+    later = solve_ivp(rate, (end, 0.3), first, args=(0.0,), t_eval=t[2:], **options).y.T
+    run = vv.simulate(shocked, 0.3, force=table, dt=0.01, tolerance=1e-9)
+    scale = np.abs(later[:, :6]).max()
+    np.testing.assert_allclose(run.state[2:, ::2], later[:, :6], atol=1e-7 * scale)
+
+
+@pytest.mark.parametrize(
+    ("place", "angle", "moment", "told"),
+    [
+        ((66.0, 463.0, 156.0), 0.0, 1.0, "those in mm are to be multiplied by units.mm$"),
+        ((0.1, 0.4, 0.1), 90.0, 1.0, "those in degrees are to be multiplied by units.degree$"),
+        ((0.1, 0.4, 0.1), 0.0, 1e6, r"that in kg mm\^2 is to be multiplied by units.mm\*\*2$"),
+        ((0.1, 0.4, 0.1), 2 * math.pi, 1.0, None),
+        ((0.0, 0.0, 0.0), 0.0, 1e6, None),
+    ],
+)
+def test_numbers_that_look_like_other_units_are_told(place, angle, moment, told):
+    def made():
+        foot = vv.MountPoint(
+            name="foot", position=place, stiffness=(1e5,) * 3, angles=(0, 0, angle)
+        )
+        return vv.Body(mass=10, inertia=(moment,) * 3, mounts=[foot])
+
+    if told is None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            made()
+        return
+    with pytest.warns(vv.StabilityWarning, match=told) as seen:
+        made()
+    assert len(seen) == 1
+
+
+def test_angles_and_axes_are_not_given_both():
+    with pytest.raises(vv.InputError, match="foot: angles, axes: say the same twice"):
+        vv.MountPoint(
+            name="foot", position=(0, 0, 0), stiffness=(1, 1, 1), angles=(0.1, 0, 0), axes=np.eye(3)
+        )
