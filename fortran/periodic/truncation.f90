@@ -11,7 +11,8 @@
 !!
 !! Where a law has kinks or jumps, orders fall off as k^-p only, and those beyond the larger set
 !! count too. What an order changes falls off as k^-(p - 1), as a rate does, so that all of them
-!! make K/(p - 2) times the next one; p is measured.
+!! make K/(p - 2) times the next one; p is measured. Several kinks make orders beat, sin(k a) k^-p:
+!! the next order is taken as no smaller than the largest of those kept lets expect.
 module viscovib_truncation
   use viscovib_dense, only: solve
   use viscovib_harmonic_balance, only: balance_type
@@ -28,6 +29,11 @@ module viscovib_truncation
   !> Powers with which harmonics fall off beside kinks: at least so much is assumed, and beyond so
   !! much they fall off geometrically; and how uncertain it is.
   real(wp), parameter :: slowest_fall = 2.5_wp, fastest_fall = 12.0_wp, safety = 2.0_wp
+  !> What a jump of the force makes, where orders are too few to measure it; and the most that is
+  !! made of orders that vanish between two beats.
+  real(wp), parameter :: unknown_fall = 3.0_wp, largest_beat = 100.0_wp
+  !> Orders that tell a fall.
+  integer, parameter :: enough = 8
 
 contains
 
@@ -88,33 +94,45 @@ contains
     rest = weighted_norm(system, change(n + 1:, :) - y(n + 1:, :))
     short = 1.0_wp
     if (first > 0.0_wp) short = 1.0_wp/(1.0_wp - min(rest/first, slowest))
-    if (probe%kinked) short = short*tail(system, x, probe%set%orders)
+    if (probe%kinked) short = short*tail(system, x, probe%set%orders, first)
     outside = 0.0_wp
     if (norm > 0.0_wp) outside = first*short/norm
   end subroutine find_left_out
 
-  !> How many times the orders that were looked at all orders left out count.
-  pure real(wp) function tail(system, x, orders)
+  !> How many times the orders that were looked at all orders left out count, beside kinks.
+  pure real(wp) function tail(system, x, orders, first)
     class(oscillator_type), intent(in) :: system
     !> Shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
     !> Of the larger set.
     integer, intent(in) :: orders(:)
+    !> Size of the orders left out that were looked at.
+    real(wp), intent(in) :: first
     real(wp) :: low, high, fall
-    integer :: n
+    integer :: i, n
 
     n = size(x, 1)/2
     tail = 1.0_wp
-    if (n < 4) return
-    low = weighted_norm(system, x(2*(n/4) + 1:2*(n/2), :))
-    high = weighted_norm(system, x(2*(n/2) + 1:, :))
-    if (.not. high > 0.0_wp) return
-    ! Sums of squares over twice as many orders, twice as far out.
-    fall = log(low/high)/log(2.0_wp) + 0.5_wp
-    if (fall > fastest_fall) return
-    fall = max(fall, slowest_fall)
+    fall = unknown_fall
+    if (n >= enough) then
+      low = weighted_norm(system, x(2*(n/4) + 1:2*(n/2), :))
+      high = weighted_norm(system, x(2*(n/2) + 1:, :))
+      if (.not. high > 0.0_wp) return
+      ! The largest of orders twice as far out.
+      fall = log(low/high)/log(2.0_wp)
+      if (fall > fastest_fall) return
+      fall = max(fall, slowest_fall)
+    end if
     tail = safety*orders(n)/((fall - 2.0_wp)*(orders(size(orders)) - orders(n)))
     tail = max(tail, 1.0_wp)
+    if (n < enough .or. .not. first > 0.0_wp) return
+    ! Two kinks make orders beat: where the next ones vanish, those kept tell how large others are.
+    high = 0.0_wp
+    do i = n/2 + 1, n
+      low = weighted_norm(system, x(2*i - 1:2*i, :))
+      high = max(high, low*(real(orders(i), wp)/orders(n + 1))**fall)
+    end do
+    tail = tail*max(1.0_wp, min(high/first, largest_beat))
   end function tail
 
   !> Subtract -D^-1 r.
