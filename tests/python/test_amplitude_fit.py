@@ -82,3 +82,25 @@ def test_what_is_refused():
         vv.fit_amplitude(vv.ModulusData(**given, amplitude=1e-3))
     with pytest.raises(vv.InputError, match="slip = -1"):
         vv.jenkins_stiffness(1.0, stiffness=1.0, slip=-1.0)
+
+
+def test_rubber_that_softens_is_a_kernel_with_sliders():
+    """Heavy masses move in sines; load over motion is then the kernel's part and Caughey's sum."""
+    kernel = vv.RabotnovKernel(amplitude=1.5, alpha=0.5, beta=2.5)
+    slips, springs = np.geomspace(1e-4, 3e-3, 6), np.full(6, 0.16)
+    elements = [
+        vv.Spring(on="x1", stiffness=1.0, kernel=kernel),
+        vv.Iwan(on="x1", stiffness=springs, limit=springs * slips),
+    ]
+    for nu in (0.1, 10.0):
+        heavy = vv.Structure(mass=[300 / nu**2], stiffness=[[0.0]], elements=elements)
+        for amplitude in (5e-5, 7e-4, 1e-2):
+            turn = np.arccos(1 - 2 * np.minimum(1, slips / amplitude))
+            sliders = springs / np.pi * (turn - np.sin(2 * turn) / 2 + 1j * np.sin(turn) ** 2)
+            total = 1 - kernel.transform(nu) + sliders.sum()
+            load = abs(total - 300) * amplitude
+            found = vv.forced_response(
+                heavy, [nu], load=[load], method="newton", harmonics=11, tolerance=1e-2
+            )
+            c = found.coefficients[0, 0, list(found.harmonics).index(1)]
+            assert abs(load / c + 300 - total) < 2e-5
