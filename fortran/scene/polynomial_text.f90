@@ -197,6 +197,8 @@ contains
         end do
         if (i > size(names)) then
           cursor%fault = "'"//name//"' is not a coordinate"
+          if (size(names) == 1) cursor%fault = cursor%fault//' (only '//trim(names(1))//' is)'
+          cursor%fault = cursor%fault//'; a parameter is written as its number'
         else
           total%coefficients = [1.0_wp]
           total%powers = reshape(merge(1, 0, [(first, first=1, size(names))] == i), &
