@@ -85,7 +85,7 @@ def test_the_cause_is_named(system, arguments, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"rtol": 1e-8, "tolerance": 1e-8}, "give one of both"),
+        ({"rtol": 1e-8, "tolerance": 1e-8}, "give one of them"),
         ({"rtol": 1e-15}, "rtol = 1e-15: must be in"),
         ({"atol": 0}, "atol = 0: must be greater than 0"),
         ({"rtol": 1e-8, "dt": 0.1}, "must not be given with dt"),

@@ -427,7 +427,7 @@ def test_table_dataset_and_picture(tmp_path):
                 leave=parametric().branch_points[0],
                 symmetric=True,
             ),
-            "must have symmetric=False",
+            "give symmetric=False",
         ),
         (
             lambda: vv.forced_response(swung()).amplitude("phi", 99),

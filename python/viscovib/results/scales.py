@@ -324,7 +324,7 @@ class ScalesResponse(Result):
         unsure = int((~self.decided & self.in_range).sum())
         lines = [f"{outside} of them are outside the range of the expansion"] if outside else []
         if unsure:
-            lines.append(f"this expansion does not decide the stability of {unsure} more")
+            lines.append(f"the stability of {unsure} of them is not decided by this expansion")
         return lines
 
     @cached_property

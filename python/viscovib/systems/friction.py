@@ -260,7 +260,7 @@ class Dahl(Hysteresis):
     --------
     >>> import viscovib as vv
     >>> brake = vv.Dahl(on="x1", stiffness=10, limit=1)
-    >>> [round(f, 6) for f in brake.loop([0, 1, 0, -1])]
+    >>> brake.loop([0, 1, 0, -1]).round(6).tolist()
     [0.999909, 1.0, -0.999909, -1.0]
     """
 
