@@ -62,6 +62,8 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
   real(c_double), intent(out) :: nu(max_points), truncation(max_points), folds(max_special)
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_dof, max_points)
   !f2py threadsafe
+  ! Room for all points is not zeroed: that would take seconds, deaf to Ctrl-C.
+  !f2py intent(out, cache) coefficients
   class(oscillator_type), allocatable :: system
   type(backbone_plan_type), target :: plan
   type(curve_branch_type) :: backbone
@@ -142,6 +144,8 @@ subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmoni
   real(c_double), intent(out) :: across(n_unknowns + 2, max_special)
   integer(c_int), intent(out) :: before(max_special), n_branch_points, status
   !f2py threadsafe
+  ! Room for all points is not zeroed: that would take seconds, deaf to Ctrl-C.
+  !f2py intent(out, cache) x
   type(pendulum_type), target :: system
   type(free_options) :: options
   type(free_family_type) :: family

@@ -76,6 +76,8 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   complex(c_double_complex), intent(out) :: &
     crossing_coefficients(n_kept, n_rows - 1, max_special)
   !f2py threadsafe
+  ! Room for all points is not zeroed: that would take seconds, deaf to Ctrl-C.
+  !f2py intent(out, cache) coefficients, multipliers, exponents
   class(oscillator_type), allocatable, target :: system
   type(load_type), target :: load
   type(response_options) :: wanted

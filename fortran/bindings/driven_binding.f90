@@ -167,6 +167,8 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   integer(c_int), intent(out) :: n_crossings, kinds(max_special), before(max_special), status
   real(c_double), intent(out) :: crossings(max_special), crossing_x(n_unknowns, max_special)
   !f2py threadsafe
+  ! Room for all points is not zeroed: that would take seconds, deaf to Ctrl-C.
+  !f2py intent(out, cache) x
   type(pendulum_type), target :: system
   type(torus_type) :: torus
   type(torus_balance_type) :: balance

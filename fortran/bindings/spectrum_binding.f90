@@ -1,32 +1,48 @@
 ! Flat routines over spectra, for f2py.
 
 !> Discrete Fourier transform of a real signal, shape (n/2 + 1).
-subroutine real_dft(signal, n, spectrum, n_spectrum)
+subroutine real_dft(signal, n, spectrum, n_spectrum, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
-  use viscovib_fourier, only: real_spectrum
+  use viscovib_binding_tools, only: report
+  use viscovib_fourier, only: check_length, real_spectrum
+  use viscovib_status, only: status_type
   implicit none
   integer(c_int), intent(in) :: n, n_spectrum
   real(c_double), intent(in) :: signal(n)
   complex(c_double_complex), intent(out) :: spectrum(n_spectrum)
+  integer(c_int), intent(out) :: status
   !f2py threadsafe
-  call real_spectrum(signal, spectrum)
+  type(status_type) :: outcome
+  call check_length(n, outcome)
+  if (.not. outcome%failed()) call real_spectrum(signal, spectrum)
+  call report(outcome, status)
 end subroutine real_dft
 
 !> One-sided complex amplitudes of signals, a column each; n_spectrum = n/2 + 1.
-subroutine windowed_spectrum(signals, n, m, window, spectra, n_spectrum, bandwidth)
+subroutine windowed_spectrum(signals, n, m, window, spectra, n_spectrum, bandwidth, &
+                             status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_amplitude_spectrum, only: amplitude_spectrum
+  use viscovib_binding_tools, only: report
+  use viscovib_fourier, only: check_length
+  use viscovib_status, only: status_type
   use viscovib_windows, only: noise_bandwidth
   implicit none
   integer(c_int), intent(in) :: n, m, window, n_spectrum
   real(c_double), intent(in) :: signals(n, m)
   complex(c_double_complex), intent(out) :: spectra(n_spectrum, m)
   real(c_double), intent(out) :: bandwidth
+  integer(c_int), intent(out) :: status
   !f2py threadsafe
+  type(status_type) :: outcome
   integer :: j
-  do j = 1, m
-    call amplitude_spectrum(signals(:, j), window, spectra(:, j))
-  end do
+  call check_length(n, outcome)
+  if (.not. outcome%failed()) then
+    do j = 1, m
+      call amplitude_spectrum(signals(:, j), window, spectra(:, j))
+    end do
+  end if
+  call report(outcome, status)
   bandwidth = noise_bandwidth(window)
 end subroutine windowed_spectrum
 

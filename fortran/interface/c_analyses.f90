@@ -4,6 +4,7 @@ module viscovib_c_analyses
     c_loc, c_null_char, c_null_ptr, c_ptr
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_amplitude_spectrum, only: amplitude_spectrum
+  use viscovib_fourier, only: check_length
   use viscovib_c_systems, only: c_system, numbers_text, read_call, room_of, &
     system_of, text_of, told
   use viscovib_job, only: job_report
@@ -177,6 +178,10 @@ contains
       call c_f_pointer(signal, values, [n])
       if (.not. all(ieee_is_finite(values))) then
         call fail(status, status_input_error, 'signal', 'signal: must be finite numbers')
+      else
+        call check_length(int(n), status)
+      end if
+      if (status%failed()) then
         spectrum = told(status)
         return
       end if

@@ -1,6 +1,7 @@
 !> A motion in time of any system, and spectra of it.
 module viscovib_motion_job
   use viscovib_amplitude_spectrum, only: amplitude_spectrum
+  use viscovib_fourier, only: check_length
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_dense, only: factorize, solve
@@ -111,6 +112,8 @@ contains
     kept = 2
     if (self%spectrum%wanted) then
       kept = count(trajectory%t >= self%spectrum%discard*(1.0_wp - 1.0e-12_wp))
+      call check_length(kept, status)
+      if (status%failed()) return
       if (kept >= 2) call put_spectrum(self%spectrum, subject, trajectory, kept, sink, status)
       if (status%failed()) return
     end if

@@ -9,10 +9,11 @@ module viscovib_fourier
     c_null_ptr, c_ptr
   use viscovib_counters, only: count_up, counted_fourier, counting
   use viscovib_kinds, only: wp
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
   private
 
-  public :: real_spectrum, lock_planner, unlock_planner
+  public :: check_length, real_spectrum, lock_planner, unlock_planner
 
   !> Lengths remembered; the oldest goes first.
   integer, parameter :: max_plans = 32
@@ -50,7 +51,18 @@ module viscovib_fourier
 
 contains
 
-  !> sum_j signal_j exp(-2 pi i j k/n) for k = 0 ... n/2.
+  !> Refuse what is too long: lengths that are padded to a power of two must stay integers.
+  subroutine check_length(n, status)
+    integer, intent(in) :: n
+    type(status_type), intent(out) :: status
+    integer, parameter :: most = 2**29
+
+    call set_ok(status)
+    if (n > most) call fail(status, status_input_error, 'signal', 'signal: '//show(n) &
+                            //' samples, must be at most '//show(most))
+  end subroutine check_length
+
+  !> sum_j signal_j exp(-2 pi i j k/n) for k = 0 ... n/2; n as `check_length` lets pass.
   subroutine real_spectrum(signal, spectrum)
     !> Shape (n), n >= 1.
     real(wp), intent(in) :: signal(:)

@@ -2,6 +2,8 @@
 
 import contextlib
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -190,3 +192,20 @@ def test_what_is_cancelled_begins_no_piece(monkeypatch, name):
     with contextlib.suppress(vv.InputError):
         SHORT[name]()
     assert pieces == [0]
+
+
+ROOM = """
+import resource, viscovib as vv
+body = vv.Mount(mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+branch = vv.trace_response(body, (0.5, 0.52), load=0.05, max_points=100_000, harmonics=151,
+                           symmetric=False)
+assert branch.nu.size < 100
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+def test_room_for_many_points_is_not_touched():
+    """f2py zeroes what a routine returns while it holds Python's lock: seconds for gigabytes."""
+    done = subprocess.run([sys.executable, "-c", ROOM], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 300_000, "kB; the room has 490 MB"

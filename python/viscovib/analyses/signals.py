@@ -94,8 +94,8 @@ def windowed(columns: FloatArray, window: int) -> tuple[ComplexArray, float]:
     """One-sided spectra of signals, a column each, and the noise bandwidth of the window."""
 
     def work() -> tuple[ComplexArray, float]:
-        found: tuple[ComplexArray, float] = core.windowed_spectrum(
-            np.asfortranarray(columns), window, n_spectrum=columns.shape[0] // 2 + 1
+        found: tuple[ComplexArray, float] = _native.call(
+            core.windowed_spectrum, np.asfortranarray(columns), window, columns.shape[0] // 2 + 1
         )
         return found
 

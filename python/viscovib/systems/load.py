@@ -53,11 +53,7 @@ def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, compl
         raise InputError("samples: values beyond 1e150 leave the range of numbers")
     n_kept = values.size // 2 + 1
     many = values.size > _native.MANY_SAMPLES
-    whole = (
-        _native.apart(lambda: core.real_dft(values, n_kept))
-        if many
-        else core.real_dft(values, n_kept)
-    )
+    (whole,) = _native.call_either(many, core.real_dft, values, n_kept)
     spectrum = whole[: highest + 1] / values.size
     series = {0: 1j * spectrum[0].real}
     series.update({k: 2j * spectrum[k] for k in range(1, highest + 1)})
