@@ -104,3 +104,13 @@ def test_ensembles_take_relative_accuracies():
     sizes = np.abs(tight.state).max(axis=0)
     assert (np.abs(loose.state - tight.state) <= 1e-4 * sizes.clip(1e-6 * sizes.max())).all()
     assert loose.error > 0
+
+
+def test_a_corner_behind_memory_is_no_chaos():
+    """Steps do not end on corners of laws with memory: where they are is told, not chaos."""
+    kernel = vv.PronyKernel(weights=[0.1], rates=[0.5])
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.1, forces="2*heaviside(x - 0.1)*x_dot", kernel=kernel
+    )
+    with pytest.raises(vv.InputError, match="jump or corner on which no step ends"):
+        vv.simulate(system, 15, initial=[0.2, 0], load=0.5, nu=1.0, dt="auto", tolerance=1e-6)

@@ -100,6 +100,16 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
     bad = np.flatnonzero(part > allowed[worst])
     first = int(bad[0])
     t = fine.t
+    # What grows by itself does so over many steps; a corner makes an error within one.
+    most = np.maximum(np.maximum.accumulate(part), 1e-3 * allowed[worst])
+    sudden = np.flatnonzero(most[1:] > 100 * most[:-1])
+    if sudden.size:
+        i = int(sudden[0])
+        return (
+            f"two runs agree to t = {t[i]:.6g} and differ suddenly by t = {t[i + 1]:.6g}, as where "
+            "a force has a jump or corner on which no step ends, or changes too fast for them: "
+            "take a larger tolerance or a smaller dt"
+        )
     if first > 0.05 * t.size and np.median(part[: first // 2 + 1]) < 0.1 * allowed[worst]:
         grown = part[first:].max() / max(float(part[: first // 2 + 1].max()), 1e-300)
         until = float(t[first - 1])
