@@ -167,6 +167,7 @@ def follow(**options):
         ),
         # A range takes no memory, the array it stands for does.
         (lambda: vv.spectrum(range(10**30), 1), "signal: has 10{30} entries, must have at most"),
+        (lambda: pendulum().rhs(0, np.zeros((0, 6))), r"state: has no states, its shape is \(0, 6"),
         # Values that are not a finite number.
         (
             lambda: vv.PronyKernel(weights=[1], rates=[2]).laplace([0, -2]),

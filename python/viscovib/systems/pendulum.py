@@ -259,6 +259,8 @@ class Pendulum:
         states = _native.real_array("state", state)
         if states.ndim < 1 or states.shape[-1] != 6:
             raise InputError(f"state: must have shape (..., 6), got {states.shape}")
+        if not states.size:
+            raise InputError(f"state: has no states, its shape is {states.shape}")
         return states
 
     def _evaluate(
