@@ -21,7 +21,7 @@ module viscovib_fitted_kernel
 
   character(len=*), parameter :: laws(4) = [character(len=9) :: 'none', 'wlf', 'arrhenius', 'table']
   !> J/(mol K), 0 deg C in K.
-  real(wp), parameter :: gas_constant = 8.314462618_wp, kelvin = 273.15_wp
+  real(wp), parameter :: gas_constant = 8.31446261815324_wp, kelvin = 273.15_wp
   !> Factors of time beyond are no material's.
   real(wp), parameter :: most_decades = 60.0_wp
 

@@ -66,7 +66,7 @@ def test_orders_come_and_go_along_a_row():
         # What a row does without stands as 0.
         beyond = r.orders[:, 0] > r.highest[row]
         assert np.abs(r.coefficients[row][:, beyond]).max(initial=0) == 0
-    assert "each with the orders it needs" in str(r.plan)
+    assert "each with as many harmonics as it needs" in str(r.plan)
     table = r.to_dataset()
     assert table.highest.values.tolist() == r.highest.tolist()
 

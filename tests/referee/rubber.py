@@ -26,10 +26,10 @@ def _warm_sum(rng, index):
     else:
         energy = few(rng, 2e4, 2e5, 3)
         law = f"vv.Arrhenius(reference={reference}, activation_energy={energy})"
-        kelvin = mp.mpf(reference) + mp.mpf(273.15)
-        decades = float(
-            energy / mp.mpf(8.314462618) / mp.log(10) * (1 / (kelvin + warm) - 1 / kelvin)
-        )
+        with mp.workdps(30):
+            kelvin = mp.mpf(reference) + mp.mpf(273.15)
+            slope = energy / mp.mpf(8.31446261815324) / mp.log(10)
+            decades = float(slope * (1 / (kelvin + warm) - 1 / kelvin))
     mu = [few(rng, 1e-3, 1e3, 4) for _ in range(5)]
     t = [float(f"{10**decades * few(rng, 1e-3, 1, 4):.4g}") for _ in range(2)]
     call = f"""law = {law}

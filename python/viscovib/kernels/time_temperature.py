@@ -19,7 +19,7 @@ from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 
 #: J/(mol K), and 0 deg C in K.
-GAS_CONSTANT, KELVIN = 8.314462618, 273.15
+GAS_CONSTANT, KELVIN = 8.31446261815324, 273.15
 #: Of parameters of laws.
 _LARGEST = 1e9
 
