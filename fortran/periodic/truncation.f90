@@ -32,6 +32,8 @@ module viscovib_truncation
   !> What a jump of the force makes, where orders are too few to measure it; and the most that is
   !! made of orders that vanish between two beats.
   real(wp), parameter :: unknown_fall = 3.0_wp, largest_beat = 100.0_wp
+  !> Most that orders beyond the larger set are believed to make where laws are smooth.
+  real(wp), parameter :: largest_tail = 20.0_wp
   !> Orders that tell a fall.
   integer, parameter :: enough = 8
 
@@ -94,7 +96,11 @@ contains
     rest = weighted_norm(system, change(n + 1:, :) - y(n + 1:, :))
     short = 1.0_wp
     if (first > 0.0_wp) short = 1.0_wp/(1.0_wp - min(rest/first, slowest))
-    if (probe%kinked) short = short*tail(system, x, probe%set%orders, first)
+    if (probe%kinked) then
+      short = short*tail(system, x, probe%set%orders, first)
+    else
+      short = short*smooth_tail(system, x, probe%set%orders)
+    end if
     outside = 0.0_wp
     if (norm > 0.0_wp) outside = first*short/norm
   end subroutine find_left_out
@@ -134,6 +140,30 @@ contains
     end do
     tail = tail*max(1.0_wp, min(high/first, largest_beat))
   end function tail
+
+  !> The same where laws are smooth: the orders fall off as q^k, and those beyond the larger set,
+  !! of m more orders, add q^m/(1 - q^m) of those looked at. Where that is much, q itself is
+  !! uncertain, for orders fall ever more slowly towards the pole that rules them: more is added.
+  pure real(wp) function smooth_tail(system, x, orders) result(tail)
+    class(oscillator_type), intent(in) :: system
+    !> Shape (2 n_orders, n_dof).
+    real(wp), intent(in) :: x(:, :)
+    !> Of the larger set.
+    integer, intent(in) :: orders(:)
+    real(wp) :: low, high, left
+    integer :: n
+
+    n = size(x, 1)/2
+    tail = 1.0_wp
+    if (n < enough) return
+    low = weighted_norm(system, x(2*(n/4) + 1:2*(n/2), :))
+    high = weighted_norm(system, x(2*(n/2) + 1:, :))
+    if (.not. (high > 0.0_wp .and. high < low)) return
+    left = real(orders(size(orders)) - orders(n), wp)/(orders(n/2 + 1) - orders(n/4 + 1))
+    tail = (high/low)**left
+    tail = tail/(1.0_wp - tail)
+    tail = min(1.0_wp + tail*(1.0_wp + min(tail, safety)), largest_tail)
+  end function smooth_tail
 
   !> Subtract -D^-1 r.
   pure subroutine add_left_out(compliance, r, change)

@@ -192,3 +192,22 @@ def test_estimates_beside_kinks():
         ratios.append(np.linalg.norm(x - y) / np.linalg.norm(y) / (a.truncation[0] + 1e-9))
     assert len(ratios) > 35
     assert max(ratios) < 1.1
+
+
+@pytest.mark.parametrize("highest", [31, 61, 101])
+def test_estimates_of_steep_smooth_laws(highest):
+    """Harmonics fall slowly, so that those beyond the larger set count."""
+    system = vv.PolynomialSystem(mass=1, damping=0.05, stiffness=1, forces="0.3*tanh(x_dot/0.05)")
+
+    def run(harmonics):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", vv.ConvergenceWarning)
+            return vv.forced_response(system, [1.1], load=0.5, harmonics=harmonics, method="newton")
+
+    short, long = run(highest), run(199)
+    kept, true = short.coefficients[0].ravel(), long.coefficients[0].ravel()
+    change = true.copy()
+    change[: kept.size] -= kept
+    error = np.linalg.norm(change) / np.linalg.norm(true)
+    # A fifth of it was told when only the next orders were counted.
+    assert 0.8 * error < short.truncation[0] < 4 * error
