@@ -58,6 +58,7 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_order_rules, only: most_along
   use viscovib_response, only: response_options
   use viscovib_response_plan, only: new_response_plan, response_plan_type
   use viscovib_status, only: status_type
@@ -95,6 +96,8 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
     call new_response_plan(plan, system, load, nu, method, options, outcome)
   end if
   if (.not. outcome%failed()) then
+    ! Along a branch fewer may be chosen.
+    if (options%keep_idle) plan%most = min(plan%most, most_along(system, load))
     if (plan%chosen) plan%set%orders = [(k, k=merge(1, 0, plan%set%half_wave), plan%most, &
                                          merge(2, 1, plan%set%half_wave))]
     n_kept = size(plan%set%orders)
@@ -197,22 +200,20 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   call report(outcome, status)
 end subroutine mount_response
 
-!> Bounds and defaults that Python checks arguments by: highest order, highest that is chosen
-!! along a branch, iterations, unknowns, orders of free motions of a pendulum at first and at most;
-!! lowest and highest tolerance, the same in time, what stands for 0 where a number varies.
+!> Bounds and defaults that Python checks arguments by: highest order, iterations, unknowns, orders
+!! of free motions of a pendulum at first and at most; lowest and highest tolerance, the same in
+!! time, what stands for 0 where a number varies.
 subroutine known_limits(counts, sizes)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_limits, only: max_harmonics, max_time_tolerance, max_tolerance, &
     min_time_tolerance, min_tolerance, nearly_nothing
   use viscovib_free_orders, only: first_free => first_chosen, most_free => highest_chosen
-  use viscovib_response_branch, only: highest_chosen
   use viscovib_response_plan, only: max_iterations_allowed, max_unknowns
   implicit none
-  integer(c_int), intent(out) :: counts(6)
+  integer(c_int), intent(out) :: counts(5)
   real(c_double), intent(out) :: sizes(5)
 
-  counts = [max_harmonics, highest_chosen, max_iterations_allowed, max_unknowns, first_free, &
-            most_free]
+  counts = [max_harmonics, max_iterations_allowed, max_unknowns, first_free, most_free]
   sizes = [min_tolerance, max_tolerance, min_time_tolerance, max_time_tolerance, &
            nearly_nothing]
 end subroutine known_limits

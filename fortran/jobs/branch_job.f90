@@ -15,9 +15,10 @@ module viscovib_branch_job
   use viscovib_mount_builder, only: new_mount_builder
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency, vary_load
+  use viscovib_order_rules, only: most_along
   use viscovib_outcomes, only: outcome_converged
   use viscovib_response, only: response_options
-  use viscovib_response_branch, only: follow_response, highest_chosen
+  use viscovib_response_branch, only: follow_response
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
   use viscovib_status, only: fail, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
@@ -74,22 +75,23 @@ contains
     varies = self%varies
     if (varies == 'load_factor') varies = 'load factor'
     text = subject%told()//plan_along(varies, self%curve%start, self%curve%finish, &
-                      merge(0, size(plan%set%orders), plan%chosen), self%stability)//plan%rest &
+                      merge(0, size(plan%set%orders), plan%chosen), &
+                      most_along(subject%oscillator(), subject%load), self%stability)//plan%rest &
            //plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_branch
 
   !> What will be computed; the rest of the plan is that of a single response.
-  function plan_along(varies, from, to, n_orders, stability) result(text)
+  function plan_along(varies, from, to, n_orders, most, stability) result(text)
     !> 'nu', 'load factor' or a parameter.
     character(len=*), intent(in) :: varies
     real(wp), intent(in) :: from, to
-    !> 0: chosen at each point.
-    integer, intent(in) :: n_orders
+    !> 0: chosen at each point, up to `most`.
+    integer, intent(in) :: n_orders, most
     logical, intent(in) :: stability
     character(len=:), allocatable :: text
     text = things(n_orders, 'harmonic')//' per coordinate'
     if (n_orders == 0) text = 'harmonics chosen at each point to meet the ' &
-                              //'tolerance, at most '//show(highest_chosen)
+                              //'tolerance, at most '//show(most)
     text = 'computes: the branch from '//varies//' = '//show(from)//' to '//show(to)//', ' &
            //text//new_line('a') &
            //trim(merge('computes: stability of each point, and where it changes', &

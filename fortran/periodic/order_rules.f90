@@ -1,22 +1,34 @@
 !> How many orders to add to a periodic solution that lacks some, and how many will do for
 !! the next one.
 module viscovib_order_rules
-  use viscovib_balance_ladder, only: balance_ladder_type
+  use viscovib_balance_ladder, only: balance_ladder_type, lowest_order
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: max_harmonics
+  use viscovib_load, only: load_type
   use viscovib_motion_norm, only: weighted_norm
   use viscovib_oscillator, only: oscillator_type
   implicit none
   private
 
-  public :: better_rung, rung_for_next
+  public :: better_rung, most_along, rung_for_next
 
   !> Orders are idle below this part of the tolerance: what is dropped here and missed at
   !! the next point costs another solution.
   real(wp), parameter :: idle = 0.1_wp
   !> Additions that may fail to halve the estimate before it is taken for rounding.
   integer, parameter, public :: max_vain = 2
+  !> Highest order that is chosen along a branch whatever it brings.
+  integer, parameter :: modest = 63
 
 contains
+
+  !> Highest order that is chosen along a branch, unless the load has higher ones: forces that are
+  !! polynomials never need more, others may.
+  pure integer function most_along(system, load)
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    most_along = max(merge(modest, max_harmonics, system%degree > 0), lowest_order(load))
+  end function most_along
 
   !> Orders fall off geometrically: go on as far as that suggests, at most to twice as
   !! many.

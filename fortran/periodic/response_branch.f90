@@ -1,7 +1,7 @@
 !> A branch of periodic motions of an oscillator, from a frequency, a factor of the load or
 !! a parameter on, with the orders given or as many as each point needs.
 module viscovib_response_branch
-  use viscovib_balance_ladder, only: balance_ladder_type, lowest_order, new_ladder, one_rung
+  use viscovib_balance_ladder, only: balance_ladder_type, new_ladder, one_rung
   use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
   use viscovib_curve_events, only: special_points
   use viscovib_damped_start, only: point_from_damping
@@ -9,6 +9,7 @@ module viscovib_response_branch
   use viscovib_kinds, only: wp
   use viscovib_newton_point, only: newton_point, point_from_rest
   use viscovib_oscillator_curve, only: oscillator_curve_type
+  use viscovib_order_rules, only: most_along
   use viscovib_outcomes, only: outcome_converged, outcome_stalled
   use viscovib_response_plan, only: response_plan_type
   use viscovib_sized_curve, only: refitted
@@ -20,8 +21,6 @@ module viscovib_response_branch
 
   !> Orders with which a motion is sought from rest: enough not to be led astray.
   integer, parameter :: orders_from_rest = 9
-  !> Highest order that is chosen, unless the load has higher ones.
-  integer, parameter, public :: highest_chosen = 63
 
   !> Where to leave another branch: unknowns of all orders the plan allows, shape (n), what
   !! varies, and the direction, shape (n + 1); 0: a motion nearby, to begin at.
@@ -58,7 +57,7 @@ contains
     factor = curve%balance%load_factor
     if (plan%chosen) then
       call new_ladder(ladder, curve%system, curve%load, plan%set%half_wave, &
-                      min(plan%most, max(highest_chosen, lowest_order(curve%load))))
+                      min(plan%most, most_along(curve%system, curve%load)))
       rung = ladder%rung_of(orders_from_rest)
       if (present(departure)) then
         if (any(abs(departure%along) > 0.0_wp)) rung = 1

@@ -5,7 +5,10 @@ from scipy.integrate import solve_ivp
 
 from referee.case import Case, Claim, even, few, number
 
-JUDGES = ("Spring", "Spring.degree", "Jenkins", "Jenkins.loop", "Jenkins.energy")
+JUDGES = (
+    "Spring", "Spring.degree", "Jenkins", "Jenkins.loop", "Jenkins.energy", "Response.extrapolated",
+    "PeriodicMotions.fall_off",
+)  # fmt: skip
 
 #: Texts in x with numbers A and B, and the same for NumPy; all smooth.
 LAWS = {
@@ -212,6 +215,58 @@ loop, lost = slider.loop(d), float(slider.energy(d))
     return Case(call, judge)
 
 
+def _friction(rng, index):
+    """Dry friction without stops: pieces between turns are linear, and so is what joins them."""
+    size, nu = few(rng, 0.02, 0.3), few(rng, 0.4, 2.5, 4)
+    if abs(nu - 1) < 0.05:
+        nu += 0.1
+    call = f"""s = vv.PolynomialSystem(mass=1, stiffness=1, forces="{size}*sign(x_dot)")
+r = [vv.forced_response(s, [{nu}], load=1, method="newton", harmonics=k) for k in (25, 49, 99)]
+best = r[2].extrapolated(r[1], r[0])
+fall, power, told = r[2].fall_off()[0], best.power[0], (r[2].truncation[0], best.truncation[0])
+heights = [one.peak_to_peak("x")[0] / 2 for one in (r[2], best)]
+"""
+
+    def judge(names, told):
+        exact = _without_stops(nu, size)
+        if exact is None:
+            return
+        for what, height, told in zip(
+            ("amplitude", "extrapolated"), names["heights"], names["told"], strict=True
+        ):
+            yield Claim(what, height, exact, 2 * told * exact, damage=10.0)
+        yield Claim("fall", names["fall"], 3.0, 0.5, damage=1.0)
+        if np.isfinite(names["power"]):
+            yield Claim("power", names["power"], 1.0, 0.1, damage=1.0)
+
+    return Case(call, judge)
+
+
+def _without_stops(nu, size):
+    """X of x'' + x + size sign x' = sin(nu t + a), or None if it stops on the way."""
+    # From X at t = 0 down to -X: x = size + A cos t + B sin t + (p cos nu t + q sin nu t)/(1 - nu^2).
+    half, g = np.pi / nu, 1 / (1 - nu**2)
+    c, s = np.cos(half), np.sin(half)
+    rows = np.array([
+        [1, 0, g, 0], [0, 1, 0, nu * g], [c, s, -g, 0], [-s, c, 0, -nu * g],
+    ])  # fmt: skip
+    try:
+        by_height = np.linalg.solve(rows, [1, 0, -1, 0])
+        alone = np.linalg.solve(rows, [-size, 0, -size, 0])
+    except np.linalg.LinAlgError:
+        return None
+    p, q = by_height[2:], alone[2:]
+    heights = np.roots([p @ p, 2 * p @ q, q @ q - 1])
+    t = np.linspace(0, half, 2001)
+    for height in sorted(heights.real[np.abs(heights.imag) < 1e-12], reverse=True):
+        a, b, pp, qq = height * by_height + alone
+        rate = -a * np.sin(t) + b * np.cos(t) + nu * g * (qq * np.cos(nu * t) - pp * np.sin(nu * t))
+        if height > 0 and (rate[1:-1] < 0).all() and rate[1:-1].max() < 0:
+            return float(height)
+    return None
+
+
 def case(rng, index):
     """Draw a law, and ask for its steady motion, stability, motion in time, or a structure's."""
-    return (_steady, _motion, _element, _multipliers, _slider)[index % 5](rng, index // 5)
+    kinds = (_steady, _motion, _element, _multipliers, _slider, _friction)
+    return kinds[index % 6](rng, index // 6)

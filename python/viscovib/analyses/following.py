@@ -14,9 +14,9 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.analyses.starts import Start, StartLike, start_of
-from viscovib.analyses.steady import _prepare
+from viscovib.analyses.steady import _prepare, falling
 from viscovib.common.motion_stability import Stability
-from viscovib.common.parameters import MOST_CHOSEN, OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
+from viscovib.common.parameters import OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
 from viscovib.common.plan import Plan
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.branch import Branch
@@ -196,8 +196,6 @@ def trace_mount(
     orders = planned.orders
     if not keeps:
         orders = np.arange((planned.orders[-1] if auto else prepared[1]) + 1, dtype=np.int32)
-    if auto:
-        orders = orders[orders <= max(MOST_CHOSEN, *job[-2])]
     n_dof, m, points = job[-1].shape[0] - 1, orders.size, curve.max_points
     _check_size(points, n_dof, m)
     begin, begin_p, along = _begin(system, way, job, planned.loaded, orders, leave, opposite, begun)
@@ -219,7 +217,7 @@ def trace_mount(
     if planned.loaded is not None:
         view = View.of(system, planned.loaded, coordinates)
     shown = _Shown(system, way, job, orders[: found[2]], view)
-    plan = _plan(way.varies, way.start, way.finish, 0 if auto else m, planned, judged)
+    plan = _plan(way.varies, way.start, way.finish, -orders[-1] if auto else m, planned, judged)
     return _branch(found, shown, (n_dof, m), curve.tolerance, judged, plan, whole_job)
 
 
@@ -278,10 +276,6 @@ def _branch(
         stability = Stability.of(judged[:n], multipliers[:, :n], exponents[:, :n])
         if (judged[:n] < 0).all() and not system._active_kernels:
             stability = None
-    _warn_above(
-        truncation[:n], tolerance, way.varies, p,
-        f"harmonics up to {orders[-1]} do not reach the tolerance",
-    )  # fmt: skip
     _warn_above(error[:n], tolerance, way.varies, p, "rounding leaves more than the tolerance")
     values, places, crossed = p[:n].copy(), branch_p[:n_branch], where[:n_crossings]
     motions = shown.absolute(coefficients[:n_used, :, :n], values)
@@ -329,20 +323,27 @@ def _branch(
         _job=job,
         _tolerance=tolerance,
     )
+    worst = int(branch.truncation.argmax())
+    _warn_above(
+        branch.truncation, tolerance, way.varies, p,
+        f"harmonics up to {orders[-1]} do not reach the tolerance",
+        falling(branch.fall_off()[worst]) if branch.truncation[worst] > tolerance else "",
+    )  # fmt: skip
     if isinstance(branch, StructureBranch):
         warn_of_reduction(branch)
     return branch
 
 
 def _warn_above(
-    errors: FloatArray, tolerance: float, varies: str, p: FloatArray, told: str
+    errors: FloatArray, tolerance: float, varies: str, p: FloatArray, told: str, more: str = ""
 ) -> None:
     """Warn of points whose error is above the tolerance."""
     above = errors > tolerance
     if above.any():
         warnings.warn(
             f"at {above.sum()} of {errors.size} points {told} {tolerance:.1e}; worst at {varies} = "
-            f"{p[errors.argmax()]:.6g}, with an estimated relative error of {errors.max():.1e}",
+            f"{p[errors.argmax()]:.6g}, with an estimated relative error of {errors.max():.1e}"
+            f"{more}",
             ConvergenceWarning,
             stacklevel=caller(),
         )

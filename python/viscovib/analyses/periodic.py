@@ -159,7 +159,9 @@ def trace_response(
     harmonics : int or "auto"
         Highest order kept, with several base frequencies in all. "auto": as many as bring the
         ``truncation`` of the motions below ``tolerance``. Of an oscillator those that each point
-        needs, up to 63; to ``leave`` a branch, give it what that was traced with. Of a pendulum 15,
+        needs, up to 63, or 199 if forces are no polynomials (of one coordinate such a point takes
+        some 6 ms with odd orders only, 20 ms with all); to ``leave`` a branch, give it what that
+        was traced with. Of a pendulum 15,
         6 or 4 at first; the branch is followed again with more until the outermost orders, where
         they are the largest, are small enough or there is no more room; with ``leave`` those of the
         branch that is left.

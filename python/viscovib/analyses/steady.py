@@ -34,6 +34,8 @@ CHUNK = 4096
 _LONG = 6400
 #: Orders that a frequency takes as a rule where they are chosen.
 _TYPICAL = 10
+#: Powers from which on harmonics fall fast.
+_FAST = 8.0
 
 
 def mount_response(
@@ -313,6 +315,13 @@ def _warn_of_gaps(response: Response) -> None:
     )
 
 
+def falling(power: float) -> str:
+    """Say how slowly harmonics fall, if that is slow."""
+    if not power < _FAST:
+        return ""
+    return f"; harmonics there fall as k^-{power:.1f}"
+
+
 def _warn_of_few_orders(response: Response, tolerance: float) -> None:
     few = response.truncation > tolerance
     if not few.any():
@@ -322,7 +331,7 @@ def _warn_of_few_orders(response: Response, tolerance: float) -> None:
         f"at {few.sum()} of {things(few.size, 'frequency', 'frequencies')} the orders kept do "
         f"not reach the tolerance {tolerance:.1e}; worst at nu = {response.nu[worst]:.6g}, where "
         f"those up to {response.highest[worst]} leave an estimated relative error of "
-        f"{response.truncation[worst]:.1e}",
+        f"{response.truncation[worst]:.1e}{falling(response.fall_off()[worst])}",
         ConvergenceWarning,
         stacklevel=caller(),
     )

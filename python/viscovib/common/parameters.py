@@ -195,10 +195,9 @@ class Optional(Parameter[Any]):
 
 _counts, _sizes = _native.core.known_limits()
 _lowest, _highest, _lowest_in_time, _highest_in_time, NEARLY_NOTHING = _sizes.tolist()
-#: Highest order of a periodic motion, the highest that is chosen along a branch unless the load
-#: needs more, unknowns of Newton's method, orders of free motions of a pendulum that are chosen,
-#: at first and at most: all bounds here are those of the core.
-MAX_HARMONICS, MOST_CHOSEN, _iterations, MAX_UNKNOWNS, FIRST_FREE, MOST_FREE = _counts.tolist()
+#: Highest order of a periodic motion, unknowns of Newton's method, orders of free motions of a
+#: pendulum that are chosen, at first and at most: all bounds here are those of the core.
+MAX_HARMONICS, _iterations, MAX_UNKNOWNS, FIRST_FREE, MOST_FREE = _counts.tolist()
 #: What several methods share: the relative size of the last correction, ...
 TOLERANCE = Number("tolerance", _lowest, _highest)
 MAX_ITERATIONS = Whole("max_iterations", 1, _iterations)

@@ -14,6 +14,8 @@ from viscovib.errors import InputError
 #: Samples a period of the highest order, summits among them that are looked at closer, Newton
 #: steps to each, motions at once.
 _PER_ORDER, _SUMMITS, _NEWTON, _AT_ONCE = 64, 6, 5, 256
+#: Orders that tell how harmonics fall.
+_FEWEST_TO_FALL = 8
 #: Times of a waveform that are computed at once.
 _AT_A_TIME = 4096
 
@@ -111,6 +113,31 @@ class PeriodicMotions:
             result[rows] = sum(
                 _highest(sign * own[rows], orders, sign * values) for sign in (1, -1)
             )
+        return result
+
+    def fall_off(self) -> FloatArray:
+        """Power p with which harmonics fall as k^-p, measured, shape (n,).
+
+        By the last two octaves of the orders kept, of all coordinates in units of their size; NaN
+        with fewer than 8 orders. A corner of the force makes 4, a jump 3, `v*abs(v)` 5; a smooth
+        law has none: p grows with the orders kept.
+        """
+        nu, orders, coefficients = self._motions()
+        result = np.full(nu.size, np.nan)
+        if orders.ndim != 1:
+            return result
+        for i in np.flatnonzero(np.isfinite(coefficients).all(axis=(1, 2))):
+            own = coefficients[i]
+            # Orders that are not kept here are 0.
+            kept = np.flatnonzero(np.abs(own).max(axis=0, initial=0.0))
+            if not kept.size or kept[-1] + 1 < _FEWEST_TO_FALL:
+                continue
+            m = int(kept[-1]) + 1
+            sizes = np.linalg.norm(own, axis=1, keepdims=True)
+            unit = own[:, :m] / np.where(sizes > 0, sizes, 1.0)
+            low = np.linalg.norm(unit[:, m // 4 : m // 2])
+            high = np.linalg.norm(unit[:, m // 2 :])
+            result[i] = np.log2(low / high) + 0.5 if high > 0 else np.nan
         return result
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,6 +19,7 @@ from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import Table
 from viscovib.errors import InputError
+from viscovib.results.extrapolation import check_orders, extrapolated
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -91,6 +92,9 @@ class Response(PeriodicMotions, Result):
         As in `Branch`; NaN where unknown.
     slowest : ndarray of bool, shape (n,), or None
         As in `Branch`: whether the first multiplier is the largest for certain.
+    power : ndarray, shape (n,), or None
+        Of `extrapolated` motions: the measured p with which orders converge as K^-p; NaN where a
+        motion was not extrapolated. None: of motions as they were solved for.
 
     Examples
     --------
@@ -130,6 +134,7 @@ class Response(PeriodicMotions, Result):
     multipliers: ComplexArray | None = None
     exponents: ComplexArray | None = None
     slowest: npt.NDArray[np.bool_] | None = None
+    power: FloatArray | None = None
 
     kind = "response"
 
@@ -214,6 +219,60 @@ class Response(PeriodicMotions, Result):
             np.zeros(1), room, np.zeros(1, dtype=np.intc),
         )  # fmt: skip
         return room.reshape(nu.size, n_dof, self.harmonics.size)
+
+    def extrapolated(self, middle: Response, coarse: Response) -> Response:
+        """These motions with infinitely many orders, from the same with fewer and fewer still.
+
+        Where a force jumps, as dry friction does, orders converge slowly, X(K) = X + C K^-p, K
+        between the last order kept and the first left out. The power p follows from the three
+        numbers of orders (Richardson, Phil. Trans. A 226, 1927), and is kept in ``power``.
+        ``truncation`` is then the estimated error of what is extrapolated: three times what both
+        pairs of numbers, and p and the nearest half of an integer, differ by, and the orders
+        above the highest, which stay left out. A motion that no power up to 2 fits, that would
+        move by more than twice its own estimate, or gain nothing, stays as it is.
+
+        Kinks, such as a gap has, hardly act back on the orders kept: there nothing is gained.
+
+        Parameters
+        ----------
+        middle, coarse : Response
+            Of the same system, load and frequencies; the ratio of their highest orders should be
+            about 2 each, and the lowest of them tell the jumps apart.
+
+        Examples
+        --------
+        Den Hartog's friction oscillator without stops, of the amplitude 2.711415:
+
+        >>> import warnings
+        >>> import viscovib as vv
+        >>> friction = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.2*sign(x_dot)")
+        >>> with warnings.catch_warnings():
+        ...     warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        ...     fine, middle, coarse = (
+        ...         vv.forced_response(friction, [0.8], load=1, method="newton", harmonics=k)
+        ...         for k in (99, 49, 25)
+        ...     )
+        >>> best = fine.extrapolated(middle, coarse)
+        >>> round(float(fine.peak_to_peak("x")[0]) / 2, 5)
+        2.71097
+        >>> round(float(best.peak_to_peak("x")[0]) / 2, 5), round(float(best.power[0]), 2)
+        (2.71142, 1.0)
+        """
+        three = (coarse, middle, self)
+        for name, one in (("middle", middle), ("coarse", coarse)):
+            if type(one) is not type(self):
+                raise InputError(f"{name}: must be a Response, got {type(one).__name__}")
+            if one.dof_names != self.dof_names or not np.array_equal(one.nu, self.nu):
+                raise InputError(f"{name}: must be of the same frequencies and coordinates")
+        check_orders([int(one.harmonics.max(initial=0)) for one in three])
+        coefficients, truncation = self.coefficients.copy(), self.truncation.copy()
+        power = np.full(self.nu.size, np.nan)
+        for i in np.flatnonzero(self.converged & middle.converged & coarse.converged):
+            row = [(one.harmonics, one.coefficients[i], int(one.highest[i])) for one in three]
+            found = extrapolated(row, float(truncation[i]))
+            if found is not None:
+                coefficients[i], truncation[i], power[i] = found
+        return replace(self, coefficients=coefficients, truncation=truncation, power=power)
 
     @property
     def complete(self) -> bool:  # type: ignore[override]

@@ -1,0 +1,107 @@
+"""Motions with infinitely many orders, extrapolated from three numbers of them."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib._native import ComplexArray
+from viscovib.errors import InputError
+
+#: Orders, X_k of shape (n_dof, m), and the highest order kept.
+Motion: TypeAlias = tuple[npt.NDArray[Any], ComplexArray, int]
+
+#: Powers that are believed (a jump makes 1; from 2 on most of the error is orders left out), how
+#: far beyond its own estimate a motion may be moved, and how uncertain the estimate is.
+_POWERS, _MOST_MOVED, _SAFETY = (0.4, 2.0), 2.0, 3.0
+#: Orders of the coarsest motion that are needed at least.
+_FEWEST = 4
+
+
+def check_orders(highest: list[int]) -> None:
+    """Refuse highest orders, the coarsest first, that tell no limit."""
+    if not _FEWEST <= highest[0] < highest[1] < highest[2]:
+        raise InputError(
+            f"highest orders {highest[2]}, {highest[1]} and {highest[0]}: must fall from each "
+            f"response to the next, to at least {_FEWEST}"
+        )
+
+
+def extrapolated(
+    three: list[Motion], truncation: float
+) -> tuple[ComplexArray, float, float] | None:
+    """X_k with all orders, the estimated error and p; None: as good as it is.
+
+    ``three``: the coarsest first; ``truncation``: the estimate of the finest.
+    """
+    found = _row(three)
+    if found is None:
+        return None
+    row, moved, error, p = found
+    believed = moved <= _MOST_MOVED * truncation and error < truncation
+    return (row, error, p) if believed else None
+
+
+def _row(three: list[Motion]) -> tuple[ComplexArray, float, float, float] | None:
+    """X_k, how far the kept ones moved, the estimated error and p; None: no power fits."""
+    orders, finest, _ = three[-1]
+    kept = [int((one[0] <= one[2]).sum()) for one in three]
+    if not all(np.array_equal(one[0][:k], orders[:k]) for one, k in zip(three, kept, strict=True)):
+        return None
+    if not kept[0] < kept[1] < kept[2]:
+        return None
+    # The middle between the last order kept and the first left out.
+    ends = [orders[k - 1] + 0.5 * (orders[k - 1] - orders[k - 2]) for k in kept]
+    weights = np.where(orders == 0, 1.0, 0.5)
+
+    def size(x: ComplexArray) -> float:
+        return float(np.sqrt((weights[: x.shape[-1]] * np.abs(x) ** 2).sum()))
+
+    n = kept[0]
+    first = size(three[1][1][:, :n] - three[0][1][:, :n])
+    second = size(finest[:, :n] - three[1][1][:, :n])
+    p = _power(ends, first, second)
+    if p is None:
+        return None
+
+    def beyond(j: int, q: float) -> ComplexArray:
+        """From the numbers j - 1 and j, with the power q."""
+        k = kept[j - 1]
+        x = np.array(three[j][1])
+        share = (ends[j] / ends[j - 1]) ** -q
+        x[:, :k] += (x[:, :k] - three[j - 1][1][:, :k]) * share / (1 - share)
+        return x
+
+    best = beyond(2, p)
+    spread = size(best[:, :n] - beyond(1, p)[:, :n]) + size(best - beyond(2, round(2 * p) / 2))
+    norm = size(finest)
+    error = _SAFETY * (spread + _left_out(finest[:, : kept[2]])) / norm
+    return best, size(best - finest) / norm, error, p
+
+
+def _power(ends: list[float], first: float, second: float) -> float | None:
+    """Power p of X(K) = X + C K^-p by two differences of three."""
+    if not 0 < second < first:
+        return None
+
+    def lacks(p: float) -> float:
+        powers = [end**-p for end in ends]
+        share: float = (powers[1] - powers[2]) / (powers[0] - powers[1])
+        return share - second / first
+
+    if lacks(_POWERS[0]) * lacks(_POWERS[1]) > 0:
+        return None
+    from scipy.optimize import brentq
+
+    return float(brentq(lacks, *_POWERS))
+
+
+def _left_out(x: ComplexArray) -> float:
+    """The size of all orders left out: octaves go on to fall as the last two do."""
+    m = x.shape[1]
+    high, low = (float(np.sqrt(0.5 * (np.abs(part) ** 2).sum()))
+                 for part in (x[:, m // 2 :], x[:, m // 4 : m // 2]))  # fmt: skip
+    ratio = min(high / low, 0.9) if low > 0 else 0.9
+    return high * ratio / float(np.sqrt(1 - ratio**2))
