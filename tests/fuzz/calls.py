@@ -109,6 +109,11 @@ READERS = (
     ("vv.run('pendulum.nml')", ("pendulum.nml",)),
 )
 
+LAYERED = (
+    "vv.simulate(vv.Structure(mass=[1, 2], stiffness=[[2, -1], [-1, 2]], "
+    f"layers=[([[1, 0], [0, 0.5]], {KERNEL})], elements=[vv.Spring(on='x2', law='d^3')]), 5, "
+    "load={'x1': 0.1}, nu=1.0)"
+)
 STRUCTURE = (
     "vv.Structure(mass=[1, 2, 1], stiffness=[[2, -1, 0], [-1, 2, -1], [0, -1, 1]], "
     "modal_damping=0.02, elements=[vv.Spring(on='x3', law='0.1*d^3')])"
@@ -172,7 +177,7 @@ SOUND = (
     'initial=[[0.1, 0.2]], t_end=5, dt=0.25, load=0.5, nu=1.2, lyapunov="all")',
     "vv.AbelKernel(amplitude=0.05, alpha=0.3)",
     "vv.SumKernel(parts=[vv.AbelKernel(amplitude=0.05, alpha=0.3)])",
-    DATA, SETS, FIT, STRUCTURE, CHAIN, SMALL,
+    DATA, SETS, FIT, STRUCTURE, LAYERED, CHAIN, SMALL,
     "vv.Spring(on={'x1': 1, 'x2': -1}, stiffness=1, damping=0.1, law='k*d^3', parameters={'k': 2})",
     "vv.Spring(on='x1', stiffness=1, law='k*v*abs(v) + tanh(v/0.1)', parameters={'k': 2})",
     "vv.Jenkins(on='x1', stiffness=20, limit=1)",

@@ -24,6 +24,7 @@ from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.relaxing_rest import remembered_of
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_loads import (
     Condensed,
@@ -103,6 +104,8 @@ class StructureMotion:
     held: FloatArray
     before: FloatArray
     moved: FloatArray
+    #: Displacements of all coordinates then, shape (n, m).
+    whole_past: FloatArray
     memory: str
     #: Directions of the columns of tables, shape (n, k), their times and cubics; one time: none.
     patterns: FloatArray
@@ -167,7 +170,7 @@ class StructureMotion:
             structure, end, "gauss8" if name == "auto" else name, loaded,
             structure._wanted(coordinates, loaded), state[::2].copy(), state[1::2].copy(),
             loaded.orders * frequency, directions.T @ moved[:, 0], before,
-            np.asfortranarray(directions.T @ moved), memory, patterns, breaks, pieces,
+            np.asfortranarray(directions.T @ moved), moved, memory, patterns, breaks, pieces,
         )  # fmt: skip
         motion = motion if table is None else motion._on_table(table)
         motion._warn_of_left_out()
@@ -277,6 +280,7 @@ class StructureMotion:
         c = self.loaded.condensation
         rest, q = c.rest, c.q
         kept = np.flatnonzero(rest.poles.imag >= 0)
+        past = [remembered_of(one, self.before, self.whole_past) for one in rest.remembered]
         if not kept.size:
             none = np.zeros((1, max(self.frequencies.size, 1)), complex)
             return {
@@ -307,7 +311,9 @@ class StructureMotion:
             "right": np.concatenate([c.right[kept], right.T @ self.patterns], axis=1),
             "sine": right.T @ forces.real, "cosine": right.T @ forces.imag, "by_base": moved,
             "shown_left": np.concatenate([left[self.places].T, seen], axis=1),
-            "start_others": state(start, rates),
+            "start_others": state(start, rates) + sum(
+                one.pushed[kept] @ y for one, y in zip(rest.remembered, past, strict=True)
+            ),
         }  # fmt: skip
 
     def _warn_of_left_out(self) -> None:
@@ -380,8 +386,8 @@ class StructureMotion:
 
     @property
     def remembers(self) -> bool:
-        """Whether some element has memory."""
-        return bool(self.mount._active_kernels)
+        """Whether some element or layer has memory."""
+        return bool(getattr(self.mount, "_all_kernels", self.mount._active_kernels))
 
     def runs(self, tolerance: float) -> Callable[[float], Run]:
         """Return what makes a run with a step."""

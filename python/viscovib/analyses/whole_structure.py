@@ -30,7 +30,7 @@ def goes_whole(
     told = None
     if len(system.dof_names) > MAX_DOF:
         told = f"is for structures of at most {MAX_DOF} coordinates, has {len(system.dof_names)}"
-    elif system._active_kernels:
+    elif system._all_kernels:
         told = "is for structures without kernels"
     elif system._reduced is not None:
         told = "is for structures that are not reduced"

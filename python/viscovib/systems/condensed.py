@@ -218,10 +218,13 @@ class LoadedStructure:
         c = self.condensation
         n = c.laws.directions.shape[0]
         kinds = [things(c.rest.squares.size, "real mode")] if c.rest.squares.size else []
+        poles = c.rest.poles
+        # Of real poles those of layers are no halves of pairs.
+        still = int((poles.imag == 0).sum()) if c.rest.remembered else 0
+        pairs = (poles.size - still) // 2
+        kinds += [things(pairs, "pair of complex modes", "pairs of complex modes")] if pairs else []
         kinds += (
-            [things(c.rest.poles.size // 2, "pair of complex modes", "pairs of complex modes")]
-            if c.rest.poles.size
-            else []
+            [things(still, "mode that does not swing", "modes that do not swing")] if still else []
         )
         rigid, below = int((c.rest.squares == 0).sum()), int((c.rest.squares < 0).sum())
         more = f", {rigid} of rigid bodies" if rigid else ""

@@ -9,10 +9,12 @@ import numpy as np
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.errors import InputError
+from viscovib.systems.layers import exponentials_of
 from viscovib.systems.linear_model import LinearModel
 from viscovib.systems.reduction import Reduction, reduce_model
+from viscovib.systems.relaxing_rest import relaxing_rest
 from viscovib.systems.sparse_pencil import is_symmetric
-from viscovib.systems.structure_rest import ModalDamping, Rest, dense_rest
+from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dense_rest
 
 #: Frequency of what has no mass but is damped, in units of the highest wanted: it follows at once,
 #: up to the square of this, inverted.
@@ -118,7 +120,15 @@ def _rest(model: LinearModel, found: Reduction, top: float) -> Rest:
     squares, rates, shapes = found.squares, found.rates, found.shapes
     none = np.zeros((shapes.shape[0], 0), dtype=complex)
     left, right, poles = none, none, np.zeros(0, dtype=complex)
-    if model.damping is not None:
+    remembered: tuple[Remembered, ...] = ()
+    if model.layers:
+        small = _relaxing(model, found)
+        squares, rates, poles = small.squares, small.rates, small.poles
+        left, right = shapes @ small.left, shapes @ small.right
+        inertia = model.mass @ shapes
+        remembered = tuple(one._replace(seen=inertia @ one.seen) for one in small.remembered)
+        shapes = shapes @ small.shapes
+    elif model.damping is not None:
         modal = ModalDamping(loss=model.loss) if model.loss else None
         damping = np.diag(rates) + found.matrices[0]
         small = dense_rest(np.eye(squares.size), damping, np.diag(squares), modal)
@@ -138,7 +148,26 @@ def _rest(model: LinearModel, found: Reduction, top: float) -> Rest:
             return static @ (static.T @ forces), np.zeros_like(forces)
 
     losses = np.full(squares.size, model.loss)
-    return Rest(squares, rates, losses, shapes, poles, left, right, flexibility)
+    return Rest(squares, rates, losses, shapes, poles, left, right, flexibility, remembered)
+
+
+def _relaxing(model: LinearModel, found: Reduction) -> Rest:
+    """The reduced model with layers that remember, in its modes before anything relaxes."""
+    if found.static.shape[1]:
+        raise InputError(
+            "layers: elements or loads act on coordinates without mass, must have mass there in a "
+            "structure that is reduced"
+        )
+    modal = ModalDamping(loss=model.loss) if model.loss else None
+    damping = np.diag(found.rates)
+    parts = list(found.matrices)
+    if model.damping is not None:
+        damping = damping + parts.pop(0)
+    layers = [
+        (0.5 * (part + part.T), *exponentials_of(kernel))
+        for part, (_, kernel) in zip(parts, model.layers, strict=True)
+    ]
+    return relaxing_rest(np.eye(found.squares.size), damping, np.diag(found.squares), modal, layers)
 
 
 def direct_motion(

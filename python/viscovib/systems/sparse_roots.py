@@ -83,13 +83,14 @@ def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRo
         structure.mass, structure.damping, structure.stiffness, structure._uncoupled,
         structure._all_elements, remembering=True,
     )  # fmt: skip
+    own = [(matrix_of("layers", m, n, sparse=True), k) for m, k in structure._layers.whole]
     more = []
     for i, layer in enumerate(layers):
         if not (isinstance(layer, (list, tuple)) and len(layer) == 2):
             raise InputError(f"layers[{i}] = {_native.shown(layer)}: must be (matrix, kernel)")
         _native.check_instance(f"layers[{i}][1]", layer[1], Kernel)
         more.append((matrix_of(f"layers[{i}][0]", layer[0], n, sparse=True), layer[1]))
-    roots, _ = sparse_roots(model._replace(layers=[*model.layers, *more]), wanted)
+    roots, _ = sparse_roots(model._replace(layers=[*model.layers, *own, *more]), wanted)
     growing = 2 * int((roots.real > 0).sum())
     return CharacteristicRoots(roots, np.zeros(0), growing, False)
 

@@ -23,8 +23,10 @@ from viscovib.systems.elements import (
     direction_of,
     element_terms,
 )
+from viscovib.systems.layers import Layers, checked_layers
 from viscovib.systems.load import LoadLike, load_series
 from viscovib.systems.mount import warn_of_creep
+from viscovib.systems.relaxing_rest import relaxing_rest
 from viscovib.systems.spring_groups import texts_of
 from viscovib.systems.structure_matrices import (
     check_mass,
@@ -32,6 +34,7 @@ from viscovib.systems.structure_matrices import (
     is_sparse,
     linear_model,
     matrix_of,
+    modal_damping_of,
     told,
     with_elements,
 )
@@ -77,6 +80,10 @@ class Structure:
         elements.
     elements : sequence of Spring, Coupling, Jenkins, Iwan, BoucWen, Dahl, Gap and Stop
         Local elements. Their linear stiffness and damping add to K and C.
+    layers : sequence of (array, Kernel)
+        Stiffness matrices beside K that relax as a whole, as of a layer of rubber, each as
+        ``stiffness``: K_j (1 - R_j*). Kernels that are sums of exponentials are exact at any size
+        of the matrix; others must act in at most 64 directions. A file does not hold them.
     names, units : sequence of str, optional
         Of the coordinates; default "x1", "x2", ..., and "m".
     base_direction : array_like, shape (n,), optional
@@ -109,6 +116,7 @@ class Structure:
     rayleigh: tuple[float, float] | None = None
     loss_factor: float = 0.0
     elements: Sequence[Any] = ()
+    layers: Sequence[tuple[Any, Kernel]] = ()
     names: Sequence[str] | None = None
     units: Sequence[str] | None = None
     base_direction: npt.ArrayLike | None = None
@@ -130,7 +138,8 @@ class Structure:
         self._set("stiffness", matrix_of("stiffness", self.stiffness, n, sparse))
         self._set("damping", matrix_of("damping", self.damping, n, sparse))
         check_mass(mass)
-        self._set("_modal", self._modal_damping(n))
+        self._set("_modal", modal_damping_of(self, n))
+        self._set("_layers", checked_layers(self.layers, n, sparse))
         names = tuple(f"x{d + 1}" for d in range(n)) if self.names is None else self.names
         self._set("dof_names", texts_of("names", names, n))
         self._set("_places", {name: d for d, name in enumerate(self.dof_names)})
@@ -145,32 +154,14 @@ class Structure:
             direction.setflags(write=False)
             self._set("base_direction", direction)
         found = element_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
-        self._set("_elements", found)
-        warn_of_creep([kernel.integral for kernel in self._active_kernels])
+        self._set("_elements", found + self._layers.elements)  # type: ignore[attr-defined]
+        warn_of_creep([kernel.integral for kernel in self._all_kernels])
 
     def __repr__(self) -> str:
         return told(self)
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
-
-    def _modal_damping(self, n: int) -> ModalDamping | None:
-        ratio: float | FloatArray = 0.0
-        if self.modal_damping is not None:
-            ratios = _native.real_array("modal_damping", self.modal_damping)
-            if ratios.shape not in ((), (n,)):
-                raise InputError(f"modal_damping: must be one number or {n}, got {ratios.shape}")
-            ratio = float(ratios) if ratios.ndim == 0 else ratios.copy()
-        by_mass, by_stiffness = 0.0, 0.0
-        if self.rayleigh is not None:
-            factors = _native.real_array("rayleigh", self.rayleigh)
-            if factors.shape != (2,):
-                raise InputError("rayleigh: must be two factors, of mass and of stiffness")
-            by_mass, by_stiffness = map(float, factors)
-        loss = _native.number("loss_factor", self.loss_factor)
-        damping = ModalDamping(ratio, loss, by_mass, by_stiffness)
-        given = np.any(ratio) or loss or by_mass or by_stiffness
-        return damping if given else None
 
     @property
     def n_coordinates(self) -> int:
@@ -210,6 +201,12 @@ class Structure:
                 kernels.append(one.kernel)
         return tuple(kernels)
 
+    @property
+    def _all_kernels(self) -> tuple[Kernel, ...]:
+        """Of elements and layers."""
+        layers: Layers = self._layers  # type: ignore[attr-defined]
+        return (*self._active_kernels, *(kernel for _, kernel in layers.whole))
+
     @cached_property
     def _rest(self) -> Rest:
         """The linear rest with the linear parts of the elements, without memory."""
@@ -219,7 +216,14 @@ class Structure:
                 f"mass: {n} coordinates in sparse matrices, more than {_SMALL}: reduce them first, "
                 "such as structure.reduce(frequency=3000, loads=['x1'])"
             )
-        stiffness, damping = with_elements(self.stiffness, self.damping, self._all_elements)
+        layers: Layers = self._layers  # type: ignore[attr-defined]
+        stiffness, damping = with_elements(
+            layers.added_to(self.stiffness), self.damping, self._all_elements
+        )
+        if layers.whole:
+            return relaxing_rest(
+                dense_of(self.mass), damping, stiffness, self._uncoupled, layers.dense
+            )
         return dense_rest(dense_of(self.mass), damping, stiffness, self._uncoupled)
 
     @cached_property
@@ -330,7 +334,7 @@ class Structure:
         directions = np.array(pushed).T
         model = linear_model(
             self.mass, self.damping, self.stiffness, self._uncoupled, self._all_elements
-        )  # fmt: skip
+        )._replace(layers=self._layers.whole)  # type: ignore[attr-defined]  # fmt: skip
         boundary = None
         if method == "craig-bampton":
             boundary = np.flatnonzero(directions.any(axis=1)).tolist()
@@ -426,8 +430,8 @@ class Structure:
         count : int
             How many, by rising frequency of the modes they belong to.
         layers : sequence of (array, Kernel)
-            Stiffness matrices beside K that relax as a whole, as of a layer of rubber. Motions of
-            such structures are not computed: for them memory belongs to elements.
+            Further stiffness matrices beside K that relax as a whole, with any kernel, beside those
+            that the structure has.
         """
         from viscovib.systems.sparse_roots import structure_roots
 
@@ -450,23 +454,9 @@ class Structure:
     @cached_property
     def _free(self) -> LoadedStructure:
         """The structure without damping, memory and loads."""
-        rest = self._rest
-        if rest.poles.size:
-            if self._reduced is not None:
-                raise InputError("backbone: a reduced structure needs damping that is modal")
-            stiffness, damping = with_elements(self.stiffness, self.damping, self._all_elements)
-            rest = dense_rest(dense_of(self.mass), 0 * damping, stiffness)
-            if rest.poles.size:
-                raise InputError("stiffness: must be symmetric for free motions without losses")
-        nothing = np.zeros(rest.squares.size)
-        undamped = Condensation(
-            rest._replace(rates=nothing, losses=nothing), self._condensation.laws, self._reduced
-        )
-        none = np.zeros((self.n_coordinates, 0), dtype=complex)
-        return LoadedStructure(
-            undamped, np.zeros(0, dtype=np.int32), none, np.zeros(0, dtype=complex),
-            np.zeros(self.n_coordinates), None,
-        )  # fmt: skip
+        from viscovib.systems.undamped import undamped
+
+        return undamped(self)
 
     def _moving_most(self, mode: int) -> int:
         """The coordinate that moves most in a mode, weighed by the root of its inertia."""

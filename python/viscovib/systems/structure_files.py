@@ -124,6 +124,8 @@ def _reduced_parts(structure: Any, coordinates: Sequence[str] | None) -> dict[st
     """Matrices in the reduced coordinates without the elements, and shapes of some coordinates."""
     reduced = structure._reduced
     found = reduced.reduction
+    if structure._layers.whole:
+        raise InputError("path: layers that relax have no file: must end in .npz")
     if found.static.shape[1]:
         raise InputError("path: loads on coordinates without mass have no modes: must end in .npz")
     shapes = found.shapes

@@ -81,7 +81,8 @@ def table_columns(
 
 def warn_of_creeping(structure: Condensed) -> None:
     """Warn of kernels under which free motion may not come to rest."""
-    if any(kernel.integral >= 1 for kernel in structure._active_kernels):
+    kernels = getattr(structure, "_all_kernels", structure._active_kernels)
+    if any(kernel.integral >= 1 for kernel in kernels):
         warnings.warn(
             "the integral of a kernel is 1 or more: free motion may creep away, and a run does "
             "not settle on the steady response",

@@ -158,3 +158,23 @@ def _of_elements(n: int, parts: list[tuple[float, FloatArray]]) -> Any:
         e = csc_array(direction[:, np.newaxis])
         total = total + factor * (e @ e.T)
     return csc_array(total)
+
+
+def modal_damping_of(structure: Any, n: int) -> ModalDamping | None:
+    """The damping of a structure that leaves its modes uncoupled; None: none is given."""
+    ratio: float | FloatArray = 0.0
+    if structure.modal_damping is not None:
+        ratios = _native.real_array("modal_damping", structure.modal_damping)
+        if ratios.shape not in ((), (n,)):
+            raise InputError(f"modal_damping: must be one number or {n}, got {ratios.shape}")
+        ratio = float(ratios) if ratios.ndim == 0 else ratios.copy()
+    by_mass, by_stiffness = 0.0, 0.0
+    if structure.rayleigh is not None:
+        factors = _native.real_array("rayleigh", structure.rayleigh)
+        if factors.shape != (2,):
+            raise InputError("rayleigh: must be two factors, of mass and of stiffness")
+        by_mass, by_stiffness = map(float, factors)
+    loss = _native.number("loss_factor", structure.loss_factor)
+    damping = ModalDamping(ratio, loss, by_mass, by_stiffness)
+    given = np.any(ratio) or loss or by_mass or by_stiffness
+    return damping if given else None

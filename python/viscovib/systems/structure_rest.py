@@ -15,6 +15,19 @@ _OFF_DIAGONAL, _RIGID, _DEPENDENT = 1e-12, 1e-12, 1e-10
 _AT_ONCE = 1e10
 
 
+class Remembered(NamedTuple):
+    """What one exponential of a layer adds to the state of complex modes: z_l += pushed_l . N^T z.
+
+    z' = -rate z + weight u.
+    """
+
+    weight: float
+    rate: float
+    #: N, shape (n, r), and pushed, shape (p, r).
+    seen: FloatArray
+    pushed: ComplexArray
+
+
 class Rest(NamedTuple):
     """D(s)^-1 of M u'' + C u' + K u as modes, and what modes left out would add.
 
@@ -35,6 +48,8 @@ class Rest(NamedTuple):
     #: What the modes left out add to given forces (n, c): deflections and, times s, their rates;
     #: None: none are left out.
     flexibility: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = None
+    #: What layers remember, among the complex modes.
+    remembered: tuple[Remembered, ...] = ()
 
     @property
     def n_modes(self) -> int:

@@ -31,8 +31,8 @@ def of_few(system: Any) -> Any:
     if not isinstance(system, Structure):
         return system
     n = system.n_coordinates
-    if n > _MOST or system._active_kernels or system._reduced is not None:
-        kernels = ", with kernels" if system._active_kernels else ""
+    if n > _MOST or system._all_kernels or system._reduced is not None:
+        kernels = ", with kernels" if system._all_kernels else ""
         reduced = ", reduced" if system._reduced is not None else ""
         raise InputError(
             f"system: a structure of {n} coordinates{kernels}{reduced}: must have at most {_MOST}, "

@@ -1,0 +1,108 @@
+"""Layers of a structure: stiffness matrices that relax as a whole, as one of rubber."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+from viscovib.kernels.relaxation import Kernel, PronyKernel
+from viscovib.kernels.sum_kernel import SumKernel
+from viscovib.kernels.time_temperature import ThermalKernel
+from viscovib.systems.elements import ElementTerms
+from viscovib.systems.relaxing_rest import Layer
+from viscovib.systems.structure_matrices import dense_of, is_sparse, matrix_of
+
+#: Directions in which a layer may act whose kernel is no sum of exponentials; eigenvalues below
+#: this part of the largest are 0; coordinates that such a layer may touch in sparse matrices.
+_MOST_DIRECTIONS, _RANK, _MOST_TOUCHED = 64, 1e-12, 2000
+
+
+class Layers(NamedTuple):
+    """Layers as the rest and the elements take them."""
+
+    #: Matrices and kernels that are sums of exponentials.
+    whole: tuple[tuple[Any, Kernel], ...]
+    #: The others along the directions in which they act.
+    elements: tuple[ElementTerms, ...]
+
+    @property
+    def dense(self) -> list[Layer]:
+        """Matrices, weights and rates."""
+        return [(dense_of(matrix), *exponentials_of(kernel)) for matrix, kernel in self.whole]
+
+    def added_to(self, stiffness: Any) -> Any:
+        """K with the layers before they relax."""
+        for matrix, _ in self.whole:
+            stiffness = stiffness + matrix
+        return stiffness
+
+
+def checked_layers(layers: Any, n: int, sparse: bool) -> Layers:
+    """Check ``layers`` of a structure of n coordinates."""
+    if not isinstance(layers, (list, tuple)):
+        raise InputError(f"layers = {_native.shown(layers)}: must be a list of (matrix, kernel)")
+    whole: list[tuple[Any, Kernel]] = []
+    elements: list[ElementTerms] = []
+    for i, layer in enumerate(layers):
+        if not (isinstance(layer, (list, tuple)) and len(layer) == 2):
+            raise InputError(f"layers[{i}] = {_native.shown(layer)}: must be (matrix, kernel)")
+        _native.check_instance(f"layers[{i}][1]", layer[1], Kernel)
+        matrix = matrix_of(f"layers[{i}][0]", layer[0], n, sparse)
+        if not abs(matrix).max() > 0:
+            continue
+        if exponentials_of(layer[1]) is not None:
+            whole.append((matrix, layer[1]))
+        else:
+            elements += _directions(f"layers[{i}]", matrix, layer[1])
+    return Layers(tuple(whole), tuple(elements))
+
+
+def exponentials_of(kernel: Kernel) -> Any:
+    """Weights and rates (1/s) of a kernel that is a sum of exponentials; None of another."""
+    if isinstance(kernel, SumKernel):
+        parts = [exponentials_of(part) for part in kernel.parts]
+        if any(part is None for part in parts):
+            return None
+        return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
+    within = kernel.kernel if isinstance(kernel, ThermalKernel) else kernel
+    if not isinstance(within, PronyKernel):
+        return None
+    weights, rates = np.split(np.asarray(kernel._data, dtype=float), 2)
+    return weights, rates
+
+
+def _directions(name: str, matrix: Any, kernel: Kernel) -> Sequence[ElementTerms]:
+    """A layer as springs along its eigenvectors."""
+    n = matrix.shape[0]
+    touched = np.arange(n)
+    if is_sparse(matrix):
+        touched = np.flatnonzero(np.diff(matrix.indptr) + np.diff(matrix.tocsr().indptr))
+        if touched.size > _MOST_TOUCHED:
+            raise InputError(
+                f"{name}: touches {touched.size} coordinates with a kernel that is no sum of "
+                f"exponentials, must be at most {_MOST_TOUCHED}; take its sum_of_exponentials()"
+            )
+        matrix = matrix[np.ix_(touched, touched)]
+    dense: FloatArray = dense_of(matrix)
+    if np.abs(dense - dense.T).max() > _RANK * np.abs(dense).max():
+        raise InputError(
+            f"{name}: its matrix must be symmetric with a kernel that is no sum of exponentials"
+        )
+    sizes, vectors = np.linalg.eigh(0.5 * (dense + dense.T))
+    kept = np.flatnonzero(np.abs(sizes) > _RANK * np.abs(sizes).max())
+    if kept.size > _MOST_DIRECTIONS:
+        raise InputError(
+            f"{name}: acts in {kept.size} directions with a kernel that is no sum of exponentials, "
+            f"must be at most {_MOST_DIRECTIONS}; take its sum_of_exponentials()"
+        )
+    found = []
+    for j in kept:
+        e = np.zeros(n)
+        e[touched] = vectors[:, j]
+        found.append(ElementTerms(e, {1: float(sizes[j])}, 0.0, kernel))
+    return found

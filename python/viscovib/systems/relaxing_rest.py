@@ -1,0 +1,356 @@
+"""The linear rest of a structure whose stiffness matrices remember, as the modes of more states.
+
+A layer K_j with R_j(t) = sum_i a_ij exp(-b_ij t) adds to the equations
+
+    M u'' + C u' + K u - sum_j K_j sum_i z_ij = p,    z_ij' = -b_ij z_ij + a_ij u,               (1)
+
+K with all layers before they relax (Golla and Hughes, J. Appl. Mech. 52 (1985) 897, in other
+variables). Only what a layer sees of u has to be kept: with K_j = L_j N_j^T of full column rank,
+y_ij = N_j^T z_ij. So the compliance is rational, and exactly a sum over the modes of (u, u', y).
+
+Coordinates without mass (0) follow the others (1) at once,
+u_0 = K_00^-1 (p_0 - K_01 u_1 + sum_ij L_0j y_ij). Rigid bodies that neither spring nor damper
+holds have two equal roots at 0 and are taken apart beforehand, as real modes.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.errors import InputError
+from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dense_rest
+
+#: States of which all modes are computed.
+_MOST_STATES = 4000
+#: Singular values of a layer below this part of the largest are 0; so are poles and entries.
+_RANK, _RIGID, _OFF_DIAGONAL = 1e-12, 1e-13, 1e-12
+#: What the sum over modes may lose of the compliance, and where that is looked at, in units of a
+#: middle frequency.
+_LOST, _PROBES = 1e-7, (0.05, 0.7, 1.9, 11.0)
+
+#: A stiffness matrix, and weights (1/s) and rates (1/s) of its kernel.
+Layer = tuple[FloatArray, FloatArray, FloatArray]
+
+
+class RelaxingModes(NamedTuple):
+    """Modes of (1), as `structure_rest.Rest` holds them."""
+
+    poles: ComplexArray
+    left: ComplexArray
+    right: ComplexArray
+    #: K_00^-1 on all coordinates; None: all have mass.
+    flexibility: FloatArray | None
+    remembered: tuple[Remembered, ...]
+    #: Rigid bodies held by nothing, mass-normalised, shape (n, r).
+    bodies: FloatArray
+
+
+def relaxing_rest(
+    mass: FloatArray,
+    damping: FloatArray,
+    stiffness: FloatArray,
+    modal: ModalDamping | None,
+    layers: Sequence[Layer],
+) -> Rest:
+    """Return all modes of dense matrices with layers that relax.
+
+    ``stiffness`` and ``modal`` are of the structure before anything relaxes.
+    """
+    if modal is not None and np.any(modal.loss):
+        raise InputError("loss_factor: must be 0 with layers, whose kernels are their losses")
+    symmetric = all(
+        np.abs(m - m.T).max() <= _OFF_DIAGONAL * np.abs(m).max()
+        for m in (damping, stiffness, *(part[0] for part in layers))
+        if m.any()
+    )
+    if symmetric and mass.any(axis=1).all():
+        alone = dense_rest(mass, damping, stiffness, modal)
+        seen = [alone.shapes.T @ part[0] @ alone.shapes for part in layers]
+        if alone.squares.size and all(_is_diagonal(matrix) for matrix in seen):
+            return _mode_by_mode(mass, alone, seen, layers)
+    if modal is not None:
+        damping = damping + _modal_matrix(mass, stiffness, modal)
+    found = relaxing_modes(mass, damping, stiffness, layers)
+    zero = np.zeros(found.bodies.shape[1])
+    flexible = found.flexibility
+    given = None
+    if flexible is not None:
+
+        def given(forces: FloatArray) -> tuple[FloatArray, FloatArray]:
+            return flexible @ forces, np.zeros_like(forces)
+
+    return Rest(
+        zero, zero, zero, found.bodies, found.poles, found.left, found.right, given,
+        found.remembered,
+    )  # fmt: skip
+
+
+def _is_diagonal(matrix: FloatArray) -> bool:
+    off = np.abs(matrix - np.diag(np.diag(matrix))).max(initial=0.0)
+    return bool(off <= _OFF_DIAGONAL * np.abs(matrix).max(initial=0.0))
+
+
+def _mode_by_mode(
+    mass: FloatArray, alone: Rest, seen: Sequence[FloatArray], layers: Sequence[Layer]
+) -> Rest:
+    """The same where no layer couples the modes: few states at a time."""
+    bends = np.array([np.diag(matrix) for matrix in seen])
+    relaxing = (np.abs(bends) > _RANK * np.abs(bends).max()).any(axis=0)
+    one = np.ones((1, 1))
+    places = np.flatnonzero(relaxing)
+    modes = [
+        relaxing_modes(
+            one, alone.rates[m] * one, alone.squares[m] * one,
+            [(k * one, a, b) for k, (_, a, b) in zip(bends[:, m], layers, strict=True)],
+        )
+        for m in places
+    ]  # fmt: skip
+    starts = np.concatenate([[0], np.cumsum([mode.poles.size for mode in modes])]).astype(int)
+    weighed = np.asarray(mass @ alone.shapes[:, places])
+    remembered = []
+    for i, parts in enumerate(zip(*(mode.remembered for mode in modes), strict=True)):
+        pushed = np.zeros((starts[-1], places.size), dtype=complex)
+        sizes = np.zeros(places.size)
+        for column, part in enumerate(parts):
+            if part.seen.size:
+                sizes[column] = part.seen[0, 0]
+                pushed[starts[column] : starts[column + 1], column] = part.pushed[:, 0]
+        first = modes[0].remembered[i]
+        remembered.append(Remembered(first.weight, first.rate, weighed * sizes, pushed))
+
+    def spread(name: str) -> ComplexArray:
+        columns = [
+            np.outer(alone.shapes[:, m], getattr(mode, name)[0])
+            for m, mode in zip(places, modes, strict=True)
+        ]
+        return np.concatenate(columns, axis=1)
+
+    still = ~relaxing
+    return Rest(
+        alone.squares[still], alone.rates[still], alone.losses[still], alone.shapes[:, still],
+        np.concatenate([mode.poles for mode in modes]), spread("left"), spread("right"), None,
+        tuple(remembered),
+    )  # fmt: skip
+
+
+def _modal_matrix(mass: FloatArray, stiffness: FloatArray, modal: ModalDamping) -> FloatArray:
+    """C = a M + b K + M Phi diag(2 zeta omega) Phi^T M, in the coordinates that have mass."""
+    from scipy.linalg import eigh
+
+    total = modal.by_mass * mass + modal.by_stiffness * stiffness
+    if not np.any(modal.ratio):
+        return np.asarray(total)
+    if np.abs(stiffness - stiffness.T).max() > _OFF_DIAGONAL * np.abs(stiffness).max():
+        raise InputError("modal_damping: needs a symmetric stiffness, whose modes it damps")
+    kept = mass.any(axis=1)
+    inner = stiffness[np.ix_(kept, kept)]
+    if not kept.all():
+        idle = ~kept
+        inner = inner - stiffness[np.ix_(kept, idle)] @ np.linalg.solve(
+            stiffness[np.ix_(idle, idle)], stiffness[np.ix_(idle, kept)]
+        )
+    m = mass[np.ix_(kept, kept)]
+    squares, shapes = eigh(inner, m)
+    pushed = m @ shapes
+    ratios = ModalDamping(modal.ratio).rates(squares)
+    total[np.ix_(kept, kept)] += (pushed * ratios) @ pushed.T
+    return np.asarray(total)
+
+
+def relaxing_modes(
+    mass: FloatArray, damping: FloatArray, stiffness: FloatArray, layers: Sequence[Layer]
+) -> RelaxingModes:
+    """Return the modes of (1); ``stiffness`` is that before anything relaxes."""
+    n = mass.shape[0]
+    idle = ~mass.any(axis=1)
+    bodies = _bodies(mass, damping, stiffness, layers)
+    parts = [(*_factors(matrix), weights, rates) for matrix, weights, rates in layers]
+    count = 2 * int((~idle).sum()) + sum(seen.shape[1] * rates.size for _, seen, _, rates in parts)
+    if count > _MOST_STATES:
+        raise InputError(
+            f"layers: {count} states with what the layers remember, must be at most {_MOST_STATES} "
+            "(fewer coordinates, layers of lower rank, kernels of fewer exponentials)"
+        )
+    system = _States(mass, damping, stiffness, parts, idle, bodies)
+    poles, left, right, rows = system.modes()
+    remembered = tuple(
+        Remembered(float(a), float(b), seen, rows[:, first : first + seen.shape[1]])
+        for a, b, seen, first in system.places
+    )
+    flexibility = None
+    if idle.any():
+        flexibility = np.zeros((n, n))
+        flexibility[np.ix_(idle, idle)] = system.bend
+    found = RelaxingModes(poles, left, right, flexibility, remembered, bodies)
+    _check(found, mass, damping, stiffness, layers, system.middle)
+    return found
+
+
+def _factors(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """L and N of a layer L N^T."""
+    left, sizes, right = np.linalg.svd(matrix)
+    kept = sizes > _RANK * max(sizes[0], np.finfo(float).tiny)
+    roots = np.sqrt(sizes[kept])
+    return left[:, kept] * roots, right[kept].T * roots
+
+
+def _bodies(
+    mass: FloatArray, damping: FloatArray, stiffness: FloatArray, layers: Sequence[Layer]
+) -> FloatArray:
+    """Motions that nothing resists, of unit mass."""
+    from scipy.linalg import null_space
+
+    matrices = [damping, stiffness, *(matrix for matrix, _, _ in layers)]
+    scaled = [m / np.abs(m).max() for m in matrices if m.any()]
+    both = [part for m in scaled for part in (m, m.T)]
+    found = null_space(np.vstack(both), rcond=_RANK) if both else np.eye(mass.shape[0])
+    if not found.shape[1]:
+        return found
+    inertia = found.T @ mass @ found
+    root = np.linalg.cholesky(inertia)
+    return np.asarray(np.linalg.solve(root, found.T).T)
+
+
+class _States:
+    """x' = A x + B p, u = C x + F p of what is no free body, in units of a middle frequency."""
+
+    def __init__(
+        self, mass: Any, damping: Any, stiffness: Any, parts: Any, idle: Any, bodies: Any
+    ) -> None:
+        n = mass.shape[0]
+        kept = ~idle
+        if damping[idle].any() or damping[:, idle].any():
+            i = int(np.flatnonzero(idle & (damping.any(axis=0) | damping.any(axis=1)))[0])
+            raise InputError(
+                f"damping: coordinate {i} has no mass, and must not have damping either"
+            )
+        inner = stiffness[np.ix_(idle, idle)]
+        if idle.any() and np.linalg.cond(inner) > 1 / _RANK:
+            raise InputError("mass: a coordinate has neither mass nor stiffness")
+        self.bend = np.linalg.inv(inner)
+        # u = whole v + idle part, p acts on v by carry^T.
+        follow, carry = np.zeros((n, int(kept.sum()))), np.zeros((n, int(kept.sum())))
+        follow[kept] = carry[kept] = np.eye(int(kept.sum()))
+        follow[idle] = -self.bend @ stiffness[np.ix_(idle, kept)]
+        carry[idle] = -self.bend.T @ stiffness[np.ix_(kept, idle)].T
+        bend = np.zeros((n, n))
+        bend[np.ix_(idle, idle)] = self.bend
+        m1 = mass[np.ix_(kept, kept)]
+        # v = shapes w of unit mass, free bodies left out.
+        root = np.linalg.cholesky(m1)
+        shapes = np.linalg.inv(root).T
+        if bodies.shape[1]:
+            body = root.T @ bodies[kept]
+            shapes = shapes @ np.linalg.svd(body)[0][:, body.shape[1] :]
+        out, into = follow @ shapes, carry @ shapes
+        k = into.T @ stiffness @ out
+        c = shapes.T @ damping[np.ix_(kept, kept)] @ shapes
+        m = shapes.shape[1]
+        self.middle = float(np.sqrt(np.linalg.norm(k) / np.sqrt(max(m, 1)))) or 1.0
+        unit = self.middle
+        sizes = [seen.shape[1] for _, seen, _, rates in parts for _ in rates]
+        starts = 2 * m + np.concatenate([[0], np.cumsum(sizes, dtype=int)]).astype(int)
+        total = int(starts[-1])
+        matrix, pushed = np.zeros((total, total)), np.zeros((total, n))
+        shown = np.zeros((n, total))
+        matrix[:m, m : 2 * m] = unit * np.eye(m)
+        matrix[m : 2 * m, :m], matrix[m : 2 * m, m : 2 * m] = -k / unit, -c
+        pushed[m : 2 * m] = into.T / unit
+        shown[:, :m] = out
+        self.places = []
+        held: list[tuple[int, FloatArray, FloatArray, float, float]] = []
+        for left, seen, weights, rates in parts:
+            for a, b in zip(weights, rates, strict=True):
+                first = int(starts[len(held)])
+                held.append((first, left, seen, a, b))
+                self.places.append((a, b, seen, first))
+        for first, left, seen, a, b in held:
+            rows = slice(first, first + seen.shape[1])
+            matrix[rows, rows] -= b * np.eye(seen.shape[1])
+            matrix[rows, :m] += a * (seen.T @ out)
+            pushed[rows] += a * (seen.T @ bend)
+            for other, other_left, *_ in held:
+                columns = slice(other, other + other_left.shape[1])
+                matrix[rows, columns] += a * (seen.T @ bend @ other_left)
+            matrix[m : 2 * m, rows] += into.T @ left / unit
+            shown[:, rows] += bend @ left
+        self.matrix, self.pushed, self.shown = matrix, pushed, shown
+
+    def modes(self) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
+        """Poles, left and right vectors of the sum, and what states add to each mode."""
+        from scipy.linalg import eig
+
+        total = self.matrix.shape[0]
+        if not total:
+            none = np.zeros((self.shown.shape[0], 0), dtype=complex)
+            return np.zeros(0, dtype=complex), none, none, np.zeros((0, 0), dtype=complex)
+        poles, lefts, rights = eig(self.matrix, left=True, right=True)
+        scale = np.einsum("im,im->m", lefts.conj(), rights)
+        if not np.abs(scale).min() > 0:
+            raise _defective()
+        rows = (lefts.conj() / scale).T
+        poles[np.abs(poles) <= _RIGID * np.abs(poles).max()] = 0.0
+        return poles, self.shown @ rights, (rows @ self.pushed).T, rows
+
+
+def _check(
+    found: RelaxingModes, mass: Any, damping: Any, stiffness: Any, layers: Any, middle: float
+) -> None:
+    """Refuse modes whose sum is not the compliance: nearly defective ones."""
+    n = mass.shape[0]
+    load = np.cos(np.arange(1.0, n + 1))
+    for part in _PROBES:
+        s = 1j * part * middle
+        whole = stiffness + s * damping + s**2 * mass
+        for matrix, weights, rates in layers:
+            whole = whole - (weights / (s + rates)).sum() * matrix
+        mixed = found.left @ ((found.right.T @ load) / (s - found.poles))
+        mixed = mixed + found.bodies @ (found.bodies.T @ load) / s**2
+        if found.flexibility is not None:
+            mixed = mixed + found.flexibility @ load
+        lost = np.abs(whole @ mixed - load).max()
+        size = (np.abs(whole) @ np.abs(mixed)).max() + np.abs(load).max()
+        if not lost <= _LOST * size:
+            raise _defective()
+
+
+def _defective() -> InputError:
+    return InputError(
+        "damping: the structure has defective modes (as critically damped ones under a damping "
+        "matrix that is not modal), which no sum over modes gives"
+    )
+
+
+def remembered_of(one: Remembered, times: FloatArray, moved: FloatArray) -> FloatArray:
+    """N^T z(0), z' = -b z + a u, of straight lines between displacements at times up to 0.
+
+    The first is held before them. Over a piece of length l from u_0 to u_1, x = b l, it adds
+    a l exp(b t_1) [u_0 g(x) + (u_1 - u_0) (1 - g(x))/x], g(x) = (1 - exp(-x))/x.
+    """
+    a, b = one.weight, one.rate
+    seen = one.seen.T @ moved
+    if b == 0 and seen[:, 0].any():
+        raise InputError("held: a layer relaxes without end, what was held must be 0 at first")
+    y = np.zeros(seen.shape[0])
+    if b > 0:
+        y = a / b * np.exp(b * times[0]) * seen[:, 0]
+    for i in range(times.size - 1):
+        length = times[i + 1] - times[i]
+        x = b * length
+        first = -np.expm1(-x) / x if x > 0 else 1.0
+        # (1 - g)/x, by its series where it would cancel.
+        second = (1 - first) / x if x > 0.1 else _series(x)
+        line = seen[:, i] * first + (seen[:, i + 1] - seen[:, i]) * second
+        y = y + a * length * np.exp(b * times[i + 1]) * line
+    return np.asarray(y)
+
+
+def _series(x: float) -> float:
+    """1/2 - x/6 + x^2/24 - ..."""
+    total, term = 0.0, 0.5
+    for k in range(3, 16):
+        total += term
+        term *= -x / k
+    return total
