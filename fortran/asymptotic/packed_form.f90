@@ -6,8 +6,8 @@
 !! column by column.
 module viscovib_packed_form
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+  use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial_form, only: polynomial_form_type, term_type
   use viscovib_status, only: fail, status_input_error, status_type
   implicit none
@@ -20,10 +20,13 @@ contains
   subroutine pack_form(form, packed)
     type(polynomial_form_type), intent(in) :: form
     real(wp), allocatable, intent(out) :: packed(:)
+    real(wp) :: factor
     integer :: i
 
+    factor = 1.0_wp
+    if (size(form%kernels) > 0) factor = form%kernels(1)%factor
     packed = [real([form%n, form%n_dof, form%n_arguments, form%n_modes(), size(form%drives), &
-                    size(form%quadratic), size(form%cubic)], wp), form%memory_scale, &
+                    size(form%quadratic), size(form%cubic)], wp), factor, &
               real(form%source, wp), real(form%derivative, wp), real(form%kernel_of, wp), &
               reshape(form%linear, [size(form%linear)]), &
               reshape(form%hereditary, [size(form%hereditary)])]
@@ -49,10 +52,7 @@ contains
     type(status_type), intent(out) :: status
     integer :: head(7), n, m, modes, loads, at, i, expected
 
-    allocate (form%kernels(size(kernels)))
-    do i = 1, size(kernels)
-      allocate (form%kernels(i)%kernel, source=kernels(i)%kernel)
-    end do
+    call copy_kernels(kernels, form%kernels)
     expected = -1
     head = 0
     n = 0
@@ -77,7 +77,7 @@ contains
     form%n = n
     form%n_dof = head(2)
     form%n_arguments = m
-    form%memory_scale = packed(8)
+    form%kernels%factor = packed(8)
     at = 8
     form%source = nint(next(m))
     form%derivative = nint(next(m))

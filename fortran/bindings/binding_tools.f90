@@ -7,11 +7,12 @@ module viscovib_binding_tools
   use viscovib_body_vector, only: body_from_vector
   use viscovib_catalogue, only: kernel_none, new_kernel
   use viscovib_kernel, only: kernel_type
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_motion_stability, only: stability_type
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
-  use viscovib_oscillator, only: kernel_holder, oscillator_type
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: reduce

@@ -9,9 +9,9 @@
 !! Matrices are column by column.
 module viscovib_body_vector
   use viscovib_catalogue, only: new_kernel
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: new_law_term
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_status, only: fail, set_ok, status_input_error, status_type
   use viscovib_turning_body, only: body_spring, new_turning_body, turning_body
   implicit none

@@ -11,6 +11,7 @@ subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, o
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_load, report
   use viscovib_ensemble, only: ensemble_block, ensemble_job, run_block
+  use viscovib_ensemble_tools, only: empty_block, fill_block
   use viscovib_lane_motion, only: lane_motion_type, new_lane_motion
   use viscovib_lanes, only: n_lanes
   use viscovib_load, only: load_type
@@ -40,7 +41,7 @@ subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, o
   type(ensemble_job) :: job
   type(ensemble_block) :: block
   type(status_type) :: outcome
-  integer :: d, first, i, l
+  integer :: first, i, l
 
   job%method = method
   job%n_steps = n_steps
@@ -52,44 +53,20 @@ subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, o
   job%lines = lines
   ended = 0
   t_reached = 0.0_c_double
-  d = n_rows - 1
   call polynomial_from_vector(system, flat, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) call new_lane_motion(motion, system, load, own)
   do first = 1, n, n_lanes
     if (outcome%failed()) exit
-    allocate (block%q(n_lanes, d), block%v(n_lanes, d), block%frequencies(n_lanes, 2))
-    allocate (block%sections(n_lanes, 2*d, n_sections))
-    ! Lanes past the last run repeat it.
+    call fill_block(block, first, 2, n_sections, initial, h, sections)
     do l = 1, n_lanes
       i = min(first + l - 1, n)
       call motion%set_scales(l, scales(:, i))
       block%frequencies(l, :) = nu(i)
-      block%q(l, :) = initial(1::2, i)
-      block%v(l, :) = initial(2::2, i)
-      block%h(l) = h(i)
-      if (n_section_runs > 0) block%sections(l, :, :) = sections(:, :, i)
     end do
     call run_block(job, motion, block, cancel(1))
-    do l = 1, min(n_lanes, n - first + 1)
-      i = first + l - 1
-      state(1::2, i) = block%q(l, :)
-      state(2::2, i) = block%v(l, :)
-      ended(i) = block%outcome(l)
-      t_reached(i) = block%t_reached(l)
-      if (job%moments) then
-        peak(1::2, i) = block%peak(l, :, 1)
-        peak(2::2, i) = block%peak(l, :, 2)
-        mean(1::2, i) = block%mean(l, :, 1)
-        mean(2::2, i) = block%mean(l, :, 2)
-        rms(1::2, i) = block%rms(l, :, 1)
-        rms(2::2, i) = block%rms(l, :, 2)
-      end if
-      if (n_lines > 0) amplitudes(:, :, i) = transpose(block%lines(l, :, :))
-      if (n_section_runs > 0) sections(:, :, i) = block%sections(l, :, :)
-      if (n_exponents > 0) lyapunov(:, i) = block%lyapunov(l, :)
-    end do
-    block = ensemble_block()
+    call empty_block(block, first, state, ended, t_reached, peak, mean, rms, amplitudes, sections, &
+                     lyapunov)
     if (is_set(cancel(1))) exit
   end do
   call report(outcome, status)

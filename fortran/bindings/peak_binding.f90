@@ -11,7 +11,7 @@ subroutine mount_peak(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
                       keep_idle, tolerance, p, samples, n, dof, place, low, high, wide, cancel, &
                       peak_p, peak_size, found, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
-  use viscovib_binding_tools, only: make_load, make_options, make_system, report
+  use viscovib_binding_tools, only: make_load, make_system, report
   use viscovib_curve_peak, only: climb, harmonic_measure
   use viscovib_family_curve, only: new_family_curve, new_plain_curve, system_builder
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set

@@ -2,8 +2,9 @@
 module viscovib_scales_tools
   use viscovib_binding_tools, only: kernels_in_vector, make_pendulum, make_system, mount_length
   use viscovib_full_oscillator, only: put_behind
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_oscillator, only: kernel_holder, oscillator_type
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_packed_form, only: unpack_form
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_form, only: put_pendulum_behind

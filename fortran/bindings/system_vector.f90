@@ -10,9 +10,9 @@
 module viscovib_system_vector
   use viscovib_catalogue, only: new_kernel
   use viscovib_checks, only: check_finite
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: new_law_term
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_status, only: fail, status_input_error, status_type
   implicit none
@@ -61,6 +61,7 @@ contains
       n_data = nint(vector(at + 2))
       at = at + 2
       call new_kernel(kernels(i)%kernel, kind, next(n_data), status)
+      kernels(i)%factor = vector(5)
       if (status%failed()) return
     end do
     if (at < size(vector)) then
@@ -74,7 +75,6 @@ contains
     call check_finite('memory_scale', vector(5:5), status)
     if (status%failed()) return
     call new_polynomial(system, p, kernels, status)
-    system%memory_scale = vector(5)
 
   contains
 

@@ -103,6 +103,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_ensemble, only: ensemble_block, ensemble_job, run_block
+  use viscovib_ensemble_tools, only: empty_block, fill_block
   use viscovib_lanes, only: n_lanes
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
@@ -135,43 +136,20 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
   job%n_exponents = n_exponents
   job%lines = lines
   do first = 1, n, n_lanes
-    allocate (block%q(n_lanes, 3), block%v(n_lanes, 3), block%frequencies(n_lanes, 3))
-    allocate (block%sections(n_lanes, 6, n_sections))
+    call fill_block(block, first, 3, n_sections, initial, h, sections)
     call make_pendulum(system, flat(:, first), outcome)
     if (outcome%failed()) exit
-    ! Lanes past the last trajectory repeat it.
     do l = 1, n_lanes
       i = min(first + l - 1, n)
       call make_pendulum(other, flat(:, i), outcome)
       if (outcome%failed()) exit
       call system%set_lane(l, other)
       block%frequencies(l, :) = other%drives
-      block%q(l, :) = initial(1::2, i)
-      block%v(l, :) = initial(2::2, i)
-      block%h(l) = h(i)
-      if (n_section_runs > 0) block%sections(l, :, :) = sections(:, :, i)
     end do
     if (outcome%failed()) exit
     call run_block(job, system, block, cancel(1))
-    do l = 1, min(n_lanes, n - first + 1)
-      i = first + l - 1
-      state(1::2, i) = block%q(l, :)
-      state(2::2, i) = block%v(l, :)
-      ended(i) = block%outcome(l)
-      t_reached(i) = block%t_reached(l)
-      if (job%moments) then
-        peak(1::2, i) = block%peak(l, :, 1)
-        peak(2::2, i) = block%peak(l, :, 2)
-        mean(1::2, i) = block%mean(l, :, 1)
-        mean(2::2, i) = block%mean(l, :, 2)
-        rms(1::2, i) = block%rms(l, :, 1)
-        rms(2::2, i) = block%rms(l, :, 2)
-      end if
-      if (n_lines > 0) amplitudes(:, :, i) = transpose(block%lines(l, :, :))
-      if (n_section_runs > 0) sections(:, :, i) = block%sections(l, :, :)
-      if (n_exponents > 0) lyapunov(:, i) = block%lyapunov(l, :)
-    end do
-    block = ensemble_block()
+    call empty_block(block, first, state, ended, t_reached, peak, mean, rms, amplitudes, sections, &
+                     lyapunov)
     if (is_set(cancel(1))) exit
   end do
   call report(outcome, status)

@@ -354,7 +354,7 @@ contains
       if (first == 0) cycle
       text = text//'computes: memory of '//things(first, 'force')//' with kernel '//show(k)//', '
       ! The step is not known before it is found; one of 1/4 tells the size.
-      call system%kernels(k)%kernel%exponentials(max(0.1_wp*job%tolerance, 1.0e-14_wp), &
+      call system%kernels(k)%exponentials(max(0.1_wp*job%tolerance, 1.0e-14_wp), &
                                                  least*table%points(1), reach*job%t_end, weights, &
                                                  rates)
       if (job%past == keep_direct .or. size(rates) == 0) then

@@ -1,9 +1,10 @@
 !> Mounts that differ in one parameter.
 module viscovib_mount_builder
   use viscovib_family_curve, only: system_builder
+  use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
-  use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: status_type
   implicit none
   private

@@ -167,7 +167,7 @@ contains
     system => self%oscillator()
     do i = 1, size(system%kernels)
       if (.not. any(system%kernel_of == i)) cycle
-      associate (total => system%memory_scale*system%kernels(i)%kernel%integral())
+      associate (total => system%kernels(i)%integral())
         if (total >= 1) then
           text = text//'kernel integral = '//show(total)//' >= 1: the relaxed stiffness is not ' &
                  //'positive, and free motion creeps away slowly; the forced response to a load ' &

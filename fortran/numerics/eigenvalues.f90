@@ -4,6 +4,7 @@
 !! (Golub and Van Loan, Matrix Computations, 4th ed., 7.4 and 7.5).
 module viscovib_eigenvalues
   use viscovib_kinds, only: wp
+  use viscovib_sorting, only: sort_falling
   implicit none
   private
 
@@ -37,7 +38,7 @@ contains
     call to_hessenberg(n, h)
     call iterate(n, h, values, found)
     values = values*unit
-    call sort(values)
+    call sort_falling(values, abs(values))
   end subroutine eigenvalues
 
   !> Rows and columns of like size, by a similarity with powers of 2.
@@ -203,23 +204,5 @@ contains
     v(1) = v(1) + sign(length, v(1))
     factor = 2.0_wp/sum(v(:m)**2)
   end subroutine reflector
-
-  !> By falling modulus; members of a pair have the same and keep their order.
-  pure subroutine sort(values)
-    complex(wp), intent(inout) :: values(:)
-    complex(wp) :: next
-    integer :: i, j
-
-    do i = 2, size(values)
-      next = values(i)
-      j = i - 1
-      do while (j > 0)
-        if (abs(values(j)) >= abs(next)) exit
-        values(j + 1) = values(j)
-        j = j - 1
-      end do
-      values(j + 1) = next
-    end do
-  end subroutine sort
 
 end module viscovib_eigenvalues

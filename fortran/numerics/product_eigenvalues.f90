@@ -11,6 +11,7 @@ module viscovib_product_eigenvalues
   use, intrinsic :: ieee_arithmetic, only: ieee_negative_inf, ieee_value
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_kinds, only: wp
+  use viscovib_sorting, only: sort_falling
   implicit none
   private
 
@@ -91,7 +92,7 @@ contains
                              logs(first(i):first(i + 1) - 1), found)
       if (.not. found) return
     end do
-    call sort(logs)
+    call sort_falling(logs, real(logs))
   end subroutine product_eigenvalues
 
   !> Q through all factors; logarithms of the diagonal of the product of the R.
@@ -199,23 +200,5 @@ contains
       end if
     end do
   end subroutine block_eigenvalues
-
-  !> By falling real part; members of a pair have the same and keep their order.
-  pure subroutine sort(values)
-    complex(wp), intent(inout) :: values(:)
-    complex(wp) :: next
-    integer :: i, j
-
-    do i = 2, size(values)
-      next = values(i)
-      j = i - 1
-      do while (j > 0)
-        if (real(values(j)) >= real(next)) exit
-        values(j + 1) = values(j)
-        j = j - 1
-      end do
-      values(j + 1) = next
-    end do
-  end subroutine sort
 
 end module viscovib_product_eigenvalues

@@ -4,7 +4,7 @@ module viscovib_band_elimination
   implicit none
   private
 
-  public :: band_determinant
+  public :: add_column, band_determinant
 
 contains
 
@@ -15,7 +15,7 @@ contains
     real(wp), intent(inout) :: re(rows, n), im(rows, n)
     complex(wp), intent(out) :: value
     complex(wp) :: pivot
-    real(wp) :: largest, swap, x, y
+    real(wp) :: largest, swap
     integer :: i, j, k, m, p, last
 
     value = (1.0_wp, 0.0_wp)
@@ -52,14 +52,20 @@ contains
         re(i, k) = swap
       end do
       do j = k + 1, last
-        x = re(k, j)
-        y = im(k, j)
-        do i = k + 1, k + m
-          re(i, j) = re(i, j) - (x*re(i, k) - y*im(i, k))
-          im(i, j) = im(i, j) - (x*im(i, k) + y*re(i, k))
-        end do
+        call add_column(m, -cmplx(re(k, j), im(k, j), wp), re(k + 1, k), im(k + 1, k), &
+                        re(k + 1, j), im(k + 1, j))
       end do
     end do
   end subroutine band_determinant
+
+  !> A complex multiple of one column to another.
+  pure subroutine add_column(n, f, from_re, from_im, re, im)
+    integer, intent(in) :: n
+    complex(wp), intent(in) :: f
+    real(wp), intent(in) :: from_re(n), from_im(n)
+    real(wp), intent(inout) :: re(n), im(n)
+    re = re + (real(f)*from_re - aimag(f)*from_im)
+    im = im + (real(f)*from_im + aimag(f)*from_re)
+  end subroutine add_column
 
 end module viscovib_band_elimination

@@ -100,8 +100,8 @@ contains
     kept = (1.0_wp, 0.0_wp)
     do q = 1, size(kernel_of_group)
       if (kernel_of_group(q) == 0) cycle
-      call system%kernels(kernel_of_group(q))%kernel%laplace(s, kept(:, q))
-      kept(:, q) = 1.0_wp - system%memory_scale*kept(:, q)
+      call system%kernels(kernel_of_group(q))%laplace(s, kept(:, q))
+      kept(:, q) = 1.0_wp - kept(:, q)
     end do
   end function retained_of
 

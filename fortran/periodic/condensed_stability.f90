@@ -7,6 +7,7 @@ module viscovib_condensed_stability
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_cycle_terms, only: has_states
+  use viscovib_sorting, only: sort_falling
   use viscovib_structure, only: structure_type
   implicit none
   private
@@ -70,7 +71,7 @@ contains
       all = [self%zeros%all_of(hill, .true., 0), poles%exponents]
       if (count(real(all) > hill%line) /= n_growing) return
     end associate
-    call sort(all)
+    call sort_falling(all, real(all))
     n = min(size(all), size(exponents))
     if (n_growing > n) return
     exponents(:n) = all(:n)
@@ -88,23 +89,5 @@ contains
     call self%hill%along(system, nu, x)
     call exponent_near(self%hill, system, start, exponent, made)
   end subroutine follow
-
-  !> By falling real part, the members of a pair side by side.
-  pure subroutine sort(z)
-    complex(wp), intent(inout) :: z(:)
-    complex(wp) :: next
-    integer :: i, j
-
-    do i = 2, size(z)
-      next = z(i)
-      j = i - 1
-      do while (j > 0)
-        if (real(z(j)) >= real(next)) exit
-        z(j + 1) = z(j)
-        j = j - 1
-      end do
-      z(j + 1) = next
-    end do
-  end subroutine sort
 
 end module viscovib_condensed_stability

@@ -15,7 +15,7 @@ module viscovib_cycle_terms
   use viscovib_law_cycle, only: law_parts, law_slopes, law_sums
   use viscovib_law_program, only: law_program
   use viscovib_law_term, only: law_term
-  use viscovib_moment_block, only: add_sandwich_of, rate_columns
+  use viscovib_moment_block, only: add_sandwich_of
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_sample_tables, only: sample_tables

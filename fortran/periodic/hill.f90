@@ -19,11 +19,13 @@
 !! 2 nu. exp(2 pi lambda/d) are the multipliers of `viscovib_floquet`, h of half a
 !! period under half-wave symmetry.
 module viscovib_hill
+  use viscovib_band_elimination, only: band_determinant
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
-  use viscovib_hill_blocks, only: add_column, add_columns, add_rates, add_rows, add_toeplitz, &
-    copy_blocks, eliminate, moments_of, scale_rows
+  use viscovib_hill_blocks, only: add_columns, add_rates, add_rows, add_toeplitz, &
+    copy_blocks, moments_of, scale_rows
+  use viscovib_hill_products, only: hill_products
   use viscovib_hill_reach, only: highest_order, max_unknowns, norm, norms_of_waves
   use viscovib_hill_relaxing, only: relaxing_points
   use viscovib_kinds, only: wp
@@ -62,8 +64,8 @@ module viscovib_hill
     type(harmonic_set_type), private :: set
     !> M^(-1), M^(-1) C with the mean of what depends on rates, and M^(-1) B.
     real(wp), allocatable :: inverse(:, :), damping(:, :), spread(:, :)
-    !> Kernel of each group of hereditary variables; 0: none.
-    integer, allocatable, private :: kernel_of_group(:)
+    !> Kernel of each group of hereditary variables (0: none), and the group of each variable.
+    integer, allocatable, private :: kernel_of_group(:), group(:)
     !> Matrices below have their real parts first, imaginary parts second in the last index;
     !! rows and columns of a coordinate stand together, order by order. Parts of the matrix
     !! that each group multiplies, row by row, shape (p n, p n, groups, 2).
@@ -71,11 +73,10 @@ module viscovib_hill
     !> M^(-1) C alone; and as `springs` what depends on rates, if anything does, without its mean
     !! where that has no memory.
     real(wp), allocatable, private :: linear_damping(:, :), dampers(:, :, :, :)
-    !> Where F(u, v) is not separable: b and w of coordinate and variable, shape (p, p, n, m, 2),
-    !! and A, shape (p n, p n, 2); the first two without what does not vary, and whether any of
-    !! it does.
-    real(wp), allocatable, private :: outer(:, :, :, :, :), inner(:, :, :, :, :), direct(:, :, :)
-    logical, allocatable, private :: outer_varies(:, :), inner_varies(:, :)
+    !> Where F(u, v) is not separable: what goes through hereditary variables, and A, shape
+    !! (p n, p n, 2).
+    type(hill_products), private :: products
+    real(wp), allocatable, private :: direct(:, :, :)
     !> exp(-2 pi i m/n)/n at m = 0, 1, ..., n samples.
     complex(wp), allocatable, private :: waves(:)
     real(wp), allocatable, private :: u(:, :), w(:, :), slopes(:, :, :), by_u(:, :, :)
@@ -118,7 +119,6 @@ contains
               hill%by_v(s, n, m), source=0.0_wp)
     allocate (hill%by_rate(s, n, n), source=0.0_wp)
     if (system%moving) allocate (hill%rate(s, n), hill%push(s, n), source=0.0_wp)
-    allocate (hill%outer_varies(n, m), hill%inner_varies(n, m), source=.false.)
     allocate (hill%waves(0:s - 1))
     do j = 0, s - 1
       hill%waves(j) = cmplx(cos(2.0_wp*pi*j/s), -sin(2.0_wp*pi*j/s), wp)/s
@@ -128,6 +128,7 @@ contains
       q = system%kernel_of(j)
       if (.not. any(hill%kernel_of_group == q)) hill%kernel_of_group = [hill%kernel_of_group, q]
     end do
+    hill%group = [(findloc(hill%kernel_of_group, system%kernel_of(j), 1), j=1, m)]
   end subroutine new_hill
 
   !> Everything that the solution x at frequency nu (rad/s) decides.
@@ -304,7 +305,7 @@ contains
               source=0.0_wp)
     do j = 1, size(self%w, 2)
       if (.not. system%bent(j)) cycle
-      q = findloc(self%kernel_of_group, system%kernel_of(j), 1)
+      q = self%group(j)
       do b = 1, system%n_rates()
         call moments_of(self%waves, .true., self%slopes(:, j, self%n_dof + b), 0.0_wp, c)
         if (system%kernel_of(j) == 0) c(0) = (0.0_wp, 0.0_wp)
@@ -340,7 +341,7 @@ contains
       end if
       self%springs = 0.0_wp
       do j = 1, m
-        q = findloc(self%kernel_of_group, system%kernel_of(j), 1)
+        q = self%group(j)
         do b = 1, n
           call moments_of(self%waves, system%bent(j), self%slopes(:, j, b), system%gather(j, b), c)
           do a = 1, n
@@ -353,31 +354,17 @@ contains
       end do
       return
     end if
-    if (allocated(self%outer)) then
-      if (size(self%outer, 1) /= p) deallocate (self%outer, self%inner, self%direct, self%swept)
+    call self%products%fill(p, system, self%waves, self%inverse, self%slopes, self%by_v)
+    if (allocated(self%direct)) then
+      if (size(self%direct, 1) /= p*n) deallocate (self%direct, self%swept)
     end if
-    if (.not. allocated(self%outer)) then
-      allocate (self%outer(p, p, n, m, 2), self%inner(p, p, n, m, 2), self%direct(p*n, p*n, 2))
+    if (.not. allocated(self%direct)) then
+      allocate (self%direct(p*n, p*n, 2))
       allocate (self%swept(merge(p*n, 0, system%moving), merge(p*n, 0, system%moving), 2))
     end if
-    self%outer = 0.0_wp
-    self%inner = 0.0_wp
     self%direct = 0.0_wp
     self%swept = 0.0_wp
     do a = 1, n
-      do j = 1, m
-        self%outer_varies(a, j) = any(abs(matmul(self%by_v(:, :, j), self%inverse(a, :))) > 0.0_wp)
-        if (self%outer_varies(a, j)) then
-          call moments_of(self%waves, .true., matmul(self%by_v(:, :, j), self%inverse(a, :)), &
-                        0.0_wp, c)
-          call add_toeplitz(p, c, p, self%outer(1, 1, a, j, 1), self%outer(1, 1, a, j, 2))
-        end if
-        self%inner_varies(a, j) = system%bent(j) .and. any(abs(self%slopes(:, j, a)) > 0.0_wp)
-        if (self%inner_varies(a, j)) then
-          call moments_of(self%waves, .true., self%slopes(:, j, a), 0.0_wp, c)
-          call add_toeplitz(p, c, p, self%inner(1, 1, a, j, 1), self%inner(1, 1, a, j, 2))
-        end if
-      end do
       do b = 1, n
         call moments_of(self%waves, .true., matmul(self%by_u(:, :, b), self%inverse(a, :)), &
                         0.0_wp, c)
@@ -428,8 +415,8 @@ contains
     kept = (1.0_wp, 0.0_wp)
     do q = 1, size(self%kernel_of_group)
       if (self%kernel_of_group(q) == 0) cycle
-      call system%kernels(self%kernel_of_group(q))%kernel%laplace(s, kept(:, q))
-      kept(:, q) = 1.0_wp - system%memory_scale*kept(:, q)
+      call system%kernels(self%kernel_of_group(q))%laplace(s, kept(:, q))
+      kept(:, q) = 1.0_wp - kept(:, q)
     end do
     if (system%separable) then
       h = 0.0_wp
@@ -442,7 +429,7 @@ contains
       end do
     else
       call copy_blocks(self%n_orders, p, self%n_dof, self%direct, h)
-      call add_products(self, system, kept, h)
+      call self%products%add(system, self%spread, self%group, kept, h)
       if (system%moving) call add_columns(self%n_orders, p, self%n_dof, s, self%swept, h)
     end if
     do b = 1, self%n_dof
@@ -458,75 +445,7 @@ contains
       end do
     end do
     call scale_rows(p, self%n_dof, scale, h)
-    call eliminate(p*self%n_dof, h(:, :, 1), h(:, :, 2), value)
+    call band_determinant(size(h, 1), size(h, 1), size(h, 1), h(:, :, 1), h(:, :, 2), value)
   end subroutine of_orders
-
-  !> The part that goes through hereditary variables: (b + B) f (w + W), b and w what varies.
-  subroutine add_products(self, system, kept, h)
-    class(hill_type), intent(in) :: self
-    class(oscillator_type), intent(in) :: system
-    complex(wp), intent(in) :: kept(:, :)
-    real(wp), intent(inout) :: h(size(kept, 1)*self%n_dof, size(kept, 1)*self%n_dof, 2)
-    real(wp) :: right(size(kept, 1), size(kept, 1), 2)
-    integer :: a, b, j, l, o, p
-
-    p = size(kept, 1)
-    o = self%n_orders - p
-    do j = 1, size(self%w, 2)
-      associate (kept_j => kept(:, findloc(self%kernel_of_group, system%kernel_of(j), 1)))
-        do b = 1, self%n_dof
-          if (.not. (self%inner_varies(b, j) .or. abs(system%gather(j, b)) > 0.0_wp)) cycle
-          ! f (w + W).
-          do l = 1, p
-            right(:, l, 1) = real(kept_j)*self%inner(o + 1:, o + l, b, j, 1) &
-                             - aimag(kept_j)*self%inner(o + 1:, o + l, b, j, 2)
-            right(:, l, 2) = real(kept_j)*self%inner(o + 1:, o + l, b, j, 2) &
-                             + aimag(kept_j)*self%inner(o + 1:, o + l, b, j, 1)
-            right(l, l, 1) = right(l, l, 1) + real(kept_j(l))*system%gather(j, b)
-            right(l, l, 2) = right(l, l, 2) + aimag(kept_j(l))*system%gather(j, b)
-          end do
-          do a = 1, self%n_dof
-            call add_product(self, kept_j, right, a, b, j, system%gather(j, b), h)
-          end do
-        end do
-      end associate
-    end do
-  end subroutine add_products
-
-  !> Add (b + B) f (w + W) of hereditary variable j to its block of coordinates a and b.
-  subroutine add_product(self, kept, right, a, b, j, gather, h)
-    class(hill_type), intent(in) :: self
-    complex(wp), intent(in) :: kept(:)
-    !> f (w + W).
-    real(wp), intent(in) :: right(:, :, :), gather
-    integer, intent(in) :: a, b, j
-    real(wp), intent(inout) :: h(size(kept)*self%n_dof, size(kept)*self%n_dof, 2)
-    complex(wp) :: f
-    integer :: i, l, o, p, row, column
-
-    p = size(kept)
-    o = self%n_orders - p
-    row = (a - 1)*p
-    column = (b - 1)*p
-    if (abs(self%spread(a, j)) > 0.0_wp) then
-      h(row + 1:row + p, column + 1:column + p, :) = &
-        h(row + 1:row + p, column + 1:column + p, :) + self%spread(a, j)*right
-    end if
-    if (.not. self%outer_varies(a, j)) return
-    do l = 1, p
-      if (.not. self%inner_varies(b, j)) then
-        call add_column(p, kept(l)*gather, self%outer(o + 1, o + l, a, j, 1), &
-                        self%outer(o + 1, o + l, a, j, 2), h(row + 1, column + l, 1), &
-                        h(row + 1, column + l, 2))
-        cycle
-      end if
-      do i = 1, p
-        f = cmplx(right(i, l, 1), right(i, l, 2), wp)
-        call add_column(p, f, self%outer(o + 1, o + i, a, j, 1), &
-                        self%outer(o + 1, o + i, a, j, 2), h(row + 1, column + l, 1), &
-                        h(row + 1, column + l, 2))
-      end do
-    end do
-  end subroutine add_product
 
 end module viscovib_hill

@@ -6,8 +6,7 @@ module viscovib_hill_blocks
   implicit none
   private
 
-  public :: add_column, add_columns, add_rates, add_rows, add_toeplitz, copy_blocks, eliminate, &
-            moments_of, scale_rows
+  public :: add_columns, add_rates, add_rows, add_toeplitz, copy_blocks, moments_of, scale_rows
 
 contains
 
@@ -145,61 +144,5 @@ contains
       end do
     end do
   end subroutine scale_rows
-
-  !> A complex multiple of one column to another.
-  pure subroutine add_column(n, f, from_re, from_im, re, im)
-    integer, intent(in) :: n
-    complex(wp), intent(in) :: f
-    real(wp), intent(in) :: from_re(n), from_im(n)
-    real(wp), intent(inout) :: re(n), im(n)
-    re = re + (real(f)*from_re - aimag(f)*from_im)
-    im = im + (real(f)*from_im + aimag(f)*from_re)
-  end subroutine add_column
-
-  !> Determinant by elimination, rows exchanged for the largest pivot.
-  pure subroutine eliminate(n, re, im, value)
-    integer, intent(in) :: n
-    real(wp), intent(inout) :: re(n, n), im(n, n)
-    complex(wp), intent(out) :: value
-    complex(wp) :: pivot, factor
-    real(wp) :: largest, swap
-    integer :: i, j, k, p
-
-    value = (1.0_wp, 0.0_wp)
-    do k = 1, n
-      p = k
-      largest = abs(re(k, k)) + abs(im(k, k))
-      do i = k + 1, n
-        if (abs(re(i, k)) + abs(im(i, k)) > largest) then
-          largest = abs(re(i, k)) + abs(im(i, k))
-          p = i
-        end if
-      end do
-      pivot = cmplx(re(p, k), im(p, k), wp)
-      value = value*pivot
-      if (.not. largest > 0.0_wp) return
-      if (p /= k) then
-        value = -value
-        do j = k, n
-          swap = re(p, j)
-          re(p, j) = re(k, j)
-          re(k, j) = swap
-          swap = im(p, j)
-          im(p, j) = im(k, j)
-          im(k, j) = swap
-        end do
-      end if
-      pivot = 1.0_wp/pivot
-      do i = k + 1, n
-        swap = real(pivot)*re(i, k) - aimag(pivot)*im(i, k)
-        im(i, k) = real(pivot)*im(i, k) + aimag(pivot)*re(i, k)
-        re(i, k) = swap
-      end do
-      do j = k + 1, n
-        factor = -cmplx(re(k, j), im(k, j), wp)
-        call add_column(n - k, factor, re(k + 1:, k), im(k + 1:, k), re(k + 1:, j), im(k + 1:, j))
-      end do
-    end do
-  end subroutine eliminate
 
 end module viscovib_hill_blocks

@@ -1,9 +1,9 @@
 !> What Hill's determinant is multiplied by to become a polynomial: orders left out, divisors,
 !! and what memory does to the stiffness at rest.
 module viscovib_hill_orders
+  use viscovib_band_elimination, only: band_determinant
   use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
-  use viscovib_hill_blocks, only: eliminate
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   implicit none
@@ -89,15 +89,15 @@ contains
         kept = (1.0_wp, 0.0_wp)
         q = system%kernel_of(j)
         if (remembers .and. q > 0) then
-          call system%kernels(q)%kernel%laplace(s, kept)
-          kept = 1.0_wp - system%memory_scale*kept
+          call system%kernels(q)%laplace(s, kept)
+          kept = 1.0_wp - kept
         end if
         do a = 1, hill%n_dof
           re(a, :) = re(a, :) + real(kept(1))*hill%spread(a, j)*system%gather(j, :)
           im(a, :) = im(a, :) + aimag(kept(1))*hill%spread(a, j)*system%gather(j, :)
         end do
       end do
-      call eliminate(hill%n_dof, re, im, value)
+      call band_determinant(hill%n_dof, hill%n_dof, hill%n_dof, re, im, value)
     end subroutine eliminate_stiffness
 
   end function relaxation

@@ -73,8 +73,8 @@ contains
     factor = 1.0_wp
     do q = 1, size(kernel_of_group)
       if (kernel_of_group(q) == 0) cycle
-      call system%kernels(kernel_of_group(q))%kernel%laplace(s, kept)
-      factor = max(factor, abs(1.0_wp - system%memory_scale*kept(1)))
+      call system%kernels(kernel_of_group(q))%laplace(s, kept)
+      factor = max(factor, abs(1.0_wp - kept(1)))
     end do
   end function swelling
 

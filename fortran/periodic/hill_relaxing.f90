@@ -50,14 +50,16 @@ contains
 
     made = .false.
     s = 0.0_wp
-    if (.not. system%kernels(q)%kernel%integral() < 1.0_wp/(part*system%memory_scale)) return
+    ! With a factor below 0 springs stiffen: R grows nowhere above 0.
+    if (.not. system%kernels(q)%factor > 0.0_wp) return
+    if (.not. system%kernels(q)%integral() < 1.0_wp/part) return
     ! Above the root at low, below it, or behind the singularity, at high.
     low = 0.0_wp
     high = 0.0_wp
     last = 0.0_wp
     s = 1.0e-12_wp*range
     do while (s < range)
-      call system%kernels(q)%kernel%laplace([cmplx(-s, 0.0_wp, wp)], r)
+      call system%kernels(q)%laplace([cmplx(-s, 0.0_wp, wp)], r)
       if (beyond()) then
         high = s
         exit
@@ -69,7 +71,7 @@ contains
     if (.not. high > 0.0_wp) return
     do i = 1, 60
       s = 0.5_wp*(low + high)
-      call system%kernels(q)%kernel%laplace([cmplx(-s, 0.0_wp, wp)], r)
+      call system%kernels(q)%laplace([cmplx(-s, 0.0_wp, wp)], r)
       if (beyond()) then
         high = s
       else
@@ -87,7 +89,7 @@ contains
       beyond = .true.
       if (.not. abs(r(1)) <= huge(1.0_wp)) return
       if (abs(aimag(r(1))) > 1.0e-12_wp*abs(real(r(1)))) return
-      beyond = real(r(1)) < last .or. real(r(1))*part*system%memory_scale > 1.0_wp
+      beyond = real(r(1)) < last .or. real(r(1))*part > 1.0_wp
     end function beyond
 
   end subroutine relaxing

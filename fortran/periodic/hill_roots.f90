@@ -16,6 +16,7 @@ module viscovib_hill_roots
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_rest_growth, only: rates_from_rest
+  use viscovib_sorting, only: sort_falling
   implicit none
   private
 
@@ -88,7 +89,7 @@ contains
       if (n >= 2*hill%n_dof .and. real(starts(i)) < far*hill%period) cycle
       call try(hill, system, starts(i), exponents, n, beside=.true.)
     end do
-    call sort(exponents(:n))
+    call sort_falling(exponents(:n), real(exponents(:n)))
   end subroutine find_exponents
 
   !> Of approximations those that are left when each exponent found has taken one, nearest pairs
@@ -202,7 +203,7 @@ contains
                  beside=.true.)
       end do
     end do
-    call sort(exponents(:n))
+    call sort_falling(exponents(:n), real(exponents(:n)))
 
   contains
 
@@ -435,23 +436,5 @@ contains
     end subroutine reduced
 
   end subroutine secant
-
-  !> By falling real part, the members of a pair side by side.
-  pure subroutine sort(z)
-    complex(wp), intent(inout) :: z(:)
-    complex(wp) :: next
-    integer :: i, j
-
-    do i = 2, size(z)
-      next = z(i)
-      j = i - 1
-      do while (j > 0)
-        if (real(z(j)) >= real(next)) exit
-        z(j + 1) = z(j)
-        j = j - 1
-      end do
-      z(j + 1) = next
-    end do
-  end subroutine sort
 
 end module viscovib_hill_roots

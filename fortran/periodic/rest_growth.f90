@@ -82,9 +82,9 @@ contains
     do j = 1, size(system%kernel_of)
       kept = (0.0_wp, 0.0_wp)
       q = system%kernel_of(j)
-      if (q > 0) call system%kernels(q)%kernel%laplace([cmplx(s, 0.0_wp, wp)], kept)
+      if (q > 0) call system%kernels(q)%laplace([cmplx(s, 0.0_wp, wp)], kept)
       do i = 1, size(matrix, 2)
-        matrix(:, i) = matrix(:, i) + (1.0_wp - system%memory_scale*real(kept(1))) &
+        matrix(:, i) = matrix(:, i) + (1.0_wp - real(kept(1))) &
                        *system%spread(:, j)*system%gather(j, i)
       end do
     end do

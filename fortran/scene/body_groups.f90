@@ -10,7 +10,7 @@ module viscovib_body_groups
   use viscovib_law_text, only: compile_law
   use viscovib_mounted_body, only: build_small, build_turning, mounted_body, rest_type
   use viscovib_namelist, only: lower, namelist_type
-  use viscovib_oscillator, only: kernel_holder
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_polynomial, only: max_degree
   use viscovib_polynomial_text, only: expand, terms_type
   use viscovib_scene_groups, only: place_of

@@ -5,11 +5,11 @@ module viscovib_kernel_groups
   use viscovib_fitted_kernel, only: read_fitted
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kernel_table, only: read_kernel_table
   use viscovib_kinds, only: wp
   use viscovib_mount, only: mount_parameters
   use viscovib_namelist, only: namelist_type
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_status, only: fail, show, status_input_error, status_io_error, status_type
   implicit none
   private

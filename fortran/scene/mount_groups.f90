@@ -1,9 +1,9 @@
 !> The &mount group of a scene.
 module viscovib_mount_groups
   use viscovib_group_reader, only: group_reader
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_mount, only: geometry_cubic, geometry_names, mount_parameters, mount_type, new_mount
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_status, only: status_type
   implicit none
   private

@@ -8,9 +8,9 @@
 module viscovib_polynomial_text
   use viscovib_kinds, only: wp
   use viscovib_namelist, only: lower
-  use viscovib_number_text, only: parse_real
   use viscovib_polynomial, only: max_degree
   use viscovib_status, only: show
+  use viscovib_text_cursor, only: digits, text_cursor
   implicit none
   private
 
@@ -18,8 +18,7 @@ module viscovib_polynomial_text
 
   !> Bounds that keep a slip of the pen from filling the memory.
   integer, parameter :: max_terms = 500, max_depth = 100
-  character(len=*), parameter :: digits = '0123456789', &
-                                 letters = 'abcdefghijklmnopqrstuvwxyz_'
+  character(len=*), parameter :: letters = 'abcdefghijklmnopqrstuvwxyz_'
 
   !> A sum of monomials: coefficients, and powers, shape (n, size(coefficients)).
   type :: terms_type
@@ -27,10 +26,7 @@ module viscovib_polynomial_text
     integer, allocatable :: powers(:, :)
   end type terms_type
 
-  !> The text, and where in it the reader stands; `fault` says what is wrong.
-  type :: cursor_type
-    character(len=:), allocatable :: text, fault
-    integer :: at = 1, depth = 0
+  type, extends(text_cursor) :: cursor_type
     !> Steps left.
     integer :: effort = 0
   end type cursor_type
@@ -51,33 +47,11 @@ contains
     cursor%fault = ''
     cursor%effort = effort
     call read_sum(cursor, names, terms)
-    if (cursor%fault == '' .and. peek(cursor) /= ' ') call blame(cursor, 'found where + - * / ^ ' &
+    if (cursor%fault == '' .and. cursor%peek() /= ' ') call cursor%blame('found where + - * / ^ ' &
                                                                  //'or the end should be')
     fault = cursor%fault
     effort = cursor%effort
   end subroutine expand
-
-  !> The next character that is not blank.
-  character function peek(cursor)
-    type(cursor_type), intent(inout) :: cursor
-    do while (cursor%at < len(cursor%text))
-      if (cursor%text(cursor%at:cursor%at) /= ' ') exit
-      cursor%at = cursor%at + 1
-    end do
-    peek = cursor%text(cursor%at:cursor%at)
-  end function peek
-
-  subroutine blame(cursor, what)
-    type(cursor_type), intent(inout) :: cursor
-    character(len=*), intent(in) :: what
-    if (cursor%fault /= '') return
-    if (cursor%at >= len(cursor%text)) then
-      cursor%fault = 'its end is '//what
-    else
-      cursor%fault = "'"//cursor%text(cursor%at:cursor%at)//"' (character "//show(cursor%at) &
-                     //') is '//what
-    end if
-  end subroutine blame
 
   recursive subroutine read_sum(cursor, names, total)
     type(cursor_type), intent(inout) :: cursor
@@ -88,8 +62,8 @@ contains
     integer :: i
 
     call read_term(cursor, names, total)
-    do while (cursor%fault == '' .and. scan(peek(cursor), '+-') > 0)
-      sign_of = merge(1.0_wp, -1.0_wp, peek(cursor) == '+')
+    do while (cursor%fault == '' .and. scan(cursor%peek(), '+-') > 0)
+      sign_of = merge(1.0_wp, -1.0_wp, cursor%peek() == '+')
       cursor%at = cursor%at + 1
       call read_term(cursor, names, next)
       do i = 1, size(next%coefficients)
@@ -107,8 +81,8 @@ contains
     character :: sign_of
 
     call read_factor(cursor, names, total)
-    do while (cursor%fault == '' .and. scan(peek(cursor), '*/') > 0)
-      sign_of = peek(cursor)
+    do while (cursor%fault == '' .and. scan(cursor%peek(), '*/') > 0)
+      sign_of = cursor%peek()
       cursor%at = cursor%at + 1
       call read_factor(cursor, names, next)
       if (cursor%fault /= '') return
@@ -134,15 +108,15 @@ contains
     integer :: k, n, first
 
     sign_of = 1.0_wp
-    do while (scan(peek(cursor), '+-') > 0)
-      if (peek(cursor) == '-') sign_of = -sign_of
+    do while (scan(cursor%peek(), '+-') > 0)
+      if (cursor%peek() == '-') sign_of = -sign_of
       cursor%at = cursor%at + 1
     end do
     call read_primary(cursor, names, base)
     n = 1
-    if (cursor%fault == '' .and. (peek(cursor) == '^' .or. next_two(cursor) == '**')) then
-      cursor%at = cursor%at + merge(1, 2, peek(cursor) == '^')
-      if (scan(peek(cursor), digits) == 0) call blame(cursor, 'found where a whole power should be')
+    if (cursor%fault == '' .and. (cursor%peek() == '^' .or. cursor%next_two() == '**')) then
+      cursor%at = cursor%at + merge(1, 2, cursor%peek() == '^')
+      if (scan(cursor%peek(), digits) == 0) call cursor%blame('found where a whole power should be')
       first = cursor%at
       cursor%at = first + verify(cursor%text(first:), digits) - 1
       n = max_degree + 1
@@ -159,11 +133,6 @@ contains
     end do
   end subroutine read_factor
 
-  pure character(len=2) function next_two(cursor)
-    type(cursor_type), intent(in) :: cursor
-    next_two = cursor%text(cursor%at:min(cursor%at + 1, len(cursor%text)))
-  end function next_two
-
   recursive subroutine read_primary(cursor, names, total)
     type(cursor_type), intent(inout) :: cursor
     character(len=*), intent(in) :: names(:)
@@ -172,7 +141,7 @@ contains
     integer :: i, first
 
     call constant(size(names), 0.0_wp, total)
-    c = peek(cursor)
+    c = cursor%peek()
     first = cursor%at
     if (c == '(') then
       cursor%depth = cursor%depth + 1
@@ -183,7 +152,7 @@ contains
       cursor%at = cursor%at + 1
       call read_sum(cursor, names, total)
       if (cursor%fault /= '') return
-      if (peek(cursor) /= ')') call blame(cursor, 'found where ) should be')
+      if (cursor%peek() /= ')') call cursor%blame('found where ) should be')
       if (cursor%fault /= '') return
       cursor%at = cursor%at + 1
       cursor%depth = cursor%depth - 1
@@ -206,7 +175,7 @@ contains
         end if
       end associate
     else
-      call blame(cursor, 'found where a number, a coordinate or ( should be')
+      call cursor%blame('found where a number, a coordinate or ( should be')
     end if
   end subroutine read_primary
 
@@ -214,21 +183,10 @@ contains
   subroutine read_number(cursor, total)
     type(cursor_type), intent(inout) :: cursor
     type(terms_type), intent(inout) :: total
-    integer :: first, last
-    logical :: ok
 
-    first = cursor%at
-    last = first + verify(cursor%text(first:), digits//'.') - 1
-    if (scan(cursor%text(last:last), 'ed') > 0) then
-      last = last + 1
-      if (scan(cursor%text(last:last), '+-') > 0) last = last + 1
-      last = last + verify(cursor%text(last:), digits) - 1
-    end if
     total%coefficients = [0.0_wp]
     total%powers = reshape(spread(0, 1, size(total%powers, 1)), [size(total%powers, 1), 1])
-    call parse_real(cursor%text(first:last - 1), total%coefficients(1), ok)
-    if (.not. ok) cursor%fault = "'"//cursor%text(first:last - 1)//"' is not a finite number"
-    cursor%at = last
+    call cursor%read_digits('ed', total%coefficients(1))
     call drop_zeros(total)
   end subroutine read_number
 

@@ -4,12 +4,12 @@ module viscovib_scene
   use viscovib_group_reader, only: group_reader
   use viscovib_job, only: job_type
   use viscovib_kernel_groups, only: read_kernels
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_loads
   use viscovib_mount, only: mount_parameters
   use viscovib_mount_groups, only: read_mount
   use viscovib_namelist, only: namelist_type, read_namelist
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_pendulum_groups, only: read_pendulum
   use viscovib_scene_groups, only: check_groups, place_of
   use viscovib_scene_results, only: read_result

@@ -1,16 +1,15 @@
 !> The groups of a scene that make up a structure: &structure, &element.
 module viscovib_structure_groups
   use viscovib_coordinate_names, only: read_coordinates, read_kernel_place, read_units
-  use viscovib_dense, only: factorize
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_kernel_groups, only: read_system_kernels
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: about_rest
   use viscovib_law_text, only: compile_law
   use viscovib_matrix_market, only: read_matrix_market
   use viscovib_namelist, only: lower, namelist_type
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: max_degree
   use viscovib_polynomial_text, only: expand, terms_type
   use viscovib_status, only: clipped, show, status_io_error, status_type

@@ -4,11 +4,11 @@ module viscovib_system_groups
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_kernel_groups, only: read_system_kernels
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
   use viscovib_namelist, only: lower, namelist_type
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: max_coordinates, max_degree, new_polynomial, &
     polynomial_parameters, polynomial_type
   use viscovib_number_text, only: exact

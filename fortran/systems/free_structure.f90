@@ -1,8 +1,8 @@
 !> A structure without losses: its modes, and what moves freely.
 module viscovib_free_structure
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: new_load
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_status, only: fail, status_input_error, status_type
   use viscovib_structure, only: structure_type
   use viscovib_structure_model, only: add_linear, condense, structure_model

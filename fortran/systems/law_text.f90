@@ -16,8 +16,8 @@ module viscovib_law_text
     f_pow, first_function, functions, known_power, law_program, multiply, negate, operands, &
     parity_of, power, put_argument, put_number, square, subtract, wall
   use viscovib_near_words, only: distance
-  use viscovib_number_text, only: parse_real
   use viscovib_status, only: show
+  use viscovib_text_cursor, only: digits, text_cursor
   implicit none
   private
 
@@ -25,15 +25,13 @@ module viscovib_law_text
 
   !> Bounds that keep a slip of the pen from filling the memory.
   integer, parameter :: max_depth = 100, max_code = 2000, max_stack = 60
-  character(len=*), parameter :: digits = '0123456789', &
-                                 letters = 'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
+  character(len=*), parameter :: letters = &
+                                 'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
 
-  !> The text, and where in it the reader stands; `fault` says what is wrong.
-  type :: cursor_type
-    character(len=:), allocatable :: text, fault
-    integer :: at = 1, depth = 0, n = 0
-    !> The program so far, and the parity and degree of each value on its stack.
-    integer :: code(max_code) = 0, parity(max_stack) = 0, degree(max_stack) = 0, held = 0
+  type, extends(text_cursor) :: cursor_type
+    !> The program so far, its length, and the parity and degree of each value on its stack.
+    integer :: code(max_code) = 0, parity(max_stack) = 0, degree(max_stack) = 0
+    integer :: n = 0, held = 0
     real(wp) :: number(max_code) = 0.0_wp
   end type cursor_type
 
@@ -56,8 +54,8 @@ contains
     cursor%text = text//' '
     cursor%fault = ''
     call read_comparison(cursor, arguments, names, values)
-    if (cursor%fault == '' .and. peek(cursor) /= ' ') then
-      call blame(cursor, 'found where an operator or the end should be')
+    if (cursor%fault == '' .and. cursor%peek() /= ' ') then
+      call cursor%blame('found where an operator or the end should be')
     end if
     fault = cursor%fault
     if (fault /= '') return
@@ -68,28 +66,6 @@ contains
     parity = cursor%parity(1)
     degree = max(cursor%degree(1), 0)
   end subroutine compile_law
-
-  !> The next character that is not blank.
-  character function peek(cursor)
-    type(cursor_type), intent(inout) :: cursor
-    do while (cursor%at < len(cursor%text))
-      if (cursor%text(cursor%at:cursor%at) /= ' ') exit
-      cursor%at = cursor%at + 1
-    end do
-    peek = cursor%text(cursor%at:cursor%at)
-  end function peek
-
-  subroutine blame(cursor, what)
-    type(cursor_type), intent(inout) :: cursor
-    character(len=*), intent(in) :: what
-    if (cursor%fault /= '') return
-    if (cursor%at >= len(cursor%text)) then
-      cursor%fault = 'its end is '//what
-    else
-      cursor%fault = "'"//cursor%text(cursor%at:cursor%at)//"' (character "//show(cursor%at) &
-                     //') is '//what
-    end if
-  end subroutine blame
 
   !> Append an instruction; what works on numbers alone is worked out.
   subroutine emit(cursor, code, number)
@@ -139,8 +115,8 @@ contains
     logical :: orequal
 
     call read_sum(cursor, arguments, names, values)
-    if (cursor%fault /= '' .or. scan(peek(cursor), '<>') == 0) return
-    code = merge(f_less, f_more, peek(cursor) == '<')
+    if (cursor%fault /= '' .or. scan(cursor%peek(), '<>') == 0) return
+    code = merge(f_less, f_more, cursor%peek() == '<')
     cursor%at = cursor%at + 1
     orequal = cursor%text(cursor%at:cursor%at) == '='
     if (orequal) cursor%at = cursor%at + 1
@@ -156,8 +132,8 @@ contains
     integer :: code
 
     call read_term(cursor, arguments, names, values)
-    do while (cursor%fault == '' .and. scan(peek(cursor), '+-') > 0)
-      code = merge(add, subtract, peek(cursor) == '+')
+    do while (cursor%fault == '' .and. scan(cursor%peek(), '+-') > 0)
+      code = merge(add, subtract, cursor%peek() == '+')
       cursor%at = cursor%at + 1
       call read_term(cursor, arguments, names, values)
       call emit(cursor, code, 0.0_wp)
@@ -172,8 +148,8 @@ contains
     logical :: known
 
     call read_factor(cursor, arguments, names, values)
-    do while (cursor%fault == '' .and. scan(peek(cursor), '*/') > 0)
-      code = merge(multiply, divide, peek(cursor) == '*')
+    do while (cursor%fault == '' .and. scan(cursor%peek(), '*/') > 0)
+      code = merge(multiply, divide, cursor%peek() == '*')
       cursor%at = cursor%at + 1
       call read_factor(cursor, arguments, names, values)
       if (code == divide .and. cursor%fault == '') then
@@ -192,8 +168,8 @@ contains
     logical :: negative
 
     negative = .false.
-    do while (scan(peek(cursor), '+-') > 0)
-      negative = negative .neqv. peek(cursor) == '-'
+    do while (scan(cursor%peek(), '+-') > 0)
+      negative = negative .neqv. cursor%peek() == '-'
       cursor%at = cursor%at + 1
     end do
     call read_power(cursor, arguments, names, values)
@@ -206,8 +182,8 @@ contains
     real(wp), intent(in) :: values(:)
     call read_primary(cursor, arguments, names, values)
     if (cursor%fault /= '') return
-    if (peek(cursor) /= '^' .and. next_two(cursor) /= '**') return
-    cursor%at = cursor%at + merge(1, 2, peek(cursor) == '^')
+    if (cursor%peek() /= '^' .and. cursor%next_two() /= '**') return
+    cursor%at = cursor%at + merge(1, 2, cursor%peek() == '^')
     cursor%depth = cursor%depth + 1
     if (cursor%depth > max_depth) cursor%fault = 'it must not be nested deeper than ' &
                                                  //show(max_depth)
@@ -235,27 +211,24 @@ contains
     call emit(cursor, merge(square, known_power, abs(exponent - 2.0_wp) <= 0.0_wp), exponent)
   end subroutine raise
 
-  pure character(len=2) function next_two(cursor)
-    type(cursor_type), intent(in) :: cursor
-    next_two = cursor%text(cursor%at:min(cursor%at + 1, len(cursor%text)))
-  end function next_two
-
   recursive subroutine read_primary(cursor, arguments, names, values)
     type(cursor_type), intent(inout) :: cursor
     character(len=*), intent(in) :: arguments(:), names(:)
     real(wp), intent(in) :: values(:)
+    real(wp) :: value
     character :: c
 
-    c = peek(cursor)
+    c = cursor%peek()
     if (c == '(') then
       cursor%at = cursor%at + 1
       call read_inside(cursor, arguments, names, values, 1)
     else if (scan(c, digits//'.') > 0) then
-      call read_number(cursor)
+      call cursor%read_digits('eE', value)
+      call emit(cursor, put_number, value)
     else if (scan(c, letters) > 0) then
       call read_name(cursor, arguments, names, values)
     else
-      call blame(cursor, 'found where a number, a name or ( should be')
+      call cursor%blame('found where a number, a name or ( should be')
     end if
   end subroutine read_primary
 
@@ -275,11 +248,11 @@ contains
       call read_comparison(cursor, arguments, names, values)
       if (cursor%fault /= '') return
       if (i == n) exit
-      if (peek(cursor) /= ',') call blame(cursor, 'found where , should be')
+      if (cursor%peek() /= ',') call cursor%blame('found where , should be')
       if (cursor%fault /= '') return
       cursor%at = cursor%at + 1
     end do
-    if (peek(cursor) /= ')') call blame(cursor, 'found where ) should be')
+    if (cursor%peek() /= ')') call cursor%blame('found where ) should be')
     if (cursor%fault /= '') return
     cursor%at = cursor%at + 1
     cursor%depth = cursor%depth - 1
@@ -299,7 +272,7 @@ contains
     first = cursor%at
     cursor%at = first + verify(cursor%text(first:), letters//digits) - 1
     name = cursor%text(first:cursor%at - 1)
-    if (peek(cursor) == '(') then
+    if (cursor%peek() == '(') then
       i = place_of(name, functions)
       if (i == 0) then
         cursor%fault = "'"//name//"' is not a known function"//likely(name, functions)
@@ -337,26 +310,6 @@ contains
       if (names(place_of) == name) return
     end do
   end function place_of
-
-  !> A number such as 2, .5, 1e-3.
-  subroutine read_number(cursor)
-    type(cursor_type), intent(inout) :: cursor
-    integer :: first, last
-    real(wp) :: value
-    logical :: ok
-
-    first = cursor%at
-    last = first + verify(cursor%text(first:), digits//'.') - 1
-    if (scan(cursor%text(last:last), 'eE') > 0) then
-      last = last + 1
-      if (scan(cursor%text(last:last), '+-') > 0) last = last + 1
-      last = last + verify(cursor%text(last:), digits) - 1
-    end if
-    call parse_real(cursor%text(first:last - 1), value, ok)
-    if (.not. ok) cursor%fault = "'"//cursor%text(first:last - 1)//"' is not a finite number"
-    cursor%at = last
-    call emit(cursor, put_number, value)
-  end subroutine read_number
 
   !> The name that is written most alike, as a question; nothing if none is. Of those as near, one
   !! of as many letters is meant.

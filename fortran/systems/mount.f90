@@ -7,8 +7,9 @@ module viscovib_mount
   use viscovib_counters, only: count_up, counted_deflections, counted_forces, counted_sines, &
     counting
   use viscovib_jet, only: cosine, jet_type, operator(*), operator(+), operator(-), sine
+  use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
@@ -64,15 +65,10 @@ contains
     call check_parameters(parameters, status)
     if (status%failed()) return
     mount%parameters = parameters
-    mount%memory_scale = parameters%memory_scale
     call copy_kernels(kernels, mount%kernels)
+    mount%kernels%factor = parameters%memory_scale
     kernel_x = parameters%kernel_x
     kernel_phi = parameters%kernel_phi
-    if (parameters%memory_scale == 0.0_wp) then
-      mount%n_silent = size(kernels)
-      kernel_x = 0
-      kernel_phi = 0
-    end if
     mount%mass = reshape([parameters%mass, 0.0_wp, 0.0_wp, parameters%inertia], [2, 2])
     mount%damping = parameters%damping
     mount%base_direction = [1.0_wp, 0.0_wp]

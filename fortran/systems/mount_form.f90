@@ -7,9 +7,9 @@ module viscovib_mount_form
   use viscovib_full_oscillator, only: put_behind
   use viscovib_jet, only: jet_type, operator(-), variables
   use viscovib_jet_form, only: take_terms
+  use viscovib_kernel_holder, only: copy_kernels
   use viscovib_kinds, only: wp
   use viscovib_mount, only: mount_type
-  use viscovib_oscillator, only: copy_kernels
   use viscovib_polynomial_form, only: polynomial_form_type
   implicit none
   private
@@ -36,7 +36,6 @@ contains
     form%derivative = [(0, i=1, form%n)]
     form%kernel_of = [0, 0, mount%kernel_of]
     call copy_kernels(mount%kernels, form%kernels)
-    form%memory_scale = mount%memory_scale
     x = variables(form%n)
     call mount%jets(x(:2), x(3:), w, equations(:2))
     do i = 1, m

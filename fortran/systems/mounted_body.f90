@@ -11,7 +11,7 @@ module viscovib_mounted_body
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: add, put_argument, put_number, subtract
   use viscovib_law_term, only: about_rest, law_term
-  use viscovib_oscillator, only: kernel_holder
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_polynomial, only: max_degree, new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_rotation, only: cross, new_rotation, rotation_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type

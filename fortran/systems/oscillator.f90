@@ -11,17 +11,13 @@
 !! samples at once; all that is linear is done here.
 module viscovib_oscillator
   use viscovib_counters, only: count_up, counted_transforms, counting
-  use viscovib_kernel, only: kernel_type
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   implicit none
   private
 
-  public :: oscillator_type, kernel_holder, copy_kernels
-
-  !> A kernel of any kind, as an array element.
-  type :: kernel_holder
-    class(kernel_type), allocatable :: kernel
-  end type kernel_holder
+  ! The holder too, as those expect who fill `kernels`.
+  public :: oscillator_type, kernel_holder
 
   type, abstract :: oscillator_type
     !> M and C, shape (n_dof, n_dof).
@@ -34,8 +30,6 @@ module viscovib_oscillator
     integer, allocatable :: kernel_of(:)
     !> Nonlinear terms and kernels that were given as 0 and left out.
     integer :: n_zero = 0, n_silent = 0
-    !> Factor of every kernel, epsilon_1 of seed paper 001.
-    real(wp) :: memory_scale = 1.0_wp
     !> Coordinates whose rates some w_j depend on; not allocated: none. Samples of u have these
     !! rates as further columns, derivatives by them too.
     integer, allocatable :: rates(:)
@@ -128,25 +122,13 @@ module viscovib_oscillator
 
 contains
 
-  !> Deep copy, element by element: intrinsic assignment of the whole array
-  !! lets gfortran 12 share the polymorphic components, to be freed twice.
-  subroutine copy_kernels(from, to)
-    type(kernel_holder), intent(in) :: from(:)
-    type(kernel_holder), allocatable, intent(out) :: to(:)
-    integer :: i
-    allocate (to(size(from)))
-    do i = 1, size(from)
-      allocate (to(i)%kernel, source=from(i)%kernel)
-    end do
-  end subroutine copy_kernels
-
   !> Variables with a kernel that is 0 forget at once.
   subroutine drop_zero_kernels(self)
     class(oscillator_type), intent(inout) :: self
     integer :: i
     do i = 1, size(self%kernels)
       if (.not. any(self%kernel_of == i)) cycle
-      if (.not. self%kernels(i)%kernel%is_zero()) cycle
+      if (.not. self%kernels(i)%is_zero()) cycle
       where (self%kernel_of == i) self%kernel_of = 0
       self%n_silent = self%n_silent + 1
     end do
@@ -271,7 +253,7 @@ contains
     largest_amplitude = 10.0_wp**(180/max(self%degree, 3))
   end function largest_amplitude
 
-  !> 1 - epsilon_1 (R_c - i R_s) at each circular frequency, a column for each
+  !> 1 - (R_c - i R_s) at each circular frequency, a column for each
   !! hereditary variable: what memory leaves of the variable.
   subroutine retained(self, mu, fraction)
     class(oscillator_type), intent(in) :: self
@@ -288,10 +270,10 @@ contains
       block
         ! Made where there is a kernel only: room for a few numbers takes as long as they do.
         real(wp) :: cosine(size(mu)), sine(size(mu))
-        call self%kernels(i)%kernel%transform(mu, cosine, sine)
+        call self%kernels(i)%transform(mu, cosine, sine)
         do j = 1, self%n_memory()
           if (self%kernel_of(j) /= i) cycle
-          fraction(:, j) = cmplx(1.0_wp - self%memory_scale*cosine, self%memory_scale*sine, wp)
+          fraction(:, j) = cmplx(1.0_wp - cosine, sine, wp)
         end do
       end block
     end do
@@ -309,16 +291,15 @@ contains
     integer :: i, j, first
 
     slope = (0.0_wp, 0.0_wp)
-    if (.not. abs(self%memory_scale) > 0.0_wp) return
     do i = 1, size(self%kernels)
       first = findloc(self%kernel_of, i, 1)
       if (first == 0) cycle
-      transform = (1.0_wp - fraction(:, first))/self%memory_scale
-      call self%kernels(i)%kernel%transform_slope(merge(mu, 1.0_wp, abs(mu) > 0.0_wp), &
+      transform = 1.0_wp - fraction(:, first)
+      call self%kernels(i)%transform_slope(merge(mu, 1.0_wp, abs(mu) > 0.0_wp), &
                                                   transform, by_mu)
       where (.not. abs(mu) > 0.0_wp) by_mu = (0.0_wp, 0.0_wp)
       do j = first, self%n_memory()
-        if (self%kernel_of(j) == i) slope(:, j) = -self%memory_scale*by_mu
+        if (self%kernel_of(j) == i) slope(:, j) = -by_mu
       end do
     end do
   end subroutine retained_slope
@@ -420,7 +401,7 @@ contains
     do i = 1, size(self%kernels)
       kernel_without_integral = i
       if (.not. any(self%kernel_of == i)) cycle
-      if (self%kernels(i)%kernel%integral() > huge(1.0_wp)) return
+      if (abs(self%kernels(i)%integral()) > huge(1.0_wp)) return
     end do
     kernel_without_integral = 0
   end function kernel_without_integral

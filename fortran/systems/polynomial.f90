@@ -11,9 +11,10 @@
 module viscovib_polynomial
   use viscovib_checks, only: check_finite
   use viscovib_counters, only: count_up, counted_deflections, counted_monomials, counting
+  use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: add_law_slopes, add_laws, law_term, read_rates
-  use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private

@@ -8,9 +8,8 @@
 !! variables follow. Loads are columns times cos(p t).
 module viscovib_polynomial_form
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use viscovib_kernel, only: kernel_type
+  use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_oscillator, only: copy_kernels, kernel_holder
   implicit none
   private
 
@@ -56,7 +55,6 @@ module viscovib_polynomial_form
     !> Kernel of each equation (0: none), and the factor of all kernels.
     integer, allocatable :: kernel_of(:)
     type(kernel_holder), allocatable :: kernels(:)
-    real(wp) :: memory_scale = 1.0_wp
     !> Amplitudes, shape (n, n_loads), and circular frequencies of the loads.
     real(wp), allocatable :: load(:, :), drives(:)
     !> Near the modes: frequencies, shapes and left vectors, a column each, of the
@@ -101,7 +99,6 @@ contains
     copy%cubic = self%cubic
     copy%kernel_of = self%kernel_of
     call copy_kernels(self%kernels, copy%kernels)
-    copy%memory_scale = self%memory_scale
     copy%load = self%load
     copy%drives = self%drives
     copy%omega = self%omega
@@ -129,11 +126,13 @@ contains
     do i = 1, size(self%kernels)
       if (.not. any(self%kernel_of == i)) cycle
       if (abs(place) > 0.0_wp) then
-        call self%kernels(i)%kernel%laplace([place], transform)
+        call self%kernels(i)%laplace([place], transform)
       else
-        transform = cmplx(min(self%kernels(i)%kernel%integral(), wholly), 0.0_wp, wp)
+        associate (holder => self%kernels(i))
+          transform = cmplx(holder%factor*min(holder%kernel%integral(), wholly), 0.0_wp, wp)
+        end associate
       end if
-      where (self%kernel_of == i) fraction = 1.0_wp - self%memory_scale*transform(1)
+      where (self%kernel_of == i) fraction = 1.0_wp - transform(1)
     end do
   end function retained
 
@@ -210,12 +209,12 @@ contains
     place(:n) = middle + ray(:n)
     do i = 1, size(self%kernels)
       if (.not. any(self%kernel_of == i)) cycle
-      call self%kernels(i)%kernel%laplace(place(:n), transform(:n))
+      call self%kernels(i)%laplace(place(:n), transform(:n))
       transform(:n) = transform(:n)*ray(:n)
       do first = 1, size(s)
         transform(:n) = transform(:n)/(place(:n) - s(first))
       end do
-      where (self%kernel_of == i) slope = -self%memory_scale*sum(transform(:n))/n
+      where (self%kernel_of == i) slope = -sum(transform(:n))/n
     end do
 
   contains

@@ -4,10 +4,11 @@
 !! force, make up a group. A group in which no coordinate is driven stays at rest, and
 !! acts on no other: the equations of the others are complete without it.
 module viscovib_reduction
+  use viscovib_kernel_holder, only: copy_kernels
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: read_rates
-  use viscovib_oscillator, only: copy_kernels, oscillator_type
-  use viscovib_polynomial, only: monomial_type, polynomial_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial, only: polynomial_type
   implicit none
   private
 
@@ -57,7 +58,6 @@ contains
     reduced%spread = system%spread(dofs, variables)
     reduced%kernel_of = system%kernel_of(variables)
     reduced%bent = system%bent(variables)
-    reduced%memory_scale = system%memory_scale
     reduced%base_direction = system%base_direction(dofs)
     call copy_kernels(system%kernels, reduced%kernels)
     select type (system)

@@ -2,15 +2,15 @@
 !! its elements, and its motions in all coordinates.
 module viscovib_structure_model
   use viscovib_dense, only: factorize, solve
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: max_coordinates, new_polynomial, polynomial_parameters
   use viscovib_resonant_compliance, only: bordered, near_modes
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_structure, only: structure_type
   use viscovib_structure_elements, only: element_type, find_directions, put_laws
-  use viscovib_structure_rest, only: is_symmetric, modal_damping, new_rest, rest_type
+  use viscovib_structure_rest, only: modal_damping, new_rest, rest_type
   use viscovib_symmetric_modes, only: find_symmetric_modes
   implicit none
   private

@@ -2,10 +2,11 @@
 !! variables among the unknowns, as the mount's are in `viscovib_mount_form`.
 module viscovib_system_form
   use viscovib_full_oscillator, only: put_behind
+  use viscovib_kernel_holder, only: copy_kernels
   use viscovib_kinds, only: wp
   use viscovib_mount, only: mount_type
   use viscovib_mount_form, only: new_mount_form
-  use viscovib_oscillator, only: copy_kernels, oscillator_type
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_form, only: polynomial_form_type, term_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
@@ -84,7 +85,6 @@ contains
     allocate (form%kernel_of(form%n), source=0)
     form%kernel_of(n + 1:) = system%kernel_of
     call copy_kernels(system%kernels, form%kernels)
-    form%memory_scale = system%memory_scale
     allocate (form%linear(form%n, form%n, 0:2), form%hereditary(form%n, form%n), source=0.0_wp)
     form%linear(:n, :n, 1) = system%damping
     form%linear(:n, :n, 2) = system%mass

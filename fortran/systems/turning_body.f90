@@ -18,9 +18,10 @@
 module viscovib_turning_body
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
+  use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: law_term
-  use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_rotation, only: cross, new_rotation, rotation_type
   implicit none
   private

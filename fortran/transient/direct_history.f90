@@ -2,6 +2,7 @@
 !! kernel. The judge of the fast way, and right for short runs. Weights of equal steps
 !! that follow each other are kept, those of other pairs of steps made anew.
 module viscovib_direct_history
+  use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_known_past, only: known_past_type
   use viscovib_memory_channels, only: channels_type
   use viscovib_collocation, only: collocation_type
@@ -9,7 +10,7 @@ module viscovib_direct_history
   use viscovib_gauss_points, only: points_32, weights_32
   use viscovib_kernel, only: decay_nodes
   use viscovib_kinds, only: wp
-  use viscovib_oscillator, only: copy_kernels, kernel_holder, oscillator_type
+  use viscovib_oscillator, only: oscillator_type
   implicit none
   private
 
@@ -20,7 +21,7 @@ module viscovib_direct_history
     !> Steps stored before those of the present length.
     integer :: n_other = 0
     !> Length of a step, and where the present one begins.
-    real(wp) :: h = 0.0_wp, now = 0.0_wp, scale = 1.0_wp
+    real(wp) :: h = 0.0_wp, now = 0.0_wp
     type(collocation_type) :: table
     type(kernel_holder), allocatable :: kernels(:)
     !> Weight of point k, d steps before node i's step, for each kernel, shape
@@ -56,7 +57,6 @@ contains
 
     history%s = table%s
     history%h = h
-    history%scale = system%memory_scale
     history%table = table
     history%kernel_of = channels%kernel_of
     call copy_kernels(system%kernels, history%kernels)
@@ -86,7 +86,7 @@ contains
     if (self%known_past%is_known()) then
       do i = 1, self%s
         now = self%now + self%h*self%table%points(i)
-        call self%known_past%recall(self%kernels, self%scale, self%kernel_of, now, before)
+        call self%known_past%recall(self%kernels, self%kernel_of, now, before)
         remembered(i::self%s) = remembered(i::self%s) + before
       end do
     end if
@@ -94,9 +94,9 @@ contains
     do i = 1, self%s
       now = self%now + self%h*self%table%points(i)
       do c = 1, size(self%kernel_of)
-        call self%kernels(self%kernel_of(c))%kernel%value(now - self%times, values)
+        call self%kernels(self%kernel_of(c))%value(now - self%times, values)
         at = (c - 1)*self%s + i
-        remembered(at) = remembered(at) + self%scale*dot_product(values, self%masses(:, c))
+        remembered(at) = remembered(at) + dot_product(values, self%masses(:, c))
       end do
     end do
   end subroutine recall
@@ -114,7 +114,7 @@ contains
       do d = 1, self%n_other
         do i = 1, self%s
           lag = (self%now - self%begins(d)) + self%h*self%table%points(i)
-          call self%kernels(m)%kernel%lag_rule(max(lag - self%lengths(d), &
+          call self%kernels(m)%lag_rule(max(lag - self%lengths(d), &
                                                    self%h*self%table%points(i)), lag, sigma, w)
           weights = 0.0_wp
           do k = 1, size(sigma)
@@ -123,7 +123,7 @@ contains
           do c = 1, size(self%kernel_of)
             if (self%kernel_of(c) /= m) cycle
             at = (c - 1)*self%s + i
-            remembered(at) = remembered(at) + self%scale*dot_product(weights, self%g(:, c, d))
+            remembered(at) = remembered(at) + dot_product(weights, self%g(:, c, d))
           end do
         end do
       end do
@@ -182,10 +182,10 @@ contains
       do d = self%n_lags + 1, n
         do i = 1, self%s
           associate (c => self%table%points(i))
-            call self%kernels(m)%kernel%lag_rule(self%h*(d - 1 + c), self%h*(d + c), sigma, w)
+            call self%kernels(m)%lag_rule(self%h*(d - 1 + c), self%h*(d + c), sigma, w)
             do k = 1, size(sigma)
               grown(:, i, d, m) = grown(:, i, d, m) &
-                                  + self%scale*w(k)*self%table%basis(d + c - sigma(k)/self%h)
+                                  + w(k)*self%table%basis(d + c - sigma(k)/self%h)
             end do
           end associate
         end do

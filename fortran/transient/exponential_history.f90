@@ -93,7 +93,7 @@ contains
       first = last + 1
       k = channels%kernel_of(first)
       last = first + count(channels%kernel_of == k) - 1
-      call system%kernels(k)%kernel%exponentials(tolerance, least*table%points(1), &
+      call system%kernels(k)%exponentials(tolerance, least*table%points(1), &
                                                  max(t_end, 2.0_wp*h), weights, rates)
       possible = size(rates) > 0
       if (.not. possible) return
@@ -102,7 +102,7 @@ contains
         group%last = last
         group%n_terms = size(rates)
         padded = (size(rates) + block - 1)/block*block
-        group%terms = system%memory_scale*weights
+        group%terms = weights
         group%rates = rates
         allocate (group%lengths(1), group%state(padded, first:last))
         group%state = 0.0_wp

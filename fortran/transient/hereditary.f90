@@ -20,7 +20,7 @@ module viscovib_hereditary
   use viscovib_march, only: begun, no_exponentials, no_integral, step_too_large
   use viscovib_oscillator, only: oscillator_type
   use viscovib_step_equations, only: new_step_equations, step_equations_type
-  use viscovib_time_load, only: load_clock, new_clock, time_load_type
+  use viscovib_time_load, only: new_clock, time_load_type
   implicit none
   private
 

@@ -19,7 +19,7 @@ module viscovib_hereditary_maps
   use viscovib_memory_channels, only: channels_type
   use viscovib_collocation, only: collocation_type
   use viscovib_dense, only: factorize, solve
-  use viscovib_kernel, only: kernel_type
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   implicit none
@@ -61,10 +61,8 @@ module viscovib_hereditary_maps
 contains
 
   !> L of a kernel for steps of several lengths, shape (s, 0:s+1, n).
-  subroutine local_weights(kernel, scale, table, lengths, weights)
-    class(kernel_type), intent(in) :: kernel
-    !> Factor of the kernel.
-    real(wp), intent(in) :: scale
+  subroutine local_weights(kernel, table, lengths, weights)
+    type(kernel_holder), intent(in) :: kernel
     type(collocation_type), intent(in) :: table
     !> Shape (n).
     real(wp), intent(in) :: lengths(:)
@@ -84,7 +82,7 @@ contains
         do k = 1, size(sigma, 1)
           row = row + w(k, at)*table%basis(table%points(i) - sigma(k, at)/lengths(m))
         end do
-        weights(i, :, m) = scale*row
+        weights(i, :, m) = row
       end do
     end do
   end subroutine local_weights
@@ -180,7 +178,7 @@ contains
     end do
     do k = 1, size(system%kernels)
       if (.not. any(system%kernel_of == k)) cycle
-      call local_weights(system%kernels(k)%kernel, system%memory_scale, table, [h], local)
+      call local_weights(system%kernels(k), table, [h], local)
       e(:, :, k) = e(:, :, k) - local(:, :, 1)
     end do
   end subroutine remaining_weights

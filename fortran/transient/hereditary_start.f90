@@ -116,7 +116,7 @@ contains
     local = 0.0_wp
     do k = 1, size(system%kernels)
       if (.not. any(channels%kernel_of == k)) cycle
-      call local_weights(system%kernels(k)%kernel, system%memory_scale, start%table, &
+      call local_weights(system%kernels(k), start%table, &
                          start%ends(1:) - start%ends(:doublings), of_kernel)
       local(:, :, k, :) = of_kernel
     end do
@@ -130,7 +130,7 @@ contains
                              start%ends(k - 2), before, x, masses, k > 2, remembered)
       if (known_past%is_known()) then
         do m = 1, start_nodes
-          call known_past%recall(system%kernels, system%memory_scale, channels%kernel_of, &
+          call known_past%recall(system%kernels, channels%kernel_of, &
                               start%ends(k - 1) + start%table%points(m)*length, of_old)
           remembered(m, :) = remembered(m, :) + of_old
         end do
@@ -172,12 +172,12 @@ contains
       if (.not. any(channels%kernel_of == k)) cycle
       do i = 1, table%s
         node = table%points(i)*length
-        call system%kernels(k)%kernel%lag_rule(node, node + last, sigma, w)
+        call system%kernels(k)%lag_rule(node, node + last, sigma, w)
         weights = 0.0_wp
         do j = 1, size(sigma)
           weights = weights + w(j)*table%basis(1.0_wp - (sigma(j) - node)/last)
         end do
-        if (far) call system%kernels(k)%kernel%value(now + node - since*x, values)
+        if (far) call system%kernels(k)%value(now + node - since*x, values)
         do c = 1, size(channels%kernel_of)
           if (channels%kernel_of(c) /= k) cycle
           remembered(i, c) = dot_product(weights, before(:, c))
@@ -185,7 +185,6 @@ contains
         end do
       end do
     end do
-    remembered = system%memory_scale*remembered
   end subroutine recall
 
   !> Add a panel to the far past: masses of the interval before, [0, 1/2] of the new

@@ -2,10 +2,11 @@
 !! first one held before them. What springs remember of it is a polynomial on each
 !! piece, integrated with exact weights at any lag.
 module viscovib_known_past
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_memory_channels, only: channels_type
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_kinds, only: wp
-  use viscovib_oscillator, only: kernel_holder, oscillator_type
+  use viscovib_oscillator, only: oscillator_type
   implicit none
   private
 
@@ -72,11 +73,10 @@ contains
   end function is_known
 
   !> What is remembered of it at a time t > 0, shape (n_channels).
-  subroutine recall(self, kernels, scale, kernel_of, t, remembered)
+  subroutine recall(self, kernels, kernel_of, t, remembered)
     class(known_past_type), intent(in) :: self
-    !> Kernels, their common factor, and the kernel of each channel.
+    !> Kernels, and which of them each channel has.
     type(kernel_holder), intent(in) :: kernels(:)
-    real(wp), intent(in) :: scale
     integer, intent(in) :: kernel_of(:)
     real(wp), intent(in) :: t
     real(wp), intent(out) :: remembered(:)
@@ -89,14 +89,14 @@ contains
       if (.not. any(kernel_of == k)) cycle
       do i = 1, size(self%g, 3)
         length = self%times(i) - self%times(i - 1)
-        call kernels(k)%kernel%lag_rule(t - self%times(i), t - self%times(i - 1), sigma, w)
+        call kernels(k)%lag_rule(t - self%times(i), t - self%times(i - 1), sigma, w)
         weights = 0.0_wp
         do j = 1, size(sigma)
           weights = weights + w(j)*self%table%basis((t - sigma(j) - self%times(i - 1))/length)
         end do
         do c = 1, size(kernel_of)
           if (kernel_of(c) /= k) cycle
-          remembered(c) = remembered(c) + scale*dot_product(weights, self%g(:, c, i))
+          remembered(c) = remembered(c) + dot_product(weights, self%g(:, c, i))
         end do
       end do
     end do

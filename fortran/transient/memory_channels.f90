@@ -66,7 +66,7 @@ contains
     type(channels_type), intent(inout) :: channels
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: held(:)
-    real(wp) :: u(1, size(held) + system%n_rates()), w(1, system%n_memory()), total
+    real(wp) :: u(1, size(held) + system%n_rates()), w(1, system%n_memory())
     integer :: c
 
     channels%held = 0.0_wp*channels%kernel_of
@@ -82,8 +82,7 @@ contains
     w(1, :) = w(1, :) + matmul(system%gather, held)
     channels%held = matmul(channels%gather, w(1, :))
     do c = 1, size(channels%kernel_of)
-      total = system%kernels(channels%kernel_of(c))%kernel%integral()
-      channels%held_recalled(c) = system%memory_scale*total*channels%held(c)
+      channels%held_recalled(c) = system%kernels(channels%kernel_of(c))%integral()*channels%held(c)
     end do
   end subroutine set_held
 
@@ -98,7 +97,7 @@ contains
     is_steep = .false.
     do k = 1, size(system%kernels)
       if (.not. any(channels%kernel_of == k)) cycle
-      call system%kernels(k)%kernel%value([1.0e-9_wp*h, 1.0e-2_wp*h], values)
+      call system%kernels(k)%value([1.0e-9_wp*h, 1.0e-2_wp*h], values)
       is_steep = is_steep .or. abs(values(1) - values(2)) > 0.1_wp*abs(values(2))
     end do
   end function is_steep

@@ -12,7 +12,7 @@ module viscovib_structure_march
   use viscovib_graded_march, only: graded_march_type, n_common, pull, push
   use viscovib_hereditary_kernels, only: add_any, gather_channels
   use viscovib_hereditary_maps, only: place_of, remaining_weights
-  use viscovib_hereditary_start, only: march_start, start_nodes, start_type
+  use viscovib_hereditary_start, only: march_start, start_type
   use viscovib_histories, only: new_history
   use viscovib_history, only: history_type
   use viscovib_kinds, only: wp

@@ -61,8 +61,8 @@ def long_scene(name):
 def test_a_megabyte_is_read_or_refused_at_once(solve, tmp_path, name):
     scene = tmp_path / "scene.nml"
     scene.write_text(long_scene(name))
-    # A second on an idle machine; the checked build and a busy machine have more.
-    bound = 1.0 * (10 if "debug" in solve("--version").args[0] else 4)
+    # A second on an idle machine, 7 of the checked build; a busy machine has more.
+    bound = 1.0 * (30 if "debug" in solve("--version").args[0] else 4)
     started = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     done = solve(scene, "--plan")
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - started < bound

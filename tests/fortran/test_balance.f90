@@ -6,13 +6,13 @@ module test_balance
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: geometry_cubic, geometry_exact, geometry_printed, mount_parameters, &
     mount_type, new_mount
   use viscovib_motion_norm, only: newton_factors
   use viscovib_newton_point, only: newton_point, point_from_rest
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_frequency
   use viscovib_outcomes, only: outcome_converged
   use viscovib_point_orders, only: choose_orders, order_choice

@@ -9,9 +9,9 @@ module test_condensed
   use viscovib_compliance_band, only: compliance_band, new_band
   use viscovib_counters, only: counting
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_motion_stability, only: judge_type, new_judge, stability_type
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_status, only: status_type
   use viscovib_structure, only: structure_type

@@ -4,9 +4,9 @@ module test_floquet
   use viscovib_constants, only: pi
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_motion_stability, only: judge_type, new_judge, stability_type
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_status, only: status_type
   implicit none

@@ -7,9 +7,9 @@ module test_hereditary
     no_integral, past_direct, past_exponentials
   use viscovib_hereditary_run, only: run_hereditary
   use viscovib_kernel, only: kernel_type
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: i8, wp
   use viscovib_mount, only: geometry_cubic, geometry_exact, mount_parameters, mount_type, new_mount
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_prony, only: new_prony, prony_kernel
   use viscovib_gauss_points, only: points_16, points_32, weights_16, weights_32
   use viscovib_quadrature, only: gauss_nodes, gauss_power_nodes, nodes_of_recurrence, recurrence_of

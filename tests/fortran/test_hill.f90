@@ -9,10 +9,10 @@ module test_hill
   use viscovib_hill_count, only: count_growing, count_right
   use viscovib_hill_path, only: hill_path_type, new_hill_path
   use viscovib_hill_roots, only: find_exponents
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: geometry_cubic, geometry_exact, mount_parameters, mount_type, new_mount
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_frequency
   use viscovib_status, only: status_type
   implicit none

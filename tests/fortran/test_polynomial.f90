@@ -7,10 +7,10 @@ module test_polynomial
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_status, only: status_type
   implicit none

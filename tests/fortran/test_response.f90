@@ -5,11 +5,11 @@ module test_response
   use viscovib_catalogue, only: kernel_abel, kernel_rzhanitsyn, new_kernel
   use viscovib_forced_response, only: forced_response
   use viscovib_grids, only: linear_grid
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: geometry_cubic, geometry_exact, geometry_printed, mount_parameters, &
     mount_type, new_mount
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_singular
   use viscovib_response, only: response_options, response_type
   use viscovib_response_plan, only: method_linear, method_successive, new_response_plan, &

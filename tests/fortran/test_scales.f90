@@ -2,11 +2,11 @@
 module test_scales
   use testing, only: begin, check, check_close, check_ok
   use viscovib_homotopy, only: family_type, new_family
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_modulation, only: modulate, modulation_complete
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
   use viscovib_packed_form, only: pack_form, unpack_form
-  use viscovib_oscillator, only: kernel_holder
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_pendulum_form, only: new_pendulum_form, ordering_general
   use viscovib_polynomial_form, only: polynomial_form_type, term_type

@@ -13,7 +13,7 @@ module test_transient
   use viscovib_load, only: load_type, new_load
   use viscovib_method_catalogue, only: new_stepper
   use viscovib_moving_element, only: state_stop
-  use viscovib_oscillator, only: kernel_holder
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_pendulum, only: equations_exact, equations_printed, new_pendulum, &
     pendulum_parameters, pendulum_type
   use viscovib_phases, only: new_phases, phases_type

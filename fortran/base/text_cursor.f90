@@ -1,0 +1,74 @@
+!> A text that is read character by character, and what is wrong with it.
+module viscovib_text_cursor
+  use viscovib_kinds, only: wp
+  use viscovib_number_text, only: parse_real
+  use viscovib_status, only: show
+  implicit none
+  private
+
+  public :: text_cursor
+
+  character(len=*), parameter, public :: digits = '0123456789'
+
+  !> The text, a blank at its end, and where in it the reader stands; `fault` says what is wrong.
+  type :: text_cursor
+    character(len=:), allocatable :: text, fault
+    integer :: at = 1, depth = 0
+  contains
+    procedure :: peek
+    procedure :: next_two
+    procedure :: blame
+    procedure :: read_digits
+  end type text_cursor
+
+contains
+
+  !> The next character that is not blank.
+  character function peek(self)
+    class(text_cursor), intent(inout) :: self
+    do while (self%at < len(self%text))
+      if (self%text(self%at:self%at) /= ' ') exit
+      self%at = self%at + 1
+    end do
+    peek = self%text(self%at:self%at)
+  end function peek
+
+  pure character(len=2) function next_two(self)
+    class(text_cursor), intent(in) :: self
+    next_two = self%text(self%at:min(self%at + 1, len(self%text)))
+  end function next_two
+
+  !> The character at hand is not what should be there; the first fault stands.
+  subroutine blame(self, what)
+    class(text_cursor), intent(inout) :: self
+    character(len=*), intent(in) :: what
+    if (self%fault /= '') return
+    if (self%at >= len(self%text)) then
+      self%fault = 'its end is '//what
+    else
+      self%fault = "'"//self%text(self%at:self%at)//"' (character "//show(self%at)//') is '//what
+    end if
+  end subroutine blame
+
+  !> A number such as 2, .5, 1e-3.
+  subroutine read_digits(self, exponents, value)
+    class(text_cursor), intent(inout) :: self
+    !> Letters that may stand before the power of ten.
+    character(len=*), intent(in) :: exponents
+    real(wp), intent(out) :: value
+    integer :: first, last
+    logical :: ok
+
+    first = self%at
+    last = first + verify(self%text(first:), digits//'.') - 1
+    if (scan(self%text(last:last), exponents) > 0) then
+      last = last + 1
+      if (scan(self%text(last:last), '+-') > 0) last = last + 1
+      last = last + verify(self%text(last:), digits) - 1
+    end if
+    call parse_real(self%text(first:last - 1), value, ok)
+    if (.not. ok) self%fault = "'"//self%text(first:last - 1)//"' is not a finite number"
+    self%at = last
+  end subroutine read_digits
+
+end module viscovib_text_cursor

@@ -1,0 +1,36 @@
+!> Complex numbers in an order.
+module viscovib_sorting
+  use viscovib_kinds, only: wp
+  implicit none
+  private
+
+  public :: sort_falling
+
+contains
+
+  !> By falling keys; values of the same key, such as the members of a pair, keep their order.
+  pure subroutine sort_falling(values, keys)
+    complex(wp), intent(inout) :: values(:)
+    !> What each value goes by, of the same shape.
+    real(wp), intent(in) :: keys(:)
+    real(wp) :: sorted(size(keys)), key
+    complex(wp) :: next
+    integer :: i, j
+
+    sorted = keys
+    do i = 2, size(values)
+      next = values(i)
+      key = sorted(i)
+      j = i - 1
+      do while (j > 0)
+        if (sorted(j) >= key) exit
+        values(j + 1) = values(j)
+        sorted(j + 1) = sorted(j)
+        j = j - 1
+      end do
+      values(j + 1) = next
+      sorted(j + 1) = key
+    end do
+  end subroutine sort_falling
+
+end module viscovib_sorting
