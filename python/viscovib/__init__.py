@@ -14,7 +14,7 @@ _NAMES = {
     "analyses.decay": "FreeDecay free_decay",
     "analyses.driven": "DrivenResponse",
     "analyses.driven_branch": "DrivenBranch",
-    "analyses.ensemble": "Ensemble simulate_ensemble",
+    "analyses.ensemble": "simulate_ensemble",
     "analyses.events": "Event",
     "analyses.forced": "forced_response plan_response",
     "analyses.lines": "Lines amplitudes_at dominant_frequencies",
@@ -49,6 +49,7 @@ _NAMES = {
     "plots.steady": "plot_backbone plot_branch plot_response",
     "results.branch": "Branch",
     "results.curves": "BranchPoint Crossing",
+    "results.ensemble": "Ensemble",
     "results.response": "Peak Response",
     "results.scales": "Modulation Resonance ScalesMotion ScalesResponse",
     "results.trajectory": "Trajectory",
@@ -98,10 +99,7 @@ if TYPE_CHECKING:
     )
     from viscovib.analyses.driven import DrivenResponse as DrivenResponse
     from viscovib.analyses.driven_branch import DrivenBranch as DrivenBranch
-    from viscovib.analyses.ensemble import (
-        Ensemble as Ensemble,
-        simulate_ensemble as simulate_ensemble,
-    )
+    from viscovib.analyses.ensemble import simulate_ensemble as simulate_ensemble
     from viscovib.analyses.events import Event as Event
     from viscovib.analyses.forced import (
         forced_response as forced_response,
@@ -197,6 +195,7 @@ if TYPE_CHECKING:
         BranchPoint as BranchPoint,
         Crossing as Crossing,
     )
+    from viscovib.results.ensemble import Ensemble as Ensemble
     from viscovib.results.response import (
         Peak as Peak,
         Response as Response,

@@ -45,11 +45,6 @@ def test_structures_have_basins():
     one = vv.basins(beam, {"x1": GRID, "x1_dot": GRID}, t_end=60.0, dt=0.1)
     other = vv.basins(wells, {"x": GRID, "x_dot": GRID}, t_end=60.0, dt=0.1)
     np.testing.assert_array_equal(one.labels, other.labels)
-    stops = vv.Structure(
-        mass=[[1.0]], stiffness=[[1.0]], elements=[vv.Spring(on="x1", law="max(d - 1, 0)")]
-    )
-    with pytest.raises(vv.InputError, match="kinks or jumps"):
-        vv.basins(stops, {"x1": GRID, "x1_dot": GRID}, t_end=60.0)
 
 
 def test_two_amplitudes_of_a_duffing_oscillator():

@@ -98,10 +98,7 @@ def test_exponents():
 
 def test_refused_by_name():
     """What an ensemble does not compute."""
-    kernel = vv.PronyKernel(weights=[0.3], rates=[1.0])
     for system, given, words in (
-        (vv.PolynomialSystem(mass=1, stiffness=1, kernel=kernel), {}, "kernel"),
-        (vv.PolynomialSystem(mass=1, stiffness=1, forces="max(x, 0)"), {}, "kinks or jumps"),
         (DUFFING, {"parameters": {"mass": [1.0]}}, "'mass' does not vary"),
         (TWO, {"parameters": {"forces_scale": [1.0]}}, "must not scale laws"),
         (DUFFING, {"nu": 1.0}, "without load"),

@@ -135,3 +135,18 @@ def test_energy_needs_a_potential():
         odd.energy(np.zeros(4))
     with pytest.raises(vv.InputError, match="energy is not defined with memory"):
         chain(2, kernel=KERNEL).energy(np.zeros(4))
+
+
+@pytest.mark.parametrize("method", ["gauss8", "gauss3"])
+def test_rest_where_large_terms_cancel(method):
+    """Beside a well or under a weight accelerations are small differences: steps still are made."""
+    wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
+    heavy = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.3)
+    run = vv.simulate(wells, 120, dt=0.13, initial=[1.0, 0.3], method=method)
+    assert run.outcome == "completed"
+    assert np.abs(run.state[-1] - [1.0, 0.0]).max() < 1e-7
+    run = vv.simulate(heavy, 150, dt=0.13, load={0: 1j}, nu=1.0, method=method)
+    decay = np.sqrt(1 - 0.15**2)
+    t = run.t
+    x = 1 - np.exp(-0.15 * t) * (np.cos(decay * t) + 0.15 / decay * np.sin(decay * t))
+    np.testing.assert_allclose(run.state[:, 0], x, atol=1e-5 if method == "gauss3" else 1e-14)

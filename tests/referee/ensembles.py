@@ -10,6 +10,7 @@ from referee.models import Swinging, pendulum
 JUDGES = (
     "simulate_ensemble",
     "Ensemble",
+    "Ensemble.dof_names",
     "Ensemble.to_dataset",
     "basins",
     "Basins",
@@ -35,11 +36,13 @@ many = vv.simulate_ensemble(
 state, outcome, error, dt = many.state, many.outcome, many.error, many.step
 peak, mean, rms, lyapunov = many.peak, many.mean, many.rms, many.lyapunov
 table = many.to_dataset()["state"].values
+names_told = many.dof_names
 """
 
     def judge(names, told):
         lane = int(index % n)
         q = Swinging(**(vars(p) | {"f0": float(varied[lane])}))
+        yield Claim("names", names["names_told"] == ("z", "phi", "psi"), True)
         yield Claim("completed", bool((names["outcome"] == "completed").all()), True)
         yield Claim("table", names["table"], names["state"], 1e-300, damage=1e-3)
         if auto:

@@ -12,21 +12,26 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.ensemble import simulate_ensemble
+from viscovib.analyses.transient import Acting, runs_of
 from viscovib.common.counts import things
 from viscovib.common.results import Result, span
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike
-from viscovib.systems.oscillators import refuse_turning
+from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
-from viscovib.systems.whole import of_few
+from viscovib.systems.whole import whole_system
 
 if TYPE_CHECKING:
     import xarray as xr
 
 UNSETTLED, LEFT = -1, -2
 _MOST_RUNS = 10_000_000
+#: Of which all coordinates are kept.
+_MOST_COORDINATES = 64
+#: Coordinates of a structure whose whole equations are at hand; a long time.
+_FEW, _LONG = 6, 1e4
 #: Motions by which the step is found, and how exact they are.
 _PROBES, _PROBED = 16, 1e-6
 #: Disturbances by which an attractor is told from a saddle, and their negatives.
@@ -54,7 +59,7 @@ class Basins(Result):
         The starts.
     tolerance : float
         How near states are that count as the same.
-    system : Pendulum or PolynomialSystem
+    system : Pendulum, PolynomialSystem, Structure or Mount
 
     Examples
     --------
@@ -74,7 +79,7 @@ class Basins(Result):
     x: FloatArray
     y: FloatArray
     tolerance: float
-    system: Pendulum | PolynomialSystem
+    system: Pendulum | PolynomialSystem | Structure | Mount
 
     kind = "basins"
 
@@ -107,7 +112,7 @@ class Basins(Result):
 
 
 def basins(
-    system: Pendulum | PolynomialSystem | Structure,
+    system: Pendulum | PolynomialSystem | Structure | Mount,
     starts: Mapping[str, npt.ArrayLike],
     *,
     n_periods: int | None = None,
@@ -129,7 +134,7 @@ def basins(
 
     Parameters
     ----------
-    system : Pendulum, PolynomialSystem or Structure
+    system : Pendulum, PolynomialSystem, Structure or Mount
         As for `simulate_ensemble`.
     starts : mapping of two names to array_like
         {"x": values, "x_dot": values}: coordinates or velocities and their starts, x and y.
@@ -166,13 +171,16 @@ def basins(
     >>> len(found.attractors)
     2
     """
-    system = of_few(system)
-    if not isinstance(system, Pendulum | PolynomialSystem):
+    if not isinstance(system, Pendulum | PolynomialSystem | Structure | Mount):
         raise InputError(
-            f"system = {_native.shown(system)}: must be a Pendulum, a PolynomialSystem or a "
-            "Structure"
+            f"system = {_native.shown(system)}: must be a Pendulum, a PolynomialSystem, a "
+            "Structure or a Mount"
         )
-    refuse_turning(system, "a map of basins")
+    if len(system.dof_names) > _MOST_COORDINATES:
+        raise InputError(
+            f"system: has {len(system.dof_names)} coordinates, a map of basins takes at most "
+            f"{_MOST_COORDINATES}"
+        )
     names, x, y, states = _grid(system, starts, others)
     near = _native.number("tolerance", tolerance)
     if not 0 < near < 1:
@@ -180,7 +188,7 @@ def basins(
     most = _native.integer("max_period", max_period, 1, 1000)
     loaded = isinstance(system, Pendulum) or load is not None
     call: dict[str, Any] = {"n_threads": n_threads, "progress": progress}
-    if isinstance(system, PolynomialSystem):
+    if not isinstance(system, Pendulum):
         call |= {"load": load, "nu": nu}
     call["dt"] = _step(system, states, call) if _native.is_auto(dt) else dt
     length: dict[str, Any]
@@ -201,7 +209,11 @@ def basins(
         end = _native.number("t_end", t_end)
         length = {"t_end": end}
         run = simulate_ensemble(system, initial=states, t_end=end, **call)
-        more = simulate_ensemble(system, initial=run.state, t_end=0.1 * end, **call)
+        if _remembers(system):
+            # What it remembers is not in its state.
+            more = simulate_ensemble(system, initial=states, t_end=1.1 * end, **call)
+        else:
+            more = simulate_ensemble(system, initial=run.state, t_end=0.1 * end, **call)
         points, most = np.stack([run.state, more.state], axis=1), 1
     ended = run.outcome == "completed"
     scale = np.abs(np.concatenate([states, *points[ended]])).max(axis=0)
@@ -211,30 +223,56 @@ def basins(
         pair = np.maximum(scale[::2], scale[1::2] / fastest)
         scale = np.stack([pair, fastest * pair], axis=1).ravel()
     labels, attractors = _classes(points, ended, most, near, scale)
-    labels, attractors = _only_stable(system, labels, attractors, near, scale, call | length)
+    starts_of = states if _remembers(system) else None
+    labels, attractors = _only_stable(
+        system, labels, attractors, near, scale, call | length, starts_of
+    )
     share = np.array([(labels == i).mean() for i in range(len(attractors))])
     return Basins(labels.reshape(y.size, x.size), attractors, share, names, x, y, near, system)
 
 
-def _fastest(system: Pendulum | PolynomialSystem, call: Mapping[str, Any]) -> float:
+def _remembers(system: Any) -> bool:
+    """Whether a state is more than coordinates and velocities: kernels, or hysteresis."""
+    if isinstance(system, Pendulum):
+        return False
+    if system._all_kernels if isinstance(system, Structure) else system._active_kernels:
+        return True
+    elements = system._all_elements if isinstance(system, Structure) else ()
+    return any(element.law is not None and element.law.state for element in elements)
+
+
+def _fastest(system: Any, call: Mapping[str, Any]) -> float:
     """Frequency of the fastest linear motion, or of a load."""
     if isinstance(system, Pendulum):
         return max(float(system.natural_frequencies().max()), system.p1, system.p2, system.p3)
     nu = call.get("nu")
-    return max(system._fastest(), 0.0 if nu is None else _native.number("nu", nu))
+    few = system
+    if isinstance(system, Structure) and len(system.dof_names) <= _FEW and not _remembers(system):
+        few = whole_system(system)
+    if isinstance(few, PolynomialSystem):
+        own = few._fastest()
+    else:
+        # Of the steps that runs begin with there are two a period.
+        start = np.zeros(2 * len(system.dof_names))
+        _, steps, _ = runs_of(system, _LONG, start, "auto", Acting(), None, False)
+        own = np.pi * steps / _LONG
+    return max(own, 0.0 if nu is None else _native.number("nu", nu))
 
 
 def _only_stable(
-    system: Pendulum | PolynomialSystem,
+    system: Pendulum | PolynomialSystem | Structure | Mount,
     labels: npt.NDArray[np.intp],
     orbits: tuple[FloatArray, ...],
     near: float,
     largest: FloatArray,
     call: Mapping[str, Any],
+    starts: FloatArray | None,
 ) -> tuple[npt.NDArray[np.intp], tuple[FloatArray, ...]]:
     """Leave out motions that repeat but do not attract: disturbed a little they go elsewhere.
 
-    A start may lie on a saddle, or on what leads to one.
+    A start may lie on a saddle, or on what leads to one. Where a state on the orbit is more than
+    its numbers, what is disturbed is a start that settles there (``starts``); most must come back,
+    as it may lie near a border.
     """
     if not orbits:
         return labels, orbits
@@ -243,21 +281,24 @@ def _only_stable(
     pushed = np.random.default_rng(1).uniform(0.5, 1.0, (_PUSHES, scale.size))
     pushed *= np.resize([1.0, -1.0, -1.0], pushed.shape)
     pushed = 3 * near * scale * np.concatenate([pushed, -pushed])
-    starts = np.concatenate([orbit[-1] + pushed for orbit in orbits])
-    run = simulate_ensemble(system, initial=starts, **call)
+    disturbed = [orbit[-1] for orbit in orbits]
+    if starts is not None:
+        disturbed = [starts[np.flatnonzero(labels == i)[0]] for i in range(len(orbits))]
+    run = simulate_ensemble(
+        system, initial=np.concatenate([place + pushed for place in disturbed]), **call
+    )
     ends = run.state.reshape(len(orbits), -1, scale.size)
-    stays = [
-        bool((np.abs(end[:, None] - orbit) / scale).max(axis=2).min(axis=1).max() <= 10 * near)
+    back = [
+        (np.abs(end[:, None] - orbit) / scale).max(axis=2).min(axis=1) <= 10 * near
         for end, orbit in zip(ends, orbits, strict=True)
     ]
+    stays = [bool(one.all() if starts is None else 2 * one.sum() > one.size) for one in back]
     place = np.where(stays, np.cumsum(stays) - 1, UNSETTLED)
     labels = np.where(labels >= 0, place[np.maximum(labels, 0)], labels)
     return labels, tuple(orbit for orbit, stable in zip(orbits, stays, strict=True) if stable)
 
 
-def _step(
-    system: Pendulum | PolynomialSystem, states: FloatArray, call: Mapping[str, Any]
-) -> float:
+def _step(system: Any, states: FloatArray, call: Mapping[str, Any]) -> float:
     """The step that follows some of the motions over three periods of the fastest linear one."""
     fastest = _fastest(system, call)
     if not fastest > 0:
@@ -270,7 +311,7 @@ def _step(
 
 
 def _grid(
-    system: Pendulum | PolynomialSystem,
+    system: Pendulum | PolynomialSystem | Structure | Mount,
     starts: Mapping[str, npt.ArrayLike],
     others: npt.ArrayLike | None,
 ) -> tuple[tuple[str, str], FloatArray, FloatArray, FloatArray]:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,22 +15,23 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.accuracy import Accuracy, rounding_of
-from viscovib.analyses.members import Members, members_of
+from viscovib.analyses.events import Event
+from viscovib.analyses.gathering import members_of
+from viscovib.analyses.members import Members
 from viscovib.analyses.memoryless import EXPLICIT
 from viscovib.analyses.runs import hopeless
+from viscovib.analyses.singles import SingleMembers
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar
-from viscovib.common.results import Result, span
 from viscovib.errors import InputError
+from viscovib.results.ensemble import Ensemble
 from viscovib.results.trajectory import OUTCOMES
 from viscovib.systems.load import LoadLike
-from viscovib.systems.oscillators import refuse_turning
+from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
-
-if TYPE_CHECKING:
-    import xarray as xr
+from viscovib.systems.structure import Structure
 
 _LANES = 8
 #: Places of "diverged" and "step too large".
@@ -40,131 +41,8 @@ _MAX_STEPS = 10**12
 _MAX_PIECE = 1024
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Ensemble(Result):
-    """Many motions, and what was gathered from them on the way.
-
-    Attributes
-    ----------
-    t_end : ndarray, shape (n,)
-        Time each run was to reach.
-    t_reached : ndarray, shape (n,)
-    state : ndarray, shape (n, 2 n_dof)
-        Last states, as of a Trajectory.
-    outcome : ndarray of str, shape (n,)
-        "completed", "diverged", "unphysical" or "step too large", as for a Trajectory; of runs
-        that stop early the last state is that at ``t_reached``.
-    step : ndarray, shape (n,)
-        The steps of the method.
-    dt : ndarray, shape (n,)
-        Spacing of the states kept: the periods between ``sections``; NaN without, as only last
-        states are kept.
-    peak, mean, rms : ndarray, shape (n, 2 n_dof), or None
-        Largest size, mean and root mean square of the states sampled; of a run that stopped,
-        until then (NaN if before any sample).
-    amplitudes : complex ndarray, shape (n, n_lines, n_dof), or None
-        X of each coordinate at each frequency asked for: u = mean + Re(X exp(i omega t)); NaN of
-        a run that stopped.
-    sections : ndarray, shape (n, n_points, 2 n_dof), or None
-        States at whole periods of a load; NaN after a run has stopped.
-    lyapunov : ndarray, shape (n,), or None
-        Largest Lyapunov exponent (a time average): small errors grow like exp(lyapunov t);
-        NaN of a run that stopped.
-    spectrum : ndarray, shape (n, 2 n_dof), or None
-        All exponents in the directions of the states, if asked for, largest first; the load's phase
-        has exponent 0 besides.
-    error : float or None
-        Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto".
-    method : str
-    parameters : mapping
-        What varies, each an array of shape (n,).
-    system : Pendulum or PolynomialSystem
-    plan : Plan
-        What was computed, what was skipped and why.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import viscovib as vv
-    >>> body = vv.Pendulum(
-    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
-    ... )
-    >>> many = vv.simulate_ensemble(
-    ...     body,
-    ...     initial=np.zeros((4, 6)),
-    ...     t_end=20.0,
-    ...     parameters={"f0": [0.001, 0.002, 0.003, 0.004]},
-    ... )
-    >>> many.state.shape[0]
-    4
-    """
-
-    t_end: FloatArray
-    t_reached: FloatArray
-    state: FloatArray
-    outcome: npt.NDArray[np.str_]
-    step: FloatArray
-    dt: FloatArray
-    peak: FloatArray | None
-    mean: FloatArray | None
-    rms: FloatArray | None
-    amplitudes: ComplexArray | None
-    sections: FloatArray | None
-    lyapunov: FloatArray | None
-    error: float | None
-    method: str
-    parameters: Mapping[str, FloatArray]
-    system: Pendulum | PolynomialSystem
-    plan: Plan
-    spectrum: FloatArray | None = None
-
-    kind = "ensemble"
-
-    @property
-    def complete(self) -> bool:  # type: ignore[override]
-        """Whether all motions were followed to their ends."""
-        return bool((self.outcome == "completed").all())
-
-    def _headline(self) -> str:
-        kinds, counts = np.unique(self.outcome, return_counts=True)
-        ends = ", ".join(f"{n} {kind}" for kind, n in zip(kinds, counts, strict=True))
-        return f"{things(self.t_end.size, 'motion')}: {ends}"
-
-    def _scope(self) -> list[str]:
-        varied = ", ".join(f"{name} {span(v)}" for name, v in self.parameters.items()) or "nothing"
-        error = "" if self.error is None else f", estimated error {self.error:.1e}"
-        return [f"t_end: {span(self.t_end)}; varied: {varied}; {self.method}{error}"]
-
-    def to_dataset(self) -> xr.Dataset:
-        """Everything that was gathered, over the runs."""
-        import xarray as xr
-
-        names = [f"{d}{dot}" for d in self.system.dof_names for dot in ("", "_dot")]
-        data: dict[str, Any] = {
-            "state": (("run", "quantity"), self.state),
-            "outcome": ("run", self.outcome),
-            "t_reached": ("run", self.t_reached),
-        }
-        for key in ("peak", "mean", "rms"):
-            if (value := getattr(self, key)) is not None:
-                data[key] = (("run", "quantity"), value)
-        if self.amplitudes is not None:
-            data["amplitudes"] = (("run", "line", "dof"), self.amplitudes)
-        if self.sections is not None:
-            data["sections"] = (("run", "point", "quantity"), self.sections)
-        if self.lyapunov is not None:
-            data["lyapunov"] = ("run", self.lyapunov)
-        if self.spectrum is not None:
-            data["spectrum"] = (("run", "exponent"), self.spectrum)
-        coordinates: dict[str, Any] = {"quantity": names, "dof": list(self.system.dof_names)}
-        coordinates |= {name: ("run", values) for name, values in self.parameters.items()}
-        return xr.Dataset(
-            data, coords=coordinates, attrs={"method": self.method, "plan": str(self.plan)}
-        )
-
-
 def simulate_ensemble(
-    system: Pendulum | PolynomialSystem,
+    system: Pendulum | PolynomialSystem | Structure | Mount,
     *,
     initial: npt.ArrayLike,
     t_end: float | None = None,
@@ -180,7 +58,7 @@ def simulate_ensemble(
     discard: float = 0.0,
     statistics: bool = False,
     amplitudes_at: npt.ArrayLike | None = None,
-    sections: int | None = None,
+    sections: int | str | Event | None = None,
     lyapunov: bool | str = False,
     sample_every: int = 1,
     n_threads: int | None = None,
@@ -190,8 +68,10 @@ def simulate_ensemble(
 
     Parameters
     ----------
-    system : Pendulum or PolynomialSystem
-        The latter without memory, of at most 6 coordinates, with smooth laws.
+    system : Pendulum, PolynomialSystem, Structure or Mount
+        Any system that `simulate` takes. Pendulums, and systems without memory, of at most 6
+        coordinates, with smooth laws, go eight side by side in the vector unit; all others
+        (kinks, jumps, stops, hysteresis, kernels, more coordinates, finite rotations) run by run.
     initial : array_like, shape (n, 2 n_dof) or (2 n_dof,)
         States at t = 0, or one for all.
     t_end : float
@@ -209,26 +89,34 @@ def simulate_ensemble(
         atol + rtol times its largest of all runs (rtol 1e-13 to 1; atol 0 if not given).
     parameters : mapping of str to array_like, shape (n,)
         Numbers that vary, by name: of a pendulum e.g. {"p1": values}; of a polynomial system "nu",
-        "load_scale", "stiffness_scale" (of K, not of the linear part of laws), "damping_scale" and
-        "forces_scale" (of what is not linear).
+        "load_scale", "stiffness_scale" (of K, not of the linear part of laws), "damping_scale",
+        "forces_scale" (of what is not linear) and its own ``parameters``; of a structure "nu",
+        "load_scale" and numbers of elements, "elements[0].limit" or "elements[0].k3"; of a mount
+        "nu", "load_scale" and its numbers. Parameters of laws and elements make it go run by run.
     load, nu
-        Of a polynomial system: as for `simulate`.
+        Not of a pendulum: as for `simulate`.
     method : {"auto", "rk4", "dop8", "verner8", "verner9"}
-        "auto" is "verner9", the fastest from 1e-6 on and free of rounding down to 1e-14.
+        "auto" is "verner9", the fastest from 1e-6 on and free of rounding down to 1e-14. Run by
+        run: any method of `simulate`, "auto" as there.
     discard : float
         Nothing is gathered before this time (or this many periods, with ``n_periods``).
     statistics : bool
         Gather peak, mean and rms.
     amplitudes_at : array_like, shape (m,)
         Circular frequencies at which amplitudes are wanted (projection under a Hann window).
-    sections : {1, 2, 3}
-        Keep the states at each whole period of load 1 (p1), 2 (p2) or 3 (p3); of a polynomial
-        system 1 (nu).
+    sections : {1, 2, 3}, str or Event
+        Keep the states at each whole period of load 1 (p1), 2 (p2) or 3 (p3); of all others but a
+        pendulum 1 (nu). Or on a surface in the space of states: a text such as "x_dot", or an
+        `Event`, whose passages of 0 are kept (run by run).
     lyapunov : bool or "all"
         Gather the largest Lyapunov exponent, by the variational equation (about three times the
         work); "all": all 2 n_dof exponents, of disturbances that are made orthonormal again and
         again (Gram and Schmidt; Benettin et al., Meccanica 15, 1980; 6 n_dof times the work).
-        Of at most 3 coordinates.
+        Run by run, and of more than 3 coordinates, by motions beside the motion, 1e-7 of its
+        size away, which switch at times of their own: exponents are then good to about 1e-6 of
+        the fastest rate. With memory, or elements that know what was, a state is the whole past:
+        a disturbance is one of coordinates and velocities at t = 0, its own past is scaled with
+        it, and "all" are the 2 n_dof largest exponents of infinitely many.
     sample_every : int
         Steps between the samples of statistics and amplitudes.
     n_threads : int
@@ -250,10 +138,12 @@ def simulate_ensemble(
     ...     parameters={"f0": [0.001, 0.002, 0.003, 0.004]},
     ... )
     """
-    refuse_turning(system, "an ensemble")
-    members = members_of(system, initial, parameters, load, nu)
+    surface = None
+    if isinstance(sections, (str, Event)):
+        surface, sections = (Event(sections) if isinstance(sections, str) else sections), None
+    members = members_of(system, initial, parameters, load, nu, method, surface, lyapunov)
     exponents = _exponents(members, lyapunov)
-    place = EXPLICIT[_explicit(method)]
+    place = EXPLICIT.get(members.method_name, 0)
     wanted = Accuracy.checked(tolerance, rtol, atol, 1e-8)
     assert wanted is not None
     every = _native.integer("sample_every", sample_every, 1, _MAX_STEPS)
@@ -282,6 +172,9 @@ def simulate_ensemble(
         raw, n, error = _refine(job, raw, n, wanted, progress)
     h = length.span / n
     names = np.array(OUTCOMES)
+    points, times = raw.sections, None
+    if isinstance(members, SingleMembers) and surface is not None:
+        points, times = members.passages()
     return Ensemble(
         t_end=length.span,
         t_reached=raw.t_reached,
@@ -293,20 +186,23 @@ def simulate_ensemble(
         mean=raw.mean,
         rms=raw.rms,
         amplitudes=raw.amplitudes,
-        sections=raw.sections,
+        sections=points,
         lyapunov=None if raw.lyapunov is None else raw.lyapunov[:, 0],
         spectrum=_spectrum(raw.lyapunov, exponents),
         error=error,
-        method=next(name for name, number in EXPLICIT.items() if number == place),
+        method=members.method_name,
         parameters=members.varied,
         system=members.system,
-        plan=_plan(job, n, wanted if _native.is_auto(dt) else None, sections is not None),
+        plan=_plan(job, n, wanted if _native.is_auto(dt) else None, points is not None),
+        section_times=times,
+        _names=members.dof_names,
     )
 
 
 def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool) -> Plan:
     n = job.members.n
-    lines = [f"computes: {things(n, 'motion')} of {things(n_steps, 'step')}, {_LANES} side by side"]
+    how = f"{_LANES} side by side" if job.members.side_by_side else "one after another"
+    lines = [f"computes: {things(n, 'motion')} of {things(n_steps, 'step')}, {how}"]
     if sought is None:
         lines.append("skips: estimate of the error (the step is given)")
     else:
@@ -327,20 +223,13 @@ def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool) -> P
     return Plan("\n".join(lines))
 
 
-def _explicit(method: str) -> str:
-    name = _native.choice("method", method, ("auto", *EXPLICIT))
-    return "verner9" if name == "auto" else name
-
-
 def _exponents(members: Members, lyapunov: bool | str) -> int:
     """How many exponents of each run are wanted."""
     if isinstance(lyapunov, str):
         _native.choice("lyapunov", lyapunov, ("all",))
-        count = int(members.states.shape[1])
+        count = 2 * len(members.dof_names)
     else:
         count = int(_native.flag("lyapunov", lyapunov))
-    if count:
-        members.check_exponents()
     return count
 
 
@@ -463,7 +352,7 @@ class _Job:
         """Make all runs with so many steps; sampling is thinned by ``factor``."""
         n = self.members.n
         share = math.ceil(n / (4 * self.threads) / _LANES) * _LANES
-        piece = min(max(share, _LANES), _MAX_PIECE)
+        piece = min(max(share, _LANES), _MAX_PIECE) if self.members.side_by_side else 1
         cancel = np.zeros(1, dtype=np.intc)
         pool = ThreadPoolExecutor(self.threads)
         parts: dict[int, tuple[Any, ...]] = {}
@@ -504,7 +393,7 @@ class _Job:
         periods, points = self.length.periods, 0
         if periods is not None:
             points = periods - self.length.discarded_periods
-        width = self.members.states.shape[1]
+        width = 2 * len(self.members.dof_names)
         sections = np.full((width, points, n if points else 0), np.nan, order="F")
         state, ended, reached, peak, mean, rms, amplitudes, lyapunov = self.members.call(
             part,

@@ -12,18 +12,15 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
-from viscovib.analyses.memoryless import checked_state
+from viscovib.analyses.memoryless import EXPLICIT, checked_state
 from viscovib.analyses.runs import MAX_STEPS
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike, load_series
 from viscovib.systems.pendulum import PARAMETERS, Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.whole import of_few
 
 #: Numbers of a polynomial system that may vary; scales in the order of the core.
-_SCALES = ("load_scale", "stiffness_scale", "damping_scale", "forces_scale")
-#: Coordinates of a polynomial system at most, and with disturbances of a motion.
-_MOST, _MOST_DISTURBED = 6, 3
+SCALES = ("load_scale", "stiffness_scale", "damping_scale", "forces_scale")
 
 
 class Members(ABC):
@@ -32,6 +29,12 @@ class Members(ABC):
     system: Any
     varied: dict[str, FloatArray]
     states: FloatArray
+    #: Names of the coordinates that states hold.
+    dof_names: tuple[str, ...]
+    method_name: str
+    #: Whether runs go side by side in the vector unit, and otherwise the surface of sections.
+    side_by_side = True
+    surface: Any = None
 
     @property
     def n(self) -> int:
@@ -47,10 +50,6 @@ class Members(ABC):
         """Steps to begin with when the step is to be found."""
 
     @abstractmethod
-    def check_exponents(self) -> None:
-        """Refuse by name a system whose disturbances are not computed."""
-
-    @abstractmethod
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
         """Make some of the runs."""
 
@@ -59,8 +58,13 @@ class PendulumMembers(Members):
     """Pendulums with other numbers and starts."""
 
     def __init__(
-        self, system: Pendulum, initial: npt.ArrayLike, given: Mapping[str, npt.ArrayLike]
+        self,
+        system: Pendulum,
+        initial: npt.ArrayLike,
+        given: Mapping[str, npt.ArrayLike],
+        method: str,
     ) -> None:
+        self.dof_names, self.method_name = system.dof_names, _explicit(method)
         for name in given:
             if name not in PARAMETERS:
                 raise InputError(
@@ -68,7 +72,7 @@ class PendulumMembers(Members):
                     f"{', '.join(PARAMETERS)}"
                 )
         self.system = system
-        self.varied, states = _runs(given, initial, 6)
+        self.varied, states = shared_runs(given, initial, 6)
         self.states = checked_state("initial", states, states.shape)
         self.flat = np.tile(system._flat[:, np.newaxis], (1, self.n))
         for name, values in self.varied.items():
@@ -87,9 +91,6 @@ class PendulumMembers(Members):
         fastest = np.maximum(self.natural.max(axis=0), loads.max(axis=0))
         return _steps(spans, fastest)
 
-    def check_exponents(self) -> None:
-        """None is refused."""
-
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
         """Make some of the runs."""
         return _native.call(core.pendulum_ensemble, self.flat[:, part], self.states[part].T, *given)
@@ -105,28 +106,14 @@ class PolynomialMembers(Members):
         given: Mapping[str, npt.ArrayLike],
         load: LoadLike | None,
         nu: float | None,
+        method: str,
     ) -> None:
         d = len(system.dof_names)
-        if system._active_kernels:
-            raise InputError("kernel: an ensemble has no memory; must be None")
-        if d > _MOST:
-            raise InputError(f"system: has {d} coordinates, an ensemble takes at most {_MOST}")
-        if any(law.branches for group in system.groups for _, law in group.laws):
-            raise InputError(
-                "forces: a law with kinks or jumps (max, min, abs, sign, comparisons) is not "
-                "computed in ensembles, whose steps would pass them; must be smooth, or use "
-                "simulate, whose steps end there"
-            )
-        for name in given:
-            if name not in ("nu", *_SCALES):
-                raise InputError(
-                    f"parameters: {name!r} does not vary in an ensemble, must be one of nu, "
-                    f"{', '.join(_SCALES)}"
-                )
+        self.dof_names, self.method_name = system.dof_names, _explicit(method)
         if "forces_scale" in given and any(group.laws for group in system.groups):
             raise InputError("parameters: 'forces_scale' must not scale laws with functions")
         self.system = system
-        self.varied, self.states = _runs(given, initial, 2 * d)
+        self.varied, self.states = shared_runs(given, initial, 2 * d)
         self.orders, self.series = load_series(load, None, d)
         if load is None and nu is not None:
             raise InputError("nu: must not be given without load")
@@ -137,8 +124,8 @@ class PolynomialMembers(Members):
             raise InputError(
                 f"nu = {self.nu.min():g}: must be greater than 0 with a load of order 1 or more"
             )
-        self.scales = np.ones((len(_SCALES), self.n), order="F")
-        for i, name in enumerate(_SCALES):
+        self.scales = np.ones((len(SCALES), self.n), order="F")
+        for i, name in enumerate(SCALES):
             if name in self.varied:
                 self.scales[i] = self.varied[name]
         slopes = [group.law_slopes for group in system.groups if group.law_slopes is not None]
@@ -164,15 +151,6 @@ class PolynomialMembers(Members):
         highest = int(self.orders[self.series.any(axis=0)].max(initial=0))
         return _steps(spans, np.maximum(fastest, highest * self.nu))
 
-    def check_exponents(self) -> None:
-        """Refuse more coordinates than there is room for."""
-        d = len(self.system.dof_names)
-        if d > _MOST_DISTURBED:
-            raise InputError(
-                f"lyapunov: of a system of {d} coordinates is not computed, at most "
-                f"{_MOST_DISTURBED}"
-            )
-
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
         """Make some of the runs."""
         return _native.call(
@@ -181,26 +159,9 @@ class PolynomialMembers(Members):
         )  # fmt: skip
 
 
-def members_of(
-    system: object,
-    initial: npt.ArrayLike,
-    parameters: Mapping[str, npt.ArrayLike] | None,
-    load: LoadLike | None,
-    nu: float | None,
-) -> Members:
-    """Check a system and what varies."""
-    given = {} if parameters is None else _native.mapping("parameters", parameters)
-    if isinstance(system, Pendulum):
-        for name, value in (("load", load), ("nu", nu)):
-            if value is not None:
-                raise InputError(f"{name}: a Pendulum has its loads in itself, must be None")
-        return PendulumMembers(system, initial, given)
-    system = of_few(system)
-    if isinstance(system, PolynomialSystem):
-        return PolynomialMembers(system, initial, given, load, nu)
-    raise InputError(
-        f"system = {_native.shown(system)}: must be a Pendulum, a PolynomialSystem or a Structure"
-    )
+def _explicit(method: str) -> str:
+    name = _native.choice("method", method, ("auto", *EXPLICIT))
+    return "verner9" if name == "auto" else name
 
 
 def _steps(spans: FloatArray, fastest: FloatArray) -> int:
@@ -213,7 +174,7 @@ def _steps(spans: FloatArray, fastest: FloatArray) -> int:
     return max(1, math.ceil(min(float(many.max()) / (0.5 * math.pi), 2.0 * MAX_STEPS)))
 
 
-def _runs(
+def shared_runs(
     given: Mapping[str, npt.ArrayLike], initial: npt.ArrayLike, width: int
 ) -> tuple[dict[str, FloatArray], FloatArray]:
     """Return what varies, and a start for each run."""

@@ -165,6 +165,11 @@ class PolynomialRun(Run):
         super().adopt(earlier)
         self.memory = earlier.memory
 
+    @property
+    def switched(self) -> FloatArray:
+        """What elements know, and sides of surfaces, as the core keeps them behind the method's."""
+        return np.empty(0) if self.memory is None else self.memory[int(self.memory[-1]) : -1]
+
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""
         _, orders, series, nu, *_, table = self.job

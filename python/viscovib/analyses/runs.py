@@ -309,6 +309,11 @@ class Run(ABC):
         return plan
 
     @property
+    def switched(self) -> FloatArray:
+        """What tells on which sides of its surfaces the motion is; none: nothing switches."""
+        return np.empty(0)
+
+    @property
     def time(self) -> float:
         """How far the run has come."""
         return self._time_after(self.done)

@@ -21,6 +21,7 @@ from viscovib.analyses.runs import (
     MAX_FIRST_STEPS,
     MAX_STEPS,
     ROUNDING,
+    Run,
     Wanted,
     by_tolerance,
     with_estimate,
@@ -200,7 +201,7 @@ def simulate(
     if not auto and (rtol is not None or atol is not None):
         raise InputError('rtol, atol: are for dt = "auto", must not be given with dt')
     estimated = _native.flag("estimate_error", estimate_error)
-    loads = _Loads(load, nu, base, force, held, memory, coordinates)
+    loads = Acting(load, nu, base, force, held, memory, coordinates)
     if resume is not None:
         if initial is not None:
             raise InputError("initial and resume are both given: must be one of them")
@@ -217,9 +218,9 @@ def simulate(
         return go_on(resume, end, want, progress, other, estimated)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
-    make, n, at_first = _runs(system, end, initial, method, loads, accuracy, auto)
+    make, n, at_first = runs_of(system, end, initial, method, loads, accuracy, auto)
     breaks = breaks_of(force, base, len(system.dof_names))
-    watch = None if events is None else Watch.checked(events, _observed(system, make))
+    watch = None if events is None else Watch.checked(events, observed(make(1.0)))
     steps = _Steps(known(make, breaks, force, base, watch), end, breaks, at_first, want, progress)
     if auto:
         assert accuracy is not None
@@ -235,36 +236,39 @@ def simulate(
     return _with_step(steps, end, _native.number("dt", dt), estimated)
 
 
-def _observed(system: object, make: Maker) -> tuple[str, ...]:
-    """Names of the coordinates that a run keeps, and of the deflections it keeps besides."""
-    run = make(1.0)
+def kept_by(run: Run) -> tuple[str, ...]:
+    """Names of the coordinates that a run keeps."""
     names: tuple[str, ...] = run.system.dof_names
     motion = structure_motion_of(run)
-    if motion is not None:
-        names = tuple(names[i] for i in motion.places)
+    return names if motion is None else tuple(names[i] for i in motion.places)
+
+
+def observed(run: Run) -> tuple[str, ...]:
+    """The same, and names of the deflections it keeps besides."""
+    names = kept_by(run)
     others = range(run.state.size // 2 - len(names))
     return (*names, *(f"deflection{i + 1}" for i in others))
 
 
 @dataclass(frozen=True)
-class _Loads:
+class Acting:
     """What acts on a system, and what its springs remember, as `simulate` was given it."""
 
-    load: LoadLike | None
-    nu: float | None
-    base: LoadLike | LoadTable | None
-    force: LoadTable | None
-    held: npt.ArrayLike | Past | None
-    memory: str
-    coordinates: Sequence[str] | None
+    load: LoadLike | None = None
+    nu: float | None = None
+    base: LoadLike | LoadTable | None = None
+    force: LoadTable | None = None
+    held: npt.ArrayLike | Past | None = None
+    memory: str = "auto"
+    coordinates: Sequence[str] | None = None
 
 
-def _runs(
+def runs_of(
     system: Pendulum | Mount | PolynomialSystem | Structure,
     end: float,
     initial: npt.ArrayLike | None,
     method: str,
-    given: _Loads,
+    given: Acting,
     accuracy: Accuracy | None,
     auto: bool,
 ) -> tuple[Maker, int, int]:

@@ -9,12 +9,12 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.ensemble import Ensemble
 from viscovib.analyses.spectral import Spectrum, name_frequencies
 from viscovib.errors import InputError
 from viscovib.plots.axes import Shown, logarithmic
 from viscovib.plots.panels import Labels, panel, panels
 from viscovib.plots.style import COLOURS, STYLES, bare, in_brackets, symbol
+from viscovib.results.ensemble import Ensemble
 from viscovib.results.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ import numpy as np
 from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven import DrivenResponse
 from viscovib.analyses.driven_branch import DrivenBranch
-from viscovib.analyses.ensemble import Ensemble
 from viscovib.analyses.spectral import Spectrum
 from viscovib.common.files import whole_file
 from viscovib.common.results import Result
@@ -22,6 +21,7 @@ from viscovib.plots.scales import moving as moving_steadily, plot_modulation, pl
 from viscovib.plots.steady import plot_backbone, plot_branch, plot_response
 from viscovib.plots.style import COLOURS, bare
 from viscovib.results.branch import Branch
+from viscovib.results.ensemble import Ensemble
 from viscovib.results.response import Response, lowest_order
 from viscovib.results.scales import Modulation, ScalesResponse
 from viscovib.results.trajectory import Trajectory

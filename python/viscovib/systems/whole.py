@@ -14,9 +14,6 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of, with_elements
 
-#: Coordinates of an ensemble at most.
-_MOST = 6
-
 
 def switches(structure: Structure) -> bool:
     """Whether some law has kinks or jumps, or some element knows what was."""
@@ -24,27 +21,6 @@ def switches(structure: Structure) -> bool:
     for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
         laws += [law for _, law in coupling.programs]
     return any(law.state or law.branches for law in laws)
-
-
-def of_few(system: Any) -> Any:
-    """Return a structure of few coordinates, without memory, as a polynomial system of them."""
-    if not isinstance(system, Structure):
-        return system
-    n = system.n_coordinates
-    if n > _MOST or system._all_kernels or system._reduced is not None:
-        kernels = ", with kernels" if system._all_kernels else ""
-        reduced = ", reduced" if system._reduced is not None else ""
-        raise InputError(
-            f"system: a structure of {n} coordinates{kernels}{reduced}: must have at most {_MOST}, "
-            "no kernel, and not be reduced"
-        )
-    if switches(system):
-        raise InputError(
-            "elements: a law with kinks or jumps (max, min, abs, sign, comparisons), hysteresis or "
-            "a stop is not computed in ensembles, whose steps would pass them; must be smooth, or "
-            "use simulate, whose steps end there"
-        )
-    return whole_system(system)
 
 
 def whole_system(structure: Structure) -> PolynomialSystem:

@@ -1,0 +1,389 @@
+"""Members of an ensemble that are made one by one: laws with kinks, hysteresis, memory, surfaces.
+
+Such motions end their steps where laws switch, each at times of its own, or remember their past:
+they cannot go side by side in the vector unit. Each is a run of `simulate`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.analyses.events import Event, Watch
+from viscovib.analyses.members import Members, shared_runs
+from viscovib.analyses.neighbours import exponents_of
+from viscovib.analyses.resume import known
+from viscovib.analyses.runs import Run, Wanted
+from viscovib.analyses.structure_motion import goes_condensed
+from viscovib.analyses.transient import Acting, kept_by, observed, runs_of
+from viscovib.errors import InputError
+from viscovib.results.trajectory import OUTCOMES
+from viscovib.systems.load import LoadLike
+from viscovib.systems.mount import Mount
+from viscovib.systems.pendulum import PARAMETERS, Pendulum
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+from viscovib.systems.varying import varied
+
+#: Samples of a run that are held at once.
+_HELD = 100_000
+#: Parameters that change loads; those of a polynomial system that scale a part of it.
+_OF_LOADS = ("nu", "load_scale")
+_SCALED = ("stiffness_scale", "damping_scale", "forces_scale", "memory_scale")
+
+
+@dataclass
+class _Gathered:
+    """What is learnt from one run."""
+
+    state: FloatArray
+    ended: int
+    reached: float
+    peak: FloatArray
+    mean: FloatArray
+    rms: FloatArray
+    lines: ComplexArray
+    exponents: FloatArray
+    #: States of a section, and when.
+    points: FloatArray
+    times: FloatArray
+
+
+class SingleMembers(Members):
+    """Systems of any kind, each run by itself."""
+
+    side_by_side = False
+
+    def __init__(
+        self,
+        system: Any,
+        initial: npt.ArrayLike,
+        given: Mapping[str, npt.ArrayLike],
+        load: LoadLike | None,
+        nu: float | None,
+        method: str,
+        surface: Event | None,
+    ) -> None:
+        self.system, self.surface, self.method = system, surface, method
+        self.load, self.given_nu = load, nu
+        self.varied, self.states = shared_runs(given, initial, 2 * len(system.dof_names))
+        for name in self.varied:
+            self._check_name(name)
+        if isinstance(system, Pendulum):
+            for name, value in (("load", load), ("nu", nu)):
+                if value is not None:
+                    raise InputError(f"{name}: a Pendulum has its loads in itself, must be None")
+        elif load is None:
+            for name in ("nu", "load_scale"):
+                if name in given or (name == "nu" and nu is not None):
+                    raise InputError(f"{name}: must not be given without load")
+        # Wrong arguments are told before time is spent.
+        first = self._begin(0, 1.0, 1.0)
+        self.method_name = first.method
+        self.dof_names = kept_by(first)
+        self.passed: dict[int, _Gathered] = {}
+
+    def _check_name(self, name: str) -> None:
+        """Refuse what does not vary."""
+        system = self.system
+        allowed: Sequence[str] = _OF_LOADS
+        if isinstance(system, Pendulum):
+            allowed = PARAMETERS
+        elif isinstance(system, Mount):
+            numbers = [f.name for f in fields(system) if isinstance(getattr(system, f.name), float)]
+            allowed = (*_OF_LOADS, *numbers)
+        elif isinstance(system, Structure):
+            allowed = (*_OF_LOADS, *_element_numbers(system))
+        elif type(system) is PolynomialSystem:
+            allowed = (*_OF_LOADS, *_SCALED, *(system.parameters or ()))
+        if name not in allowed:
+            raise InputError(
+                f"parameters: {name!r} does not vary in an ensemble of this system, must be one of "
+                f"{', '.join(allowed)}"
+            )
+
+    def _one(self, i: int) -> Any:
+        """The system of run i."""
+        system = self.system
+        numbers = {
+            name: float(values[i])
+            for name, values in self.varied.items()
+            if name not in _OF_LOADS or isinstance(system, Pendulum)
+        }
+        if not numbers:
+            return system
+        if isinstance(system, Pendulum | Mount):
+            return replace(system, **numbers)  # type: ignore[arg-type]
+        if isinstance(system, Structure):
+            return _with_elements(system, numbers)
+        for name in [name for name in numbers if name not in _SCALED]:
+            system = system._with_parameter(name, numbers.pop(name))
+        return _scaled(system, numbers)
+
+    def _acting(self, i: int) -> Acting:
+        """Loads of run i."""
+        if self.load is None:
+            return Acting()
+        load, nu = self.load, self.given_nu
+        if "load_scale" in self.varied:
+            load = _times(load, float(self.varied["load_scale"][i]))
+        if "nu" in self.varied:
+            nu = float(self.varied["nu"][i])
+        return Acting(load, nu)
+
+    def _begin(self, i: int, end: float, h: float, moved: FloatArray | None = None) -> Run:
+        """Run i at its start, which may be moved."""
+        state = self.states[i] if moved is None else self.states[i] + moved
+        make, _, _ = runs_of(self._one(i), end, state, self.method, self._acting(i), None, False)
+        watch = None
+        if self.surface is not None and moved is None:
+            watch = Watch.checked([self.surface], observed(make(1.0)))
+        return known(make, watch=watch)(h)
+
+    def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
+        """Return those of the load."""
+        name, own = "nu", self.given_nu
+        if isinstance(self.system, Pendulum):
+            name = f"p{_native.integer('sections', sections, 1, 3)}"
+            own = float(getattr(self.system, name))
+        else:
+            _native.integer("sections", sections, 1, 1)
+        fixed = 0.0 if own is None else _native.number("nu", own)
+        return name, np.array(self.varied.get(name, np.full(self.n, fixed)))
+
+    def first_steps(self, spans: FloatArray) -> int:
+        """As many as the single runs begin with; of those with the largest numbers."""
+        ends = [int(values.argmax()) for values in self.varied.values()]
+        ends += [int(values.argmin()) for values in self.varied.values()]
+        return max(self._steps(i, float(spans[i])) for i in {0, *ends})
+
+    def _steps(self, i: int, end: float) -> int:
+        acting = self._acting(i)
+        return runs_of(self._one(i), end, self.states[i], self.method, acting, None, False)[1]
+
+    def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
+        """Make some of the runs, one after another."""
+        h, _, n_steps, n_discard, every, section_every, moments, exponents, lines, *rest = given
+        cancel, sections = rest
+        asked = _Asked(n_steps, n_discard, every, section_every, moments > 0, exponents, lines)
+        found: list[_Gathered] = []
+        for k, i in enumerate(range(part.start, part.stop)):
+            if cancel[0]:
+                raise InputError("ensemble: interrupted")
+            one = self._gather(i, float(h[k]), asked)
+            found.append(one)
+            if self.surface is not None:
+                self.passed[i] = one
+            elif section_every:
+                sections[:, : one.points.shape[0], k] = one.points.T
+        names = ("state", "ended", "reached", "peak", "mean", "rms", "lines", "exponents")
+        return tuple(np.stack([getattr(one, x) for one in found], axis=-1) for x in names)
+
+    def _gather(self, i: int, h: float, asked: _Asked) -> _Gathered:
+        """Make run i."""
+        run = self._begin(i, h * asked.n_steps, h)
+        track = _Track(h, asked)
+        done, latest = 0, None
+        stride = asked.stride
+        while done < asked.n_steps:
+            n = asked.n_discard - done
+            want = Wanted(keep="last")
+            if n <= 0:
+                n = asked.n_steps - done
+                if stride:
+                    n = min(n, max(1, _HELD // stride) * stride)
+                    want = Wanted(every=stride)
+            latest = run.steps(n, want, False)
+            if want.keep == "all":
+                track.add(latest.state[1:])
+            done += n
+            if latest.outcome != "completed":
+                break
+        assert latest is not None
+        stopped = latest.outcome != "completed"
+        last = latest if latest.t.size and not stopped else None
+        state = latest.state[-1] if last is not None else run.state[: latest.state.shape[1]]
+        found = track.result(state.size, stopped)
+        found.state, found.ended = np.array(state), OUTCOMES.index(latest.outcome)
+        found.reached = latest.t_reached
+        if self.surface is not None:
+            times, states = latest.events[0]
+            late = times >= h * asked.n_discard
+            found.points, found.times = states[late], times[late]
+        if asked.exponents:
+            found.exponents = self._exponents(i, h, asked)
+        return found
+
+    def _exponents(self, i: int, h: float, asked: _Asked) -> FloatArray:
+        end = h * asked.n_steps
+        quarter = max(1, round(asked.n_steps / self._steps(i, end)))
+        return exponents_of(
+            lambda moved: self._begin(i, end, h, moved),
+            (self.states.shape[1], 2 * len(self.dof_names)),
+            asked.n_steps, asked.n_discard, asked.exponents, quarter,
+        )  # fmt: skip
+
+    def passages(self) -> tuple[FloatArray, FloatArray]:
+        """States and times on the surface, shape (n, most, 2 n_dof) and (n, most), NaN beyond."""
+        ones = [self.passed[i] for i in range(self.n)]
+        most = max(one.times.size for one in ones)
+        points = np.full((self.n, most, 2 * len(self.dof_names)), np.nan)
+        times = np.full((self.n, most), np.nan)
+        for i, one in enumerate(ones):
+            points[i, : one.times.size] = one.points
+            times[i, : one.times.size] = one.times
+        return points, times
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is to be gathered, in steps."""
+
+    n_steps: int
+    n_discard: int
+    every: int
+    section_every: int
+    moments: bool
+    exponents: int
+    lines: FloatArray
+
+    @property
+    def samples(self) -> bool:
+        """Whether states are sampled on the way."""
+        return self.moments or self.lines.size > 0
+
+    @property
+    def stride(self) -> int:
+        """Steps between the states that are needed; 0: none but the last."""
+        needed = [self.every] if self.samples else []
+        return math.gcd(*needed, *([self.section_every] if self.section_every else []))
+
+
+class _Track:
+    """States of a run as they pass."""
+
+    def __init__(self, h: float, asked: _Asked) -> None:
+        self.h, self.asked = h, asked
+        self.steps = 0
+        self.n = 0
+        self.parts: list[FloatArray] = []
+        self.peak: Any = 0.0
+        self.total: Any = 0.0
+        self.squares: Any = 0.0
+        self.sums: Any = 0.0
+        self.weight: Any = 0.0
+        self.mean: Any = 0.0
+        self.empty: Any = 0.0
+
+    def add(self, states: FloatArray) -> None:
+        """Take in states a stride apart."""
+        asked = self.asked
+        at = self.steps + asked.stride * np.arange(1, states.shape[0] + 1)
+        self.steps += asked.stride * states.shape[0]
+        if asked.section_every:
+            self.parts.append(states[at % asked.section_every == 0])
+        if not asked.samples:
+            return
+        some = states[at % asked.every == 0]
+        if not some.size:
+            return
+        self.peak = np.maximum(self.peak, np.abs(some).max(axis=0))
+        self.total, self.squares = self.total + some.sum(axis=0), self.squares + (some**2).sum(0)
+        if asked.lines.size:
+            place = self.n + np.arange(some.shape[0])
+            n_samples = (asked.n_steps - asked.n_discard) // asked.every
+            # A Hann window that vanishes one sample before the first and one after the last.
+            window = np.sin(math.pi * (place + 1) / (n_samples + 1)) ** 2
+            times = self.h * (asked.n_discard + asked.every * (place + 1))
+            waves = window[:, np.newaxis] * np.exp(-1j * np.outer(times, asked.lines))
+            self.sums = self.sums + some[:, ::2].T @ waves
+            self.empty = self.empty + waves.sum(axis=0)
+            self.mean = self.mean + window @ some[:, ::2]
+            self.weight = self.weight + window.sum()
+        self.n += some.shape[0]
+
+    def result(self, width: int, stopped: bool) -> _Gathered:
+        """What was gathered; of a motion that stopped what belongs to the whole is not known."""
+        missing = np.full(width, math.nan)
+        peak, mean, rms = missing, missing, missing
+        if self.n and self.asked.moments:
+            peak = np.asarray(self.peak)
+            mean, rms = self.total / self.n, np.sqrt(self.squares / self.n)
+        lines = np.full((width // 2, self.asked.lines.size), math.nan, dtype=complex)
+        if self.n and lines.size and not stopped:
+            own = self.mean / self.weight
+            lines = 2 * (self.sums - np.outer(own, self.empty)) / self.weight
+        points = np.concatenate(self.parts) if self.parts else np.empty((0, width))
+        return _Gathered(
+            missing, 0, 0.0, peak, mean, rms, lines, np.full(self.asked.exponents, math.nan),
+            points, np.empty(0),
+        )  # fmt: skip
+
+
+def _times(load: Any, factor: float) -> Any:
+    """A load so many times as large."""
+    if isinstance(load, Mapping):
+        return {key: _times(value, factor) for key, value in load.items()}
+    return np.asarray(load) * factor
+
+
+def _scaled(system: PolynomialSystem, numbers: Mapping[str, float]) -> PolynomialSystem:
+    """The system with parts of it scaled: K of all springs, C, polynomial forces, or memory."""
+    if not numbers:
+        return system
+    if goes_condensed(system):
+        raise InputError(
+            f"parameters: {', '.join(numbers)} do not vary of a system that is condensed "
+            f"({len(system.dof_names)} coordinates)"
+        )
+    flat = system._flat.copy()
+    for name, value in numbers.items():
+        what = name.removesuffix("_scale")
+        names = [name]
+        if what in ("stiffness", "forces"):
+            names += [f"springs[{j}].{name}" for j in range(len(system.groups) - 1)]
+        for j, key in enumerate(names):
+            group = system.groups[j]
+            if what == "stiffness" and not group.stiffness.any():
+                continue
+            if what == "forces" and not group.forces and not group.laws:
+                continue
+            found = varied(system, key, value, value)
+            at = found.direction != 0
+            flat[at] = found.at(value)[at]
+    other = copy(system)
+    other.__dict__["_vector"] = flat
+    return other
+
+
+def _element_numbers(structure: Structure) -> list[str]:
+    """Numbers of the elements, by the names that branches have for them."""
+    names = []
+    for i, element in enumerate(structure.elements):
+        own = [f.name for f in fields(element) if isinstance(getattr(element, f.name), float | int)]
+        own = [name for name in own if not isinstance(getattr(element, name), bool)]
+        own += list(getattr(element, "parameters", None) or ())
+        names += [f"elements[{i}].{name}" for name in own]
+    return names
+
+
+def _with_elements(structure: Structure, numbers: Mapping[str, float]) -> Structure:
+    """The structure with other numbers of its elements."""
+    elements = list(structure.elements)
+    for name, value in numbers.items():
+        place, key = name.removeprefix("elements[").split("].")
+        element: Any = elements[int(place)]
+        inner = getattr(element, "parameters", None) or {}
+        change: dict[str, Any] = {key: value}
+        if key in inner:
+            change = {"parameters": {**inner, key: value}}
+        elements[int(place)] = replace(element, **change)
+    return replace(structure, elements=elements)

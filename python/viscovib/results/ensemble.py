@@ -1,0 +1,157 @@
+"""Many motions, and what was gathered from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.counts import things
+from viscovib.common.plan import Plan
+from viscovib.common.results import Result, span
+from viscovib.systems.mount import Mount
+from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Ensemble(Result):
+    """Many motions, and what was gathered from them on the way.
+
+    Attributes
+    ----------
+    t_end : ndarray, shape (n,)
+        Time each run was to reach.
+    t_reached : ndarray, shape (n,)
+    state : ndarray, shape (n, 2 n_dof)
+        Last states, as of a Trajectory.
+    outcome : ndarray of str, shape (n,)
+        "completed", "diverged", "unphysical" or "step too large", as for a Trajectory; of runs
+        that stop early the last state is that at ``t_reached``.
+    step : ndarray, shape (n,)
+        The steps of the method.
+    dt : ndarray, shape (n,)
+        Spacing of the states kept: the periods between ``sections``; NaN without, as only last
+        states are kept.
+    peak, mean, rms : ndarray, shape (n, 2 n_dof), or None
+        Largest size, mean and root mean square of the states sampled; of a run that stopped,
+        until then (NaN if before any sample).
+    amplitudes : complex ndarray, shape (n, n_lines, n_dof), or None
+        X of each coordinate at each frequency asked for: u = mean + Re(X exp(i omega t)); NaN of
+        a run that stopped.
+    sections : ndarray, shape (n, n_points, 2 n_dof), or None
+        States at whole periods of a load, NaN after a run has stopped; or those on a surface, NaN
+        behind the last of a run.
+    section_times : ndarray, shape (n, n_points), or None
+        When the motions pass the surface, NaN behind the last.
+    lyapunov : ndarray, shape (n,), or None
+        Largest Lyapunov exponent (a time average): small errors grow like exp(lyapunov t);
+        NaN of a run that stopped.
+    spectrum : ndarray, shape (n, 2 n_dof), or None
+        All exponents in the directions of the states, if asked for, largest first; the load's phase
+        has exponent 0 besides. -inf: a disturbance vanishes altogether, as where friction sticks.
+    error : float or None
+        Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto".
+    method : str
+    parameters : mapping
+        What varies, each an array of shape (n,).
+    system : Pendulum, PolynomialSystem, Structure or Mount
+    plan : Plan
+        What was computed, what was skipped and why.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
+    ... )
+    >>> many = vv.simulate_ensemble(
+    ...     body,
+    ...     initial=np.zeros((4, 6)),
+    ...     t_end=20.0,
+    ...     parameters={"f0": [0.001, 0.002, 0.003, 0.004]},
+    ... )
+    >>> many.state.shape[0]
+    4
+    """
+
+    t_end: FloatArray
+    t_reached: FloatArray
+    state: FloatArray
+    outcome: npt.NDArray[np.str_]
+    step: FloatArray
+    dt: FloatArray
+    peak: FloatArray | None
+    mean: FloatArray | None
+    rms: FloatArray | None
+    amplitudes: ComplexArray | None
+    sections: FloatArray | None
+    lyapunov: FloatArray | None
+    error: float | None
+    method: str
+    parameters: Mapping[str, FloatArray]
+    system: Pendulum | PolynomialSystem | Structure | Mount
+    plan: Plan
+    spectrum: FloatArray | None = None
+    section_times: FloatArray | None = None
+    _names: tuple[str, ...] = ()
+
+    kind = "ensemble"
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """Names of the coordinates that states hold."""
+        return self._names or self.system.dof_names
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all motions were followed to their ends."""
+        return bool((self.outcome == "completed").all())
+
+    def _headline(self) -> str:
+        kinds, counts = np.unique(self.outcome, return_counts=True)
+        ends = ", ".join(f"{n} {kind}" for kind, n in zip(kinds, counts, strict=True))
+        return f"{things(self.t_end.size, 'motion')}: {ends}"
+
+    def _scope(self) -> list[str]:
+        varied = ", ".join(f"{name} {span(v)}" for name, v in self.parameters.items()) or "nothing"
+        error = "" if self.error is None else f", estimated error {self.error:.1e}"
+        return [f"t_end: {span(self.t_end)}; varied: {varied}; {self.method}{error}"]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything that was gathered, over the runs."""
+        import xarray as xr
+
+        names = [f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot")]
+        data: dict[str, Any] = {
+            "state": (("run", "quantity"), self.state),
+            "outcome": ("run", self.outcome),
+            "t_reached": ("run", self.t_reached),
+        }
+        for key in ("peak", "mean", "rms"):
+            if (value := getattr(self, key)) is not None:
+                data[key] = (("run", "quantity"), value)
+        if self.amplitudes is not None:
+            data["amplitudes"] = (("run", "line", "dof"), self.amplitudes)
+        if self.sections is not None:
+            data["sections"] = (("run", "point", "quantity"), self.sections)
+        if self.section_times is not None:
+            data["section_times"] = (("run", "point"), self.section_times)
+        if self.lyapunov is not None:
+            data["lyapunov"] = ("run", self.lyapunov)
+        if self.spectrum is not None:
+            data["spectrum"] = (("run", "exponent"), self.spectrum)
+        coordinates: dict[str, Any] = {"quantity": names, "dof": list(self.dof_names)}
+        coordinates |= {name: ("run", values) for name, values in self.parameters.items()}
+        return xr.Dataset(
+            data, coords=coordinates, attrs={"method": self.method, "plan": str(self.plan)}
+        )

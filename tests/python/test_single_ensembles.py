@@ -1,0 +1,238 @@
+"""Ensembles run by run: kinks, stops, hysteresis, memory, surfaces."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+GAP = vv.PolynomialSystem(
+    mass=1, stiffness=1, damping=0.05, forces="k*max(x - 0.5, 0)", parameters={"k": 30.0}
+)
+KERNEL = vv.PronyKernel(weights=[0.3], rates=[1.0])
+
+
+def one_mass(*elements, c=0.05):
+    """A mass of 1 on a spring of 1."""
+    return vv.Structure(mass=[1.0], stiffness=[1.0], damping=[c], elements=list(elements))
+
+
+def test_kinked_members_against_scipy():
+    """Every member is the motion of its own numbers, integrated from contact to contact."""
+    given = {"k": [5.0, 30.0, 80.0], "nu": [0.7, 0.9, 1.1], "load_scale": [1.0, 0.8, 1.3]}
+    start = np.array([[0.0, 0.0], [0.3, 0.1], [0.7, -0.2]])
+    many = vv.simulate_ensemble(
+        GAP, initial=start, t_end=25.0, load=0.9, parameters=given, tolerance=1e-10
+    )
+    assert many.error < 1e-10
+    assert "one after another" in str(many.plan)
+    for i in range(3):
+        k, nu, f = (given[name][i] for name in ("k", "nu", "load_scale"))
+        t, y = 0.0, start[i]
+
+        def off(t, y):
+            return y[0] - 0.5
+
+        off.terminal = True
+        while t < 25.0:
+            push = k if (y[1] > 0 if abs(y[0] - 0.5) < 1e-9 else y[0] > 0.5) else 0.0
+
+            def rates(t, y, push=push, nu=nu, f=f):
+                force = 0.9 * f * np.sin(nu * t) - 0.05 * y[1] - y[0] - push * (y[0] - 0.5)
+                return [y[1], force]
+
+            # A start on the surface has to leave it first.
+            leave = solve_ivp(rates, (t, min(t + 1e-4, 25.0)), y, "DOP853", rtol=1e-12, atol=1e-13)
+            t, y = leave.t[-1], leave.y[:, -1]
+            run = solve_ivp(rates, (t, 25.0), y, "DOP853", rtol=1e-12, atol=1e-13, events=off)
+            t, y = run.t[-1], run.y[:, -1]
+        np.testing.assert_allclose(many.state[i], y, atol=3e-9)
+
+
+def test_statistics_sections_and_lines_of_a_structure_with_friction():
+    """They are those of the single run."""
+    nu = 1.1
+    slip = one_mass(vv.Jenkins(on={"x1": 1}, stiffness=2.0, limit=0.3))
+    many = vv.simulate_ensemble(
+        slip, initial=[0, 0], load=0.8, nu=nu, n_periods=20, discard=5, sections=1, dt=0.05,
+        statistics=True, amplitudes_at=[nu], sample_every=2,
+        parameters={"elements[0].limit": [0.3, 0.6]},
+    )  # fmt: skip
+    for i, limit in enumerate([0.3, 0.6]):
+        own = one_mass(vv.Jenkins(on={"x1": 1}, stiffness=2.0, limit=limit))
+        end = 20 * 2 * np.pi / nu
+        run = vv.simulate(own, end, dt=many.step[i], initial=[0, 0], load=0.8, nu=nu)
+        n = run.stats["steps"] // 20
+        late = run.state[5 * n + 2 :: 2]
+        np.testing.assert_allclose(many.peak[i], np.abs(late).max(0), rtol=1e-12)
+        np.testing.assert_allclose(many.mean[i], late.mean(0), atol=1e-12)
+        np.testing.assert_allclose(many.rms[i], np.sqrt((late**2).mean(0)), rtol=1e-12)
+        np.testing.assert_allclose(many.sections[i], run.state[6 * n :: n], atol=1e-12)
+        window = np.hanning(late.shape[0] + 2)[1:-1]
+        wave = window * np.exp(-1j * nu * run.t[5 * n + 2 :: 2])
+        moved = late[:, 0] - window @ late[:, 0] / window.sum()
+        assert many.amplitudes[i, 0, 0] == pytest.approx(2 * wave @ moved / window.sum(), rel=1e-10)
+
+
+def test_sections_by_a_surface():
+    """They are the events of the single run; of a pendulum too."""
+    many = vv.simulate_ensemble(
+        GAP, initial=[[0, 0], [0.4, 0]], load=0.8, nu=0.7, t_end=60, discard=20, dt=0.05,
+        sections=vv.Event("x_dot", direction="down"),
+    )  # fmt: skip
+    run = vv.simulate(GAP, 60, load=0.8, nu=0.7, initial=[0.4, 0], dt=0.05, events="x_dot")
+    t, state = run.events[0]
+    late = (t >= 20) & (state[:, 0] > run.state[:, 0].mean())
+    own = ~np.isnan(many.section_times[1])
+    assert set(np.round(many.section_times[1][own], 9)) <= set(np.round(t[t >= 20], 9))
+    assert own.sum() >= late.sum() // 2
+    assert np.abs(many.sections[..., 1][~np.isnan(many.section_times)]).max() < 1e-12
+    pendulum = vv.Pendulum(
+        e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.02, p1=0.93
+    )
+    swing = vv.simulate_ensemble(
+        pendulum, initial=[0, 0, 0.1, 0, 0.1, 0], t_end=60.0, sections="phi_dot", dt=0.1
+    )
+    assert np.abs(swing.sections[0, :, 3]).max() < 1e-10
+    assert swing.sections.shape[1] > 3
+
+
+def test_exponents_of_a_gap_are_its_divergence():
+    """A continuous force keeps areas but for the damping: their sum is -c."""
+    many = vv.simulate_ensemble(
+        GAP, initial=[0, 0], load=0.8, nu=0.7, n_periods=30, sections=1, lyapunov="all",
+        parameters={"load_scale": [0.5, 1.0, 1.5]}, tolerance=1e-6,
+    )  # fmt: skip
+    np.testing.assert_allclose(many.spectrum.sum(axis=1), -0.05, atol=1e-6)
+
+
+def test_exponents_where_laws_jump():
+    """Saltation: an impact takes e^2 of an area; sign(v) takes a_+/a_-, the accelerations."""
+    e, end = 0.8, 80.0
+    hard = one_mass(vv.Gap(on={"x1": 1}, gap=0.3, restitution=e))
+    call = {"load": 0.8, "nu": 0.7, "initial": [0, 0], "dt": 0.1}
+    many = vv.simulate_ensemble(hard, t_end=end, lyapunov="all", **call)
+    run = vv.simulate(hard, end, events=[vv.Event("x1 - 0.3 + 1e-9", direction="up")], **call)
+    hits = run.events[0].t.size
+    assert hits > 5
+    assert many.spectrum.sum() == pytest.approx(-0.05 + hits * 2 * np.log(e) / end, abs=1e-6)
+
+    rub = one_mass(vv.Spring(on={"x1": 1}, stiffness=0.0, law="0.2*sign(v)"))
+    call = {"load": 1.5, "nu": 1.3, "initial": [0.5, 1.0], "dt": 0.1}
+    many = vv.simulate_ensemble(rub, t_end=end, lyapunov="all", **call)
+    run = vv.simulate(rub, end, events=["x1_dot"], **call)
+    t, state = run.events[0]
+    rest = 1.5 * np.sin(1.3 * t) - state[:, 0]
+    # Where it does not stick, v passes 0 with the same sign of acceleration on both sides.
+    assert t.size > 20
+    assert (np.abs(rest) > 0.2).all()
+    taken = np.log((np.abs(rest) - 0.2) / (np.abs(rest) + 0.2)).sum()
+    assert many.spectrum.sum() == pytest.approx(-0.05 + taken / end, abs=1e-5)
+
+
+def test_exponents_of_what_sticks():
+    """A disturbance of the velocity vanishes, one of the place stays."""
+    stuck = one_mass(vv.Spring(on={"x1": 1}, stiffness=0.0, law="0.3*sign(v)"))
+    many = vv.simulate_ensemble(
+        stuck, initial=[0.1, 0], load=0.1, nu=1.1, t_end=40, discard=10, dt=0.1, lyapunov="all",
+    )  # fmt: skip
+    assert many.spectrum[0, 0] == pytest.approx(0, abs=1e-7)
+    assert many.spectrum[0, 1] == -np.inf
+
+
+def test_exponents_with_memory():
+    """Of a linear oscillator the real parts of its roots; beside a chaotic one the ODE's."""
+    linear = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, kernel=KERNEL)
+    many = vv.simulate_ensemble(
+        linear, initial=[1, 0], t_end=60.0, discard=30.0, dt=0.1, lyapunov="all"
+    )
+    real = linear.characteristic_roots().oscillatory.real
+    assert many.spectrum.sum() == pytest.approx(2 * real[0], abs=1e-6)
+
+    # A Prony kernel is one more equation, z' = -z + 0.3 k x: disturbances of it by SciPy.
+    wells = vv.PolynomialSystem(
+        mass=1, stiffness=-1, damping=0.2, forces="x^3",
+        springs=[vv.Springs(stiffness=0.5, kernel=KERNEL)],
+    )  # fmt: skip
+    end = 60.0
+    many = vv.simulate_ensemble(
+        wells, initial=[1, 0.2], load=0.4, nu=1.2, t_end=end, dt=0.05, lyapunov="all"
+    )
+
+    def rates(t, y):
+        x, v, z = y[:3]
+        d = y[3:].reshape(3, -1)
+        a = 0.4 * np.sin(1.2 * t) - 0.2 * v + x - x**3 - 0.5 * x + 0.5 * z
+        jacobian = np.array([[0, 1, 0], [1 - 3 * x**2 - 0.5, -0.2, 0.5], [0.3, 0, -1]])
+        return np.concatenate([[v, a, 0.3 * x - z], (jacobian @ d).ravel()])
+
+    start = np.zeros(9)
+    start[:2] = 1, 0.2
+    # The same disturbances: those of the present state, none of the past.
+    start[3:7] = np.eye(2).ravel()
+    run = solve_ivp(rates, (0, end), start, "DOP853", rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(many.state[0], run.y[:2, -1], atol=1e-7)
+    # The area of both disturbances grows by the sum of both exponents.
+    area = np.linalg.det(run.y[3:, -1].reshape(3, 2)[:2])
+    assert many.spectrum.sum() == pytest.approx(np.log(abs(area)) / end, abs=1e-5)
+
+
+def test_more_coordinates_and_single_or_side_by_side():
+    """Exponents of 8 coordinates add up to the damping; both ways give the same motions."""
+    n = 8
+    matrix = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    chain = vv.Structure(
+        mass=np.ones(n), stiffness=matrix, damping=0.05 * np.ones(n),
+        elements=[vv.Spring(on={"x1": 1}, stiffness=0.0, law="0.3*d^3")],
+    )  # fmt: skip
+    many = vv.simulate_ensemble(
+        chain, initial=np.zeros(2 * n), load={"x3": 0.2}, nu=0.5, t_end=60, dt=0.1, lyapunov="all"
+    )
+    assert many.spectrum.sum() == pytest.approx(-0.05 * n, abs=1e-6)
+    duffing = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
+    call = {"initial": [0.1, 0.2], "load": 0.3, "nu": 1.2, "t_end": 50.0, "dt": 0.05}
+    fast = vv.simulate_ensemble(duffing, lyapunov="all", **call)
+    slow = vv.simulate_ensemble(duffing, lyapunov="all", sections="x", method="verner9", **call)
+    np.testing.assert_allclose(fast.state, slow.state, atol=1e-12)
+    assert fast.spectrum.sum() == pytest.approx(slow.spectrum.sum(), abs=1e-6)
+
+
+def test_basins_with_a_rigid_stop_and_with_memory():
+    """Wells between which a stop or memory decides; a grid judged by single runs."""
+    wells = vv.PolynomialSystem(
+        mass=1, stiffness=-1, damping=0.3, forces="x^3",
+        springs=[vv.Springs(stiffness=0.3, kernel=KERNEL)],
+    )  # fmt: skip
+    grid = np.linspace(-1.4, 1.6, 5)
+    found = vv.basins(wells, {"x": grid, "x_dot": grid}, t_end=120.0, dt=0.1)
+    assert len(found.attractors) == 2
+    for j in (0, 3):
+        for i in range(5):
+            end = vv.simulate(wells, 120.0, dt=0.1, initial=[grid[i], grid[j]]).state[-1]
+            label = found.labels[j, i]
+            assert label >= 0
+            np.testing.assert_allclose(found.attractors[label][0], end, atol=1e-3)
+    beam = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3 + 50*max(x - 0.8, 0)")
+    found = vv.basins(beam, {"x": grid, "x_dot": grid}, t_end=120.0, dt=0.1)
+    ends = sorted(float(a[0, 0]) for a in found.attractors)
+    # At rest beside the stop -x + x^3 + 50 (x - 0.8) = 0.
+    right = [r.real for r in np.roots([1, 0, 49, -40]) if abs(r.imag) < 1e-9]
+    np.testing.assert_allclose(ends, [-1.0, right[0]], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"parameters": {"kk": [1.0]}}, "kk"),
+        ({"sections": "y_dot"}, "y_dot"),
+        ({"sections": 2}, "sections"),
+        ({"method": "verner"}, "method"),
+        ({"nu": None}, "nu"),
+        ({"lyapunov": "some"}, "lyapunov"),
+        ({"initial": [0, 0, 0]}, "initial"),
+    ],
+)
+def test_bad_calls(changes, text):
+    """One line that names the thing."""
+    call = {"initial": [0, 0], "load": 0.8, "nu": 0.7, "t_end": 5.0} | changes
+    with pytest.raises(vv.InputError, match=text):
+        vv.simulate_ensemble(GAP, **call)
