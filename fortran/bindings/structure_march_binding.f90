@@ -9,7 +9,8 @@
 !! `inner` (n_base = 1: it has no table). The start is relative to the base. With resume = 2 loads
 !! are others than before; the base jumps back by `kick`, its displacement and its velocity. What
 !! has no real modes, as `viscovib_pole_maps` takes it, are poles, of conjugates one each (a single
-!! one of 0: none); by_base: by a jump of the base, and of its velocity.
+!! one of 0: none), the last n_at_once of them follow their forces at once; by_base: by a jump of
+!! the base, and of its velocity.
 subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pushed, n_seen, &
                               poles, left, right, n_right, sine, cosine, by_base, n_poles, &
                               shown_left, &
@@ -20,8 +21,8 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
                               start_others, kick, h, shortest, kinks, t_end, tolerance, &
                               first, n_steps, &
                               save_every, resume, memory, n_memory, times, n_times, n_states, &
-                              watched, n_watch, sides, n_sides, most, states, at_times, last, &
-                              kept, n_kept, n_done, n_reached, t_reached, ended, n_iterations, &
+                              watched, n_watch, sides, n_sides, most, n_at_once, states, &
+                              at_times, last, kept, n_kept, n_done, n_reached, t_reached, ended, n_iterations, &
                               resolution, reason, found, n_found, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_base_motion, only: base_motion_type
@@ -39,7 +40,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   implicit none
   integer(c_int), intent(in) :: n_elements, n, n_seen, n_columns, n_frequencies, n_breaks, n_shown
   integer(c_int), intent(in) :: n_poles, n_right, n_base, n_ends, s, past, n_before, kinks, resume
-  integer(c_int), intent(in) :: n_memory, n_times, n_states, n_watch, n_sides, most
+  integer(c_int), intent(in) :: n_memory, n_times, n_states, n_watch, n_sides, most, n_at_once
   integer(c_long), intent(in) :: first, n_steps, save_every, made_by(n_ends)
   real(c_double), intent(in) :: elements(n_elements), squares(n), rates(n), seen(n, n_seen)
   real(c_double), intent(in) :: pushed(n, n_seen), patterns(n, n_columns), breaks(n_breaks)
@@ -105,7 +106,9 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
     sections%frequencies = frequencies(some)
     sections%waves = waves(:, some)
     sections%inner = inner
-    used = merge(0_c_int, n_poles, n_poles == 1 .and. .not. abs(poles(1)) > 0.0_c_double)
+    used = merge(0_c_int, n_poles, n_poles == 1 .and. n_at_once == 0 &
+                 .and. .not. abs(poles(1)) > 0.0_c_double)
+    sections%others%n_at_once = n_at_once
     sections%others%poles = poles(:used)
     sections%others%left = left(:used, :)
     sections%others%right = right(:used, :n_seen + columns)

@@ -46,8 +46,8 @@ module viscovib_modal_maps
     !! (j-1)(s+1)+p and node k of force l at (l-1)s+k.
     real(wp), allocatable :: answer(:, :)
     !> By waves, at phase 0 at the start: deflections as above, then the sections at the end, then
-    !! their velocities, then what has no real modes; shape ((s+1) n_seen + 2 n + 2 n_poles,
-    !! n_waves).
+    !! their velocities, then what has no real modes, then rates of what follows at once; shape
+    !! ((s+1) n_seen + 2 n + 2 n_poles + n_at_once, n_waves).
     complex(wp), allocatable :: swing(:, :)
     type(pole_map_type) :: poles
   end type modal_map_type
@@ -93,7 +93,7 @@ contains
     allocate (map%gain(mode_block, s, n/mode_block), gain(n, s))
     allocate (map%rate_gain(mode_block, s, n/mode_block))
     allocate (map%answer(n_rows, s*size(sections%pushed, 2)))
-    allocate (map%swing(n_rows + 2*(n + size(sections%others%poles)), &
+    allocate (map%swing(n_rows + 2*(n + size(sections%others%poles)) + sections%others%n_at_once, &
                         size(sections%frequencies)))
     map%swing = (0.0_wp, 0.0_wp)
     do p = 1, s + 1

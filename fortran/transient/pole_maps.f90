@@ -4,7 +4,8 @@
 !!   z(c h) = exp(pole c h) z(0) + integral_0^(c h) exp(pole (c h - t)) p(t) dt,
 !!   p_m = sum_l right_ml f_l(t) + sum_k (sine_mk sin nu_k t + cosine_mk cos nu_k t),
 !!
-!! f_l polynomials through the nodes as in `viscovib_modal_maps`.
+!! f_l polynomials through the nodes as in `viscovib_modal_maps`. The last `n_at_once` of them stand
+!! for what has no mass: z_m = p_m. Their rates are those of p_m, the polynomials' slopes.
 module viscovib_pole_maps
   use viscovib_collocation, only: collocation_type
   use viscovib_kinds, only: wp
@@ -13,7 +14,7 @@ module viscovib_pole_maps
   private
 
   public :: add_pole_points, new_pole_map, move_poles, pole_map_type, pole_rates, poles_inside
-  public :: poles_type, seen_of_poles
+  public :: poles_type, rates_at_once, seen_at_once, seen_of_poles
 
   type :: poles_type
     !> Shape (n) (1/s).
@@ -24,18 +25,23 @@ module viscovib_pole_maps
     complex(wp), allocatable :: sine(:, :), cosine(:, :)
     !> By a jump of the base and of its velocity, shape (n).
     complex(wp), allocatable :: by_base(:), by_base_rate(:)
+    !> How many of them, the last, follow their forces at once.
+    integer :: n_at_once = 0
   end type poles_type
 
   type :: pole_map_type
     !> Gains by the state at the nodes and the end, shape (n, s+1); at the end by forces at the
     !! nodes, shape (n, s).
     complex(wp), allocatable :: by_z(:, :), gain(:, :)
+    !> Slopes at the end of polynomials of unit value at one node, shape (s).
+    real(wp), allocatable :: slope(:)
   end type pole_map_type
 
 contains
 
   !> The maps, and what they add to those of the deflections and of what swings: rows
-  !! (j-1)(s+1)+p, and in `swing` at the end rows of Re z, then of Im z.
+  !! (j-1)(s+1)+p, and in `swing` at the end rows of Re z, then of Im z, then of the rates of what
+  !! follows at once.
   subroutine new_pole_map(map, poles, frequencies, coefficients, table, h, answer, swing)
     type(pole_map_type), intent(out) :: map
     type(poles_type), intent(in) :: poles
@@ -49,15 +55,23 @@ contains
     complex(wp) :: gain(table%s), waved(2)
     real(wp) :: now
     integer :: j, k, l, m, n, p, row, s
+    logical :: follows
 
     s = table%s
     n = size(poles%poles)
     allocate (map%by_z(n, s + 1), map%gain(n, s))
+    map%slope = slopes_of_nodes(table, 1.0_wp)/h
     do p = 1, s + 1
       now = table%points(p)*h
       do m = 1, n
-        map%by_z(m, p) = grown(poles%poles(m)*now)
-        call pole_gain(poles%poles(m), now, coefficients(:, :, p), gain)
+        follows = m > n - poles%n_at_once
+        if (follows) then
+          map%by_z(m, p) = (-1.0_wp, 0.0_wp)
+          gain = sum(coefficients(:, :, p), 1)
+        else
+          map%by_z(m, p) = grown(poles%poles(m)*now)
+          call pole_gain(poles%poles(m), now, coefficients(:, :, p), gain)
+        end if
         if (p > s) map%gain(m, :) = gain
         do j = 1, size(poles%left, 2)
           row = (j - 1)*(s + 1) + p
@@ -67,17 +81,25 @@ contains
           end do
         end do
         do k = 1, size(frequencies)
-          waved = pole_wave(poles%poles(m), frequencies(k), now, poles%sine(m, k), &
-                            poles%cosine(m, k))
+          if (follows) then
+            waved = wave_at_once(frequencies(k)*now, poles%sine(m, k), poles%cosine(m, k))
+          else
+            waved = pole_wave(poles%poles(m), frequencies(k), now, poles%sine(m, k), &
+                              poles%cosine(m, k))
+          end if
           do j = 1, size(poles%left, 2)
             row = (j - 1)*(s + 1) + p
             swing(row, k) = swing(row, k) + cmplx(real(poles%left(m, j)*waved(1)), &
                                                   real(poles%left(m, j)*waved(2)), wp)
           end do
           if (p <= s) cycle
-          row = size(swing, 1) - 2*n + m
+          row = size(swing, 1) - poles%n_at_once - 2*n + m
           swing(row, k) = cmplx(real(waved(1)), real(waved(2)), wp)
           swing(row + n, k) = cmplx(aimag(waved(1)), aimag(waved(2)), wp)
+          if (.not. follows) cycle
+          waved = frequencies(k)*wave_at_once(frequencies(k)*now, -poles%cosine(m, k), &
+                                              poles%sine(m, k))
+          swing(row + n + poles%n_at_once, k) = cmplx(real(waved(1)), real(waved(2)), wp)
         end do
       end do
     end do
@@ -104,6 +126,36 @@ contains
     of_sine = (0.0_wp, -0.5_wp)*(ahead - back)
     waved = [sine*of_cosine - cosine*of_sine, sine*of_sine + cosine*of_cosine]
   end function pole_wave
+
+  !> The same of what follows at once, x = nu t: sine sin(x + phi) + cosine cos(x + phi).
+  pure function wave_at_once(x, sine, cosine) result(waved)
+    real(wp), intent(in) :: x
+    complex(wp), intent(in) :: sine, cosine
+    complex(wp) :: waved(2)
+    waved = [sine*cos(x) - cosine*sin(x), sine*sin(x) + cosine*cos(x)]
+  end function wave_at_once
+
+  !> Slopes at x of the polynomials of unit value at one node of a step of unit length.
+  pure function slopes_of_nodes(table, x) result(slopes)
+    type(collocation_type), intent(in) :: table
+    real(wp), intent(in) :: x
+    real(wp) :: slopes(table%s), product
+    integer :: i, j, k
+
+    slopes = 0.0_wp
+    associate (c => table%points(1:table%s))
+      do i = 1, table%s
+        do j = 1, table%s
+          if (j == i) cycle
+          product = 1.0_wp/(c(i) - c(j))
+          do k = 1, table%s
+            if (k /= i .and. k /= j) product = product*(x - c(k))/(c(i) - c(k))
+          end do
+          slopes(i) = slopes(i) + product
+        end do
+      end do
+    end associate
+  end function slopes_of_nodes
 
   !> a + what deflections gain by the state alone, at each point.
   pure subroutine add_pole_points(map, poles, z, a)
@@ -136,22 +188,52 @@ contains
     pole_rates = seen_of_poles(left, poles*z)
   end function pole_rates
 
+  !> What is seen of rates of what follows at once.
+  pure real(wp) function seen_at_once(left, rates)
+    complex(wp), intent(in) :: left(:)
+    !> Of the last of `left`.
+    real(wp), intent(in) :: rates(:)
+    seen_at_once = sum(real(left(size(left) - size(rates) + 1:))*rates)
+  end function seen_at_once
+
+  !> Rates at x, part of a step of length h, of what follows forces at the nodes, shape
+  !! (s, n_pushed), and waves whose phases are phi there.
+  pure subroutine rates_at_once(poles, table, frequencies, x, h, forces, phi, rates)
+    type(poles_type), intent(in) :: poles
+    type(collocation_type), intent(in) :: table
+    real(wp), intent(in) :: frequencies(:), x, h, forces(:, :), phi(:)
+    real(wp), intent(out) :: rates(:)
+    real(wp) :: push(size(forces, 2))
+    integer :: i, m
+
+    push = matmul(slopes_of_nodes(table, x), forces)/h
+    do i = 1, size(rates)
+      m = size(poles%poles) - size(rates) + i
+      rates(i) = sum(real(poles%right(m, :))*push) &
+                 + sum(frequencies*(real(poles%sine(m, :))*cos(phi) &
+                                    - real(poles%cosine(m, :))*sin(phi)))
+    end do
+  end subroutine rates_at_once
+
   !> To the end of the step, the sums compensated.
-  pure subroutine move_poles(map, poles, forces, swing, z, rest, finite)
+  pure subroutine move_poles(map, poles, forces, swing, z, rest, rates, finite)
     type(pole_map_type), intent(in) :: map
     type(poles_type), intent(in) :: poles
-    !> Shape (s, n_pushed); rows of Re z and of Im z, or none.
+    !> Shape (s, n_pushed); rows of Re z, of Im z and of the rates of what follows at once, or none.
     real(wp), intent(in) :: forces(:, :), swing(:)
     complex(wp), intent(inout) :: z(:), rest(:)
+    !> Of what follows at once.
+    real(wp), intent(inout) :: rates(:)
     logical, intent(out) :: finite
     complex(wp) :: gained(size(z)), total
-    integer :: k, m, n
+    real(wp) :: push(size(forces, 2))
+    integer :: i, k, m, n
 
     finite = .true.
     n = size(z)
     if (n == 0) return
     gained = rest + map%by_z(:, size(map%by_z, 2))*z
-    if (size(swing) > 0) gained = gained + cmplx(swing(:n), swing(n + 1:), wp)
+    if (size(swing) > 0) gained = gained + cmplx(swing(:n), swing(n + 1:2*n), wp)
     do k = 1, size(map%gain, 2)
       gained = gained + map%gain(:, k)*matmul(poles%right, forces(k, :))
     end do
@@ -161,6 +243,12 @@ contains
       total = z(m) + gained(m)
       rest(m) = (z(m) - (total - (total - z(m)))) + (gained(m) - (total - z(m)))
       z(m) = total
+    end do
+    if (size(rates) == 0) return
+    push = matmul(map%slope, forces)
+    do i = 1, size(rates)
+      rates(i) = sum(real(poles%right(n - size(rates) + i, :))*push)
+      if (size(swing) > 0) rates(i) = rates(i) + swing(2*n + i)
     end do
   end subroutine move_poles
 
@@ -173,7 +261,14 @@ contains
     complex(wp) :: moments(size(orders, 1)), waved(2)
     integer :: k, m
 
-    do m = 1, size(z)
+    do m = size(z) - poles%n_at_once + 1, size(z)
+      z(m) = sum(sum(orders, 1)*poles%right(m, :))
+      do k = 1, size(frequencies)
+        waved = wave_at_once(frequencies(k)*now, poles%sine(m, k), poles%cosine(m, k))
+        z(m) = z(m) + waved(1)*sin(phi(k)) + waved(2)*cos(phi(k))
+      end do
+    end do
+    do m = 1, size(z) - poles%n_at_once
       call legendre_moments(poles%poles(m)*now, moments)
       z(m) = z(m) + grown(poles%poles(m)*now)*z(m) &
              + now*sum(moments*matmul(orders, poles%right(m, :)))

@@ -5,7 +5,7 @@ module viscovib_structure_inside
   use viscovib_kinds, only: wp
   use viscovib_modal_maps, only: legendre_of_nodes, sections_type
   use viscovib_phases, only: split_phase
-  use viscovib_pole_maps, only: poles_inside
+  use viscovib_pole_maps, only: poles_inside, rates_at_once
   use viscovib_section_step, only: driven_section, free_section, section_wave
   use viscovib_structure_step, only: part_type
   implicit none
@@ -16,13 +16,15 @@ module viscovib_structure_inside
 contains
 
   !> Modes and their velocities a time `ahead` after the start of a part.
-  subroutine state_inside(part, sections, ahead, q, v, z)
+  subroutine state_inside(part, sections, ahead, q, v, z, z_rate)
     type(part_type), intent(in) :: part
     type(sections_type), intent(in) :: sections
     real(wp), intent(in) :: ahead
     !> Shape (n).
     real(wp), intent(out) :: q(:), v(:)
     complex(wp), intent(out) :: z(:)
+    !> Of what follows its forces at once.
+    real(wp), intent(inout) :: z_rate(:)
     type(collocation_type) :: table
     real(wp) :: orders(part%s, size(sections%pushed, 2)), push(part%s)
     real(wp) :: by_order(part%s), rates(part%s), by_q(2), by_v(2)
@@ -56,6 +58,9 @@ contains
       end associate
     end do
     call poles_inside(sections%others, sections%frequencies, ahead, orders, high + low, z)
+    if (size(z_rate) == 0) return
+    call rates_at_once(sections%others, table, sections%frequencies, ahead/part%length, &
+                       part%length, part%forces, high + low + sections%frequencies*ahead, z_rate)
   end subroutine state_inside
 
 end module viscovib_structure_inside

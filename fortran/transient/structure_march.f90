@@ -23,6 +23,7 @@ module viscovib_structure_march
   use viscovib_oscillator, only: oscillator_type
   use viscovib_step_equations, only: new_step_equations, step_equations_type
   use viscovib_structure_inside, only: state_inside
+  use viscovib_structure_settle, only: settle_at_once
   use viscovib_structure_state, only: padded_rows, padded_sections, set_state, show_state, &
     start_state, state_type
   use viscovib_structure_step, only: bends_of, make_step, maps_type, new_maps, part_type, &
@@ -32,6 +33,9 @@ module viscovib_structure_march
   private
 
   public :: structure_march_type, new_structure_march
+
+  !> Rounds in which places at the start are found, where elements remember.
+  integer, parameter :: n_settling = 5
 
   !> A map by its place, so that maps can be moved.
   type :: maps_holder
@@ -66,6 +70,8 @@ module viscovib_structure_march
   contains
     procedure :: take_up
     procedure :: kick
+    procedure :: enter => enter_structure
+    procedure, private :: settle
     procedure :: change_step
     procedure :: get_state
     procedure :: observe
@@ -147,8 +153,47 @@ contains
       run%gather_bends = run%channels%gather(:, map%bent)
       call new_step_equations(run%equations, map, run%table, run%solved)
     end associate
+    call run%settle(system, load, 0.0_wp, made)
+    if (.not. made) reason = step_too_large
     call run%stand_still(system)
   end subroutine new_structure_march
+
+  !> A piece of the mesh begins, where the load may jump.
+  subroutine enter_structure(self, system, load, t, h, made)
+    class(structure_march_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: t, h
+    logical, intent(out) :: made
+    real(wp) :: before
+
+    before = self%h
+    call self%change_step(system, load, t, h, made)
+    call self%keeping%turn(before, h)
+    if (.not. made .or. self%sections%others%n_at_once == 0) return
+    call self%settle(system, load, t, made)
+    call self%stand_still(system)
+  end subroutine enter_structure
+
+  !> What follows its forces at once does so from time t on.
+  subroutine settle(self, system, load, t, made)
+    class(structure_march_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: t
+    logical, intent(out) :: made
+    integer :: i
+
+    made = .true.
+    if (self%sections%others%n_at_once == 0) return
+    if (size(self%recalled) > 0) call self%history%recall(self%recalled)
+    ! What is remembered of the short step begins at the place found before.
+    do i = 1, merge(1, n_settling, size(self%recalled) == 0)
+      call settle_at_once(self%state, system, self%sections, self%channels, self%table, load, t, &
+                          self%h, self%solved, self%recalled, made)
+      if (.not. made) return
+    end do
+  end subroutine settle
 
   !> The next step knows of no step before.
   subroutine stand_still(self, system)
@@ -324,7 +369,8 @@ contains
     class(structure_march_type), intent(in) :: self
     real(wp), intent(out) :: u(:), v(:)
     associate (state => self%state)
-      call show_state(self%sections, self%shown, self%shown_left, state%q, state%v, state%z, u, v)
+      call show_state(self%sections, self%shown, self%shown_left, state%q, state%v, state%z, &
+                      state%z_rate, u, v)
     end associate
   end subroutine observe
 
@@ -335,8 +381,10 @@ contains
     real(wp), dimension(size(self%shown, 1)) :: q, w
     real(wp) :: begin, ahead
     complex(wp) :: z(size(self%state%z))
+    real(wp) :: z_rate(size(self%state%z_rate))
     integer :: k
 
+    z_rate = self%state%z_rate
     begin = self%parts(1)%start
     ahead = theta*self%h
     k = 1
@@ -345,8 +393,8 @@ contains
       k = k + 1
     end do
     call state_inside(self%parts(k), self%sections, ahead - (self%parts(k)%start - begin), q, w, &
-                      z)
-    call show_state(self%sections, self%shown, self%shown_left, q, w, z, u, v)
+                      z, z_rate)
+    call show_state(self%sections, self%shown, self%shown_left, q, w, z, z_rate, u, v)
   end subroutine inside
 
   pure real(wp) function furthest(self)
@@ -365,7 +413,8 @@ contains
   pure integer function memory_size(self)
     class(structure_march_type), intent(in) :: self
     memory_size = n_common + self%state%n_numbers() + size(self%equations%y_start) &
-                  + size(self%equations%y) + 2*size(self%swing%high)
+                  + size(self%equations%y) + 2*size(self%swing%high) &
+                  + 3*size(self%state%z_rate)
     if (size(self%recalled) > 0) memory_size = memory_size + self%history%memory_size()
   end function memory_size
 
@@ -380,7 +429,7 @@ contains
     call push(memory, n, [self%equations%y_start, self%equations%y])
     if (size(self%recalled) > 0) call push(memory, n, self%history%save_memory())
     call push(memory, n, [self%swing%high, self%swing%low])
-
+    call push(memory, n, self%state%at_once_numbers())
   end function save_memory
 
   subroutine load_memory(self, memory, other_load)
@@ -402,7 +451,7 @@ contains
     if (other_load) return
     call pull(memory, n, self%swing%high)
     call pull(memory, n, self%swing%low)
-
+    call self%state%load_at_once(memory(n + 1:n + 3*size(self%state%z_rate)))
   end subroutine load_memory
 
 end module viscovib_structure_march

@@ -2,7 +2,7 @@
 module viscovib_structure_state
   use viscovib_kinds, only: wp
   use viscovib_modal_maps, only: sections_type
-  use viscovib_pole_maps, only: pole_rates, seen_of_poles
+  use viscovib_pole_maps, only: pole_rates, seen_at_once, seen_of_poles
   use viscovib_structure_kernels, only: mode_block, seen_of
   implicit none
   private
@@ -16,6 +16,8 @@ module viscovib_structure_state
     real(wp), allocatable :: q(:), v(:), q_rest(:), v_rest(:)
     !> Of what has no real modes.
     complex(wp), allocatable :: z(:), z_rest(:)
+    !> Rates of what follows its forces at once.
+    real(wp), allocatable :: z_rate(:)
     !> Deflections of the elements and their rates, shape (n_seen).
     real(wp), allocatable :: w(:), w_rate(:)
     !> Largest last Legendre coefficient of the deflections on a step, and largest deflection.
@@ -27,6 +29,8 @@ module viscovib_structure_state
     procedure :: n_numbers
     procedure :: save_numbers
     procedure :: load_numbers
+    procedure :: at_once_numbers
+    procedure :: load_at_once
   end type state_type
 
 contains
@@ -51,7 +55,8 @@ contains
     type(sections_type), intent(in) :: sections
     integer, intent(in) :: j
     rate_of = seen_of(size(state%q)/mode_block, sections%seen(:, j), state%v) &
-              + pole_rates(sections%others%left(:, j), sections%others%poles, state%z)
+              + pole_rates(sections%others%left(:, j), sections%others%poles, state%z) &
+              + seen_at_once(sections%others%left(:, j), state%z_rate)
   end function rate_of
 
   !> A state that begins: modes, then Re z and Im z of what has none.
@@ -68,6 +73,7 @@ contains
     if (.not. allocated(state%q)) then
       allocate (state%q(n), state%v(n), state%q_rest(n), state%v_rest(n))
       allocate (state%z(n_poles), state%z_rest(n_poles), state%w(r), state%w_rate(r))
+      allocate (state%z_rate(sections%others%n_at_once))
       allocate (state%roughness(r), state%largest(r), source=0.0_wp)
     end if
     state%q = 0.0_wp
@@ -78,23 +84,27 @@ contains
     state%q_rest = 0.0_wp
     state%v_rest = 0.0_wp
     state%z_rest = (0.0_wp, 0.0_wp)
+    state%z_rate = 0.0_wp
     call start_state(state, sections)
   end subroutine set_state
 
   !> Coordinates, and their velocities, of modes (q, v) and of what has none.
-  pure subroutine show_state(sections, shown, shown_left, q, v, z, u, rates)
+  pure subroutine show_state(sections, shown, shown_left, q, v, z, z_rate, u, rates)
     type(sections_type), intent(in) :: sections
     !> By modes, shapes (n, n_shown) and (n_poles, n_shown).
     real(wp), intent(in) :: shown(:, :)
     complex(wp), intent(in) :: shown_left(:, :)
     real(wp), intent(in) :: q(:), v(:)
     complex(wp), intent(in) :: z(:)
+    !> Of what follows at once.
+    real(wp), intent(in) :: z_rate(:)
     real(wp), intent(out) :: u(:), rates(:)
     integer :: d
     do d = 1, size(u)
       u(d) = seen_of(size(q)/mode_block, shown(:, d), q) + seen_of_poles(shown_left(:, d), z)
       rates(d) = seen_of(size(q)/mode_block, shown(:, d), v) &
-                 + pole_rates(shown_left(:, d), sections%others%poles, z)
+                 + pole_rates(shown_left(:, d), sections%others%poles, z) &
+                 + seen_at_once(shown_left(:, d), z_rate)
     end do
   end subroutine show_state
 
@@ -112,18 +122,21 @@ contains
     end do
   end function resolution
 
-  !> How many numbers hold a state.
+  !> How many numbers hold a state but for what follows its forces at once: there is as much of
+  !! it as loads need.
   pure integer function n_numbers(self)
     class(state_type), intent(in) :: self
-    n_numbers = 1 + 4*(size(self%q) + size(self%z) + size(self%w))
+    n_numbers = 1 + 4*(size(self%q) + size(self%z) - size(self%z_rate) + size(self%w))
   end function n_numbers
 
   pure function save_numbers(self) result(numbers)
     class(state_type), intent(in) :: self
     real(wp) :: numbers(self%n_numbers())
-    numbers = [self%furthest, self%q, self%v, self%q_rest, self%v_rest, real(self%z), &
-               aimag(self%z), real(self%z_rest), aimag(self%z_rest), self%w, self%w_rate, &
-               self%roughness, self%largest]
+    associate (n => size(self%z) - size(self%z_rate))
+      numbers = [self%furthest, self%q, self%v, self%q_rest, self%v_rest, real(self%z(:n)), &
+                 aimag(self%z(:n)), real(self%z_rest(:n)), aimag(self%z_rest(:n)), self%w, &
+                 self%w_rate, self%roughness, self%largest]
+    end associate
   end function save_numbers
 
   pure subroutine load_numbers(self, numbers)
@@ -131,7 +144,7 @@ contains
     real(wp), intent(in) :: numbers(:)
     integer :: n, p, r
     n = size(self%q)
-    p = size(self%z)
+    p = size(self%z) - size(self%z_rate)
     r = size(self%w)
     self%furthest = numbers(1)
     associate (modes => reshape(numbers(2:1 + 4*n), [n, 4]), &
@@ -141,14 +154,34 @@ contains
       self%v = modes(:, 2)
       self%q_rest = modes(:, 3)
       self%v_rest = modes(:, 4)
-      self%z = cmplx(poles(:, 1), poles(:, 2), wp)
-      self%z_rest = cmplx(poles(:, 3), poles(:, 4), wp)
+      self%z(:p) = cmplx(poles(:, 1), poles(:, 2), wp)
+      self%z_rest(:p) = cmplx(poles(:, 3), poles(:, 4), wp)
       self%w = seen(:, 1)
       self%w_rate = seen(:, 2)
       self%roughness = seen(:, 3)
       self%largest = seen(:, 4)
     end associate
   end subroutine load_numbers
+
+  !> What follows its forces at once: places, what rounding took of them, and rates.
+  pure function at_once_numbers(self) result(numbers)
+    class(state_type), intent(in) :: self
+    real(wp) :: numbers(3*size(self%z_rate))
+    associate (p => size(self%z) - size(self%z_rate))
+      numbers = [real(self%z(p + 1:)), real(self%z_rest(p + 1:)), self%z_rate]
+    end associate
+  end function at_once_numbers
+
+  pure subroutine load_at_once(self, numbers)
+    class(state_type), intent(inout) :: self
+    real(wp), intent(in) :: numbers(:)
+    integer :: n, p
+    n = size(self%z_rate)
+    p = size(self%z) - n
+    self%z(p + 1:) = cmplx(numbers(:n), 0.0_wp, wp)
+    self%z_rest(p + 1:) = cmplx(numbers(n + 1:2*n), 0.0_wp, wp)
+    self%z_rate = numbers(2*n + 1:)
+  end subroutine load_at_once
 
   !> Sections to whole blocks: those added do not move.
   pure type(sections_type) function padded_sections(sections) result(padded)

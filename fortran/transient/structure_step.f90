@@ -157,7 +157,7 @@ contains
                       state%q, state%v, state%q_rest, state%v_rest, state%furthest, made)
       if (made) call move_poles(modal%poles, sections%others, part%forces, &
                                 swing(at_poles + 1:), state%z, &
-                                state%z_rest, made)
+                                state%z_rest, state%z_rate, made)
     end associate
     if (.not. made) then
       state%q = part%q

@@ -13,9 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import FloatArray, core
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted
+from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, caller
@@ -24,16 +25,13 @@ from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.relaxing_rest import remembered_of
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_loads import (
     Condensed,
     check_forces,
-    damped,
     table_columns,
     warn_of_creeping,
 )
-from viscovib.systems.structure_rest import in_modes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -228,93 +226,7 @@ class StructureMotion:
     @cached_property
     def modal(self) -> dict[str, Any]:
         """What the core takes of the structure, its load and its start, all by modes."""
-        c = self.loaded.condensation
-        rest, inertia = c.rest, self.loaded._inertia
-        mass: Any = self.mount.mass
-        place, speed = self.base_state(0.0) if self.moves_base else (0.0, 0.0)
-        start, rates = self.start, self.speed
-        b = self.mount._base_direction
-        if b is not None:
-            start, rates = start - place * b, rates - speed * b
-        shown = np.concatenate([rest.shapes[self.places].T, c.seen], axis=1)
-        direction = np.zeros(shown.shape[1])
-        if b is not None:
-            direction[: self.places.size] = b[self.places]
-        # Loads as they are, and the inertia of what is relative to a base that moves.
-        forces = np.zeros((self.start.size, max(self.frequencies.size, 1)), complex)
-        if self.frequencies.size:
-            forces = self.loaded.forces + np.outer(inertia, self.frequencies**2 * self.loaded.base)
-        given = {
-            "elements": np.concatenate(
-                [np.asarray(part, dtype=float) for part in c.law_vector(np.zeros(c.q))]
-            ),
-            "squares": rest.squares, "rates": rest.rates, "seen": c.seen, "pushed": c.seen,
-            "patterns": rest.shapes.T @ self.patterns,
-            "frequencies": self.frequencies if self.frequencies.size else np.zeros(1),
-            "waves": rest.shapes.T @ forces,
-            "base_waves": self.loaded.base if self.frequencies.size else np.zeros(1, complex),
-            "shown": shown, "direction": direction, "inner": rest.shapes.T @ inertia,
-            "start": in_modes(rest.shapes, mass, start),
-            "start_rates": in_modes(rest.shapes, mass, rates),
-        }  # fmt: skip
-        if not rest.squares.size:
-            # One that does not move.
-            given |= {
-                name: np.zeros((1, *np.shape(given[name])[1:]), np.asarray(given[name]).dtype)
-                for name in (
-                    "squares", "rates", "seen", "pushed", "patterns", "waves", "shown", "inner",
-                    "start", "start_rates",
-                )
-            }  # fmt: skip
-        given |= self._others(forces, start, rates)
-        return {name: np.asfortranarray(value) for name, value in given.items()}
-
-    def _others(
-        self, forces: ComplexArray, start: FloatArray, rates: FloatArray
-    ) -> dict[str, ComplexArray]:
-        """The same of what has no real modes: of conjugate poles one, which counts twice.
-
-        The state (u, u') is sum_l (left_l, pole_l left_l) z_l with
-        z_l = right_l . ((pole_l M + C) u + M u').
-        """
-        c = self.loaded.condensation
-        rest, q = c.rest, c.q
-        kept = np.flatnonzero(rest.poles.imag >= 0)
-        past = [remembered_of(one, self.before, self.whole_past) for one in rest.remembered]
-        if not kept.size:
-            none = np.zeros((1, max(self.frequencies.size, 1)), complex)
-            return {
-                "poles": none[0, :1], "left": np.zeros((1, q), complex),
-                "right": np.zeros((1, q + self.patterns.shape[1]), complex), "sine": none,
-                "cosine": none, "by_base": np.zeros((1, 2), complex),
-                "shown_left": np.zeros((1, self.places.size + q), complex),
-                "start_others": none[0, :1],
-            }  # fmt: skip
-        poles, right = rest.poles[kept], rest.right[:, kept]
-        twice = np.where(poles.imag > 0, 2.0, 1.0)
-        left = rest.left[:, kept] * twice
-        mass: Any = self.mount.mass
-
-        def state(u: FloatArray, v: FloatArray) -> ComplexArray:
-            resisted = damped(self.mount, u)
-            pushed: Any = poles * (right.T @ (mass @ u)) + right.T @ (resisted + mass @ v)
-            return np.asarray(pushed)
-
-        b = self.mount._base_direction
-        moved = np.zeros((kept.size, 2), complex)
-        if b is not None:
-            zero = np.zeros_like(b)
-            moved = np.stack([state(b, zero), state(zero, b)], axis=1)
-        seen = c.left[kept] * twice[:, np.newaxis]
-        return {
-            "poles": poles, "left": seen,
-            "right": np.concatenate([c.right[kept], right.T @ self.patterns], axis=1),
-            "sine": right.T @ forces.real, "cosine": right.T @ forces.imag, "by_base": moved,
-            "shown_left": np.concatenate([left[self.places].T, seen], axis=1),
-            "start_others": state(start, rates) + sum(
-                one.pushed[kept] @ y for one, y in zip(rest.remembered, past, strict=True)
-            ),
-        }  # fmt: skip
+        return modal_arrays(self)
 
     def _warn_of_left_out(self) -> None:
         """Warn of a start that the modes in use do not hold."""
@@ -333,16 +245,18 @@ class StructureMotion:
                 kept = rest.poles.imag >= 0
                 twice = np.where(rest.poles[kept].imag > 0, 2.0, 1.0)
                 z = modal["start_others"] * (1.0 if column == "start" else modal["poles"])
+                z = z[: twice.size]
                 held += (rest.left[:, kept] @ (twice * z)).real
                 size += np.abs(rest.left[:, kept]) @ np.abs(twice * z)
             b = self.mount._base_direction
             if b is not None:
                 held += b * (place if column == "start" else speed)
-            left = float(np.abs(given - held).max())
+            # Coordinates without mass follow, wherever they are put.
+            left = float(np.abs(given - held)[~self.follows].max(initial=0.0))
             if left > _LEFT_OUT * float(size.max()):
                 warnings.warn(
                     f"initial: {left:.2g} of the {name} is in no mode of this structure (modes "
-                    "left out, or coordinates without mass), and is left out",
+                    "left out), and is left out",
                     ConvergenceWarning,
                     stacklevel=caller(),
                 )
@@ -351,6 +265,12 @@ class StructureMotion:
     def moves_base(self) -> bool:
         """Whether the base moves."""
         return self.table is not None or bool(self.loaded.base.any())
+
+    @cached_property
+    def follows(self) -> npt.NDArray[np.bool_]:
+        """Coordinates without mass, shape (n,)."""
+        mass: Any = self.mount.mass
+        return np.asarray(np.asarray(abs(mass).sum(axis=1)).ravel() == 0)
 
     @property
     def first_kept(self) -> FloatArray:
@@ -374,8 +294,10 @@ class StructureMotion:
         of the modes is as stiff as it is heavy.
         """
         modal = self.modal
-        squares = np.concatenate([np.abs(modal["squares"]), np.abs(modal["poles"]) ** 2])
-        seen = np.concatenate([modal["shown"] ** 2, np.abs(modal["shown_left"]) ** 2])
+        swinging = modal["poles"].size - modal["n_at_once"]
+        others = modal["poles"][:swinging], modal["shown_left"][:swinging]
+        squares = np.concatenate([np.abs(modal["squares"]), np.abs(others[0]) ** 2])
+        seen = np.concatenate([modal["shown"] ** 2, np.abs(others[1]) ** 2])
         bends = np.divide(1, squares, out=np.zeros_like(squares), where=squares > 0)
         soft = float((seen.T @ bends).max(initial=0.0))
         heavy = float(seen.sum(axis=0).max(initial=0.0))
@@ -403,6 +325,10 @@ class StructureRun(MountRun):
         super().__init__(motion, tolerance, h, motion.first_kept)
         #: Jump of the base, and of its velocity, where other loads begin.
         self.kick = np.zeros(2)
+        if motion.follows.any():
+            # Where coordinates without mass are at first, the core tells.
+            part = self._call(0, 1, 1, np.zeros(0), 0)[0]
+            self.state = np.asarray(part.last)
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
         """Make n steps."""

@@ -18,6 +18,7 @@ from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.structure import Structure
+from viscovib.systems.structure_matrices import dense_of
 from viscovib.systems.whole import switches, whole_system
 
 
@@ -34,6 +35,8 @@ def goes_whole(
         told = "is for structures without kernels"
     elif system._reduced is not None:
         told = "is for structures that are not reduced"
+    elif not dense_of(system.mass).any(axis=1).all():
+        told = "is for structures all of whose coordinates have mass"
     elif base is not None or held is not None:
         told = "takes neither base nor held"
     elif not (isinstance(method, str) and method in ("auto", *METHODS)) or memory != "auto":

@@ -12,6 +12,7 @@ from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel, PronyKernel
 from viscovib.kernels.sum_kernel import SumKernel
+from viscovib.kernels.tabulated import TabulatedKernel
 from viscovib.kernels.time_temperature import ThermalKernel
 from viscovib.systems.elements import ElementTerms
 from viscovib.systems.relaxing_rest import Layer
@@ -74,6 +75,14 @@ def exponentials_of(kernel: Kernel) -> Any:
         return None
     weights, rates = np.split(np.asarray(kernel._data, dtype=float), 2)
     return weights, rates
+
+
+def finite_at_first(kernel: Kernel) -> bool:
+    """Whether R(0) is known to be finite."""
+    if isinstance(kernel, SumKernel):
+        return all(finite_at_first(part) for part in kernel.parts)
+    within = kernel.kernel if isinstance(kernel, ThermalKernel) else kernel
+    return isinstance(within, (PronyKernel, TabulatedKernel))
 
 
 def _directions(name: str, matrix: Any, kernel: Kernel) -> Sequence[ElementTerms]:

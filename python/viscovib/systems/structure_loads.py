@@ -12,6 +12,7 @@ from viscovib._native import FloatArray
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.elements import direction_of
+from viscovib.systems.layers import finite_at_first
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
@@ -37,16 +38,28 @@ def check_forces(structure: Condensed, loaded: LoadedStructure, patterns: FloatA
     reduced = getattr(structure, "_reduced", None)
     if reduced is not None:
         reduced.check_loads(patterns.astype(complex))
-    if loaded.condensation.rest.flexibility is None:
+    rest, laws = loaded.condensation.rest, loaded.condensation.laws
+    if rest.flexibility is None:
         return
-    forces = [loaded.condensation.laws.directions, loaded.forces.real, loaded.forces.imag, patterns]
-    moved, _ = loaded.condensation.rest.flexibility(np.concatenate(forces, axis=1))
-    if moved.any():
-        i = int(np.flatnonzero(moved.any(axis=1))[0])
-        raise InputError(
-            f"elements, load: a force acts on a coordinate without mass ({structure.dof_names[i]} "
-            "follows at once), must have mass there for a motion in time"
-        )
+    if any(kernel is not None and not finite_at_first(kernel) for kernel in laws.kernels):
+        moved, _ = rest.flexibility(laws.directions)
+        if moved.any():
+            i = int(np.flatnonzero(moved.any(axis=1))[0])
+            raise InputError(
+                f"elements: a kernel that is infinite at first acts on a coordinate without mass "
+                f"({structure.dof_names[i]}), whose rate has no limit there; must have mass, or a "
+                "kernel that is a sum of exponentials"
+            )
+    for place in laws.programs:
+        rates = place.reads[place.reads.shape[0] - place.law.n_rates :]
+        moved, _ = rest.flexibility(laws.directions @ rates.T)
+        if moved.any():
+            i = int(np.flatnonzero(moved.any(axis=1))[0])
+            raise InputError(
+                f"elements: a law reads the rate of a coordinate without mass "
+                f"({structure.dof_names[i]} follows at once), must have mass there for a motion in "
+                "time"
+            )
 
 
 def table_columns(
