@@ -22,8 +22,8 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
                               first, n_steps, &
                               save_every, resume, memory, n_memory, times, n_times, n_states, &
                               watched, n_watch, sides, n_sides, most, n_at_once, states, &
-                              at_times, last, kept, n_kept, n_done, n_reached, t_reached, ended, n_iterations, &
-                              resolution, reason, found, n_found, status)
+                              at_times, last, kept, n_kept, n_done, n_reached, t_reached, ended, &
+                              n_iterations, resolution, reason, found, n_found, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_base_motion, only: base_motion_type
   use viscovib_binding_tools, only: make_base, report
