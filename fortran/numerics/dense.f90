@@ -5,10 +5,13 @@ module viscovib_dense
   private
 
   public :: invert, factorize, factorize_padded, factorize_blocks, solve, solve_padded
+  public :: solve_columns
   public :: solve_complex, equilibrate, largest_in_rows, outer
 
   !> Columns of a block in `factorize_blocks`.
   integer, parameter :: block_width = 48
+  !> Right sides taken together in `solve_columns`.
+  integer, parameter :: together = 24
 
 contains
 
@@ -294,6 +297,51 @@ contains
       end do
     end do
   end subroutine solve_padded
+
+  !> Solutions for several right sides, in place of them: rows of sums over many at once.
+  pure subroutine solve_columns(n, m, factors, pivots, x)
+    integer, intent(in) :: n, m, pivots(n)
+    real(wp), intent(in) :: factors(n, n)
+    real(wp), intent(inout) :: x(n, m)
+    real(wp) :: across(together, n), sums(together), entry
+    integer :: i, j, k, first, last
+
+    do first = 1, m, together
+      last = min(first + together - 1, m)
+      across = 0.0_wp
+      do j = first, last
+        do i = 1, n
+          across(j - first + 1, i) = x(i, j)
+        end do
+      end do
+      do k = 1, n
+        if (pivots(k) == k) cycle
+        sums = across(:, pivots(k))
+        across(:, pivots(k)) = across(:, k)
+        across(:, k) = sums
+      end do
+      do i = 2, n
+        sums = across(:, i)
+        do k = 1, i - 1
+          sums = sums - factors(i, k)*across(:, k)
+        end do
+        across(:, i) = sums
+      end do
+      do i = n, 1, -1
+        sums = across(:, i)
+        do k = i + 1, n
+          sums = sums - factors(i, k)*across(:, k)
+        end do
+        entry = 1.0_wp/factors(i, i)
+        across(:, i) = sums*entry
+      end do
+      do j = first, last
+        do i = 1, n
+          x(i, j) = across(j - first + 1, i)
+        end do
+      end do
+    end do
+  end subroutine solve_columns
 
   !> x of A x = b by elimination, the largest pivot of its column each time.
   !! `nudge`: a pivot that vanishes is taken as rounding of the largest entry, as

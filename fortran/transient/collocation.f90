@@ -20,6 +20,8 @@ module viscovib_collocation
     !! u' at the end, shape (s).
     real(wp), allocatable :: a1(:, :), a2(:, :), b(:)
     real(wp), allocatable, private :: factors(:)
+    !> Derivatives of the polynomials at the points, shape (0:s+1, 0:s+1), a point a column.
+    real(wp), allocatable, private :: derivatives(:, :)
     !> Weights of the values at the points for the last coefficient in Legendre
     !! polynomials, shape (0:s+1).
     real(wp), allocatable :: last_coefficient(:)
@@ -44,6 +46,10 @@ contains
     table%points(1:s) = c
     table%points(s + 1) = 1.0_wp
     table%factors = lagrange_factors(table%points)
+    allocate (table%derivatives(0:s + 1, 0:s + 1))
+    do i = 0, s + 1
+      table%derivatives(:, i) = derivatives_at(table%points, table%factors, table%points(i))
+    end do
     node_factors = lagrange_factors(c)
     ! P_m of [0, 1] leads with (2m)!/m!^2 x^m.
     leading = 1.0_wp
@@ -78,21 +84,28 @@ contains
   pure function slopes(self, x)
     class(collocation_type), intent(in) :: self
     real(wp), intent(in) :: x
-    real(wp) :: slopes(0:self%s + 1), rest
+    real(wp) :: slopes(0:self%s + 1)
+    slopes = matmul(self%derivatives, self%basis(x))
+  end function slopes
+
+  !> Derivatives at x of the polynomials that are 1 at one point and 0 at the others.
+  pure function derivatives_at(points, factors, x) result(slopes)
+    real(wp), intent(in) :: points(:), factors(:), x
+    real(wp) :: slopes(size(points)), rest
     integer :: i, j, k
 
     slopes = 0.0_wp
-    do k = 0, self%s + 1
-      do i = 0, self%s + 1
+    do k = 1, size(points)
+      do i = 1, size(points)
         if (i == k) cycle
         rest = 1.0_wp
-        do j = 0, self%s + 1
-          if (j /= k .and. j /= i) rest = rest*(x - self%points(j))
+        do j = 1, size(points)
+          if (j /= k .and. j /= i) rest = rest*(x - points(j))
         end do
         slopes(k) = slopes(k) + rest
       end do
-      slopes(k) = slopes(k)*self%factors(k + 1)
+      slopes(k) = slopes(k)*factors(k)
     end do
-  end function slopes
+  end function derivatives_at
 
 end module viscovib_collocation

@@ -119,7 +119,7 @@ contains
     allocate (memory, source=self%save_memory())
     n = self%keeping%n_doublings + 1
     allocate (ends(0:n))
-    ends(:) = panel_ends(h, self%keeping%n_doublings)
+    ends(:) = panel_ends(h, self%keeping%n_doublings, self%keeping%between)
     call self%begin_panels(ends)
     do k = 1, n
       self%panel = k

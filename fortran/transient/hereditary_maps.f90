@@ -18,7 +18,7 @@
 module viscovib_hereditary_maps
   use viscovib_memory_channels, only: channels_type
   use viscovib_collocation, only: collocation_type
-  use viscovib_dense, only: factorize, solve
+  use viscovib_dense, only: factorize, solve, solve_columns
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
@@ -97,9 +97,9 @@ contains
     real(wp), intent(in) :: h
     logical, intent(out) :: singular
     real(wp) :: e(table%s, 0:table%s + 1, 0:size(system%kernels))
-    real(wp), allocatable :: right(:, :), equations(:, :)
+    real(wp), allocatable :: equations(:, :), answers(:, :)
     integer, allocatable :: pivots(:)
-    integer :: j, k, n_a, n_in, n_bends
+    integer :: j, k, n_a, n_in, n_bends, n_rows
 
     map%s = table%s
     map%n_dof = system%n_dof()
@@ -125,15 +125,22 @@ contains
     call remaining_weights(system, table, h, e)
     call remember_held(map, channels, e)
     n_a = map%s*map%n_dof
-    allocate (equations(n_a, n_a), right(n_a, n_in + n_bends), pivots(n_a))
+    allocate (equations(n_a, n_a), answers(n_a, n_a), pivots(n_a))
     call set_equations(map, system, table, h, e, equations)
-    call set_right_sides(map, system, channels, table, h, e, right)
     call factorize(n_a, equations, pivots, singular)
     if (singular) return
-    do k = 1, size(right, 2)
-      call solve(n_a, equations, pivots, right(:, k))
+    answers = 0.0_wp
+    do k = 1, n_a
+      answers(k, k) = 1.0_wp
     end do
-    call set_rows(map, system, channels, table, h, e, right, n_in)
+    call solve_columns(n_a, n_a, equations, pivots, answers)
+    n_rows = map%n_core
+    if (.not. map%separable) n_rows = n_rows + padded(map%s*map%n_memory)
+    allocate (map%from_input(n_rows, n_in), map%from_bend(n_rows, n_bends))
+    map%from_input = 0.0_wp
+    map%from_bend = 0.0_wp
+    call set_core_rows(map, system, channels, table, h, e, answers)
+    if (.not. map%separable) call set_variable_rows(map, system, channels, e)
   end subroutine new_step_map
 
   !> u' = v + h A1 a with a from u - u0 = c h v + h^2 A2 a.
@@ -204,119 +211,179 @@ contains
     type(collocation_type), intent(in) :: table
     real(wp), intent(in) :: h, e(table%s, 0:table%s + 1, 0:size(system%kernels))
     real(wp), intent(out) :: matrix(:, :)
-    real(wp) :: block(map%s, map%s), pull(map%s, map%s)
-    integer :: a, b, i, j
+    real(wp) :: stiffness(map%n_dof, map%n_dof), pull(map%s, map%s)
+    integer :: a, b, i, k
 
     do b = 1, map%n_dof
       do a = 1, map%n_dof
-        block = h*system%damping(a, b)*table%a1
-        do i = 1, map%s
-          block(i, i) = block(i, i) + system%mass(a, b)
+        associate (block => matrix((a - 1)*map%s + 1:a*map%s, (b - 1)*map%s + 1:b*map%s))
+          block = h*system%damping(a, b)*table%a1
+          do i = 1, map%s
+            block(i, i) = block(i, i) + system%mass(a, b)
+          end do
+        end associate
+      end do
+    end do
+    do k = 0, size(system%kernels)
+      if (.not. any(system%kernel_of == k)) cycle
+      call stiffness_of(system, k, stiffness)
+      pull = h**2*matmul(e(:, 1:, k), table%a2)
+      do b = 1, map%n_dof
+        do a = 1, map%n_dof
+          if (.not. abs(stiffness(a, b)) > 0.0_wp) cycle
+          associate (block => matrix((a - 1)*map%s + 1:a*map%s, (b - 1)*map%s + 1:b*map%s))
+            block = block + stiffness(a, b)*pull
+          end associate
         end do
-        do j = 1, map%n_memory
-          if (.not. abs(system%spread(a, j)*system%gather(j, b)) > 0.0_wp) cycle
-          pull = matmul(e(:, 1:, system%kernel_of(j)), table%a2)
-          block = block + h**2*system%spread(a, j)*system%gather(j, b)*pull
-        end do
-        matrix((a - 1)*map%s + 1:a*map%s, (b - 1)*map%s + 1:b*map%s) = block
       end do
     end do
   end subroutine set_equations
 
-  !> Right sides for a unit of each input, linear ones first.
-  subroutine set_right_sides(map, system, channels, table, h, e, right)
-    type(step_map_type), intent(in) :: map
+  !> B W of the variables with one kernel (0: with none).
+  subroutine stiffness_of(system, kernel, stiffness)
     class(oscillator_type), intent(in) :: system
-    type(channels_type), intent(in) :: channels
-    type(collocation_type), intent(in) :: table
-    real(wp), intent(in) :: h, e(table%s, 0:table%s + 1, 0:size(system%kernels))
-    real(wp), intent(out) :: right(:, :)
-    real(wp) :: pull
-    integer :: a, b, i, j, k, n, first
-
-    right = 0.0_wp
-    n = map%at_bend + size(map%bent)
-    do a = 1, map%n_dof
-      do i = 1, map%s
-        associate (row => right((a - 1)*map%s + i, :))
-          do b = 1, map%n_dof
-            row(map%at_v + b) = -system%damping(a, b)
-            do j = 1, map%n_memory
-              pull = system%spread(a, j)*system%gather(j, b)
-              row(map%at_u + b) = row(map%at_u + b) - pull*sum(e(i, :, system%kernel_of(j)))
-              row(map%at_v + b) = row(map%at_v + b) &
-                                  - pull*h*dot_product(e(i, :, system%kernel_of(j)), table%points)
-            end do
-          end do
-          row(map%at_load + (a - 1)*map%s + i) = 1.0_wp
-          do k = 1, map%n_channels
-            row(map%at_memory + (k - 1)*map%s + i) = channels%spread(a, k)
-          end do
-          do b = 1, size(map%bent)
-            j = map%bent(b)
-            row(map%at_bend + b) = -system%spread(a, j)*e(i, 0, system%kernel_of(j))
-            first = n + (b - 1)*(map%s + 1)
-            row(first + 1:first + map%s + 1) = -system%spread(a, j)*e(i, 1:, system%kernel_of(j))
-          end do
-          if (.not. map%separable) row(n + map%at_remainder + (a - 1)*map%s + i) = -1.0_wp
-        end associate
+    integer, intent(in) :: kernel
+    real(wp), intent(out) :: stiffness(:, :)
+    integer :: b, j
+    stiffness = 0.0_wp
+    do j = 1, system%n_memory()
+      if (system%kernel_of(j) /= kernel) cycle
+      do b = 1, size(stiffness, 2)
+        stiffness(:, b) = stiffness(:, b) + system%spread(:, j)*system%gather(j, b)
       end do
     end do
-  end subroutine set_right_sides
+  end subroutine stiffness_of
 
-  !> G and Z from the accelerations for a unit of each input.
-  subroutine set_rows(map, system, channels, table, h, e, a, n_in)
+  !> Rows of G and Z for displacements and velocities. Columns of loads are the answers to a unit
+  !! of force at each node; all other inputs are forces too.
+  subroutine set_core_rows(map, system, channels, table, h, e, answers)
     type(step_map_type), intent(inout) :: map
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
     type(collocation_type), intent(in) :: table
     real(wp), intent(in) :: h, e(table%s, 0:table%s + 1, 0:size(system%kernels))
-    real(wp), intent(in) :: a(:, :)
-    integer, intent(in) :: n_in
-    real(wp), allocatable :: rows(:, :)
-    real(wp) :: left(0:table%s + 1)
-    integer :: b, i, j, k, first, n_rows
+    !> Accelerations by unit forces, shape (s n_dof, s n_dof).
+    real(wp), intent(in) :: answers(:, :)
+    real(wp) :: by_load(map%n_core, map%s, map%n_dof), by_force(map%n_core, map%s)
+    real(wp) :: forces(map%s*map%n_dof, 2*map%n_dof)
+    integer :: b, k, first, s
 
-    n_rows = map%n_core
-    if (.not. map%separable) n_rows = n_rows + padded(map%s*map%n_memory)
-    allocate (rows(n_rows, size(a, 2)))
-    rows = 0.0_wp
+    s = map%s
+    by_load = 0.0_wp
+    do k = 1, map%n_dof
+      do b = 1, map%n_dof
+        associate (part => answers((b - 1)*s + 1:b*s, (k - 1)*s + 1:k*s))
+          first = (b - 1)*(s + 1)
+          by_load(first + 1:first + s + 1, :, k) = h**2*matmul(table%a2, part)
+          by_load(map%velocity_row + b - 1, :, k) = h*matmul(table%b, part)
+        end associate
+      end do
+      first = map%at_load + (k - 1)*s
+      map%from_input(:map%n_core, first + 1:first + s) = by_load(:, :, k)
+      if (map%separable) cycle
+      first = map%at_remainder + (k - 1)*s
+      map%from_bend(:map%n_core, first + 1:first + s) = -by_load(:, :, k)
+    end do
+    call start_forces(map, system, table, h, e, forces)
+    map%from_input(:map%n_core, :2*map%n_dof) = &
+      matmul(reshape(by_load, [map%n_core, s*map%n_dof]), forces)
     do b = 1, map%n_dof
-      associate (part => a((b - 1)*map%s + 1:b*map%s, :))
-        first = (b - 1)*(map%s + 1)
-        rows(first + 1:first + map%s + 1, :) = h**2*matmul(table%a2, part)
-        rows(first + 1:first + map%s + 1, map%at_v + b) = &
-          rows(first + 1:first + map%s + 1, map%at_v + b) + h*table%points(1:)
-        rows(map%velocity_row + b - 1, :) = h*matmul(table%b, part)
+      first = (b - 1)*(s + 1)
+      map%from_input(first + 1:first + s + 1, map%at_v + b) = &
+        map%from_input(first + 1:first + s + 1, map%at_v + b) + h*table%points(1:)
+    end do
+    do k = 1, map%n_channels
+      first = map%at_memory + (k - 1)*s
+      call combine(by_load, channels%spread(:, k), by_force)
+      map%from_input(:map%n_core, first + 1:first + s) = by_force
+    end do
+    do b = 1, size(map%bent)
+      first = (b - 1)*(s + 1)
+      call combine(by_load, -system%spread(:, map%bent(b)), by_force)
+      associate (part => e(:, :, system%kernel_of(map%bent(b))))
+        map%from_input(:map%n_core, map%at_bend + b) = matmul(by_force, part(:, 1))
+        map%from_bend(:map%n_core, first + 1:first + s + 1) = matmul(by_force, part(:, 2:))
       end associate
     end do
-    if (.not. map%separable) then
-      do j = 1, map%n_memory
-        do i = 1, map%s
-          left = e(i, :, system%kernel_of(j))
-          k = map%variable_row + (j - 1)*map%s + i - 1
+  end subroutine set_core_rows
+
+  !> Forces at the nodes by a unit of each displacement, then of each velocity at the start.
+  subroutine start_forces(map, system, table, h, e, forces)
+    type(step_map_type), intent(in) :: map
+    class(oscillator_type), intent(in) :: system
+    type(collocation_type), intent(in) :: table
+    real(wp), intent(in) :: h, e(table%s, 0:table%s + 1, 0:size(system%kernels))
+    real(wp), intent(out) :: forces(map%s, map%n_dof, 2*map%n_dof)
+    real(wp) :: stiffness(map%n_dof, map%n_dof), held(map%s), moved(map%s)
+    integer :: a, b, k
+
+    forces = 0.0_wp
+    do b = 1, map%n_dof
+      do a = 1, map%n_dof
+        forces(:, a, map%at_v + b) = -system%damping(a, b)
+      end do
+    end do
+    do k = 0, size(system%kernels)
+      if (.not. any(system%kernel_of == k)) cycle
+      call stiffness_of(system, k, stiffness)
+      held = sum(e(:, :, k), 2)
+      moved = h*matmul(e(:, :, k), table%points)
+      do b = 1, map%n_dof
+        do a = 1, map%n_dof
+          forces(:, a, b) = forces(:, a, b) - stiffness(a, b)*held
+          forces(:, a, map%at_v + b) = forces(:, a, map%at_v + b) - stiffness(a, b)*moved
+        end do
+      end do
+    end do
+  end subroutine start_forces
+
+  !> Answers to forces that act on coordinates in these parts.
+  pure subroutine combine(by_load, parts, by_force)
+    real(wp), intent(in) :: by_load(:, :, :), parts(:)
+    real(wp), intent(out) :: by_force(:, :)
+    integer :: a
+    by_force = 0.0_wp
+    do a = 1, size(parts)
+      if (abs(parts(a)) > 0.0_wp) by_force = by_force + parts(a)*by_load(:, :, a)
+    end do
+  end subroutine combine
+
+  !> Rows of G and Z for hereditary variables at the nodes.
+  subroutine set_variable_rows(map, system, channels, e)
+    type(step_map_type), intent(inout) :: map
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    real(wp), intent(in) :: e(map%s, 0:map%s + 1, 0:size(system%kernels))
+    real(wp) :: left(0:map%s + 1)
+    integer :: b, i, j, k, first
+
+    do j = 1, map%n_memory
+      do i = 1, map%s
+        left = e(i, :, system%kernel_of(j))
+        k = map%variable_row + (j - 1)*map%s + i - 1
+        associate (row => map%from_input(k, :), bend_row => map%from_bend(k, :))
           do b = 1, map%n_dof
             first = (b - 1)*(map%s + 1)
-            rows(k, :) = rows(k, :) + system%gather(j, b) &
-                         *matmul(left(1:), rows(first + 1:first + map%s + 1, :))
-            rows(k, map%at_u + b) = rows(k, map%at_u + b) + system%gather(j, b)*sum(left)
+            row = row + system%gather(j, b) &
+                  *matmul(left(1:), map%from_input(first + 1:first + map%s + 1, :))
+            bend_row = bend_row + system%gather(j, b) &
+                       *matmul(left(1:), map%from_bend(first + 1:first + map%s + 1, :))
+            row(map%at_u + b) = row(map%at_u + b) + system%gather(j, b)*sum(left)
           end do
           do b = 1, map%n_channels
             first = map%at_memory + (b - 1)*map%s + i
-            rows(k, first) = rows(k, first) - channels%gather(b, j)
+            row(first) = row(first) - channels%gather(b, j)
           end do
           do b = 1, size(map%bent)
             if (map%bent(b) /= j) cycle
-            rows(k, map%at_bend + b) = rows(k, map%at_bend + b) + left(0)
-            first = n_in + (b - 1)*(map%s + 1)
-            rows(k, first + 1:first + map%s + 1) = rows(k, first + 1:first + map%s + 1) + left(1:)
+            row(map%at_bend + b) = row(map%at_bend + b) + left(0)
+            first = (b - 1)*(map%s + 1)
+            bend_row(first + 1:first + map%s + 1) = bend_row(first + 1:first + map%s + 1) + left(1:)
           end do
-        end do
+        end associate
       end do
-    end if
-    map%from_input = rows(:, :n_in)
-    map%from_bend = rows(:, n_in + 1:)
-  end subroutine set_rows
+    end do
+  end subroutine set_variable_rows
 
   !> The place of the map of steps h, or where it is to be put: `now`.
   subroutine find_map(maps, lengths, n_lengths, h, now)

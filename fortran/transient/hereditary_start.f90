@@ -29,8 +29,8 @@ module viscovib_hereditary_start
   !! a velocity is below (2^-doublings)^(1+alpha) of its change over the step.
   integer, parameter :: doublings = 44
   integer, parameter :: max_iterations = 100
-  !> Nodes of a panel, whatever those of a step.
-  integer, parameter, public :: start_nodes = 8
+  !> Nodes of a panel at least; no step has as many.
+  integer, parameter :: least_nodes = 9
 
   type :: start_type
     type(collocation_type) :: table
@@ -94,21 +94,24 @@ contains
     !> With the state at 0, and then at h.
     class(panel_maker), intent(inout) :: panels
     logical, intent(out) :: made
-    real(wp) :: g(0:start_nodes + 1, size(channels%kernel_of)), length
-    real(wp) :: before(0:start_nodes + 1, size(channels%kernel_of))
+    real(wp) :: length
+    real(wp), allocatable :: g(:, :), before(:, :), points(:, :), remembered(:, :)
+    real(wp), allocatable :: local(:, :, :, :), of_kernel(:, :, :)
     real(wp) :: masses(far_nodes, size(channels%kernel_of)), x(far_nodes), factors(far_nodes)
-    real(wp) :: points(0:start_nodes + 1, system%n_dof())
-    real(wp) :: remembered(start_nodes, size(channels%kernel_of))
-    real(wp) :: local(start_nodes, 0:start_nodes + 1, size(system%kernels), doublings + 1)
-    real(wp) :: of_kernel(start_nodes, 0:start_nodes + 1, doublings + 1)
     real(wp) :: of_old(size(channels%kernel_of))
-    integer :: k, m
+    integer :: k, m, nodes
 
+    nodes = nodes_of(h)
+    allocate (g(0:nodes + 1, size(channels%kernel_of)), points(0:nodes + 1, system%n_dof()))
+    allocate (before, mold=g)
+    allocate (remembered(nodes, size(channels%kernel_of)))
+    allocate (local(nodes, 0:nodes + 1, size(system%kernels), doublings + 1))
+    allocate (of_kernel(nodes, 0:nodes + 1, doublings + 1))
     x = [(0.5_wp - 0.5_wp*cos((m - 0.5_wp)*pi/far_nodes), m=1, far_nodes)]
     factors = lagrange_factors(x)
-    call new_collocation(start%table, start_nodes)
+    call new_collocation(start%table, nodes)
     allocate (start%ends(0:doublings + 1))
-    allocate (start%points(0:start_nodes + 1, system%n_dof(), doublings + 1))
+    allocate (start%points(0:nodes + 1, system%n_dof(), doublings + 1))
     start%ends(0) = 0.0_wp
     do k = 1, doublings + 1
       start%ends(k) = scale(h, k - 1 - doublings)
@@ -129,7 +132,7 @@ contains
       if (k > 1) call recall(system, channels, start%table, start%ends(k - 1), length, &
                              start%ends(k - 2), before, x, masses, k > 2, remembered)
       if (known_past%is_known()) then
-        do m = 1, start_nodes
+        do m = 1, nodes
           call known_past%recall(system%kernels, channels%kernel_of, &
                               start%ends(k - 1) + start%table%points(m)*length, of_old)
           remembered(m, :) = remembered(m, :) + of_old
@@ -148,6 +151,13 @@ contains
     start%past%length = length
     start%past%last = g
   end subroutine march_start
+
+  !> Nodes of the panels of a first step. The intervals of a step half as long, and of the step
+  !! after it, are some of those of the whole: with other nodes, errors there differ.
+  pure integer function nodes_of(h)
+    real(wp), intent(in) :: h
+    nodes_of = least_nodes + modulo(exponent(h), 2)
+  end function nodes_of
 
   !> What the nodes of a panel from `now` on remember: the panel before, and the far
   !! past as masses on [0, since].
@@ -336,17 +346,18 @@ contains
     v = matmul(slopes, self%points(:, :, k))/length
   end subroutine at
 
-  !> 0, then powers of 2 that double, then h.
-  pure function panel_ends(h, doublings) result(ends)
+  !> 0, then powers of 2 that double, then h. `between`: 3/4 of such powers.
+  pure function panel_ends(h, doublings, between) result(ends)
     real(wp), intent(in) :: h
     integer, intent(in) :: doublings
+    logical, intent(in) :: between
     real(wp) :: ends(0:doublings + 1)
     integer :: k
     ends(0) = 0.0_wp
     do k = 1, doublings
-      ends(k) = scale(1.0_wp, exponent(h) - 1 - doublings + k)
+      ends(k) = scale(merge(0.75_wp, 1.0_wp, between), exponent(h) - 1 - doublings + k)
     end do
-    ! The last power of 2 is at most 3 h/4.
+    ! The last of them is at most 3 h/4.
     if (ends(doublings) > 0.75_wp*h) ends(1:doublings) = 0.5_wp*ends(1:doublings)
     ends(doublings + 1) = h
   end function panel_ends

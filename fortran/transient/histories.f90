@@ -29,6 +29,8 @@ module viscovib_histories
     !> The next step follows a corner of the load; doublings that it needs, and all do.
     logical :: at_corner = .false.
     integer :: n_doublings = corner_doublings, doublings = corner_doublings
+    !> Which ends panels have: in a run of half the step others, so that their errors differ.
+    logical :: between = .false.
   contains
     procedure :: turn
   end type keeping_type
@@ -56,6 +58,7 @@ contains
     real(wp) :: least
 
     least = h
+    keeping%between = modulo(exponent(h), 2) == 1
     if (present(shortest)) then
       keeping%steep = is_steep(system, channels, h)
       least = min(h, shortest)

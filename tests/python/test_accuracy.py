@@ -114,3 +114,58 @@ def test_a_corner_behind_memory_is_no_chaos():
     )
     with pytest.raises(vv.InputError, match="jump or corner on which no step ends"):
         vv.simulate(system, 15, initial=[0.2, 0], load=0.5, nu=1.0, dt="auto", tolerance=1e-6)
+
+
+LAWS = {
+    "0.5*x^3": lambda x: 0.5 * x**3,
+    "0.3*tanh(4*x)": lambda x: 0.3 * np.tanh(4 * x),
+    "0.2*tanh(20*x)": lambda x: 0.2 * np.tanh(20 * x),
+    "exp(3*x) - 1": lambda x: np.exp(3 * x) - 1,
+    "0.5*max(x - 0.1, 0)": lambda x: 0.5 * np.maximum(x - 0.1, 0),
+}
+WEIGHTS, RATES = np.array([0.3, 1.5]), np.array([0.8, 5.0])
+
+
+def remembering(law, k):
+    """Return an oscillator with memory and its equations as ordinary ones."""
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=k, damping=0.1, springs=[vv.Springs(forces=law)],
+        kernel=vv.PronyKernel(weights=WEIGHTS, rates=RATES),
+    )  # fmt: skip
+
+    def slope(t, y):
+        pull = 0.1 * y[1] + k * (y[0] - WEIGHTS @ y[2:]) + LAWS[law](y[0])
+        return np.concatenate([[y[1], -pull], y[0] - RATES * y[2:]])
+
+    return system, slope
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10])
+def test_states_inside_steps_are_as_exact_as_told(tolerance):
+    """They are told by the polynomials of steps longer than they are apart, where those are so."""
+    rng = np.random.default_rng(5)
+    fewer = 0
+    for law in list(LAWS)[:4] * 2:
+        system, slope = remembering(law, rng.uniform(0.5, 4))
+        start = [rng.uniform(0.3, 0.8), 0]
+        run = vv.simulate(system, 12, initial=start, tolerance=tolerance)
+        right = solve_ivp(
+            slope, (0, 12), [*start, 0, 0], "DOP853", t_eval=run.t, rtol=1e-13, atol=1e-14,
+            max_step=0.05,
+        ).y[:2].T  # fmt: skip
+        assert np.abs(run.state - right).max() <= run.error + 1e-11
+        assert run.error <= tolerance
+        fewer += run.stats["steps"] < run.t.size - 1
+        longer = vv.simulate(system, 18, resume=run)
+        assert np.diff(longer.t).max() < 1.01 * np.diff(run.t).max()
+    assert fewer >= 2
+
+
+def test_an_error_in_the_first_step_is_seen():
+    """Its panels are made of the same intervals at half the step: their nodes must differ."""
+    system, slope = remembering("0.5*max(x - 0.1, 0)", 0.6887574583357975)
+    start = [0.4916844403927591, 0]
+    right = solve_ivp(slope, (0, 12), [*start, 0, 0], "DOP853", rtol=1e-12, atol=1e-13).y[:2, -1]
+    for dt in (3.0, 1.5, 0.75):
+        run = vv.simulate(system, 12, initial=start, dt=dt, estimate_error=True)
+        assert np.abs(run.state[-1] - right).max() <= 3 * run.error

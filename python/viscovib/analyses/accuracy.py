@@ -141,6 +141,9 @@ def parts_for_peaks(run: "Trajectory", most: int = 64) -> int:
     rise = 1.6 * bends * d**2 / 8
     needed = float(np.sqrt((rise / np.where(size > 0, PEAKS * size, math.inf)).max()))
     parts = 1 << math.ceil(math.log2(max(needed, 1.0)))
-    while parts > 1 and (parts > most or parts * (run.t.size - 1) > _MOST_STATES):
-        parts //= 2
-    return parts
+    return min(parts, most, most_states(run.t.size - 1))
+
+
+def most_states(n: int) -> int:
+    """How many states each of n steps may keep, a power of 2."""
+    return 1 << max(0, math.floor(math.log2(max(_MOST_STATES / max(n, 1), 1.0))))

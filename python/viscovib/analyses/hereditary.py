@@ -170,6 +170,7 @@ class MountRun(Run):
     """A run of a mount, or of whatever has a motion like one."""
 
     counts = "iterations"
+    inside = True
     #: Reason of a run whose steps are too large, and the outcome it is then.
     too_large, coarse = _STEP_TOO_LARGE, _COARSE
 

@@ -243,6 +243,8 @@ def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:
             raise InputError(
                 f"t_end = {end:g}: must be a whole number of steps {run.h:g} after {now:g}"
             )
+        if run.kept_of_step > 1 and want == Wanted():
+            want = want.at(np.linspace(now, end, n * run.kept_of_step + 1))
         return n, want
     if not end > now:
         raise InputError(f"t_end = {end:g}: must be greater than {now:g}, where the run ended")
@@ -253,5 +255,7 @@ def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:
         run.mesh = replace(run.mesh, breaks=run.breaks)
     run.mesh = mesh = run.mesh.extended(end)
     if want.times is None and want.keep != "last":
-        want = want.at(mesh.times(np.arange(done, mesh.count + 1, want.every)))
+        parts = run.kept_of_step if want == Wanted() else 1
+        wanted = np.arange(done * parts, mesh.count * parts + 1, want.every)
+        want = want.at(mesh.finer(parts).times(wanted))
     return mesh.count - done, want

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.accuracy import Accuracy, parts_for_peaks, reason, rounding_of
+from viscovib.analyses.accuracy import rounding_of
 from viscovib.analyses.events import NOTHING, ROOM, Watch
 from viscovib.bodies.body import Body
 from viscovib.bodies.turning import told_like
@@ -33,9 +33,6 @@ _MAX_KEPT = 2**27
 #: Steps of a first run whose step is to be found.
 MAX_FIRST_STEPS = 10**9
 ROUNDING = 1e-15
-#: Steps before a stop that two runs must differ by: a first step with memory ends as the second
-#: of half its length does, and what follows a step that fails is found by steps of its own.
-_FEW = 4
 #: Halvings of the step before a tolerance is given up.
 _MIN_HALVINGS, _MAX_HALVINGS = 5, 12
 #: Steps of a native call that looks for events.
@@ -100,7 +97,7 @@ def hopeless(changes: list[float]) -> bool:
 def difference(coarse: Trajectory, fine: Trajectory) -> float:
     """Largest difference of the states of two runs, and of the times at which they stop."""
     n, m = coarse.t.size, fine.t.size
-    coarse = _told_like(coarse, fine)
+    coarse = told_in_one_way(coarse, fine)
     if coarse.outcome == "completed" == fine.outcome and n == m:
         return float(np.abs(fine.state - coarse.state).max())
     if coarse.outcome != fine.outcome or coarse.outcome == "step too large" or abs(n - m) > 1:
@@ -112,7 +109,7 @@ def difference(coarse: Trajectory, fine: Trajectory) -> float:
     return max(moved, float(np.abs(fine.state[:n] - coarse.state[:n]).max(initial=0.0)))
 
 
-def _told_like(run: Trajectory, like: Trajectory) -> Trajectory:
+def told_in_one_way(run: Trajectory, like: Trajectory) -> Trajectory:
     """The run, of a body that turns far by those rotation vectors that can be compared."""
     turns = isinstance(run.system, Body) and run.system._winds
     if not turns or run.state.shape != like.state.shape:
@@ -130,65 +127,6 @@ def with_estimate(run: Trajectory, fine: Trajectory | None, how: str) -> Traject
 def _plan_with_estimate(run: Trajectory, how: str) -> Plan:
     words = "estimate of the error"
     return run.plan.instead(words, f"computes: {words}, {how}")
-
-
-def _allowed_at_stop(run: Trajectory, want: Accuracy) -> float:
-    """Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away."""
-    size = max(1.0, float(np.abs(run.state).max(initial=0.0)))
-    return want.absolute * size + want.relative * max(size, run.t_reached)
-
-
-def by_tolerance(
-    make: Callable[[int, int], Trajectory], n: int, want: Accuracy, *, dense: bool = False
-) -> Trajectory:
-    """Halve the step until the states kept change by no more than is allowed.
-
-    ``make(factor, parts)`` makes a run in steps shorter by the factor from n of them; it keeps the
-    states of the first, and of so many parts of its steps. ``dense``: keep so many states that
-    peaks between them are low, by a run in steps as short, which are as exact as the others; not
-    where all of the past costs more with every step.
-    """
-    first = make(1, 1)
-    factor, coarse = 1, first
-    changes: list[float] = []
-    while not hopeless(changes):
-        factor *= 2
-        fine = make(factor, 1)
-        change = difference(coarse, fine)
-        if "completed" == coarse.outcome == fine.outcome:
-            if agree(coarse, fine, want):
-                direct = getattr(fine._resume, "past", None) == "direct"
-                parts = parts_for_peaks(fine) if dense and not direct else 1
-                if parts > 1:
-                    fine = make(max(factor, parts), parts)
-                error = max(change, rounding_of(fine.state))
-                return replace(fine, error=error, _planned=partial(_plan_of, first, want))
-        elif change <= _allowed_at_stop(fine, want) and not 0 < fine.stats["steps"] < _FEW:
-            error = max(change, rounding_of(fine.state))
-            return replace(fine, error=error, _planned=partial(_plan_of, first, want))
-        changes.append(change)
-        before, coarse = coarse, fine
-    raise InputError(
-        f"{want}: not met with {n * factor} steps (states still change by {changes[-1]:.1e}): "
-        f"{reason(_told_like(before, coarse), coarse, want)}"
-    )
-
-
-def _plan_of(first: Trajectory, want: Accuracy) -> Plan:
-    plan = first._planned(want.absolute or want.relative)
-    if want.relative == 0:
-        return plan
-    step = "computes: the step, halved until the states kept change by no more than "
-    lines = str(plan).splitlines()
-    return Plan("\n".join(step + want.text if s.startswith(step) else s for s in lines))
-
-
-def agree(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> bool:
-    """Whether two runs differ by no more than is allowed."""
-    if coarse.state.shape != fine.state.shape:
-        return False
-    parts = np.abs(fine.state - _told_like(coarse, fine).state).max(axis=0)
-    return bool((parts <= want.allowed(fine.state)).all())
 
 
 class Piece(NamedTuple):
@@ -215,6 +153,8 @@ class Run(ABC):
 
     #: What the native calls count.
     counts: ClassVar[str]
+    #: Whether wanted times are told by the polynomials of steps, at no steps of their own.
+    inside: ClassVar[bool] = False
     #: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
     piece: int = 200_000
 
@@ -245,6 +185,8 @@ class Run(ABC):
         self.parts: tuple[tuple[Callable[[float], Run], int], ...] = ()
         #: Events to look for.
         self.watch: Watch | None = None
+        #: States kept of a step by its polynomial, if more than that at its end are.
+        self.kept_of_step = 1
 
     def on(self, mesh: Mesh) -> Run:
         """The same run in the steps of a mesh."""

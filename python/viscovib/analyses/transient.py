@@ -23,9 +23,9 @@ from viscovib.analyses.runs import (
     ROUNDING,
     Run,
     Wanted,
-    by_tolerance,
     with_estimate,
 )
+from viscovib.analyses.step_search import by_tolerance
 from viscovib.analyses.structure_motion import (
     StructureMotion,
     goes_condensed,
@@ -232,7 +232,7 @@ def simulate(
             )
         free = want.every == 1 and want.keep == "all" and want.times is None
         n = want.every * math.ceil(n / want.every)
-        return by_tolerance(steps.of(n), n, accuracy, dense=free)
+        return by_tolerance(steps.of(n), n, accuracy, dense=free, inside=make(end / n).inside)
     return _with_step(steps, end, _native.number("dt", dt), estimated)
 
 
@@ -329,7 +329,10 @@ class _Steps:
                     kept = self.want.at(mesh.all_times(parts))
                 return self.make(finer.h).on(finer).steps(finer.count, kept, self.progress)
             steps = n * factor
-            kept = self.want.finer(factor // parts) if factor > 1 else self.want
+            if parts > factor:
+                kept = self.want.at(np.linspace(0.0, self.end, n * parts + 1))
+            else:
+                kept = self.want.finer(factor // parts)
             return self.make(self.end / steps).steps(steps, kept, self.progress)
 
         return run

@@ -1,0 +1,160 @@
+"""The step of a run: halved until the states kept change by no more than is allowed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from viscovib._native import FloatArray
+from viscovib.analyses.accuracy import Accuracy, most_states, parts_for_peaks, reason, rounding_of
+from viscovib.analyses.runs import difference, hopeless, told_in_one_way
+from viscovib.common.plan import Plan
+from viscovib.errors import InputError
+from viscovib.results.trajectory import Trajectory
+
+#: Steps before a stop that two runs must differ by: a first step with memory ends as the second
+#: of half its length does, and what follows a step that fails is found by steps of its own.
+_FEW = 4
+#: Parts of a step in which polynomials are compared, a power of 2: their degree, less 1 or 2.
+_PARTS = 8
+#: Factor by which the gain of shorter steps is taken to be less than seen.
+_SAFETY = 8.0
+#: What halving the step gains inside steps that are short enough for the order to show.
+_GAIN = 64.0
+#: What a run keeps of each time.
+_KEPT = ("t", "state", "deflections", "rates")
+
+
+def by_tolerance(
+    make: Callable[[int, int], Trajectory],
+    n: int,
+    want: Accuracy,
+    *,
+    dense: bool = False,
+    inside: bool = False,
+) -> Trajectory:
+    """Halve the step until the states kept change by no more than is allowed.
+
+    ``make(factor, parts)`` makes a run in steps shorter by the factor from n of them; it keeps the
+    states of the first, and of so many parts of its steps. ``dense``: keep so many states that
+    peaks between them are low; not where all of the past costs more with every step. These are
+    found by the polynomials of the steps (``inside``: ``make`` takes more parts than the factor)
+    where they change as little as those at the ends of steps, else by a run in steps as short.
+    """
+    least = min(_PARTS, most_states(n)) if dense and inside else 1
+    first = coarse = make(1, least)
+    factor, held, parts = 1, least, 1
+    if least > 1:
+        parts = max(2 * least, parts_for_peaks(_every(first, least)))
+    changes: list[float] = []
+    while not hopeless(changes):
+        factor *= 2
+        fine = make(factor, parts)
+        ends, ends_before = _every(fine, parts), _every(coarse, held)
+        change = difference(ends_before, ends)
+        if "completed" == coarse.outcome == fine.outcome:
+            if agree(ends_before, ends, want):
+                told = partial(_plan_of, first, want)
+                needed = parts_for_peaks(ends) if dense and not _keeps_all(fine) else 1
+                if needed > parts:
+                    return _found(make(max(factor, needed), needed), change, told)
+                kept = _every(fine, parts // needed)
+                if needed <= factor:
+                    return _found(kept, change, told)
+                two = _every(coarse, held // least), _every(fine, parts // least)
+                change_inside = np.abs(two[1].state - told_in_one_way(*two).state)
+                gain = _gain(coarse, 2 * held // factor, fine, parts // factor)
+                error = change_inside[1:].reshape(len(gain), -1, gain.shape[1]).max(axis=1) / gain
+                allowed = np.maximum(want.allowed(ends.state), 1e-300)
+                beyond = error.max(axis=0) / allowed
+                if (beyond <= 1).all():
+                    kept._resume.kept_of_step = needed // factor
+                    return _found(kept, max(change, float(error.max())), told)
+                halvings = math.log2(needed / 4 / factor)
+                if halvings < 1 or beyond.max() > _GAIN**halvings:
+                    return _found(make(needed, needed), change, told)
+                before, coarse, held = ends_before, fine, parts
+                continue
+        elif change <= _allowed_at_stop(ends, want) and not 0 < fine.stats["steps"] < _FEW:
+            return _found(ends, change, partial(_plan_of, first, want))
+        changes.append(change)
+        before, coarse, held = ends_before, fine, parts
+    raise InputError(
+        f"{want}: not met with {n * factor} steps (states still change by {changes[-1]:.1e}): "
+        f"{reason(told_in_one_way(before, ends), ends, want)}"
+    )
+
+
+def _found(run: Trajectory, change: float, told: Callable[[], Plan]) -> Trajectory:
+    return replace(run, error=max(change, rounding_of(run.state)), _planned=told)
+
+
+def _gain(coarse: Trajectory, per_coarse: int, fine: Trajectory, per_fine: int) -> FloatArray:
+    """How much more exact polynomials are in steps of half the length at least, by step and column.
+
+    Their errors go like their highest terms, which differences of as high an order tell. Of so
+    many states a step; too few of them tell nothing, nor do those that are renamed between steps.
+    """
+    least = np.ones((1, fine.state.shape[1]))
+    if min(per_coarse, per_fine) < _PARTS or getattr(fine.system, "_winds", False):
+        return least
+    highest, less = (
+        np.abs(np.diff(_every(run, k // _PARTS).state, _PARTS, axis=0)[::_PARTS])
+        for run, k in ((coarse, per_coarse), (fine, per_fine))
+    )
+    # Where the highest term of a velocity passes 0, that of its displacement does not.
+    sizes = np.maximum(highest.max(axis=0, initial=0.0), 1e-300)
+    (u, v), (less_u, less_v) = (
+        ((one / sizes)[:, ::2], (one / sizes)[:, 1::2]) for one in (highest, less)
+    )
+    both_less = np.hypot(less_u, less_v)
+    both_less = np.maximum(both_less[::2], both_less[1::2])
+    seen = np.hypot(u, v) / np.maximum(both_less, 1e-300)
+    return np.repeat(np.where(seen < _GAIN, 1.0, seen / _SAFETY), 2, axis=1)
+
+
+def _every(run: Trajectory, k: int) -> Trajectory:
+    if k == 1:
+        return run
+    kept: dict[str, Any] = {
+        name: np.ascontiguousarray(getattr(run, name)[::k]) for name in _KEPT if hasattr(run, name)
+    }
+    return replace(run, **kept)
+
+
+def _keeps_all(run: Trajectory) -> bool:
+    """Whether all of the past is kept."""
+    return getattr(run._resume, "past", None) == "direct"
+
+
+def _allowed_at_stop(run: Trajectory, want: Accuracy) -> float:
+    """Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away."""
+    size = max(1.0, float(np.abs(run.state).max(initial=0.0)))
+    return want.absolute * size + want.relative * max(size, run.t_reached)
+
+
+def _plan_of(first: Trajectory, want: Accuracy) -> Plan:
+    plan = first._planned(want.absolute or want.relative)
+    if want.relative == 0:
+        return plan
+    step = "computes: the step, halved until the states kept change by no more than "
+    lines = str(plan).splitlines()
+    return Plan("\n".join(step + want.text if s.startswith(step) else s for s in lines))
+
+
+def agree(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> bool:
+    """Whether two runs differ by no more than is allowed."""
+    return _apart(coarse, fine, want) <= 1
+
+
+def _apart(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> float:
+    """By how much two runs differ, relative to what is allowed."""
+    if coarse.state.shape != fine.state.shape:
+        return math.inf
+    parts = np.abs(fine.state - told_in_one_way(coarse, fine).state).max(axis=0)
+    return float((parts / np.maximum(want.allowed(fine.state), 1e-300)).max())
