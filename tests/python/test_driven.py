@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq, root
+from scipy.optimize import root
 from tables import lines_without_plan
 
 matplotlib.use("Agg")
@@ -215,7 +215,8 @@ def test_parametric_resonance_is_found_and_followed():
     points = np.array([point.parameter for point in branch.branch_points])
     assert points.size == 4
     for p in points:
-        assert p == pytest.approx(brentq(doubling, p - 1e-5, p + 1e-5, xtol=1e-12), abs=1e-8)
+        # Its true place lies between.
+        assert doubling(p - 1e-8) * doubling(p + 1e-8) < 0
     p = branch.parameter
     unstable = ((p > points[0]) & (p < points[1])) | (p > points[2])
     assert np.array_equal(branch.stable, ~unstable)
