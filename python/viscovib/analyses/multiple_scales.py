@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, ClassVar
 
@@ -25,8 +26,10 @@ from viscovib.results.scales import (
     falling,
 )
 from viscovib.systems.cubic_system import CubicSystem
+from viscovib.systems.few_modes import few_modes
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.structure import Structure
 
 #: Room for conditions at first; where there are more the call is repeated.
 _ROOM = 500
@@ -41,6 +44,8 @@ _FREE_BAND = 0.2
 _NOT_NEAR = -1e300
 #: Amplitudes whose powers stay in the range of numbers.
 _MOST_AMPLITUDE = 1e75
+#: Part of deflections that modes may leave out without a word.
+_FEW_MODES = 1e-2
 _OUTCOMES = ("complete", "overflow", "step limit", "cancelled")
 
 
@@ -49,10 +54,11 @@ class MultipleScales:
 
     Parameters
     ----------
-    system : Pendulum, Mount, PolynomialSystem or CubicSystem
+    system : Pendulum, Mount, PolynomialSystem, CubicSystem or Structure
+        A structure, reduced or not, in at most 6 of its modes.
     load : float or array_like, shape (n_dof,), optional
         For a Mount or a PolynomialSystem: amplitude of a harmonic force on the first coordinate, or
-        of the forces on all, times cos(nu t).
+        of the forces on all, times cos(nu t). For a Structure of the forces on all, or by name.
     nu : float, optional
         For these: circular frequency of the load (rad/s), > 0.
     tolerance : float, optional
@@ -66,6 +72,9 @@ class MultipleScales:
         does, instead of keeping it in the linear part. Frequencies and shapes are then those of
         e = 0, e shifts them by terms to e^2 in the modulation equations, and e times cubic, e^2
         times quadratic, e^3 times linear terms are dropped.
+    modes : sequence of int, optional
+        For a Structure: which of its modes, by rising frequency from 0; None: all, if they are 6
+        at most. Motions are told at as many coordinates, those of elements first.
 
     Attributes
     ----------
@@ -80,6 +89,9 @@ class MultipleScales:
         has the real amplitude b_k.
     nonlinear_decay : ndarray, shape (n, n)
         The same for the decay.
+    modes_left_out : float
+        Of a Structure: the part of its elements' linear deflections under the load, at nu, that
+        the modes chosen do not hold; else 0.
 
     Notes
     -----
@@ -103,24 +115,35 @@ class MultipleScales:
 
     def __init__(
         self,
-        system: Pendulum | Oscillator | CubicSystem,
+        system: Pendulum | Oscillator | CubicSystem | Structure,
         *,
-        load: npt.ArrayLike | None = None,
+        load: npt.ArrayLike | Mapping[str, float] | None = None,
         nu: float | None = None,
         tolerance: float | None = None,
         ordering: str = "general",
+        modes: Sequence[int] | None = None,
     ) -> None:
         self.tolerance = None if tolerance is None else _native.number("tolerance", tolerance)
         if self.tolerance is not None and not 0 <= self.tolerance < 1:
             raise InputError(f"tolerance = {self.tolerance:g}: must be in [0, 1)")
         #: As the core takes it.
         self._tolerance = _BY_INFLUENCE if self.tolerance is None else self.tolerance
+        names: tuple[str, ...] | None = None
+        forces: Any = load
+        self.modes_left_out = 0.0
+        if isinstance(system, Structure):
+            few = few_modes(system, modes, load, None if nu is None else _native.number("nu", nu))
+            system, forces, names = few.system, few.load, few.names
+            self.modes_left_out = few.left_out
+            self._warn_of_modes()
+        elif modes is not None:
+            raise InputError("modes: are for a Structure, must be None")
         self.system = system
         self.ordering = _native.choice("ordering", ordering, ORDERINGS)
         if not isinstance(system, Pendulum | Oscillator | CubicSystem):
             raise InputError(
                 f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a "
-                "PolynomialSystem or a CubicSystem"
+                "PolynomialSystem, a CubicSystem or a Structure"
             )
         if not isinstance(system, Oscillator) and not (load is None and nu is None):
             raise InputError(
@@ -128,8 +151,8 @@ class MultipleScales:
             )
         if not isinstance(system, Pendulum) and ordering != "general":
             raise InputError(f"ordering = {ordering!r}: is for a Pendulum, must be 'general'")
-        self._names = system.dof_names
-        self._form = ScalesForm.of(system, load, nu, self.ordering)
+        self._names = system.dof_names if names is None else names
+        self._form = ScalesForm.of(system, forces, nu, self.ordering)
         self._n_dof, self._n = self._form.n_dof, self._form.n
         exponents, shapes, interaction, frame, units, autonomous, terms = self._form.equations(
             self._tolerance
@@ -151,6 +174,15 @@ class MultipleScales:
             warnings.warn(
                 f"mode {j + 1} is unstable without load: its amplitude grows at the rate "
                 f"{-self.decay[j]:.6g}",
+                RangeWarning,
+                stacklevel=caller(),
+            )
+
+    def _warn_of_modes(self) -> None:
+        if self.modes_left_out > _FEW_MODES:
+            warnings.warn(
+                f"modes: those chosen leave out {self.modes_left_out:.2g} of the deflections of "
+                "the elements under the load",
                 RangeWarning,
                 stacklevel=caller(),
             )

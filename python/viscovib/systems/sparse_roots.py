@@ -15,7 +15,7 @@ j-th mode of the stiffness that acts there, omega_j(K(omega)) = omega. These sta
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -90,9 +90,34 @@ def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRo
             raise InputError(f"layers[{i}] = {_native.shown(layer)}: must be (matrix, kernel)")
         _native.check_instance(f"layers[{i}][1]", layer[1], Kernel)
         more.append((matrix_of(f"layers[{i}][0]", layer[0], n, sparse=True), layer[1]))
-    roots, _ = sparse_roots(model._replace(layers=[*model.layers, *own, *more]), wanted)
+    relaxing = [*model.layers, *own, *more]
+    if structure._reduced is not None and np.any(model.ratio):
+        model = _in_modes(structure, relaxing, len(more))
+    else:
+        model = model._replace(layers=relaxing)
+    roots, _ = sparse_roots(model, wanted)
     growing = 2 * int((roots.real > 0).sum())
     return CharacteristicRoots(roots, np.zeros(0), growing, False)
+
+
+def _in_modes(structure: Any, relaxing: Sequence[tuple[Any, Kernel]], n_more: int) -> LinearModel:
+    """The reduced model, whose modal ratios have a matrix, and what relaxes in it.
+
+    The last ``n_more`` layers are none of its own.
+    """
+    found = structure._reduced.reduction
+    damping = np.diag(found.rates)
+    if structure._reduced.model.damping is not None:
+        damping = damping + found.matrices[0]
+    layers = [
+        (csc_array(found.shapes.T @ (matrix @ found.shapes)), kernel) for matrix, kernel in relaxing
+    ]
+    # Modes and damping are those of all its springs before they relax.
+    own = layers[: len(layers) - n_more]
+    elastic = np.diag(found.squares) - sum(matrix.toarray() for matrix, _ in own)
+    return LinearModel(
+        csc_array(np.eye(found.squares.size)), csc_array(elastic), csc_array(damping), layers=layers
+    )
 
 
 def _beginning(model: LinearModel, j: int, lowest: float) -> tuple[float, FloatArray]:
