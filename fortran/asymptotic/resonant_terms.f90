@@ -140,7 +140,8 @@ contains
     end do
     if (.not. self%framed) then
       do i = 1, size(found)
-        found(i)%taken = does(i) >= least_influence .or. in_band(found(i))
+        found(i)%taken = .not. found(i)%is_far .and. (does(i) >= least_influence &
+                                                      .or. in_band(found(i)))
       end do
     else
       allocate (waits(size(found)))
@@ -230,16 +231,16 @@ contains
 
   contains
 
-    !> In parts of the mode's frequency. Of steady motion a factor that is the conjugate of a mode
-    !! makes modes at rest grow, under large motions far from where frequencies meet: almost to
-    !! where the product does not turn.
+    !> In parts of the mode's frequency. Of motion that loads keep up a factor that is the
+    !! conjugate of a mode makes modes at rest grow, under large motions far from where frequencies
+    !! meet: almost to where the product does not turn.
     pure real(wp) function farthest(i)
       integer, intent(in) :: i
       integer :: factors(3)
       factors = 0
       if (order == 2) factors(:2) = self%pair(:, i)
       if (order == 3) factors = self%triple(:, i)
-      farthest = merge(0.95_wp, far, self%framed .and. &
+      farthest = merge(0.95_wp, far, (self%framed .or. self%steady) .and. &
                        any(factors > self%n_generators .and. &
                            factors <= self%n_generators + self%n_modes))
     end function farthest
@@ -298,16 +299,19 @@ contains
   end function left_out
 
   !> The largest influence on a mode at rest of what is far and not among the resonant terms.
-  pure real(wp) function far_influence(self, sizes)
+  pure real(wp) function far_influence(self, sizes, moving_too)
     class(normal_form_type), intent(in) :: self
     real(wp), intent(in) :: sizes(:)
+    !> On modes that move as well.
+    logical, intent(in), optional :: moving_too
     real(wp) :: all_sizes(self%n_generators), reference
     integer :: i
     call sizes_of_generators(self, sizes, all_sizes, reference)
     far_influence = 0.0_wp
     do i = 1, size(self%candidates)
       associate (c => self%candidates(i))
-        if (.not. c%is_far .or. c%taken .or. sizes(c%mode) > 0.0_wp) cycle
+        if (.not. c%is_far .or. c%taken) cycle
+        if (sizes(c%mode) > 0.0_wp .and. .not. present(moving_too)) cycle
         far_influence = max(far_influence, influence(c, all_sizes, self%n_modes, reference))
       end associate
     end do

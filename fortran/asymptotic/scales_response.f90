@@ -1,5 +1,8 @@
-!> Steady motions along values of the frequency or the amplitude of a load.
+!> Steady motions along values of the frequency or the amplitude of a load; where no frame stands
+!! still, the quasi-periodic ones that the modulation equations settle on.
 module viscovib_scales_response
+  use viscovib_beating_flow, only: beating_flow_type, beats_found
+  use viscovib_beating_motion, only: beating_errors, beating_motion_type, find_beating_motion
   use viscovib_flow_stability, only: flow_eigenvalues
   use viscovib_kinds, only: wp
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales, reach_of
@@ -44,6 +47,11 @@ module viscovib_scales_response
     real(wp), allocatable :: harmonic_errors(:, :), motion_errors(:, :)
     !> And of the largest growth.
     real(wp), allocatable :: growth_errors(:)
+    !> How many beats a motion has, 0: it is steady; the lines of those that beat, one after the
+    !! other: which point they belong to, frequencies, X, shape (n_dof, n_lines).
+    integer, allocatable :: beats(:), line_of(:)
+    real(wp), allocatable :: line_frequency(:)
+    complex(wp), allocatable :: line(:, :)
   end type steady_points_type
 
 contains
@@ -64,9 +72,10 @@ contains
     type(reach_type) :: reach
     complex(wp) :: a(form%n_modes(), max_steady)
     real(wp) :: given
-    integer :: i, k, n_found
-    logical :: moves_rest
+    integer :: i, k, n_found, first
+    logical :: moves_rest, replaced, stands
 
+    allocate (points%line_of(0), points%line_frequency(0), points%line(form%n_dof, 0))
     call reserve(points, form%n_modes(), form%n_dof, 3*size(values))
     if (load < 1 .or. load > size(form%drives)) then
       call fail(status, status_input_error, 'load', 'load = '//show(load)//': must be 1 to ' &
@@ -93,13 +102,22 @@ contains
       if (i == 1 .or. moves_rest) call reach_of(here, reach, status)
       if (status%failed()) return
       call find_steady(here, tolerance, reach, scales, solver, a, n_found, status, cancel)
-      if (.not. status%failed() .and. .not. scales%flow%autonomous) call refuse_value(i)
       if (status%failed()) return
       if (vary == vary_amplitude) scales%load_factor(load) = values(i)/given
+      first = points%n + 1
       do k = 1, n_found
         call add_point(points, i, scales, here, form%full, load, tolerance, reach, with_errors, &
                        a(:, k))
       end do
+      stands = .not. any(points%left_out(first:points%n) > least_fall)
+      if (.not. stands) stands = .not. may_beat(scales)
+      if (stands .and. scales%flow%autonomous) cycle
+      call add_beats(points, i, first, here, form%full, load, scales%load_factor(load), tolerance, &
+                     with_errors, a(:, :n_found), replaced, status, cancel)
+      if (.not. status%failed() .and. .not. (scales%flow%autonomous .or. replaced)) then
+        call refuse_value(i)
+      end if
+      if (status%failed()) return
     end do
 
   contains
@@ -150,6 +168,7 @@ contains
     points%n = points%n + 1
     associate (m => points%n)
       points%value(m) = i
+      points%beats(m) = 0
       points%a(:, m) = amplitudes*scales%amplitude_units
       points%frame(:, m) = scales%flow%frame
       call flow_eigenvalues(scales%flow, amplitudes, points%eigenvalues(:, m))
@@ -164,12 +183,150 @@ contains
         call steady_error(scales, full, amplitudes, scales%form%drives(load), &
                           points%harmonic_errors(:, m), points%motion_errors(:, m))
         points%growth_errors(m) = slopes_of_left_out*maxval(abs(points%eigenvalues(:, m))) &
-                                  *maxval(points%motion_errors(:, m)*points%sizes(4, m) &
-                                          /scales%units(:here%n_dof)) &
-                                  /max(points%sizes(1, m), tiny(1.0_wp))
+                                  *relative_error(points, m, scales)
       end if
     end associate
   end subroutine add_point
+
+  !> In place of the points from `first` on that no frame makes stand still, what the equations
+  !! settle on: from rest and from each of these.
+  subroutine add_beats(points, i, first, here, full, load, factor, tolerance, with_errors, &
+                       steady, replaced, status, cancel)
+    type(steady_points_type), intent(inout) :: points
+    integer, intent(in) :: i, first, load
+    type(polynomial_form_type), intent(in) :: here
+    class(full_system_type), intent(in), optional :: full
+    !> `factor`: of the load that varies.
+    real(wp), intent(in) :: factor, tolerance
+    logical, intent(in) :: with_errors
+    !> Amplitudes of the points from `first` on, in natural units.
+    complex(wp), intent(in) :: steady(:, :)
+    logical, intent(out) :: replaced
+    type(status_type), intent(out) :: status
+    integer, intent(inout) :: cancel
+    type(multiple_scales_type) :: unframed
+    type(beating_motion_type) :: motion
+    complex(wp) :: starts(size(steady, 1), size(steady, 2) + 1)
+    complex(wp) :: found(size(steady, 1), size(starts, 2))
+    type(beating_flow_type), allocatable :: known(:)
+    integer :: n, m, n_found
+
+    call set_ok(status)
+    replaced = .false.
+    allocate (known(0))
+    starts(:, 1) = (0.0_wp, 0.0_wp)
+    n = 1
+    do m = first, points%n
+      if (.not. points%left_out(m) > least_fall) cycle
+      n = n + 1
+      starts(:, n) = steady(:, m - first + 1)
+    end do
+    n_found = 0
+    do m = 1, n
+      call find_beating_motion(here, tolerance, starts(:, m), known, unframed, motion, status, &
+                               cancel)
+      if (status%failed() .or. is_set(cancel)) return
+      if (motion%flow%outcome /= beats_found) cycle
+      if (is_among(motion%typical, found(:, :n_found))) cycle
+      if (n_found == 0) call drop_beating(points, first)
+      n_found = n_found + 1
+      found(:, n_found) = motion%typical
+      known = [known, motion%flow]
+      unframed%load_factor(load) = factor
+      call add_beating(points, i, unframed, full, load, motion, with_errors, cancel)
+    end do
+    replaced = n_found > 0
+  end subroutine add_beats
+
+
+  !> Several loads act, or terms had no place in the frame.
+  pure logical function may_beat(scales)
+    type(multiple_scales_type), intent(in) :: scales
+    integer :: k
+    may_beat = count([(scales%form%drives(k) > 0.0_wp .and. any(abs(scales%form%load(:, k)) &
+                                                                > 0.0_wp), &
+                       k=1, size(scales%form%drives))]) > 1
+    may_beat = may_beat .or. any(scales%normal%candidates%turned_away)
+  end function may_beat
+
+  !> Take back the points from `first` on that are no steady motions.
+  pure subroutine drop_beating(points, first)
+    type(steady_points_type), intent(inout) :: points
+    integer, intent(in) :: first
+    type(steady_points_type) :: before
+    integer :: m, last
+    last = points%n
+    points%n = first - 1
+    do m = first, last
+      if (points%left_out(m) > least_fall) cycle
+      points%n = points%n + 1
+      before = points
+      call copy_points(before, points, [m], [points%n])
+    end do
+  end subroutine drop_beating
+
+  !> A motion that was found before.
+  pure logical function is_among(typical, found)
+    complex(wp), intent(in) :: typical(:), found(:, :)
+    integer :: m
+    is_among = .false.
+    do m = 1, size(found, 2)
+      is_among = is_among .or. maxval(abs(abs(typical) - abs(found(:, m)))) &
+                 <= 1.0e-4_wp*maxval(abs(found(:, m)))
+    end do
+  end function is_among
+
+  !> Add a motion that beats at value i.
+  subroutine add_beating(points, i, scales, full, load, motion, with_errors, cancel)
+    type(steady_points_type), intent(inout) :: points
+    integer, intent(in) :: i, load
+    type(multiple_scales_type), intent(in) :: scales
+    class(full_system_type), intent(in), optional :: full
+    type(beating_motion_type), intent(in) :: motion
+    logical, intent(in) :: with_errors
+    integer, intent(inout) :: cancel
+    real(wp) :: p
+    integer :: at
+
+    if (points%n == size(points%value)) then
+      call reserve(points, size(motion%typical), size(motion%x, 1), 2*points%n + 1)
+    end if
+    points%n = points%n + 1
+    p = scales%form%drives(load)
+    associate (m => points%n)
+      points%value(m) = i
+      points%a(:, m) = motion%typical*scales%amplitude_units
+      points%frame(:, m) = scales%flow%frame
+      points%eigenvalues(:, m) = motion%flow%growth
+      points%sizes(:, m) = motion%sizes
+      points%left_out(m) = motion%left_out
+      points%beats(m) = motion%flow%lattice%d
+      call resting_growth(scales, full, motion%typical, points%resting(m))
+      at = minloc(abs(motion%frequency - p), 1)
+      points%harmonic(:, m) = (0.0_wp, 0.0_wp)
+      if (abs(motion%frequency(at) - p) <= 1.0e-9_wp*p) points%harmonic(:, m) = motion%x(:, at)
+      points%line_of = [points%line_of, spread(m, 1, size(motion%frequency))]
+      points%line_frequency = [points%line_frequency, motion%frequency]
+      points%line = reshape([points%line, motion%x], &
+                            [size(motion%x, 1), size(points%line_frequency)])
+      if (with_errors) then
+        call beating_errors(scales, full, motion, points%motion_errors(:, m), cancel)
+        points%harmonic_errors(:, m) = points%motion_errors(:, m)
+        points%growth_errors(m) = motion%flow%growth_error + slopes_of_left_out &
+                                  *motion%flow%bent*relative_error(points, m, scales)
+      end if
+    end associate
+  end subroutine add_beating
+
+  !> The error of a motion in parts of it.
+  pure real(wp) function relative_error(points, m, scales)
+    type(steady_points_type), intent(in) :: points
+    integer, intent(in) :: m
+    type(multiple_scales_type), intent(in) :: scales
+    relative_error = maxval(points%motion_errors(:, m)*points%sizes(4, m) &
+                            /scales%units(:scales%form%n_dof))/max(points%sizes(1, m), &
+                                                                   tiny(1.0_wp))
+  end function relative_error
 
   !> All steady motions, resonances chosen by what their terms do at the largest of those in range.
   subroutine find_steady(form, tolerance, reach, scales, solver, a, n_found, status, cancel)
@@ -212,28 +369,38 @@ contains
     type(steady_points_type), intent(inout) :: points
     integer, intent(in) :: n_modes, n_dof, room
     type(steady_points_type) :: more
+    integer :: m
     allocate (more%value(room), more%a(n_modes, room), more%eigenvalues(2*n_modes, room), &
               more%harmonic(n_dof, room), more%frame(n_modes, room), more%sizes(n_sizes, room), &
               more%left_out(room), more%resting(room), &
               more%harmonic_errors(n_dof, room), more%motion_errors(n_dof, room), &
-              more%growth_errors(room))
+              more%growth_errors(room), more%beats(room))
     more%n = points%n
-    if (points%n > 0) then
-      associate (m => points%n)
-        more%value(:m) = points%value(:m)
-        more%a(:, :m) = points%a(:, :m)
-        more%eigenvalues(:, :m) = points%eigenvalues(:, :m)
-        more%harmonic(:, :m) = points%harmonic(:, :m)
-        more%frame(:, :m) = points%frame(:, :m)
-        more%sizes(:, :m) = points%sizes(:, :m)
-        more%left_out(:m) = points%left_out(:m)
-        more%resting(:m) = points%resting(:m)
-        more%harmonic_errors(:, :m) = points%harmonic_errors(:, :m)
-        more%motion_errors(:, :m) = points%motion_errors(:, :m)
-        more%growth_errors(:m) = points%growth_errors(:m)
-      end associate
+    if (points%n > 0) call copy_points(points, more, [(m, m=1, points%n)], [(m, m=1, points%n)])
+    if (allocated(points%line)) then
+      more%line_of = points%line_of
+      more%line_frequency = points%line_frequency
+      more%line = points%line
     end if
     points = more
   end subroutine reserve
+
+  pure subroutine copy_points(from, to, which, places)
+    type(steady_points_type), intent(in) :: from
+    type(steady_points_type), intent(inout) :: to
+    integer, intent(in) :: which(:), places(:)
+    to%value(places) = from%value(which)
+    to%a(:, places) = from%a(:, which)
+    to%eigenvalues(:, places) = from%eigenvalues(:, which)
+    to%harmonic(:, places) = from%harmonic(:, which)
+    to%frame(:, places) = from%frame(:, which)
+    to%sizes(:, places) = from%sizes(:, which)
+    to%left_out(places) = from%left_out(which)
+    to%resting(places) = from%resting(which)
+    to%harmonic_errors(:, places) = from%harmonic_errors(:, which)
+    to%motion_errors(:, places) = from%motion_errors(:, which)
+    to%growth_errors(places) = from%growth_errors(which)
+    to%beats(places) = from%beats(which)
+  end subroutine copy_points
 
 end module viscovib_scales_response

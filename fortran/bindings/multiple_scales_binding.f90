@@ -157,7 +157,8 @@ subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
   type(polynomial_form_type) :: form
   type(multiple_scales_type) :: scales
   type(status_type) :: outcome
-  complex(c_double_complex) :: a(n_modes)
+  integer, parameter :: max_rounds = 4
+  complex(c_double_complex) :: a(n_modes), before(n_modes)
   integer :: i, round
 
   amplitudes = (0.0_c_double, 0.0_c_double)
@@ -170,16 +171,21 @@ subroutine scales_motion(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, ki
   outcome_of = 0
   call make_form(packed, flat, kind_x, data_x, kind_phi, data_phi, form, outcome)
   expected = 0.0_c_double
-  do round = 1, 2
+  before = (0.0_c_double, 0.0_c_double)
+  do round = 1, max_rounds
     if (outcome%failed()) exit
     call new_multiple_scales(scales, form, tolerance, .false., outcome, sizes=expected)
     if (outcome%failed()) exit
     frame = scales%flow%frame
     a = start/scales%amplitude_units
     if (given == 0) call amplitudes_of_state(scales, state(:, 1), state(:, 2), a, outcome)
-    if (outcome%failed()) exit
-    if (.not. scales%normal%choosing .or. .not. wants_more(scales%normal, abs(a))) exit
-    if (round == 1) expected = abs(a)
+    if (outcome%failed() .or. .not. scales%normal%choosing) exit
+    if (round == 1 .and. .not. wants_more(scales%normal, abs(a))) exit
+    ! What resonates is chosen for the amplitudes that follow: the same ones choose the same.
+    if (round > 1 .and. .not. any(abs(a - before) > 0.0_c_double)) exit
+    if (round == max_rounds) exit
+    before = a
+    expected = abs(a)
   end do
   if (.not. outcome%failed()) then
     first = a*scales%amplitude_units
@@ -236,9 +242,10 @@ end subroutine scales_errors
 subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, kind_phi, &
                            data_phi, n_phi, &
                            tolerance, load, vary, values, n, with_errors, n_modes, n_dof, &
-                           max_points, cancel, n_points, which, amplitudes, frames, eigenvalues, &
-                           harmonics, sizes, left_out, resting, harmonic_errors, motion_errors, &
-                           growth_errors, status)
+                           max_points, max_lines, cancel, n_points, which, amplitudes, frames, &
+                           eigenvalues, harmonics, sizes, left_out, resting, harmonic_errors, &
+                           motion_errors, growth_errors, beats, n_lines, line_of, &
+                           line_frequencies, lines, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_polynomial_form, only: polynomial_form_type
@@ -247,7 +254,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
   use viscovib_status, only: status_type
   implicit none
   integer(c_int), intent(in) :: n_packed, n_flat, kind_x, n_x, kind_phi, n_phi, load, vary, n
-  integer(c_int), intent(in) :: n_modes, n_dof, max_points, with_errors
+  integer(c_int), intent(in) :: n_modes, n_dof, max_points, max_lines, with_errors
   real(c_double), intent(in) :: packed(n_packed), flat(n_flat)
   real(c_double), intent(in) :: data_x(n_x), data_phi(n_phi), tolerance, values(n)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
@@ -260,6 +267,10 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
   real(c_double), intent(out) :: left_out(max_points), resting(max_points)
   real(c_double), intent(out) :: harmonic_errors(n_dof, max_points), &
                                  motion_errors(n_dof, max_points), growth_errors(max_points)
+  !> Of motions that beat: how many beats, and their lines, each with the point it belongs to.
+  integer(c_int), intent(out) :: beats(max_points), n_lines, line_of(max_lines)
+  real(c_double), intent(out) :: line_frequencies(max_lines)
+  complex(c_double_complex), intent(out) :: lines(n_dof, max_lines)
   !f2py threadsafe
   type(polynomial_form_type) :: form
   type(steady_points_type) :: points
@@ -267,6 +278,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
   integer :: m
 
   n_points = 0
+  n_lines = 0
   call make_form(packed, flat, kind_x, data_x, kind_phi, data_phi, form, outcome)
   if (.not. outcome%failed()) then
     call response_along(form, load, vary, values, tolerance, with_errors /= 0, points, outcome, &
@@ -283,6 +295,13 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
     sizes(:, :m) = points%sizes(:, :m)
     left_out(:m) = points%left_out(:m)
     resting(:m) = points%resting(:m)
+    beats(:m) = points%beats(:m)
+    n_lines = size(points%line_of)
+    m = min(n_lines, max_lines)
+    line_of(:m) = points%line_of(:m)
+    line_frequencies(:m) = points%line_frequency(:m)
+    lines(:, :m) = points%line(:, :m)
+    m = min(n_points, max_points)
     if (with_errors /= 0) then
       harmonic_errors(:, :m) = points%harmonic_errors(:, :m)
       motion_errors(:, :m) = points%motion_errors(:, :m)

@@ -113,6 +113,7 @@ contains
                     //'orders; estimated error of X, of the coordinate where it is largest')
     call table%hold_reals(trim(self%parameter), self%values(points%value(:n)))
     call table%hold_integers('stable', merge(1, 0, stable_points(points)))
+    call table%hold_integers('beats', points%beats(:n))
     do i = 1, size(self%wanted)
       d = self%wanted(i)
       call table%add_complex(trim(subject%coordinates(d)), points%harmonic(d, :n))

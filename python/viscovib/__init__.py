@@ -47,6 +47,7 @@ _NAMES = {
     "plots.rubber": "plot_cole_cole plot_modulus plot_nomogram plot_van_gurp",
     "plots.scales": "plot_modulation plot_scales_response",
     "plots.steady": "plot_backbone plot_branch plot_response",
+    "results.beats": "BeatingMotion",
     "results.branch": "Branch",
     "results.curves": "BranchPoint Crossing",
     "results.ensemble": "Ensemble",
@@ -190,6 +191,7 @@ if TYPE_CHECKING:
         plot_branch as plot_branch,
         plot_response as plot_response,
     )
+    from viscovib.results.beats import BeatingMotion as BeatingMotion
     from viscovib.results.branch import Branch as Branch
     from viscovib.results.curves import (
         BranchPoint as BranchPoint,

@@ -1,7 +1,5 @@
 """Which terms multiple scales count as resonant: against Floquet's multipliers by SciPy."""
 
-import warnings
-
 import numpy as np
 import pytest
 import scipy.integrate
@@ -316,24 +314,3 @@ def test_tongues_that_reach_far():
             # Motions of a fifth of the length: what follows is of that size.
             np.testing.assert_allclose(found.resting_growth[0], around[1], rtol=0.25)
     assert growing >= 3
-
-
-def test_loads_that_beat_are_told_with_what_follows_them():
-    # Two modes near 1:2, a load near each and a third beside the first: no frame stands still.
-    system = vv.CubicSystem(
-        mass=np.eye(2), stiffness=np.diag([1, 4.1]), damping=np.diag([0.02, 0.02]),
-        quadratic=0.2 * np.ones((2, 2, 2)), cubic=0.2 * np.ones((2, 2, 2, 2)),
-        load=[[0.003, 0.003, 0.002], [0.001, 0.002, 0.004]], drives=[1.0, 2.02, 1.05],
-    )  # fmt: skip
-    with pytest.warns(vv.RangeWarning, match=r"1 of 1 .* quasi-periodic.* motion\(t\) .* simulate"):
-        steady = vv.MultipleScales(system).response("p1", [1.0])
-    assert not steady.in_range.any()
-    pendulum = vv.Pendulum(
-        e=0.1, w2=0.5, w3=0.9, alpha=0.3, c1=0.02, c2=0.01, c3=0.01,
-        f0=2e-3, m01=1e-3, m02=1e-3, p1=0.99, p2=0.5, p3=0.47,
-    )  # fmt: skip
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        steady = vv.MultipleScales(pendulum).response("p1", [0.99, 1.0])
-    beats = (steady.left_out > 0.3).any()
-    assert beats == any("forced_response" in str(w.message) for w in told)

@@ -19,6 +19,9 @@ JUDGES = (
     "ScalesResponse.routh_hurwitz", "ScalesMotion", "ScalesMotion.coordinate_errors",
     "ScalesMotion.error_estimate", "ScalesMotion.in_range", "Modulation", "Modulation.amplitude",
     "Modulation.phase", "Resonance", "Resonance.coefficients", "Resonance.label", "RangeWarning",
+    "ScalesResponse.beating", "ScalesResponse.beating_points", "BeatingMotion",
+    "BeatingMotion.orders", "BeatingMotion.mean", "BeatingMotion.rms", "BeatingMotion.largest",
+    "BeatingMotion.lines", "BeatingMotion.at", "BeatingMotion.stable",
 )  # fmt: skip
 #: An estimate may be this much smaller than the error.
 ESTIMATE = 4.0
@@ -201,6 +204,71 @@ steady = ms.response("p1", [{p.p1}])
     def judge(names, told):
         true = p.motion(state, t)
         yield from _motion(names, true)
+
+    return Case(call, judge)
+
+
+def _beating(rng, index):
+    """Three loads near three modes, large enough for amplitudes to beat."""
+    p = pendulum(rng, (0.005, 0.03))
+    own = Swinging(p.e, p.w2, p.w3, p.alpha)
+    a = own.jacobian(np.zeros(1), np.zeros((1, 6)))[0]
+    w = np.sort(np.sqrt(np.linalg.eigvals(-a[1::2, ::2]).real))[::-1]
+    drives = (w * rng.uniform(0.96, 1.04, 3)).round(4)
+    size = rng.uniform(5, 20)
+    p = Swinging(
+        **(
+            vars(p)
+            | dict(
+                f0=few(rng, 1e-4 * size, 1e-3 * size, 2),
+                m01=few(rng, 1e-5 * size, 3e-4 * size, 2),
+                m02=few(rng, 1e-5 * size, 3e-4 * size, 2),
+                p1=float(drives[0]),
+                p2=float(drives[1]),
+                p3=float(drives[2]),
+            )
+        )
+    )
+    t = np.linspace(0, 300, 151)
+    call = f"""system = {p.source}
+response = vv.MultipleScales(system).response("p1", [{p.p1}])
+points = [i for i in response.beating_points if response.in_range[i]]
+beats = [response.beating(i) for i in points]
+told = [
+    (b.at({t.tolist()}), b.errors, b.mean, b.rms, b.largest, b.frequencies, b.harmonics, b.orders,
+     [b.lines(name) for name in b.dof_names], b.stable)
+    for b in beats
+]
+"""
+
+    def judge(names, told):
+        for q, errors, mean, rms, largest, f, x, orders, lines, stable in names["told"]:
+            state = np.ravel(np.column_stack([x.sum(axis=0).real, ((1j * f) @ x).real]))
+            true = p.motion(state, t)[:, ::2]
+            # Coordinates that are known at all.
+            kept = np.flatnonzero(errors <= 0.2 * rms)
+            if not kept.size or stable is False:
+                continue
+            # What the state lacks is felt as well, until it has decayed.
+            yield Claim(
+                "motion that beats",
+                q[:, kept],
+                true[:, kept],
+                np.tile(errors[kept], (t.size, 1)),
+                limit=6.0,
+                damage=float(30 * (errors / rms)[kept].max()),
+            )
+            known = np.isfinite(orders).all(axis=1)
+            yield Claim("orders", f[known], orders[known] @ np.array([p.p1, p.p2, p.p3]), 1e-7)
+            far = np.random.default_rng(index).uniform(0, 1e8, 40_000)
+            samples = (np.exp(1j * np.outer(far, f)) @ x).real
+            yield Claim("mean", mean, samples.mean(axis=0), 0.05 * rms, damage=10.0)
+            yield Claim("rms", rms, samples.std(axis=0), 0.05 * rms, damage=0.3)
+            top = np.abs(samples).max(axis=0)
+            inside = bool((top <= largest * (1 + 1e-9)).all() and (top > 0.8 * largest).all())
+            yield Claim("largest is the least bound", inside, True)
+            biggest = [rows[0][1] for rows in lines]
+            yield Claim("lines", np.array(biggest), np.abs(x).max(axis=0), 1e-15, damage=1e-3)
 
     return Case(call, judge)
 
@@ -463,5 +531,6 @@ def case(rng, index):
         _resonances,
         _internal,
         _parametric,
+        _beating,
     )
-    return kinds[index % 10](rng, index // 10 * 2 + (index % 10 in (3, 9)))
+    return kinds[index % 11](rng, index // 11 * 2 + (index % 11 in (3, 9)))

@@ -302,6 +302,10 @@ class MultipleScales:
         -----
         The expansion is made anew at each value, whatever the others are. Constant loads are no
         part of it: it is about the position of rest that they give.
+
+        Where no frame makes the amplitudes stand still they beat: the modulation equations are
+        integrated, from rest and from where they would stand, until they settle, and the motion is
+        one of lines: ``beating(point)``. Of such motions those that attract are found.
         """
         names = tuple(self._form.load_names)
         load, vary = self._form.load_names[_native.choice("parameter", parameter, names)]
@@ -312,8 +316,10 @@ class MultipleScales:
             raise InputError(f"{parameter} = {where.min():g}: must be greater than 0")
         found = self._steady(load, vary, where, False)
         n, which, a, frames, eigenvalues, harmonics, sizes, left_out, resting = found[:9]
+        beats, n_lines, line_of, line_frequencies, lines = found[-5:]
         kept = slice(n)
         self._warn_of_beats(left_out[kept])
+        acting = np.flatnonzero(self._form.drives > 0)
         return ScalesResponse(
             parameter=parameter,
             values=where,
@@ -325,6 +331,10 @@ class MultipleScales:
             order_sizes=sizes.T[kept, :3].copy(),
             left_out=left_out[kept].copy(),
             resting_growth=np.where(resting[kept] > _NOT_NEAR, resting[kept], -np.inf),
+            n_beats=beats[kept].copy(),
+            _lines=(line_of[:n_lines] - 1, line_frequencies[:n_lines].copy(), lines.T[:n_lines]),
+            _loads={f"p{k + 1}": float(self._form.drives[k]) for k in acting},
+            _varied=f"p{load}" if vary == 1 else "",
             _units=self._units / sizes.T[kept, 3:],
             dof_names=self._names,
             _errors=partial(self._steady_errors, load, vary, where),
@@ -337,7 +347,8 @@ class MultipleScales:
     def _steady_errors(
         self, load: int, vary: int, where: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        n, *_, of_harmonic, of_motion, of_growth = self._steady(load, vary, where, True)
+        found = self._steady(load, vary, where, True)
+        n, (of_harmonic, of_motion, of_growth) = found[0], found[9:12]
         return (
             np.ascontiguousarray(of_harmonic.T[:n]),
             np.ascontiguousarray(of_motion.T[:n]),
@@ -345,16 +356,16 @@ class MultipleScales:
         )
 
     def _steady(self, load: int, vary: int, where: FloatArray, errors: bool) -> tuple[Any, ...]:
-        room = 12 * where.size + 100
+        room, lines = 12 * where.size + 100, 200 * where.size + 200
         while True:
             cancel = np.zeros(1, dtype=np.intc)
             found = _native.call_interruptibly(
                 core.scales_response, cancel, *self._form.system, self._tolerance, load, vary,
-                where, int(errors), self._n, self._n_dof, room, cancel,
+                where, int(errors), self._n, self._n_dof, room, lines, cancel,
             )  # fmt: skip
-            if found[0] <= room:
+            if found[0] <= room and found[13] <= lines:
                 return found
-            room = found[0]
+            room, lines = max(room, found[0]), max(lines, found[13])
 
     def backbone(self, mode: int, amplitudes: npt.ArrayLike) -> FloatArray:
         """Frequency of free vibration in one mode (from 0) at real amplitudes.
@@ -394,7 +405,8 @@ class MultipleScales:
         exact = "forced_response" if isinstance(self.system, Pendulum) else "simulate"
         warnings.warn(
             f"{beats} of {left_out.size} motions are quasi-periodic: loads near the same mode, or "
-            "modes near a resonance with other loads, beat, and no steady amplitudes describe that "
+            "modes near a resonance with other loads, beat, and no steady amplitudes describe "
+            "that; the modulation equations settle on no beats with the loads' frequencies "
             f"(in_range is False); motion(t) follows them in time, and {exact} does exactly",
             RangeWarning,
             stacklevel=caller(),

@@ -17,6 +17,7 @@ from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Result, span
 from viscovib.common.tables import Table
 from viscovib.errors import InputError
+from viscovib.results.beats import BeatingMotion
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -268,11 +269,16 @@ class ScalesResponse(Result):
     left_out : ndarray, shape (n,)
         Largest influence of a term near resonance that is not in the modulation equations: its
         coupling times the amplitudes over its divisor. Below 0.05 as a rule; more where its
-        frequency has no place beside the others (the motion is then quasi-periodic).
+        frequency has no place beside the others and no beats were found. Of motions that beat also
+        0.6 times that of terms farther from a mode than half of its frequency.
     resting_growth : ndarray, shape (n,)
         Growth of modes at rest by what is not in the modulation equations: terms of fourth order
         (as at 3 p ~ 2 w1), and under large motions those whose frequency is farther from the mode
         than half of its own. -inf where there is no such condition.
+    n_beats : ndarray of int, shape (n,)
+        Frequencies with which amplitudes beat that have no ratio in whole numbers; 0: the motion is
+        steady. Of those that beat ``amplitudes`` are root mean squares over the beats,
+        ``eigenvalues`` mean rates of growth; ``beating`` gives their lines.
     plan : Plan
         What was computed, what was skipped and why.
 
@@ -297,11 +303,17 @@ class ScalesResponse(Result):
     order_sizes: FloatArray
     left_out: FloatArray
     resting_growth: FloatArray
+    n_beats: npt.NDArray[np.int32]
     dof_names: tuple[str, ...]
     plan: Plan
     _errors: Callable[[], tuple[FloatArray, FloatArray, FloatArray]] = field(repr=False)
     #: As of `ScalesMotion`.
     _units: FloatArray = field(repr=False)
+    #: Of motions that beat: which point each line belongs to, frequencies, X.
+    _lines: tuple[npt.NDArray[np.int32], FloatArray, ComplexArray] = field(repr=False)
+    #: Frequencies of the loads, and which of them is varied, if any.
+    _loads: dict[str, float] = field(repr=False)
+    _varied: str = field(repr=False)
 
     kind = "multiple_scales"
 
@@ -323,9 +335,37 @@ class ScalesResponse(Result):
         outside = int((~self.in_range).sum())
         unsure = int((~self.decided & self.in_range).sum())
         lines = [f"{outside} of them are outside the range of the expansion"] if outside else []
+        if self.beating_points.size:
+            lines.append(f"{self.beating_points.size} of them beat (quasi-periodic)")
         if unsure:
             lines.append(f"the stability of {unsure} of them is not decided by this expansion")
         return lines
+
+    @property
+    def beating_points(self) -> npt.NDArray[np.intp]:
+        """Points whose amplitudes beat."""
+        return np.flatnonzero(np.isin(np.arange(self.index.size), self._lines[0]))
+
+    def beating(self, point: int) -> BeatingMotion:
+        """The lines of a motion whose amplitudes beat, and its mean, rms and largest value."""
+        i = _native.integer("point", point, 0, self.index.size - 1)
+        of, frequencies, lines = self._lines
+        which = of == i
+        if not which.any():
+            raise InputError(f"point = {i}: is a steady motion, must be one of beating_points")
+        value = float(self.at[i])
+        loads = self._loads | ({self._varied: value} if self._varied else {})
+        return BeatingMotion(
+            value=value,
+            n_beats=int(self.n_beats[i]),
+            frequencies=frequencies[which],
+            harmonics=np.ascontiguousarray(lines[which]),
+            errors=self.motion_errors[i].copy(),
+            growth=float(self._growth[i]),
+            growth_error=float(self.growth_error[i]),
+            loads=loads,
+            dof_names=self.dof_names,
+        )
 
     @cached_property
     def _all_errors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -432,6 +472,7 @@ class ScalesResponse(Result):
                 "eigenvalues": (("point", "eigenvalue"), self.eigenvalues),
                 "harmonics": (("point", "dof"), self.harmonics),
                 "stable": ("point", self.stable),
+                "n_beats": ("point", self.n_beats),
                 "growth_error": ("point", self.growth_error),
                 "error_estimate": ("point", self.error_estimate),
                 "in_range": ("point", self.in_range),
@@ -448,7 +489,7 @@ class ScalesResponse(Result):
                 "the modes; largest growth and its estimated error; sizes of the three "
                 "orders; estimated error of X, of the coordinate where it is largest",
             ],
-            {self.parameter: self.at, "stable": self.stable},
+            {self.parameter: self.at, "stable": self.stable, "beats": self.n_beats},
         )
         for d in wanted_places(coordinates, self.dof_names):
             table.add_complex(self.dof_names[d], self.harmonics[:, d])

@@ -1,0 +1,176 @@
+"""Quasi-periodic motions by multiple scales: lines, and what follows from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.counts import things
+from viscovib.common.results import Result
+
+#: Highest multiple of a load's frequency that a line is looked for at, by the number of loads.
+_HIGHEST = {1: 24, 2: 24, 3: 16, 4: 6, 5: 3, 6: 2}
+#: Frequencies that differ by less than this part of the highest are one.
+_SAME = 2e-9
+#: Phases from which the largest value is sought.
+_STARTS, _TRIES, _ROUNDS = 4000, 12, 40
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BeatingMotion(Result):
+    """A motion under several loads that no frame makes stand still, as a sum of lines.
+
+    u(t) = mean + sum_k Re X_k exp(i f_k t + i n_k . c), where n_k are the multiples of the loads'
+    frequencies that make up f_k, and c the phases of the loads.
+
+    Attributes
+    ----------
+    value : float
+        Of the parameter varied.
+    n_beats : int
+        Number of incommensurate frequencies with which amplitudes beat.
+    frequencies : ndarray, shape (n_lines,)
+        Circular frequencies f_k (rad/s), ascending, the mean (0) first.
+    harmonics : complex ndarray, shape (n_lines, n_dof)
+        X_k; of the mean its value.
+    errors : ndarray, shape (n_dof,)
+        Estimated error of a coordinate at any time, and so of each line, ``mean``, ``rms`` and
+        ``largest``.
+    growth : float
+        Mean exponential growth of small disturbances of the modulation equations (1/s); below 0
+        neighbours come back.
+    growth_error : float
+        Estimated error of it.
+    loads : dict
+        Frequencies of the loads by name (rad/s).
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> body = vv.Pendulum(
+    ...     e=0.1, w2=0.5, w3=1.0, alpha=0.5, c1=0.01, c2=0.01, c3=0.01,
+    ...     f0=0.002, p1=1.03, m01=0.001, p2=0.49, m02=0.001, p3=1.0,
+    ... )
+    >>> response = vv.MultipleScales(body).response("p1", [1.03])
+    >>> lines = [response.beating(i).lines("z")[:3] for i in response.beating_points]
+    """
+
+    value: float
+    n_beats: int
+    frequencies: FloatArray
+    harmonics: ComplexArray
+    errors: FloatArray
+    growth: float
+    growth_error: float
+    loads: dict[str, float]
+    dof_names: tuple[str, ...]
+
+    kind = "beating_motion"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether there are lines at all."""
+        return self.frequencies.size > 0
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether neighbours come back; None where ``growth_error`` exceeds the growth."""
+        return None if abs(self.growth) <= self.growth_error else self.growth < 0
+
+    def _headline(self) -> str:
+        beats = things(self.n_beats, "beat frequency", "beat frequencies")
+        return f"{things(self.frequencies.size, 'line')}, {beats}"
+
+    def _scope(self) -> list[str]:
+        verdict = {True: "stable", False: "unstable", None: "of unknown stability"}[self.stable]
+        return [f"{', '.join(self.dof_names)}; {verdict}, growth {self.growth:.4g}"]
+
+    @cached_property
+    def orders(self) -> FloatArray:
+        """Multiples n of the loads' frequencies that make up each line, shape (n_lines, n_loads).
+
+        Whole numbers, or halves; the smallest that do, NaN where none within reach do.
+        """
+        p = np.array(list(self.loads.values()))
+        top = _HIGHEST[min(p.size, 6)]
+        n = np.array(list(product(range(-top, top + 1), repeat=p.size)), dtype=float)
+        n = n[np.argsort(np.abs(n).sum(axis=1), kind="stable")]
+        half = n[(np.abs(n) <= top // 2).all(axis=1) & (n % 2 != 0).any(axis=1)] / 2
+        n = np.concatenate([n, half])
+        sums = n @ p
+        found = np.full((self.frequencies.size, p.size), np.nan)
+        for k, f in enumerate(self.frequencies):
+            at = np.flatnonzero(np.abs(sums - f) <= _SAME * p.max())
+            if at.size:
+                found[k] = n[at[0]]
+        return found
+
+    @property
+    def mean(self) -> FloatArray:
+        """Mean of each coordinate, shape (n_dof,)."""
+        return np.ascontiguousarray(self.harmonics[0].real)
+
+    @property
+    def rms(self) -> FloatArray:
+        """Root mean square of each coordinate about its mean, shape (n_dof,)."""
+        return np.asarray(np.sqrt((np.abs(self.harmonics[1:]) ** 2).sum(axis=0) / 2))
+
+    @cached_property
+    def largest(self) -> FloatArray:
+        """The least bound of the size of each coordinate, shape (n_dof,).
+
+        Over all phases of the loads: in time it is approached as closely as one likes where their
+        frequencies have no ratio in whole numbers, and may not be reached where they have.
+        """
+        known = np.isfinite(self.orders).all(axis=1)
+        angles = np.random.default_rng(0).uniform(0, 4 * np.pi, (_STARTS, self.orders.shape[1]))
+        found = np.abs(self.harmonics[~known]).sum(axis=0)
+        for d in range(len(self.dof_names)):
+            size = np.abs(self.harmonics[:, d])
+            use = known & (size > 1e-6 * size.max())
+            n, x = self.orders[use], self.harmonics[use, d]
+            found[d] += max(_highest(n, x, angles), _highest(n, -x, angles))
+        return np.asarray(found)
+
+    def lines(self, dof: str) -> list[tuple[float, float, tuple[float, ...]]]:
+        """(frequency, amplitude, multiples of the loads') of a coordinate, the largest first."""
+        d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
+        sizes = np.abs(self.harmonics[:, d])
+        order = np.argsort(-sizes, kind="stable")
+        return [
+            (float(self.frequencies[k]), float(sizes[k]), tuple(self.orders[k].tolist()))
+            for k in order
+            if sizes[k] > 0
+        ]
+
+    def at(self, t: npt.ArrayLike) -> FloatArray:
+        """Coordinates at times t, all loads being cosines, shape (n, n_dof)."""
+        times = _native.real_array("t", t, ndim=1)
+        waves = np.exp(1j * np.outer(times, self.frequencies))
+        return np.ascontiguousarray((waves @ self.harmonics).real)
+
+
+def _highest(n: FloatArray, x: ComplexArray, angles: FloatArray) -> float:
+    """Largest value of Re sum_k x_k exp(i n_k . c) over the angles c, by Newton's method."""
+    values = (np.exp(1j * angles @ n.T) @ x).real
+    best = float(values.max())
+    for c in angles[np.argsort(-values)[:_TRIES]]:
+        for _ in range(_ROUNDS):
+            waves = x * np.exp(1j * n @ c)
+            slope = -waves.imag @ n
+            bend = -(n.T * waves.real) @ n
+            # Uphill whatever the sign of the curvature.
+            values_of, vectors = np.linalg.eigh(bend)
+            steep = np.maximum(np.abs(values_of), 1e-9 * np.abs(waves).sum())
+            step = vectors @ ((vectors.T @ slope) / steep)
+            c = c + step / max(1.0, float(np.abs(step).max()))
+            if np.abs(step).max() < 1e-9:
+                break
+        best = max(best, float((x * np.exp(1j * n @ c)).real.sum()))
+    return best

@@ -1,0 +1,104 @@
+"""Motions by multiple scales whose amplitudes beat: against integration."""
+
+import warnings
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+BEATS = {
+    # Each with the beats between its terms: one, two, and half of one (a mode that follows one load
+    # by parametric excitation and is pushed by another).
+    "cubic system": (vv.CubicSystem(
+        mass=np.eye(2), stiffness=np.diag([1, 4.1]), damping=np.diag([0.02, 0.02]),
+        quadratic=0.2 * np.ones((2, 2, 2)), cubic=0.2 * np.ones((2, 2, 2, 2)),
+        load=[[0.003, 0.003, 0.002], [0.001, 0.002, 0.004]], drives=[1.0, 2.0173, 1.05],
+    ), 1.0, 2),
+    "pendulum": (vv.Pendulum(
+        e=0.0338, w2=0.552, w3=0.837, alpha=0.369, c1=0.0166, c2=0.00527, c3=0.0126,
+        f0=0.0092, m01=0.0014, m02=0.0016, p1=1.041, p2=0.9113, p3=0.5521,
+    ), 1.041, 2),
+    "parametric": (vv.Pendulum(
+        e=0.0102, w2=0.366, w3=0.988, alpha=0.573, c1=0.0258, c2=0.00555, c3=0.00837,
+        f0=0.0046, m01=0.00058, m02=0.0017, p1=1.01, p2=1.0086, p3=0.3595,
+    ), 1.01, 1),
+}  # fmt: skip
+
+
+def integrate(system, state, t):
+    """States of a system by SciPy, of a pendulum by Gauss's method."""
+    if isinstance(system, vv.Pendulum):
+        step = t[1] / 8
+        return vv.simulate(system, t[-1], initial=state, dt=step, save_every=8).state
+    n = len(system.dof_names)
+    drives, load = np.asarray(system.drives), np.asarray(system.load)
+
+    def rates(s, y):
+        q, v = y[::2], y[1::2]
+        force = load @ np.cos(drives * s) - system.stiffness @ q - system.damping @ v
+        force -= np.einsum("ijk,j,k->i", system.quadratic, q, q)
+        force -= np.einsum("ijkl,j,k,l->i", system.cubic, q, q, q)
+        return np.ravel(np.column_stack([v, np.linalg.solve(system.mass, force)]))
+
+    found = solve_ivp(rates, (0, t[-1]), state, "DOP853", t, rtol=1e-10, atol=1e-12)
+    assert n == found.y.shape[0] // 2
+    return found.y.T
+
+
+@pytest.mark.parametrize("name", BEATS)
+def test_motions_that_beat_are_those_of_the_equations(name):
+    """From a state of the motion integration follows it, over some beats, within the error told."""
+    system, p1, n_beats = BEATS[name]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        response = vv.MultipleScales(system).response("p1", [p1])
+    assert response.in_range.all()
+    motion = response.beating(response.beating_points[0])
+    assert motion.n_beats == n_beats
+    rates = (1j * motion.frequencies) @ motion.harmonics
+    state = np.ravel(np.column_stack([motion.harmonics.sum(axis=0).real, rates.real]))
+    t = np.linspace(0, 400, 401)
+    true = integrate(system, state, t)[:, ::2]
+    # What the state lacks decays while it moves: a little more than the error of the motion.
+    assert (np.abs(true - motion.at(t)).max(axis=0) < 3 * motion.errors).all()
+    assert (np.abs(true).max(axis=0) < motion.largest + 3 * motion.errors).all()
+    # The lines are sums of multiples of the loads' frequencies.
+    p = np.array(list(motion.loads.values()))
+    known = np.isfinite(motion.orders).all(axis=1)
+    np.testing.assert_allclose(motion.orders[known] @ p, motion.frequencies[known], atol=1e-8)
+    assert known[np.abs(motion.harmonics).max(axis=1) > 1e-3 * motion.rms.max()].all()
+    for d, dof in enumerate(response.dof_names):
+        assert motion.lines(dof)[0][1] == np.abs(motion.harmonics[:, d]).max()
+
+
+def test_the_rms_and_the_largest_value_of_beats_are_those_of_long_samples():
+    system, p1, _ = BEATS["cubic system"]
+    response = vv.MultipleScales(system).response("p1", [p1])
+    motion = response.beating(response.beating_points[0])
+    samples = motion.at(np.random.default_rng(3).uniform(0, 1e7, 20_000))
+    np.testing.assert_allclose(samples.mean(axis=0), motion.mean, atol=0.01 * motion.rms.max())
+    np.testing.assert_allclose(samples.std(axis=0), motion.rms, rtol=0.01)
+    largest = np.abs(samples).max(axis=0)
+    assert (largest <= motion.largest * (1 + 1e-9)).all()
+    np.testing.assert_allclose(largest, motion.largest, rtol=0.1)
+
+
+def test_a_steady_motion_has_no_beats():
+    steady = vv.MultipleScales(vv.Pendulum(e=0.1, w2=0.4, w3=0.8, c1=0.01, f0=0.002, p1=1.02))
+    steady = steady.response("p1", [1.02])
+    assert not steady.n_beats.any()
+    assert not steady.beating_points.size
+    with pytest.raises(vv.InputError, match=r"point = 0: is a steady motion"):
+        steady.beating(0)
+
+
+def test_a_motion_that_settles_on_no_beats_is_told_with_what_follows_it():
+    """Two modes exchange energy, out of step with the loads."""
+    pend = vv.Pendulum(
+        e=0.137, w2=0.516, w3=0.621, alpha=0.244, c1=0.0067, c2=0.0299, c3=0.00647,
+        f0=0.0043, m01=0.00017, m02=0.00054, p1=1.0131, p2=0.7472, p3=0.4759,
+    )  # fmt: skip
+    with pytest.warns(vv.RangeWarning, match=r"settle on no beats .*forced_response"):
+        steady = vv.MultipleScales(pend).response("p1", [pend.p1])
+    assert not steady.in_range.any()
