@@ -1,12 +1,13 @@
 !> The force laws of a system that are no polynomials, in a harmonic balance: harmonics and their
 !! derivatives.
 !!
-!! A smooth law is taken at the samples of the balance as long as these tell it: if the highest
-!! harmonics that they know are not small, the law is integrated piece by piece, as one with kinks
-!! and one with hysteresis always is.
+!! A smooth law is taken at samples that tell it: those of the balance, or if the highest harmonics
+!! that these know are not small, twice as many, and so on. If the most that there is room for do
+!! not tell it, the law is integrated piece by piece, as one with kinks and one with hysteresis
+!! always is.
 module viscovib_cycle_terms
   use viscovib_constants, only: pi
-  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set, samples_of_laws
   use viscovib_hysteresis, only: hysteresis_type
   use viscovib_hysteresis_catalogue, only: new_hysteresis
   use viscovib_hysteresis_cycle, only: cycle_sums, run_cycle
@@ -18,7 +19,7 @@ module viscovib_cycle_terms
   use viscovib_moment_block, only: add_sandwich_of
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_sample_tables, only: sample_tables
+  use viscovib_sample_tables, only: new_sample_tables, sample_tables
   implicit none
   private
 
@@ -27,17 +28,33 @@ module viscovib_cycle_terms
   !> Part that the highest harmonics of the samples may have: what is folded back onto the orders
   !! kept is at least as many times smaller again.
   real(wp), parameter :: well_known = 1.0e-7_wp
+  !> Part so small that half of the samples would do: harmonics fall geometrically.
+  real(wp), parameter :: too_well_known = 1.0e-13_wp
+  !> Levels of samples, each with twice those before, and the largest table of one.
+  integer, parameter :: most_levels = 5, largest_table = 2**17
+
+  !> Samples of a law: those of the balance, or more.
+  type :: sample_level
+    integer :: n = 0
+    !> Cosines and sines of the highest harmonics at the samples, shape (n, 4).
+    real(wp), allocatable :: highest(:, :)
+    !> The arguments at the samples of the last motion, shape (n, n_arguments).
+    real(wp), allocatable :: scan(:, :)
+  end type sample_level
 
   type :: cycle_term
     !> Place of the law among those of the system.
     integer :: law = 0
     logical, private :: sampled = .false.
     type(law_program), allocatable, private :: signals(:)
-    !> Cosines and sines of the highest harmonics at the samples, shape (n_samples, 4).
-    real(wp), allocatable, private :: highest(:, :)
+    !> What was sampled last, and where to begin at the next motion.
+    integer, private :: level = 1, next_level = 1
+    type(sample_level), allocatable, private :: levels(:)
+    !> Of the levels beyond the first.
+    type(sample_tables), allocatable, private :: tables(:)
     !> Of the last motion: harmonics of the arguments and what rates make of them, shape (n_parts,
-    !! n_arguments), and the arguments at the samples, (n_samples, n_arguments).
-    real(wp), allocatable, private :: y(:, :), rates(:, :), scan(:, :)
+    !! n_arguments).
+    real(wp), allocatable, private :: y(:, :), rates(:, :)
     !> Derivatives at the last motion, once they are known: of the harmonics by those of each
     !! argument, shape (n_parts, n_parts, n_arguments), and by the frequency, (n_parts).
     logical, private :: known = .false.
@@ -66,30 +83,46 @@ contains
         associate (law => system%laws(places(i)))
           if (law%state == 0) call find_signals(law%program, none, cycles(i)%signals)
         end associate
-        call take_highest(cycles(i), set)
+        allocate (cycles(i)%levels(most_levels), cycles(i)%tables(most_levels))
+        cycles(i)%levels(1)%n = set%n_samples
       end do
     end select
     if (.not. allocated(cycles)) allocate (cycles(0))
   end subroutine cycles_of
 
-  pure subroutine take_highest(one, set)
-    type(cycle_term), intent(inout) :: one
+  !> Make a level ready: its tables, and waves of the highest harmonics that its samples know.
+  subroutine prepare_level(level, tables, at, set)
+    type(sample_level), intent(inout) :: level
+    type(sample_tables), intent(inout) :: tables
+    integer, intent(in) :: at
     type(harmonic_set_type), intent(in) :: set
+    type(harmonic_set_type) :: finer
+    real(wp) :: angle
     integer :: i, n, order, period, s
 
-    n = set%n_samples
+    if (allocated(level%highest)) return
+    if (at > 1) then
+      call new_harmonic_set(finer, maxval(set%orders), set%half_wave, &
+                            samples_of_laws*2**(at - 1) - 1)
+      call new_sample_tables(tables, finer)
+      level%n = finer%n_samples
+    end if
+    n = level%n
     period = merge(2*n, n, set%half_wave)
-    allocate (one%highest(n, 4))
+    allocate (level%highest(n, 4))
     do i = 1, 2
       if (set%half_wave) then
         order = 2*((n - 1)/2) + 1 - 2*i
       else
         order = (n - 1)/2 + 1 - i
       end if
-      one%highest(:, 2*i - 1) = [(cos(2.0_wp*pi*modulo(order*s, period)/period), s=0, n - 1)]/n
-      one%highest(:, 2*i) = [(sin(2.0_wp*pi*modulo(order*s, period)/period), s=0, n - 1)]/n
+      do s = 0, n - 1
+        angle = 2.0_wp*pi*modulo(order*s, period)/period
+        level%highest(s + 1, 2*i - 1) = cos(angle)/n
+        level%highest(s + 1, 2*i) = sin(angle)/n
+      end do
     end do
-  end subroutine take_highest
+  end subroutine prepare_level
 
   pure logical function has_states(system)
     class(oscillator_type), intent(in) :: system
@@ -149,10 +182,10 @@ contains
       if (law%state > 0) then
         call run_element(cycles(i), law, set, own)
       else
-        cycles(i)%scan = matmul(u(:set%n_samples, :), transpose(law%seen))
-        call take_samples(cycles(i), law, tables, own)
+        cycles(i)%levels(1)%scan = matmul(u(:set%n_samples, :), transpose(law%seen))
+        call take_samples(cycles(i), law, set, tables, own)
         if (.not. cycles(i)%sampled) call law_parts(law%program, cycles(i)%signals, set, &
-                                                    cycles(i)%y, cycles(i)%scan, own)
+                                                    cycles(i)%y, cycles(i)%levels(1)%scan, own)
       end if
       do j = 1, size(law%variables)
         parts(:, law%variables(j)) = parts(:, law%variables(j)) + law%weights(j)*own
@@ -187,23 +220,75 @@ contains
     call run_cycle(element, set, one%y(:, 1), parts, one%lost, multiplier, sums)
   end subroutine run_element
 
-  !> Harmonics from the samples, if these know the law well enough.
-  subroutine take_samples(one, law, tables, parts)
+  !> Harmonics from samples, if some know the law well enough.
+  subroutine take_samples(one, law, set, tables, parts)
     type(cycle_term), intent(inout) :: one
     type(law_term), intent(in) :: law
+    type(harmonic_set_type), intent(in) :: set
     type(sample_tables), intent(in) :: tables
     real(wp), intent(out) :: parts(:)
-    real(wp) :: value(tables%n_samples)
-    integer :: n
+    real(wp) :: size_of, left
+    integer :: at
 
-    one%sampled = size(one%signals) == 0
-    if (.not. one%sampled) return
-    n = size(one%scan, 1)
-    value(n + 1:) = 0.0_wp
-    call law%program%evaluate(one%scan, value(:n))
-    one%sampled = maxval(abs(matmul(value(:n), one%highest))) <= well_known*maxval(abs(value(:n)))
-    if (one%sampled) call tables%to_parts(value, parts)
+    one%sampled = .false.
+    if (size(one%signals) > 0) return
+    do at = one%next_level, most_levels
+      if (at > 1 .and. samples_of_laws*2**(at - 1)*maxval(set%orders)*size(parts) &
+          > largest_table) exit
+      call prepare_level(one%levels(at), one%tables(at), at, set)
+      if (at == 1) then
+        call sample_at(law, tables, one%levels(at), size_of, left, parts)
+      else
+        call scan_level(one%y, one%tables(at), one%levels(at))
+        call sample_at(law, one%tables(at), one%levels(at), size_of, left, parts)
+      end if
+      one%level = at
+      one%next_level = at
+      one%sampled = left <= well_known*size_of
+      if (.not. one%sampled) cycle
+      if (left <= too_well_known*size_of) one%next_level = max(1, at - 1)
+      return
+    end do
   end subroutine take_samples
+
+  !> The arguments at the samples of a level.
+  subroutine scan_level(y, tables, level)
+    !> Harmonics of the arguments, shape (n_parts, n_arguments).
+    real(wp), intent(in) :: y(:, :)
+    type(sample_tables), intent(in) :: tables
+    type(sample_level), intent(inout) :: level
+    real(wp) :: samples(tables%n_samples)
+    integer :: m
+
+    if (.not. allocated(level%scan)) allocate (level%scan(level%n, size(y, 2)))
+    do m = 1, size(y, 2)
+      call tables%to_samples(y(:, m), samples)
+      level%scan(:, m) = samples(:level%n)
+    end do
+  end subroutine scan_level
+
+  !> Harmonics from the samples of a level, if these know the law.
+  subroutine sample_at(law, tables, level, size_of, left, parts)
+    type(law_term), intent(in) :: law
+    type(sample_tables), intent(in) :: tables
+    type(sample_level), intent(in) :: level
+    !> Largest value, and how large the highest harmonics are.
+    real(wp), intent(out) :: size_of, left
+    real(wp), intent(inout) :: parts(:)
+    real(wp) :: value(tables%n_samples)
+    integer :: i
+
+    associate (n => level%n)
+      value(n + 1:) = 0.0_wp
+      call law%program%evaluate(level%scan, value(:n))
+      size_of = maxval(abs(value(:n)))
+      left = 0.0_wp
+      do i = 1, 4
+        left = max(left, abs(dot_product(value(:n), level%highest(:, i))))
+      end do
+    end associate
+    if (left <= well_known*size_of) call tables%to_parts(value, parts)
+  end subroutine sample_at
 
   !> Derivatives of the harmonics of one law at the last motion.
   subroutine find_blocks(one, system, set, tables, nu)
@@ -233,11 +318,19 @@ contains
       return
     end if
     if (one%sampled) then
-      call slopes_at_samples(one, law, set, tables, one%blocks, one%by_nu)
+      associate (scan => one%levels(one%level)%scan)
+        if (one%level == 1) then
+          call slopes_at_samples(law, set, tables, one%rates, scan, one%blocks, one%by_nu)
+        else
+          call slopes_at_samples(law, set, one%tables(one%level), one%rates, scan, one%blocks, &
+                                 one%by_nu)
+        end if
+      end associate
       one%by_nu = one%by_nu/nu
       return
     end if
-    call law_slopes(law%program, one%signals, set, one%y, one%rates, one%scan, sums)
+    call law_slopes(law%program, one%signals, set, one%y, one%rates, &
+                    one%levels(1)%scan, sums)
     do m = 1, size(one%y, 2)
       call add_sandwich_of(set, sums%c(:, m), sums%s(:, m), 1.0_wp, one%blocks(:, :, m))
     end do
@@ -245,20 +338,21 @@ contains
     one%by_nu = sums%along/nu
   end subroutine find_blocks
 
-  subroutine slopes_at_samples(one, law, set, tables, blocks, by_nu)
-    type(cycle_term), intent(in) :: one
+  subroutine slopes_at_samples(law, set, tables, rates, scan, blocks, by_nu)
     type(law_term), intent(in) :: law
     type(harmonic_set_type), intent(in) :: set
     type(sample_tables), intent(in) :: tables
+    !> What rates make of the harmonics of the arguments, and these at the samples.
+    real(wp), intent(in) :: rates(:, :), scan(:, :)
     real(wp), intent(inout) :: blocks(:, :, :)
     real(wp), intent(out) :: by_nu(:)
     real(wp), dimension(tables%n_samples) :: value, padded, moved, rate
-    real(wp) :: slopes(size(one%scan, 1), size(one%scan, 2))
+    real(wp) :: slopes(size(scan, 1), size(scan, 2))
     real(wp) :: c(-tables%reach:tables%reach), s(-tables%reach:tables%reach)
     integer :: m, n
 
-    n = size(one%scan, 1)
-    call law%program%differentiate(one%scan, value(:n), slopes)
+    n = size(scan, 1)
+    call law%program%differentiate(scan, value(:n), slopes)
     padded = 0.0_wp
     moved = 0.0_wp
     do m = 1, size(slopes, 2)
@@ -266,7 +360,7 @@ contains
       call tables%moments(padded, c, s)
       call add_sandwich_of(set, c, s, 1.0_wp, blocks(:, :, m))
       if (.not. any(abs(law%rates(m, :)) > 0.0_wp)) cycle
-      call tables%to_samples(one%rates(:, m), rate)
+      call tables%to_samples(rates(:, m), rate)
       moved = moved + padded*rate
     end do
     call tables%to_parts(moved, by_nu)

@@ -16,6 +16,9 @@ module viscovib_harmonic_set
 
   public :: harmonic_set_type, new_harmonic_set
 
+  !> Samples of a period for each order, of forces that are no polynomials.
+  integer, parameter, public :: samples_of_laws = 8
+
   type :: harmonic_set_type
     !> Orders kept, ascending.
     integer, allocatable :: orders(:)
@@ -39,6 +42,7 @@ contains
     !> Degree of the force; 0: not a polynomial. Then twice the samples of a
     !! cubic are taken, which leaves aliasing of the order of u^7.
     integer, intent(in) :: degree
+    real(wp), allocatable :: sines(:), cosines(:)
     integer :: k, s, i, n, period, j
 
     set%half_wave = half_wave
@@ -48,7 +52,7 @@ contains
       set%orders = [(k, k=0, highest)]
     end if
     n = size(set%orders)
-    period = merge(degree + 1, 8, degree > 0)*set%orders(n) + 1
+    period = merge(degree + 1, samples_of_laws, degree > 0)*set%orders(n) + 1
     if (half_wave) then
       set%n_samples = period/2 + 1
       period = 2*set%n_samples
@@ -56,11 +60,16 @@ contains
       set%n_samples = period
     end if
     allocate (set%synthesis(2*n, set%n_samples), set%analysis(set%n_samples, 2*n))
+    allocate (sines(0:period - 1), cosines(0:period - 1))
+    do j = 0, period - 1
+      sines(j) = sin(2.0_wp*pi*j/period)
+      cosines(j) = cos(2.0_wp*pi*j/period)
+    end do
     do s = 1, set%n_samples
       do i = 1, n
         j = modulo(set%orders(i)*(s - 1), period)
-        set%synthesis(2*i - 1, s) = sin(2.0_wp*pi*j/period)
-        set%synthesis(2*i, s) = cos(2.0_wp*pi*j/period)
+        set%synthesis(2*i - 1, s) = sines(j)
+        set%synthesis(2*i, s) = cosines(j)
       end do
     end do
     set%analysis = transpose(set%synthesis)*2.0_wp/set%n_samples

@@ -34,8 +34,8 @@ contains
   pure subroutine new_sample_tables(tables, set)
     type(sample_tables), intent(out) :: tables
     type(harmonic_set_type), intent(in) :: set
-    real(wp) :: angle
-    integer :: m, s, n, period
+    real(wp), allocatable :: sines(:), cosines(:)
+    integer :: j, m, s, n, period
 
     n = set%n_samples
     tables%n_samples = ((n + vector - 1)/vector)*vector
@@ -48,11 +48,16 @@ contains
     tables%waves(:n, :) = transpose(set%synthesis)
     tables%back(:, :n) = transpose(set%analysis)
     period = merge(2, 1, set%half_wave)*n
+    allocate (sines(0:period - 1), cosines(0:period - 1))
+    do j = 0, period - 1
+      sines(j) = sin(2.0_wp*pi*j/period)/n
+      cosines(j) = cos(2.0_wp*pi*j/period)/n
+    end do
     do s = 1, n
       do m = 0, tables%reach
-        angle = 2.0_wp*pi*modulo(m*tables%stride*(s - 1), period)/period
-        tables%folded(m + 1, s) = cos(angle)/n
-        tables%folded(tables%reach + m + 2, s) = sin(angle)/n
+        j = modulo(m*tables%stride*(s - 1), period)
+        tables%folded(m + 1, s) = cosines(j)
+        tables%folded(tables%reach + m + 2, s) = sines(j)
       end do
     end do
   end subroutine new_sample_tables

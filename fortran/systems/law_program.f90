@@ -2,44 +2,26 @@
 !!
 !! A law is a list of instructions for a stack: numbers and arguments are put on it, functions take
 !! what is on top and leave their value. Each value carries its derivatives by all arguments
-!! (forward differentiation: each function's chain rule). Outside the domain of a function, as
-!! beside 0 of a quotient, the value is a wall too high for any motion, so that no solution lies
-!! there and no number that is none comes about.
+!! (forward differentiation: each function's chain rule).
 module viscovib_law_program
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_law_functions, only: add, branches, degree_of, divide, f_abs, f_atleast, f_atmost, &
+    f_cos, f_exp, f_heaviside, f_less, f_log, f_max, f_min, f_more, f_pow, f_sign, f_sin, f_sqrt, &
+    f_tanh, f_where, first_function, first_of_two, functions, known_power, multiply, negate, &
+    number_for_one, number_for_two, of_one, of_two, operands, parity_of, power, put_argument, &
+    put_number, second_of_two, square, steepest, subtract, wall, within
+  use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
+    sine_cosine_lanes, tangent_lanes
   implicit none
   private
 
-  public :: branches, degree_of, law_program, of_one, of_two, operands, parity_of
-
-  !> The value outside a domain, and the largest argument of exp.
-  real(wp), parameter, public :: wall = 1.0e60_wp, steepest = 138.0_wp
-
-  !> Polynomials of higher degree are none.
-  integer, parameter :: highest_degree = 15
-
-  !> Instructions. A power that is known has its exponent as its number.
-  integer, parameter, public :: put_number = 1, put_argument = 2, add = 3, subtract = 4, &
-                                multiply = 5, divide = 6, power = 7, square = 8, &
-                                known_power = 9, negate = 10
-  !> Functions, in the order of their names.
-  character(len=9), parameter, public :: functions(27) = [character(len=9) :: &
-                              'sin', 'cos', 'tan', 'asin', 'acos', 'atan', 'sinh', 'cosh', 'tanh', &
-                              'asinh', 'acosh', 'atanh', 'exp', 'log', 'sqrt', 'abs', 'sign', &
-                              'heaviside', 'atan2', 'min', 'max', 'less', 'atmost', 'more', &
-                              'atleast', 'where', 'pow']
-  integer, parameter, public :: first_function = 11
-  !> What stands for a function of which the branch is held: a number, the first or the second of
-  !! its operands.
-  integer, parameter, public :: number_for_one = -1, number_for_two = -2, first_of_two = -3, &
-                                second_of_two = -4
-  integer, parameter :: f_tan = 13, f_asin = 14, f_acos = 15, f_atan = 16, f_sinh = 17, &
-                        f_cosh = 18, f_asinh = 20, f_acosh = 21, f_atanh = 22, f_atan2 = 29
-  integer, parameter, public :: f_sin = 11, f_cos = 12, f_tanh = 19, f_exp = 23, f_log = 24, &
-                                f_sqrt = 25
-  integer, parameter, public :: f_abs = 26, f_sign = 27, f_heaviside = 28, f_min = 30, f_max = 31
-  integer, parameter, public :: f_less = 32, f_atmost = 33, f_more = 34, f_atleast = 35, &
-                                f_where = 36, f_pow = 37
+  public :: law_program
+  public :: add, branches, degree_of, divide, f_abs, f_atleast, f_atmost, f_cos, f_exp, &
+            f_heaviside, f_less, f_log, f_max, f_min, f_more, f_pow, f_sign, f_sin, f_sqrt, &
+            f_tanh, f_where, first_function, first_of_two, functions, known_power, multiply, &
+            negate, number_for_one, number_for_two, of_one, of_two, operands, parity_of, power, &
+            put_argument, put_number, second_of_two, square, steepest, subtract, wall
 
   type :: law_program
     integer :: n_arguments = 0
@@ -56,29 +38,6 @@ module viscovib_law_program
   end type law_program
 
 contains
-
-  !> How many values an instruction takes.
-  elemental integer function operands(code)
-    integer, intent(in) :: code
-    select case (code)
-    case (put_number, put_argument)
-      operands = 0
-    case (add, subtract, multiply, divide, power, f_atan2:f_atleast, f_pow, &
-          second_of_two:number_for_two)
-      operands = 2
-    case (f_where)
-      operands = 3
-    case default
-      operands = 1
-    end select
-  end function operands
-
-  !> Whether an instruction has a kink or a jump, where its operand is 0 or both are equal.
-  elemental logical function branches(code)
-    integer, intent(in) :: code
-    branches = any(code == [f_abs, f_sign, f_heaviside, f_min, f_max]) &
-               .or. (code >= f_less .and. code <= f_atleast)
-  end function branches
 
   !> How many such surfaces a law has.
   pure integer function n_surfaces(self)
@@ -122,14 +81,15 @@ contains
     class(law_program), intent(in) :: self
     real(wp), intent(in) :: arguments(:, :)
     real(wp), intent(out) :: value(:), slopes(:, :)
-    real(wp) :: x(size(value), self%depth), dx(size(value), size(slopes, 2), self%depth)
+    real(wp) :: x(size(value), self%depth + 2)
+    real(wp) :: dx(size(value), size(slopes, 2), self%depth + 2)
     integer :: i, top
 
     top = 0
     do i = 1, size(self%code)
       top = top - operands(self%code(i)) + 1
-      call step(self%code(i), self%number(i), arguments, size(value), size(slopes, 2), &
-                x(:, top:), dx(:, :, top:))
+      call step(self%code(i), self%number(i), arguments, size(value), size(slopes, 2), x(:, top:), &
+                dx(:, :, top:))
     end do
     value = x(:, 1)
     slopes = dx(:, :, 1)
@@ -139,49 +99,68 @@ contains
   pure subroutine step(code, number, arguments, n, m, x, dx)
     integer, intent(in) :: code, n, m
     real(wp), intent(in) :: number, arguments(:, :)
-    real(wp), intent(inout) :: x(:, :), dx(:, :, :)
-    real(wp) :: by(n, 2), value(n), pair(2)
+    real(wp), intent(inout) :: x(n, 3), dx(n, m, 3)
+    real(wp) :: by(n, 2)
     integer :: a, k
 
     select case (code)
     case (put_number)
       x(:, 1) = number
       dx(:, :, 1) = 0.0_wp
-      return
     case (put_argument)
       x(:, 1) = arguments(:, nint(number))
       dx(:, :, 1) = 0.0_wp
       if (m > 0) dx(:, nint(number), 1) = 1.0_wp
-      return
     case (add)
       x(:, 1) = x(:, 1) + x(:, 2)
       dx(:, :, 1) = dx(:, :, 1) + dx(:, :, 2)
-      return
     case (subtract)
       x(:, 1) = x(:, 1) - x(:, 2)
       dx(:, :, 1) = dx(:, :, 1) - dx(:, :, 2)
-      return
     case (negate)
       x(:, 1) = -x(:, 1)
       dx(:, :, 1) = -dx(:, :, 1)
-      return
     case (number_for_one, number_for_two)
       x(:, 1) = number
       dx(:, :, 1) = 0.0_wp
-      return
     case (first_of_two)
       return
     case (second_of_two)
       x(:, 1) = x(:, 2)
       dx(:, :, 1) = dx(:, :, 2)
-      return
     case (f_where)
       do k = 1, n
         a = merge(2, 3, abs(x(k, 1)) > 0.0_wp)
         x(k, 1) = x(k, a)
         dx(k, :, 1) = dx(k, :, a)
       end do
-      return
+    case default
+      call of_samples(code, number, n, x, by, m > 0)
+      do a = 1, m
+        if (operands(code) == 2) then
+          do k = 1, n
+            dx(k, a, 1) = within(by(k, 1)*dx(k, a, 1)) + within(by(k, 2)*dx(k, a, 2))
+          end do
+        else
+          do k = 1, n
+            dx(k, a, 1) = within(by(k, 1)*dx(k, a, 1))
+          end do
+        end if
+      end do
+    end select
+  end subroutine step
+
+  !> A function at samples, in place of its first operand, and its derivatives by its operands; what
+  !! the vector unit can do is done there.
+  pure subroutine of_samples(code, number, n, x, by, wanted)
+    integer, intent(in) :: code, n
+    real(wp), intent(in) :: number
+    real(wp), intent(inout) :: x(n, 3), by(n, 2)
+    logical, intent(in) :: wanted
+    real(wp) :: value(n), other(n)
+    integer :: k
+
+    select case (code)
     case (multiply)
       value = within(x(:, 1)*x(:, 2))
       by(:, 1) = x(:, 2)
@@ -189,248 +168,99 @@ contains
     case (square)
       value = within(x(:, 1)**2)
       by(:, 1) = 2.0_wp*x(:, 1)
-    case default
-      if (operands(code) == 2) then
-        do k = 1, n
-          call of_two(code, x(k, 1), x(k, 2), value(k), pair)
-          by(k, :) = pair
-        end do
-      else
-        do k = 1, n
-          call of_one(code, number, x(k, 1), value(k), by(k, 1))
-        end do
+    case (divide)
+      do k = 1, n
+        by(k, 1) = merge(0.0_wp, 1.0_wp, abs(x(k, 2)) <= abs(x(k, 1))/wall)
+        other(k) = merge(x(k, 2), 1.0_wp, by(k, 1) > 0.0_wp)
+        value(k) = merge(x(k, 1)/other(k), wall, by(k, 1) > 0.0_wp)
+        by(k, 1) = by(k, 1)/other(k)
+        by(k, 2) = -value(k)*by(k, 1)
+      end do
+    case (f_abs)
+      value = abs(x(:, 1))
+      by(:, 1) = merge(sign(1.0_wp, x(:, 1)), 0.0_wp, abs(x(:, 1)) > 0.0_wp)
+    case (f_tanh)
+      call by_blocks(code, n, x(:, 1), value, other)
+      if (wanted) by(:, 1) = (1.0_wp - value)*(1.0_wp + value)
+      ! Far out the difference above is rounding.
+      if (wanted .and. any(abs(x(:, 1)) > 10.0_wp)) then
+        where (abs(x(:, 1)) > 10.0_wp) by(:, 1) = 4.0_wp*exp(-2.0_wp*min(abs(x(:, 1)), steepest))
       end if
+    case (f_sin, f_cos, f_exp, f_log)
+      if (.not. in_range(code, x(:, 1))) then
+        call one_by_one(code, number, n, x, value, by)
+      else
+        call by_blocks(code, n, x(:, 1), value, other)
+        by(:, 1) = other
+      end if
+    case default
+      call one_by_one(code, number, n, x, value, by)
     end select
     x(:, 1) = value
-    do a = 1, m
-      dx(:, a, 1) = within(by(:, 1)*dx(:, a, 1))
-      if (operands(code) == 2) dx(:, a, 1) = dx(:, a, 1) + within(by(:, 2)*dx(:, a, 2))
+  end subroutine of_samples
+
+  pure subroutine one_by_one(code, number, n, x, value, by)
+    integer, intent(in) :: code, n
+    real(wp), intent(in) :: number, x(n, 3)
+    real(wp), intent(out) :: value(n), by(n, 2)
+    real(wp) :: pair(2)
+    integer :: k
+    do k = 1, n
+      if (operands(code) == 2) then
+        call of_two(code, x(k, 1), x(k, 2), value(k), pair)
+        by(k, :) = pair
+      else
+        call of_one(code, number, x(k, 1), value(k), by(k, 1))
+      end if
     end do
-  end subroutine step
+  end subroutine one_by_one
 
-  !> No larger than the wall, so that a product of two is a number.
-  elemental real(wp) function within(x)
-    real(wp), intent(in) :: x
-    within = min(max(x, -wall), wall)
-  end function within
-
-  !> A function of two numbers and its derivatives.
-  pure subroutine of_two(code, x, y, value, by)
+  !> Whether all operands are where the functions of the vector unit hold.
+  pure logical function in_range(code, x)
     integer, intent(in) :: code
-    real(wp), intent(in) :: x, y
-    real(wp), intent(out) :: value, by(2)
-    real(wp) :: size_of
-
-    by = 0.0_wp
-    value = wall
+    real(wp), intent(in) :: x(:)
     select case (code)
-    case (divide)
-      if (abs(y) <= abs(x)/wall) return
-      value = x/y
-      by = [1.0_wp/y, -value/y]
-    case (power)
-      if (x <= 0.0_wp) then
-        if (abs(x) > 0.0_wp .or. y < 0.0_wp) return
-        value = merge(0.0_wp, 1.0_wp, y > 0.0_wp)
-        return
-      end if
-      if (abs(y*log(x)) > steepest) return
-      value = x**y
-      by = [y*x**(y - 1.0_wp), value*log(x)]
-    case (f_atan2)
-      size_of = x*x + y*y
-      value = 0.0_wp
-      if (.not. size_of > 0.0_wp) return
-      value = atan2(x, y)
-      by = [y/size_of, -x/size_of]
-    case (f_min, f_max)
-      ! Where both are equal each has half.
-      size_of = merge(0.5_wp, 1.0_wp, .not. abs(x - y) > 0.0_wp)
-      if ((code == f_min) .eqv. (x <= y)) then
-        value = x
-        by = [size_of, 1.0_wp - size_of]
-      else
-        value = y
-        by = [1.0_wp - size_of, size_of]
-      end if
-    case (f_less)
-      value = merge(1.0_wp, 0.0_wp, x < y)
-    case (f_atmost)
-      value = merge(1.0_wp, 0.0_wp, x <= y)
-    case (f_more)
-      value = merge(1.0_wp, 0.0_wp, x > y)
-    case default
-      value = merge(1.0_wp, 0.0_wp, x >= y)
-    end select
-  end subroutine of_two
-
-  !> A function of one number, or its real power, and the derivative.
-  pure subroutine of_one(code, number, x, value, by)
-    integer, intent(in) :: code
-    real(wp), intent(in) :: number, x
-    real(wp), intent(out) :: value, by
-
-    value = wall
-    by = 0.0_wp
-    select case (code)
-    case (known_power)
-      call of_power(x, number, value, by)
-    case (f_sin)
-      value = sin(x)
-      by = cos(x)
-    case (f_cos)
-      value = cos(x)
-      by = -sin(x)
-    case (f_tan)
-      if (abs(cos(x)) <= 1.0_wp/wall) return
-      value = tan(x)
-      by = 1.0_wp + value*value
-    case (f_asin, f_acos)
-      if (abs(x) >= 1.0_wp) then
-        if (abs(x) <= 1.0_wp) value = merge(asin(x), acos(x), code == f_asin)
-        return
-      end if
-      value = merge(asin(x), acos(x), code == f_asin)
-      by = merge(1.0_wp, -1.0_wp, code == f_asin)/sqrt((1.0_wp - x)*(1.0_wp + x))
-    case (f_atan)
-      value = atan(x)
-      by = 1.0_wp/(1.0_wp + min(x*x, wall))
-    case (f_sinh, f_cosh)
-      if (abs(x) > steepest) return
-      value = merge(sinh(x), cosh(x), code == f_sinh)
-      by = merge(cosh(x), sinh(x), code == f_sinh)
-    case (f_tanh)
-      value = tanh(x)
-      by = (1.0_wp - value)*(1.0_wp + value)
-      ! Far out the difference above is rounding.
-      if (abs(x) > 10.0_wp) by = 4.0_wp*exp(-2.0_wp*min(abs(x), steepest))
-    case (f_asinh)
-      value = asinh(x)
-      by = 1.0_wp/sqrt(1.0_wp + min(x*x, wall))
-    case (f_acosh)
-      if (x < 1.0_wp) return
-      value = acosh(x)
-      if (x > 1.0_wp) by = 1.0_wp/sqrt((x - 1.0_wp)*(x + 1.0_wp))
-    case (f_atanh)
-      if (abs(x) >= 1.0_wp) return
-      value = atanh(x)
-      by = 1.0_wp/((1.0_wp - x)*(1.0_wp + x))
     case (f_exp)
-      if (x > steepest) return
-      value = exp(max(x, -700.0_wp))
-      by = value
+      in_range = all(x <= steepest .and. x >= -700.0_wp)
     case (f_log)
-      if (x <= 1.0_wp/wall) return
-      value = log(x)
-      by = 1.0_wp/x
-    case (f_sqrt)
-      if (x < 0.0_wp) return
-      value = sqrt(x)
-      if (x > 1.0_wp/wall) by = 0.5_wp/value
-    case (f_abs)
-      value = abs(x)
-      by = merge(0.0_wp, sign(1.0_wp, x), .not. abs(x) > 0.0_wp)
-    case (f_sign)
-      value = merge(0.0_wp, sign(1.0_wp, x), .not. abs(x) > 0.0_wp)
+      in_range = all(x > 1.0_wp/wall)
     case default
-      value = merge(0.5_wp, merge(1.0_wp, 0.0_wp, x > 0.0_wp), .not. abs(x) > 0.0_wp)
+      in_range = all(abs(x) <= largest_angle)
     end select
-  end subroutine of_one
+  end function in_range
 
-  !> x^number; a negative x has whole powers only.
-  pure subroutine of_power(x, number, value, by)
-    real(wp), intent(in) :: x, number
-    real(wp), intent(inout) :: value, by
+  !> A function by blocks of lanes, and but for tanh its derivative.
+  pure subroutine by_blocks(code, n, x, value, slope)
+    integer, intent(in) :: code, n
+    real(wp), intent(in) :: x(n)
+    real(wp), intent(out) :: value(n), slope(n)
+    real(wp), dimension(n_lanes) :: block, own, other
+    integer :: first, last, m
 
-    if (.not. abs(x) > 0.0_wp) then
-      if (number >= 0.0_wp) value = merge(0.0_wp, 1.0_wp, number > 0.0_wp)
-      if (abs(number - 1.0_wp) <= 0.0_wp) by = 1.0_wp
-    else if (x > 0.0_wp .or. is_whole(number)) then
-      if (max(abs(number), abs(number - 1.0_wp))*abs(log(abs(x))) > steepest) then
-        ! Too high, or 0.
-        if (number*log(abs(x)) < 0.0_wp) value = 0.0_wp
-      else if (is_whole(number)) then
-        value = x**nint(number)
-        by = number*x**(nint(number) - 1)
-      else
-        value = x**number
-        by = number*x**(number - 1.0_wp)
-      end if
-    end if
-  end subroutine of_power
-
-  pure logical function is_whole(number)
-    real(wp), intent(in) :: number
-    is_whole = abs(number - anint(number)) <= 0.0_wp .and. abs(number) < 1.0e6_wp
-  end function is_whole
-
-  !> What a law does when all its arguments change sign: 1: nothing, -1: it changes sign too,
-  !! 0: neither is known. From the parities of its operands.
-  pure integer function parity_of(code, number, parities) result(parity)
-    integer, intent(in) :: code
-    real(wp), intent(in) :: number
-    !> Shape (operands(code)).
-    integer, intent(in) :: parities(:)
-
-    parity = 0
-    select case (code)
-    case (put_number)
-      parity = 1
-    case (put_argument)
-      parity = -1
-    case (add, subtract)
-      if (parities(1) == parities(2)) parity = parities(1)
-    case (multiply, divide)
-      parity = product(parities)
-    case (negate, f_sin, f_tan, f_asin, f_atan, f_sinh, f_tanh, f_asinh, f_atanh, f_sign)
-      parity = parities(1)
-    case (square)
-      parity = parities(1)**2
-    case (known_power)
-      if (is_whole(number)) then
-        parity = merge(parities(1)**2, parities(1), mod(nint(number), 2) == 0)
-      else if (parities(1) == 1) then
-        parity = 1
-      end if
-    case (f_cos, f_cosh, f_abs)
-      parity = parities(1)**2
-    case (f_where)
-      if (parities(1) == 1 .and. parities(2) == parities(3)) parity = parities(2)
-    case default
-      if (all(parities == 1)) parity = 1
-    end select
-  end function parity_of
-
-  !> Degree of a law as a polynomial in its arguments, -1 if it is none, from those of its operands.
-  pure integer function degree_of(code, number, degrees) result(degree)
-    integer, intent(in) :: code
-    real(wp), intent(in) :: number
-    !> Shape (operands(code)).
-    integer, intent(in) :: degrees(:)
-
-    degree = -1
-    if (any(degrees < 0)) return
-    select case (code)
-    case (put_number)
-      degree = 0
-    case (put_argument)
-      degree = 1
-    case (add, subtract)
-      degree = maxval(degrees)
-    case (multiply)
-      degree = sum(degrees)
-    case (divide)
-      if (degrees(2) == 0) degree = degrees(1)
-    case (negate)
-      degree = degrees(1)
-    case (square)
-      degree = 2*degrees(1)
-    case (known_power)
-      if (is_whole(number) .and. number >= 0.0_wp) degree = degrees(1)*nint(number)
-    case default
-      if (all(degrees == 0)) degree = 0
-    end select
-    if (degree > highest_degree) degree = -1
-  end function degree_of
+    do first = 1, n, n_lanes
+      last = min(first + n_lanes - 1, n)
+      m = last - first + 1
+      if (m < n_lanes) block = x(first)
+      block(:m) = x(first:last)
+      select case (code)
+      case (f_tanh)
+        call tangent_lanes(block, own)
+        other = 0.0_wp
+      case (f_sin)
+        call sine_cosine_lanes(block, own, other)
+      case (f_cos)
+        call sine_cosine_lanes(block, other, own)
+        other = -other
+      case (f_exp)
+        call exponential_lanes(block, own)
+        other = own
+      case default
+        call logarithm_lanes(block, own)
+        other = 1.0_wp/block
+      end select
+      value(first:last) = own(:m)
+      slope(first:last) = other(:m)
+    end do
+  end subroutine by_blocks
 
 end module viscovib_law_program

@@ -1,10 +1,13 @@
 """Force laws with functions: derivatives, and motions against SciPy and against polynomials."""
 
+import warnings
+
+import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
-from viscovib.systems.laws import Law, read_law
+from viscovib.systems.laws import Law, compile_law, read_law
 
 SMOOTH = {
     "F0*tanh(d/w)": lambda d: 2 * np.tanh(d / 0.3),
@@ -289,3 +292,45 @@ def test_the_stiffness_varies_beside_a_law(vary):
         )
     with pytest.raises(vv.InputError, match="must not scale laws with functions"):
         vv.trace_response(system(first), nu=1.1, vary="forces_scale", vary_range=(1, 2), load=load)
+
+
+@pytest.mark.parametrize(
+    ("text", "exact", "low", "high"),
+    [
+        ("tanh(x)", mpmath.tanh, 1e-12, 60), ("sin(x)", mpmath.sin, 1e-9, 1e5),
+        ("cos(x)", mpmath.cos, 1e-9, 1e5), ("exp(x)", mpmath.exp, 1e-9, 130),
+        ("log(x)", mpmath.log, 2e-20, 1e20), ("1/x", lambda x: 1 / x, 1e-8, 1e8),
+    ],
+)  # fmt: skip
+def test_functions_of_samples_are_right_to_the_last_digits(text, exact, low, high):
+    """Values and derivatives against mpmath, at numbers of samples that fill no block of lanes."""
+    law = compile_law("law", text, ("x",), {})
+    x = np.geomspace(low, high, 1003)
+    x[::2] *= 1 if text == "log(x)" else -1
+    value, slope = law(x[:, np.newaxis])
+    with mpmath.workdps(40):
+        known = np.array([float(exact(mpmath.mpf(float(at)))) for at in x])
+        by_x = np.array([float(mpmath.diff(exact, mpmath.mpf(float(at)))) for at in x])
+    assert np.abs(value / known - 1).max() <= 4 * np.finfo(float).eps
+    # 1 - tanh^2 loses what tanh has lost; elsewhere a derivative is as good as a value.
+    allowed = 4 * np.finfo(float).eps * (np.maximum(1, 1 / np.abs(by_x)) if "tanh" in text else 1)
+    near = np.minimum(np.abs(slope[:, 0] / by_x - 1) / allowed, np.abs(slope[:, 0] - by_x) / 1e-15)
+    assert near.max() <= 1
+
+
+@pytest.mark.parametrize("width", [0.5, 0.1, 0.03, 0.003])
+def test_samples_are_as_many_as_a_law_needs(width):
+    """The harmonics kept meet the equation with 2^16 samples, however steep the law is."""
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.1, forces=f"0.3*tanh(x_dot/{width})"
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        response = vv.forced_response(system, [0.8, 1.1], load=1, method="newton", harmonics=15)
+    theta = 2 * np.pi * np.arange(2**16) / 2**16
+    for nu, x in zip(response.nu, response.coefficients[:, 0], strict=True):
+        k = response.harmonics
+        rate = ((1j * k * nu * x) @ np.exp(1j * np.outer(k, theta))).imag
+        force = 2j / theta.size * np.fft.rfft(0.3 * np.tanh(rate / width))[k]
+        left = (1 - (k * nu) ** 2 + 0.1j * k * nu) * x + force - (k == 1)
+        assert np.abs(left).max() < 1e-10

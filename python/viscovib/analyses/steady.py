@@ -14,6 +14,7 @@ from viscovib.analyses.starts import StartLike, start_of
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import Stability
 from viscovib.common.parameters import MAX_HARMONICS, MAX_ITERATIONS, PROGRESS, STABILITY, TOLERANCE
+from viscovib.common.periodic_motions import power_of_fall
 from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar
 from viscovib.errors import ConvergenceWarning, InputError, caller
@@ -315,8 +316,9 @@ def _warn_of_gaps(response: Response) -> None:
     )
 
 
-def falling(power: float) -> str:
-    """Say how slowly harmonics fall, if that is slow."""
+def falling(coefficients: ComplexArray) -> str:
+    """Say how slowly harmonics of a motion fall, if that is slow."""
+    power = power_of_fall(coefficients)
     if not power < _FAST:
         return ""
     return f"; harmonics there fall as k^-{power:.1f}"
@@ -331,7 +333,7 @@ def _warn_of_few_orders(response: Response, tolerance: float) -> None:
         f"at {few.sum()} of {things(few.size, 'frequency', 'frequencies')} the orders kept do "
         f"not reach the tolerance {tolerance:.1e}; worst at nu = {response.nu[worst]:.6g}, where "
         f"those up to {response.highest[worst]} leave an estimated relative error of "
-        f"{response.truncation[worst]:.1e}{falling(response.fall_off()[worst])}",
+        f"{response.truncation[worst]:.1e}{falling(response.coefficients[worst])}",
         ConvergenceWarning,
         stacklevel=caller(),
     )

@@ -123,22 +123,24 @@ class PeriodicMotions:
         law has none: p grows with the orders kept.
         """
         nu, orders, coefficients = self._motions()
-        result = np.full(nu.size, np.nan)
         if orders.ndim != 1:
-            return result
-        for i in np.flatnonzero(np.isfinite(coefficients).all(axis=(1, 2))):
-            own = coefficients[i]
-            # Orders that are not kept here are 0.
-            kept = np.flatnonzero(np.abs(own).max(axis=0, initial=0.0))
-            if not kept.size or kept[-1] + 1 < _FEWEST_TO_FALL:
-                continue
-            m = int(kept[-1]) + 1
-            sizes = np.linalg.norm(own, axis=1, keepdims=True)
-            unit = own[:, :m] / np.where(sizes > 0, sizes, 1.0)
-            low = np.linalg.norm(unit[:, m // 4 : m // 2])
-            high = np.linalg.norm(unit[:, m // 2 :])
-            result[i] = np.log2(low / high) + 0.5 if high > 0 else np.nan
-        return result
+            return np.full(nu.size, np.nan)
+        return np.array([power_of_fall(own) for own in coefficients])
+
+
+def power_of_fall(own: ComplexArray) -> float:
+    """As of `PeriodicMotions.fall_off`, of one motion X_k, shape (n_dof, m)."""
+    if not np.isfinite(own).all():
+        return float("nan")
+    # Orders that are not kept here are 0.
+    kept = np.flatnonzero(own.any(axis=0))
+    m = int(kept[-1]) + 1 if kept.size else 0
+    if m < _FEWEST_TO_FALL:
+        return float("nan")
+    sizes = np.linalg.norm(own, axis=1, keepdims=True)
+    unit = own[:, :m] / np.where(sizes > 0, sizes, 1.0)
+    low, high = np.linalg.norm(unit[:, m // 4 : m // 2]), np.linalg.norm(unit[:, m // 2 :])
+    return float(np.log2(low / high)) + 0.5 if high > 0 and low > 0 else float("nan")
 
 
 def _samples(own: ComplexArray, orders: npt.NDArray[Any]) -> FloatArray:

@@ -153,6 +153,15 @@ class Condensation:
         return parts
 
 
+def _products(t: ComplexArray, left: Any, right: Any) -> ComplexArray:
+    """sum_m t_nm left_mq right_mp, shape (n, q, p), without einsum's search for a way."""
+    (n, m), q, p = t.shape, left.shape[1], right.shape[1]
+    if p <= n:
+        pairs = (left[:, :, np.newaxis] * right[:, np.newaxis, :]).reshape(m, q * p)
+        return np.asarray((t @ pairs).reshape(n, q, p))
+    return np.asarray((t[:, np.newaxis, :] * left.T) @ right)
+
+
 def _seen(directions: FloatArray, bodies: FloatArray) -> FloatArray:
     """What coordinates see of rigid bodies, without what is rounding of 0."""
     seen = directions @ bodies
@@ -384,8 +393,8 @@ class LoadedStructure:
         loud = np.flatnonzero((np.abs(apart) < _NEAR * np.abs(rest.squares)).any(axis=0))
         quiet = np.delete(np.arange(rest.squares.size), loud)
         free += (modes[:, quiet] * t[:, quiet]) @ c.seen[quiet] + (poles * w) @ c.left
-        h = np.einsum("nm,mq,mp->nqp", t[:, quiet], c.seen[quiet], c.seen[quiet], optimize=True)
-        h = h + np.einsum("nm,mq,mp->nqp", w, c.left, c.right, optimize=True)
+        h = _products(t[:, quiet], c.seen[quiet], c.seen[quiet])
+        h = h + _products(w, c.left, c.right)
         h = h + c.laws.directions.T @ c.flexible
         h = h + s[:, np.newaxis, np.newaxis] * (c.laws.directions.T @ c.flexible_rate)
         # Forces h of the elements on the rest: y = free + H h + seen a, a of the loud modes, with
