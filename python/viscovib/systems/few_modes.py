@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray
+from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.element_laws import Monomials, add_force
@@ -222,7 +222,7 @@ def _left_out(
     s = 1j * (1.0 if nu is None else nu)
     squares, shapes, all_damping = modal
     apart = np.diag(squares + s**2) + s * all_damping
-    whole: ComplexArray = shapes @ np.linalg.solve(apart, shapes.T @ force)
+    whole: Any = shapes @ np.linalg.solve(apart, shapes.T @ force)
     if rest.flexibility is not None:
         whole = whole + rest.flexibility(force[:, np.newaxis])[0][:, 0]
     few = np.linalg.solve(stiffness + s * damping + s**2 * mass, turned.T @ force)
