@@ -19,10 +19,9 @@ contains
     integer :: i, j, k, m, p, last
 
     value = (1.0_wp, 0.0_wp)
+    last = 0
     do k = 1, n
       m = min(n - k, width)
-      ! Rows exchanged reach further.
-      last = min(n, k + 2*width)
       p = k
       largest = abs(re(k, k)) + abs(im(k, k))
       do i = k + 1, k + m
@@ -34,6 +33,8 @@ contains
       pivot = cmplx(re(p, k), im(p, k), wp)
       value = value*pivot
       if (.not. largest > 0.0_wp) return
+      ! Rows exchanged reach further.
+      last = max(last, min(n, p + width))
       if (p /= k) then
         value = -value
         do j = k, last

@@ -25,6 +25,8 @@ module viscovib_condensed_roots
   real(wp), parameter :: last_step = 1.0e-7_wp, small_step = 1.0e-10_wp, smallest_step = 1.0e-12_wp
   real(wp), parameter :: on_line = 1.0e-8_wp, first_step = 1.0e-4_wp
   real(wp), parameter :: same = 1.0e-8_wp
+  !> How far an offset may be extrapolated, in d, and frequencies that are one for that.
+  real(wp), parameter :: furthest = 0.02_wp, near = 1.0e-8_wp
   !> Of the distance from the axis: how far from their mean exponents zeros may be.
   real(wp), parameter :: safe = 0.1_wp
   !> Last step to a mean exponent, and how far from its pole it may be, in d.
@@ -45,6 +47,9 @@ module viscovib_condensed_roots
     !! one.
     complex(wp), allocatable, private :: mean(:), offset(:)
     logical, allocatable, private :: known(:)
+    !> Frequency of each offset, and how fast it changed with that.
+    real(wp), allocatable, private :: nu(:)
+    complex(wp), allocatable, private :: slope(:)
   contains
     procedure :: approximate
     procedure :: sharpen
@@ -62,7 +67,10 @@ contains
     allocate (zeros%upper(0), zeros%sharp(0), zeros%of_pole(0), zeros%doubtful(0))
     allocate (zeros%mean(size(hill%poles%pole)), zeros%offset(size(hill%poles%pole)), &
               source=(0.0_wp, 0.0_wp))
+    allocate (zeros%slope, mold=zeros%offset)
     allocate (zeros%known(size(hill%poles%pole)), source=.false.)
+    allocate (zeros%nu(size(hill%poles%pole)), source=0.0_wp)
+    zeros%slope = (0.0_wp, 0.0_wp)
   end subroutine new_zeros
 
   !> A zero for each pole that was multiplied out.
@@ -70,7 +78,7 @@ contains
     class(condensed_zeros), intent(inout) :: self
     type(condensed_hill), intent(in) :: hill
     class(structure_type), intent(in) :: system
-    complex(wp) :: place
+    complex(wp) :: place, further
     integer :: i, m
     logical :: made
 
@@ -80,6 +88,7 @@ contains
       if (.not. self%known(m)) then
         self%mean(m) = hill%poles%pole(m)
         self%offset(m) = (0.0_wp, 0.0_wp)
+        self%slope(m) = (0.0_wp, 0.0_wp)
       end if
     end do
     do i = 1, size(hill%poles%order)
@@ -87,7 +96,9 @@ contains
       call find_mean(self, hill, system, m, made)
       self%known(m) = .true.
       place = place_of(self%mean(m), hill%period, hill%stride)
-      place = cmplx(real(place), abs(aimag(place)), wp) + hill%period*self%offset(m)
+      further = self%slope(m)*(hill%nu - self%nu(m))
+      if (abs(further) > furthest) further = (0.0_wp, 0.0_wp)
+      place = cmplx(real(place), abs(aimag(place)), wp) + hill%period*(self%offset(m) + further)
       ! A pole is no zero.
       if (.not. made) place = place + first_step*hill%period*(0.1_wp, 1.0_wp)
       call self%put(hill, place, .false., m)
@@ -252,7 +263,13 @@ contains
       self%sharp(i) = .true.
       associate (m => self%of_pole(i))
         beside = place_of(self%mean(m), hill%period, hill%stride)
-        self%offset(m) = (self%upper(i) - cmplx(real(beside), abs(aimag(beside)), wp))/hill%period
+        beside = (self%upper(i) - cmplx(real(beside), abs(aimag(beside)), wp))/hill%period
+        self%slope(m) = (0.0_wp, 0.0_wp)
+        if (abs(hill%nu - self%nu(m)) > near*hill%nu .and. self%nu(m) > 0.0_wp) then
+          self%slope(m) = (beside - self%offset(m))/(hill%nu - self%nu(m))
+        end if
+        self%offset(m) = beside
+        self%nu(m) = hill%nu
       end associate
       ! A pair may meet on the line and part.
       if (.not. paired .or. is_pair(self%upper(i), hill%period)) cycle
@@ -335,9 +352,9 @@ contains
     ! All the way with the same orders: with others F has another scale.
     about_half = abs(aimag(start)) > 0.25_wp*hill%period
     last = huge(last)
-    earlier = huge(earlier)
     ! Off the real axis, or it would never be left.
     before = start + first_step*hill%period*(1.0_wp, 1.0_wp)
+    earlier = abs(before - start)
     root = start
     call reduced(before, value_before)
     do i = 1, max_iterations
@@ -356,11 +373,11 @@ contains
       if (real(root) < leftmost*hill%period .or. real(root) > rightmost*hill%period) return
       ! Steps go with the product of the two before: what the next one would be.
       error = abs(step)
-      if (i > 2 .and. error < last .and. last < earlier) error = error*(error/earlier)
+      if (i > 1 .and. error < last .and. last < earlier) error = error*(error/earlier)
       made = error <= least*hill%period &
              .or. (abs(step) <= last_step*hill%period .and. abs(step) >= last)
       if (made) exit
-      earlier = last
+      if (i > 1) earlier = last
       last = abs(step)
     end do
     ! One of those known once more.

@@ -31,18 +31,26 @@ contains
     !> prod_k det S_k, 0 where one cannot be solved.
     complex(wp), intent(out) :: factor
     complex(wp) :: mean(size(without, 1), size(without, 1)), part
-    complex(wp) :: soft(size(without, 1), size(swings))
-    complex(wp), dimension(size(swings), size(swings)) :: wave, block
-    complex(wp) :: waves(size(swings), size(swings), -reach:reach, size(kept, 2))
-    integer :: a, b, i, l, n, q, middle
+    complex(wp) :: compliance(size(without, 1), size(without, 1))
+    complex(wp) :: soft(size(without, 1), size(swings)), own(size(swings), size(swings))
+    real(wp), dimension(-reach:reach, size(swings), size(swings), size(kept, 2)) :: c, s
+    real(wp), dimension(p, size(kept, 2)) :: kept_re, kept_im
+    integer :: a, b, l, n, q, middle
 
     n = size(swings)
     middle = (size(local, 3) + 1)/2
-    do b = 1, n
-      do a = 1, n
-        waves(a, b, :, :) = local(swings(a), swings(b), middle - reach:middle + reach, :)
+    do q = 1, size(kept, 2)
+      do b = 1, n
+        do a = 1, n
+          associate (wave => local(swings(a), swings(b), middle - reach:middle + reach, q))
+            c(:, a, b, q) = real(wave)
+            s(:, a, b, q) = aimag(wave)
+          end associate
+        end do
       end do
     end do
+    kept_re = real(kept)
+    kept_im = aimag(kept)
     factor = (1.0_wp, 0.0_wp)
     re(:n*p, :n*p) = 0.0_wp
     im(:n*p, :n*p) = 0.0_wp
@@ -51,42 +59,53 @@ contains
       do q = 1, size(kept, 2)
         mean = mean + kept(l, q)*local(:, :, middle, q)
       end do
-      call remaining(h(l, :, :), mean, swings, others, soft, part)
+      compliance = h(l, :, :)
+      call remaining(compliance, mean, swings, others, soft, part)
       factor = factor*part
       if (.not. abs(factor) > 0.0_wp) return
-      do i = max(1, l - reach), min(p, l + reach)
-        wave = mean(swings, swings)
-        if (i /= l) wave = kept(i, 1)*waves(:, :, i - l, 1)
-        do q = 2, merge(0, size(kept, 2), i == l)
-          wave = wave + kept(i, q)*waves(:, :, i - l, q)
-        end do
-        do b = 1, n
-          block(:, b) = wave(:, 1)*soft(swings(1), b)
-          do a = 2, n
-            block(:, b) = block(:, b) + wave(:, a)*soft(swings(a), b)
-          end do
-        end do
-        if (i == l) call add_own(mean, swings, others, soft, block)
-        re((i - 1)*n + 1:i*n, (l - 1)*n + 1:l*n) = real(block)
-        im((i - 1)*n + 1:i*n, (l - 1)*n + 1:l*n) = aimag(block)
+      do b = 1, n
+        call fill_column(p, reach, n, l, size(kept, 2), kept_re, kept_im, c, s, soft(swings, b), &
+                         re(:n*p, (l - 1)*n + b), im(:n*p, (l - 1)*n + b))
       end do
+      own = matmul(mean(swings, :), soft)
+      do b = 1, n
+        own(b, b) = own(b, b) + 1.0_wp
+      end do
+      re((l - 1)*n + 1:l*n, (l - 1)*n + 1:l*n) = real(own)
+      im((l - 1)*n + 1:l*n, (l - 1)*n + 1:l*n) = aimag(own)
     end do
   end subroutine fill_waves
 
-  !> What stands in A within one order beside J_AA H'_A.: I + J_AP H'_P.
-  pure subroutine add_own(mean, swings, others, soft, block)
-    complex(wp), intent(in) :: mean(:, :), soft(:, :)
-    integer, intent(in) :: swings(:), others(:)
-    complex(wp), intent(inout) :: block(:, :)
-    integer :: a, b
+  !> One column of J H', of order l, but for the rows of order l.
+  pure subroutine fill_column(p, reach, n, l, n_groups, kept_re, kept_im, c, s, soft, re, im)
+    integer, intent(in) :: p, reach, n, l, n_groups
+    !> Real and imaginary parts of what is kept and of the waves of J.
+    real(wp), intent(in) :: kept_re(p, n_groups), kept_im(p, n_groups)
+    real(wp), intent(in), dimension(-reach:reach, n, n, n_groups) :: c, s
+    !> A column of H'.
+    complex(wp), intent(in) :: soft(n)
+    real(wp), intent(inout) :: re(n, p), im(n, p)
+    real(wp), dimension(-reach:reach) :: x, y
+    real(wp) :: f, g
+    integer :: a, b, i, q
 
-    do b = 1, size(swings)
-      do a = 1, size(others)
-        block(:, b) = block(:, b) + mean(swings, others(a))*soft(others(a), b)
+    do q = 1, n_groups
+      do a = 1, n
+        x = 0.0_wp
+        y = 0.0_wp
+        do b = 1, n
+          f = real(soft(b))
+          g = aimag(soft(b))
+          x = x + (f*c(:, a, b, q) - g*s(:, a, b, q))
+          y = y + (f*s(:, a, b, q) + g*c(:, a, b, q))
+        end do
+        do i = max(1, l - reach), min(p, l + reach)
+          re(a, i) = re(a, i) + (kept_re(i, q)*x(i - l) - kept_im(i, q)*y(i - l))
+          im(a, i) = im(a, i) + (kept_re(i, q)*y(i - l) + kept_im(i, q)*x(i - l))
+        end do
       end do
-      block(b, b) = block(b, b) + 1.0_wp
     end do
-  end subroutine add_own
+  end subroutine fill_column
 
   !> H' of one order and det S.
   pure subroutine remaining(h, mean, swings, others, soft, determinant)
@@ -94,23 +113,28 @@ contains
     integer, intent(in) :: swings(:), others(:)
     complex(wp), intent(out) :: soft(:, :), determinant
     complex(wp) :: solved(size(others), size(h, 1))
-    integer :: a, b, n
+    complex(wp), dimension(size(h, 1), size(others)) :: by_others
+    integer :: a, b, k, n
 
     n = size(others)
-    do a = 1, n
+    by_others = h(:, others)
+    soft = h(:, swings)
+    solved = (0.0_wp, 0.0_wp)
+    do k = 1, size(h, 1)
       do b = 1, n
-        solved(a, b) = sum(mean(others(a), :)*h(:, others(b)))
+        solved(:, b) = solved(:, b) + mean(others, k)*by_others(k, b)
       end do
-      solved(a, a) = solved(a, a) + 1.0_wp
       do b = 1, size(swings)
-        solved(a, n + b) = sum(mean(others(a), :)*h(:, swings(b)))
+        solved(:, n + b) = solved(:, n + b) + mean(others, k)*soft(k, b)
       end do
+    end do
+    do a = 1, n
+      solved(a, a) = solved(a, a) + 1.0_wp
     end do
     call eliminate(solved, determinant)
     do b = 1, size(swings)
-      soft(:, b) = h(:, swings(b))
       do a = 1, n
-        soft(:, b) = soft(:, b) - h(:, others(a))*solved(a, n + b)
+        soft(:, b) = soft(:, b) - by_others(:, a)*solved(a, n + b)
       end do
     end do
   end subroutine remaining
