@@ -31,7 +31,7 @@ module viscovib_phase_roots
     procedure :: put
   end type phase_list
 
-  integer, parameter :: most_turns = 60
+  integer, parameter :: most_turns = 60, most_parabolas = 4
 
 contains
 
@@ -73,7 +73,7 @@ contains
     real(wp), intent(in) :: g(:)
     integer, intent(in) :: of
     type(phase_list), intent(inout) :: found
-    real(wp) :: step, theta, vertex, value, half
+    real(wp) :: step, theta, vertex, value, half, summit, left, right
     integer :: i, n
 
     n = size(g) - 1
@@ -86,21 +86,71 @@ contains
         call found%put(root(motion, theta, theta + step, g(i), g(i + 1)), of)
       end if
     end do
-    do i = 2, n
+    do i = 1, n + 1
       theta = (i - 1)*step
-      ! Beside grazing a function may be across for less than a sample.
-      if (abs(g(i)) >= min(abs(g(i - 1)), abs(g(i + 1)))) cycle
-      if ((g(i - 1) > 0.0_wp) .neqv. (g(i) > 0.0_wp)) cycle
-      if ((g(i + 1) > 0.0_wp) .neqv. (g(i) > 0.0_wp)) cycle
-      half = g(i - 1) - 2.0_wp*g(i) + g(i + 1)
-      vertex = 0.5_wp*(g(i - 1) - g(i + 1))/half
-      if (abs(g(i) + 0.25_wp*(g(i + 1) - g(i - 1))*vertex) > 0.3_wp*abs(half)) cycle
-      value = motion%at(theta + vertex*step)
+      ! Beside grazing a function may be across for less than a sample, at both ends too.
+      if (i == 1) then
+        if (abs(g(1)) >= abs(g(2))) cycle
+        left = motion%at(-step)
+        right = g(2)
+      else if (i == n + 1) then
+        if (abs(g(n + 1)) >= abs(g(n))) cycle
+        left = g(n)
+        right = motion%at(theta + step)
+      else
+        left = g(i - 1)
+        right = g(i + 1)
+      end if
+      if (abs(g(i)) >= min(abs(left), abs(right))) cycle
+      if ((left > 0.0_wp) .neqv. (g(i) > 0.0_wp)) cycle
+      if ((right > 0.0_wp) .neqv. (g(i) > 0.0_wp)) cycle
+      half = left - 2.0_wp*g(i) + right
+      vertex = 0.5_wp*(left - right)/half
+      if (abs(g(i) + 0.25_wp*(right - left)*vertex) > 0.3_wp*abs(half)) cycle
+      call find_summit(motion, theta + vertex*step, step, g(i) > 0.0_wp, summit, value)
       if ((value > 0.0_wp .eqv. g(i) > 0.0_wp) .or. .not. abs(value) > 0.0_wp) cycle
-      call found%put(root(motion, theta - step, theta + vertex*step, g(i - 1), value), of)
-      call found%put(root(motion, theta + vertex*step, theta + step, value, g(i + 1)), of)
+      call put_inside(root(motion, theta - step, summit, left, value))
+      call put_inside(root(motion, summit, theta + step, value, right))
     end do
+
+  contains
+
+    !> What lies beyond an end is found at the other one, or belongs to the other half.
+    subroutine put_inside(phase)
+      real(wp), intent(in) :: phase
+      if (phase >= 0.0_wp .and. phase < n*step) call found%put(phase, of)
+    end subroutine put_inside
+
   end subroutine find_phases
+
+  !> The extremum next to a phase, by parabolas through nearer and nearer phases, or any phase on
+  !! the way at which the function is across. Were it missed by a little, a contact would be there
+  !! or not as it happens, and Newton's method would meet a jump.
+  subroutine find_summit(motion, from, step, above, summit, value)
+    class(along_motion), intent(in) :: motion
+    real(wp), intent(in) :: from, step
+    !> The sign of the function beside it.
+    logical, intent(in) :: above
+    real(wp), intent(out) :: summit, value
+    real(wp) :: apart, before, after, half
+    integer :: turn
+
+    summit = from
+    value = motion%at(summit)
+    apart = step
+    do turn = 1, most_parabolas
+      if ((value > 0.0_wp) .neqv. above) return
+      apart = apart/8.0_wp
+      before = motion%at(summit - apart)
+      after = motion%at(summit + apart)
+      half = before - 2.0_wp*value + after
+      if (.not. abs(half) > 0.0_wp) return
+      ! Too far from 0 to reach it.
+      if (abs(value) > abs(half)) return
+      summit = summit + max(-1.0_wp, min(0.5_wp*(before - after)/half, 1.0_wp))*apart
+      value = motion%at(summit)
+    end do
+  end subroutine find_summit
 
   !> Between two phases with values of different sign: the Illinois method, then halving.
   real(wp) function root(motion, from, to, at_from, at_to)

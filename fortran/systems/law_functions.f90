@@ -1,4 +1,4 @@
-!> Instructions of force laws: what each takes and gives, in numbers, derivatives, parity and degree.
+!> Instructions of force laws: what each takes and gives, its derivatives, parity and degree.
 !!
 !! Outside the domain of a function, as beside 0 of a quotient, the value is a wall too high for any
 !! motion, so that no solution lies there and no number that is none comes about.

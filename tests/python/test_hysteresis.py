@@ -138,6 +138,39 @@ def test_branch_beside_a_gap():
     assert abs(np.linalg.solve(d, [0, 0.1])[0]) == pytest.approx(1, abs=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+def test_few_orders_pass_a_gap_too():
+    """The same with 21 orders: places are as far off as `truncation` says."""
+    stiffness = np.array([[1.0, -1], [-1, 2]])
+    system = vv.Structure(
+        mass=np.eye(2), stiffness=stiffness, damping=0.03 * stiffness,
+        elements=[vv.Gap(on="x1", stiffness=100, gap=1)],
+    )  # fmt: skip
+    branch = vv.trace_response(system, (0.8, 0.5), load=[0, 0.1], harmonics=21, stability=False)
+    assert branch.outcome == "completed"
+    assert branch.folds == pytest.approx([0.653440, 0.755628], abs=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize(
+    ("force", "damping", "load", "orders"),
+    [
+        ("299.5*(max(x1 - 0.3303, 0) - max(-x1 - 0.3303, 0))", 0.0183, 0.1175, 6),
+        ("42.04*max(x1 - 0.4876, 0)", 0.00873, 1.761, 24),
+    ],
+)
+def test_branches_pass_grazing(force, damping, load, orders):
+    """A contact much shorter than a sample is there or not: missed, it is a jump of the equations."""
+    stiffness = np.array([[1.0, -1], [-1, 2]])
+    system = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=stiffness, damping=damping * stiffness, forces={"x1": force}
+    )
+    branch = vv.trace_response(
+        system, (0.3, 0.7), load=[0, load], harmonics=orders, stability=False, tolerance=1e-7
+    )
+    assert branch.outcome == "completed"
+
+
 def test_parameters_of_laws_vary():
     """A branch over a number in a law passes through motions of systems that have that number."""
 
