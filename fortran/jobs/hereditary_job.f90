@@ -24,6 +24,7 @@ module viscovib_hereditary_job
   private
 
   public :: hereditary_job, hereditary_runs, run_hereditary_job, plan_hereditary, plan_forces
+  public :: make_hereditary
 
   !> Methods by their nodes a step, and steps a fastest period to begin with.
   character(len=*), parameter, public :: hereditary_methods(5) = &
@@ -38,6 +39,8 @@ module viscovib_hereditary_job
   !> Kernels as exponentials reach so much further than the run.
   real(wp), parameter, public :: reach = 100.0_wp
   real(wp), parameter :: rounding = 1.0e-15_wp
+  !> Part of the usual error of equations of memory where that met no tolerance.
+  real(wp), parameter :: sharper = 1.0e-4_wp
 
   !> `method` is the place in `hereditary_methods`.
   type, extends(transient_job) :: hereditary_job
@@ -56,6 +59,8 @@ module viscovib_hereditary_job
     type(base_motion_type) :: base
     !> What is kept of the state, at the start, (u_1, u'_1, ...).
     real(wp), allocatable :: first(:)
+    !> Part of the usual error to which equations of memory are solved.
+    real(wp) :: sharper = 1.0_wp
   contains
     procedure :: make
     procedure(start_interface), deferred :: start
@@ -158,8 +163,25 @@ contains
     frequency = job%t_end*frequency*per_period(job%method)/(2.0_wp*pi)
     if (counting) call count_up(counted_idle, count( &
                                 .not. moved_coordinates(system, driven(job, system, load))))
-    call make_runs(maker, job, max(4.0_wp, frequency), trajectory, status)
+    call make_hereditary(maker, job, max(4.0_wp, frequency), trajectory, status)
   end subroutine run_whole
+
+  !> One run, or runs until the tolerance is met. A motion with memory that is unstable enlarges
+  !! what is left in equations and kernels: where no step meets it, they are solved better.
+  subroutine make_hereditary(maker, job, wanted, trajectory, status)
+    class(hereditary_runs), intent(inout) :: maker
+    class(hereditary_job), intent(in) :: job
+    !> Steps to begin with where the step is to be found.
+    real(wp), intent(in) :: wanted
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+
+    call make_runs(maker, job, wanted, trajectory, status)
+    if (.not. (status%failed() .and. job%dt <= 0.0_wp .and. any(maker%system%kernel_of > 0))) return
+    if (status%subject /= 'tolerance') return
+    maker%sharper = sharper
+    call make_runs(maker, job, wanted, trajectory, status)
+  end subroutine make_hereditary
 
   subroutine make(self, job, n, thinning, trajectory, status)
     class(hereditary_runs), intent(in) :: self
@@ -278,7 +300,7 @@ contains
     solved = job%tolerance
     if (job%relative > 0.0_wp) solved = job%relative
     if (job%tolerance > 0.0_wp) solved = min(solved, job%tolerance)
-    solved = max(0.1_wp*solved, rounding)
+    solved = max(0.1_wp*self%sharper*solved, rounding)
     ! Without memory the step alone shall decide the error.
     if (job%dt <= 0.0_wp .and. .not. any(self%system%kernel_of > 0)) solved = rounding
     past = past_exponentials

@@ -3,8 +3,8 @@
 module viscovib_structure_job
   use viscovib_base_motion, only: base_motion_type
   use viscovib_constants, only: pi
-  use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, hereditary_runs, nodes, &
-    per_period, plan_forces, reach
+  use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, hereditary_runs, &
+    make_hereditary, nodes, per_period, plan_forces, reach
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_march, only: march_type
@@ -13,7 +13,7 @@ module viscovib_structure_job
   use viscovib_structure, only: structure_type
   use viscovib_structure_march, only: new_structure_march, structure_march_type
   use viscovib_structure_model, only: structure_model
-  use viscovib_transient_job, only: make_runs, plan_steps, trajectory_type
+  use viscovib_transient_job, only: plan_steps, trajectory_type
   implicit none
   private
 
@@ -61,7 +61,7 @@ contains
     call set_start(maker, job, model)
     n = size(places)
     maker%first = [(job%initial(2*places(i) - 1:2*places(i)), i=1, n)]
-    call make_runs(maker, job, first_steps(maker, job), trajectory, status)
+    call make_hereditary(maker, job, first_steps(maker, job), trajectory, status)
     trajectory%places = places
   end subroutine run_structure_job
 

@@ -1,12 +1,11 @@
 !> A motion in time as one job: from a start at rest or not, to an end, with the
 !! step given or found.
 module viscovib_transient_job
-  use viscovib_checks, only: check_finite, check_positive
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_runs, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
-  use viscovib_limits, only: max_time_tolerance, min_time_tolerance
+  use viscovib_limits, only: min_time_tolerance
   use viscovib_method_catalogue, only: method_order, new_stepper, transient_methods
   use viscovib_reduction, only: state_mask
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_names, run_stopped, &
@@ -17,23 +16,28 @@ module viscovib_transient_job
   private
 
   public :: transient_job, trajectory_type, run_maker
-  public :: check_transient, check_times, run_transient, make_runs, plan_transient, plan_steps
+  public :: run_transient, make_runs, plan_transient, plan_steps
 
   real(wp), parameter :: rounding = 1.0e-15_wp
-  !> Halvings of the step before a tolerance is given up.
-  integer, parameter :: min_halvings = 5, max_halvings = 12
+  !> Relative error of the time of a stop inside a step.
+  real(wp), parameter :: located = 1.0e-12_wp
+  !> Halvings of the step before a tolerance is given up, and while two runs end unlike each
+  !! other.
+  integer, parameter :: min_halvings = 5, max_halvings = 12, max_unlike = 9
   !> Steps before a stop that two runs must differ by: a first step with memory ends as the
   !! second of half its length does, and what follows a step that fails is found by steps of
   !! its own.
   integer, parameter :: few = 4
   !> Bounds that stop a slip of the pen before it fills the memory or the year.
-  real(wp), parameter :: max_steps = 1.0e12_wp, max_kept = 2.0e7_wp
+  real(wp), parameter, public :: max_steps = 1.0e12_wp, max_kept = 2.0e7_wp
   !> Steps of a first run whose step is to be found, and numbers kept of any run.
   real(wp), parameter :: max_first_steps = 1.0e9_wp, max_numbers = 2.0_wp**27
   !> Height of peaks between states kept above them, relative; states and parts of a step
   !! that are kept for it at most.
   real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
   integer, parameter :: most_parts = 64
+  !> States that a run which stops keeps at least.
+  integer, parameter :: states_at_stop = 100
 
   type :: transient_job
     !> (q_1, v_1, q_2, v_2, ...) at time 0.
@@ -126,78 +130,6 @@ contains
     row = 2*row - 1
   end function row_of
 
-  subroutine check_transient(job, system, status)
-    class(transient_job), intent(in) :: job
-    class(driven_system_type), intent(in) :: system
-    type(status_type), intent(out) :: status
-    real(wp) :: q(size(job%initial)/2)
-    integer :: i
-
-    do i = 1, size(job%initial)
-      call check_finite('initial', job%initial(i), status)
-      if (status%failed()) return
-    end do
-    q = job%initial(1::2)
-    if (.not. system%physical(q)) then
-      call fail(status, status_input_error, 'initial', 'initial: this state is outside what the ' &
-                //'equations describe (z must be greater than -1)')
-      return
-    end if
-    call check_times(job, status)
-  end subroutine check_transient
-
-  !> End, step, tolerance and what is kept.
-  subroutine check_times(job, status)
-    class(transient_job), intent(in) :: job
-    type(status_type), intent(out) :: status
-
-    call check_positive('t_end', job%t_end, status)
-    if (status%failed()) return
-    call check_finite('dt', job%dt, status)
-    if (status%failed()) return
-    if (job%dt < 0.0_wp .or. job%dt > job%t_end) then
-      call fail(status, status_input_error, 'dt', 'dt = '//show(job%dt)//': must be greater ' &
-                //'than 0 and not exceed t_end = '//show(job%t_end)//', or 0 to be found')
-      return
-    end if
-    call check_finite('tolerance', job%tolerance, status)
-    if (status%failed()) return
-    call check_finite('rtol', job%relative, status)
-    if (status%failed()) return
-    if (job%relative > 0.0_wp .and. job%relative < min_time_tolerance &
-        .or. job%relative > max_time_tolerance &
-        .or. job%relative < 0.0_wp) then
-      call fail(status, status_input_error, 'rtol', 'rtol = '//show(job%relative) &
-                //': must be in [1e-13, 1]')
-      return
-    else if (job%relative > 0.0_wp .and. job%dt > 0.0_wp) then
-      call fail(status, status_input_error, 'rtol', 'rtol = '//show(job%relative) &
-                //': finds the step, must not be given with dt')
-      return
-    end if
-    if (job%tolerance < min_time_tolerance .or. job%tolerance > max_time_tolerance) then
-      if (.not. ((job%dt > 0.0_wp .or. job%relative > 0.0_wp) .and. job%tolerance == 0.0_wp)) then
-        call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(job%tolerance) &
-                  //': must be in [1e-13, 1]')
-        return
-      end if
-    end if
-    if (job%save_every < 1) then
-      call fail(status, status_input_error, 'save_every', 'save_every = '//show(job%save_every) &
-                //': must be at least 1')
-      return
-    end if
-    if (job%dt > 0.0_wp) then
-      if (job%t_end/job%dt > max_steps) then
-        call fail(status, status_input_error, 'dt', 't_end/dt = '//show(job%t_end/job%dt) &
-                  //': must be at most '//show(max_steps))
-      else if (job%t_end/job%dt/job%save_every > max_kept) then
-        call fail(status, status_input_error, 'save_every', 'save_every = ' &
-                  //show(job%save_every)//': would keep more than '//show(max_kept)//' states')
-      end if
-    end if
-  end subroutine check_times
-
   !> Steps to begin with: those asked for, or where the step is to be found, about as
   !! many as are given.
   pure real(wp) function first_steps(job, wanted) result(n)
@@ -269,16 +201,20 @@ contains
       else
         met = change <= max(job%tolerance, job%relative)*size_at_stop(trajectory) &
               .and. (trajectory%n_steps == 0 .or. trajectory%n_steps >= few)
+        if (met) call fill_in(maker, job, int(n, i8), factor, trajectory)
       end if
       if (met) then
         ! Nothing but rest has no error at all.
         trajectory%error = max(change, 4.0_wp*epsilon(1.0_wp)*maxval(abs(trajectory%states)))
+        if (trajectory%outcome /= run_completed) then
+          ! Where it stops is found by the same small steps every time.
+          trajectory%error = max(trajectory%error, located*max(1.0_wp, trajectory%t_reached))
+        end if
         return
       end if
       coarse = trajectory
-      ! Halving is vain, for chaos or rounding, when two gain less than a digit.
       changes(i) = change
-      if (i >= min_halvings .and. change > 0.1_wp*changes(max(i - 2, 1))) exit
+      if (hopeless(changes(:i))) exit
     end do
     if (.not. allocated(trajectory%states)) then
       call fail(status, status_input_error, 't_end', 't_end = '//show(job%t_end)//': takes ' &
@@ -291,6 +227,21 @@ contains
               //show(n*factor)//' steps (states still change by '//show(change)//'): ' &
               //cause(job, trajectory, change))
   end subroutine make_runs
+
+  !> Whether halving is vain, for chaos or rounding: two gain less than a digit. That two runs
+  !! end unlike each other is no measure of what a halving gains.
+  pure logical function hopeless(changes)
+    real(wp), intent(in) :: changes(:)
+    integer :: n
+    n = size(changes)
+    hopeless = .false.
+    if (n < min_halvings) return
+    if (changes(n) < huge(1.0_wp)) then
+      hopeless = changes(n) > 0.1_wp*changes(n - 2)
+    else
+      hopeless = n >= max_unlike
+    end if
+  end function hopeless
 
   !> Tell states of a run by numbers that can be compared to those of another.
   subroutine align(self, run, like)
@@ -408,6 +359,13 @@ contains
     if (job%save_every > 1 .or. job%last_only) return
     m = size(trajectory%t)
     parts = 1
+    if (trajectory%outcome /= run_completed) then
+      do while (parts < most_parts .and. parts*max(m - 1, 1) < states_at_stop)
+        parts = 2*parts
+      end do
+      call refill()
+      return
+    end if
     d = trajectory%t(2) - trajectory%t(1)
     do i = 1, size(trajectory%states, 1), 2
       largest = maxval(abs(trajectory%states(i, :)))
@@ -421,10 +379,18 @@ contains
     do while (parts > 1 .and. real(parts, wp)*m > most_states)
       parts = parts/2
     end do
-    if (parts == 1) return
-    m = max(factor, parts)
-    call maker%make(job, n*m, m/parts, dense, status)
-    if (.not. status%failed() .and. dense%outcome == run_completed) trajectory = dense
+    call refill()
+
+  contains
+
+    subroutine refill()
+      if (parts == 1) return
+      m = max(factor, parts)
+      call maker%make(job, n*m, m/parts, dense, status)
+      if (status%failed()) return
+      if (dense%outcome == trajectory%outcome) trajectory = dense
+    end subroutine refill
+
   end subroutine fill_in
 
   subroutine make_driven(self, job, n, thinning, trajectory, status)

@@ -9,7 +9,8 @@ module viscovib_motion_groups
   use viscovib_method_catalogue, only: transient_methods
   use viscovib_motion_job, only: spectrum_job
   use viscovib_status, only: show, status_type
-  use viscovib_transient_job, only: check_times, check_transient, transient_job
+  use viscovib_transient_checks, only: check_times, check_transient
+  use viscovib_transient_job, only: transient_job
   use viscovib_windows, only: window_names
   implicit none
   private

@@ -7,6 +7,7 @@ module viscovib_ensemble
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_statistics, only: lines_type, moments_type, new_lines, new_moments
   use viscovib_lanes, only: n_lanes
+  use viscovib_run_history, only: run_history
   use viscovib_stopping, only: is_set
   use viscovib_subnormals, only: flushing_type
   use viscovib_stops, only: find_stop, least_between, near, run_coarse, run_completed, stop_type
@@ -69,6 +70,8 @@ module viscovib_ensemble
     real(wp), dimension(n_lanes) :: margin = 0.0_wp, rate = 0.0_wp
     real(wp), allocatable :: growth(:, :)
     logical :: alive(n_lanes) = .true.
+    !> States before, times in steps.
+    type(run_history) :: past
   end type flight_type
 
 contains
@@ -107,7 +110,7 @@ contains
         if (is_set(cancel)) exit
         if (.not. any(f%alive)) exit
       end if
-      call make_step(f, system, block, i)
+      call make_step(f, job, system, block, i)
       if (system%n_dof > n .and. (mod(i, int(rescaling, i8)) == 0 .or. i == job%n_discard &
                                   .or. i == job%n_steps)) call rescale(f, i <= job%n_discard)
       if (i <= job%n_discard) cycle
@@ -178,8 +181,9 @@ contains
   end subroutine take_others
 
   !> Step i; lanes in which the motion stops within it stand still from then on.
-  subroutine make_step(f, system, block, i)
+  subroutine make_step(f, job, system, block, i)
     type(flight_type), intent(inout) :: f
+    type(ensemble_job), intent(in) :: job
     class(driven_system_type), intent(in) :: system
     type(ensemble_block), intent(inout) :: block
     integer(i8), intent(in) :: i
@@ -189,6 +193,7 @@ contains
 
     f%q_before(:, :) = f%q
     f%v_before(:, :) = f%v
+    if (f%past%is_due()) call f%past%note(real(i - 1, wp), f%q, f%v)
     margin_before = f%margin
     rate_before = f%rate
     call f%method%step(system)
@@ -206,7 +211,7 @@ contains
     doubtful = doubtful .or. (f%alive .and. margin_before <= near)
     if (.not. any(doubtful)) return
     do l = 1, n_lanes
-      if (doubtful(l)) call judge_lane(f, system, block, i, l, good(l))
+      if (doubtful(l)) call judge_lane(f, job, system, block, i, l, good(l))
     end do
   end subroutine make_step
 
@@ -220,15 +225,16 @@ contains
   end subroutine measure_margin
 
   !> Whether the motion of a lane stops inside step i, and where.
-  subroutine judge_lane(f, system, block, i, l, good)
+  subroutine judge_lane(f, job, system, block, i, l, good)
     type(flight_type), intent(inout) :: f
+    type(ensemble_job), intent(in) :: job
     class(driven_system_type), intent(in) :: system
     type(ensemble_block), intent(inout) :: block
     integer(i8), intent(in) :: i
     integer, intent(in) :: l
     logical, intent(in) :: good
     type(stop_type) :: stop
-    integer :: k
+    integer :: k, point
 
     call find_stop(system, f%n, l, block%frequencies, f%q_before(l, :), f%v_before(l, :), &
                    real(i - 1, wp)*block%h(l), block%h(l), stop)
@@ -242,12 +248,21 @@ contains
       end if
       if (good .and. f%margin(l) > 0.0_wp) return
       stop%outcome = run_coarse
+    end if
+    call f%past%confirm(system, l, f%n, l, block%frequencies, block%h(l), &
+                        real(i - 1, wp)*block%h(l), block%h(l), stop)
+    if (stop%outcome == run_coarse) then
       stop%ahead = 0.0_wp
       stop%q = f%q_before(l, :)
       stop%v = f%v_before(l, :)
     end if
     block%outcome(l) = stop%outcome
     block%t_reached(l) = real(i - 1, wp)*block%h(l) + stop%ahead
+    ! Small steps may find the stop before points that were kept.
+    do point = 1, size(block%sections, 3)
+      if (block%t_reached(l) >= block%h(l)*real(job%n_discard + point*job%section_every, wp)) cycle
+      block%sections(l, :, point) = ieee_value(1.0_wp, ieee_quiet_nan)
+    end do
     f%alive(l) = .false.
     block%q(l, :) = stop%q(:f%n)
     block%v(l, :) = stop%v(:f%n)
@@ -347,7 +362,7 @@ contains
     nowhere = merge(0.0_wp, ieee_value(1.0_wp, ieee_quiet_nan), f%alive)
     if (f%lines%n > 0) then
       block%lines = f%lines%amplitudes()
-      block%lines = block%lines + spread(spread(nowhere, 2, f%lines%n), 3, f%n)
+      block%lines = block%lines + spread(spread(cmplx(nowhere, nowhere, wp), 2, f%lines%n), 3, f%n)
     end if
     block%lyapunov = f%growth/spread(block%h*real(job%n_steps - job%n_discard, wp), 2, &
                                      size(f%growth, 2)) + spread(nowhere, 2, size(f%growth, 2))

@@ -69,6 +69,7 @@ module viscovib_hereditary
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
+    procedure :: sharpen
     procedure :: add_first_step
     procedure :: plain_step
     procedure :: stand_still
@@ -371,6 +372,11 @@ contains
       call self%start%at(theta*self%h, u, v)
     end if
   end subroutine inside
+
+  subroutine sharpen(self)
+    class(hereditary_type), intent(inout) :: self
+    call self%equations%sharpen()
+  end subroutine sharpen
 
   pure integer function memory_size(self)
     class(hereditary_type), intent(in) :: self

@@ -2,7 +2,7 @@
 module viscovib_hereditary_run
   use viscovib_base_motion, only: base_motion_type
   use viscovib_counters, only: count_up, counted_states, counting
-  use viscovib_hereditary_stops, only: stop_hereditary
+  use viscovib_hereditary_stops, only: hereditary_past, stop_hereditary
   use viscovib_kinds, only: i8, wp
   use viscovib_march, only: march_type
   use viscovib_mesh, only: equal_steps, mesh_type
@@ -55,6 +55,7 @@ contains
     integer(i8) :: i, column
     logical :: made, trusted
     type(flushing_type) :: flushing
+    type(hereditary_past) :: past
     integer :: piece, before
 
     call flushing%begin()
@@ -70,12 +71,7 @@ contains
     if (piece > 1 .and. ends%begins(piece, first)) before = piece - 1
     if (present(anew)) before = merge(piece, before, anew)
     call enter_base(base, ends, before)
-    do while (n_reached < size(times))
-      if (times(n_reached + 1) > now) exit
-      n_reached = n_reached + 1
-      call run%observe(u, v)
-      call keep(base, now, u, v, at_times(:, n_reached))
-    end do
+    call keep_present(run, base, times, now, at_times, n_reached)
     do i = 1, n_steps
       if (stop_wanted()) then
         outcome = run_stopped
@@ -87,14 +83,22 @@ contains
       if (ends%is_broken() .and. ends%begins(piece, first + i - 1)) then
         if (first + i > 1 .and. base%has_corners()) call turn(run, base, ends, piece, now)
         call run%enter(system, load, now, ends%h(piece), made)
+        call past%forget()
       end if
+      if (made) call past%note(run, now, first + i - 1)
       from = now
       now = ends%time(piece, first + i)
       if (made) call run%step(system, load, first + i - 1, now, made)
       if (.not. made) then
         trusted = run%doubtful
         call stop_hereditary(run, system, load, first + i - 1, from, now, t_reached, outcome)
-        if (outcome /= run_coarse .or. .not. trusted) return
+        if (outcome /= run_coarse .or. .not. trusted) then
+          call past%confirm(run, system, load, ends%ends(piece), ends%h(piece), t_reached, outcome)
+          n_reached = min(n_reached, count(times <= t_reached))
+          n_done = ends%made_until(piece, first, n_done, t_reached)
+          if (present(watch)) call watch%drop_after(t_reached)
+          return
+        end if
         run%trusted = .true.
         call run%change_step(system, load, from, ends%h(piece), made)
         if (made) call run%step(system, load, first + i - 1, now, made)
@@ -167,6 +171,22 @@ contains
     end subroutine state_at
 
   end subroutine look_inside
+
+  !> Keep the state where a run begins at the wanted times until then.
+  subroutine keep_present(run, base, times, now, at_times, n_reached)
+    class(march_type), intent(inout) :: run
+    type(base_motion_type), intent(inout) :: base
+    real(wp), intent(in) :: times(:), now
+    real(wp), intent(inout) :: at_times(:, :)
+    integer, intent(inout) :: n_reached
+    real(wp) :: u(run%n_observed()), v(run%n_observed())
+    do while (n_reached < size(times))
+      if (times(n_reached + 1) > now) exit
+      n_reached = n_reached + 1
+      call run%observe(u, v)
+      call keep(base, now, u, v, at_times(:, n_reached))
+    end do
+  end subroutine keep_present
 
   !> Keep the states at the wanted times that the last step has reached.
   subroutine keep_reached(run, base, times, now, at_times, n_reached)

@@ -14,7 +14,12 @@ module viscovib_hereditary_stops
   implicit none
   private
 
-  public :: stop_hereditary
+  public :: stop_hereditary, hereditary_past
+
+  !> Steps between two states that are remembered, and steps beyond the present one within which
+  !! a stop that it seems to lead to must be, as of `run_history`.
+  integer, parameter :: stride = 32
+  real(wp), parameter :: beyond = 8.0_wp
 
   !> Part of a state by which a step may differ from two of half its length.
   real(wp), parameter :: closeness = 1.0e-11_wp
@@ -30,7 +35,75 @@ module viscovib_hereditary_stops
     real(wp), allocatable :: memory(:), u(:), v(:)
   end type scout_type
 
+  !> All that going on needs from two moments before, the older first: near an escape the steps
+  !! of a run are wrong by the same part at every scale, small steps from before them are not.
+  type :: hereditary_past
+    integer :: n_steps = 0, n_kept = 0
+    real(wp) :: t(2) = 0.0_wp
+    integer(i8) :: n_before(2) = 0
+    type(scout_type) :: at(2)
+  contains
+    procedure :: note
+    procedure :: forget
+    procedure :: confirm
+  end type hereditary_past
+
 contains
+
+  !> Remember every so many steps; `n_before`: steps made so far.
+  subroutine note(self, run, t, n_before)
+    class(hereditary_past), intent(inout) :: self
+    class(march_type), intent(in) :: run
+    real(wp), intent(in) :: t
+    integer(i8), intent(in) :: n_before
+    self%n_steps = self%n_steps + 1
+    if (mod(self%n_steps, stride) /= 1) return
+    if (self%n_kept == 2) then
+      self%t(1) = self%t(2)
+      self%n_before(1) = self%n_before(2)
+      call move_alloc(self%at(2)%memory, self%at(1)%memory)
+      self%n_kept = 1
+    end if
+    self%n_kept = self%n_kept + 1
+    self%t(self%n_kept) = t
+    self%n_before(self%n_kept) = n_before
+    self%at(self%n_kept)%memory = run%save_memory()
+  end subroutine note
+
+  !> What was before does not lead here by the same equations.
+  subroutine forget(self)
+    class(hereditary_past), intent(inout) :: self
+    self%n_steps = 0
+    self%n_kept = 0
+  end subroutine forget
+
+  !> The stop of a step that could not be made, by small steps from the older moment, if they
+  !! find one; the run is there then, else it stays.
+  subroutine confirm(self, run, system, load, until, h, t_reached, outcome)
+    class(hereditary_past), intent(in) :: self
+    class(march_type), intent(inout) :: run
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    !> End of the present piece of time; length of the steps.
+    real(wp), intent(in) :: until, h
+    real(wp), intent(inout) :: t_reached
+    integer, intent(inout) :: outcome
+    type(scout_type) :: here
+    real(wp) :: t
+    integer :: found
+
+    if (self%n_kept == 0) return
+    here%memory = run%save_memory()
+    call run%load_memory(self%at(1)%memory, .false.)
+    call stop_hereditary(run, system, load, self%n_before(1), self%t(1), &
+                         min(until, t_reached + (1.0_wp + beyond)*h), t, found)
+    if (found == run_diverged) then
+      t_reached = t
+      outcome = found
+    else
+      call run%load_memory(here%memory, .false.)
+    end if
+  end subroutine confirm
 
   !> How the motion goes on in the step that `run` could not make; the run is at the stop
   !! then, or where the motion does not stop, at the start of the step.
@@ -46,6 +119,7 @@ contains
     type(scout_type) :: begin, at
     logical :: halting(size(ieee_all))
 
+    call run%sharpen()
     begin%memory = run%save_memory()
     call run%get_state(begin%u, begin%v)
     ! Steps that are too large may overflow, which is how they are known.
@@ -69,7 +143,7 @@ contains
     real(wp), intent(in) :: start, h
     type(scout_type), intent(inout) :: at
     integer, intent(out) :: outcome
-    type(scout_type) :: whole, half, double
+    type(scout_type) :: whole, half, rest, double
     real(wp) :: s, shortest, scale_of_motion
     logical :: made
     integer :: i
@@ -88,7 +162,13 @@ contains
       end if
       call advance(at, s, whole, made)
       if (made) call advance(at, 0.5_wp*s, half, made)
-      if (made) call advance(half, 0.5_wp*s, double, made)
+      if (made .and. n_before == 0 .and. .not. at%ahead > 0.0_wp) then
+        ! A first step ends as the second of half its length does: that is made in two.
+        call advance(half, 0.25_wp*s, rest, made)
+        if (made) call advance(rest, 0.25_wp*s, double, made)
+      else if (made) then
+        call advance(half, 0.5_wp*s, double, made)
+      end if
       if (made) made = alike(whole, double, s)
       if (made) then
         at = double

@@ -32,9 +32,16 @@ module viscovib_march
     procedure(size_interface), deferred :: memory_size
     procedure(save_interface), deferred :: save_memory
     procedure(load_interface), deferred :: load_memory
+    procedure(sharpen_interface), deferred :: sharpen
   end type march_type
 
   abstract interface
+
+    !> Solve the equations of every step to rounding from now on.
+    subroutine sharpen_interface(self)
+      import :: march_type
+      class(march_type), intent(inout) :: self
+    end subroutine sharpen_interface
 
     !> One step to time `until`; `made` is false, and the state stays, if its equations do
     !! not settle.

@@ -18,6 +18,7 @@ module viscovib_mesh
     procedure :: piece_of_next
     procedure :: begins
     procedure :: time
+    procedure :: made_until
     procedure :: is_broken
   end type mesh_type
 
@@ -98,6 +99,19 @@ contains
     begins = k == 0
     if (piece > 1) begins = k == self%made_by(piece - 1)
   end function begins
+
+  !> How many of the steps first+1 ... first+n are over at a time within or after the piece.
+  pure integer(i8) function made_until(self, piece, first, n, t) result(made)
+    class(mesh_type), intent(in) :: self
+    integer, intent(in) :: piece
+    integer(i8), intent(in) :: first, n
+    real(wp), intent(in) :: t
+    made = n
+    do while (made > 0)
+      if (self%time(piece, first + made) <= t) exit
+      made = made - 1
+    end do
+  end function made_until
 
   !> Time after k steps, the last of them in a piece.
   pure real(wp) function time(self, piece, k)

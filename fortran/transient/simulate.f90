@@ -5,6 +5,7 @@ module viscovib_simulate
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
   use viscovib_mesh, only: equal_steps, mesh_type
+  use viscovib_run_history, only: run_history
   use viscovib_stepper, only: stepper_type
   use viscovib_stopping, only: stop_wanted
   use viscovib_stops, only: find_stop, in_range, near, run_coarse, run_completed, run_diverged, &
@@ -49,6 +50,7 @@ contains
     type(wanted_states) :: wanted
     type(watched_step_type) :: at
     type(watch_type) :: unwatched
+    type(run_history) :: past
     type(flushing_type) :: flushing
     integer(i8) :: i, column
     real(wp) :: now
@@ -85,15 +87,17 @@ contains
       if (first + i - 1 >= ends%made_by(piece)) then
         piece = piece + 1
         call enter_piece(method, system, ends, piece, now)
+        call past%forget()
       end if
       at%from = now
       at%until = ends%time(piece, first + i)
       if (present(watch)) then
-        call make_parts(method, system, at, wanted, watch, ends%h(piece), t_reached, outcome)
+        call make_parts(method, system, at, past, wanted, watch, ends, piece, t_reached, outcome)
       else if (allocated(system%signals)) then
-        call make_parts(method, system, at, wanted, unwatched, ends%h(piece), t_reached, outcome)
+        call make_parts(method, system, at, past, wanted, unwatched, ends, piece, t_reached, &
+                        outcome)
       else
-        call make_step(method, system, at, wanted, t_reached, outcome)
+        call make_step(method, system, at, past, wanted, t_reached, outcome)
       end if
       if (outcome /= run_completed) exit
       n_done = i
@@ -110,6 +114,9 @@ contains
       call wanted%keep_between(method, system, now)
     else if (outcome /= run_stopped) then
       wanted%n_reached = min(wanted%n_reached, count(times <= t_reached))
+      ! Small steps may find the stop before the last of the steps made.
+      n_done = ends%made_until(piece, first, n_done, t_reached)
+      if (present(watch)) call watch%drop_after(t_reached)
     end if
     if (allocated(system%signals)) then
       system%sides = at%sides
@@ -120,10 +127,11 @@ contains
   end subroutine simulate
 
   !> One step of equations without surfaces.
-  subroutine make_step(method, system, at, wanted, t_reached, outcome)
+  subroutine make_step(method, system, at, past, wanted, t_reached, outcome)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     type(watched_step_type), intent(inout) :: at
+    type(run_history), intent(inout) :: past
     type(wanted_states), intent(inout) :: wanted
     real(wp), intent(inout) :: t_reached
     integer, intent(out) :: outcome
@@ -134,6 +142,7 @@ contains
     call wanted%keep_between(method, system, at%from)
     at%q = method%q
     at%v = method%v
+    if (past%is_due()) call note(past, at%from, method)
     call method%step(system, made)
     doubtful = .not. made
     if (made) doubtful = .not. in_range(method%q, method%v)
@@ -142,11 +151,21 @@ contains
                  > merge(near, 0.0_wp, method%explicit)
     end if
     if (doubtful) then
-      call judge_step(method, system, at%q, at%v, at%from, made, .true., t_reached, outcome)
+      call judge_step(method, system, at, past, made, .true., t_reached, outcome)
       if (outcome /= run_completed) return
     end if
     if (wanted%lost) call give_up(method, at, t_reached, outcome)
   end subroutine make_step
+
+  !> Remember the present state.
+  subroutine note(past, t, method)
+    type(run_history), intent(inout) :: past
+    real(wp), intent(in) :: t
+    class(stepper_type), intent(in) :: method
+    integer :: n
+    n = size(method%q)
+    call past%note(t, reshape(method%q, [1, n]), reshape(method%v, [1, n]))
+  end subroutine note
 
   !> The step is made, but not the part of it up to a wanted time.
   subroutine give_up(method, at, t_reached, outcome)
@@ -161,14 +180,16 @@ contains
   end subroutine give_up
 
   !> One step, in parts that end on the surfaces of the equations, with its events.
-  subroutine make_parts(method, system, at, wanted, watch, h, t_reached, outcome)
+  subroutine make_parts(method, system, at, past, wanted, watch, ends, piece, t_reached, outcome)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     type(watched_step_type), intent(inout) :: at
+    type(run_history), intent(inout) :: past
     type(wanted_states), intent(inout) :: wanted
     type(watch_type), intent(inout) :: watch
-    !> Length of the whole step.
-    real(wp), intent(in) :: h
+    !> Where steps end, and the present piece.
+    type(mesh_type), intent(in) :: ends
+    integer, intent(in) :: piece
     real(wp), intent(inout) :: t_reached
     integer, intent(out) :: outcome
     logical :: doubtful, more
@@ -176,6 +197,7 @@ contains
     outcome = run_completed
     at%n_passed = 0
     more = .true.
+    if (past%is_due()) call note(past, at%from, method)
     do while (more)
       call step_watched(at, method, system, watch, wanted, more)
       if (at%ended) then
@@ -191,14 +213,16 @@ contains
       if (system%limited .and. .not. doubtful) then
         doubtful = .not. method%least_margin(system, at%q, at%v) > 0.0_wp
       end if
+      ! Beyond a surface the equations are others, or the motion was thrown back.
+      if (at%n_passed > 0) call past%forget()
       if (doubtful) then
         call system%take_sides(0*at%sides)
-        call judge_step(method, system, at%q, at%v, at%from, at%made, .false., t_reached, outcome)
+        call judge_step(method, system, at, past, at%made, .false., t_reached, outcome)
         call system%take_sides(at%sides)
         if (outcome /= run_completed) return
       end if
     end do
-    if (at%n_passed > 0) call method%change_step(system, h)
+    if (at%n_passed > 0) call method%change_step(system, ends%h(piece))
     if (wanted%lost) call give_up(method, at, t_reached, outcome)
   end subroutine make_parts
 
@@ -220,21 +244,24 @@ contains
     end if
   end subroutine enter_piece
 
-  !> Whether a step from (q, v) that was not made, or comes near the edge of the physics,
-  !! leads out; if so the state in `method` becomes that at the stop.
-  subroutine judge_step(method, system, q, v, now, made, fills, t_reached, outcome)
+  !> Whether the step that was not made, or comes near the edge of the physics, leads out; if so
+  !! the state in `method` becomes that at the stop.
+  subroutine judge_step(method, system, at, past, made, fills, t_reached, outcome)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(in) :: q(:), v(:), now
+    type(watched_step_type), intent(in) :: at
+    type(run_history), intent(in) :: past
     !> Whether it was made; whether small steps may stand for it beside the edge, where the
     !! motion is stiff: nothing else is asked of its inside.
     logical, intent(in) :: made, fills
     real(wp), intent(out) :: t_reached
     integer, intent(out) :: outcome
     type(stop_type) :: stop
+    real(wp) :: frequencies(n_lanes, size(system%drives))
     logical :: sound
 
-    call find_stop(system, size(q), 1, spread(system%drives, 1, n_lanes), q, v, now, method%h, stop)
+    frequencies = spread(system%drives, 1, n_lanes)
+    call find_stop(system, size(at%q), 1, frequencies, at%q, at%v, at%from, method%h, stop)
     outcome = stop%outcome
     if (outcome == run_completed .or. outcome == run_coarse) then
       sound = made
@@ -243,17 +270,25 @@ contains
       if (fills .and. stop%near_edge .and. stop%outcome == run_completed &
           .and. (method%explicit .or. .not. made)) then
         call method%arrive(stop%q, stop%v)
-        t_reached = now
+        t_reached = at%from
         outcome = run_completed
         return
       end if
-      outcome = merge(run_completed, run_coarse, sound)
-      stop%ahead = 0.0_wp
-      stop%q = q
-      stop%v = v
+      if (sound) then
+        t_reached = at%from
+        outcome = run_completed
+        return
+      end if
+      stop%outcome = run_coarse
     end if
-    t_reached = now + stop%ahead
-    if (outcome == run_completed) return
+    call past%confirm(system, 1, size(at%q), 1, frequencies, 1.0_wp, at%from, method%h, stop)
+    outcome = stop%outcome
+    if (outcome == run_coarse) then
+      stop%ahead = 0.0_wp
+      stop%q = at%q
+      stop%v = at%v
+    end if
+    t_reached = at%from + stop%ahead
     method%q = stop%q
     method%v = stop%v
   end subroutine judge_step

@@ -44,6 +44,7 @@ module viscovib_step_equations
     real(wp), allocatable, private :: nothing(:)
   contains
     procedure :: start_bends
+    procedure :: sharpen
     procedure :: predict
     procedure :: iterate
     procedure :: nonlinear_share
@@ -99,6 +100,12 @@ contains
       onward(i, :) = lagrange(c, factors, 1.0_wp + c(i))
     end do
   end subroutine node_extrapolation
+
+  !> From now on solve them to rounding.
+  subroutine sharpen(self)
+    class(step_equations_type), intent(inout) :: self
+    self%solved = min(self%solved, rounding)
+  end subroutine sharpen
 
   !> Nonlinear part at displacements u and velocities v, as the start of the next step.
   subroutine start_bends(self, system, map, u_start, v_start)

@@ -82,6 +82,7 @@ module viscovib_structure_march
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
+    procedure :: sharpen
     procedure :: add_first_step
     procedure :: plain_step
     procedure :: stand_still
@@ -409,6 +410,12 @@ contains
     if (size(self%equations%y) + size(self%recalled) == 0) return
     resolution = self%state%resolution(self%sections)
   end function resolution
+
+  subroutine sharpen(self)
+    class(structure_march_type), intent(inout) :: self
+    call self%equations%sharpen()
+    self%solved = min(self%solved, epsilon(1.0_wp))
+  end subroutine sharpen
 
   pure integer function memory_size(self)
     class(structure_march_type), intent(in) :: self

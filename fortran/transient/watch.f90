@@ -37,6 +37,7 @@ module viscovib_watch
   contains
     procedure :: look
     procedure :: keep
+    procedure :: drop_after
     procedure :: hand_over
   end type watch_type
 
@@ -168,6 +169,16 @@ contains
     self%states(1::2, n) = q
     self%states(2::2, n) = v
   end subroutine keep
+
+  !> Forget passages after a time at which the motion turned out to have stopped.
+  subroutine drop_after(self, t)
+    class(watch_type), intent(inout) :: self
+    real(wp), intent(in) :: t
+    do while (self%n_found > 0)
+      if (self%times(self%n_found) <= t) exit
+      self%n_found = self%n_found - 1
+    end do
+  end subroutine drop_after
 
   !> What was found, as far as there is room; each column the signal, the time and the state.
   subroutine hand_over(self, sides, found, n_found)

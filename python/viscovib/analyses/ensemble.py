@@ -19,7 +19,7 @@ from viscovib.analyses.events import Event
 from viscovib.analyses.gathering import members_of
 from viscovib.analyses.members import Members
 from viscovib.analyses.memoryless import EXPLICIT
-from viscovib.analyses.runs import hopeless
+from viscovib.analyses.runs import LOCATED, hopeless
 from viscovib.analyses.singles import SingleMembers
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan
@@ -440,7 +440,8 @@ def _refine(
             and (moved <= late).all()
             and (parts[stopped].max(axis=1, initial=0.0) <= late[stopped]).all()
         ):
-            return fine, n * factor, max(change, rounding_of(alive))
+            located = LOCATED * float(np.maximum(fine.t_reached[stopped], 1.0).max(initial=0.0))
+            return fine, n * factor, max(change, rounding_of(alive), located)
         changes_so_far.append(change)
         coarse = fine
     raise InputError(

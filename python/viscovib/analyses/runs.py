@@ -33,10 +33,16 @@ _MAX_KEPT = 2**27
 #: Steps of a first run whose step is to be found.
 MAX_FIRST_STEPS = 10**9
 ROUNDING = 1e-15
-#: Halvings of the step before a tolerance is given up.
-_MIN_HALVINGS, _MAX_HALVINGS = 5, 12
+#: Relative error of the time of a stop inside a step.
+LOCATED = 1e-12
+#: Halvings of the step before a tolerance is given up, and while two runs end unlike each other.
+_MIN_HALVINGS, _MAX_HALVINGS, _MAX_UNLIKE = 5, 12, 9
 #: Steps of a native call that looks for events.
 _WATCHED = 10_000
+
+
+class NotMetError(InputError):
+    """A tolerance that no step met."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +94,15 @@ def hopeless(changes: list[float]) -> bool:
     """Whether halving the step once more is vain: two halvings gain less than a digit.
 
     So it is with chaotic motion, and below the level of rounding. A large first step may need a
-    few halvings before the order of a method shows.
+    few halvings before the order of a method shows, or before two runs end alike: an infinite
+    change is no measure of what a halving gains.
     """
     n = len(changes)
-    return n >= _MAX_HALVINGS or (n >= _MIN_HALVINGS and changes[-1] > 0.1 * changes[-3])
+    if n < _MIN_HALVINGS:
+        return False
+    if not math.isfinite(changes[-1]):
+        return n >= _MAX_UNLIKE
+    return n >= _MAX_HALVINGS or 0.1 * changes[-3] < changes[-1]
 
 
 def difference(coarse: Trajectory, fine: Trajectory) -> float:

@@ -12,9 +12,8 @@ import numpy as np
 
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy, most_states, parts_for_peaks, reason, rounding_of
-from viscovib.analyses.runs import difference, hopeless, told_in_one_way
+from viscovib.analyses.runs import LOCATED, NotMetError, difference, hopeless, told_in_one_way
 from viscovib.common.plan import Plan
-from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
 
 #: Steps before a stop that two runs must differ by: a first step with memory ends as the second
@@ -26,6 +25,8 @@ _PARTS = 8
 _SAFETY = 8.0
 #: What halving the step gains inside steps that are short enough for the order to show.
 _GAIN = 64.0
+#: States that a run which stops keeps at least, by so many parts of a step at most.
+_STATES_AT_STOP, _MOST_PARTS = 100, 64
 #: What a run keeps of each time.
 _KEPT = ("t", "state", "deflections", "rates")
 
@@ -81,13 +82,30 @@ def by_tolerance(
                 before, coarse, held = ends_before, fine, parts
                 continue
         elif change <= _allowed_at_stop(ends, want) and not 0 < fine.stats["steps"] < _FEW:
+            # Where it stops is found by the same small steps every time.
+            change = max(change, LOCATED * max(1.0, fine.t_reached))
+            if dense:
+                ends = _with_more_states(make, ends, factor)
             return _found(ends, change, partial(_plan_of, first, want))
         changes.append(change)
         before, coarse, held = ends_before, fine, parts
-    raise InputError(
+    raise NotMetError(
         f"{want}: not met with {n * factor} steps (states still change by {changes[-1]:.1e}): "
         f"{reason(told_in_one_way(before, ends), ends, want)}"
     )
+
+
+def _with_more_states(
+    make: Callable[[int, int], Trajectory], run: Trajectory, factor: int
+) -> Trajectory:
+    """A run that stops soon, with enough states on the way to be looked at."""
+    parts = 1
+    while parts < _MOST_PARTS and parts * max(run.t.size - 1, 1) < _STATES_AT_STOP:
+        parts *= 2
+    if parts == 1 or _keeps_all(run):
+        return run
+    more = make(max(factor, parts), parts)
+    return more if more.outcome == run.outcome else run
 
 
 def _found(run: Trajectory, change: float, told: Callable[[], Plan]) -> Trajectory:

@@ -21,6 +21,7 @@ from viscovib.analyses.runs import (
     MAX_FIRST_STEPS,
     MAX_STEPS,
     ROUNDING,
+    NotMetError,
     Run,
     Wanted,
     with_estimate,
@@ -45,6 +46,8 @@ from viscovib.systems.structure import Structure
 
 #: Above this last coefficient of a step, relative to the motion, a run warns.
 _ROUGH = 1e-2
+#: Part of the usual error of equations of memory where that met no tolerance.
+_SHARPER = 1e-4
 
 
 def simulate(
@@ -218,10 +221,15 @@ def simulate(
         return go_on(resume, end, want, progress, other, estimated)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
-    make, n, at_first = runs_of(system, end, initial, method, loads, accuracy, auto)
     breaks = breaks_of(force, base, len(system.dof_names))
-    watch = None if events is None else Watch.checked(events, observed(make(1.0)))
-    steps = _Steps(known(make, breaks, force, base, watch), end, breaks, at_first, want, progress)
+
+    def prepared(sharper: float = 1.0) -> tuple[_Steps, int]:
+        make, n, at_first = runs_of(system, end, initial, method, loads, accuracy, auto, sharper)
+        watch = None if events is None else Watch.checked(events, observed(make(1.0)))
+        made = known(make, breaks, force, base, watch)
+        return _Steps(made, end, breaks, at_first, want, progress), n
+
+    steps, n = prepared()
     if auto:
         assert accuracy is not None
         if n > MAX_FIRST_STEPS:
@@ -232,7 +240,15 @@ def simulate(
             )
         free = want.every == 1 and want.keep == "all" and want.times is None
         n = want.every * math.ceil(n / want.every)
-        return by_tolerance(steps.of(n), n, accuracy, dense=free, inside=make(end / n).inside)
+        inside = steps.make(end / n).inside
+        try:
+            return by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside)
+        except NotMetError:
+            if steps.at_first == 1:
+                raise
+        # A motion with memory that is unstable enlarges what is left in equations and kernels.
+        steps, _ = prepared(_SHARPER)
+        return by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside)
     return _with_step(steps, end, _native.number("dt", dt), estimated)
 
 
@@ -271,13 +287,17 @@ def runs_of(
     given: Acting,
     accuracy: Accuracy | None,
     auto: bool,
+    sharper: float = 1.0,
 ) -> tuple[Maker, int, int]:
-    """What begins a run with a step, how many steps it takes at least, how the first begins."""
+    """What begins a run with a step, how many steps it takes at least, how the first begins.
+
+    ``sharper``: part of the usual error to which equations of memory are solved.
+    """
     load, nu, base, force, held = given.load, given.nu, given.base, given.force, given.held
     # The step alone decides the error: its equations are solved to rounding, which costs little.
     wanted = None if auto or accuracy is None else accuracy.absolute
     solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
-    far = ROUNDING if accuracy is None else accuracy.solved
+    far = ROUNDING if accuracy is None else max(sharper * accuracy.solved, ROUNDING)
     if isinstance(system, Pendulum):
         others = {"load": load, "nu": nu, "base": base, "force": force, "held": held}
         for argument, value in others.items():
