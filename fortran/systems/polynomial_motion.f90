@@ -8,6 +8,7 @@
 module viscovib_polynomial_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: driven_system_type
+  use viscovib_frozen_surfaces, only: frozen
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_law_branches, only: slides
@@ -105,6 +106,12 @@ contains
     integer :: j
 
     if (self%laws%holds(k) /= slides) then
+      if (self%laws%n_slides() > 0) then
+        if (frozen(self%laws, k, q(1, :))) then
+          g = merge(-1.0_wp, 1.0_wp, self%laws%holds(k) < 0)
+          return
+        end if
+      end if
       if (self%laws%law_of(k) > 0) then
         call self%signals(k)%at(t, q, v, g)
         return
@@ -158,16 +165,19 @@ contains
     real(wp), intent(inout) :: v(:)
     integer, intent(inout) :: sides(:)
     logical, intent(inout) :: touched(:)
+    !> Part of the larger push that counts as none.
+    real(wp), parameter :: slack = 1.0e-11_wp
     integer :: before(size(sides)), beyond(size(sides)), one
-    real(wp) :: mu(1, self%laws%n_slides())
-
+    real(wp) :: mu(1, self%laws%n_slides()), push(2), speed(size(v))
     logical :: same(size(sides))
 
     same = self%laws%leader == self%laws%leader(k)
     touched = touched .or. same
     one = self%laws%sense(k)
     if (self%laws%element_of(k) > 0) then
+      speed = v
       call meet_element(self, k, t, q, v, sides)
+      if (any(abs(v - speed) > 0.0_wp)) call jump_over(self, t, q, speed, v, sides)
     else if (sides(k) == slides) then
       call weights_between(self, [t], reshape(q, [1, size(q)]), reshape(v, [1, size(v)]), mu)
       if (mu(1, self%laws%place_of(self%laws%leader(k))) > 1.0_wp) one = -one
@@ -176,21 +186,25 @@ contains
       before = sides
       beyond = merge(-sides(k)*one*self%laws%sense, sides, same)
       sides = beyond
-      if (sides_push(before) .and. sides_push(beyond)) sides = merge(slides, sides, same)
+      ! Where the push of one side just ends, as where a stop lets go, rounding must not decide.
+      push = [push_from(before), push_from(beyond)]
+      if (all(push > -slack*maxval(abs(push))) .and. any(push > 0.0_wp)) then
+        sides = merge(slides, sides, same)
+      end if
     end if
     call self%take_sides(sides)
 
   contains
 
-    !> Whether the motion is pushed to the surface on these sides.
-    logical function sides_push(there)
+    !> How the motion is pushed to the surface on these sides.
+    real(wp) function push_from(there)
       integer, intent(in) :: there(:)
       real(wp), dimension(n_lanes, self%n_dof) :: a
       call self%take_sides(there)
       call self%acceleration(spread(q, 1, n_lanes), spread(v, 1, n_lanes), &
                              self%drive_at(spread(t, 1, n_lanes)), a)
-      sides_push = there(k)*self%laws%rate(k, q, v, a(1, :)) < 0.0_wp
-    end function sides_push
+      push_from = -there(k)*self%laws%rate(k, q, v, a(1, :))
+    end function push_from
 
   end subroutine meet
 
@@ -236,6 +250,27 @@ contains
       end if
     end associate
   end subroutine meet_element
+
+  !> Surfaces that an impact jumps over: the motion was never on them.
+  subroutine jump_over(self, t, q, before, after, sides)
+    class(polynomial_motion_type), intent(in) :: self
+    real(wp), intent(in) :: t, q(:), before(:), after(:)
+    integer, intent(inout) :: sides(:)
+    !> Part of a jump that counts as on the surface.
+    real(wp), parameter :: nearly = 1.0e-10_wp
+    real(wp) :: here(1, size(q)), g(1), was(1)
+    integer :: k
+
+    here(1, :) = q
+    do k = 1, size(sides)
+      if (self%laws%law_of(k) == 0) cycle
+      call self%signals(k)%at([t], here, reshape(before, [1, size(q)]), was)
+      call self%signals(k)%at([t], here, reshape(after, [1, size(q)]), g)
+      if (abs(g(1)) > nearly*abs(g(1) - was(1)) .and. abs(g(1) - was(1)) > 0.0_wp) then
+        sides(k) = merge(1, -1, g(1) > 0.0_wp)
+      end if
+    end do
+  end subroutine jump_over
 
   !> What an impact does to stops against which the motion rests: they answer one after the other.
   subroutine push_on(self, first, v, sides)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
+from referee.switched import Automaton
 from scipy.integrate import solve_ivp
 
 GRAVITY = 9.81
@@ -249,3 +250,63 @@ def test_what_is_refused(call, told):
     """One line that names it."""
     with pytest.raises(vv.InputError, match=told):
         call()
+
+
+@pytest.mark.parametrize(
+    ("load", "nu", "friction", "stop", "start"),
+    [
+        # An impact jumps over v = 0: the mass must not stick there with a velocity.
+        (0.7, 0.5, 0.2, (0.3, 0.7), (0.1, 0.0)),
+        # It rests against the stop and is held by friction when the stop lets go.
+        (1.2, 0.7, 0.2, (0.3, 0.7), (0.1, 0.0)),
+        (0.9, 1.1, 0.2, (0.3, 0.7), (0.1, 0.0)),
+        # A plastic stop, and a mass that sticks where the stop begins.
+        (0.8, 0.4, 0.3, (0.3, 0.0), (0.3, 0.0)),
+    ],
+)
+def test_friction_before_a_rigid_stop(load, nu, friction, stop, start):
+    """Against SciPy from switch to switch; two such masses as one, so that switches coincide."""
+    times = np.linspace(0, 25, 26)
+    found = Automaton(
+        np.ones(1), np.eye(1), 0.1 * np.eye(1), lambda t: np.array([load * np.sin(nu * t)]), [],
+        [friction], [stop],
+    ).run([start[0]], [start[1]], times)  # fmt: skip
+    one = (
+        vv.Gap(on={"x1": 1}, gap=stop[0], restitution=stop[1]),
+        vv.Spring(on={"x1": 1}, stiffness=0.0, law=f"{friction}*sign(v)"),
+    )
+    call = {"nu": nu, "times": times, "tolerance": 1e-9}
+    run = vv.simulate(body(*one, c=0.1), 25, initial=start, load=load, **call)
+    assert run.outcome == "completed"
+    np.testing.assert_allclose(run.state, found, atol=1e-9)
+    two = (
+        vv.Gap(on={"x2": 1}, gap=stop[0], restitution=stop[1]),
+        vv.Spring(on={"x2": 1}, stiffness=0.0, law=f"{3 * friction}*sign(v)"),
+    )
+    twins = vv.Structure(
+        mass=[1.0, 3.0], stiffness=[[1.5, -0.5], [-0.5, 3.5]], damping=[0.1, 0.3],
+        elements=[*one, *two],
+    )  # fmt: skip
+    both = vv.simulate(
+        twins, 25, initial=[*start, *start], load={"x1": load, "x2": 3 * load}, **call
+    )
+    assert both.outcome == "completed"
+    np.testing.assert_allclose(both.state, np.tile(found, 2), atol=1e-8)
+
+
+def test_spring_and_rigid_stop_at_the_same_place():
+    """While the mass rests on the rigid one, rounding must not pass the corner of the other."""
+    both = body(
+        vv.Stop(on={"x1": 1}, stiffness=20.0, gap=0.3),
+        vv.Gap(on={"x1": 1}, gap=0.3, restitution=0.7),
+        c=0.1,
+    )
+    hard = body(
+        vv.Gap(on={"x1": 1}, gap=0.3, restitution=0.7),
+        vv.Gap(on={"x1": -1}, stiffness=20.0, gap=0.3),
+        c=0.1,
+    )
+    call = {"load": 1.3, "nu": 0.6, "initial": [0, 0], "times": np.linspace(0, 30, 31)}
+    one, other = (vv.simulate(system, 30, tolerance=1e-9, **call) for system in (both, hard))
+    assert one.outcome == "completed"
+    np.testing.assert_allclose(one.state, other.state, atol=1e-9)

@@ -114,7 +114,9 @@ class PolynomialMembers(Members):
             raise InputError("parameters: 'forces_scale' must not scale laws with functions")
         self.system = system
         self.varied, self.states = shared_runs(given, initial, 2 * d)
-        self.orders, self.series = load_series(load, None, d)
+        self.orders, self.series = load_series(
+            load, None, d, {a: i for i, a in enumerate(system.dof_names)}
+        )
         if load is None and nu is not None:
             raise InputError("nu: must not be given without load")
         frequency = 0.0 if nu is None else _native.number("nu", nu)

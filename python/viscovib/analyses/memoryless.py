@@ -113,7 +113,7 @@ def polynomial_runs(
         raise InputError(f"initial: must have shape ({2 * n},), got {state.shape}")
     if load is None and nu is not None:
         raise InputError("nu: must not be given without load")
-    orders, series = load_series(load, None, n)
+    orders, series = load_series(load, None, n, {a: i for i, a in enumerate(system.dof_names)})
     frequency = 0.0 if nu is None else _native.number("nu", nu)
     if frequency < 0 or (frequency == 0 and (orders > 0).any() and series.any()):
         given = "None" if nu is None else f"{frequency:g}"

@@ -1,0 +1,80 @@
+!> Surfaces of switching laws that the motion cannot pass while it stays on others.
+module viscovib_frozen_surfaces
+  use viscovib_kinds, only: wp
+  use viscovib_law_branches, only: slides
+  use viscovib_switched_laws, only: switched_laws
+  implicit none
+  private
+
+  public :: frozen
+
+contains
+
+  !> Whether the motion cannot reach or leave surface k as long as it stays on those on which it
+  !! slides: sticking friction before a stop, a rest against a stop where friction would turn.
+  !! Rounding alone would carry it across then.
+  logical function frozen(self, k, q) result(is_so)
+    type(switched_laws), intent(in) :: self
+    integer, intent(in) :: k
+    real(wp), intent(in) :: q(:)
+    real(wp) :: n(self%n_dof), own(self%n_dof), basis(self%n_dof, self%n_slides()), size_of
+    integer :: i, j, m
+    logical :: still
+
+    is_so = .false.
+    m = 0
+    do j = 1, size(self%holds)
+      if (self%holds(j) /= slides .or. self%leader(j) /= j) cycle
+      call across(self, j, q, n, still)
+      if (.not. still) cycle
+      do i = 1, m
+        n = n - dot_product(basis(:, i), n)*basis(:, i)
+      end do
+      size_of = norm2(n)
+      if (.not. size_of > 1.0e-10_wp) cycle
+      m = m + 1
+      basis(:, m) = n/size_of
+    end do
+    if (m == 0) return
+    call across(self, k, q, own, still)
+    if (.not. still) return
+    do i = 1, m
+      own = own - dot_product(basis(:, i), own)*basis(:, i)
+    end do
+    is_so = norm2(own) <= 1.0e-10_wp
+  end function frozen
+
+  !> The direction, of length 1, in which a surface is at rest on it; not so: it has none.
+  subroutine across(self, k, q, n, still)
+    type(switched_laws), intent(in) :: self
+    integer, intent(in) :: k
+    real(wp), intent(in) :: q(:)
+    real(wp), intent(out) :: n(:)
+    logical, intent(out) :: still
+    real(wp) :: b(size(n)), at(1, size(n)), g(1)
+
+    if (self%element_of(k) > 0) then
+      still = self%elements(self%element_of(k))%is_stop
+      n = 0.0_wp
+      if (still) call self%normal(k, n, b)
+    else
+      at(1, :) = q
+      call self%signals(k)%at([0.0_wp], at, 0.0_wp*at, g)
+      still = abs(g(1)) <= 0.0_wp
+      associate (signal => self%signals(k))
+        block
+          real(wp) :: value(1), slopes(1, size(signal%by_q, 1))
+          call signal%program%differentiate(matmul(at, transpose(signal%by_q)), value, slopes)
+          n = matmul(slopes(1, :), signal%by_v)
+          if (.not. norm2(n) > 0.0_wp) then
+            n = matmul(slopes(1, :), signal%by_q)
+            still = .true.
+          end if
+        end block
+      end associate
+    end if
+    if (.not. norm2(n) > 0.0_wp) still = .false.
+    if (still) n = n/norm2(n)
+  end subroutine across
+
+end module viscovib_frozen_surfaces
