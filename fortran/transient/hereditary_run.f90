@@ -92,18 +92,19 @@ contains
       if (.not. made) then
         trusted = run%doubtful
         call stop_hereditary(run, system, load, first + i - 1, from, now, t_reached, outcome)
-        if (outcome /= run_coarse .or. .not. trusted) then
+        if (outcome == run_coarse .and. trusted) then
+          run%trusted = .true.
+          call run%change_step(system, load, from, ends%h(piece), made)
+          if (made) call run%step(system, load, first + i - 1, now, made)
+          if (made) outcome = run_completed
+        end if
+        if (outcome /= run_completed) then
           call past%confirm(run, system, load, ends%ends(piece), ends%h(piece), t_reached, outcome)
           n_reached = min(n_reached, count(times <= t_reached))
           n_done = ends%made_until(piece, first, n_done, t_reached)
           if (present(watch)) call watch%drop_after(t_reached)
           return
         end if
-        run%trusted = .true.
-        call run%change_step(system, load, from, ends%h(piece), made)
-        if (made) call run%step(system, load, first + i - 1, now, made)
-        if (.not. made) return
-        outcome = run_completed
       end if
       n_done = i
       if (present(watch)) then

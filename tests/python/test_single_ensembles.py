@@ -236,3 +236,25 @@ def test_bad_calls(changes, text):
     call = {"initial": [0, 0], "load": 0.8, "nu": 0.7, "t_end": 5.0} | changes
     with pytest.raises(vv.InputError, match=text):
         vv.simulate_ensemble(GAP, **call)
+
+
+@pytest.mark.parametrize("way", ["plain", "kink", "memory"])
+@pytest.mark.parametrize("dt", [0.05, "auto"])
+def test_nothing_is_left_in_a_lane_that_escapes(way, dt):
+    """Of runs that stop nothing is known that belongs to the whole, in either part of a number."""
+    law = "-0.4*x^3" + {"kink": " + 0.1*max(x - 0.3, 0)"}.get(way, "")
+    kernel = vv.PronyKernel(weights=[0.1], rates=[0.7]) if way == "memory" else None
+    system = vv.PolynomialSystem(mass=1, damping=0.02, stiffness=1, forces=law, kernel=kernel)
+    many = vv.simulate_ensemble(
+        system, initial=[[2, 0], [0.1, 0], [1.7, 1]], load=[0.05], nu=1.3, n_periods=4, dt=dt,
+        tolerance=1e-6, amplitudes_at=[1.3, 2.6], statistics=True, lyapunov=True, sections=1,
+    )  # fmt: skip
+    assert many.outcome.tolist() == ["diverged", "completed", "diverged"]
+    lines = many.amplitudes
+    for found in (lines.real, lines.imag, many.peak, many.mean, many.rms, many.lyapunov):
+        assert np.isnan(found[[0, 2]]).all()
+        assert np.isfinite(found[1]).all()
+    assert np.isnan(many.sections[[0, 2]]).all()
+    assert np.isfinite(many.sections[1]).all()
+    assert np.isfinite(many.state).all()
+    assert (many.t_reached[[0, 2]] < 2).all()

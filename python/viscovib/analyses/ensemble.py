@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -182,10 +182,10 @@ def simulate_ensemble(
         outcome=names[raw.ended],
         step=h,
         dt=length.spacing,
-        peak=raw.peak,
-        mean=raw.mean,
-        rms=raw.rms,
-        amplitudes=raw.amplitudes,
+        peak=_of_whole(raw.peak, raw.ended),
+        mean=_of_whole(raw.mean, raw.ended),
+        rms=_of_whole(raw.rms, raw.ended),
+        amplitudes=_of_whole(raw.amplitudes, raw.ended),
         sections=points,
         lyapunov=None if raw.lyapunov is None else raw.lyapunov[:, 0],
         spectrum=_spectrum(raw.lyapunov, exponents),
@@ -328,6 +328,16 @@ class _Raw:
     amplitudes: ComplexArray | None
     sections: FloatArray | None
     lyapunov: FloatArray | None
+
+
+_Array = TypeVar("_Array", FloatArray, ComplexArray)
+
+
+def _of_whole(gathered: _Array | None, ended: npt.NDArray[np.intc]) -> _Array | None:
+    """What was gathered of whole runs: of one that stopped nothing is known, in neither part."""
+    if gathered is not None:
+        gathered[ended != 0] = complex(np.nan, np.nan) if np.iscomplexobj(gathered) else np.nan
+    return gathered
 
 
 class _Job:

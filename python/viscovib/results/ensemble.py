@@ -42,11 +42,10 @@ class Ensemble(Result):
         Spacing of the states kept: the periods between ``sections``; NaN without, as only last
         states are kept.
     peak, mean, rms : ndarray, shape (n, 2 n_dof), or None
-        Largest size, mean and root mean square of the states sampled; of a run that stopped,
-        until then (NaN if before any sample).
+        Largest size, mean and root mean square of the states sampled; NaN of a run that stopped.
     amplitudes : complex ndarray, shape (n, n_lines, n_dof), or None
-        X of each coordinate at each frequency asked for: u = mean + Re(X exp(i omega t)); NaN of
-        a run that stopped.
+        X of each coordinate at each frequency asked for: u = mean + Re(X exp(i omega t)); NaN, in
+        both parts, of a run that stopped.
     sections : ndarray, shape (n, n_points, 2 n_dof), or None
         States at whole periods of a load, NaN after a run has stopped; or those on a surface, NaN
         behind the last of a run.
