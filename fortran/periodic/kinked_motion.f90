@@ -11,7 +11,7 @@
 !! might stick elsewhere as well is a multiplier 1, which is left out.
 module viscovib_kinked_motion
   use viscovib_constants, only: pi
-  use viscovib_cycle_terms, only: has_kinks, has_states
+  use viscovib_cycle_terms, only: has_kinks
   use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_hysteresis, only: hysteresis_type
@@ -21,7 +21,7 @@ module viscovib_kinked_motion
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: find_signals
   use viscovib_law_cycle, only: find_switches
-  use viscovib_law_program, only: f_atleast, f_heaviside, f_less, f_sign, law_program
+  use viscovib_law_program, only: law_program
   use viscovib_oscillator, only: oscillator_type
   use viscovib_phase_panels, only: wave_sum
   use viscovib_phase_roots, only: phase_list
@@ -59,22 +59,15 @@ module viscovib_kinked_motion
 
 contains
 
-  !> Whether a system is judged so: laws with kinks that do not jump, or states, no memory.
+  !> Whether a system is judged so: laws with kinks, jumps or states, no memory.
   logical function is_kinked(system)
     class(oscillator_type), intent(in) :: system
-    integer :: i
 
     is_kinked = .false.
     if (any(system%kernel_of > 0) .or. system%moving .or. .not. has_kinks(system)) return
     select type (system)
     class is (polynomial_type)
       is_kinked = .true.
-      do i = 1, size(system%laws)
-        associate (code => system%laws(i)%program%code)
-          if (any(code == f_sign .or. code == f_heaviside &
-                  .or. (code >= f_less .and. code <= f_atleast))) is_kinked = has_states(system)
-        end associate
-      end do
     end select
   end function is_kinked
 
@@ -133,21 +126,18 @@ contains
   end subroutine new_rest
 
   !> Elements along a motion, and all phases at which something changes its branch.
-  subroutine prepare_elements(system, set, x, mu, elements, breaks, jumps)
+  subroutine prepare_elements(system, set, x, mu, elements, breaks)
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     !> Harmonics, shape (2 n_orders, n_dof), and frequencies of the orders.
     real(wp), intent(in) :: x(:, :), mu(:)
     type(element_along), allocatable, intent(out) :: elements(:)
     type(phase_list), intent(out) :: breaks
-    !> Whether a law that jumps does so on the way.
-    logical, intent(out) :: jumps
     real(wp), allocatable :: y(:, :), turned(:, :), scan(:, :)
     type(law_program), allocatable :: signals(:)
     type(phase_list) :: found
     integer :: i, j, k, none(0)
 
-    jumps = .false.
     select type (system)
     class is (polynomial_type)
       allocate (elements(count(system%laws%state > 0)))
@@ -173,10 +163,6 @@ contains
             do j = 1, found%n
               call breaks%put(found%theta(j), 0)
             end do
-            jumps = jumps .or. (found%n > 0 .and. any(law%program%code == f_sign &
-                                                      .or. law%program%code == f_heaviside &
-                                                      .or. (law%program%code >= f_less &
-                                                            .and. law%program%code <= f_atleast)))
           end if
         end associate
       end do

@@ -1,14 +1,16 @@
-!> Floquet multipliers of motions with kinked laws and elements with states, without memory.
+!> Floquet multipliers of motions with laws that kink or jump and elements with states, without
+!! memory.
 !!
 !! Disturbances (`viscovib_kinked_motion`) are integrated from one phase at which a law changes its
 !! branch to the next, over pieces on which the equation Y' = A(t) Y is solved at the sixteen points
 !! of Gauss, Y = Y_0 + integral of A Y, by iteration; a piece that sixteen points do not tell is
-!! halved.
+!! halved. A jump on the way is a map of its own (`viscovib_jump_maps`).
 module viscovib_kinked_stability
   use viscovib_constants, only: pi
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_gauss_points, only: points_16, weights_16
   use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_jump_maps, only: find_jumps, jump_map
   use viscovib_kinds, only: wp
   use viscovib_kinked_motion, only: element_along, linear_rest, new_rest, prepare_elements
   use viscovib_oscillator, only: oscillator_type
@@ -28,27 +30,34 @@ module viscovib_kinked_stability
 contains
 
   !> Eigenvalues over a period, or minus half a one under half-wave symmetry, largest first.
-  subroutine kinked_multipliers(system, set, nu, x, roots, found)
+  subroutine kinked_multipliers(system, set, nu, x, roots, found, jumps)
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     !> Frequency (rad/s); harmonics, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: nu, x(:, :)
     complex(wp), allocatable, intent(out) :: roots(:)
-    !> Not where a law jumps on the way, or the rest is too large or no sum of real modes.
+    !> Not where the rest is too large or no sum of real modes, or the motion stays where a law
+    !! jumps.
     logical, intent(out) :: found
+    !> Whether a law jumps on the way, which nothing else here judges.
+    logical, intent(out) :: jumps
     type(linear_rest) :: rest
     type(element_along), allocatable :: elements(:)
     type(phase_list) :: breaks
     real(wp), allocatable :: y(:, :)
     real(wp) :: integral(nodes, nodes), from, to, ending, length, longest
     integer :: i, n, pieces
-    logical :: jumps, done
+    type(jump_map), allocatable :: maps(:)
+    logical :: done, known
 
+    call find_jumps(system, set, x, set%orders*nu, maps, known)
+    jumps = size(maps) > 0
     call new_rest(rest, system, found)
     if (.not. found) return
-    call prepare_elements(system, set, x, set%orders*nu, elements, breaks, jumps)
-    found = .not. jumps
+    if (jumps) call find_jumps(system, set, x, set%orders*nu, maps, known, rest)
+    found = known
     if (.not. found) return
+    call prepare_elements(system, set, x, set%orders*nu, elements, breaks)
     n = size(rest%a, 1)
     do i = 1, size(elements)
       n = n + size(elements(i)%z)
@@ -65,6 +74,7 @@ contains
     do i = 1, breaks%n + 1
       to = ending
       if (i <= breaks%n) to = min(breaks%theta(i), ending)
+      call pass_jumps(maps, from, y)
       length = (to - from)/max(1, ceiling((to - from)/longest))
       do while (to - from > 8.0_wp*epsilon(1.0_wp)*ending)
         length = min(length, to - from)
@@ -84,6 +94,20 @@ contains
     end do
     call take_roots(y, size(rest%a, 1), elements, set%half_wave, roots, found)
   end subroutine kinked_multipliers
+
+  !> Apply the jumps at a phase, each once.
+  subroutine pass_jumps(maps, theta, y)
+    type(jump_map), intent(inout) :: maps(:)
+    real(wp), intent(in) :: theta
+    real(wp), intent(inout) :: y(:, :)
+    integer :: i, n
+    do i = 1, size(maps)
+      if (maps(i)%done .or. abs(maps(i)%theta - theta) > 1.0e-12_wp) cycle
+      n = size(maps(i)%s, 1)
+      y(:n, :) = matmul(maps(i)%s, y(:n, :))
+      maps(i)%done = .true.
+    end do
+  end subroutine pass_jumps
 
   !> Integrals from 0 to each point of the Lagrange polynomials of all points.
   pure subroutine integration(integral)

@@ -13,6 +13,7 @@ module viscovib_motion_stability
   use viscovib_hill_orders, only: fading_rate
   use viscovib_hill_path, only: hill_path_type, new_hill_path
   use viscovib_hill_roots, only: complete, find_exponents, follow_exponent, leftmost
+  use viscovib_jump_maps, only: find_jumps, jump_map, may_jump
   use viscovib_kinds, only: wp
   use viscovib_kinked_motion, only: is_kinked
   use viscovib_kinked_stability, only: kinked_multipliers
@@ -29,6 +30,8 @@ module viscovib_motion_stability
 
   !> Multipliers this close to the unit circle count as on it.
   real(wp), parameter, public :: circle = 1.0e-9_wp
+  !> The same of motions on whose way a law jumps.
+  real(wp), parameter :: jumping_circle = 2.0e-3_wp
   !> Beyond this logarithm a multiplier leaves the range of numbers.
   real(wp), parameter :: largest_log = 700.0_wp
   !> Exponents kept beyond two a coordinate: memory has slow ones of its own.
@@ -60,6 +63,8 @@ module viscovib_motion_stability
     logical, private :: half_wave = .false.
     !> Laws with kinks, or states: judged between these.
     logical, private :: kinked = .false.
+    !> Some law may jump, which Hill's determinant and monodromies do not see.
+    logical, private :: jumps = .false.
     type(harmonic_set_type), private :: set
     type(hill_type), private :: hill
     type(floquet_type), private :: floquet
@@ -98,6 +103,7 @@ contains
     judge%half_wave = set%half_wave
     judge%n_slots = stability_slots(system)
     judge%kinked = is_kinked(system)
+    judge%jumps = may_jump(system)
     judge%set = set
     judge%complete = .not. judge%remembers
     select type (system)
@@ -127,21 +133,43 @@ contains
     !> Exponents of a neighbour of the first solution, NaN for none; with memory they speed
     !! the search up.
     complex(wp), intent(in), optional :: near(:)
+    logical :: jumps(size(nu))
 
     allocate (stability%stable(size(nu)), stability%n_growing(size(nu)), source=-1)
     allocate (stability%slowest(size(nu)), source=self%complete)
     allocate (stability%exponents(self%n_slots, size(nu)), &
               stability%multipliers(self%n_slots, size(nu)), source=not_a_number())
-    if (self%kinked) call self%by_pieces(system, nu, x, stability, cancel)
+    jumps = .false.
+    if (self%kinked) call self%by_pieces(system, nu, x, stability, jumps, cancel)
+    if (self%jumps .and. .not. self%kinked) call find_jumping(self, system, nu, x, jumps)
     if (allocated(self%condensed)) then
-      call self%by_condensed(system, nu, x, stability, cancel)
+      call self%by_condensed(system, nu, x, stability, jumps, cancel)
     else if (self%remembers) then
-      call self%by_hill(system, nu, x, stability, cancel, near)
+      call self%by_hill(system, nu, x, stability, jumps, cancel, near)
     else
-      call self%by_floquet(system, nu, x, stability, cancel)
+      call self%by_floquet(system, nu, x, stability, jumps, cancel)
     end if
+    where (jumps) stability%slowest = stability%n_growing >= 0
     where (stability%n_growing >= 0) stability%stable = merge(1, 0, stability%n_growing == 0)
   end subroutine judge
+
+  !> Motions on whose way a law jumps.
+  subroutine find_jumping(self, system, nu, x, jumps)
+    class(judge_type), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu(:), x(:, :, :)
+    logical, intent(out) :: jumps(:)
+    type(jump_map), allocatable :: maps(:)
+    integer :: i
+    logical :: known
+
+    jumps = .false.
+    do i = 1, size(nu)
+      if (ieee_is_nan(x(1, 1, i))) cycle
+      call find_jumps(system, self%set, x(:, :, i), self%set%orders*nu(i), maps, known)
+      jumps(i) = size(maps) > 0
+    end do
+  end subroutine find_jumping
 
   !> One exponent (1/s) near that of a neighbour.
   subroutine follow(self, system, nu, x, near, exponent, made)
@@ -169,11 +197,13 @@ contains
   end subroutine follow
 
   !> By the argument principle on the determinant of the elements.
-  subroutine by_condensed(self, system, nu, x, stability, cancel)
+  subroutine by_condensed(self, system, nu, x, stability, jumps, cancel)
     class(judge_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
+    !> Motions that are left alone.
+    logical, intent(in) :: jumps(:)
     integer, intent(inout), optional :: cancel
     integer :: i
 
@@ -181,7 +211,7 @@ contains
     class is (structure_type)
       do i = 1, size(nu)
         if (given_up(cancel)) return
-        if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0) cycle
+        if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0 .or. jumps(i)) cycle
         associate (exponents => stability%exponents(:, i))
           call self%condensed%judge(system, nu(i), x(:, :, i), exponents, stability%n_growing(i), &
                                     stability%slowest(i))
@@ -192,11 +222,13 @@ contains
   end subroutine by_condensed
 
   !> Of motions with kinked laws and states; those that it cannot judge stay unknown here.
-  subroutine by_pieces(self, system, nu, x, stability, cancel)
+  subroutine by_pieces(self, system, nu, x, stability, jumps, cancel)
     class(judge_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
+    !> Motions on whose way a law jumps.
+    logical, intent(inout) :: jumps(:)
     integer, intent(inout), optional :: cancel
     complex(wp), allocatable :: roots(:)
     integer :: i, n
@@ -205,7 +237,7 @@ contains
     do i = 1, size(nu)
       if (given_up(cancel)) return
       if (ieee_is_nan(x(1, 1, i))) cycle
-      call kinked_multipliers(system, self%set, nu(i), x(:, :, i), roots, found)
+      call kinked_multipliers(system, self%set, nu(i), x(:, :, i), roots, found, jumps(i))
       if (.not. found) cycle
       n = min(size(roots), self%n_slots)
       stability%exponents(:n, i) = merge(1.0_wp, 0.5_wp, self%half_wave)*nu(i)/pi &
@@ -213,6 +245,8 @@ contains
       if (self%half_wave) roots = roots**2
       stability%multipliers(:n, i) = roots(:n)
       stability%n_growing(i) = count(abs(roots) > 1.0_wp + circle)
+      ! The sum of harmonics tells rates where a law jumps to some digits only.
+      if (jumps(i) .and. any(abs(abs(roots) - 1.0_wp) < jumping_circle)) stability%n_growing(i) = -1
       stability%slowest(i) = .true.
     end do
   end subroutine by_pieces
@@ -228,11 +262,13 @@ contains
   end function multiplier
 
   !> Eigenvalues of monodromy matrices, of half a period under half-wave symmetry.
-  subroutine by_floquet(self, system, nu, x, stability, cancel)
+  subroutine by_floquet(self, system, nu, x, stability, jumps, cancel)
     class(judge_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
+    !> Motions that are left alone.
+    logical, intent(in) :: jumps(:)
     integer, intent(inout), optional :: cancel
     real(wp) :: matrices(self%n_slots, self%n_slots, n_lanes)
     complex(wp) :: roots(self%n_slots), logs(self%n_slots)
@@ -240,7 +276,8 @@ contains
     integer :: first, i, k, n
     logical :: found
 
-    known = pack([(i, i=1, size(nu))], stability%n_growing < 0 .and. .not. ieee_is_nan(x(1, 1, :)))
+    known = pack([(i, i=1, size(nu))], stability%n_growing < 0 .and. &
+                 .not. (jumps .or. ieee_is_nan(x(1, 1, :))))
     do first = 1, size(known), n_lanes
       n = min(n_lanes, size(known) - first + 1)
       associate (these => known(first:first + n - 1))
@@ -296,11 +333,13 @@ contains
   end function logarithm
 
   !> Exponents right of a line are counted by the argument principle and must all be found.
-  subroutine by_hill(self, system, nu, x, stability, cancel, beside)
+  subroutine by_hill(self, system, nu, x, stability, jumps, cancel, beside)
     class(judge_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
+    !> Motions that are left alone.
+    logical, intent(in) :: jumps(:)
     integer, intent(inout), optional :: cancel
     complex(wp), intent(in), optional :: beside(:)
     complex(wp) :: near(self%n_slots)
@@ -312,7 +351,7 @@ contains
     if (present(beside)) near = beside
     do i = 1, size(nu)
       if (given_up(cancel)) return
-      if (ieee_is_nan(x(1, 1, i))) cycle
+      if (ieee_is_nan(x(1, 1, i)) .or. jumps(i)) cycle
       ! Those at i d/2 stay there.
       where (abs(aimag(near) - 0.5_wp*period) <= 0.0_wp)
         near = cmplx(real(near), 0.5_wp*merge(2, 1, self%half_wave)*nu(i), wp)

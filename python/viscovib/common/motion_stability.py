@@ -69,8 +69,9 @@ class Stability(NamedTuple):
         if lost.any():
             warnings.warn(
                 f"stability of {lost.sum()} of {things(lost.size, 'motion')} is unknown: an "
-                "exponent lies on the imaginary axis to rounding, or the problem is too stiff "
-                "for the Floquet solver",
+                "exponent lies on the imaginary axis to rounding, the problem is too stiff for the "
+                "Floquet solver, or a force law jumps on the way and the motion sticks there, "
+                "grazes it or has memory",
                 StabilityWarning,
                 stacklevel=caller(),
             )
