@@ -43,9 +43,9 @@ module viscovib_condensed_hill
   !> Unknowns of a determinant at most.
   integer, parameter :: max_unknowns = 600
   !> Orders are kept until H J is this small beyond them, and what reaches them, which is squared
-  !! before it acts on exponents, that small, unless this takes many unknowns.
-  real(wp), parameter :: negligible = 0.2_wp, accurate = 1.0e-5_wp
-  integer, parameter :: few_unknowns = 120
+  !! before it acts on exponents, that small; fair where this takes more than a few unknowns.
+  real(wp), parameter :: negligible = 0.2_wp, accurate = 1.0e-5_wp, fair = 3.0e-4_wp
+  integer, parameter :: few_unknowns = 120, many_unknowns = 240
   !> Parts of J so small beside the largest are left out.
   real(wp), parameter :: silent = 1.0e-11_wp
   !> Waves of J so small beside the largest move no exponent much.
@@ -245,7 +245,7 @@ contains
     class(condensed_hill), intent(inout) :: self
     class(structure_type), intent(in) :: system
     complex(wp) :: h(1, self%n_dof, self%n_dof), s(1)
-    real(wp) :: reached(0:max_unknowns), part
+    real(wp) :: reached(0:max_unknowns), admitted, part
     integer :: b, i, m, n
 
     self%ready = self%poles%fastest <= max_unknowns*self%nu
@@ -275,8 +275,9 @@ contains
         ! Of large motions it grows by factors for many orders.
         reached(i) = min(reached(i) + part*self%parts(m)*reached(max(i - m, 0)), 1.0e100_wp)
       end do
+      admitted = merge(accurate, fair, n < few_unknowns)
       if (part <= negligible .and. (maxval(reached(max(i - self%reach + 1, 0):i)) &
-                                          <= accurate .or. n >= few_unknowns)) exit
+                                          <= admitted .or. n >= many_unknowns)) exit
       b = b + self%stride
     end do
     self%highest = b

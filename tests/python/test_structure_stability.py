@@ -134,3 +134,29 @@ def test_crossings_of_all_kinds_are_located(n, square, cubic, zeta, load, span, 
     assert names == [crossing.kind for crossing in other.crossings]
     places = [[crossing.parameter for crossing in branch.crossings] for branch in (one, other)]
     assert places[0] == pytest.approx(places[1], rel=1e-10)
+
+
+def test_many_orders_keep_the_digits_of_exponents():
+    """Two joints that swing in a hundred orders: Hill's determinant needs as many."""
+    n = 6
+    cuts = np.diff(np.eye(n), axis=0)
+    k = 0.38 * cuts.T @ cuts
+    k[0, 0] += 0.57
+    c, e = 0.008 * np.eye(n), np.eye(n)
+    structure = vv.Structure(
+        mass=np.ones(n), stiffness=k, damping=c,
+        elements=[vv.Spring(on="x6", stiffness=0.09, law="0.02*d^2 + 1.4*d^3"),
+                  vv.Spring(on="x5", stiffness=0.11, law="0.02*d^2 + 2.7*d^3")],
+    )  # fmt: skip
+    whole = vv.PolynomialSystem(
+        mass=np.ones(n), stiffness=k + 0.09 * np.outer(e[5], e[5]) + 0.11 * np.outer(e[4], e[4]),
+        damping=c, forces={"x6": "0.02*x6^2 + 1.4*x6^3", "x5": "0.02*x5^2 + 2.7*x5^3"},
+    )  # fmt: skip
+    whole.__dict__["_condensation"] = None
+    nu = [0.1, 0.12, 0.19, 0.2]
+    given = {"load": 0.3 * e[4], "method": "newton", "stability": True}
+    a, b = (vv.forced_response(s, nu, **given) for s in (structure, whole))
+    assert a.highest.max() > 70
+    sizes = [np.nanmax(np.abs(r.multipliers), axis=1) for r in (a, b)]
+    assert (np.array(a.stable) == np.array(b.stable)).all()
+    assert np.abs(sizes[0] / sizes[1] - 1).max() < 2e-9
