@@ -160,7 +160,7 @@ def test_few_orders_pass_a_gap_too():
     ],
 )
 def test_branches_pass_grazing(force, damping, load, orders):
-    """A contact much shorter than a sample is there or not: missed, it is a jump of the equations."""
+    """A contact shorter than a sample: missed now and then, it would make the equations jump."""
     stiffness = np.array([[1.0, -1], [-1, 2]])
     system = vv.PolynomialSystem(
         mass=[1, 1], stiffness=stiffness, damping=damping * stiffness, forces={"x1": force}

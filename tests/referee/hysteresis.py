@@ -103,6 +103,32 @@ stop = vv.Stop(on="x1", stiffness={k}, gap={gap}).force({d})
     return Case(call, judge)
 
 
+def _fed(rng, index):
+    """What the load feeds is what elements and the structure's own damping lose."""
+    element = _draw(rng, int(rng.integers(3)))[0].replace("'x1'", "('x1', 'x2')")
+    c, own = few(rng, 0.05, 0.5), even(rng, 0.02, 0.1, 3)
+    load, nu = few(rng, 0.5, 20), few(rng, 0.3, 3)
+    call = f"""elements = [{element}, vv.Spring(on='x2', law='c*v*abs(v) + d^3', parameters={{'c': {c}}})]
+s = vv.Structure(mass=np.eye(2), stiffness=np.eye(2), damping={own} * np.eye(2), elements=elements)
+r = vv.forced_response(s, [{nu}], load=[{load}, 0], method="newton", harmonics=21)
+x, k, ok, lost = r.coefficients[0], r.harmonics, r.converged[0], r.dissipation()[0]
+"""
+
+    def judge(names, told):
+        if not names["ok"]:
+            return
+        x, k = names["x"], names["k"]
+        fed = -np.pi * load * float(x[0, k == 1].imag[0])
+        damped = np.pi * own * nu * float((k**2 * np.abs(x) ** 2).sum())
+        size = np.pi * load * np.abs(x[0]).sum()
+        yield Claim("dissipation", float(names["lost"].sum()) + damped, fed, 1e-5 * size, damage=1)
+        yield Claim("losses", bool((names["lost"] >= -1e-9 * size).all()), True)
+
+    return Case(call, judge)
+
+
 def case(rng, index):
-    """Draw an element and a cycle of deflections."""
+    """Draw an element and a cycle of deflections, or a structure that two elements damp."""
+    if index % 7 == 5:
+        return _fed(rng, index)
     return _contact(rng, index) if index % 7 == 6 else _loop(rng, index)

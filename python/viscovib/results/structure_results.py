@@ -14,6 +14,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.branch import Branch
+from viscovib.results.dissipation import dissipated
 from viscovib.results.response import Response
 from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
@@ -58,6 +59,32 @@ class StructureResponse(Response):
         largest coordinate, all harmonics together. Motions are taken at even distances.
         """
         return _checked(self, points)
+
+    def dissipation(self) -> FloatArray:
+        """Energy that each element takes from each motion in a period (J), shape (n, n_elements).
+
+        In the order of `Structure.elements`: what its dashpot, its law, its memory and its
+        sliders lose, pi sum_k k Im(F_k conj(D_k)) with the harmonics of its force and of its
+        deflection relative to the base; of a `Jenkins` element 4 F_s (a - F_s/k) at an amplitude
+        a beyond F_s/k. Losses of the structure's own damping, and of memory in its matrices, are
+        not among them. Exact for the harmonics kept; laws with kinks or jumps from 16384 samples
+        of the period, to about 1e-6. NaN where no motion was found.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> slider = vv.Jenkins(on="x1", stiffness=20, limit=0.3)
+        >>> joint = vv.Structure(
+        ...     mass=[[1.0]], stiffness=[[1.0]], damping=[[0.1]], elements=[slider]
+        ... )
+        >>> r = vv.forced_response(joint, [1.0], load=[0.8], method="newton", harmonics=31,
+        ...                        tolerance=0.01)
+        >>> amplitude = r.peak_to_peak("x1")[0] / 2
+        >>> bool(abs(r.dissipation()[0, 0] - 4 * 0.3 * (amplitude - 0.3 / 20)) < 1e-12)
+        True
+        """
+        ones = np.ones(self.nu.size)
+        return dissipated(_known(self._view), self.nu, self.harmonics, self._condensed, ones)
 
     def at(self, coordinates: Sequence[str]) -> Self:
         """The same motions in other coordinates of the structure."""
@@ -137,6 +164,17 @@ class StructureBranch(Branch):
         largest coordinate, all harmonics together. Motions are taken at even distances.
         """
         return _checked(self, points)
+
+    def dissipation(self) -> FloatArray:
+        """As of `StructureResponse`; of a branch over the frequency or the load."""
+        if self.varies not in ("nu", "load_factor"):
+            raise InputError(
+                f"dissipation: elements change along a branch over {self.varies}, must be one over "
+                "nu or load_factor"
+            )
+        return dissipated(
+            _known(self._view), self.nu, self.harmonics, self._condensed, self.load_factor
+        )
 
     def at(self, coordinates: Sequence[str]) -> Self:
         """The same motions in other coordinates of the structure."""

@@ -12,6 +12,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.condensed import LoadedStructure
+from viscovib.systems.elements import terms_in_order
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,8 @@ class View:
     #: Names and units of all coordinates.
     all_names: tuple[str, ...] = field(repr=False)
     all_units: tuple[str, ...] = field(repr=False)
+    #: Elements in their order, as the condensation takes them.
+    elements: tuple[Any, ...] = field(repr=False)
 
     @classmethod
     def of(cls, system: Any, loaded: LoadedStructure, coordinates: Sequence[str] | None) -> View:
@@ -33,7 +36,7 @@ class View:
         names, units = system.dof_names, system.dof_units
         return cls(
             loaded, places, tuple(names[i] for i in places), tuple(units[i] for i in places),
-            names, units,
+            names, units, terms_in_order(system.elements, system.dof_names, system._places),
         )  # fmt: skip
 
     def at(self, coordinates: Sequence[str]) -> View:

@@ -234,6 +234,16 @@ def element_terms(
     return tuple(found)
 
 
+def terms_in_order(
+    elements: Sequence[Any], names: Sequence[str], places: Mapping[str, int]
+) -> tuple["ElementTerms | CouplingTerms", ...]:
+    """Return one entry for each element."""
+    return tuple(
+        (coupling_terms if isinstance(one, Coupling) else element_terms)([one], names, places)[0]
+        for one in elements
+    )
+
+
 def coupling_terms(
     elements: Sequence[Any], names: Sequence[str], places: Mapping[str, int], first: int = 0
 ) -> tuple[CouplingTerms, ...]:

@@ -1,0 +1,133 @@
+"""Energy that elements of a structure take from periodic motions in a period."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.results.structure_view import View
+
+#: Samples of a period for each order, at least so many, and of laws with kinks or jumps.
+_PER_ORDER, _FEWEST, _KINKED = 16, 1024, 16384
+#: A direction that the condensed ones leave no more of than this is one of theirs.
+_DEPENDENT = 1e-9
+
+
+def dissipated(
+    view: View, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray
+) -> FloatArray:
+    """Energy lost in a period by each element, shape (n, n_elements).
+
+    ``y``: harmonics of the condensed coordinates relative to the base, shape (n, q, m).
+    """
+    lost = np.full((nu.size, len(view.elements)), np.nan)
+    for column, terms in enumerate(view.elements):
+        d = _deflections(view, terms, nu, orders, y, factors)
+        for i in np.flatnonzero(np.isfinite(d).all(axis=(1, 2))):
+            lost[i, column] = _lost(terms, float(nu[i]), orders, d[i])
+    return lost
+
+
+def _deflections(
+    view: View, terms: Any, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray
+) -> ComplexArray:
+    """Harmonics of the deflections of an element, relative to the base, shape (n, n_own, m)."""
+    loaded = view.loaded
+    condensed = loaded.condensation.laws.directions
+    found = []
+    for e in terms.directions if hasattr(terms, "directions") else (terms.direction,):
+        weights = np.linalg.lstsq(condensed, e, rcond=None)[0]
+        if np.linalg.norm(e - condensed @ weights) <= _DEPENDENT * np.linalg.norm(e):
+            found.append(np.einsum("q,nqm->nm", weights, y))
+            continue
+        places = np.flatnonzero(e)
+        u = loaded.expand(nu, orders, y, places, factors)
+        if loaded.direction is not None:
+            for j, order in enumerate(loaded.orders):
+                base = np.outer(factors, loaded.direction[places] * loaded.base[j])
+                u[:, :, orders == order] -= base[:, :, np.newaxis]
+        found.append(np.einsum("q,nqm->nm", e[places], u))
+    return np.stack(found, axis=1)
+
+
+def _lost(terms: Any, nu: float, orders: Any, d: ComplexArray) -> float:
+    """Of one motion: pi sum_k k Im(F_k conj(D_k)) with the harmonics F_k of the forces."""
+    if hasattr(terms, "directions"):
+        return _of_coupling(terms, nu, orders, d)
+    own = d[0]
+    work = float(np.pi * nu * terms.damping * (orders**2 * np.abs(own) ** 2).sum())
+    law = terms.law
+    if law is not None and law.state:
+        return work + _of_hysteresis(law, orders, own)
+    if terms.kernel is None and (law is None or max(law.places, default=0) < 1):
+        # A force that follows from the deflection alone gives back what it takes.
+        return work
+    kinked = law is not None and law.branches
+    theta, at, rate = _samples(orders, nu, d, kinked)
+    force = sum((c * at[:, 0] ** power for power, c in terms.powers.items()), 0 * at[:, 0])
+    if law is not None:
+        force = force + law(np.stack([at[:, 0], rate[:, 0]], axis=1)[:, : len(law.arguments)])[0]
+    return work + _work(force, rate[:, 0], theta, nu, orders, own, terms.kernel)
+
+
+def _of_coupling(terms: Any, nu: float, orders: Any, d: ComplexArray) -> float:
+    kinked = any(law.branches for _, law in terms.programs)
+    theta, at, rate = _samples(orders, nu, d, kinked)
+    force = np.zeros_like(at)
+    for (on, powers), c in terms.forces.items():
+        force[:, on] += c * np.prod(at**powers, axis=1)
+    for on, law in terms.programs:
+        arguments = np.concatenate([at, rate], axis=1)[:, : len(law.arguments)]
+        force[:, on] += law(arguments)[0]
+    return sum(
+        _work(force[:, a], rate[:, a], theta, nu, orders, d[a], terms.kernel)
+        for a in range(d.shape[0])
+    )
+
+
+def _samples(
+    orders: Any, nu: float, d: ComplexArray, kinked: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Phases of a period, deflections and rates there, shape (n, n_own)."""
+    n = max(_KINKED if kinked else _FEWEST, _PER_ORDER * int(orders.max(initial=1)))
+    theta = 2 * np.pi * np.arange(n) / n
+    waves = np.exp(1j * np.outer(theta, orders))
+    return theta, (waves @ d.T).imag, (waves @ (1j * orders * nu * d).T).imag
+
+
+def _work(
+    force: FloatArray, rate: FloatArray, theta: FloatArray, nu: float, orders: Any,
+    d: ComplexArray, kernel: Any,
+) -> float:  # fmt: skip
+    """Work of a force in a period; behind a kernel of (1 - R(i k nu)) F_k."""
+    if kernel is None:
+        return float((force * rate).mean() * 2 * np.pi / nu)
+    parts = 2j / theta.size * (force @ np.exp(-1j * np.outer(theta, orders)))
+    left = np.ones(orders.size, dtype=complex)
+    left[orders > 0] -= kernel.laplace(1j * nu * orders[orders > 0])
+    return float(np.pi * (orders * (left * parts * d.conj()).imag).sum())
+
+
+def _of_hysteresis(law: Any, orders: Any, d: ComplexArray) -> float:
+    """Forces follow the deflection from one turning point to the next, whatever lies between."""
+    n = max(_FEWEST, _PER_ORDER * int(orders.max(initial=1)))
+    theta = 2 * np.pi * np.arange(n) / n
+    waves = np.exp(1j * np.outer(theta, orders))
+    at, slope = (waves @ d).imag, (waves @ (1j * orders * d)).imag
+    turns = np.flatnonzero(slope * np.roll(slope, -1) <= 0)
+    if turns.size < 2 or not np.ptp(at):
+        return 0.0
+    # Newton's method from the secant: a place wrong by x leaves the square of x.
+    phase = theta[turns] + 2 * np.pi / n * slope[turns] / (
+        slope[turns] - np.roll(slope, -1)[turns] + np.finfo(float).tiny
+    )
+    for _ in range(2):
+        waves = np.exp(1j * np.outer(phase, orders))
+        rate, bend = (waves @ (1j * orders * d)).imag, (waves @ (-(orders**2) * d)).imag
+        step = rate / np.where(bend == 0, np.inf, bend)
+        phase = phase - np.clip(step, -2 * np.pi / n, 2 * np.pi / n)
+    ends = (np.exp(1j * np.outer(phase, orders)) @ d).imag
+    rows = np.asfortranarray(ends[:, np.newaxis])
+    return float(core.hysteresis_loops(law.state, np.array(law.number[1:]), rows)[1][0])
