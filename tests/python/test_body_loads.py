@@ -110,3 +110,34 @@ def test_angles_and_axes_are_not_given_both():
         vv.MountPoint(
             name="foot", position=(0, 0, 0), stiffness=(1, 1, 1), angles=(0.1, 0, 0), axes=np.eye(3)
         )
+
+
+def some_machine(rng, unit):
+    """Return what makes a machine of 1 kg to 5 t on four mounts, bouncing at 2.5 to 25 Hz."""
+    mass = math.exp(rng.uniform(0, math.log(5000)))
+    size = 0.5 * (mass / 500) ** (1 / 3) * rng.uniform(0.6, 1.6)
+    bounce = 2 * math.pi * math.exp(rng.uniform(math.log(2.5), math.log(25)))
+    feet = [
+        vv.MountPoint(
+            name=f"foot{i}", position=size * np.array([x, y, -0.3]),
+            stiffness=unit * mass * bounce**2 / 4 * np.array([0.3, 0.3, 1]) * rng.uniform(0.7, 1.4),
+        )
+        for i, (x, y) in enumerate([(1, 1), (1, -1), (-1, 1), (-1, -1)])
+    ]  # fmt: skip
+    return vv.Body(mass=mass, inertia=mass * size**2 * rng.uniform(0.1, 0.2, 3), mounts=feet)
+
+
+def test_stiffnesses_in_newtons_a_millimetre_are_doubted():
+    """Those of no sane machine are; of machines with the wrong unit nearly all."""
+    rng = np.random.default_rng(3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(200):
+            some_machine(rng, 1.0)
+    doubted = 0
+    for _ in range(200):
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            some_machine(rng, 1e-3)
+        doubted += any("units.newton_per_mm" in str(one.message) for one in seen)
+    assert doubted > 170

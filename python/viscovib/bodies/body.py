@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
-import os
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -17,20 +14,16 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.bodies.checks import (
     NAMES,
-    checked_axis,
-    checked_complex_vector,
     checked_direction,
     checked_gravity,
     checked_inertia,
     checked_mounts,
     checked_vector,
-    inverse_of,
 )
 from viscovib.bodies.forces import MountForces, mount_forces
-from viscovib.bodies.modes import BodyModes, find_modes
+from viscovib.bodies.linear_body import LinearBody
 from viscovib.bodies.mount_point import MountPoint, crossing
 from viscovib.bodies.springs import (
-    MountSprings,
     condensed_springs,
     mount_springs,
     spring_groups,
@@ -45,22 +38,18 @@ from viscovib.bodies.turning import (
     turning_energy,
     turning_vector,
 )
+from viscovib.bodies.unit_doubts import warn_of_units
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.systems.condensed import Condensation
 from viscovib.systems.laws import Law
 from viscovib.systems.load import LoadLike, load_series
-from viscovib.systems.polynomial_system import PolynomialSystem
 
 _UNITS = ("m", "m", "m", "rad", "rad", "rad")
 _GEOMETRIES = ("small", "exact")
 _LOAD_AXES = ("body", "space")
-#: Mounts farther away than so many radii of gyration look like millimetres given as metres.
-#: Radius of gyration (m) above which one that is far larger than distances of mounts is doubted.
-_LARGE = 20.0
-_FAR = 50.0
 
 
-class Body(PolynomialSystem):
+class Body(LinearBody):
     """A rigid body on mounts, each of them rubber with its own memory and force law.
 
     The coordinates are the displacement x, y, z (m) of the centre of mass and the rotation
@@ -108,7 +97,7 @@ class Body(PolynomialSystem):
     -----
     StabilityWarning
         If a kernel's integral is not between 0 and 1, if the loaded position is unstable, or if
-        positions look like millimetres.
+        positions, angles, inertia or stiffnesses look like numbers in mm, degrees, kg mm^2 or N/mm.
 
     Examples
     --------
@@ -145,8 +134,8 @@ class Body(PolynomialSystem):
         own(self, "geometry", _native.choice("geometry", geometry, _GEOMETRIES))
         own(self, "load_axes", _native.choice("load_axes", load_axes, _LOAD_AXES))
         own(self, "gravity", checked_gravity(gravity))
-        self._warn_of_units()
         springs = mount_springs(self.mounts, self.center)
+        warn_of_units(self.body_mass, self.inertia, self.center, self.mounts, springs)
         matrix = springs.mass_of_tracks
         matrix[:3, :3] = self.body_mass * np.eye(3)
         matrix[3:6, 3:6] = self.inertia
@@ -180,16 +169,6 @@ class Body(PolynomialSystem):
             base_direction=direction,
         )
         self._warn_of_instability()
-
-    body_mass: float
-    inertia: FloatArray
-    mounts: tuple[MountPoint, ...]
-    center: FloatArray
-    gravity: FloatArray | None
-    geometry: str
-    load_axes: str
-    _sag: Sag | None
-    _mount_springs: MountSprings
 
     def _check_geometry(self, direction: FloatArray | None) -> None:
         if self.geometry == "small":
@@ -255,20 +234,6 @@ class Body(PolynomialSystem):
             return np.asarray(states[..., 7:12:2] @ inertia)
         return angular_momentum(inertia, states)
 
-    def _arm(self, name: str, place: npt.ArrayLike | None) -> FloatArray:
-        """From the centre of mass to a point of the body, in the axes of the coordinates."""
-        if place is None:
-            return np.zeros(3)
-        arm = checked_vector(name, place) - self.center
-        return np.asarray(self._loaded_axes @ arm)
-
-    @property
-    def _loaded_axes(self) -> FloatArray:
-        """How the body at rest is turned out of the position without weight, shape (3, 3)."""
-        if not self._turns or self._sag is None:
-            return np.eye(3)
-        return np.asarray(turned(self._sag.displacement[3:6], np.eye(3)).T)
-
     def _states(self, state: npt.ArrayLike) -> FloatArray:
         states = _native.real_array("state", state)
         n = len(self.dof_names)
@@ -293,54 +258,6 @@ class Body(PolynomialSystem):
             lines.append(f"  {mount.name}: at {place} m, {stiffness} N/m")
         return "\n".join(lines) + ">"
 
-    def modes(self) -> BodyModes:
-        """Modes about the position at rest without memory, with their kinetic energies.
-
-        Returns
-        -------
-        BodyModes
-            Frequencies (Hz), shapes, kinetic energy of each coordinate (percent), decoupling.
-
-        Raises
-        ------
-        InputError
-            If the position at rest is unstable.
-        """
-        return find_modes(self)
-
-    def animate_mode(
-        self,
-        mode: int = 1,
-        path: str | os.PathLike[str] | None = None,
-        *,
-        frames: int = 40,
-        fps: float = 20.0,
-    ) -> Any:
-        """Show a mode as a moving picture in space, its largest swing a quarter of the picture.
-
-        Parameters
-        ----------
-        mode : int
-            Which, from 1.
-        path : path, optional
-            Where to write it: ``.gif``, ``.html`` or ``.mp4`` (as of `animate`). None: not written.
-        frames : int
-            Pictures of one period.
-        fps : float
-            Pictures per second, up to 200.
-
-        Returns
-        -------
-        matplotlib.animation.FuncAnimation
-
-        Raises
-        ------
-        InputError
-            If there is no such mode, the rest is unstable, or the file cannot be of this kind.
-        """
-        films = import_module("viscovib.plots.body_films")
-        return films.film_of_mode(self, mode, path, frames, fps)
-
     def sag(self) -> Sag:
         """Where the body rests under gravity, and what each mount carries.
 
@@ -352,122 +269,6 @@ class Body(PolynomialSystem):
         if self._sag is None:
             raise InputError("gravity: is None, the body has no weight: give gravity=9.81")
         return self._sag
-
-    def torque_roll_axis(self, about: str | npt.ArrayLike = "x") -> FloatArray:
-        """Axis about which a free body turns under a torque, through the centre of mass.
-
-        It is the direction of J^-1 t (Harris, Shock and Vibration Handbook). A body whose
-        mounts let it roll about this axis answers a torque with one mode only.
-
-        Parameters
-        ----------
-        about : "x", "y", "z" or array_like, shape (3,)
-            Axis of the torque, that of the crankshaft.
-
-        Returns
-        -------
-        ndarray, shape (3,)
-            A unit vector in body axes.
-        """
-        axis = np.linalg.solve(self._mass_matrix[3:6, 3:6], checked_axis("about", about))
-        return np.asarray(axis / np.linalg.norm(axis))
-
-    def roll_share(self, about: str | npt.ArrayLike = "x") -> FloatArray:
-        """How much of each mode is rolling about the torque-roll axis (percent), shape (6,).
-
-        (phi^T M r)^2/(r^T M r) of modes of unit modal mass, r the roll about that axis. The shares
-        of all modes add up to 100: of an ideal suspension one is 100, the others 0.
-        """
-        roll = np.zeros(len(self.dof_names))
-        roll[3:6] = self.torque_roll_axis(about)
-        push = self._mass_matrix @ roll
-        return np.asarray(100 * (self.modes().shapes.T @ push) ** 2 / (roll @ push))
-
-    def centers(self) -> tuple[FloatArray, FloatArray]:
-        """Centre of stiffness and centre of compliance (m), in the axes of the positions.
-
-        In space no single elastic centre exists. About the first the coupling block of the
-        stiffness matrix is symmetric, about the second that of its inverse (Loncaric 1987);
-        they agree where a true elastic centre exists.
-
-        Raises
-        ------
-        InputError
-            If the stiffness leaves such a point undetermined.
-        """
-        stiffness = self._stiffness_at_rest[:6, :6]
-        places = []
-        for what, matrix, sign, corner in (
-            ("stiffness", stiffness, -1.0, slice(0, 3)),
-            ("compliance", inverse_of(stiffness), 1.0, slice(3, 6)),
-        ):
-            block = matrix[corner, corner]
-            off = matrix[:3, 3:]
-            odd = off - off.T
-            twist = np.array([odd[2, 1], odd[0, 2], odd[1, 0]])
-            system = np.trace(block) * np.eye(3) - block
-            if np.linalg.cond(system) > 1e12:
-                raise InputError(f"mounts: leave the centre of {what} undetermined")
-            found = np.linalg.solve(system, sign * twist)
-            places.append(self.center + self._loaded_axes.T @ found)
-        return places[0], places[1]
-
-    def load(
-        self,
-        force: npt.ArrayLike = (0.0, 0.0, 0.0),
-        torque: npt.ArrayLike = (0.0, 0.0, 0.0),
-        at: npt.ArrayLike | None = None,
-    ) -> ComplexArray:
-        """A force (N) at a point (m; None: the centre of mass) and a torque (N m) as a load.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            For ``load=`` of `forced_response`, `trace_response` and `simulate`.
-        """
-        pushed = checked_complex_vector("force", force)
-        arm = self._arm("at", at)
-        if self._turns and self.load_axes == "space" and arm.any():
-            raise InputError(
-                "at: with geometry = 'exact' and load_axes = 'space' the arm of a force turns with "
-                "the body: must be None, the centre of mass"
-            )
-        total = np.zeros(len(self.dof_names), dtype=complex)
-        total[:3] = pushed
-        total[3:6] = checked_complex_vector("torque", torque) + crossing(arm) @ pushed
-        return total
-
-    def unbalance(
-        self,
-        nu: float,
-        mass_eccentricity: float,
-        at: npt.ArrayLike | None = None,
-        axis: str | npt.ArrayLike = "x",
-    ) -> ComplexArray:
-        """The load of a rotating unbalance m e nu^2 at one speed nu (rad/s).
-
-        The force turns about ``axis`` through the point ``at`` (m) by the right-hand rule; at
-        t = 0 it points along the second of two axes across, y for "x".
-
-        Parameters
-        ----------
-        nu : float
-            Speed (rad/s).
-        mass_eccentricity : float
-            m e (kg m).
-        """
-        speed = _native.number("nu", nu)
-        size = _native.number("mass_eccentricity", mass_eccentricity) * speed * speed
-        if not math.isfinite(size):
-            raise InputError(f"nu = {speed:g}: the force is no finite number, must be smaller")
-        along = checked_axis("axis", axis)
-        # Some vector across, then the third of the right-handed three.
-        second = np.roll(np.eye(3)[np.abs(along).argmax()], 1)
-        second -= along * (along @ second)
-        second /= np.linalg.norm(second)
-        third = np.cross(along, second)
-        # Im[(i p + q) exp(i nu t)] = p cos nu t + q sin nu t.
-        return self.load(force=size * (1j * second + third), at=at)
 
     def motion_of(self, result: Any, point: npt.ArrayLike) -> ComplexArray:
         """Displacement of a point of the body in a response or along a branch.
@@ -532,180 +333,6 @@ class Body(PolynomialSystem):
             turns=self._turns,
         )  # fmt: skip
 
-    def base_transmissibility(
-        self,
-        nu: npt.ArrayLike,
-        axis: str | npt.ArrayLike = "z",
-        point: npt.ArrayLike | None = None,
-        *,
-        relative: bool = False,
-    ) -> ComplexArray:
-        """Displacement of a point of the body over that of the floor, linear.
-
-        Parameters
-        ----------
-        nu : array_like
-            Circular frequencies (rad/s).
-        axis : "x", "y", "z" or array_like, shape (3,)
-            Direction in which the floor moves.
-        point : array_like, shape (3,), optional
-            Where on the body (m); None: the centre of mass.
-        relative : bool
-            Relative to the floor.
-
-        Returns
-        -------
-        ndarray, shape (*nu.shape, 3)
-            Along x, y and z; ``20*log10(abs(...))`` are decibels.
-        """
-        frequencies = _native.real_array("nu", nu)
-        along = checked_axis("axis", axis)
-        direction = np.zeros(len(self.dof_names))
-        direction[:3] = along
-        push = frequencies[..., None] ** 2 * (self._mass_matrix @ direction)
-        moved = self._solved(frequencies, push)
-        arm = self._arm("point", point)
-        answer = moved[..., :6] @ np.hstack([np.eye(3), -crossing(arm)]).T
-        return np.asarray(answer if _native.flag("relative", relative) else answer + along)
-
-    def force_transmissibility(
-        self,
-        nu: npt.ArrayLike,
-        axis: str | npt.ArrayLike = "z",
-        at: npt.ArrayLike | None = None,
-    ) -> ComplexArray:
-        """Sum of the forces on the floor over a force on the body, linear.
-
-        Parameters
-        ----------
-        nu : array_like
-            Circular frequencies (rad/s).
-        axis : "x", "y", "z" or array_like, shape (3,)
-            Direction of the force.
-        at : array_like, shape (3,), optional
-            Where it acts (m); None: at the centre of mass.
-
-        Returns
-        -------
-        ndarray, shape (*nu.shape, 3)
-            Along x, y and z.
-        """
-        frequencies = _native.real_array("nu", nu)
-        push = np.broadcast_to(
-            self.load(checked_axis("axis", axis), at=at),
-            (*frequencies.shape, 0 + len(self.dof_names)),
-        )
-        moved = self._solved(frequencies, push)
-        # What does not accelerate the body goes to the floor.
-        inertia = -(frequencies[..., None] ** 2) * self.body_mass * moved[..., :3]
-        return np.asarray(push[..., :3] - inertia)
-
-    def random_floor(
-        self,
-        hz: npt.ArrayLike,
-        density: npt.ArrayLike,
-        axis: str | npt.ArrayLike = "z",
-        point: npt.ArrayLike | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Acceleration of a point of the body on a floor that shakes at random, linear.
-
-        S_body = |H|^2 S_floor, and the mean square is the integral of S over the frequencies.
-
-        Parameters
-        ----------
-        hz : array_like, shape (n,)
-            Frequencies (Hz), ascending.
-        density : array_like, shape (n,)
-            One-sided spectral density of the floor's acceleration ((m/s^2)^2/Hz).
-        axis, point
-            As of `base_transmissibility`.
-
-        Returns
-        -------
-        density : ndarray, shape (n, 3)
-            Spectral densities of the acceleration along x, y and z ((m/s^2)^2/Hz).
-        rms : ndarray, shape (3,)
-            Root mean squares over these frequencies (m/s^2), by the trapezoidal rule.
-        """
-        frequencies = _native.real_array("hz", hz)
-        given = _native.real_array("density", density)
-        if frequencies.ndim != 1 or frequencies.size < 2 or (np.diff(frequencies) <= 0).any():
-            raise InputError("hz: must be ascending, two or more")
-        if given.shape != frequencies.shape or (given < 0).any():
-            raise InputError(f"density: must have shape {frequencies.shape}, none negative")
-        answer = self.base_transmissibility(2 * math.pi * frequencies, axis, point)
-        with np.errstate(over="ignore"):
-            densities = np.abs(answer) ** 2 * given[:, np.newaxis]
-            mean = (densities[1:] + densities[:-1]) / 2 * np.diff(frequencies)[:, np.newaxis]
-            total = mean.sum(axis=0)
-        if not np.isfinite(total).all():
-            raise InputError(f"density = {given.max():g}: no finite mean, must be smaller")
-        return densities, np.sqrt(total)
-
-    def engine_orders(
-        self, speeds: npt.ArrayLike, orders: npt.ArrayLike, loads: npt.ArrayLike
-    ) -> ComplexArray:
-        """Answer to loads whose frequencies are multiples of a speed, linear.
-
-        Parameters
-        ----------
-        speeds : array_like, shape (n,)
-            Of the crankshaft (rad/s).
-        orders : array_like, shape (m,)
-            Multiples of the speed: 0.5, 1, 2, ...
-        loads : array_like, shape (m, n_dof) or (n, m, n_dof)
-            Amplitudes (see `load`), at all speeds or at each.
-
-        Returns
-        -------
-        ndarray, shape (n, m, n_dof)
-            Coefficients of u = Im sum_j X_j exp(i order_j speed t).
-        """
-        turning = _native.real_array("speeds", speeds, ndim=1)
-        multiples = _native.real_array("orders", orders, ndim=1)
-        if (turning <= 0).any() or (multiples <= 0).any():
-            raise InputError("speeds, orders: must be greater than 0")
-        given = _native.complex_array("loads", loads)
-        shape = (turning.size, multiples.size, len(self.dof_names))
-        if given.shape not in (shape[1:], shape):
-            raise InputError(f"loads: must have shape {shape[1:]} or {shape}, got {given.shape}")
-        return self._solved(np.outer(turning, multiples), np.broadcast_to(given, shape))
-
-    def scatter(
-        self, n: int, spread: float = 0.15, *, seed: int = 0
-    ) -> tuple[FloatArray, FloatArray]:
-        """Modes of n bodies whose mounts' stiffnesses scatter: how robust a suspension is.
-
-        Every local stiffness of every mount is multiplied by a random factor of its own, uniform
-        in [1 - spread, 1 + spread].
-
-        Returns
-        -------
-        hz : ndarray, shape (n, 6)
-            Natural frequencies (Hz), ascending.
-        decoupling : ndarray, shape (n, 6)
-            The largest kinetic energy share of a coordinate in each mode (percent).
-        """
-        count = _native.integer("n", n, 1, 10_000_000)
-        part = _native.number("spread", spread)
-        if not 0 <= part < 1:
-            raise InputError(f"spread = {part:g}: must be in [0, 1)")
-        start = _native.integer("seed", seed, 0, 2**31)
-        rows, stiffness = self._mount_springs.rows, self._mount_springs.stiffness
-        factors = np.random.default_rng(start).uniform(1 - part, 1 + part, (count, stiffness.size))
-        rest = self._stiffness_at_rest - (rows.T * stiffness) @ rows
-        lower = np.linalg.inv(np.linalg.cholesky(self._mass_matrix))
-        scaled = rows @ lower.T
-        matrices = np.einsum("ja,nj,jb->nab", scaled, factors * stiffness, scaled, optimize=True)
-        squares, vectors = np.linalg.eigh(matrices + lower @ rest @ lower.T)
-        shapes = np.einsum("ba,nbr->nar", lower, vectors)
-        energy = 100 * shapes * np.einsum("ab,nbr->nar", self._mass_matrix, shapes)
-        return np.sqrt(np.maximum(squares, 0)) / (2 * math.pi), energy.max(axis=1)
-
-    def _solved(self, nu: FloatArray, push: npt.NDArray[Any]) -> ComplexArray:
-        found = np.linalg.solve(self.dynamic_stiffness(nu), push[..., None])[..., 0]
-        return np.asarray(found)
-
     def _coefficients(self, result: Any) -> ComplexArray:
         found = getattr(result, "coefficients", None)
         if found is None or tuple(getattr(result, "dof_names", ())) != self.dof_names:
@@ -714,38 +341,6 @@ class Body(PolynomialSystem):
                 "this body"
             )
         return np.asarray(found)
-
-    def _warn_of_units(self) -> None:
-        radius = math.sqrt(np.trace(self.inertia) / 2 / self.body_mass)
-        farthest = 0.0
-        for mount in self.mounts:
-            largest = float(np.abs(np.asarray(mount.angles)).max())
-            if largest > 2 * math.pi:
-                warnings.warn(
-                    f"{mount.name}: angles: {largest:g} is more than a whole turn: angles are in "
-                    "rad, those in degrees are to be multiplied by units.degree",
-                    StabilityWarning,
-                    stacklevel=caller(),
-                )
-            away = math.dist(np.asarray(mount.position), self.center)
-            farthest = max(farthest, away)
-            if away > _FAR * radius:
-                warnings.warn(
-                    f"{mount.name}: is {away:g} m from the centre of mass of a body whose radius "
-                    f"of gyration is {radius:.3g} m: positions are in m, those in mm are to be "
-                    "multiplied by units.mm",
-                    StabilityWarning,
-                    stacklevel=caller(),
-                )
-                return
-        if radius > max(_FAR * farthest, _LARGE) and farthest > 0:
-            warnings.warn(
-                f"inertia: the radius of gyration is {radius:.3g} m, the farthest mount is "
-                f"{farthest:.3g} m from the centre of mass: inertia is in kg m^2, that in kg mm^2 "
-                "is to be multiplied by units.mm**2",
-                StabilityWarning,
-                stacklevel=caller(),
-            )
 
     def _warn_of_instability(self) -> None:
         squares = np.linalg.eigvalsh(self._stiffness_at_rest)

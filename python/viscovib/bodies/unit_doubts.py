@@ -1,0 +1,97 @@
+"""Numbers of a body that look like other units than those of the SI."""
+
+import math
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from viscovib._native import FloatArray
+from viscovib.bodies.mount_point import MountPoint
+from viscovib.bodies.springs import MountSprings
+from viscovib.errors import StabilityWarning, caller
+
+#: Mounts farther away than so many radii of gyration look like millimetres given as metres.
+_FAR = 50.0
+#: Radius of gyration (m) above which one that is far larger than distances of mounts is doubted.
+_LARGE = 20.0
+#: A body that would sink by so many of its sizes in its stiffest direction looks like one whose
+#: stiffnesses are in N/mm. Machines sink by 1 to 30 mm, on the softest air springs by 0.3 m.
+_SUNK = 1.0
+#: Nor is it a mistake of units if it would sink by so much (m) even with a thousand times as much.
+_DEEPEST = 0.1
+_GRAVITY = 9.81
+
+
+def warn_of_units(
+    mass: float,
+    inertia: FloatArray,
+    center: FloatArray,
+    mounts: Sequence[MountPoint],
+    springs: MountSprings,
+) -> None:
+    """Warn of the first number that looks like one in other units, and say why.
+
+    Warns
+    -----
+    StabilityWarning
+    """
+    radius = math.sqrt(np.trace(inertia) / 2 / mass)
+    farthest = 0.0
+    for mount in mounts:
+        largest = float(np.abs(np.asarray(mount.angles)).max())
+        if largest > 2 * math.pi:
+            warnings.warn(
+                f"{mount.name}: angles: {largest:g} is more than a whole turn: angles are in "
+                "rad, those in degrees are to be multiplied by units.degree",
+                StabilityWarning,
+                stacklevel=caller(),
+            )
+        away = math.dist(np.asarray(mount.position), center)
+        farthest = max(farthest, away)
+        if away > _FAR * radius:
+            warnings.warn(
+                f"{mount.name}: is {away:g} m from the centre of mass of a body whose radius "
+                f"of gyration is {radius:.3g} m: positions are in m, those in mm are to be "
+                "multiplied by units.mm",
+                StabilityWarning,
+                stacklevel=caller(),
+            )
+            return
+    if radius > max(_FAR * farthest, _LARGE) and farthest > 0:
+        warnings.warn(
+            f"inertia: the radius of gyration is {radius:.3g} m, the farthest mount is "
+            f"{farthest:.3g} m from the centre of mass: inertia is in kg m^2, that in kg mm^2 "
+            "is to be multiplied by units.mm**2",
+            StabilityWarning,
+            stacklevel=caller(),
+        )
+        return
+    _warn_of_soft_springs(mass, max(radius, farthest), springs)
+
+
+def _warn_of_soft_springs(mass: float, size: float, springs: MountSprings) -> None:
+    """Warn of springs so soft that the body would sink by more than its size.
+
+    Not where a law alone is the spring: what holds the body then is not its stiffness at rest. Nor
+    of a mass of 1, which is that of a body in numbers without units.
+    """
+    if mass == 1 or any(
+        law and not k > 0 for law, k in zip(springs.laws, springs.stiffness, strict=True)
+    ):
+        return
+    along = springs.rows[:, :3]
+    total = float(np.linalg.eigvalsh((along.T * springs.stiffness) @ along).max())
+    if total <= 0:
+        return
+    sunk = mass * _GRAVITY / total
+    if not (sunk > _SUNK * size and sunk < 1000 * _DEEPEST):
+        return
+    warnings.warn(
+        f"stiffness: of all mounts together at most {total:.3g} N/m in any direction, by which "
+        f"{mass:.3g} kg would sink by {sunk:.3g} m, more than the {size:.3g} m "
+        "that the body measures: stiffnesses are in N/m, those in N/mm are to be multiplied by "
+        "units.newton_per_mm",
+        StabilityWarning,
+        stacklevel=caller(),
+    )
