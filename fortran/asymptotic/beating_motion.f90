@@ -5,7 +5,7 @@
 !! the motion is a sum of waves, u = mean + sum_k Re X_k exp(i f_k t), each f_k a sum of whole
 !! multiples of what the frame and the loads turn with. Waves of one frequency are one line.
 module viscovib_beating_motion
-  use viscovib_beat_lattice, only: beat_lattice_type, transform
+  use viscovib_beat_lattice, only: transform
   use viscovib_beating_flow, only: amplitudes_at, beating_flow_type, beats_found, find_beating_flow
   use viscovib_kinds, only: wp
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales

@@ -64,12 +64,15 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   type(time_load_type) :: load
   type(base_motion_type) :: base
   type(mesh_type) :: mesh
-  type(watch_type) :: watch
+  type(watch_type), allocatable :: watch
   type(status_type) :: outcome
   real(c_double), allocatable :: some_states(:, :), some_at_times(:, :)
   real(c_double), allocatable :: u(:), v(:)
   integer, allocatable :: dofs(:), rows(:)
   integer :: i, piece
+  ! Absent where not allocated.
+  real(c_double), allocatable :: least
+  logical, allocatable :: with_kinks
   logical :: made
 
   kept = 0.0_c_double
@@ -101,37 +104,30 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     piece = mesh%piece_of(first)
     u = initial(2*dofs - 1)
     v = initial(2*dofs)
-    if (piece > 1) then
-      call base%enter(mesh%ends(piece - 1), mesh%ends(piece))
-    else
-      call base%enter(0.0_c_double, mesh%ends(1))
-    end if
-    call base%add_to(start_of(first), u, v, share=-1.0_c_double)
+    call base%enter(mesh%beginning(piece), mesh%ends(piece))
+    call base%add_to(mesh%start_of(first), u, v, share=-1.0_c_double)
     if (shortest > 0.0_c_double) then
-      call new_hereditary(run, system, load, s, past, held(dofs), u, v, mesh%h(piece), t_end, &
-                          tolerance, reason, before, moved(dofs, :), shortest, kinks /= 0)
-    else
-      call new_hereditary(run, system, load, s, past, held(dofs), u, v, mesh%h(piece), t_end, &
-                          tolerance, reason, before, moved(dofs, :))
+      least = shortest
+      with_kinks = kinks /= 0
     end if
+    call new_hereditary(run, system, load, s, past, held(dofs), u, v, mesh%h(piece), t_end, &
+                        tolerance, reason, before, moved(dofs, :), least, with_kinks)
     made = .true.
     if (reason == begun .and. resume /= 0) then
       call run%load_memory(memory, resume == 2)
-      if (resume == 2) call run%take_up(system, load, start_of(first), u, v, made)
+      if (resume == 2) call run%take_up(system, load, mesh%start_of(first), u, v, made)
       if (.not. made) reason = step_too_large
     end if
     if (reason == begun) then
-      if (n_watch > 1) then
-        ! All coordinates are computed then.
-        call new_watch(watch, watched, sides)
+      if (size(dofs) == n_dof) then
+        ! Watched motions have all coordinates computed.
+        if (n_watch > 1) then
+          allocate (watch)
+          call new_watch(watch, watched, sides)
+        end if
         call run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
-                            at_times, n_done, n_reached, t_reached, ended, mesh, &
-                            resume == 2, watch)
-        call watch%hand_over(sides, found, n_found)
-      else if (size(dofs) == n_dof) then
-        call run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
-                            at_times, n_done, n_reached, t_reached, ended, mesh, &
-                            resume == 2)
+                            at_times, n_done, n_reached, t_reached, ended, mesh, resume == 2, watch)
+        if (n_watch > 1) call watch%hand_over(sides, found, n_found)
       else
         allocate (some_states(size(rows), n_columns), some_at_times(size(rows), n_times))
         some_at_times = 0.0_c_double
@@ -154,15 +150,6 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     end if
   end if
   call report(outcome, status)
-
-contains
-
-  !> Time after k steps.
-  real(c_double) function start_of(k)
-    integer(c_long), intent(in) :: k
-    start_of = 0.0_c_double
-    if (k > 0) start_of = mesh%time(mesh%piece_of(k - 1), k)
-  end function start_of
 
 end subroutine mount_simulate
 

@@ -74,6 +74,9 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   real(c_double), allocatable :: u(:), v(:)
   integer, allocatable :: some(:)
   integer :: columns, k, piece, used
+  ! Absent where not allocated.
+  real(c_double), allocatable :: least
+  logical, allocatable :: with_kinks
   logical :: made
 
   kept = 0.0_c_double
@@ -122,31 +125,22 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
     call make_base(base, direction, frequencies, base_waves, base_breaks, base_pieces)
     call new_mesh(mesh, h, ends, made_by)
     piece = mesh%piece_of(first)
-    if (piece > 1) then
-      call base%enter(mesh%ends(piece - 1), mesh%ends(piece))
-    else
-      call base%enter(0.0_c_double, mesh%ends(1))
-    end if
+    call base%enter(mesh%beginning(piece), mesh%ends(piece))
     if (shortest > 0.0_c_double) then
-      call new_structure_march(run, system, sections, shown, shown_left(:used, :), load, s, &
-                               past, held, [start, real(start_others(:used))], &
-                               [start_rates, aimag(start_others(:used))], mesh%h(piece), t_end, &
-                               tolerance, reason, before, &
-                               moved, shortest, kinks /= 0)
-    else
-      call new_structure_march(run, system, sections, shown, shown_left(:used, :), load, s, &
-                               past, held, [start, real(start_others(:used))], &
-                               [start_rates, aimag(start_others(:used))], mesh%h(piece), t_end, &
-                               tolerance, reason, before, &
-                               moved)
+      least = shortest
+      with_kinks = kinks /= 0
     end if
+    call new_structure_march(run, system, sections, shown, shown_left(:used, :), load, s, past, &
+                             held, [start, real(start_others(:used))], &
+                             [start_rates, aimag(start_others(:used))], mesh%h(piece), t_end, &
+                             tolerance, reason, before, moved, least, with_kinks)
     made = .true.
     if (reason == begun .and. resume /= 0) then
       call run%load_memory(memory, resume == 2)
       if (resume == 2) then
         call run%kick(base, kick(1), kick(2))
         call run%get_state(u, v)
-        call run%take_up(system, load, start_of(first), u, v, made)
+        call run%take_up(system, load, mesh%start_of(first), u, v, made)
       end if
       if (.not. made) reason = step_too_large
     end if
@@ -168,14 +162,5 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
     end if
   end if
   call report(outcome, status)
-
-contains
-
-  !> Time after k steps.
-  real(c_double) function start_of(k)
-    integer(c_long), intent(in) :: k
-    start_of = 0.0_c_double
-    if (k > 0) start_of = mesh%time(mesh%piece_of(k - 1), k)
-  end function start_of
 
 end subroutine structure_simulate

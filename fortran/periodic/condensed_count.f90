@@ -21,6 +21,7 @@ module viscovib_condensed_count
   use viscovib_condensed_poles, only: gap
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
+  use viscovib_path_marks, only: mark_intervals
   use viscovib_structure, only: structure_type
   implicit none
   private
@@ -29,11 +30,6 @@ module viscovib_condensed_count
 
   !> Nodes at most, pieces at first, and those more for zeros not known.
   integer, parameter :: max_nodes = 600, few_pieces = 4, max_pieces = 24
-  !> A quiet interval turns the argument by this at most, and changes the logarithm of the
-  !! modulus by that: less than half of what two zeros unseen would do to a neighbour.
-  real(wp), parameter :: largest_turn = 0.6_wp, largest_ratio = 0.6_wp
-  !> An interval may be so many times as wide as its neighbours.
-  real(wp), parameter :: grading = 2.01_wp
   integer, parameter :: max_passes = 60
   !> A count must be this near to an integer.
   real(wp), parameter :: margin = 0.2_wp
@@ -117,7 +113,7 @@ contains
     do pass = 1, max_passes
       call changes(hill, known, path, change, made)
       if (.not. made) return
-      call mark(path, change, marked)
+      call mark_intervals(path%y(2:path%n) - path%y(:path%n - 1), change, marked)
       if (.not. any(marked)) exit
       call path%split(hill, system, marked, made)
       if (.not. made) return
@@ -150,30 +146,6 @@ contains
     end do
     if (made) change = log(left(2:)/left(:path%n - 1))
   end subroutine changes
-
-  !> Intervals to be split: those that are not quiet, their neighbours unless these are narrower,
-  !! and those that are too wide beside a neighbour.
-  pure subroutine mark(path, change, marked)
-    type(condensed_path), intent(in) :: path
-    complex(wp), intent(in) :: change(:)
-    logical, allocatable, intent(out) :: marked(:)
-    logical :: loud(size(change))
-    real(wp) :: width(size(change))
-    integer :: n
-
-    n = size(change)
-    loud = abs(aimag(change)) > largest_turn .or. abs(real(change)) > largest_ratio
-    width = path%y(2:n + 1) - path%y(:n)
-    allocate (marked(n), source=loud)
-    marked(2:) = marked(2:) .or. beside(width(2:), width(:n - 1), loud(:n - 1))
-    marked(:n - 1) = marked(:n - 1) .or. beside(width(:n - 1), width(2:), loud(2:))
-  end subroutine mark
-
-  elemental logical function beside(width, next, loud)
-    real(wp), intent(in) :: width, next
-    logical, intent(in) :: loud
-    beside = width > grading*next .or. (loud .and. grading*width > next)
-  end function beside
 
   !> Nodes amid the intervals that are marked.
   subroutine split(self, hill, system, marked, made)

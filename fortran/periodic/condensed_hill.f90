@@ -139,22 +139,13 @@ contains
     !> Harmonics, real and imaginary part by turns, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
     real(wp), dimension(self%n_dof, self%n_dof) :: largest, strongest
-    real(wp) :: parts(size(x, 1))
-    integer :: b
     self%nu = nu
     self%period = self%stride*nu
     ! Loss factors have no meaning off the axis.
     self%ready = system%separable .and. .not. any(abs(system%rest%losses) > 0.0_wp)
     if (.not. self%ready) return
     if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
-    do b = 1, self%n_dof
-      self%u(:, b) = matmul(x(:, b), self%set%synthesis)
-    end do
-    do b = 1, system%n_rates()
-      parts(1::2) = -nu*self%set%orders*x(2::2, system%rates(b))
-      parts(2::2) = nu*self%set%orders*x(1::2, system%rates(b))
-      self%u(:, self%n_dof + b) = matmul(parts, self%set%synthesis)
-    end do
+    call self%set%sample(nu, x, self%u, system%rates)
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
     call self%find_local(system, largest, strongest)
     self%ready = max(maxval(largest), maxval(strongest)) <= sqrt(huge(1.0_wp))

@@ -30,6 +30,7 @@ module viscovib_harmonic_set
   contains
     procedure :: to_samples
     procedure :: to_harmonics
+    procedure :: sample
   end type harmonic_set_type
 
 contains
@@ -92,5 +93,28 @@ contains
     real(wp), intent(out) :: harmonics(n_lanes, 2*size(self%orders))
     call lane_product(self%n_samples, 2*size(self%orders), samples, self%analysis, harmonics)
   end subroutine to_harmonics
+
+  !> A motion at the samples, and behind it the rates of some coordinates.
+  pure subroutine sample(self, nu, x, u, rates)
+    class(harmonic_set_type), intent(in) :: self
+    real(wp), intent(in) :: nu
+    !> Harmonics, real and imaginary part by turns, shape (2 n_orders, n_dof).
+    real(wp), intent(in) :: x(:, :)
+    !> Shape (n_samples, n_dof + n_rates).
+    real(wp), intent(inout), contiguous :: u(:, :)
+    !> None if absent, or not allocated.
+    integer, intent(in), optional :: rates(:)
+    real(wp) :: parts(size(x, 1))
+    integer :: b
+    do b = 1, size(x, 2)
+      u(:, b) = matmul(x(:, b), self%synthesis)
+    end do
+    if (.not. present(rates)) return
+    do b = 1, size(rates)
+      parts(1::2) = -nu*self%orders*x(2::2, rates(b))
+      parts(2::2) = nu*self%orders*x(1::2, rates(b))
+      u(:, size(x, 2) + b) = matmul(parts, self%synthesis)
+    end do
+  end subroutine sample
 
 end module viscovib_harmonic_set

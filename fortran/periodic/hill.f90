@@ -138,21 +138,14 @@ contains
     real(wp), intent(in) :: nu
     !> Harmonics, real and imaginary part by turns, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
-    real(wp) :: fastest, waves(0:(size(self%u, 1) - 1)/2), parts(size(x, 1))
+    real(wp) :: fastest, waves(0:(size(self%u, 1) - 1)/2)
     integer :: b, p
 
     self%nu = nu
     self%period = self%stride*nu
     call self%count_from(0.0_wp)
     if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
-    do b = 1, self%n_dof
-      self%u(:, b) = matmul(x(:, b), self%set%synthesis)
-    end do
-    do b = 1, system%n_rates()
-      parts(1::2) = -nu*self%set%orders*x(2::2, system%rates(b))
-      parts(2::2) = nu*self%set%orders*x(1::2, system%rates(b))
-      self%u(:, self%n_dof + b) = matmul(parts, self%set%synthesis)
-    end do
+    call self%set%sample(nu, x, self%u, system%rates)
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
     if (.not. system%separable) then
       call variables_along(self, system, nu, x)

@@ -31,18 +31,14 @@ module viscovib_hill_count
   use viscovib_hill_path, only: hill_path_type, new_hill_path
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_path_marks, only: mark_intervals
   implicit none
   private
 
   public :: count_growing, count_right
 
-  !> A quiet interval turns the argument by this at most, and changes the logarithm of the
-  !! modulus by that: less than half of what two zeros unseen would do to a neighbour.
-  real(wp), parameter :: largest_turn = 0.6_wp, largest_ratio = 0.6_wp
   !> No interval is loud where all changes together are less.
   real(wp), parameter :: quiet = 0.6_wp
-  !> An interval may be so many times as wide as its neighbours.
-  real(wp), parameter :: grading = 2.01_wp
   integer, parameter :: max_passes = 60
   !> A count must be this near to an integer.
   real(wp), parameter :: margin = 0.2_wp
@@ -132,14 +128,19 @@ contains
     logical, intent(out) :: made
     complex(wp), allocatable :: change(:)
     logical, allocatable :: marked(:)
-    integer :: pass
+    real(wp), allocatable :: widths(:)
+    integer :: last, pass
 
     turn = 0.0_wp
     do pass = 1, max_passes
       call changes(hill, divided, relaxed, path, change, made)
       if (.not. made) return
       turn = sum(aimag(change))
-      call mark(path, change, merge(path%n - 1, 1, hill%stride == 2), width, marked)
+      widths = abs(path%lambda(2:path%n) - path%lambda(:path%n - 1))
+      call mark_intervals(widths, change, marked)
+      ! The interval beside memory may be so wide only.
+      last = merge(path%n - 1, 1, hill%stride == 2)
+      marked(last) = marked(last) .or. widths(last) > width
       if (.not. any(marked)) return
       call path%split(hill, system, marked, made)
       if (.not. made) return
@@ -236,34 +237,5 @@ contains
     end do
     change = log(left(2:)/left(:path%n - 1))
   end subroutine changes
-
-  !> Intervals to be split: those that are not quiet, their neighbours unless these are
-  !! narrower, and those that are too wide beside a neighbour.
-  pure subroutine mark(path, change, last, widest, marked)
-    type(hill_path_type), intent(in) :: path
-    complex(wp), intent(in) :: change(:)
-    !> The interval beside memory, and how wide it may be.
-    integer, intent(in) :: last
-    real(wp), intent(in) :: widest
-    logical, allocatable, intent(out) :: marked(:)
-    logical :: loud(size(change))
-    real(wp) :: width(size(change))
-    integer :: n
-
-    n = size(change)
-    loud = abs(aimag(change)) > largest_turn .or. abs(real(change)) > largest_ratio
-    width = abs(path%lambda(2:n + 1) - path%lambda(:n))
-    allocate (marked(n), source=loud)
-    marked(last) = loud(last) .or. width(last) > widest
-    if (n == 1) return
-    marked(2:) = marked(2:) .or. beside(width(2:), width(:n - 1), loud(:n - 1))
-    marked(:n - 1) = marked(:n - 1) .or. beside(width(:n - 1), width(2:), loud(2:))
-  end subroutine mark
-
-  elemental logical function beside(width, next, loud)
-    real(wp), intent(in) :: width, next
-    logical, intent(in) :: loud
-    beside = width > grading*next .or. (loud .and. grading*width > next)
-  end function beside
 
 end module viscovib_hill_count

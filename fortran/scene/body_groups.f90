@@ -37,13 +37,12 @@ contains
     type(namelist_type), intent(in) :: file
     type(subject_type), intent(inout) :: subject
     !> Gets the canonical text of the groups added.
-    character(len=:), allocatable, intent(inout) :: echo
+    type(growing_text), intent(inout) :: echo
     type(status_type), intent(out) :: status
     type(mounted_body) :: body
     type(kernel_holder), allocatable :: kernels(:)
     type(rest_type) :: rest
     type(group_reader) :: reader
-    type(growing_text) :: text
     type(status_type) :: built
     real(wp) :: center(3)
     character(len=name_length), allocatable :: names(:)
@@ -53,7 +52,7 @@ contains
     if (status%failed()) return
     call reader%start(file%path, file%groups(place_of(file, 'body')))
     call read_masses(reader, body, center)
-    call finish_group()
+    call reader%close(echo, status)
     if (status%failed()) return
     n = count([(file%groups(i)%name == 'mount_point', i=1, size(file%groups))])
     allocate (body%springs(0), body%track_mass(0), body%track_damping(0), names(0))
@@ -65,10 +64,9 @@ contains
       if (n > max_mounts) call reader%complain('name', '&mount_point: '//show(n)//' of them, ' &
                                                //'must be at most '//show(max_mounts))
       call read_mount_point(reader, body, center, names, subject, size(kernels))
-      call finish_group()
+      call reader%close(echo, status)
       if (status%failed()) return
     end do
-    echo = echo//text%text()
     call reader%start(file%path, file%groups(place_of(file, 'body')))
     if (n == 0) call reader%complain('mass', '&body: needs &mount_point, what it stands on')
     body%base_direction = [body%base_direction, (0.0_wp, i=1, size(body%track_mass))]
@@ -84,14 +82,6 @@ contains
     subject%is_polynomial = .not. body%exact
     subject%is_turning = body%exact
     status = reader%status
-
-  contains
-
-    subroutine finish_group()
-      call reader%finish()
-      status = reader%status
-      call text%add(reader%echo)
-    end subroutine finish_group
 
   end subroutine read_body
 

@@ -484,11 +484,11 @@ contains
   !> Finish a group, and hand on its failure and its canonical text.
   subroutine close(self, canonical, status)
     class(group_reader), intent(inout) :: self
-    character(len=:), allocatable, intent(inout) :: canonical
+    type(growing_text), intent(inout) :: canonical
     type(status_type), intent(out) :: status
     call self%finish()
     status = self%status
-    canonical = canonical//self%echo
+    call canonical%add(self%echo)
   end subroutine close
 
 end module viscovib_group_reader

@@ -26,7 +26,7 @@ contains
     !> Gets which kernel acts on which spring.
     type(mount_parameters), intent(inout) :: parameters
     !> Gets the canonical text of the groups added.
-    character(len=:), allocatable, intent(inout) :: echo
+    type(growing_text), intent(inout) :: echo
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     character(len=:), allocatable :: acts_on
@@ -48,9 +48,7 @@ contains
         if (acts_on /= 'x') parameters%kernel_phi = n
         call read_kernel(reader, kernels(n))
       end if
-      call reader%finish()
-      echo = echo//reader%echo
-      status = reader%status
+      call reader%close(echo, status)
       if (status%failed()) return
     end do
   end subroutine read_kernels
@@ -60,10 +58,9 @@ contains
     type(namelist_type), intent(in) :: file
     type(kernel_holder), allocatable, intent(out) :: kernels(:)
     !> Gets the canonical text of the groups added.
-    character(len=:), allocatable, intent(inout) :: echo
+    type(growing_text), intent(inout) :: echo
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
-    type(growing_text) :: text
     integer :: i, n
 
     n = count([(file%groups(i)%name == 'kernel', i=1, size(file%groups))])
@@ -81,12 +78,9 @@ contains
       call reader%refuse(['acts_on'], 'belongs to a mount; here &system, &spring and &force have ' &
                          //'the key kernel')
       call read_kernel(reader, kernels(n))
-      call reader%finish()
-      call text%add(reader%echo)
-      status = reader%status
+      call reader%close(echo, status)
       if (status%failed()) return
     end do
-    echo = echo//text%text()
   end subroutine read_system_kernels
 
   subroutine read_kernel(reader, holder)

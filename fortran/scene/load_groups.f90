@@ -24,10 +24,9 @@ contains
     real(wp), intent(in) :: base_direction(:)
     type(load_type), intent(out) :: load
     !> Gets the canonical text of the groups added.
-    character(len=:), allocatable, intent(inout) :: echo
+    type(growing_text), intent(inout) :: echo
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
-    type(growing_text) :: text
     character(len=:), allocatable :: word
     integer, allocatable :: orders(:)
     complex(wp), allocatable :: force(:, :), base(:)
@@ -73,12 +72,9 @@ contains
       else
         base(n) = term
       end if
-      call reader%finish()
-      call text%add(reader%echo)
-      status = reader%status
+      call reader%close(echo, status)
       if (status%failed()) return
     end do
-    echo = echo//text%text()
     call new_load(load, size(coordinates), orders, force, base, status)
   end subroutine read_loads
 

@@ -2,6 +2,7 @@
 module viscovib_scene
   use viscovib_body_groups, only: read_body
   use viscovib_group_reader, only: group_reader
+  use viscovib_growing_text, only: growing_text
   use viscovib_job, only: job_type
   use viscovib_kernel_groups, only: read_kernels
   use viscovib_kernel_holder, only: kernel_holder
@@ -47,25 +48,26 @@ contains
     !> Whether files that it names may be anywhere; else in its folder or below.
     logical, intent(in), optional :: allow_paths
     type(namelist_type) :: file
+    type(growing_text) :: canonical
 
     scene%path = path
-    scene%canonical = ''
     call read_namelist(path, file, status, text)
     if (present(allow_paths)) file%groups%anywhere = allow_paths
     if (.not. status%failed()) call check_groups(file, scene%subject%is_pendulum, status)
-    if (.not. status%failed()) call read_title(file, scene, status)
-    if (.not. status%failed()) call read_subject(file, scene%subject, scene%canonical, status)
+    if (.not. status%failed()) call read_title(file, scene, canonical, status)
+    if (.not. status%failed()) call read_subject(file, scene%subject, canonical, status)
     if (.not. status%failed()) then
-      call read_result(file, scene%subject, scene%job, scene%canonical, status)
+      call read_result(file, scene%subject, scene%job, canonical, status)
     end if
-    if (.not. status%failed()) call read_sweeps(file, scene, status)
+    if (.not. status%failed()) call read_sweeps(file, scene, canonical, status)
+    scene%canonical = canonical%text()
   end subroutine read_scene
 
   !> The system and its loads.
   subroutine read_subject(file, subject, canonical, status)
     type(namelist_type), intent(in) :: file
     type(subject_type), intent(inout), target :: subject
-    character(len=:), allocatable, intent(inout) :: canonical
+    type(growing_text), intent(inout) :: canonical
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     type(kernel_holder) :: kernels(2)
@@ -111,9 +113,10 @@ contains
     if (status%failed()) status%message = file%path//': '//status%message
   end subroutine read_subject
 
-  subroutine read_title(file, scene, status)
+  subroutine read_title(file, scene, canonical, status)
     type(namelist_type), intent(in) :: file
     type(scene_type), intent(inout) :: scene
+    type(growing_text), intent(inout) :: canonical
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     integer :: i
@@ -123,14 +126,15 @@ contains
       if (file%groups(i)%name /= 'scene') cycle
       call reader%start(file%path, file%groups(i))
       scene%title = reader%read_text('title', '')
-      call reader%close(scene%canonical, status)
+      call reader%close(canonical, status)
     end do
   end subroutine read_title
 
   !> Every &sweep is a parameter; no two may be the same.
-  subroutine read_sweeps(file, scene, status)
+  subroutine read_sweeps(file, scene, canonical, status)
     type(namelist_type), intent(in) :: file
     type(scene_type), intent(inout) :: scene
+    type(growing_text), intent(inout) :: canonical
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     character(len=:), allocatable :: key, keys
@@ -143,7 +147,7 @@ contains
     do i = 1, size(file%groups)
       if (file%groups(i)%name /= 'sweep') cycle
       call reader%start(file%path, file%groups(i))
-      call read_sweep(reader, scene%canonical, key)
+      call read_sweep(reader, canonical%text(), key)
       n = n + 1
       if (n > max_sweeps) then
         call reader%complain('sweep', '&sweep: must be at most '//show(max_sweeps)//' of them')
@@ -153,7 +157,7 @@ contains
       end if
       keys = keys//key//';'
       if (scene%sweep_line == 0) scene%sweep_line = file%groups(i)%line
-      call reader%close(scene%canonical, status)
+      call reader%close(canonical, status)
       if (status%failed()) return
     end do
   end subroutine read_sweeps

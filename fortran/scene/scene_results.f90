@@ -9,6 +9,7 @@ module viscovib_scene_results
   use viscovib_driven_groups, only: read_driven
   use viscovib_driven_job, only: driven_job
   use viscovib_group_reader, only: group_reader
+  use viscovib_growing_text, only: growing_text
   use viscovib_hereditary_job, only: hereditary_job
   use viscovib_job, only: job_type
   use viscovib_kinds, only: wp
@@ -40,7 +41,7 @@ contains
     type(namelist_type), intent(in) :: file
     type(subject_type), intent(inout), target :: subject
     class(job_type), allocatable, intent(out) :: job
-    character(len=:), allocatable, intent(inout) :: canonical
+    type(growing_text), intent(inout) :: canonical
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     character(len=:), allocatable :: plan

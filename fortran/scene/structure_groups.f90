@@ -35,12 +35,11 @@ contains
     type(structure_type), intent(out) :: system
     character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
     !> Gets the canonical text of the groups added.
-    character(len=:), allocatable, intent(inout) :: echo
+    type(growing_text), intent(inout) :: echo
     type(status_type), intent(out) :: status
     type(kernel_holder), allocatable :: kernels(:)
     type(group_reader) :: reader
     type(status_type) :: built
-    type(growing_text) :: text
     integer :: at, i, n
 
     call read_system_kernels(file, kernels, echo, status)
@@ -49,7 +48,7 @@ contains
     at = findloc([(file%groups(i)%name == 'structure', i=1, size(file%groups))], .true., 1)
     call reader%start(file%path, file%groups(at))
     call read_body(reader, model, coordinates, units)
-    call finish_group()
+    call reader%close(echo, status)
     if (status%failed()) return
     if (n > max_elements) then
       call reader%complain('structure', show(n)//' &element groups: must be at most ' &
@@ -64,22 +63,13 @@ contains
       n = n + 1
       call reader%start(file%path, file%groups(i))
       call read_element(reader, model%elements(n), coordinates, size(kernels))
-      call finish_group()
+      call reader%close(echo, status)
       if (status%failed()) return
     end do
-    echo = echo//text%text()
     call reader%start(file%path, file%groups(at))
     call condense(model, kernels, system, built)
     call reader%place(built)
     status = reader%status
-
-  contains
-
-    subroutine finish_group()
-      call reader%finish()
-      status = reader%status
-      call text%add(reader%echo)
-    end subroutine finish_group
 
   end subroutine read_structure
 

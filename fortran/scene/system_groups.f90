@@ -33,13 +33,12 @@ contains
     type(polynomial_type), intent(out) :: system
     character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
     !> Gets the canonical text of the groups added.
-    character(len=:), allocatable, intent(inout) :: echo
+    type(growing_text), intent(inout) :: echo
     type(status_type), intent(out) :: status
     type(polynomial_parameters) :: p
     type(kernel_holder), allocatable :: kernels(:)
     type(group_reader) :: reader
     type(status_type) :: built
-    type(growing_text) :: text
     integer :: i, at, n_springs, n_monomials, effort
 
     call read_system_kernels(file, kernels, echo, status)
@@ -51,7 +50,7 @@ contains
     end do
     call reader%start(file%path, file%groups(at))
     call read_body(reader, p, n_springs, coordinates, units, size(kernels))
-    call finish_group()
+    call reader%close(echo, status)
     if (status%failed()) return
     allocate (p%coefficient(0), p%on(0), p%monomial_kernel(0), p%powers(size(coordinates), 0))
     n_springs = 1
@@ -69,23 +68,14 @@ contains
       else
         cycle
       end if
-      call finish_group()
+      call reader%close(echo, status)
       if (status%failed()) return
     end do
-    echo = echo//text%text()
-    call resize_monomials(p, n_monomials)
+    call p%resize_monomials(n_monomials)
     call reader%start(file%path, file%groups(at))
     call new_polynomial(system, p, kernels, built)
     call reader%place(built)
     status = reader%status
-
-  contains
-
-    subroutine finish_group()
-      call reader%finish()
-      status = reader%status
-      call text%add(reader%echo)
-    end subroutine finish_group
 
   end subroutine read_system
 
@@ -161,7 +151,7 @@ contains
       return
     end if
     if (n + size(terms%coefficients) > size(p%coefficient)) then
-      call resize_monomials(p, 2*(n + size(terms%coefficients)))
+      call p%resize_monomials(2*(n + size(terms%coefficients)))
     end if
     do i = 1, size(terms%coefficients)
       powers = terms%powers(:, i)
@@ -270,22 +260,6 @@ contains
     p%spring_kernel = [p%spring_kernel, kernel]
     p%damping(on, :) = p%damping(on, :) + slopes(n + 1:)
   end subroutine read_function
-
-  !> Another room for monomials.
-  pure subroutine resize_monomials(p, n)
-    type(polynomial_parameters), intent(inout) :: p
-    integer, intent(in) :: n
-    integer, allocatable :: powers(:, :)
-    integer :: i, kept
-
-    kept = min(n, size(p%coefficient))
-    p%coefficient = [p%coefficient(:kept), (0.0_wp, i=kept + 1, n)]
-    p%on = [p%on(:kept), (0, i=kept + 1, n)]
-    p%monomial_kernel = [p%monomial_kernel(:kept), (0, i=kept + 1, n)]
-    allocate (powers(size(p%powers, 1), n), source=0)
-    powers(:, :kept) = p%powers(:, :kept)
-    call move_alloc(powers, p%powers)
-  end subroutine resize_monomials
 
   !> n numbers make a diagonal matrix, n^2 are row by row.
   function read_matrix(reader, key, n, required) result(matrix)

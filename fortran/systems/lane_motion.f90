@@ -123,32 +123,12 @@ contains
       end do
     end do
     do i = 1, size(self%laws)
-      call evaluate_lanes(self%laws(i)%program, read_by(self%laws(i), q, v), product)
+      call evaluate_lanes(self%laws(i)%program, self%laws(i)%arguments_of_lanes(q, v), product)
       do d = 1, self%n_dof
         a(:, d) = a(:, d) - self%law_weights(:, d, i)*product
       end do
     end do
   end subroutine acceleration
-
-  !> Arguments of a law from coordinates and rates.
-  pure function read_by(law, q, v) result(read_values)
-    type(law_term), intent(in) :: law
-    real(wp), intent(in) :: q(n_lanes, size(law%arguments, 2))
-    real(wp), intent(in) :: v(n_lanes, size(law%arguments, 2))
-    real(wp) :: read_values(n_lanes, size(law%arguments, 1))
-    integer :: b, k
-    read_values = 0.0_wp
-    do b = 1, size(q, 2)
-      do k = 1, size(law%arguments, 1)
-        if (abs(law%arguments(k, b)) > 0.0_wp) then
-          read_values(:, k) = read_values(:, k) + law%arguments(k, b)*q(:, b)
-        end if
-        if (abs(law%rates(k, b)) > 0.0_wp) then
-          read_values(:, k) = read_values(:, k) + law%rates(k, b)*v(:, b)
-        end if
-      end do
-    end do
-  end function read_by
 
   !> Loads, dampers and springs.
   pure subroutine linear_part(self, q, v, drive, a)
@@ -224,8 +204,8 @@ contains
     do i = 1, size(self%laws)
       associate (law => self%laws(i))
         allocate (slopes(n_lanes, size(law%arguments, 1)))
-        call law%program%differentiate(read_by(law, q, v), value, slopes)
-        turned = slopes*read_by(law, dq, dv)
+        call law%program%differentiate(law%arguments_of_lanes(q, v), value, slopes)
+        turned = slopes*law%arguments_of_lanes(dq, dv)
         change = sum(turned, 2)
         deallocate (slopes)
       end associate

@@ -1,6 +1,7 @@
 !> Force laws that are no polynomials, as terms of a system: what each reads, and where it acts.
 module viscovib_law_term
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
   use viscovib_law_program, only: law_program, multiply, put_argument, put_number, subtract, wall
   implicit none
   private
@@ -26,6 +27,7 @@ module viscovib_law_term
     real(wp), allocatable :: weights(:)
   contains
     procedure :: drop_unread
+    procedure :: arguments_of_lanes
   end type law_term
 
   !> How near to rest a law must have a value, on all sides.
@@ -85,6 +87,26 @@ contains
     self%rates = self%rates(pack([(i, i=1, size(used))], used), :)
     self%program%n_arguments = count(used)
   end subroutine drop_unread
+
+  !> Arguments from coordinates and rates, of every lane.
+  pure function arguments_of_lanes(self, q, v) result(values)
+    class(law_term), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, size(self%arguments, 2))
+    real(wp), intent(in) :: v(n_lanes, size(self%arguments, 2))
+    real(wp) :: values(n_lanes, size(self%arguments, 1))
+    integer :: b, k
+    values = 0.0_wp
+    do b = 1, size(q, 2)
+      do k = 1, size(self%arguments, 1)
+        if (abs(self%arguments(k, b)) > 0.0_wp) then
+          values(:, k) = values(:, k) + self%arguments(k, b)*q(:, b)
+        end if
+        if (abs(self%rates(k, b)) > 0.0_wp) then
+          values(:, k) = values(:, k) + self%rates(k, b)*v(:, b)
+        end if
+      end do
+    end do
+  end function arguments_of_lanes
 
   !> A law from numbers: arguments, equations, instructions, kernel, parity, degree, state; A and A'
   !! (arguments n_dof); equation and weight of each target; code and number of each instruction.

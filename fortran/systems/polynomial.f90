@@ -37,6 +37,8 @@ module viscovib_polynomial
     real(wp), allocatable :: base_direction(:)
     !> Forces that are no polynomials; none if not allocated.
     type(law_term), allocatable :: laws(:)
+  contains
+    procedure :: resize_monomials
   end type polynomial_parameters
 
   !> c prod u_dof^power, dof and power of its factors.
@@ -103,6 +105,22 @@ contains
     call add_variables(system, parameters, size(kernels))
     call system%drop_zero_kernels()
   end subroutine new_polynomial
+
+  !> Another room for monomials.
+  pure subroutine resize_monomials(self, n)
+    class(polynomial_parameters), intent(inout) :: self
+    integer, intent(in) :: n
+    integer, allocatable :: powers(:, :)
+    integer :: i, kept
+
+    kept = min(n, size(self%coefficient))
+    self%coefficient = [self%coefficient(:kept), (0.0_wp, i=kept + 1, n)]
+    self%on = [self%on(:kept), (0, i=kept + 1, n)]
+    self%monomial_kernel = [self%monomial_kernel(:kept), (0, i=kept + 1, n)]
+    allocate (powers(size(self%powers, 1), n), source=0)
+    powers(:, :kept) = self%powers(:, :kept)
+    call move_alloc(powers, self%powers)
+  end subroutine resize_monomials
 
   subroutine check_parameters(p, n_kernels, status)
     type(polynomial_parameters), intent(in) :: p

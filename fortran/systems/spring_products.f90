@@ -48,7 +48,7 @@ contains
         end do
       end do
     end do
-    call resize(p, m)
+    call p%resize_monomials(m)
 
   contains
 
@@ -62,7 +62,7 @@ contains
       do on = 1, n
         total = sum(parts*rows(:, on))
         if (.not. abs(total) > 0.0_wp) cycle
-        if (m == size(p%on)) call resize(p, 2*m + 64)
+        if (m == size(p%on)) call p%resize_monomials(2*m + 64)
         m = m + 1
         p%coefficient(m) = total
         p%on(m) = on
@@ -72,21 +72,6 @@ contains
     end subroutine add_product
 
   end subroutine add_products
-
-  pure subroutine resize(p, n)
-    type(polynomial_parameters), intent(inout) :: p
-    integer, intent(in) :: n
-    integer, allocatable :: powers(:, :)
-    integer :: i, kept
-
-    kept = min(n, size(p%on))
-    p%coefficient = [p%coefficient(:kept), (0.0_wp, i=kept + 1, n)]
-    p%on = [p%on(:kept), (0, i=kept + 1, n)]
-    p%monomial_kernel = [p%monomial_kernel(:kept), (0, i=kept + 1, n)]
-    allocate (powers(size(p%powers, 1), n), source=0)
-    powers(:, :kept) = p%powers(:, :kept)
-    call move_alloc(powers, p%powers)
-  end subroutine resize
 
   !> The next way to spread a sum over places, from all in the last to all in the first.
   pure subroutine next_powers(powers)

@@ -295,7 +295,7 @@ contains
       end do
     end do
     do i = 1, size(self%laws)
-      call evaluate_lanes(self%laws(i)%program, read_by(self%laws(i), q, v), value)
+      call evaluate_lanes(self%laws(i)%program, self%laws(i)%arguments_of_lanes(q, v), value)
       do d = 1, size(a, 2)
         a(:, d) = a(:, d) - self%weights(d, i)*value
       end do
@@ -328,26 +328,6 @@ contains
     b = way*self%elements(self%element_of(k))%weights
   end subroutine normal
 
-  !> Arguments of a law from coordinates and rates.
-  pure function read_by(law, q, v) result(values)
-    type(law_term), intent(in) :: law
-    real(wp), intent(in) :: q(n_lanes, size(law%arguments, 2))
-    real(wp), intent(in) :: v(n_lanes, size(law%arguments, 2))
-    real(wp) :: values(n_lanes, size(law%arguments, 1))
-    integer :: b, k
-    values = 0.0_wp
-    do b = 1, size(q, 2)
-      do k = 1, size(law%arguments, 1)
-        if (abs(law%arguments(k, b)) > 0.0_wp) then
-          values(:, k) = values(:, k) + law%arguments(k, b)*q(:, b)
-        end if
-        if (abs(law%rates(k, b)) > 0.0_wp) then
-          values(:, k) = values(:, k) + law%rates(k, b)*v(:, b)
-        end if
-      end do
-    end do
-  end function read_by
-
   !> Keep the motion on the surfaces on which it slides.
   pure subroutine slide_along(self, q, v, a, mu)
     class(switched_laws), intent(in) :: self
@@ -372,8 +352,8 @@ contains
       do k = 1, size(self%sliding(j)%others)
         associate (pair => self%sliding(j)%others(k))
           associate (law => self%laws(pair%law))
-            call evaluate_lanes(law%program, read_by(law, q, v), one)
-            call evaluate_lanes(pair%program, read_by(law, q, v), other)
+            call evaluate_lanes(law%program, law%arguments_of_lanes(q, v), one)
+            call evaluate_lanes(pair%program, law%arguments_of_lanes(q, v), other)
           end associate
           do d = 1, size(a, 2)
             b(:, d, j) = b(:, d, j) + self%weights(d, pair%law)*(0.5_wp*(one - other))

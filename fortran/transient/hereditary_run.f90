@@ -70,7 +70,7 @@ contains
     before = piece
     if (piece > 1 .and. ends%begins(piece, first)) before = piece - 1
     if (present(anew)) before = merge(piece, before, anew)
-    call enter_base(base, ends, before)
+    call base%enter(ends%beginning(before), ends%ends(before))
     call keep_present(run, base, times, now, at_times, n_reached)
     do i = 1, n_steps
       if (stop_wanted()) then
@@ -223,16 +223,6 @@ contains
     state(2::2) = v
   end subroutine keep
 
-  subroutine enter_base(base, ends, piece)
-    type(base_motion_type), intent(inout) :: base
-    type(mesh_type), intent(in) :: ends
-    integer, intent(in) :: piece
-    real(wp) :: from
-    from = 0.0_wp
-    if (piece > 1) from = ends%ends(piece - 1)
-    call base%enter(from, ends%ends(piece))
-  end subroutine enter_base
-
   !> The base turns a corner at time `now`, of which the body knows nothing.
   subroutine turn(run, base, ends, piece, now)
     class(march_type), intent(inout) :: run
@@ -242,7 +232,7 @@ contains
     real(wp), intent(in) :: now
     real(wp) :: displacement(2), velocity(2)
     call base%along(now, displacement(1), velocity(1))
-    call enter_base(base, ends, piece)
+    call base%enter(ends%beginning(piece), ends%ends(piece))
     call base%along(now, displacement(2), velocity(2))
     call run%kick(base, displacement(1) - displacement(2), velocity(1) - velocity(2))
   end subroutine turn

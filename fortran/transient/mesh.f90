@@ -19,6 +19,8 @@ module viscovib_mesh
     procedure :: begins
     procedure :: time
     procedure :: made_until
+    procedure :: start_of
+    procedure :: beginning
     procedure :: is_broken
   end type mesh_type
 
@@ -126,5 +128,21 @@ contains
       time = self%ends(piece - 1) + real(k - self%made_by(piece - 1), wp)*self%h(piece)
     end if
   end function time
+
+  !> Time after k steps, as the run tells it that made them.
+  pure real(wp) function start_of(self, k)
+    class(mesh_type), intent(in) :: self
+    integer(i8), intent(in) :: k
+    start_of = 0.0_wp
+    if (k > 0) start_of = self%time(self%piece_of(k - 1), k)
+  end function start_of
+
+  !> Time at which a piece begins.
+  pure real(wp) function beginning(self, piece)
+    class(mesh_type), intent(in) :: self
+    integer, intent(in) :: piece
+    beginning = 0.0_wp
+    if (piece > 1) beginning = self%ends(piece - 1)
+  end function beginning
 
 end module viscovib_mesh
