@@ -30,13 +30,15 @@ module viscovib_section_step
   real(wp), parameter :: far = 30.0_wp
 
   integer :: power, order
-  !> Of powers by orders, of which there are at most eight: integral_0^1 (1-x)^n/n! P_j(2x-1) dx
-  !! = (-1)^j n!/((n-j)! (n+j+1)!).
-  real(wp), parameter :: weights(0:most_powers, 0:7) = reshape( &
+  !> Highest order: panels of a first step have as many as ten nodes.
+  integer, parameter :: most_orders = 9
+  !> Of powers by orders: integral_0^1 (1-x)^n/n! P_j(2x-1) dx = (-1)^j n!/((n-j)! (n+j+1)!).
+  real(wp), parameter :: weights(0:most_powers, 0:most_orders) = reshape( &
                          [((merge((-1)**order*gamma(power + 1.0_wp) &
                                   /(gamma(max(power - order, 0) + 1.0_wp) &
                                     *gamma(power + order + 2.0_wp)), 0.0_wp, power >= order), &
-                            power=0, most_powers), order=0, 7)], [most_powers + 1, 8])
+                            power=0, most_powers), order=0, most_orders)], &
+                         [most_powers + 1, most_orders + 1])
 
 contains
 
