@@ -13,6 +13,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.elements import terms_in_order
+from viscovib.systems.structure import Structure
 
 
 @dataclass(frozen=True)
@@ -34,9 +35,13 @@ class View:
         """Of the coordinates wanted, or those that a structure shows by itself."""
         places = system._wanted(coordinates, loaded)
         names, units = system.dof_names, system.dof_units
+        # Springs of a polynomial system or a body are no elements.
+        elements: tuple[Any, ...] = ()
+        if isinstance(system, Structure):
+            elements = terms_in_order(system.elements, names, system._places)
         return cls(
             loaded, places, tuple(names[i] for i in places), tuple(units[i] for i in places),
-            names, units, terms_in_order(system.elements, system.dof_names, system._places),
+            names, units, elements,
         )  # fmt: skip
 
     def at(self, coordinates: Sequence[str]) -> View:
