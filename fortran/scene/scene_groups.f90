@@ -21,7 +21,8 @@ module viscovib_scene_groups
                                                 result_name('backbone', .true., .false.), &
                                                 result_name('multiple_scales', .true., .true.), &
                                                 result_name('modes', .true., .false.), &
-                                                result_name('transient', .true., .false.)]
+                                                result_name('transient', .true., .false.), &
+                                                result_name('ensemble', .true., .false.)]
 
   !> Other groups: those of a mount or a system of one's own, and those of any scene.
   character(len=*), parameter :: oscillator_groups(10) = &

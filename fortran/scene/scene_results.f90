@@ -8,11 +8,13 @@ module viscovib_scene_results
   use viscovib_branch_job, only: branch_job
   use viscovib_driven_groups, only: read_driven
   use viscovib_driven_job, only: driven_job
+  use viscovib_ensemble_groups, only: read_ensemble
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_hereditary_job, only: hereditary_job
   use viscovib_job, only: job_type
   use viscovib_kinds, only: wp
+  use viscovib_many_job, only: many_job
   use viscovib_modes_job, only: modes_job
   use viscovib_motion_groups, only: read_frequency, read_hereditary, read_spectrum, read_transient
   use viscovib_motion_job, only: motion_job
@@ -64,6 +66,8 @@ contains
       call read_scales_job(reader, subject, job)
     case ('modes')
       allocate (modes_job :: job)
+    case ('ensemble')
+      call read_ensemble_job(reader, subject, job)
     case default
       call read_motion_job(reader, subject, job)
     end select
@@ -101,6 +105,17 @@ contains
     call read_response(reader, own%method, own%options, own%nu)
     call move_alloc(own, job)
   end subroutine read_response_job
+
+  subroutine read_ensemble_job(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    class(job_type), allocatable, intent(out) :: job
+    type(many_job), allocatable :: own
+
+    allocate (own)
+    call read_ensemble(reader, subject, own)
+    call move_alloc(own, job)
+  end subroutine read_ensemble_job
 
   subroutine read_branch_job(reader, subject, job)
     type(group_reader), intent(inout) :: reader

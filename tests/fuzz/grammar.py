@@ -21,6 +21,15 @@ Scene = list[tuple[str, dict[str, str]]]
 
 #: One scene for each kind of job, small enough to run at once.
 SEEDS = {
+    "ensemble": """&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
+&force on='x' law='x^3' /
+&load on='x' amplitude=1 /
+&ensemble vary='load_scale' from=0.2 to=0.35 count=3 nu=1.2 initial=0.1 0.2 sections=1
+  n_periods=6 discard=2 dt=0.1 lyapunov='yes' coordinates='x' tolerance=1e-6 method='dop8' /
+""",
+    "ensemble_of_pendulums": """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 f0=0.002 p1=1.02 /
+&ensemble vary='f0' from=0.001 to=0.004 count=4 initial=0 0 0.1 0 0 0 t_end=5 discard=1 /
+""",
     "modes": """&system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 /
 &modes coordinates='y' /
 """,

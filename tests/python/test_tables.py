@@ -54,6 +54,17 @@ MORE = {
     "modes_of_a_pendulum": """&pendulum e=0.1 w2=0.4 w3=0.8 /
 &modes /
 """,
+    "many": """&scene title='a diagram' /
+&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
+&force on='x' law='x^3' /
+&load on='x' amplitude=1 /
+&ensemble vary='load_scale' from=0.2 to=0.35 count=11 nu=1.2 initial=0.1 0.2 sections=1
+  n_periods=30 discard=20 dt=0.1 lyapunov='yes' /
+""",
+    "pendulums": """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 c1=0.01 c2=0.01 c3=0.01 p1=1.02 /
+&ensemble vary='f0' from=0.001 to=0.004 count=4 initial=0 0 0.1 0 0 0 t_end=20 discard=5
+  coordinates='phi' /
+""",
     "part": """&pendulum e=0.1 w2=0.4 w3=0.8 /
 &transient initial=0.05 0 0.3 0 -0.2 0 t_end=20 dt=0.25 coordinates='phi' /
 &spectrum coordinates='psi' window='flat_top' discard=5 /

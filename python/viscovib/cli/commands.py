@@ -26,6 +26,7 @@ from viscovib.plots.pictures import save_picture
 from viscovib.results.trajectory import Trajectory
 from viscovib.scene.job import SceneResult, plan
 from viscovib.scene.scene import Scene
+from viscovib.scene.table import TableResult
 from viscovib.sweeps.run_scene import run
 from viscovib.systems.pendulum import Pendulum
 
@@ -290,10 +291,12 @@ def _picture(options: argparse.Namespace, result: SceneResult) -> list[Path]:
         bases = {name: p for name, (size, p) in loads.items() if size and p} or None
     if result.spectrum is not None:
         pictures.append(result.spectrum)
+    # Tables that belong to another are no curves beside it.
+    curves: Any = () if isinstance(result.value, TableResult) else result.switched
     paths = []
     for shown in pictures:
         path = options.out / f"{options.scene.stem}_{shown.kind}.png"
-        save_picture(shown, path, bases=bases, others=result.switched, title=result.scene.title)
+        save_picture(shown, path, bases=bases, others=curves, title=result.scene.title)
         paths.append(path)
         if not options.quiet and not options.json:
             print(one_line(str(path)))

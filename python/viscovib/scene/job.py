@@ -62,7 +62,7 @@ class SceneResult:
         | xr.Dataset
     )  # fmt: skip
     spectrum: Spectrum | TableResult | None = None
-    switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] = ()
+    switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] | tuple[TableResult, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -172,6 +172,9 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
     """Let the core do all of it: the tables of the standalone driver, read back."""
     kinds = [name for name in scene.groups if name not in _SUBJECTS and scene.groups[name]]
     kinds.sort(key="spectrum".__eq__)
+    if scene.groups.get("ensemble", {}).get("sections"):
+        first, *more = run_tables(scene, ["ensemble", "ensemble_1"], planned)
+        return SceneResult(scene, first, switched=tuple(replace(x, kind="ensemble") for x in more))
     first, *others = run_tables(scene, kinds, planned)
     return SceneResult(scene, first, others[0] if others else None)
 

@@ -1,0 +1,152 @@
+!> The &ensemble group of a scene.
+module viscovib_ensemble_groups
+  use viscovib_explicit_tables, only: explicit_names
+  use viscovib_grids, only: linear_grid
+  use viscovib_group_reader, only: group_reader
+  use viscovib_kinds, only: wp
+  use viscovib_many_job, only: many_job, pendulum_numbers, system_numbers
+  use viscovib_motion_groups, only: read_frequency
+  use viscovib_status, only: show
+  use viscovib_subject, only: subject_type
+  implicit none
+  private
+
+  public :: read_ensemble
+
+  integer, parameter :: most_values = 1000000, most_periods = 100000000
+  real(wp), parameter :: least_tolerance = 1.0e-13_wp
+
+contains
+
+  subroutine read_ensemble(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    type(many_job), intent(out) :: job
+    character(len=:), allocatable :: word
+    real(wp) :: from, to
+    integer :: count_of, place
+
+    if (.not. computed(subject)) then
+      call reader%complain('ensemble', '&ensemble: is for &pendulum and for &system without ' &
+                           //'kernels, of at most 6 coordinates (3 with lyapunov), with smooth ' &
+                           //'laws; others by Python (vv.simulate_ensemble)')
+      return
+    end if
+    if (subject%is_pendulum) then
+      job%vary = reader%read_text('vary', allowed=pendulum_numbers, choice=job%place)
+    else
+      job%vary = reader%read_text('vary', allowed=system_numbers, choice=job%place)
+    end if
+    from = reader%read_real('from')
+    to = reader%read_real('to')
+    count_of = reader%read_integer('count')
+    if (reader%status%failed()) return
+    if (count_of < 1 .or. count_of > most_values) then
+      call reader%complain('count', 'count = '//show(count_of)//': must be 1 to ' &
+                           //show(most_values))
+      return
+    end if
+    job%values = linear_grid(from, to, count_of)
+    if (.not. subject%is_pendulum) call read_system(reader, subject, from, to, job)
+    if (reader%status%failed()) return
+    job%initial = reader%read_reals('initial', 2*size(subject%coordinates))
+    call read_length(reader, subject, job)
+    if (reader%status%failed()) return
+    job%dt = reader%read_real('dt', 0.0_wp)
+    job%tolerance = reader%read_real('tolerance', 1.0e-8_wp)
+    word = reader%read_text('method', 'verner9', explicit_names, job%method)
+    place = 1
+    word = reader%read_text('lyapunov', 'no', [character(len=3) :: 'no', 'yes'], place)
+    job%lyapunov = place == 2
+    if (reader%status%failed()) return
+    if (job%dt < 0.0_wp) then
+      call reader%complain('dt', 'dt = '//show(job%dt)//': must be greater than 0')
+    end if
+    if (job%tolerance < least_tolerance .or. job%tolerance > 1.0_wp) then
+      call reader%complain('tolerance', 'tolerance = '//show(job%tolerance)//': must be ' &
+                           //show(least_tolerance)//' to 1')
+    end if
+    if (job%lyapunov .and. size(subject%coordinates) > 3) then
+      call reader%complain('lyapunov', "lyapunov = 'yes': is for at most 3 coordinates, has " &
+                           //show(size(subject%coordinates)))
+    end if
+  end subroutine read_ensemble
+
+  !> Whether motions of a system go side by side.
+  pure logical function computed(subject)
+    type(subject_type), intent(in) :: subject
+    integer :: i
+    computed = subject%is_pendulum
+    if (computed .or. subject%is_structure .or. subject%is_turning) return
+    computed = subject%is_polynomial .and. .not. subject%remembers() &
+               .and. size(subject%coordinates) <= 6
+    if (.not. computed) return
+    do i = 1, size(subject%polynomial%laws)
+      if (subject%polynomial%laws(i)%program%n_surfaces() > 0) computed = .false.
+    end do
+  end function computed
+
+  !> The frequency of the load, and what of a system varies.
+  subroutine read_system(reader, subject, from, to, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    real(wp), intent(in) :: from, to
+    type(many_job), intent(inout) :: job
+
+    if (job%vary == 'nu') then
+      call reader%refuse(['nu'], 'the frequency is what varies')
+      if (min(from, to) <= 0.0_wp) then
+        call reader%complain('from', 'from, to = '//show(from)//', '//show(to)//': nu must be ' &
+                             //'greater than 0')
+      end if
+    else
+      call read_frequency(reader, subject%load, job%nu)
+    end if
+    if (job%place > 2 .and. size(subject%polynomial%laws) > 0) then
+      call reader%complain('vary', "vary = '"//job%vary//"': must not scale a system with laws " &
+                           //'of functions; must be nu or load_scale')
+    end if
+  end subroutine read_system
+
+  !> Time or periods, and what is left out.
+  subroutine read_length(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    type(many_job), intent(inout) :: job
+    real(wp) :: span
+
+    job%sections = reader%read_integer('sections', 0)
+    if (reader%status%failed()) return
+    if (job%sections < 0 .or. job%sections > merge(3, 1, subject%is_pendulum)) then
+      call reader%complain('sections', 'sections = '//show(job%sections)//': must be 0 to ' &
+                           //show(merge(3, 1, subject%is_pendulum)))
+      return
+    end if
+    if (job%sections > 0) then
+      job%n_periods = reader%read_integer('n_periods')
+      if (reader%status%failed()) return
+      call reader%refuse(['t_end'], 'the length is n_periods, where sections are wanted')
+      if (job%n_periods < 1 .or. job%n_periods > most_periods) then
+        call reader%complain('n_periods', 'n_periods = '//show(job%n_periods)//': must be 1 to ' &
+                             //show(most_periods))
+      end if
+      span = job%n_periods
+    else
+      job%t_end = reader%read_real('t_end')
+      if (reader%status%failed()) return
+      call reader%refuse(['n_periods'], 'is for sections; must be t_end')
+      if (.not. job%t_end > 0.0_wp) then
+        call reader%complain('t_end', 't_end = '//show(job%t_end)//': must be greater than 0')
+      end if
+      span = job%t_end
+    end if
+    job%discard = reader%read_real('discard', 0.0_wp)
+    if (reader%status%failed()) return
+    if (job%sections > 0) job%discard = ceiling(min(job%discard, 1.0e9_wp))
+    if (job%discard < 0.0_wp .or. job%discard >= span) then
+      call reader%complain('discard', 'discard = '//show(job%discard)//': must not be negative ' &
+                           //'and less than the run, '//show(span))
+    end if
+  end subroutine read_length
+
+end module viscovib_ensemble_groups

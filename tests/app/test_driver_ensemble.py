@@ -1,0 +1,95 @@
+"""The standalone driver: many motions at once, against SciPy, and what is wrong by name."""
+
+import numpy as np
+import pytest
+from driver import read_csv
+from scipy.integrate import solve_ivp
+
+SYSTEM = """&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
+&force on='x' law='x^3' /
+&load on='x' amplitude=1 /
+"""
+MANY = (
+    SYSTEM
+    + """&ensemble vary='load_scale' from=0.2 to=0.3 count=9 nu=1.2 initial=0.1 0.2
+  sections=1 n_periods=4 discard=2 tolerance=1e-9 /
+"""
+)
+PENDULA = """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 c1=0.01 f0=0.002 p1=1.02 /
+&ensemble vary='p1' from=0.9 to=1.1 count=3 initial=0.1 0 0 0 0 0 t_end=10 /
+"""
+
+
+def _run(solve, folder, text):
+    scene = folder / "many.nml"
+    scene.write_text(text)
+    done = solve(scene, "--out", folder)
+    assert done.returncode == 0, done.stderr
+    return read_csv(folder / "many_ensemble.csv")
+
+
+def _duffing(scale, start, times):
+    def rates(t, y):
+        return [y[1], scale * np.sin(1.2 * t) + y[0] - y[0] ** 3 - 0.3 * y[1]]
+
+    run = solve_ivp(rates, (0, times[-1]), start, "DOP853", rtol=1e-12, atol=1e-13, t_eval=times)
+    return run.y
+
+
+def test_motions_and_sections(solve, tmp_path):
+    """Last states and sections are those of single motions by SciPy."""
+    table = _run(solve, tmp_path, MANY)
+    points = read_csv(tmp_path / "many_ensemble_1.csv")
+    np.testing.assert_allclose(table["load_scale"], np.linspace(0.2, 0.3, 9), atol=1e-15)
+    period = 2 * np.pi / 1.2
+    for i in (0, 8):
+        x, v = _duffing(table["load_scale"][i], [0.1, 0.2], period * np.arange(1, 5))
+        assert table["x"][i] == pytest.approx(x[-1], abs=2e-9)
+        assert table["x_dot"][i] == pytest.approx(v[-1], abs=2e-9)
+        own = points["load_scale"] == table["load_scale"][i]
+        np.testing.assert_allclose(points["x"][own], x[2:], atol=2e-9)
+        assert points["point"][own].tolist() == [1, 2]
+
+
+def test_a_frequency_that_varies(solve, tmp_path):
+    """The linear spring of a pendulum that hangs still: its closed form."""
+    table = _run(solve, tmp_path, PENDULA.replace("alpha=0.5", "alpha=0"))
+    for p, z in zip(table["p1"], table["z"], strict=True):
+
+        def rates(t, y, p=p):
+            return [y[1], 0.002 * np.cos(p * t) - y[0] - 0.01 * y[1]]
+
+        run = solve_ivp(rates, (0, 10), [0.1, 0], "DOP853", rtol=1e-12, atol=1e-13)
+        assert z == pytest.approx(run.y[0, -1], abs=2e-8)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"vary='load_scale'": "vary='mass'"}, "must be one of 'nu'"),
+        ({"vary='load_scale' ": ""}, "vary"),
+        ({"count=9": "count=0"}, "must be 1 to"),
+        ({"sections=1": "sections=2"}, "must be 0 to 1"),
+        ({"n_periods=4": "t_end=4"}, "n_periods"),
+        ({"discard=2": "discard=4"}, "less than the run"),
+        ({"nu=1.2": ""}, "nu"),
+        ({"vary='load_scale' from=0.2": "vary='nu' from=0.2"}, "the frequency is what varies"),
+        ({"tolerance=1e-9": "tolerance=1e-20"}, "tolerance"),
+        ({"initial=0.1 0.2": "initial=0.1"}, "initial"),
+        ({"x^3": "max(x, 0)"}, "smooth"),
+        ({"tolerance": "lyapunov='maybe' tolerance"}, "lyapunov"),
+        ({"&ensemble": "&kernel kind='prony' weights=0.1 rates=1 /\n&ensemble"}, ""),
+    ],
+)
+def test_what_is_wrong_is_named(solve, tmp_path, changes, text):
+    """One line with file and line."""
+    scene = MANY
+    for old, new in changes.items():
+        assert old in scene
+        scene = scene.replace(old, new)
+    (tmp_path / "many.nml").write_text(scene)
+    done = solve(tmp_path / "many.nml", "--out", tmp_path / "out")
+    assert done.returncode == 2, done.stdout
+    assert text in done.stderr
+    assert "many.nml:" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
