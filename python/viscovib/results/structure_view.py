@@ -13,7 +13,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.elements import terms_in_order
-from viscovib.systems.structure import Structure
+from viscovib.systems.polynomial_system import PolynomialSystem
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class View:
         names, units = system.dof_names, system.dof_units
         # Springs of a polynomial system or a body are no elements.
         elements: tuple[Any, ...] = ()
-        if isinstance(system, Structure):
+        if not isinstance(system, PolynomialSystem):
             elements = terms_in_order(system.elements, names, system._places)
         return cls(
             loaded, places, tuple(names[i] for i in places), tuple(units[i] for i in places),
