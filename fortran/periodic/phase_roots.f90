@@ -89,17 +89,14 @@ contains
     do i = 1, n + 1
       theta = (i - 1)*step
       ! Beside grazing a function may be across for less than a sample, at both ends too.
+      left = g(max(i - 1, 1))
+      right = g(min(i + 1, n + 1))
       if (i == 1) then
-        if (abs(g(1)) >= abs(g(2))) cycle
+        if (abs(g(i)) >= abs(right)) cycle
         left = motion%at(-step)
-        right = g(2)
       else if (i == n + 1) then
-        if (abs(g(n + 1)) >= abs(g(n))) cycle
-        left = g(n)
+        if (abs(g(i)) >= abs(left)) cycle
         right = motion%at(theta + step)
-      else
-        left = g(i - 1)
-        right = g(i + 1)
       end if
       if (abs(g(i)) >= min(abs(left), abs(right))) cycle
       if ((left > 0.0_wp) .neqv. (g(i) > 0.0_wp)) cycle
