@@ -5,7 +5,10 @@
 !! In units of the largest state, (A/(beta + gamma))^(1/n), and along the way it goes, the state s
 !! grows with the path x by ds/dx = 1 - r |s|^n, r = 1 where s > 0 and
 !! r = (gamma - beta)/(gamma + beta) <= 0 where s < 0. For n = 1 that has a closed solution, else
-!! Taylor's series in x is summed over short steps, which end where s changes its sign.
+!! Taylor's series in x is summed over short steps, which end where s changes its sign. Around
+!! s = 0, where |s|^n is not smooth for a broken n, the path is a series in the state instead:
+!!
+!!   x(s) = integral ds/(1 - r |s|^n) = s sum_j (r |s|^n)^j/(n j + 1).
 module viscovib_bouc_wen_element
   use viscovib_hysteresis, only: hysteresis_type
   use viscovib_kinds, only: wp
@@ -26,10 +29,13 @@ module viscovib_bouc_wen_element
   end type bouc_wen_element
 
   !> Terms of the series, a step times the fastest rate, and times |s| where |s|^n is not smooth
-  !! at 0; a state as good as 0, and a distance from the largest one that is rounding.
+  !! at 0; a distance from the largest state that is rounding.
   integer, parameter :: terms = 18
-  real(wp), parameter :: longest = 0.15_wp, of_state = 0.2_wp, nothing = 1.0e-8_wp, &
-                         saturated = 1.0e-15_wp
+  real(wp), parameter :: longest = 0.15_wp, of_state = 0.2_wp, saturated = 1.0e-15_wp
+  !> Largest part |r| |s|^n for which the path is a series in the state, terms of that, and turns of
+  !! Newton's method back.
+  real(wp), parameter :: inner = 0.4_wp
+  integer, parameter :: path_terms = 41, most_turns = 30
 
 contains
 
@@ -138,13 +144,11 @@ contains
       side = merge(1, -1, s >= 0.0_wp)
       fastest = self%exponent*max(1.0_wp, merge(0.0_wp, -self%back, side > 0))
       h = min(left, longest/fastest)
-      if (self%whole == 0 .and. abs(s) < nothing) then
-        ! Beside 0 the power is less than rounding.
-        h = min(left, 2.0_wp*nothing)
-        covered = covered + h*(s + 0.5_wp*h)
-        s = s + h
+      if (self%whole == 0 .and. abs(s) < inner_state(self, side)) then
+        h = left
+        call move_inside(self, h, s, covered)
       else
-        if (self%whole == 0) h = min(h, of_state*abs(s)/fastest)
+        if (self%whole == 0) h = min(h, of_state*abs(s)/max(fastest, rate(self, s)))
         call expand(self, s, side, series)
         if (side < 0 .and. self%whole > 0) h = first_zero(series, h)
         covered = covered + h*sum([(series(k)*h**k/(k + 1), k=0, terms + 1)])
@@ -156,6 +160,68 @@ contains
     end do
     s = min(s, 1.0_wp)
   end subroutine move_by_series
+
+  !> Up to which state, of either sign, its path is summed.
+  pure real(wp) function inner_state(self, side)
+    class(bouc_wen_element), intent(in) :: self
+    integer, intent(in) :: side
+    inner_state = (inner/max(1.0_wp, merge(0.0_wp, -self%back, side > 0)))**(1.0_wp/self%exponent)
+  end function inner_state
+
+  !> A path through 0, at most to where its series is no longer summed.
+  pure subroutine move_inside(self, h, s, covered)
+    class(bouc_wen_element), intent(in) :: self
+    !> The path wanted, and the one made.
+    real(wp), intent(inout) :: h, s, covered
+    real(wp) :: x, x_from, area, area_from, goal, low, high, correction
+    integer :: turn
+
+    call path_to(self, s, x_from, area_from)
+    low = s
+    high = inner_state(self, 1)*(1.0_wp + 1.0e-9_wp)
+    call path_to(self, high, x, area)
+    goal = x_from + h
+    if (goal >= x) then
+      s = high
+      h = x - x_from
+    else
+      do turn = 1, most_turns
+        call path_to(self, s, x, area)
+        if (x < goal) low = max(low, s)
+        if (x > goal) high = min(high, s)
+        x = s + (goal - x)*rate(self, s)
+        if (.not. (x >= low .and. x <= high)) x = 0.5_wp*(low + high)
+        correction = abs(x - s)
+        s = x
+        ! The next correction is its square.
+        if (correction <= 1.0e-9_wp*abs(s)) exit
+      end do
+      call path_to(self, s, x, area)
+    end if
+    covered = covered + area - area_from
+  end subroutine move_inside
+
+  !> The path from 0 to a state, and the integral of the state over it.
+  pure subroutine path_to(self, s, x, area)
+    class(bouc_wen_element), intent(in) :: self
+    real(wp), intent(in) :: s
+    real(wp), intent(out) :: x, area
+    real(wp) :: part, power
+    integer :: j
+
+    part = merge(1.0_wp, self%back, s > 0.0_wp)*abs(s)**self%exponent
+    power = 1.0_wp
+    x = 0.0_wp
+    area = 0.0_wp
+    do j = 0, path_terms
+      x = x + power/(self%exponent*j + 1.0_wp)
+      area = area + power/(self%exponent*j + 2.0_wp)
+      power = power*part
+      if (abs(power) < 0.1_wp*epsilon(1.0_wp)) exit
+    end do
+    x = x*s
+    area = area*s*s
+  end subroutine path_to
 
   !> Coefficients of s over x, on its side of 0.
   pure subroutine expand(self, s, side, series)
@@ -243,6 +309,11 @@ contains
       ! 1 <= ds/dx: it is there at x = |s| at the latest.
       done = 0.0_wp
       do turn = 1, 50
+        if (self%whole == 0 .and. -s < inner_state(self, -1)) then
+          call path_to(self, s, x, covered)
+          done = done - x
+          exit
+        end if
         x = -s/rate(self, s)
         call move_by_series(self, x, s, covered)
         done = done + x

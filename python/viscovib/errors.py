@@ -91,7 +91,8 @@ def _naming_near(function: _F) -> _F:
             return function(*args, **options)
         except TypeError as error:
             if text := _misspelt(function, options):
-                raise TypeError(f"{error.args[0]}: {text}") from None
+                said = str(error.args[0]).replace(".__init__()", "()")
+                raise TypeError(f"{said}: {text}") from None
             raise
 
     return called  # type: ignore[return-value]

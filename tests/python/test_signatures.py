@@ -106,6 +106,8 @@ def test_any_value_of_an_argument_that_is_lacking_is_refused(function, first):
 
 
 def test_a_name_that_nobody_knows_is_an_error_of_the_function_called():
+    with pytest.raises(TypeError, match=r"^BoucWen\(\) got .* 'exponnt': did you mean exponent"):
+        vv.BoucWen(on="x1", exponnt=2)
     with pytest.raises(TypeError, match=r"forced_response\(\) got an unexpected .* 'mount'"):
         vv.forced_response(mount=documented_calls.MOUNT, nu=1, load=1)
 
