@@ -138,7 +138,7 @@ contains
       n = n*2_i8**min(i, most_halvings)
       if (change > self%tolerance) then
         call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(self%tolerance) &
-                  //': not met with '//show(int(n))//' steps; some motion may be chaotic: give dt')
+                  //': not met with '//show(int(min(n, int(huge(1), i8))))//' steps; some motion may be chaotic: give dt')
       end if
     end if
     if (status%failed()) return
@@ -146,7 +146,7 @@ contains
     report%complete = all(coarse%ended == run_completed)
     report%summary = things(size(self%values), 'motion')//', ' &
                      //show(count(coarse%ended == run_completed))//' completed, ' &
-                     //things(int(n), 'step')//' each'
+                     //things(int(min(n, int(huge(1), i8))), 'step')//' each'
     if (change >= 0.0_wp) report%summary = report%summary//', estimated error '//show(change)
   end subroutine run
 
@@ -245,13 +245,15 @@ contains
     type(lane_motion_type) :: motion
     type(pendulum_type) :: pendulum, other
     real(wp) :: own(size(self%initial)/2, size(self%initial)/2, 2), scales(n_scales)
-    integer :: cancel, d, first, i, l, m, points
+    integer :: cancel, d, first, i, l, m, n_drives, points
 
     call set_ok(status)
     m = size(spans)
     d = size(self%initial)/2
     cancel = 0
     points = 0
+    n_drives = 2
+    if (subject%is_pendulum) n_drives = size(subject%pendulum%drives)
     job%method = self%method
     job%n_steps = n
     job%sample_every = factor
@@ -275,8 +277,7 @@ contains
     do first = 1, m, n_lanes
       block = ensemble_block()
       allocate (block%q(n_lanes, d), block%v(n_lanes, d))
-      allocate (block%frequencies(n_lanes, merge(size(subject%pendulum%drives), 2, &
-                                                 subject%is_pendulum)))
+      allocate (block%frequencies(n_lanes, n_drives))
       allocate (block%sections(n_lanes, 2*d, points), source=0.0_wp)
       do l = 1, n_lanes
         i = min(first + l - 1, m)
