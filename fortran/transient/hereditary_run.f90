@@ -108,9 +108,7 @@ contains
       end if
       n_done = i
       if (present(watch)) then
-        if (size(watch%signals) > 0) then
-          call look_inside(run, base, watch, from, now, t_reached, outcome)
-        end if
+        call look_inside(run, base, watch, from, now, t_reached, outcome)
         if (outcome /= run_completed) then
           call keep_reached(run, base, times, now, at_times, n_reached)
           n_reached = min(n_reached, count(times <= t_reached))
@@ -141,6 +139,7 @@ contains
     type(passage_type), allocatable :: found(:)
     integer :: i
 
+    if (size(watch%signals) == 0) return
     call gauss_nodes(n_inside, nodes, weights)
     call new_path(path, [0.0_wp, nodes, 1.0_wp])
     path%start = from
