@@ -138,7 +138,8 @@ contains
       n = n*2_i8**min(i, most_halvings)
       if (change > self%tolerance) then
         call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(self%tolerance) &
-                  //': not met with '//show(int(min(n, int(huge(1), i8))))//' steps; some motion may be chaotic: give dt')
+                  //': not met with '//show(real(n, wp))//' steps; some motion may be chaotic: ' &
+                  //'give dt')
       end if
     end if
     if (status%failed()) return
