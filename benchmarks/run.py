@@ -17,6 +17,7 @@ import combined
 import explorer
 import floors
 import kernel_transforms
+import laws
 import memory
 import motion
 import multiple_scales
@@ -298,6 +299,26 @@ def of_peaks(out: Path) -> Part:
     ], {}
 
 
+def of_laws(out: Path) -> Part:
+    """Branch points under force laws that are no polynomials."""
+    rows, ratios = laws.run()
+    write_csv(out / "laws.csv", rows)
+    write_csv(out / "law_ratios.csv", ratios)
+    lines = ["", "| law, orders to 15 | a branch point | target |", "| --- | --- | --- |"]
+    lines += [
+        f"| {row['law']} | {show_time(row['seconds'])} | "
+        f"{show_time(row['target']) if row['target'] else ''} |"
+        for row in rows
+    ]
+    lines += ["", "| a polynomial | a branch point | as a text that is one | ratio | target |"]
+    lines += ["| --- | --- | --- | --- | --- |"]
+    return lines + [
+        f"| {row['law']} | {show_time(row['seconds'])} | {show_time(row['text'])} | "
+        f"{row['ratio']:.2f} | {laws.MOST_RATIO:g} |"
+        for row in ratios
+    ], {}
+
+
 def of_bodies(out: Path) -> Part:
     """A body in space on its mounts."""
     rows = bodies.run()
@@ -393,6 +414,7 @@ PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "rubber": (of_rubber, 600),
     "floors": (of_floors, 600),
     "phases": (of_phases, 900),
+    "laws": (of_laws, 300),
     "peaks": (of_peaks, 300),
     "skips": (of_skips, 900),
     "explorer": (of_explorer, 300),

@@ -1,0 +1,92 @@
+"""Branch points under force laws that are no polynomials, and what text laws cost that are some.
+
+One mass on a spring with one law, orders to 15, without stability, from below to above the
+resonance. Times are whole calls over points. A text law that happens to be a polynomial is measured
+beside the same polynomial given by its coefficients, by turns.
+"""
+
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import viscovib as vv
+
+Row = dict[str, Any]
+
+#: The most that a branch point may take (s), by law.
+_JENKINS, _TANH = 80e-6, 40e-6
+_ROUNDS = 15
+#: What a text law may take that is a polynomial, as a part of that.
+MOST_RATIO = 1.5
+
+
+def _free(forces: Any) -> vv.PolynomialSystem:
+    return vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=forces)
+
+
+def _on_spring(*elements: Any) -> vv.Structure:
+    return vv.Structure(mass=[[1.0]], stiffness=[[1.0]], damping=[[0.05]], elements=list(elements))
+
+
+def cases() -> dict[str, tuple[Any, float | None]]:
+    """Systems by what their law is, and the target."""
+    return {
+        "tanh(v) friction": (_free("0.3*tanh(x_dot)"), _TANH),
+        "tanh(v/0.5) friction": (_free("0.3*tanh(x_dot/0.5)"), _TANH),
+        "tanh(v/0.1) friction": (_free("0.3*tanh(x_dot/0.1)"), _TANH),
+        "sin(x)": (_free("0.3*sin(x)"), None),
+        "Jenkins element": (_on_spring(vv.Jenkins(on="x1", stiffness=1, limit=0.3)), _JENKINS),
+        "gap, penalty": (_free("3*max(x - 0.5, 0)"), None),
+        "quadratic damping": (_free("0.3*x_dot*abs(x_dot)"), None),
+    }
+
+
+def _job(system: Any) -> Callable[[], Any]:
+    load = [0.5] if isinstance(system, vv.Structure) else 0.5
+
+    def job() -> Any:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", vv.ConvergenceWarning)
+            return vv.trace_response(
+                system, (0.5, 1.6), load=load, harmonics=15, tolerance=1e-6, stability=False
+            )
+
+    return job
+
+
+def _by_turns(jobs: list[Callable[[], Any]]) -> list[tuple[float, int]]:
+    """Least times of each, a round of all after the other, and numbers of points."""
+    best = [float("inf")] * len(jobs)
+    points = [job().nu.size for job in jobs]
+    for _ in range(_ROUNDS):
+        for i, job in enumerate(jobs):
+            start = time.perf_counter()
+            job()
+            best[i] = min(best[i], time.perf_counter() - start)
+    return list(zip(best, points, strict=True))
+
+
+def run() -> tuple[list[Row], list[Row]]:
+    """Return rows of branch points by law, and of text laws beside the polynomials they are."""
+    systems = cases()
+    found = _by_turns([_job(system) for system, _ in systems.values()])
+    rows = [
+        {"law": name, "seconds": best / n, "points": n, "target": target}
+        for (name, (_, target)), (best, n) in zip(systems.items(), found, strict=True)
+    ]
+    pairs = {
+        "0.3*x^3 of a system": (_free("0.3*x^3"), _free({"x": "0.1*x*x*x + 0.2*x^3"})),
+        "k3*d^3 of an element": (
+            _on_spring(vv.Spring(on="x1", law="0.3*d^3")),
+            _on_spring(vv.Spring(on="x1", law="k3*d*abs(1)*d^2*cos(0)", parameters={"k3": 0.3})),
+        ),
+    }
+    ratios = []
+    for name, (plain, text) in pairs.items():
+        (first, n), (second, m) = _by_turns([_job(plain), _job(text)])
+        ratios.append(
+            {"law": name, "seconds": first / n, "text": second / m,
+             "ratio": (second / m) / (first / n)}
+        )  # fmt: skip
+    return rows, ratios
