@@ -86,6 +86,8 @@ def test_sections_by_a_surface():
     assert set(np.round(many.section_times[1][own], 9)) <= set(np.round(t[t >= 20], 9))
     assert own.sum() >= late.sum() // 2
     assert np.abs(many.sections[..., 1][~np.isnan(many.section_times)]).max() < 1e-12
+    never = vv.simulate_ensemble(GAP, initial=[0, 0], t_end=5, dt=0.1, sections="x - 9")
+    assert never.sections.shape == (1, 0, 2)
     pendulum = vv.Pendulum(
         e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.02, p1=0.93
     )
@@ -225,6 +227,7 @@ def test_basins_with_a_rigid_stop_and_with_memory():
         ({"parameters": {"kk": [1.0]}}, "kk"),
         ({"sections": "y_dot"}, "y_dot"),
         ({"sections": 2}, "sections"),
+        ({"sections": vv.Event("x", terminal=True)}, "terminal"),
         ({"method": "verner"}, "method"),
         ({"nu": None}, "nu"),
         ({"lyapunov": "some"}, "lyapunov"),

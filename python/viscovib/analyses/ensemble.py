@@ -39,6 +39,8 @@ _DIVERGED, _COARSE = OUTCOMES.index("diverged"), OUTCOMES.index("step too large"
 _MAX_STEPS = 10**12
 #: Trajectories a native call takes at most: how often progress shows.
 _MAX_PIECE = 1024
+#: The same where they go one after another, each for itself.
+_MAX_SINGLE = 32
 
 
 def simulate_ensemble(
@@ -362,7 +364,9 @@ class _Job:
         """Make all runs with so many steps; sampling is thinned by ``factor``."""
         n = self.members.n
         share = math.ceil(n / (4 * self.threads) / _LANES) * _LANES
-        piece = min(max(share, _LANES), _MAX_PIECE) if self.members.side_by_side else 1
+        piece = min(max(share, _LANES), _MAX_PIECE)
+        if not self.members.side_by_side:
+            piece = max(1, min(n // (8 * self.threads), _MAX_SINGLE))
         cancel = np.zeros(1, dtype=np.intc)
         pool = ThreadPoolExecutor(self.threads)
         parts: dict[int, tuple[Any, ...]] = {}

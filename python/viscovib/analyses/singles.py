@@ -73,6 +73,8 @@ class SingleMembers(Members):
         surface: Event | None,
     ) -> None:
         self.system, self.surface, self.method = system, surface, method
+        if surface is not None and surface.terminal:
+            raise InputError("sections: terminal = True: an event that ends a run is no section")
         self.load, self.given_nu = load, nu
         self.varied, self.states = shared_runs(given, initial, 2 * len(system.dof_names))
         for name in self.varied:
@@ -238,8 +240,9 @@ class SingleMembers(Members):
         points = np.full((self.n, most, 2 * len(self.dof_names)), np.nan)
         times = np.full((self.n, most), np.nan)
         for i, one in enumerate(ones):
-            points[i, : one.times.size] = one.points
-            times[i, : one.times.size] = one.times
+            if one.times.size:
+                points[i, : one.times.size] = one.points
+                times[i, : one.times.size] = one.times
         return points, times
 
 
