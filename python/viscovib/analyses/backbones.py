@@ -251,6 +251,10 @@ def oscillator_backbone(
     """`backbone` of a mount, a polynomial system or a structure."""
     check_steady(system, None)
     refuse_turning(system, "the backbone")
+    if np.any(getattr(system, "spin", 0.0)):
+        raise InputError(
+            "spin: a backbone leaves out damping, and with it what parts that spin do: must be 0"
+        )
     names = system.dof_names
     j = _native.integer("mode", mode, 0, len(names) - 1)
     place = 0 if dof is None else names.index(_native.choice("dof", dof, names)) + 1

@@ -92,6 +92,11 @@ class Body(LinearBody):
         potential).
     base_direction : str or array_like, shape (6,), optional
         How the floor moves: "x", ..., "rz" (about the centre of mass), or a mix.
+    spin : array_like, shape (3,), optional
+        Angular momentum h (kg m^2/s) in body axes of parts that spin steadily inside, such as a
+        flywheel; their mass and inertia belong to those of the body. It adds the gyroscopic torque
+        h x theta' to what turns the body, J theta'' - h x theta' = ... (Goldstein, Classical
+        Mechanics, 5.5, to first order). Its modes are complex: see `characteristic_roots`.
 
     Warns
     -----
@@ -123,6 +128,7 @@ class Body(LinearBody):
         geometry: str = "small",
         load_axes: str = "body",
         base_direction: str | npt.ArrayLike | None = None,
+        spin: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         own = object.__setattr__
         own(self, "body_mass", _native.number("mass", mass))
@@ -134,6 +140,7 @@ class Body(LinearBody):
         own(self, "geometry", _native.choice("geometry", geometry, _GEOMETRIES))
         own(self, "load_axes", _native.choice("load_axes", load_axes, _LOAD_AXES))
         own(self, "gravity", checked_gravity(gravity))
+        own(self, "spin", checked_vector("spin", spin))
         springs = mount_springs(self.mounts, self.center)
         warn_of_units(self.body_mass, self.inertia, self.center, self.mounts, springs)
         matrix = springs.mass_of_tracks
@@ -156,13 +163,15 @@ class Body(LinearBody):
         own(self, "_mount_springs", springs)
         direction = None if base_direction is None else checked_direction(base_direction, n)
         self._check_geometry(direction)
+        damping = np.array(springs.damping_matrix)
+        damping[3:6, 3:6] -= crossing(self.spin)
         names = (*NAMES, *(f"{mount.name}_y" for mount in self.mounts if mount.track))
         first, *others = spring_groups(springs, preload, names)
         super().__init__(
             mass=matrix,
             stiffness=first.stiffness,
             forces=first.forces,
-            damping=springs.damping_matrix,
+            damping=damping,
             springs=others,
             names=names,
             units=(*_UNITS, *("m" for _ in names[6:])),
@@ -171,6 +180,11 @@ class Body(LinearBody):
         self._warn_of_instability()
 
     def _check_geometry(self, direction: FloatArray | None) -> None:
+        if self.spin.any() and (self._turns or (direction is not None and direction[3:6].any())):
+            raise InputError(
+                "spin: must be 0 with geometry = 'exact', and on a floor that turns: parts that "
+                "spin inside are for small rotations about a floor that does not"
+            )
         if self.geometry == "small":
             return
         for mount in self.mounts:
@@ -225,13 +239,14 @@ class Body(LinearBody):
     def angular_momentum(self, state: npt.ArrayLike) -> FloatArray:
         """About the centre of mass in axes of space (kg m^2/s), shape (..., 3).
 
-        R J omega at states (u_1, u_1', u_2, ...), shape (..., 2 n); J theta' where rotations are
-        small.
+        R J omega at states (u_1, u_1', u_2, ...), shape (..., 2 n); J theta' + h + theta x h
+        where rotations are small, h that of parts that spin.
         """
         states = self._states(state)
         inertia = self._mass_matrix[3:6, 3:6]
         if not self._turns:
-            return np.asarray(states[..., 7:12:2] @ inertia)
+            turning = states[..., 7:12:2] @ inertia
+            return np.asarray(turning + self.spin + np.cross(states[..., 6:12:2], self.spin))
         return angular_momentum(inertia, states)
 
     def _states(self, state: npt.ArrayLike) -> FloatArray:
@@ -243,7 +258,7 @@ class Body(LinearBody):
 
     @cached_property
     def _condensation(self) -> Condensation | None:
-        if self._turns:
+        if self._turns or self.spin.any():
             return None
         return condensed_springs(
             self._mount_springs, self._mass_matrix, self._damping, self._stiffness_at_rest

@@ -30,10 +30,19 @@ class LinearBody(PolynomialSystem):
     mounts: tuple[MountPoint, ...]
     center: FloatArray
     gravity: FloatArray | None
+    spin: FloatArray
     geometry: str
     load_axes: str
     _sag: Sag | None
     _mount_springs: MountSprings
+
+    def _check_real(self) -> None:
+        """Refuse modes of a body with parts that spin."""
+        if self.spin.any():
+            raise InputError(
+                "spin: modes of a body with parts that spin are complex, must be 0 here; "
+                "characteristic_roots() gives them"
+            )
 
     @property
     def _turns(self) -> bool:
@@ -64,8 +73,9 @@ class LinearBody(PolynomialSystem):
         Raises
         ------
         InputError
-            If the position at rest is unstable.
+            If the position at rest is unstable, or parts of the body spin.
         """
+        self._check_real()
         return find_modes(self)
 
     def animate_mode(
@@ -371,6 +381,7 @@ class LinearBody(PolynomialSystem):
         decoupling : ndarray, shape (n, 6)
             The largest kinetic energy share of a coordinate in each mode (percent).
         """
+        self._check_real()
         count = _native.integer("n", n, 1, 10_000_000)
         part = _native.number("spread", spread)
         if not 0 <= part < 1:
