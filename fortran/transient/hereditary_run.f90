@@ -123,7 +123,6 @@ contains
       call keep(base, now, u, v, states(:, column))
     end do
     t_reached = now
-
   end subroutine run_hereditary
 
   !> Look for events in the last step; one that ends the run sets the outcome and its time.

@@ -13,7 +13,7 @@ module viscovib_simulate
   use viscovib_subnormals, only: flushing_type
   use viscovib_wanted_states, only: wanted_states
   use viscovib_watch, only: new_watch, watch_type
-  use viscovib_watched_step, only: sides_of, step_watched, watched_step_type
+  use viscovib_watched_step, only: halve, sides_of, step_watched, watched_step_type
   implicit none
   private
 
@@ -196,6 +196,8 @@ contains
 
     outcome = run_completed
     at%n_passed = 0
+    at%n_halved = 0
+    at%short = .false.
     more = .true.
     if (past%is_due()) call note(past, at%from, method)
     do while (more)
@@ -208,6 +210,10 @@ contains
       if (at%stuck) then
         call give_up(method, at, t_reached, outcome)
         return
+      end if
+      if (.not. at%made) then
+        call halve(at, method, system, more)
+        if (more) cycle
       end if
       doubtful = .not. at%made
       if (system%limited .and. .not. doubtful) then
@@ -222,7 +228,7 @@ contains
         if (outcome /= run_completed) return
       end if
     end do
-    if (at%n_passed > 0) call method%change_step(system, ends%h(piece))
+    if (at%n_passed > 0 .or. at%n_halved > 0) call method%change_step(system, ends%h(piece))
     if (wanted%lost) call give_up(method, at, t_reached, outcome)
   end subroutine make_parts
 
@@ -257,11 +263,13 @@ contains
     real(wp), intent(out) :: t_reached
     integer, intent(out) :: outcome
     type(stop_type) :: stop
-    real(wp) :: frequencies(n_lanes, size(system%drives))
+    real(wp) :: frequencies(n_lanes, size(system%drives)), h
     logical :: sound
 
     frequencies = spread(system%drives, 1, n_lanes)
-    call find_stop(system, size(at%q), 1, frequencies, at%q, at%v, at%from, method%h, stop)
+    h = method%h
+    if (at%short) h = at%until - at%from
+    call find_stop(system, size(at%q), 1, frequencies, at%q, at%v, at%from, h, stop)
     outcome = stop%outcome
     if (outcome == run_completed .or. outcome == run_coarse) then
       sound = made
@@ -281,7 +289,7 @@ contains
       end if
       stop%outcome = run_coarse
     end if
-    call past%confirm(system, 1, size(at%q), 1, frequencies, 1.0_wp, at%from, method%h, stop)
+    call past%confirm(system, 1, size(at%q), 1, frequencies, 1.0_wp, at%from, h, stop)
     outcome = stop%outcome
     if (outcome == run_coarse) then
       stop%ahead = 0.0_wp

@@ -16,12 +16,16 @@ module viscovib_watched_step
   implicit none
   private
 
-  public :: watched_step_type, step_watched, sides_of
+  public :: watched_step_type, step_watched, halve, sides_of
 
   !> Surfaces passed in one step before the motion counts as one that stays on them.
   integer, parameter :: most_passages = 1000
   !> Corrections of the time of a passage by steps of their own.
   integer, parameter :: most_corrections = 60
+  !> Parts of a step that are begun again half as long, and the shortest of them as a part of what
+  !! is left of the step.
+  integer, parameter :: most_halvings = 200
+  real(wp), parameter :: shortest = 1.0e-6_wp
   !> How far they may lead, as a part of the step.
   real(wp), parameter :: furthest = 0.1_wp
 
@@ -48,6 +52,10 @@ module viscovib_watched_step
     logical :: stuck = .false.
     !> How many surfaces were passed in this step.
     integer :: n_passed = 0
+    !> How often a part that could not be made was begun again, half as long; the present one ends
+    !! before the step does.
+    integer :: n_halved = 0
+    logical :: short = .false.
     real(wp), allocatable :: memory(:)
     type(step_path) :: path
   end type watched_step_type
@@ -123,7 +131,30 @@ contains
     if (wanted%within(at%from, method%h)) call keep_before(at, method, system, wanted)
     call note_events(at, method, system, watch, any(at%sides == slides))
     at%fresh = .false.
+    if (.not. at%short .or. at%ended) return
+    at%from = at%from + method%h
+    more = at%until - at%from > 4.0_wp*spacing(at%until)
+    if (more) call method%change_step(system, min(2.0_wp*method%h, at%until - at%from))
   end subroutine step_watched
+
+  !> Begin the last part again, half as long, if that may help: steps are too large where a
+  !! motion is fast, as beside the pivot of a pendulum.
+  subroutine halve(at, method, system, again)
+    type(watched_step_type), intent(inout) :: at
+    class(stepper_type), intent(inout) :: method
+    class(driven_system_type), intent(inout) :: system
+    logical, intent(out) :: again
+    real(wp) :: length
+
+    length = 0.5_wp*method%h
+    again = at%n_halved < most_halvings .and. length > shortest*(at%until - at%from) &
+            .and. length > 64.0_wp*spacing(at%until)
+    if (.not. again) return
+    call method%load_memory(at%memory)
+    call method%change_step(system, length)
+    at%n_halved = at%n_halved + 1
+    at%short = .true.
+  end subroutine halve
 
   !> The polynomial of the last part.
   subroutine trace(at, method, system)
@@ -175,6 +206,7 @@ contains
     end if
     call meet(at, method, system, which)
     more = at%until - at%from > 4.0_wp*spacing(at%until)
+    at%short = .false.
     if (more) call method%change_step(system, at%until - at%from)
   end subroutine pass
 

@@ -413,3 +413,28 @@ def test_a_near_passage_is_followed_whatever_the_step():
     own = Swinging(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, f0=0.005, p1=0.93)
     true = own.motion(np.array(start), coarse.t)
     assert np.abs(coarse.state - true).max() < 1e-6
+
+
+def test_events_do_not_change_how_a_motion_ends():
+    """Parts of steps that are too large beside the pivot are made shorter, as without events."""
+    rng = np.random.default_rng(5)
+    seen = {}
+    for _ in range(16):
+        pendulum = vv.Pendulum(
+            e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c3=0.01,
+            c2=float(rng.choice([0, 0.02, 0.1])), f0=float(rng.choice([0, 0.05, 0.3])),
+            p1=float(rng.uniform(0.5, 1.5)),
+        )  # fmt: skip
+        start = np.zeros(6)
+        start[:2] = rng.uniform(-0.95, -0.5), rng.uniform(-2, 0)
+        start[2:4] = 0.3 * rng.normal(size=2)
+        plain = vv.simulate(pendulum, 3, initial=start, dt=0.02)
+        watched = vv.simulate(pendulum, 3, initial=start, dt=0.02, events="phi")
+        assert watched.outcome == plain.outcome
+        if plain.outcome == "unphysical":
+            assert abs(watched.t_reached - plain.t_reached) < 1e-6
+        seen[plain.outcome] = seen.get(plain.outcome, 0) + 1
+        (passages,) = watched.events
+        assert (np.diff(passages.t) > 0).all()
+        assert np.abs(passages.state.reshape(-1, 6)[:, 2]).max(initial=0.0) < 1e-9
+    assert min(seen["completed"], seen["unphysical"]) >= 3, seen
