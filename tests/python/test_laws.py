@@ -334,3 +334,18 @@ def test_samples_are_as_many_as_a_law_needs(width):
         force = 2j / theta.size * np.fft.rfft(0.3 * np.tanh(rate / width))[k]
         left = (1 - (k * nu) ** 2 + 0.1j * k * nu) * x + force - (k == 1)
         assert np.abs(left).max() < 1e-10
+
+
+def test_a_plan_tells_a_preload():
+    """Of a law that is not 0 at rest, and of a gap that is negative; of no other."""
+    gap = [vv.Gap(on="x1", stiffness=5, gap=size) for size in (-0.2, 0.2)]
+    first, second = (
+        vv.Structure(mass=[[1.0]], stiffness=[[1.0]], damping=[[0.1]], elements=[one])
+        for one in gap
+    )
+    cosine = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="0.3*cos(x)")
+    told = "the static preload of laws that are not 0 at rest (up to "
+    for system, load, value in ((first, [0.1], "1)"), (cosine, 0.1, "0.3)"), (second, [0.1], "")):
+        plan = str(vv.plan_response(system, [1.0], load=load, method="newton"))
+        assert (told + value in plan) == bool(value)
+        assert (told in plan) == bool(value)
