@@ -1,4 +1,6 @@
-"""pyHarm on the branch of the reference mount: harmonic balance in Python with compiled elements.
+"""pyHarm on the branch of the reference mount, and on chains of masses with a cubic spring.
+
+Harmonic balance in Python with compiled elements.
 
 Its elements are springs between nodes; the cubic geometry couples x and phi as none of them does,
 so it is added the way pyHarm documents: an element of one's own, residual and exact Jacobian by
@@ -123,5 +125,52 @@ def branch(highest: int, step: float) -> Callable[[], Branch]:
         cos, sin = points[:, 0:2], points[:, 2:4]
         # Im(X exp(i nu t)) = a cos + b sin: X = b + i a.
         return Branch(nu=points[:, -1], first=sin + 1j * cos, folds=None)
+
+    return job
+
+
+def chain(
+    stiffness: np.ndarray, first: float, highest: int, *, reduced: bool
+) -> Callable[[], Branch]:
+    """Return a job that follows the branch of the chain of `structures`, its last mass told.
+
+    ``stiffness`` of unit masses, damping 0.02 K, a cubic spring 0.5 at the last and a load of 0.02
+    on the first; odd orders, from 0.5 to 1.5 times the ``first`` frequency. ``reduced``: unknowns
+    are the coordinates that have a nonlinear force ("NLdofs"). Call `missing` first.
+    """
+    from pyHarm.Maestro import Maestro
+
+    n = len(stiffness)
+    orders = list(range(1, highest + 1, 2))
+    frf = {
+        "study": "frf", "puls_inf": 0.5 * first, "puls_sup": 1.5 * first, "ds0": 0.01,
+        "ds_max": 0.1, "ds_min": 1e-8, "solver": "NewtonRaphson", "predictor": "tangent",
+        "corrector": "pseudo_arc_length", "verbose": False, "predictor_options": {"verbose": False},
+    }  # fmt: skip
+    if reduced:
+        frf["reductors"] = [{"type": "NLdofs"}]
+    data = {
+        "system": {"type": "Base", "nh": orders, "nti": 4 * (highest + 1)},
+        "substructures": {
+            "chain": {"ndofs": 1,
+                      "matrix": {"M": np.eye(n), "C": 0.02 * stiffness, "K": stiffness}}
+        },
+        "connectors": {
+            "spring": {"type": "CubicSpring", "connect": {"chain": [n - 1]}, "dirs": [0], "k": 0.5},
+            "load": {
+                "type": "SinusForcing", "connect": {"chain": [0]}, "dirs": [0], "amp": 0.02,
+            },
+        },
+        "analysis": {"FRF": frf},
+    }  # fmt: skip
+
+    def job() -> Branch:
+        maestro = Maestro(data)
+        maestro.operate()
+        found = np.array([s.x for s in maestro.nls["FRF"].SolList if s.flag_accepted])
+        # Of each order cosines of all masses, then sines.
+        return Branch(
+            nu=found[:, -1], first=(found[:, 2 * n - 1] + 1j * found[:, n - 1])[:, None], folds=None
+        )
 
     return job

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import peer_pyharm
 import plate
 import viscovib as vv
 from timing import least, pair, show_time
@@ -211,6 +212,37 @@ def steps_in_time(n: int, method: str, target: float, *, whole: bool = False) ->
     return show(row)
 
 
+def peers() -> list[Row]:
+    """PyHarm on the chain, in all coordinates and in those with nonlinear forces."""
+    lack = peer_pyharm.missing()
+    if lack:
+        print(lack)
+        return []
+    warnings.simplefilter("ignore")
+    rows = []
+    for n in (8, 32):
+        _, structure, w = chain(n)
+        for reduced in (False, True):
+            job = peer_pyharm.chain(matrix(n), w, 9, reduced=reduced)
+            # Compiled by the small one: of the large one a run takes a minute.
+            start = time.process_time()
+            branch = job()
+            seconds = time.process_time() - start
+            known = vv.trace_response(
+                structure, (0.5 * w, 1.5 * w), load={"x1": 0.02}, harmonics=9, stability=False
+            )
+            form = "its nonlinear coordinates" if reduced else "all coordinates"
+            row: Row = {
+                "job": f"chain of {n}, orders to 9: pyHarm, {form}", "points": branch.nu.size,
+                "seconds": least(job, repeats=2) if n == 8 else seconds, "target": 0.0,
+                "whole": np.nan, "ratio": np.nan,
+            }  # fmt: skip
+            ours = float(known.amplitude(f"x{n}").max())
+            row["error"] = abs(float(np.abs(branch.first).max()) / ours - 1)
+            rows.append(show(row))
+    return rows
+
+
 def run() -> list[Row]:
     """All rows."""
     warnings.simplefilter("ignore", vv.ConvergenceWarning)
@@ -218,7 +250,8 @@ def run() -> list[Row]:
     rows += [*chains(stability=True), *growth(stability=True)]
     rows += [steps_in_time(32, "gauss8", 0.0, whole=True), steps_in_time(1000, "gauss8", 15e-6)]
     rows += [steps_in_time(1000, "gauss4", 15e-6)]
-    return rows + [show(row) for row in plate.run()]
+    rows += [show(row) for row in plate.run()]
+    return rows + peers()
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ class _Draft:
             self.c = np.diag([few(rng, 0.001, 0.1, 2) for _ in range(n)]) + turn - turn.T
             given = f", damping={numbers(self.c)}"
         elements, self.elements, self.states = [], [], []
-        self.memory = some_prony(rng, 0.4) if index % 2 or kind == "layered" else None
+        self.memory = some_prony(rng, 0.4) if index // 6 % 2 or kind == "layered" else None
         for j in range(int(rng.integers(1, 3))):
             e = np.zeros(n)
             e[n - 1 - j] = 1.0
