@@ -2,7 +2,8 @@
 
 One mass on a spring with one law, orders to 15, without stability, from below to above the
 resonance. Times are whole calls over points. A text law that happens to be a polynomial is measured
-beside the same polynomial given by its coefficients, by turns.
+beside the same polynomial given by its coefficients, by turns. pyHarm has a Jenkins element and a
+penalty contact too; it takes 256 samples of a period.
 """
 
 import time
@@ -10,6 +11,7 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
+import peer_friction
 import viscovib as vv
 
 Row = dict[str, Any]
@@ -67,6 +69,19 @@ def _by_turns(jobs: list[Callable[[], Any]]) -> list[tuple[float, int]]:
     return list(zip(best, points, strict=True))
 
 
+def _of_peer(law: str) -> float:
+    """Time of pyHarm a point, once it is compiled; NaN for a law that it does not have."""
+    if law not in peer_friction.ELEMENTS:
+        return float("nan")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        job = peer_friction.branch(law, 0.1)
+        job()
+        start = time.perf_counter()
+        points = len(job())
+        return (time.perf_counter() - start) / points
+
+
 def run() -> tuple[list[Row], list[Row]]:
     """Return rows of branch points by law, and of text laws beside the polynomials they are."""
     systems = cases()
@@ -75,6 +90,11 @@ def run() -> tuple[list[Row], list[Row]]:
         {"law": name, "seconds": best / n, "points": n, "target": target}
         for (name, (_, target)), (best, n) in zip(systems.items(), found, strict=True)
     ]
+    problem = peer_friction.missing()
+    if problem:
+        print(problem)
+    for row in rows:
+        row["peer"] = float("nan") if problem else _of_peer(row["law"])
     pairs = {
         "0.3*x^3 of a system": (_free("0.3*x^3"), _free({"x": "0.1*x*x*x + 0.2*x^3"})),
         "k3*d^3 of an element": (

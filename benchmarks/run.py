@@ -304,10 +304,12 @@ def of_laws(out: Path) -> Part:
     rows, ratios = laws.run()
     write_csv(out / "laws.csv", rows)
     write_csv(out / "law_ratios.csv", ratios)
-    lines = ["", "| law, orders to 15 | a branch point | target |", "| --- | --- | --- |"]
+    lines = ["", "| law, orders to 15 | a branch point | target | pyHarm |"]
+    lines += ["| --- | --- | --- | --- |"]
     lines += [
         f"| {row['law']} | {show_time(row['seconds'])} | "
-        f"{show_time(row['target']) if row['target'] else ''} |"
+        f"{show_time(row['target']) if row['target'] else ''} | "
+        f"{show_time(row['peer']) if row['peer'] == row['peer'] else ''} |"
         for row in rows
     ]
     lines += ["", "| a polynomial | a branch point | as a text that is one | ratio | target |"]
