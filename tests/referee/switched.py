@@ -125,7 +125,7 @@ class Automaton:
                 )  # fmt: skip
                 # Contacts that are shorter than a step have no sign change at its ends.
                 inside = [x for i in range(1, 8) for x in run.t[:-1] + np.diff(run.t) * i / 8]
-                if all(g(x, run.sol(x)) > -1e-9 for x in inside for g in signals):
+                if all(g(x, run.sol(x)) > -1e-12 for x in inside for g in signals):
                     break
             t, y = run.t[-1], run.y[:, -1]
             if run.status == 0:
@@ -232,6 +232,7 @@ class Turning:
         run = solve_ivp(
             lambda x, z: self.slope(z, way), (0, d), [0.0], "DOP853", rtol=1e-12, atol=1e-13
         )  # fmt: skip
+        self.side = 1 if run.y[0, -1] >= 0 else -1
         return run.y[:, -1]
 
     def pull(self, d, z):
@@ -242,9 +243,14 @@ class Turning:
 
     def signals(self):
         yield (lambda d, v, z: self.way * v), (lambda t, y: self.turn())
+        # Its slope has a corner where its force passes 0: steps end there.
+        yield (lambda d, v, z: self.side * z[0]), (lambda t, y: self.cross())
 
     def turn(self):
         self.way = -self.way
+
+    def cross(self):
+        self.side = -self.side
 
 
 class Contact:
