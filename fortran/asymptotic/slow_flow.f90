@@ -17,6 +17,9 @@ module viscovib_slow_flow
 
   public :: slow_flow_type, flow_term_type, new_slow_flow
 
+  !> Part of its natural frequency by which the frame of a mode in free motion differs at most.
+  real(wp), parameter :: farthest = 0.5_wp
+
   type :: flow_term_type
     !> Mode that changes, and the factors: amplitude j > 0, its conjugate -j, or 0
     !! where there is none (a load, or a product of two).
@@ -148,8 +151,10 @@ contains
     real(wp) :: basis(self%n_modes, self%n_modes), offset(self%n_modes)
     real(wp) :: condition(self%n_modes), wanted, part
     integer :: i, k, q, n, pass
+    logical :: free
 
     n = 0
+    free = all([(all(self%terms(i)%loads == 0), i=1, size(self%terms))])
     self%autonomous = .true.
     self%frame = aimag(self%s)
     do i = 1, size(self%terms)
@@ -175,6 +180,11 @@ contains
         n = n + 1
         offset(n) = wanted/norm2(condition)
         basis(:, n) = condition/norm2(condition)
+        ! Without loads as many conditions as modes have no frame but one that does not turn.
+        if (free .and. any(abs(matmul(basis(:, :n), offset(:n))) > farthest*aimag(self%s))) then
+          n = n - 1
+          self%autonomous = .false.
+        end if
       else if (abs(wanted) > 1.0e-9_wp*(maxval(aimag(self%s)) + abs(self%terms(i)%drive))) then
         self%autonomous = .false.
       end if

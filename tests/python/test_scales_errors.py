@@ -243,3 +243,19 @@ def test_stability_within_its_error_is_not_decided():
     small = vv.MultipleScales(system, load=0.002, nu=0.91296).response("nu", [0.8])
     assert small.decided.all()
     assert small.stable.all()
+
+
+def test_a_free_motion_with_as_many_resonances_as_modes_has_an_error():
+    """w1 ~ w3, w1 ~ 2 w2 and w3 ~ 3 w2 at once hold in no frame but one that does not turn."""
+    pend = vv.Pendulum(
+        e=0.00907764, w2=0.429, w3=1.17, alpha=0.331, c1=0.0079, c2=0.0124, c3=0.0124
+    )
+    t = np.linspace(0, 30, 7)
+    start = [0.11225, -0.00257, -0.04607, -0.13271, -0.03178, -0.1904]
+    ms = vv.MultipleScales(pend)
+    motion = ms.motion(t, start)
+    true = vv.simulate(pend, 30, initial=start, dt=0.05, save_every=100).state
+    error = np.abs(motion.state - true)[:, ::2].max(axis=1)
+    assert np.abs(motion.modulation.frame / ms.frequencies - 1).max() < 0.5
+    assert (error[1:] < 5 * motion.error_estimate[1:].max()).all()
+    assert (motion.error_estimate > 0).all()
